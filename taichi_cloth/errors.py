@@ -1,0 +1,62 @@
+"""Named failures. Each message names the culprit and says what to do about it."""
+
+import difflib
+from collections.abc import Iterable
+
+
+class ClothError(Exception):
+    """Base of every error that taichi_cloth raises on purpose."""
+
+    exit_code = 2
+
+
+class MeshError(ClothError, ValueError):
+    """A mesh, or a file with a mesh, that cannot be simulated."""
+
+
+class SceneError(ClothError, ValueError):
+    """A scene, a fabric or an option with an impossible value or an unknown name."""
+
+
+class BackendError(ClothError, RuntimeError):
+    """An arch, precision or simulation that is not there (any more)."""
+
+
+class OutputError(ClothError, OSError):
+    """A folder or file that cannot be written without losing what is there."""
+
+
+class SimulationError(ClothError, RuntimeError):
+    """The simulation gave up: no step of allowed size passes.
+
+    Attributes:
+        reason: the name of the last rejection, one of `taichi_cloth.stepper.Rejection`.
+        time: simulated time [s] that was reached.
+    """
+
+    exit_code = 3
+
+    def __init__(self, message: str, reason: str = "", time: float = 0.0) -> None:
+        super().__init__(message)
+        self.reason = reason
+        self.time = time
+
+
+def did_you_mean(name: object, choices: Iterable[object]) -> str:
+    """A half-sentence for an error about an unknown name: the nearest right one and all there are."""
+    names = [str(c) for c in choices]
+    near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return f"{hint}known: {', '.join(sorted(names)) or 'none'}"
+
+
+def check_choice(what: str, name: object, choices: Iterable[str]) -> str:
+    """`name` itself where it is one of `choices`.
+
+    Raises:
+        SceneError: where it is not, with the nearest right one.
+    """
+    choices = list(choices)
+    if name not in choices:
+        raise SceneError(f"unknown {what} {name!r}; {did_you_mean(name, choices)}")
+    return str(name)
