@@ -66,7 +66,7 @@ class Fields:
 
 
 @ti.func
-def fill_row(field: ti.template(), i, width: ti.template(), offset: ti.template(), data):
+def fill_row(field: ti.template(), i, width: ti.template(), offset: ti.template(), data: ti.template()):
     """Row i of a field from its place in the packed array."""
     if ti.static(width == 1):
         field[i] = data[offset + i]

@@ -28,6 +28,9 @@ class TriMesh:
         groups: named vertex groups, name -> indices.
         notes: what a reader did to the data, one sentence each; a run repeats them.
 
+    Attributes:
+        flattened: whether the material coordinates were made by flattening (uv was None).
+
     Raises:
         MeshError: wrong shapes, no faces, an index out of range, a repeated vertex in a face, coordinates
             that are not finite, a triangle without area in uv, or an edge with more than two triangles.
@@ -38,6 +41,7 @@ class TriMesh:
     uv: np.ndarray
     groups: Mapping[str, np.ndarray] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    flattened: bool = False
 
     def __init__(
         self,
@@ -50,6 +54,7 @@ class TriMesh:
         x, faces = _positions(x), _faces(faces)
         _check_faces(faces, len(x))
         notes = tuple(notes)
+        object.__setattr__(self, "flattened", uv is None)
         if uv is None:
             uv = flatten(x, faces)
             notes += ("no material coordinates: each triangle is flattened into its own frame, so the given "

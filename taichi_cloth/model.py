@@ -72,12 +72,12 @@ class Model:
         self.particle = np.full(scene.vertex_count, -1)
         self.particle[self.user] = np.arange(self.n)
         self.exchange = runtime.exchange
-        self.rest_positions = np.concatenate([c.positions for c in scene.cloths])
+        self.start_positions = np.concatenate([c.positions for c in scene.cloths])
         self.start_velocities = np.concatenate([c.velocities for c in scene.cloths])
-        self.origin = _local_origin(self.rest_positions)
+        self.origin = _local_origin(self.start_positions)
         self.mass = _masses(scene)[self.user]
         self.blocks = Blocks(fields, self.n, runtime)
-        self.x = fields.real(self.n, 3, self.rest_positions[self.user] - self.origin)
+        self.x = fields.real(self.n, 3, self.start_positions[self.user] - self.origin)
         self.v = fields.real(self.n, 3, self.start_velocities[self.user])
         self.m = fields.real(self.n, data=self.mass)
         self.x_saved, self.v_saved = fields.real(self.n, 3), fields.real(self.n, 3)
@@ -85,7 +85,7 @@ class Model:
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         """(positions [m], velocities [m/s]), each (user's n, 3) float64; vertices without a face stay put."""
         x, v = self._pack(self._read)
-        positions, velocities = self.rest_positions.copy(), np.zeros_like(self.start_velocities)
+        positions, velocities = self.start_positions.copy(), np.zeros_like(self.start_velocities)
         positions[self.user], velocities[self.user] = x + self.origin, v
         return positions, velocities
 
@@ -94,10 +94,10 @@ class Model:
         self._write((positions[self.user] - self.origin).astype(self.exchange),
                     velocities[self.user].astype(self.exchange))
 
-    def to_user(self, field) -> np.ndarray:
-        """(user's n, 3) float64 copy of a per-particle vector field; zero for vertices without a face."""
+    def to_user(self, values: np.ndarray) -> np.ndarray:
+        """(user's n, 3) float64 from (n, 3) in particle order; zero for vertices without a face."""
         out = np.zeros((len(self.particle), 3))
-        out[self.user] = field.to_numpy()[: self.n]
+        out[self.user] = values[: self.n]
         return out
 
     def to_particles(self, values: np.ndarray) -> np.ndarray:

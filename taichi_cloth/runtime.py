@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import tempfile
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -80,13 +81,14 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     if arch != "cpu" and not available(arch):
         there = [a for a in ARCHS if a == "cpu" or (a != arch and available(a))]
         raise BackendError(f"arch {arch!r} does not run here; what does: {', '.join(there)}")
-    ti = _taichi(quiet)
+    import taichi as ti
+
     wanted = Runtime(arch, precision, int(threads or cores), debug, ".".join(map(str, ti.__version__)))
     if wanted == _current:
         return wanted
     fp = ti.f32 if precision == "f32" else ti.f64
     try:
-        ti.init(arch=getattr(ti, arch), default_fp=fp, cpu_max_num_threads=wanted.threads, debug=debug,
+        ti.init(verbose=not quiet, arch=getattr(ti, arch), default_fp=fp, cpu_max_num_threads=wanted.threads, debug=debug,
                 enable_fallback=False, offline_cache=not debug, log_level=ti.ERROR if quiet else ti.INFO,
                 advanced_optimization=True)
     except RuntimeError as error:
@@ -106,8 +108,6 @@ def available(arch: str) -> bool:
             "f = ti.field(ti.i32, 4)\n"
             "@ti.kernel\ndef k():\n    for i in f: f[i] = i\n"
             "k(); assert f[3] == 3")
-    import tempfile
-
     with tempfile.TemporaryDirectory() as folder:
         probe = os.path.join(folder, "probe.py")  # Taichi reads a kernel's source from its file
         with open(probe, "w") as out:
@@ -117,11 +117,3 @@ def available(arch: str) -> bool:
         except subprocess.TimeoutExpired:
             return False
     return done.returncode == 0
-
-
-def _taichi(quiet: bool):
-    if quiet:
-        os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
-    import taichi as ti
-
-    return ti

@@ -1,0 +1,187 @@
+"""Constraints of a step: for each held particle the held directions, and where they must be. [BW98 §5.1]
+
+`held` is I - S, the projector on the held directions.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import taichi as ti
+from numpy.typing import ArrayLike
+
+from .errors import SceneError
+from .fields import Fields
+from .model import Model
+from .scene import Attachment, orthonormal
+
+CONFLICT = 1e-9  # two attachments of one particle that ask for positions further apart than this [m] disagree
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """One vertex held in a solve asked for by hand.
+
+    Args:
+        vertex: in the user's order.
+        directions: as in `Scene.pin`.
+        z: (3,) velocity change in those directions [m/s]; other components are ignored.
+        y: (3,) alteration of position [m], in any direction.
+    """
+
+    vertex: int
+    directions: object = None
+    z: ArrayLike = (0.0, 0.0, 0.0)
+    y: ArrayLike = (0.0, 0.0, 0.0)
+    basis: np.ndarray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "basis", orthonormal(self.directions))
+        for name in ("z", "y"):
+            value = np.array(getattr(self, name), dtype=np.float64)
+            if value.shape != (3,) or not np.isfinite(value).all():
+                raise SceneError(f"constraint of vertex {self.vertex}: {name} needs three finite numbers")
+            object.__setattr__(self, name, value)
+
+
+@dataclass(frozen=True)
+class Held:
+    """The held particles of a step.
+
+    Attributes:
+        index: (k,) particles.
+        projector: (k, 3, 3) I - S.
+        target: (k, 3) positions [m] that the held directions must have at the end of the step.
+        moving: whether any of them is led along a path.
+    """
+
+    index: np.ndarray
+    projector: np.ndarray
+    target: np.ndarray
+    moving: bool
+
+
+class Attachments:
+    """Turns a script's attachments into held particles, step by step."""
+
+    def __init__(self, model: Model, exchange: type) -> None:
+        self.model, self.exchange = model, exchange
+        self._anchors: dict[int, np.ndarray] = {}
+
+    def update(self, attachments: list[Attachment], positions) -> None:
+        """Begins attachments that are new; `positions()` gives the user's (n, 3) when one is."""
+        new = [a for a in attachments if a.key not in self._anchors]
+        x = positions() if new else None
+        for a in new:
+            self._anchors[a.key] = x[a.cloth.start: a.cloth.start + a.cloth.mesh.vertex_count].copy()
+
+    def at(self, attachments: list[Attachment], t: float) -> Held | None:
+        """What is held at time t [s], or None.
+
+        Raises:
+            SceneError: a path's wrong value, or attachments that contradict each other.
+        """
+        if not attachments:
+            return None
+        index = np.concatenate([self.model.particle[a.vertices + a.cloth.start] for a in attachments])
+        basis = np.concatenate([np.broadcast_to(_padded(a.directions), (len(a.vertices), 3, 3)) for a in attachments])
+        goal = np.concatenate([a.target(t, self._anchors[a.key]) for a in attachments]) - self.model.origin
+        moving = any(a.path is not None for a in attachments)
+        projector = np.einsum("kdi,kdj->kij", basis, basis)
+        if len(np.unique(index)) < len(index):
+            index, projector, goal = _combine(index, basis, goal)
+        return Held(index.astype(np.int32), projector.astype(self.exchange), goal.astype(self.exchange), moving)
+
+
+def by_hand(constraints: Sequence[Constraint], model: Model,
+            exchange: type) -> tuple[Held | None, np.ndarray, np.ndarray]:
+    """Held particles, z (k, 3) and y (k, 3) from constraints in the user's order.
+
+    Raises:
+        SceneError: a vertex out of range, without a face, or named twice.
+    """
+    vertices = [c.vertex for c in constraints]
+    for v in vertices:
+        if not 0 <= v < len(model.particle) or model.particle[v] < 0:
+            raise SceneError(f"constraint: vertex {v} is not simulated; there are {len(model.particle)} vertices")
+        if vertices.count(v) > 1:
+            raise SceneError(f"constraint: vertex {v} is named twice; give it all its directions at once")
+    if not constraints:
+        return None, np.zeros((0, 3)), np.zeros((0, 3))
+    projector = np.array([c.basis.T @ c.basis for c in constraints])
+    index = model.particle[vertices].astype(np.int32)
+    held = Held(index, projector.astype(exchange), np.zeros((len(index), 3), dtype=exchange), False)
+    return held, np.array([c.z for c in constraints]).astype(exchange), np.array(
+        [c.y for c in constraints]).astype(exchange)
+
+
+def _padded(directions: np.ndarray) -> np.ndarray:
+    return np.concatenate([directions, np.zeros((3 - len(directions), 3))])
+
+
+def _combine(index: np.ndarray, basis: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Attachments of the same particle as one: the span of their directions, the position that suits them all."""
+    particles = np.unique(index)
+    projector, target = np.empty((len(particles), 3, 3)), np.empty((len(particles), 3))
+    for k, p in enumerate(particles):
+        rows, goals = basis[index == p].reshape(-1, 3), goal[index == p]
+        values = np.einsum("adi,ai->ad", basis[index == p], goals).reshape(-1)
+        inverse = np.linalg.pinv(rows, rcond=1e-9)
+        projector[k], target[k] = inverse @ rows, inverse @ values
+        if np.abs(rows @ target[k] - values).max() > CONFLICT * max(1.0, np.abs(values).max()):
+            raise SceneError(f"particle {p} is held at two places at once: unpin it before pinning it elsewhere")
+        if np.linalg.matrix_rank(rows, tol=1e-9) == 3:
+            projector[k] = np.eye(3)
+    return particles, projector, target
+
+
+@ti.data_oriented
+class Filter:
+    """Imposes held directions on the unknown: dv = z, and on the state that follows from it."""
+
+    def __init__(self, fields: Fields, model: Model, dv) -> None:
+        self.model, self.dv = model, dv
+
+    @ti.kernel
+    def clear(self):
+        """dv = 0"""
+        for i in range(self.model.n):
+            self.dv[i] = ti.Vector.zero(float, 3)
+
+    @ti.kernel
+    def prescribe(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), target: ti.types.ndarray(),
+                  h: float):
+        """z so that held directions reach their target in a step h: z = (I - S)((target - x)/h - v)."""
+        for k in range(index.shape[0]):
+            i = index[k]
+            z = (row(target, k) - self.model.x[i]) / h - self.model.v[i]
+            self.dv[i] = project(projector, k, z)
+
+    @ti.kernel
+    def impose(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), z: ti.types.ndarray()):
+        """dv = S dv + (I - S) z"""
+        for k in range(index.shape[0]):
+            i = index[k]
+            self.dv[i] += project(projector, k, row(z, k) - self.dv[i])
+
+    @ti.kernel
+    def settle(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), target: ti.types.ndarray()):
+        """Held directions exactly where they must be, without the last rounding of x + h v."""
+        for k in range(index.shape[0]):
+            i = index[k]
+            self.model.x[i] += project(projector, k, row(target, k) - self.model.x[i])
+
+
+@ti.func
+def row(values: ti.template(), k):
+    """Row k of an (m, 3) array."""
+    return ti.Vector([ti.cast(values[k, 0], float), ti.cast(values[k, 1], float), ti.cast(values[k, 2], float)])
+
+
+@ti.func
+def project(projector: ti.template(), k, x):
+    """projector[k] x"""
+    out = ti.Vector.zero(float, 3)
+    for a, b in ti.static(ti.ndrange(3, 3)):
+        out[a] += ti.cast(projector[k, a, b], float) * x[b]
+    return out

@@ -1,0 +1,36 @@
+"""The force contract, and the forces that a scene needs.
+
+A force is a data-oriented object whose functions work on one block of rows at a time:
+
+- `energies`: names of its energy terms.
+- `build_stiffness()`: allocates what only implicit steps need.
+- `add_force(block, f)`: f += its force at the model's x and v.
+- `linearize(block, c, motion, b, P)`: b += c (f + K motion); keeps the block of -c D - c^2 K, adds its diagonal to P.
+- `add_product(block, p, q)`: q += (-c D - c^2 K) p. Symmetric and linear in p.
+- `measure(block, base, report, dtype)`: its energy terms [J] and half the power it dissipates [W] into columns
+  of the report, from column `base`.
+
+A force that no cloth asks for is not in the list, so it has no fields, and no kernel contains it.
+"""
+
+from ..fields import Fields
+from ..model import Model
+from ..scene import Scene
+from .bend import Bend
+from .external import Drag, Gravity
+from .membrane import Membrane
+
+
+def build_forces(fields: Fields, model: Model, scene: Scene, mode: str) -> list:
+    """The forces of a scene.
+
+    Args:
+        mode: K of the conditions, one of `conditions.K_MODES`.
+    """
+    wanted = (
+        (Membrane, any(c.fabric.stretch or c.fabric.shear for c in scene.cloths)),
+        (Bend, any(c.fabric.bend for c in scene.cloths)),
+        (Gravity, bool(scene.gravity.any())),
+        (Drag, scene.air is not None),
+    )
+    return [kind(fields, model, scene, mode) for kind, needed in wanted if needed]

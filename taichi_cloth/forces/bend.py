@@ -1,0 +1,216 @@
+"""Bending over hinges: C = theta - theta_0, stiffness k = D |e|^2 / (A_1 + A_2).
+
+Differs from [BW98 §4.2]: k scales with the mesh so that D is a plate rigidity. theta is defined through +-pi;
+the normals of collapsed triangles are bounded from below, so that gradients stay finite.
+"""
+
+import math
+
+import numpy as np
+import taichi as ti
+
+from ..elements import Hinges, hinges
+from ..fabric import pair
+from ..fields import Fields
+from ..model import Elements, Model
+from ..scene import Scene
+from .conditions import hinge_angle, hinge_gradient, hinge_gradient_change
+from .membrane import sym
+
+COLLAPSED = 1e-3  # part of its rest area below which a triangle's area does not count
+
+
+@ti.data_oriented
+class Bend:
+    """Hinges with damping.
+
+    Stored for a hinge and a step: dC scaled by the root of its factor in A, 9 numbers in (e, a, b), the edge
+    and the two arms from its first vertex; in K mode "paper" the symmetric 9x9 block itself.
+    """
+
+    energies = ("bend",)
+
+    def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
+        self.model, self.exact = model, mode == "paper"
+        parts = [(c, hinges(c.mesh)) for c in scene.cloths if c.fabric.bend]
+        vertices = np.concatenate([model.particle[h.vertices + c.start] for c, h in parts])
+        self.elements = Elements(fields, model.blocks, vertices)
+        rest = np.concatenate([_rest(c, h) for c, h in parts])
+        self.damps = bool(rest[:, 1].any())
+        self.rest = fields.real(self.elements.count, 4, self.elements.per_entry(rest))  # k, k_d, theta_0, floor^2
+        self._fields = fields
+
+    def build_stiffness(self) -> None:
+        """Allocates what only an implicit step needs."""
+        self.g = self._fields.real(self.elements.count, 9)
+        self.hessian = self._fields.real(self.elements.count, 81) if self.exact else None
+
+    @ti.func
+    def arms(self, e, q: ti.template()):
+        """(e, a, b) of a per-vertex field."""
+        v = self.elements.vertices[e]
+        return q[v[1]] - q[v[0]], q[v[2]] - q[v[0]], q[v[3]] - q[v[0]]
+
+    @ti.func
+    def scatter(self, e, r_e, r_a, r_b, q: ti.template(), lo, hi):
+        """q += d(e, a, b)/dx^T r"""
+        v = self.elements.vertices[e]
+        self.model.blocks.add(q, v[0], -(r_e + r_a + r_b), lo, hi)
+        self.model.blocks.add(q, v[1], r_e, lo, hi)
+        self.model.blocks.add(q, v[2], r_a, lo, hi)
+        self.model.blocks.add(q, v[3], r_b, lo, hi)
+
+    @ti.func
+    def turn(self, angle):
+        """An angle difference brought back to [-pi, pi]: with theta_0 not 0, the short way round."""
+        if angle > math.pi:
+            angle -= 2 * math.pi
+        if angle < -math.pi:
+            angle += 2 * math.pi
+        return angle
+
+    @ti.func
+    def strain(self, e):
+        """C, dC and C_dot at the current state."""
+        e_x, a_x, b_x = self.arms(e, self.model.x)
+        rest = self.rest[e]
+        C = self.turn(hinge_angle(e_x, a_x, b_x) - rest[2])
+        g_e, g_a, g_b = hinge_gradient(e_x, a_x, b_x, rest[3])
+        C_dot = C * 0
+        if ti.static(self.damps):
+            e_v, a_v, b_v = self.arms(e, self.model.v)
+            C_dot = g_e.dot(e_v) + g_a.dot(a_v) + g_b.dot(b_v)
+        return C, C_dot, g_e, g_a, g_b
+
+    @ti.func
+    def add_force(self, block, f: ti.template()):
+        """f += internal forces of the block's hinges."""
+        lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
+        for e in range(self.elements.first[block], self.elements.first[block + 1]):
+            C, C_dot, g_e, g_a, g_b = self.strain(e)
+            s = -(self.rest[e][0] * C + self.rest[e][1] * C_dot)
+            self.scatter(e, s * g_e, s * g_a, s * g_b, f, lo, hi)
+
+    @ti.func
+    def linearize(self, block, c, motion: ti.template(), b: ti.template(), P: ti.template()):
+        """b += c (f + K motion); stores the block of -c D - c^2 K and adds its diagonal to P."""
+        lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
+        for e in range(self.elements.first[block], self.elements.first[block + 1]):
+            C, C_dot, g_e, g_a, g_b = self.strain(e)
+            m_e, m_a, m_b = self.arms(e, motion)
+            k, k_d = self.rest[e][0], self.rest[e][1]
+            s = -c * (k * C + k_d * C_dot + k * (g_e.dot(m_e) + g_a.dot(m_a) + g_b.dot(m_b)))
+            r_e, r_a, r_b = s * g_e, s * g_a, s * g_b
+            if ti.static(self.exact):
+                e_x, a_x, b_x = self.arms(e, self.model.x)
+                d_e, d_a, d_b = hinge_gradient_change(e_x, a_x, b_x, m_e, m_a, m_b, self.rest[e][3])
+                r_e, r_a, r_b = r_e - c * k * C * d_e, r_a - c * k * C * d_a, r_b - c * k * C * d_b
+            self.scatter(e, r_e, r_a, r_b, b, lo, hi)
+            root = ti.sqrt(c * c * k + c * k_d)
+            g_e, g_a, g_b = root * g_e, root * g_a, root * g_b
+            for i in ti.static(range(3)):
+                self.g[e][i] = g_e[i]
+                self.g[e][3 + i] = g_a[i]
+                self.g[e][6 + i] = g_b[i]
+            if ti.static(self.exact):
+                self.store_exact(e, c * c * k * C)
+            self.add_diagonal(e, P, lo, hi)
+
+    @ti.func
+    def store_exact(self, e, factor):
+        """The 9x9 block g g^T + factor d2 theta, a column at a time."""
+        e_x, a_x, b_x = self.arms(e, self.model.x)
+        for column in range(9):
+            d = ti.Matrix.zero(float, 3, 3)
+            for i, j in ti.static(ti.ndrange(3, 3)):
+                if column == 3 * i + j:
+                    d[i, j] = 1
+            rows = hinge_gradient_change(e_x, a_x, b_x, ti.Vector([d[0, 0], d[0, 1], d[0, 2]]),
+                                         ti.Vector([d[1, 0], d[1, 1], d[1, 2]]),
+                                         ti.Vector([d[2, 0], d[2, 1], d[2, 2]]), self.rest[e][3])
+            for i, j in ti.static(ti.ndrange(3, 3)):
+                self.hessian[e][9 * column + 3 * i + j] = (self.g[e][column] * self.g[e][3 * i + j]
+                                                          + factor * rows[i][j])
+
+    @ti.func
+    def add_diagonal(self, e, P: ti.template(), lo, hi):
+        """P += the diagonal 3x3 blocks of the stored block."""
+        v = self.elements.vertices[e]
+        if ti.static(self.exact):
+            first = ti.Matrix.zero(float, 3, 3)
+            for i in ti.static(range(3)):
+                own = ti.Matrix.zero(float, 3, 3)
+                for r, s in ti.static(ti.ndrange(3, 3)):
+                    own[r, s] = self.hessian[e][9 * (3 * i + r) + 3 * i + s]
+                    for j in ti.static(range(3)):
+                        first[r, s] += self.hessian[e][9 * (3 * i + r) + 3 * j + s]
+                self.model.blocks.add(P, v[i + 1], sym(own), lo, hi)
+            self.model.blocks.add(P, v[0], sym(first), lo, hi)
+        else:
+            g_e, g_a, g_b = self.gradient(e)
+            g_0 = g_e + g_a + g_b
+            self.model.blocks.add(P, v[0], sym(g_0.outer_product(g_0)), lo, hi)
+            self.model.blocks.add(P, v[1], sym(g_e.outer_product(g_e)), lo, hi)
+            self.model.blocks.add(P, v[2], sym(g_a.outer_product(g_a)), lo, hi)
+            self.model.blocks.add(P, v[3], sym(g_b.outer_product(g_b)), lo, hi)
+
+    @ti.func
+    def gradient(self, e):
+        """The stored, scaled dC."""
+        g = ti.static(self.g)
+        return (ti.Vector([g[e][0], g[e][1], g[e][2]]), ti.Vector([g[e][3], g[e][4], g[e][5]]),
+                ti.Vector([g[e][6], g[e][7], g[e][8]]))
+
+    @ti.func
+    def add_product(self, block, p: ti.template(), q: ti.template()):
+        """q += (-c D - c^2 K) p with the blocks of the last `linearize`."""
+        lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
+        for e in range(self.elements.first[block], self.elements.first[block + 1]):
+            p_e, p_a, p_b = self.arms(e, p)
+            if ti.static(self.exact):
+                r = ti.Matrix.zero(float, 3, 3)
+                for column in range(9):
+                    s = self.pick(column, p_e, p_a, p_b)
+                    for i, j in ti.static(ti.ndrange(3, 3)):
+                        r[i, j] += self.hessian[e][9 * column + 3 * i + j] * s
+                self.scatter(e, ti.Vector([r[0, 0], r[0, 1], r[0, 2]]), ti.Vector([r[1, 0], r[1, 1], r[1, 2]]),
+                             ti.Vector([r[2, 0], r[2, 1], r[2, 2]]), q, lo, hi)
+            else:
+                g_e, g_a, g_b = self.gradient(e)
+                s = g_e.dot(p_e) + g_a.dot(p_a) + g_b.dot(p_b)
+                self.scatter(e, s * g_e, s * g_a, s * g_b, q, lo, hi)
+
+    @ti.func
+    def pick(self, column, p_e, p_a, p_b):
+        """Component `column` of the 9 numbers (p_e, p_a, p_b)."""
+        s = 0.0
+        for i in ti.static(range(3)):
+            if column == i:
+                s = p_e[i]
+            if column == 3 + i:
+                s = p_a[i]
+            if column == 6 + i:
+                s = p_b[i]
+        return s
+
+    @ti.func
+    def measure(self, block, base: ti.template(), report: ti.template(), dtype: ti.template()):
+        """Energy [J] in column `base`; then dissipated power / 2 [W]."""
+        sums = ti.Vector.zero(dtype, 2)
+        for e in range(self.elements.first[block], self.elements.first[block + 1]):
+            if self.elements.primary[e] == 1:
+                C, C_dot, g_e, g_a, g_b = self.strain(e)
+                sums[0] += 0.5 * self.rest[e][0] * C * C
+                sums[1] += 0.5 * self.rest[e][1] * C_dot * C_dot
+        report[block, base] = sums[0]
+        report[block, base + 1] = sums[1]
+
+
+def _rest(cloth, h: Hinges) -> np.ndarray:
+    """(hinges, 4): k [N m], k_d [N m s], theta_0, and the least squared normal [m^4]."""
+    bend = cloth.fabric.bend
+    weight = h.length2 / h.areas.sum(axis=1)
+    k, k_d = (weight * (h.across @ np.array(pair(value))) for value in (bend.D, bend.k_d))
+    given = bend.rest == "given" or (bend.rest is None and cloth.mesh.flattened)
+    theta_0 = h.angle if given else np.zeros(len(k))
+    return np.column_stack([k, k_d, theta_0, (2 * COLLAPSED * h.areas.min(axis=1)) ** 2])

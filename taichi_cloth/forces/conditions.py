@@ -1,0 +1,103 @@
+"""The paper's condition functions and their second derivatives, as functions of w_u and w_v (or of a hinge).
+
+Per unit area, with the energy psi = k/2 C^2, a block H is d2 psi / d(w_u, w_v)2. What each K mode keeps:
+
+| mode | stretch | shear | bend |
+|---|---|---|---|
+| gauss_newton | k dC dC^T | k dC dC^T | k dC dC^T |
+| projected | + k (1 - b/|w|) (I - n n^T) where positive | positive eigenvalues of the exact block | k dC dC^T |
+| paper | exact, k (dC dC^T + C ddC) | exact | exact |
+
+A collapsed direction (w = 0) has n = 0: no force, no stiffness. Eigenvalues of shear: [Kim 2020].
+"""
+
+import taichi as ti
+
+K_MODES = ("projected", "gauss_newton", "paper")
+TINY = 1e-30
+
+
+@ti.func
+def unit(w):
+    """w/|w|, or 0 where w is 0."""
+    return w / ti.max(w.norm(), TINY)
+
+
+@ti.func
+def stretch_stiffness(w, k, b, mode: ti.template()):
+    """d2/dw2 of k/2 (|w| - b)^2."""
+    n = unit(w)
+    H = k * n.outer_product(n)
+    if ti.static(mode != "gauss_newton"):
+        length = w.norm()
+        transverse = k * (1 - b / ti.max(length, TINY))
+        if ti.static(mode == "projected"):
+            transverse = ti.max(transverse, 0)
+        if length <= TINY:
+            transverse *= 0
+        H += transverse * (ti.Matrix.identity(float, 3) - n.outer_product(n))
+    return H
+
+
+@ti.func
+def shear_stiffness(w_u, w_v, k, mode: ti.template()):
+    """d2/d(w_u, w_v)2 of k/2 (w_u . w_v)^2 as the blocks uu, uv, vv."""
+    C = w_u.dot(w_v)
+    uu, uv, vv = k * w_v.outer_product(w_v), k * w_v.outer_product(w_u), k * w_u.outer_product(w_u)
+    if ti.static(mode == "paper"):
+        uv += k * C * ti.Matrix.identity(float, 3)
+    if ti.static(mode == "projected"):
+        # in the basis (n_p, n_p)/sqrt 2, (n_m, -n_m)/sqrt 2 the exact block is 2x2 with one positive eigenvalue
+        n_p, n_m = unit(w_u + w_v), unit(w_v - w_u)
+        s_p, s_m = (w_u + w_v).norm() * ti.sqrt(0.5), (w_v - w_u).norm() * ti.sqrt(0.5)
+        total = w_u.norm_sqr() + w_v.norm_sqr()
+        top = 0.5 * (total + ti.sqrt(total * total + 12 * C * C))
+        along, against = top + C - s_m * s_m, s_p * s_m
+        if C < 0:
+            along, against = s_p * s_m, top - C - s_p * s_p
+        size = ti.max(ti.sqrt(along * along + against * against), TINY)
+        e_u = (along * n_p + against * n_m) / size
+        e_v = (along * n_p - against * n_m) / size
+        eye = ti.Matrix.identity(float, 3)
+        same = 0.5 * k * ti.max(C, 0) * (eye - n_p.outer_product(n_p))
+        opposite = 0.5 * k * ti.max(-C, 0) * (eye - n_m.outer_product(n_m))
+        uu = 0.5 * k * top * e_u.outer_product(e_u) + same + opposite
+        uv = 0.5 * k * top * e_u.outer_product(e_v) + same - opposite
+        vv = 0.5 * k * top * e_v.outer_product(e_v) + same + opposite
+    return uu, uv, vv
+
+
+@ti.func
+def hinge_angle(e, a, b):
+    """theta in (-pi, pi] of a hinge with edge e and arms a, b from the edge's first vertex."""
+    n_a, n_b = e.cross(a), b.cross(e)
+    return ti.atan2(n_a.cross(n_b).dot(unit(e)), n_a.dot(n_b))
+
+
+@ti.func
+def hinge_gradient(e, a, b, floor2):
+    """d theta/d(e, a, b); floor2 [m^4] bounds the squared normals of collapsed triangles from below."""
+    n_a, n_b = e.cross(a), b.cross(e)
+    e2 = ti.max(e.norm_sqr(), TINY)
+    g_a = -ti.sqrt(e2) * n_a / ti.max(n_a.norm_sqr(), floor2)
+    g_b = -ti.sqrt(e2) * n_b / ti.max(n_b.norm_sqr(), floor2)
+    return -(a.dot(e) / e2) * g_a - (b.dot(e) / e2) * g_b, g_a, g_b
+
+
+@ti.func
+def hinge_gradient_change(e, a, b, de, da, db, floor2):
+    """Change of `hinge_gradient` along (de, da, db): d2 theta times a direction."""
+    n_a, n_b = e.cross(a), b.cross(e)
+    dn_a, dn_b = de.cross(a) + e.cross(da), db.cross(e) + b.cross(de)
+    e2 = ti.max(e.norm_sqr(), TINY)
+    length = ti.sqrt(e2)
+    d_e2 = 2 * e.dot(de)
+    d_length = e.dot(de) / length
+    a2, b2 = ti.max(n_a.norm_sqr(), floor2), ti.max(n_b.norm_sqr(), floor2)
+    g_a, g_b = -length * n_a / a2, -length * n_b / b2
+    dg_a = -(d_length * n_a + length * dn_a - 2 * length * n_a.dot(dn_a) / a2 * n_a) / a2
+    dg_b = -(d_length * n_b + length * dn_b - 2 * length * n_b.dot(dn_b) / b2 * n_b) / b2
+    t_a, t_b = a.dot(e) / e2, b.dot(e) / e2
+    dt_a = (da.dot(e) + a.dot(de) - t_a * d_e2) / e2
+    dt_b = (db.dot(e) + b.dot(de) - t_b * d_e2) / e2
+    return -dt_a * g_a - t_a * dg_a - dt_b * g_b - t_b * dg_b, dg_a, dg_b

@@ -1,0 +1,149 @@
+"""Gravity and air drag."""
+
+import numpy as np
+import taichi as ti
+
+from ..fields import Fields
+from ..model import Elements, Model
+from ..scene import Scene
+from .membrane import sym
+
+
+@ti.data_oriented
+class Gravity:
+    """m g, with the potential -m g . x."""
+
+    energies = ("gravity",)
+
+    def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
+        self.model = model
+        self.g = [float(c) for c in scene.gravity]
+
+    def build_stiffness(self) -> None:
+        """Nothing: gravity has no derivative."""
+
+    @ti.func
+    def add_force(self, block, f: ti.template()):
+        """f += m g"""
+        g = ti.Vector(self.g)
+        for i in range(self.model.blocks.row[block], self.model.blocks.row[block + 1]):
+            f[i] = f[i] + self.model.m[i] * g
+
+    @ti.func
+    def linearize(self, block, c, motion: ti.template(), b: ti.template(), P: ti.template()):
+        """b += c m g"""
+        g = ti.Vector(self.g)
+        for i in range(self.model.blocks.row[block], self.model.blocks.row[block + 1]):
+            b[i] = b[i] + c * self.model.m[i] * g
+
+    @ti.func
+    def add_product(self, block, p: ti.template(), q: ti.template()):
+        """Nothing."""
+        pass
+
+    @ti.func
+    def measure(self, block, base: ti.template(), report: ti.template(), dtype: ti.template()):
+        """Energy [J] in column `base`; no dissipation."""
+        g = ti.Vector(self.g)
+        total = ti.cast(0, dtype)
+        for i in range(self.model.blocks.row[block], self.model.blocks.row[block + 1]):
+            total -= self.model.m[i] * g.dot(self.model.x[i])
+        report[block, base] = total
+        report[block, base + 1] = 0
+
+
+@ti.data_oriented
+class Drag:
+    """Viscous drag of a triangle moving through the air: f = -A B (v - wind), B = c_n n n^T + c_t (I - n n^T).
+
+    A and n are those of the triangle as it is; v is the mean of its vertices. The force is linear in v and goes
+    into the implicit solve; its derivative by position is left out of the matrix.
+    """
+
+    energies = ()
+
+    def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
+        self.model = model
+        vertices = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths])
+        self.elements = Elements(fields, model.blocks, vertices)
+        self.normal, self.tangential = float(scene.air.normal), float(scene.air.tangential)
+        self.wind = fields.real(1, 3, scene.air.wind_at(0.0))
+        self._fields = fields
+
+    def build_stiffness(self) -> None:
+        """Allocates what only an implicit step needs."""
+        self.A = self._fields.real(self.elements.count, 6)
+
+    @ti.kernel
+    def set_wind(self, x: float, y: float, z: float):
+        """Velocity of the air [m/s]."""
+        self.wind[0] = ti.Vector([x, y, z])
+
+    @ti.func
+    def coefficient(self, e):
+        """A B: area times the drag tensor."""
+        v = self.elements.vertices[e]
+        x = ti.static(self.model.x)
+        twice = (x[v[1]] - x[v[0]]).cross(x[v[2]] - x[v[0]])
+        area = 0.5 * twice.norm()
+        n = twice / ti.max(2 * area, 1e-30)
+        nn = n.outer_product(n)
+        return area * (self.tangential * ti.Matrix.identity(float, 3) + (self.normal - self.tangential) * nn)
+
+    @ti.func
+    def slip(self, e):
+        """Mean velocity of the triangle against the air."""
+        u = self.elements.vertices[e]
+        v = ti.static(self.model.v)
+        return (v[u[0]] + v[u[1]] + v[u[2]]) / 3 - self.wind[0]
+
+    @ti.func
+    def scatter(self, e, value, q: ti.template(), lo, hi):
+        """Adds the same to the three vertices."""
+        for a in ti.static(range(3)):
+            self.model.blocks.add(q, self.elements.vertices[e][a], value, lo, hi)
+
+    @ti.func
+    def add_force(self, block, f: ti.template()):
+        """f += drag"""
+        lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
+        for e in range(self.elements.first[block], self.elements.first[block + 1]):
+            self.scatter(e, -(self.coefficient(e) @ self.slip(e)) / 3, f, lo, hi)
+
+    @ti.func
+    def linearize(self, block, c, motion: ti.template(), b: ti.template(), P: ti.template()):
+        """b += c f; stores -c D and adds its diagonal to P."""
+        lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
+        for e in range(self.elements.first[block], self.elements.first[block + 1]):
+            B = self.coefficient(e)
+            self.scatter(e, -c * (B @ self.slip(e)) / 3, b, lo, hi)
+            A = sym(c * B / 9)
+            self.A[e] = A
+            self.scatter(e, A, P, lo, hi)
+
+    @ti.func
+    def add_product(self, block, p: ti.template(), q: ti.template()):
+        """q += -c D p"""
+        lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
+        for e in range(self.elements.first[block], self.elements.first[block + 1]):
+            v = self.elements.vertices[e]
+            self.scatter(e, sym_times(self.A[e], p[v[0]] + p[v[1]] + p[v[2]]), q, lo, hi)
+
+    @ti.func
+    def measure(self, block, base: ti.template(), report: ti.template(), dtype: ti.template()):
+        """No energy; half the power that drag takes [W] beyond what it takes from cloth at rest, in column `base`."""
+        total = ti.cast(0, dtype)
+        for e in range(self.elements.first[block], self.elements.first[block + 1]):
+            if self.elements.primary[e] == 1:
+                wind = self.wind[0]
+                u = self.slip(e)
+                total += 0.5 * (u + wind).dot(self.coefficient(e) @ (u - wind))
+        report[block, base] = total
+
+
+@ti.func
+def sym_times(m, x):
+    """Product of a symmetric 3x3 matrix, given by its 6 numbers, with a vector."""
+    return ti.Vector([m[0] * x[0] + m[1] * x[1] + m[2] * x[2],
+                      m[1] * x[0] + m[3] * x[1] + m[4] * x[2],
+                      m[2] * x[0] + m[4] * x[1] + m[5] * x[2]])

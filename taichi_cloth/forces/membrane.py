@@ -1,0 +1,233 @@
+"""Stretch and shear of a triangle: conditions of (w_u, w_v), so three 3x3 blocks an element are all there is.
+
+Differs from [BW98 §4.2, §4.5]: energy is area k/2 C^2 (see fabric); damping is weighted by area like its
+stiffness; its derivative by position and the term C_dot ddC are left out of the matrix.
+"""
+
+import numpy as np
+import taichi as ti
+
+from ..elements import triangles
+from ..fabric import pair
+from ..fields import Fields
+from ..model import Elements, Model
+from ..scene import Scene
+from .conditions import shear_stiffness, stretch_stiffness, unit
+
+# columns of the table of materials
+K_U, K_V, K_S, D_U, D_V, D_S, B_U, B_V = range(8)
+
+
+@ti.data_oriented
+class Membrane:
+    """Stretch along warp and weft, and shear, with their damping.
+
+    Stored for an element and a step: the symmetric 6x6 block of A in the edges (x_1 - x_0, x_2 - x_0), 21 numbers.
+    """
+
+    def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
+        self.model, self.mode = model, mode
+        cloths = [(k, c) for k, c in enumerate(scene.cloths) if c.fabric.stretch or c.fabric.shear]
+        table = np.array([_row(c.fabric) for _, c in cloths])
+        parts = [triangles(c.mesh) for _, c in cloths]
+        vertices = np.concatenate([model.particle[p.vertices + c.start] for p, (_, c) in zip(parts, cloths)])
+        self.elements = Elements(fields, model.blocks, vertices)
+        per_entry = self.elements.per_entry
+        inverse = np.concatenate([p.inverse for p in parts]).reshape(-1, 4)
+        area = np.concatenate([p.area for p in parts])
+        material = np.repeat(np.arange(len(parts)), [len(p.area) for p in parts])
+        self.inverse = fields.real(self.elements.count, 4, per_entry(inverse))
+        self.area = fields.real(self.elements.count, data=per_entry(area))
+        self.material = fields.integer(self.elements.count, data=per_entry(material))
+        self.table = fields.real(len(table), 8, table)
+        self.stretches = bool(table[:, [K_U, K_V]].any())
+        self.shears = bool(table[:, K_S].any())
+        self.damps = bool(table[:, [D_U, D_V, D_S]].any())
+        self.energies = (("stretch_u", "stretch_v") if self.stretches else ()) + (("shear",) if self.shears else ())
+        self._fields = fields
+
+    def build_stiffness(self) -> None:
+        """Allocates what only an implicit step needs."""
+        self.A = self._fields.real(self.elements.count, 21)
+
+    @ti.func
+    def spread(self, e, q: ti.template()):
+        """(w_u, w_v) of a per-vertex field (9)."""
+        vertices, inverse = self.elements.vertices[e], self.inverse[e]
+        d_1, d_2 = q[vertices[1]] - q[vertices[0]], q[vertices[2]] - q[vertices[0]]
+        return d_1 * inverse[0] + d_2 * inverse[2], d_1 * inverse[1] + d_2 * inverse[3]
+
+    @ti.func
+    def scatter(self, e, r_u, r_v, q: ti.template(), lo, hi):
+        """q += dw/dx^T (r_u, r_v)"""
+        vertices, inverse = self.elements.vertices[e], self.inverse[e]
+        q_1, q_2 = r_u * inverse[0] + r_v * inverse[1], r_u * inverse[2] + r_v * inverse[3]
+        self.model.blocks.add(q, vertices[0], -(q_1 + q_2), lo, hi)
+        self.model.blocks.add(q, vertices[1], q_1, lo, hi)
+        self.model.blocks.add(q, vertices[2], q_2, lo, hi)
+
+    @ti.func
+    def gradient(self, e, w_u, w_v, v_u, v_v):
+        """Per area, minus the force on (w_u, w_v): sum of (k C + k_d C_dot) dC (7), (11)."""
+        k = self.table[self.material[e]]
+        g_u, g_v = w_u * 0, w_v * 0
+        if ti.static(self.stretches):
+            n_u, n_v = unit(w_u), unit(w_v)
+            g_u += (k[K_U] * (w_u.norm() - k[B_U])) * n_u
+            g_v += (k[K_V] * (w_v.norm() - k[B_V])) * n_v
+            if ti.static(self.damps):
+                g_u += k[D_U] * n_u.dot(v_u) * n_u
+                g_v += k[D_V] * n_v.dot(v_v) * n_v
+        if ti.static(self.shears):
+            s = k[K_S] * w_u.dot(w_v)
+            if ti.static(self.damps):
+                s += k[D_S] * (v_u.dot(w_v) + v_v.dot(w_u))
+            g_u += s * w_v
+            g_v += s * w_u
+        return g_u, g_v
+
+    @ti.func
+    def stiffness(self, e, w_u, w_v):
+        """Per area, blocks uu, uv, vv of -K in (w_u, w_v)."""
+        k = self.table[self.material[e]]
+        uu, uv, vv = ti.Matrix.zero(float, 3, 3), ti.Matrix.zero(float, 3, 3), ti.Matrix.zero(float, 3, 3)
+        if ti.static(self.stretches):
+            uu += stretch_stiffness(w_u, k[K_U], k[B_U], self.mode)
+            vv += stretch_stiffness(w_v, k[K_V], k[B_V], self.mode)
+        if ti.static(self.shears):
+            s_uu, s_uv, s_vv = shear_stiffness(w_u, w_v, k[K_S], self.mode)
+            uu += s_uu
+            uv += s_uv
+            vv += s_vv
+        return uu, uv, vv
+
+    @ti.func
+    def damping(self, e, w_u, w_v):
+        """Per area, blocks uu, uv, vv of -D in (w_u, w_v): k_d dC dC^T (12)."""
+        k = self.table[self.material[e]]
+        n_u, n_v = unit(w_u), unit(w_v)
+        uu = k[D_U] * n_u.outer_product(n_u) + k[D_S] * w_v.outer_product(w_v)
+        vv = k[D_V] * n_v.outer_product(n_v) + k[D_S] * w_u.outer_product(w_u)
+        return uu, k[D_S] * w_v.outer_product(w_u), vv
+
+    @ti.func
+    def add_force(self, block, f: ti.template()):
+        """f += internal forces of the block's elements."""
+        lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
+        for e in range(self.elements.first[block], self.elements.first[block + 1]):
+            w_u, w_v = self.spread(e, self.model.x)
+            v_u, v_v = self.spread(e, self.model.v)
+            g_u, g_v = self.gradient(e, w_u, w_v, v_u, v_v)
+            self.scatter(e, -self.area[e] * g_u, -self.area[e] * g_v, f, lo, hi)
+
+    @ti.func
+    def linearize(self, block, c, motion: ti.template(), b: ti.template(), P: ti.template()):
+        """b += c (f + K motion); stores the block of -c D - c^2 K and adds its diagonal to P."""
+        lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
+        for e in range(self.elements.first[block], self.elements.first[block + 1]):
+            w_u, w_v = self.spread(e, self.model.x)
+            v_u, v_v = self.spread(e, self.model.v)
+            m_u, m_v = self.spread(e, motion)
+            g_u, g_v = self.gradient(e, w_u, w_v, v_u, v_v)
+            uu, uv, vv = self.stiffness(e, w_u, w_v)
+            g_u += uu @ m_u + uv @ m_v
+            g_v += uv.transpose() @ m_u + vv @ m_v
+            scale = c * self.area[e]
+            self.scatter(e, -scale * g_u, -scale * g_v, b, lo, hi)
+            uu, uv, vv = c * scale * uu, c * scale * uv, c * scale * vv
+            if ti.static(self.damps):
+                d_uu, d_uv, d_vv = self.damping(e, w_u, w_v)
+                uu += scale * d_uu
+                uv += scale * d_uv
+                vv += scale * d_vv
+            self.store(e, uu, uv, vv, P, lo, hi)
+
+    @ti.func
+    def store(self, e, uu, uv, vv, P: ti.template(), lo, hi):
+        """The blocks in (w_u, w_v) as blocks in the two edges: 11, 12, 22."""
+        i = self.inverse[e]
+        cross = uv + uv.transpose()
+        e_11 = i[0] * i[0] * uu + i[0] * i[1] * cross + i[1] * i[1] * vv
+        e_22 = i[2] * i[2] * uu + i[2] * i[3] * cross + i[3] * i[3] * vv
+        e_12 = i[0] * i[2] * uu + i[0] * i[3] * uv + i[1] * i[2] * uv.transpose() + i[1] * i[3] * vv
+        for a in ti.static(range(3)):
+            for b in ti.static(range(3)):
+                self.A[e][6 + 3 * a + b] = e_12[a, b]
+        vertices = self.elements.vertices[e]
+        p_1, p_2, p_0 = sym(e_11), sym(e_22), sym(e_11 + e_22 + e_12 + e_12.transpose())
+        for a in ti.static(range(6)):
+            self.A[e][a] = p_1[a]
+            self.A[e][15 + a] = p_2[a]
+        self.model.blocks.add(P, vertices[0], p_0, lo, hi)
+        self.model.blocks.add(P, vertices[1], p_1, lo, hi)
+        self.model.blocks.add(P, vertices[2], p_2, lo, hi)
+
+    @ti.func
+    def add_product(self, block, p: ti.template(), q: ti.template()):
+        """q += (-c D - c^2 K) p with the blocks of the last `linearize`."""
+        lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
+        for e in range(self.elements.first[block], self.elements.first[block + 1]):
+            vertices = self.elements.vertices[e]
+            x, y = p[vertices[1]] - p[vertices[0]], p[vertices[2]] - p[vertices[0]]
+            A = ti.static(self.A)
+            q_1 = ti.Vector([
+                A[e][0] * x[0] + A[e][1] * x[1] + A[e][2] * x[2] + A[e][6] * y[0] + A[e][7] * y[1] + A[e][8] * y[2],
+                A[e][1] * x[0] + A[e][3] * x[1] + A[e][4] * x[2] + A[e][9] * y[0] + A[e][10] * y[1] + A[e][11] * y[2],
+                A[e][2] * x[0] + A[e][4] * x[1] + A[e][5] * x[2] + A[e][12] * y[0] + A[e][13] * y[1] + A[e][14] * y[2]])
+            q_2 = ti.Vector([
+                A[e][6] * x[0] + A[e][9] * x[1] + A[e][12] * x[2] + A[e][15] * y[0] + A[e][16] * y[1] + A[e][17] * y[2],
+                A[e][7] * x[0] + A[e][10] * x[1] + A[e][13] * x[2] + A[e][16] * y[0] + A[e][18] * y[1] + A[e][19] * y[2],
+                A[e][8] * x[0] + A[e][11] * x[1] + A[e][14] * x[2] + A[e][17] * y[0] + A[e][19] * y[1] + A[e][20] * y[2]])
+            self.model.blocks.add(q, vertices[0], -(q_1 + q_2), lo, hi)
+            self.model.blocks.add(q, vertices[1], q_1, lo, hi)
+            self.model.blocks.add(q, vertices[2], q_2, lo, hi)
+
+    @ti.func
+    def measure(self, block, base: ti.template(), report: ti.template(), dtype: ti.template()):
+        """Energies by term [J], from column `base`; then dissipated power / 2 [W]."""
+        sums = ti.Vector.zero(dtype, 4)
+        for e in range(self.elements.first[block], self.elements.first[block + 1]):
+            if self.elements.primary[e] == 1:
+                k = self.table[self.material[e]]
+                w_u, w_v = self.spread(e, self.model.x)
+                v_u, v_v = self.spread(e, self.model.v)
+                area = self.area[e]
+                if ti.static(self.stretches):
+                    sums[0] += 0.5 * area * k[K_U] * (w_u.norm() - k[B_U]) ** 2
+                    sums[1] += 0.5 * area * k[K_V] * (w_v.norm() - k[B_V]) ** 2
+                if ti.static(self.shears):
+                    sums[2] += 0.5 * area * k[K_S] * w_u.dot(w_v) ** 2
+                if ti.static(self.damps):
+                    sums[3] += 0.5 * area * (k[D_U] * unit(w_u).dot(v_u) ** 2 + k[D_V] * unit(w_v).dot(v_v) ** 2
+                                             + k[D_S] * (v_u.dot(w_v) + v_v.dot(w_u)) ** 2)
+        if ti.static(self.stretches):
+            report[block, base] = sums[0]
+            report[block, base + 1] = sums[1]
+        if ti.static(self.shears):
+            report[block, base + 2 * self.stretches] = sums[2]
+        report[block, base + len(self.energies)] = sums[3]
+
+    @ti.func
+    def largest_stretch(self, block):
+        """(largest |w| / b, largest change of |w| / b since the saved state) over the block's elements."""
+        largest, change = 0.0, 0.0
+        for e in range(self.elements.first[block], self.elements.first[block + 1]):
+            k = self.table[self.material[e]]
+            w_u, w_v = self.spread(e, self.model.x)
+            o_u, o_v = self.spread(e, self.model.x_saved)
+            u, v = w_u.norm() / k[B_U], w_v.norm() / k[B_V]
+            largest = ti.max(largest, ti.max(u, v))
+            change = ti.max(change, ti.max(ti.abs(u - o_u.norm() / k[B_U]), ti.abs(v - o_v.norm() / k[B_V])))
+        return largest, change
+
+
+@ti.func
+def sym(m):
+    """The 6 numbers xx, xy, xz, yy, yz, zz of a symmetric 3x3 matrix."""
+    return ti.Vector([m[0, 0], m[0, 1], m[0, 2], m[1, 1], m[1, 2], m[2, 2]])
+
+
+def _row(fabric) -> list[float]:
+    stretch, shear = fabric.stretch, fabric.shear
+    k, k_d, b = (pair(stretch.k), pair(stretch.k_d), pair(stretch.b)) if stretch else ((0, 0), (0, 0), (1, 1))
+    return [*k, shear.k if shear else 0, *k_d, shear.k_d if shear else 0, *b]

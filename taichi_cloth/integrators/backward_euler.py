@@ -1,0 +1,160 @@
+"""Backward Euler: the paper's single linear solve (18), and more of them where the first does not hold.
+
+The solve is one Newton step, from rest at x_0, on the incremental potential
+    Phi(v) = 1/2 (v - v_0)^T M (v - v_0) + E(x_0 + h v + y) + h R(v),
+R half the dissipated power. With a positive semidefinite K it goes downhill, and the step is accepted as it is
+if Phi has not grown: the paper's cheap case. Where it has, the step is shortened and Newton goes on from there,
+until a full Newton step is taken and Phi is below where it began.
+
+Differs from [BW98]: the test and what follows it; the paper accepts every solve.
+"""
+
+import numpy as np
+import taichi as ti
+
+from ..constraints import Filter, Held
+from ..fields import Fields
+from ..measure import Measures, Meter
+from ..model import Model
+from ..operator import Operator
+from ..runtime import Runtime
+from ..solver.pcg import CONVERGED, PCG, Solution
+from ..solver.preconditioner import BlockJacobi
+from ..timing import Clock
+from . import ENERGY, NOT_FINITE, SOLVER, Attempt, Options
+
+HALVINGS = 10
+ROUNDING = 64  # Phi may grow by this many roundings of its terms
+
+
+@ti.data_oriented
+class BackwardEuler:
+    """[BW98 §3.1, §6] on a model."""
+
+    def __init__(self, fields: Fields, model: Model, forces: list, meter: Meter, options: Options,
+                 runtime: Runtime) -> None:
+        self.model, self.meter, self.options = model, meter, options
+        self.operator = Operator(fields, model, forces)
+        self.preconditioner = BlockJacobi(fields, self.operator)
+        self.solver = PCG(fields, self.operator, self.preconditioner, runtime, options.cg_max_iterations)
+        self.filter = Filter(fields, model, self.solver.dv)
+        self.slack = ROUNDING * runtime.epsilon
+        self.held: Held | None = None
+
+    def attempt(self, h: float, held: Held | None, start: Measures) -> Attempt:
+        """One step; see the package."""
+        clock, solutions = Clock(), []
+        with clock.part("EVAL"):
+            self.operator.set_motion(h)
+            self.operator.linearize(h)
+        with clock.part("CG"):
+            solutions.append(self.solve(held, h))
+        with clock.part("EVAL"):
+            self._place(h, 1.0)
+            self._settle(held)
+            measures = self.meter.measure()
+            # work of the constraints that move, which the energy may grow by
+            work = self._reaction_power() if held is not None and held.moving else 0.0
+        if solutions[-1].status != CONVERGED:
+            return Attempt(SOLVER, solutions[-1].status, measures, tuple(solutions), clock.seconds)
+        if not measures.finite:
+            return Attempt(NOT_FINITE, "after the first solve", measures, tuple(solutions), clock.seconds)
+        limit = start.energies["kinetic"] + start.potential + work + self.slack * (start.size + measures.size)
+        if phi(measures, h) <= limit:
+            return Attempt(None, "", measures, tuple(solutions), clock.seconds)
+        return self._newton(h, held, limit, measures, clock, solutions)
+
+    def solve(self, held: Held | None, h: float = 0.0, z: np.ndarray | None = None) -> Solution:
+        """Solves the system as linearized.
+
+        Args:
+            held: the held directions.
+            h: step [s] in which they must reach their targets; with 0 they are there and dv = 0 in them.
+            z: (k, 3) dv in them [m/s], instead.
+        """
+        self.held = held
+        self.filter.clear()
+        self.preconditioner.build()
+        if held is not None:
+            if z is not None:
+                self.filter.impose(held.index, held.projector, z)
+            elif h > 0:
+                self.filter.prescribe(held.index, held.projector, held.target, h)
+            self.preconditioner.restrict(held.index, held.projector)
+        return self.solver.solve(self.options.cg_tol)
+
+    def reaction(self) -> np.ndarray:
+        """(n, 3) impulse [N s] in particle order that the last solve needed to keep the held directions."""
+        impulse = np.zeros((self.model.n, 3))
+        if self.held is not None:
+            index = self.held.index
+            rows = -self.solver.r.to_numpy()[index].astype(np.float64)
+            impulse[index] = np.einsum("kij,kj->ki", self.held.projector.astype(np.float64), rows)
+        return impulse
+
+    def _newton(self, h: float, held: Held | None, limit: float, measures: Measures, clock: Clock,
+                solutions: list[Solution]) -> Attempt:
+        """Goes on from a first solve that Phi does not accept."""
+        with clock.part("EVAL"):
+            alpha = 1.0
+            if held is None or not held.moving:  # else a shorter first step would leave the constraints behind
+                while phi(measures, h) > limit and alpha > 0.5**HALVINGS:
+                    alpha /= 2
+                    self._place(h, alpha)
+                    measures = self.meter.measure()
+        for _ in range(self.options.newton_max):
+            with clock.part("EVAL"):
+                self.operator.set_motion(0.0)
+                self.operator.linearize(h)
+            with clock.part("CG"):
+                solutions.append(self.solve(held))
+            if solutions[-1].status != CONVERGED:
+                return Attempt(SOLVER, solutions[-1].status, measures, tuple(solutions), clock.seconds)
+            with clock.part("EVAL"):
+                before, alpha, taken = phi(measures, h), 1.0, 0.0
+                while alpha > 0.5**HALVINGS:
+                    self._shift(h, alpha - taken)
+                    taken = alpha
+                    measures = self.meter.measure()
+                    if phi(measures, h) <= before + self.slack * measures.size:
+                        break
+                    alpha /= 2
+            settled = phi(measures, h) <= limit or (held is not None and held.moving)
+            if alpha == 1.0 and settled and measures.finite:
+                self._settle(held)
+                return Attempt(None, "", measures, tuple(solutions), clock.seconds)
+        reason = ENERGY if measures.finite else NOT_FINITE
+        return Attempt(reason, f"{len(solutions)} solves", measures, tuple(solutions), clock.seconds)
+
+    def _settle(self, held: Held | None) -> None:
+        if held is not None:
+            self.filter.settle(held.index, held.projector, held.target)
+
+    @ti.kernel
+    def _place(self, h: float, alpha: float):
+        """v = alpha (v_0 + dv), x = x_0 + alpha (h v_0 + y + h dv)"""
+        for i in range(self.model.n):
+            self.model.v[i] = alpha * (self.model.v_saved[i] + self.solver.dv[i])
+            self.model.x[i] = self.model.x_saved[i] + alpha * (self.operator.motion[i] + h * self.solver.dv[i])
+
+    @ti.kernel
+    def _shift(self, h: float, alpha: float):
+        """v += alpha dv, x += alpha h dv"""
+        for i in range(self.model.n):
+            self.model.v[i] += alpha * self.solver.dv[i]
+            self.model.x[i] += alpha * h * self.solver.dv[i]
+
+    @ti.kernel
+    def _reaction_power(self) -> float:
+        """(A dv - b) . v [J]: work of the constraints in the step"""
+        total = ti.cast(0, self.solver.sum_type)
+        for _ in range(1):
+            for i in range(self.model.n):
+                total -= self.solver.r[i].dot(self.model.v[i])
+        return total
+
+
+def phi(measures: Measures, h: float) -> float:
+    """The incremental potential [J]; NaN counts as infinite."""
+    value = measures.change + measures.potential + h * measures.dissipation
+    return value if np.isfinite(value) else np.inf

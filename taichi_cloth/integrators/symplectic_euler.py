@@ -1,0 +1,66 @@
+"""Symplectic Euler: v += h f(x, v)/m, x += h v. Explicit, no solver; stable only for small h."""
+
+import taichi as ti
+
+from ..constraints import Filter, Held
+from ..fields import Fields
+from ..measure import Measures, Meter
+from ..model import Model
+from ..operator import ForceField
+from ..runtime import Runtime
+from ..timing import Clock
+from . import NOT_FINITE, Attempt, Options
+
+
+@ti.data_oriented
+class SymplecticEuler:
+    """The seed's own method, on a model."""
+
+    operator = None
+    solver = None
+
+    def __init__(self, fields: Fields, model: Model, forces: list, meter: Meter, options: Options,
+                 runtime: Runtime) -> None:
+        self.model, self.meter = model, meter
+        self.forces = ForceField(fields, model, forces)
+        self.dv = fields.real(model.n, 3)
+        self.filter = Filter(fields, model, self.dv)
+
+    def attempt(self, h: float, held: Held | None, start: Measures) -> Attempt:
+        """One step; see the package."""
+        clock = Clock()
+        with clock.part("EVAL"):
+            self.forces.compute()
+            self._kick(h)
+            if held is not None:
+                self.filter.prescribe(held.index, held.projector, held.target, h)
+                self._free_part(held.index, held.projector, h)
+            self._drift(h)
+            if held is not None:
+                self.filter.settle(held.index, held.projector, held.target)
+            measures = self.meter.measure()
+        rejection = None if measures.finite else NOT_FINITE
+        return Attempt(rejection, "" if measures.finite else "explicit step", measures, (), clock.seconds)
+
+    @ti.kernel
+    def _kick(self, h: float):
+        """dv = h f/m"""
+        for i in range(self.model.n):
+            self.dv[i] = h * self.forces.f[i] / self.model.m[i]
+
+    @ti.kernel
+    def _free_part(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), h: float):
+        """dv = z + S h f/m on held particles."""
+        for k in range(index.shape[0]):
+            i = index[k]
+            free = h * self.forces.f[i] / self.model.m[i]
+            for a, b in ti.static(ti.ndrange(3, 3)):
+                self.dv[i][a] -= ti.cast(projector[k, a, b], float) * free[b]
+            self.dv[i] += free
+
+    @ti.kernel
+    def _drift(self, h: float):
+        """v += dv, x += h v"""
+        for i in range(self.model.n):
+            self.model.v[i] += self.dv[i]
+            self.model.x[i] += h * self.model.v[i]

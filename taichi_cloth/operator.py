@@ -1,0 +1,83 @@
+"""The linear system of a step: A = M - c D - c^2 K and its right-hand side, matrix-free.
+
+`c` is h for backward Euler (18); methods with stages use their own.
+"""
+
+import taichi as ti
+
+from .fields import Fields
+from .model import Model
+
+
+@ti.data_oriented
+class Operator:
+    """A, b and the block diagonal of A, from the forces of a model.
+
+    Attributes:
+        b: right-hand side [kg m/s].
+        motion: h v_0 + y [m], what K is applied to on the right-hand side.
+        P: (n, 6) diagonal blocks xx xy xz yy yz zz [kg].
+    """
+
+    def __init__(self, fields: Fields, model: Model, forces: list) -> None:
+        self.model, self.forces, self.blocks = model, forces, model.blocks
+        for force in forces:
+            force.build_stiffness()
+        self.b, self.motion = fields.real(model.n, 3), fields.real(model.n, 3)
+        self.P = fields.real(model.n, 6)
+
+    @ti.kernel
+    def set_motion(self, h: float):
+        """motion = h v"""
+        for i in range(self.model.n):
+            self.motion[i] = h * self.model.v[i]
+
+    @ti.kernel
+    def alter_motion(self, index: ti.types.ndarray(), y: ti.types.ndarray()):
+        """motion += y on particles index[k]"""
+        for k in range(index.shape[0]):
+            for c in ti.static(range(3)):
+                self.motion[index[k]][c] += ti.cast(y[k, c], float)
+
+    @ti.kernel
+    def linearize(self, c: float):
+        """b = M (v_saved - v) + c (f + K motion); keeps the blocks of A for `product`."""
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                block = t // self.blocks.grain
+                for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+                    m = self.model.m[i]
+                    self.b[i] = m * (self.model.v_saved[i] - self.model.v[i])
+                    self.P[i] = ti.Vector([m, 0.0, 0.0, m, 0.0, m])
+                for k in ti.static(range(len(self.forces))):
+                    self.forces[k].linearize(block, c, self.motion, self.b, self.P)
+
+    @ti.func
+    def product(self, block, p: ti.template(), q: ti.template()):
+        """q = A p on the rows of a block."""
+        for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+            q[i] = self.model.m[i] * p[i]
+        for k in ti.static(range(len(self.forces))):
+            self.forces[k].add_product(block, p, q)
+
+
+@ti.data_oriented
+class ForceField:
+    """f [N] at the current state, for explicit steps and for who asks."""
+
+    def __init__(self, fields: Fields, model: Model, forces: list) -> None:
+        self.model, self.forces, self.blocks = model, forces, model.blocks
+        self.f = fields.real(model.n, 3)
+
+    @ti.kernel
+    def compute(self):
+        """f = internal plus external forces."""
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                block = t // self.blocks.grain
+                for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+                    self.f[i] = ti.Vector.zero(float, 3)
+                for k in ti.static(range(len(self.forces))):
+                    self.forces[k].add_force(block, self.f)
+
+

@@ -1,0 +1,331 @@
+"""The composition root: a scene becomes fields, forces, an integrator and a stepper, and is run frame by frame."""
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import taichi as ti
+from numpy.typing import ArrayLike
+
+from . import integrators, runtime
+from .constraints import Attachments, Constraint, Held, by_hand
+from .elements import triangles
+from .errors import BackendError, SceneError, SimulationError, check_choice
+from .fields import Fields
+from .forces import build_forces
+from .forces.conditions import K_MODES
+from .forces.external import Drag
+from .integrators import INTEGRATORS, SOLVER, Options
+from .measure import Meter
+from .model import Model
+from .operator import ForceField, Operator
+from .scene import Scene
+from .solver.pcg import CONVERGED, Solution
+from .stepper import ADVICE, Control, Stepper, StepRecord
+
+ROUND_TIME = 1e-9  # part of a step below which two times are the same
+H_MIN_FACTOR = 4096.0  # h_min is h over this, where it is not given
+
+
+@ti.data_oriented
+class Simulation:
+    """A running scene. Arrays are the user's: his vertex order, float64, SI units.
+
+    Args:
+        scene: what to simulate; it stays as it was built.
+        h: step size [s]; the largest one where steps adapt.
+        arch: "cpu", "cuda", "vulkan", "metal".
+        precision: "f32" or "f64".
+        integrator: "backward_euler" or "symplectic_euler".
+        K: stiffness matrix, "projected" (positive semidefinite), "gauss_newton" or "paper" (exact).
+        cg_tol: relative residual of the linear solve.
+        adaptive: whether a step that goes bad is retried smaller; False does exactly the steps asked for.
+        h_min: smallest step [s]; h / 4096 where None.
+        stretch_limit: largest change of |w|/b of a triangle in a step.
+        newton_max: further solves of a step that fails the energy test.
+        cg_max_iterations: of one solve.
+        threads: CPU threads, all where None.
+        quiet: no messages of Taichi's own.
+        debug: bounds checks in kernels (slow).
+
+    Raises:
+        SceneError: an impossible value or an unknown name.
+        BackendError: an arch or precision that is not there.
+
+    Attributes:
+        time: simulated time [s].
+        log: one `StepRecord` a step.
+        runtime: what runs.
+    """
+
+    def __init__(self, scene: Scene, h: float = 1 / 60, arch: str = "cpu", precision: str = "f64",
+                 integrator: str = "backward_euler", K: str = "projected", cg_tol: float = 1e-6,
+                 adaptive: bool = True, h_min: float | None = None, stretch_limit: float = 0.5,
+                 newton_max: int = 8, cg_max_iterations: int = 10_000, threads: int | None = None,
+                 quiet: bool = True, debug: bool = False) -> None:
+        if not isinstance(scene, Scene) or not scene.cloths:
+            raise SceneError("a simulation needs a Scene with at least one cloth")
+        check_choice("integrator", integrator, INTEGRATORS)
+        check_choice("K", K, K_MODES)
+        h_min = h / H_MIN_FACTOR if h_min is None else h_min
+        for name, value in (("h", h), ("h_min", h_min), ("cg_tol", cg_tol), ("stretch_limit", stretch_limit)):
+            _check_positive(name, value)
+        self.scene, self.time = scene, 0.0
+        self.log: list[StepRecord] = []
+        self.runtime = runtime.start(arch, precision, threads, quiet, debug)
+        self._generation, self._open = runtime.generation(), True
+        self.control = Control(h, h_min, adaptive, stretch_limit)
+        self.options = Options(K, cg_tol, int(cg_max_iterations), int(newton_max))
+        self.integrator_name = integrator
+        self._fields = Fields(self.runtime.exchange)
+        self.model = Model(self._fields, scene, self.runtime)
+        self._forces = build_forces(self._fields, self.model, scene, K)
+        self.meter = Meter(self.model, self._forces, self.runtime)
+        self.integrator = integrators.build(integrator, self._fields, self.model, self._forces, self.meter, self.options,
+                                            self.runtime)
+        self._fields.allocate()
+        self.stepper = Stepper(self.model, self.integrator, self.meter, self.control)
+        self._script = scene.script.copy()
+        self._script.events.sort(key=lambda event: event.time)
+        self._attachments = Attachments(self.model, self.runtime.exchange)
+        self._drag = next((force for force in self._forces if isinstance(force, Drag)), None)
+        self._extra: list[Fields] = []  # made when first asked for
+        self._force_field: ForceField | None = None
+        self._probe: Probe | None = None
+        self._solved_h: float | None = None
+        self.solution: Solution | None = None
+
+    # state
+
+    @property
+    def vertex_count(self) -> int:
+        """Number of vertices of all cloths."""
+        return self.scene.vertex_count
+
+    def positions(self) -> np.ndarray:
+        """(n, 3) [m]"""
+        return self._live().model.read()[0]
+
+    def velocities(self) -> np.ndarray:
+        """(n, 3) [m/s]"""
+        return self._live().model.read()[1]
+
+    def set_state(self, x: ArrayLike, v: ArrayLike) -> None:
+        """Sets positions (n, 3) [m] and velocities (n, 3) [m/s]; pins begin anew where their vertices now are.
+
+        Raises:
+            SceneError: a wrong shape or a number that is not finite.
+        """
+        arrays = []
+        for name, value in (("positions", x), ("velocities", v)):
+            value = np.asarray(value, dtype=np.float64)
+            if value.shape != (self.vertex_count, 3) or not np.isfinite(value).all():
+                raise SceneError(f"set_state: {name} need shape ({self.vertex_count}, 3) and finite numbers")
+            arrays.append(value)
+        self._live().model.write(*arrays)
+        self.stepper.start = None
+        self._attachments = Attachments(self.model, self.runtime.exchange)
+
+    def energy(self) -> dict[str, float]:
+        """J by term: stretch_u, stretch_v, shear, bend, gravity (those there are) and kinetic."""
+        self._live().model.save()
+        return self.meter.measure().energies
+
+    def forces(self) -> np.ndarray:
+        """(n, 3) [N] internal plus external, at the current state."""
+        self._live()._set_wind(self.time)
+        if self._force_field is None:
+            self._force_field = self._later(ForceField)
+        self._force_field.compute()
+        return self.model.to_user(self._force_field.f.to_numpy())
+
+    def stretch(self) -> np.ndarray:
+        """(m, 2) principal stretches of every triangle, the larger first; 1 is the pattern's size."""
+        x = self.positions()
+        out = []
+        for cloth in self.scene.cloths:
+            t = triangles(cloth.mesh)
+            corner = x[cloth.start:][t.vertices]
+            edges = np.stack([corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]], axis=2)
+            out.append(np.linalg.svd(edges @ t.inverse, compute_uv=False))
+        return np.concatenate(out)
+
+    # the linear system at the current state, for checks from outside
+
+    def product(self, p: ArrayLike, h: float) -> np.ndarray:
+        """(n, 3) (M - h D - h^2 K) p for p (n, 3)."""
+        p = np.asarray(p, dtype=np.float64)
+        if p.shape != (self.vertex_count, 3):
+            raise SceneError(f"product: p needs shape ({self.vertex_count}, 3), not {p.shape}")
+        method = self._linearized(h)
+        if self._probe is None:
+            self._probe = self._later(Probe, method.operator)
+        return self.model.to_user(self._probe.product(self.model.to_particles(p)))
+
+    def right_hand_side(self, h: float) -> np.ndarray:
+        """(n, 3) h (f_0 + h K v_0) [kg m/s]."""
+        return self.model.to_user(self._linearized(h).operator.b.to_numpy())
+
+    def solve(self, h: float, constraints: Sequence[Constraint] | None = None) -> np.ndarray:
+        """(n, 3) Delta v [m/s] of eq. (18) at the current state, without advancing.
+
+        Args:
+            h: step size [s].
+            constraints: the scene's own pins and motions where None.
+
+        Raises:
+            SimulationError: where the solve does not converge, with its status.
+        """
+        if constraints is None:
+            held = self._held_at(self.time + h)
+            solution = self._linearized(h).solve(held, h)
+        else:
+            held, z, y = by_hand(constraints, self.model, self.runtime.exchange)
+            solution = self._linearized(h, held, y).solve(held, z=z)
+        self._solved_h, self.solution = h, solution
+        if solution.status != CONVERGED:
+            raise SimulationError(f"the solve ended with {solution.status} after {solution.iterations} iterations at a "
+                                  f"relative residual of {solution.residual:.2g}: {ADVICE[SOLVER]}", SOLVER, self.time)
+        return self.model.to_user(self.integrator.solver.dv.to_numpy())
+
+    def constraint_forces(self) -> np.ndarray:
+        """(n, 3) [N] of the constraints in the last step or solve, (A dv - b)/h; 0 in free directions."""
+        method = self._implicit()
+        if self._solved_h is None:
+            return np.zeros((self.vertex_count, 3))
+        return self.model.to_user(method.reaction()) / self._solved_h
+
+    # running
+
+    def step(self, h: float | None = None) -> StepRecord:
+        """Advances by h [s] (the simulation's own where None), in one step if it passes, else in smaller ones.
+
+        Returns:
+            the record of the last of them.
+
+        Raises:
+            SimulationError: where no step passes.
+        """
+        h = self.control.h_max if h is None else h
+        _check_positive("h", h)
+        return self._advance_to(self.time + h)
+
+    def run(self, duration: float, fps: float, on_frame: Callable[["Simulation", int], None] | None = None) -> None:
+        """Runs for `duration` [s] and calls on_frame(simulation, frame) at the start and at every frame's time.
+
+        Frames are hit exactly; steps between them are equal where nothing goes wrong.
+        """
+        for name, value in (("duration", duration), ("fps", fps)):
+            _check_positive(name, value)
+        start, frames = self.time, max(1, round(duration * fps))
+        for frame in range(frames + 1):
+            if frame:
+                self._advance_to(start + frame / fps)
+            if on_frame is not None:
+                on_frame(self, frame)
+
+    def close(self) -> None:
+        """Gives the memory of the fields back; the simulation is over."""
+        if self._open and self._generation == runtime.generation():
+            for fields in (self._fields, *self._extra):
+                fields.free()
+        self._open = False
+
+    def _advance_to(self, end: float) -> StepRecord:
+        self._live()
+        record = None
+        while end - self.time > ROUND_TIME * self.control.h_max or record is None:
+            self._fire_events()
+            stop = min([end, *(e.time for e in self._script.events[:1])])
+            remaining = stop - self.time
+            h = min(self.control.h_max, self.stepper.h) if self.control.adaptive else self.control.h_max
+            steps = max(1, math.ceil(remaining / h - ROUND_TIME)) if remaining > h else 1
+            record = self.stepper.step(self.time, remaining / steps, self._held_at)
+            self.time = stop if steps == 1 and abs(record.t - stop) <= ROUND_TIME * record.h else record.t
+            record.t = self.time
+            self._solved_h = record.h
+            self.log.append(record)
+        self._fire_events()
+        return record
+
+    def _fire_events(self) -> None:
+        while self._script.events and self._script.events[0].time <= self.time + ROUND_TIME * self.control.h_max:
+            event = self._script.events.pop(0)
+            with self.scene.running(self._script):
+                self.scene.fire(event)
+            self._script.events.sort(key=lambda e: e.time)
+
+    def _held_at(self, t: float) -> Held | None:
+        """Constraints at time t; also sets the wind there."""
+        self._set_wind(t)
+        self._attachments.update(self._script.attachments, self.positions)
+        return self._attachments.at(self._script.attachments, t)
+
+    def _set_wind(self, t: float) -> None:
+        if self._drag is not None:
+            self._drag.set_wind(*map(float, self.scene.air.wind_at(t)))  # type: ignore[union-attr]
+
+    def _linearized(self, h: float, held: Held | None = None, y: np.ndarray | None = None):
+        """The implicit integrator, linearized at the current state for a step h, with y on the held particles."""
+        _check_positive("h", h)
+        method = self._implicit()
+        self._set_wind(self.time + h)
+        self.model.save()
+        method.operator.set_motion(h)
+        if held is not None and y is not None:
+            method.operator.alter_motion(held.index, y)
+        method.operator.linearize(h)
+        return method
+
+    def _implicit(self):
+        self._live()
+        if self.integrator.operator is None:
+            raise SceneError(f"integrator {self.integrator_name!r} solves no system: this needs 'backward_euler'")
+        return self.integrator
+
+    def _later(self, kind, *args):
+        """An object with fields of its own, for what most runs never ask for."""
+        fields = Fields(self.runtime.exchange)
+        made = kind(fields, self.model, self._forces, *args)
+        fields.allocate()
+        self._extra.append(fields)
+        return made
+
+    def _live(self) -> "Simulation":
+        if not self._open:
+            raise BackendError("this simulation was closed")
+        if self._generation != runtime.generation():
+            raise BackendError("this simulation ended when another was started with a different arch, precision or "
+                               "number of threads: use one of them at a time")
+        return self
+
+
+@ti.data_oriented
+class Probe:
+    """q = A p for a p from outside."""
+
+    def __init__(self, fields: Fields, model: Model, forces: list, operator: Operator) -> None:
+        self.operator, self.blocks = operator, model.blocks
+        self.p, self.q = fields.real(model.n, 3), fields.real(model.n, 3)
+
+    def product(self, p: np.ndarray) -> np.ndarray:
+        """(n, 3) A p, in particle order."""
+        self.p.from_numpy(p)
+        self.apply()
+        return self.q.to_numpy()
+
+    @ti.kernel
+    def apply(self):
+        """q = A p."""
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                self.operator.product(t // self.blocks.grain, self.p, self.q)
+
+
+def _check_positive(name: str, value: float) -> None:
+    try:
+        good = math.isfinite(value) and value > 0
+    except TypeError:
+        good = False
+    if not good:
+        raise SceneError(f"{name} = {value!r}: must be a positive number")

@@ -1,0 +1,189 @@
+"""Preconditioned conjugate gradients with the filter of [BW98 §5.3], one launch an iteration.
+
+Differs from [BW98 §5.2]: the filter S is folded into the preconditioner, (S P S)^-1 on the free directions, so
+that no vector needs filtering and a constrained component never leaves z by more than rounding; the recurrences
+are those of Chronopoulos and Gear, one pass for the product and one for all updates; the stop is on the
+filtered residual of b - A z; breakdown (c^T A c <= 0 or r^T P^-1 r < 0) is detected, not divided through; and the
+residual of the answer is computed afresh, with restarts while it is not what the recurrence says.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import taichi as ti
+
+from ..fields import Fields
+from ..operator import Operator
+from ..runtime import Runtime
+from .preconditioner import BlockJacobi
+
+CONVERGED, MAX_ITERATIONS, BREAKDOWN, NOT_FINITE = "CONVERGED", "MAX_ITERATIONS", "BREAKDOWN", "NOT_FINITE"
+GO_ON, DONE, BROKEN, BAD = range(4)
+RESTARTS = 5
+SLACK = 2.0  # a fresh residual within this factor of the tolerance counts as converged
+
+
+@dataclass(frozen=True)
+class Solution:
+    """How a solve ended.
+
+    Attributes:
+        status: CONVERGED, MAX_ITERATIONS, BREAKDOWN or NOT_FINITE.
+        iterations: over all restarts.
+        residual: of the answer, computed afresh, relative to that of Delta v = z; filtered, in the norm of P^-1.
+        tolerance: what `residual` was held against; above `cg_tol` only where rounding allows no less.
+    """
+
+    status: str
+    iterations: int
+    residual: float
+    tolerance: float
+
+
+@ti.data_oriented
+class PCG:
+    """Solves A dv = b with dv = z in the constrained directions.
+
+    Args:
+        max_iterations: of one solve.
+    """
+
+    def __init__(self, fields: Fields, operator: Operator, preconditioner: BlockJacobi, runtime: Runtime,
+                 max_iterations: int) -> None:
+        n = operator.model.n
+        self.operator, self.preconditioner, self.blocks = operator, preconditioner, operator.blocks
+        self.max_iterations, self.epsilon = max_iterations, runtime.epsilon
+        self.sum_type = ti.f32 if runtime.sums == "f32" else ti.f64
+        self.dv, self.r, self.s = fields.real(n, 3), fields.real(n, 3), fields.real(n, 3)  # s = P^-1 r
+        self.c, self.Ac, self.As = fields.real(n, 3), fields.real(n, 3), fields.real(n, 3)
+        self.partial = fields.real(self.blocks.count, 3, dtype=self.sum_type)
+        # r.s now, r.s before, alpha before, |dv|_P^2
+        self.scalar = fields.real(4, dtype=self.sum_type)
+        self.history = fields.real(max_iterations + 1, dtype=self.sum_type)
+        self.last = 0
+
+    def solve(self, tolerance: float) -> Solution:
+        """From dv = z (already in place) to dv; the residual A dv - b is left in -r."""
+        first = self._restart()
+        status, done, norm, floor = CONVERGED, 0, first, 0.0
+        for _ in range(RESTARTS):
+            if not np.isfinite(norm):
+                return Solution(NOT_FINITE, done, float("nan"), tolerance)
+            floor = max(tolerance, 8 * self.epsilon * self._size() / first) if first > 0 else tolerance
+            if norm <= SLACK * floor * first:
+                break
+            before = norm
+            status, done = self._iterate(tolerance * first, done)
+            norm = self._restart()
+            if status != CONVERGED or norm > before / 2:
+                break
+        floor = max(tolerance, 8 * self.epsilon * self._size() / first) if first > 0 else tolerance
+        self.last = done
+        if not np.isfinite(norm):
+            status = NOT_FINITE
+        elif norm <= SLACK * floor * first:
+            status = CONVERGED
+        elif status == CONVERGED:
+            status = MAX_ITERATIONS  # the recurrence says so, the answer does not
+        return Solution(status, done, norm / first if first > 0 else 0.0, floor)
+
+    def residual_history(self) -> np.ndarray:
+        """Filtered residual norms of the last solve, one an iteration, as the recurrence has them."""
+        return np.sqrt(np.maximum(self.history.to_numpy()[: self.last], 0))
+
+    def _iterate(self, target: float, done: int) -> tuple[str, int]:
+        while done < self.max_iterations:
+            state = self._step(target * target, done)
+            done += 1
+            if state != GO_ON:
+                return {DONE: CONVERGED, BROKEN: BREAKDOWN, BAD: NOT_FINITE}[state], done
+        return MAX_ITERATIONS, done
+
+    def _restart(self) -> float:
+        """Residual norm of dv, computed afresh."""
+        self._residual()
+        value = self.scalar[0]
+        return float(np.sqrt(value)) if value >= 0 else float("nan")
+
+    def _size(self) -> float:
+        return float(np.sqrt(max(self.scalar[3], 0)))
+
+    @ti.kernel
+    def _residual(self):
+        """r = b - A dv, s = P^-1 r, r.s"""
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                block = t // self.blocks.grain
+                self.operator.product(block, self.dv, self.As)
+                rs, size = ti.cast(0, self.sum_type), ti.cast(0, self.sum_type)
+                for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+                    r = self.operator.b[i] - self.As[i]
+                    s = self.preconditioner.apply(i, r)
+                    self.r[i], self.s[i] = r, s
+                    self.c[i], self.Ac[i] = ti.Vector.zero(float, 3), ti.Vector.zero(float, 3)
+                    rs += r.dot(s)
+                    size += self.preconditioner.norm_sqr(i, self.dv[i])
+                self.partial[block] = ti.Vector([rs, size, 0 * rs])
+        rs, size = ti.cast(0, self.sum_type), ti.cast(0, self.sum_type)
+        for block in range(self.blocks.count):
+            rs += self.partial[block][0]
+            size += self.partial[block][1]
+        self.scalar[0], self.scalar[3] = rs, size
+        self.scalar[1], self.scalar[2] = 0, 1
+
+    @ti.kernel
+    def _step(self, target: float, iteration: int) -> int:
+        """One iteration; says how it went."""
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                block = t // self.blocks.grain
+                self.operator.product(block, self.s, self.As)
+                sAs = ti.cast(0, self.sum_type)
+                for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+                    sAs += self.s[i].dot(self.As[i])
+                self.partial[block][0] = sAs
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                block = t // self.blocks.grain
+                alpha, beta, cAc = self.coefficients()
+                a, b = ti.cast(alpha, float), ti.cast(beta, float)
+                rs = ti.cast(0, self.sum_type)
+                for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+                    self.c[i] = self.s[i] + b * self.c[i]
+                    self.Ac[i] = self.As[i] + b * self.Ac[i]
+                    self.dv[i] += a * self.c[i]
+                    r = self.r[i] - a * self.Ac[i]
+                    s = self.preconditioner.apply(i, r)
+                    self.r[i], self.s[i] = r, s
+                    rs += r.dot(s)
+                self.partial[block][1] = rs
+        alpha, beta, cAc = self.coefficients()
+        rs = ti.cast(0, self.sum_type)
+        for block in range(self.blocks.count):
+            rs += self.partial[block][1]
+        self.scalar[1], self.scalar[2], self.scalar[0] = self.scalar[0], alpha, rs
+        self.history[iteration] = rs
+        state = GO_ON
+        if rs <= target:
+            state = DONE
+        if cAc <= 0 or rs < 0:
+            state = BROKEN
+        if not (rs * 0 == 0 and cAc * 0 == 0):
+            state = BAD
+        return state
+
+    @ti.func
+    def coefficients(self):
+        """alpha, beta and c^T A c of this iteration, from the sums of the blocks."""
+        sAs = ti.cast(0, self.sum_type)
+        for block in range(self.blocks.count):
+            sAs += self.partial[block][0]
+        rs, before, alpha_before = self.scalar[0], self.scalar[1], self.scalar[2]
+        beta = ti.cast(0, self.sum_type)
+        if before > 0:
+            beta = rs / before
+        cAc = sAs - beta * rs / alpha_before
+        alpha = ti.cast(0, self.sum_type)
+        if cAc > 0:
+            alpha = rs / cAc
+        return alpha, beta, cAc

@@ -1,0 +1,139 @@
+"""Step size control: proposes h, judges attempts, rolls back. [BW98 §6]"""
+
+from dataclasses import dataclass, field
+
+from .errors import SimulationError
+from .integrators import ENERGY, NOT_FINITE, SOLVER, STRETCH, Attempt
+from .measure import Measures, Meter
+from .model import Model
+
+ADVICE = {
+    STRETCH: "some triangle stretches too much in one step: slow the motion down, or raise stretch_limit",
+    ENERGY: "no step lowers the incremental potential: check for collapsed or inverted cloth at the start, or allow "
+            "more solves with newton_max",
+    SOLVER: "the linear solve does not converge: raise cg_max_iterations or cg_tol, use K='projected', or precision "
+            "'f64'",
+    NOT_FINITE: "numbers overflow: a stiffness, mass or prescribed motion is out of scale; try precision 'f64'",
+}
+
+
+@dataclass(frozen=True)
+class Control:
+    """How step size follows the motion.
+
+    Attributes:
+        h_max, h_min: bounds [s].
+        adaptive: False does exactly the steps asked for and reports what went wrong in them.
+        stretch_limit: largest change of any triangle's stretch |w|/b in a step.
+        quiet_steps: accepted steps after which h doubles again.
+    """
+
+    h_max: float
+    h_min: float
+    adaptive: bool = True
+    stretch_limit: float = 0.5
+    quiet_steps: int = 4
+
+
+@dataclass
+class StepRecord:
+    """One accepted step, for the log and for telemetry.
+
+    Attributes:
+        t: time at its end [s].
+        h: size [s].
+        iterations: CG iterations of all its solves.
+        solves: number of linear solves.
+        residual: relative residual of its worst solve.
+        status: of its worst solve; "EXPLICIT" where there is none; a rejection's name in fixed-step mode.
+        rejections: name -> count, of the attempts before it.
+        energies: J by term at its end.
+        stretch: largest |w|/b.
+        seconds: wall time by part: EVAL, CG, C-C, C-S, and total, rejected attempts included.
+    """
+
+    t: float
+    h: float
+    iterations: int
+    solves: int
+    residual: float
+    status: str
+    rejections: dict[str, int]
+    energies: dict[str, float]
+    stretch: float
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+class Stepper:
+    """Takes steps with an integrator, smaller ones where they go bad."""
+
+    def __init__(self, model: Model, integrator, meter: Meter, control: Control) -> None:
+        self.model, self.integrator, self.meter, self.control = model, integrator, meter, control
+        self.h = control.h_max
+        self.quiet = 0
+        self.start: Measures | None = None  # measures of the current state; None where it was changed by hand
+
+    def step(self, t: float, h_wanted: float, held_at) -> StepRecord:
+        """One accepted step from time t, of `h_wanted` or of the control's h where that is less.
+
+        Args:
+            held_at: function of time that gives the constraints.
+
+        Raises:
+            SimulationError: no step of at least h_min passes; the model is back where it was.
+        """
+        control = self.control
+        h = min(h_wanted, self.h) if control.adaptive else h_wanted
+        rejections: dict[str, int] = {}
+        seconds: dict[str, float] = {}
+        while True:
+            self.model.save()
+            if self.start is None:
+                self.start = self.meter.measure()
+                if not self.start.finite:
+                    raise SimulationError(f"the state at t = {t:g} s is not finite", NOT_FINITE, t)
+            attempt = self.integrator.attempt(h, held_at(t + h), self.start)
+            for name, value in attempt.seconds.items():
+                seconds[name] = seconds.get(name, 0.0) + value
+            rejection = self.judge(attempt)
+            if rejection is None or (not control.adaptive and attempt.measures is not None
+                                     and attempt.measures.finite):
+                return self._accept(t, h, attempt, rejection, rejections, seconds)
+            self.model.restore()
+            rejections[rejection] = rejections.get(rejection, 0) + 1
+            if not control.adaptive or h / 2 < control.h_min:
+                raise SimulationError(self._gave_up(t, h, rejection, attempt, rejections), rejection, t)
+            h = self.h = h / 2
+            self.quiet = 0
+
+    def judge(self, attempt: Attempt) -> str | None:
+        """The name of what is wrong with an attempt, or None."""
+        if attempt.rejection is not None:
+            return attempt.rejection
+        if attempt.measures is not None and attempt.measures.stretch_change > self.control.stretch_limit:
+            return STRETCH
+        return None
+
+    def _accept(self, t: float, h: float, attempt: Attempt, rejection: str | None, rejections: dict[str, int],
+                seconds: dict[str, float]) -> StepRecord:
+        measures = attempt.measures
+        assert measures is not None
+        self.start = measures
+        self.quiet += 1
+        if self.quiet >= self.control.quiet_steps and self.h < self.control.h_max:
+            self.h, self.quiet = min(2 * self.h, self.control.h_max), 0
+        worst = max(attempt.solutions, key=lambda s: s.residual, default=None)
+        status = rejection or (worst.status if worst else "EXPLICIT")
+        if rejection == SOLVER:
+            status = attempt.detail
+        return StepRecord(t + h, h, sum(s.iterations for s in attempt.solutions), len(attempt.solutions),
+                          worst.residual if worst else 0.0, status, rejections, measures.energies, measures.stretch,
+                          seconds)
+
+    def _gave_up(self, t: float, h: float, rejection: str, attempt: Attempt, rejections: dict[str, int]) -> str:
+        detail = f" ({attempt.detail})" if attempt.detail else ""
+        if not self.control.adaptive:
+            return f"step of {h:g} s from t = {t:g} s failed with {rejection}{detail}: {ADVICE[rejection]}"
+        counts = ", ".join(f"{name} {count}" for name, count in rejections.items())
+        return (f"gave up at t = {t:g} s: no step of at least h_min = {self.control.h_min:g} s passes; last rejection "
+                f"{rejection}{detail} at h = {h:g} s, in all {counts}. {ADVICE[rejection]}")
