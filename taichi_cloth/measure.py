@@ -51,7 +51,7 @@ class Meter:
         for force in forces:
             self.base.append(column)
             column += len(force.energies) + 1
-        self.column = column  # of kinetic energy; then change, stretch, its change, count of bad rows
+        self.column = column  # of kinetic energy; then change, stretch, its change, a sum over x and v
         self.stretched = [f for f in forces if hasattr(f, "largest_stretch")]
         self._report = np.zeros((self.blocks.count, column + 5), dtype=runtime.exchange)
 
@@ -66,7 +66,7 @@ class Meter:
             dissipation += float(sums[base + len(force.energies)])
         c = self.column
         energies["kinetic"] = float(sums[c])
-        finite = bool(sums[c + 4] == 0 and np.isfinite(sums).all())
+        finite = bool(np.isfinite(sums).all())
         return Measures(energies, dissipation, float(sums[c + 1]), float(peaks[c + 2]), float(peaks[c + 3]), finite)
 
     @ti.kernel
@@ -86,16 +86,14 @@ class Meter:
 
     @ti.func
     def measure_rows(self, block, report: ti.template()):
-        """Kinetic energy, change and count of rows that are not finite."""
+        """Kinetic energy, change, and a sum that is finite if x and v are."""
         kinetic, change = ti.cast(0, self.sum_type), ti.cast(0, self.sum_type)
-        bad = 0
+        total = ti.cast(0, self.sum_type)
         for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
             v, m = self.model.v[i], self.model.m[i]
             kinetic += 0.5 * m * v.norm_sqr()
             change += 0.5 * m * (v - self.model.v_saved[i]).norm_sqr()
-            total = v.sum() + self.model.x[i].sum()
-            if not (total - total == 0):
-                bad += 1
+            total += v.sum() + self.model.x[i].sum()
         report[block, self.column] = kinetic
         report[block, self.column + 1] = change
-        report[block, self.column + 4] = bad
+        report[block, self.column + 4] = total

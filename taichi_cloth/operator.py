@@ -36,8 +36,8 @@ class Operator:
     def alter_motion(self, index: ti.types.ndarray(), y: ti.types.ndarray()):
         """motion += y on particles index[k]"""
         for k in range(index.shape[0]):
-            for c in ti.static(range(3)):
-                self.motion[index[k]][c] += ti.cast(y[k, c], float)
+            i = index[k]
+            self.motion[i] += ti.Vector([ti.cast(y[k, 0], float), ti.cast(y[k, 1], float), ti.cast(y[k, 2], float)])
 
     @ti.kernel
     def linearize(self, c: float):

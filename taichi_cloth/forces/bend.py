@@ -14,8 +14,7 @@ from ..fabric import pair
 from ..fields import Fields
 from ..model import Elements, Model
 from ..scene import Scene
-from .conditions import hinge_angle, hinge_gradient, hinge_gradient_change
-from .membrane import sym
+from .conditions import hinge_angle, hinge_gradient, hinge_gradient_change, sym, sym_outer
 
 COLLAPSED = 1e-3  # part of its rest area below which a triangle's area does not count
 
@@ -149,10 +148,10 @@ class Bend:
         else:
             g_e, g_a, g_b = self.gradient(e)
             g_0 = g_e + g_a + g_b
-            self.model.blocks.add(P, v[0], sym(g_0.outer_product(g_0)), lo, hi)
-            self.model.blocks.add(P, v[1], sym(g_e.outer_product(g_e)), lo, hi)
-            self.model.blocks.add(P, v[2], sym(g_a.outer_product(g_a)), lo, hi)
-            self.model.blocks.add(P, v[3], sym(g_b.outer_product(g_b)), lo, hi)
+            self.model.blocks.add(P, v[0], sym_outer(g_0), lo, hi)
+            self.model.blocks.add(P, v[1], sym_outer(g_e), lo, hi)
+            self.model.blocks.add(P, v[2], sym_outer(g_a), lo, hi)
+            self.model.blocks.add(P, v[3], sym_outer(g_b), lo, hi)
 
     @ti.func
     def gradient(self, e):

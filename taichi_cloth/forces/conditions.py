@@ -24,26 +24,55 @@ def unit(w):
 
 
 @ti.func
+def sym(m):
+    """The 6 numbers xx, xy, xz, yy, yz, zz of a symmetric 3x3 matrix."""
+    return ti.Vector([m[0, 0], m[0, 1], m[0, 2], m[1, 1], m[1, 2], m[2, 2]])
+
+
+@ti.func
+def sym_outer(a):
+    """a a^T as 6 numbers."""
+    return ti.Vector([a[0] * a[0], a[0] * a[1], a[0] * a[2], a[1] * a[1], a[1] * a[2], a[2] * a[2]])
+
+
+@ti.func
+def sym_scaled_identity(s):
+    """s I as 6 numbers."""
+    return ti.Vector([s, 0.0, 0.0, s, 0.0, s])
+
+
+@ti.func
+def sym_times(m, x):
+    """Product of a symmetric 3x3 matrix, given by its 6 numbers, with a vector."""
+    return ti.Vector([m[0] * x[0] + m[1] * x[1] + m[2] * x[2],
+                      m[1] * x[0] + m[3] * x[1] + m[4] * x[2],
+                      m[2] * x[0] + m[4] * x[1] + m[5] * x[2]])
+
+
+@ti.func
+def sym_unpack(s):
+    """The symmetric 3x3 matrix of 6 numbers."""
+    return ti.Matrix([[s[0], s[1], s[2]], [s[1], s[3], s[4]], [s[2], s[4], s[5]]])
+
+
+@ti.func
 def stretch_stiffness(w, k, b, mode: ti.template()):
-    """d2/dw2 of k/2 (|w| - b)^2."""
-    n = unit(w)
-    H = k * n.outer_product(n)
+    """d2/dw2 of k/2 (|w| - b)^2, 6 numbers."""
+    length = w.norm()
+    transverse = k * 0
     if ti.static(mode != "gauss_newton"):
-        length = w.norm()
-        transverse = k * (1 - b / ti.max(length, TINY))
+        if length > TINY:
+            transverse = k * (1 - b / length)
         if ti.static(mode == "projected"):
             transverse = ti.max(transverse, 0)
-        if length <= TINY:
-            transverse *= 0
-        H += transverse * (ti.Matrix.identity(float, 3) - n.outer_product(n))
-    return H
+    return (k - transverse) * sym_outer(unit(w)) + sym_scaled_identity(transverse)
 
 
 @ti.func
 def shear_stiffness(w_u, w_v, k, mode: ti.template()):
-    """d2/d(w_u, w_v)2 of k/2 (w_u . w_v)^2 as the blocks uu, uv, vv."""
+    """d2/d(w_u, w_v)2 of k/2 (w_u . w_v)^2 as uu (6 numbers), uv (3x3), vv (6 numbers)."""
     C = w_u.dot(w_v)
-    uu, uv, vv = k * w_v.outer_product(w_v), k * w_v.outer_product(w_u), k * w_u.outer_product(w_u)
+    uu, uv, vv = k * sym_outer(w_v), k * w_v.outer_product(w_u), k * sym_outer(w_u)
     if ti.static(mode == "paper"):
         uv += k * C * ti.Matrix.identity(float, 3)
     if ti.static(mode == "projected"):
@@ -53,17 +82,18 @@ def shear_stiffness(w_u, w_v, k, mode: ti.template()):
         total = w_u.norm_sqr() + w_v.norm_sqr()
         top = 0.5 * (total + ti.sqrt(total * total + 12 * C * C))
         along, against = top + C - s_m * s_m, s_p * s_m
+        # the eigenvalues left: C twice on (t, t), -C twice on (t, -t), t normal to n_p or n_m
+        t, sign = n_p, 1.0
         if C < 0:
             along, against = s_p * s_m, top - C - s_p * s_p
+            t, sign = n_m, -1.0
         size = ti.max(ti.sqrt(along * along + against * against), TINY)
-        e_u = (along * n_p + against * n_m) / size
-        e_v = (along * n_p - against * n_m) / size
-        eye = ti.Matrix.identity(float, 3)
-        same = 0.5 * k * ti.max(C, 0) * (eye - n_p.outer_product(n_p))
-        opposite = 0.5 * k * ti.max(-C, 0) * (eye - n_m.outer_product(n_m))
-        uu = 0.5 * k * top * e_u.outer_product(e_u) + same + opposite
-        uv = 0.5 * k * top * e_u.outer_product(e_v) + same - opposite
-        vv = 0.5 * k * top * e_v.outer_product(e_v) + same + opposite
+        e_u, e_v = (along * n_p + against * n_m) / size, (along * n_p - against * n_m) / size
+        rest = 0.5 * k * ti.abs(C) * (sym_scaled_identity(1.0) - sym_outer(t))
+        top *= 0.5 * k
+        uu = top * sym_outer(e_u) + rest
+        uv = top * e_u.outer_product(e_v) + sign * sym_unpack(rest)
+        vv = top * sym_outer(e_v) + rest
     return uu, uv, vv
 
 

@@ -6,7 +6,7 @@ import taichi as ti
 from ..fields import Fields
 from ..model import Elements, Model
 from ..scene import Scene
-from .membrane import sym
+from .conditions import sym_outer, sym_scaled_identity, sym_times
 
 
 @ti.data_oriented
@@ -81,14 +81,13 @@ class Drag:
 
     @ti.func
     def coefficient(self, e):
-        """A B: area times the drag tensor."""
+        """A B: area times the drag tensor, 6 numbers."""
         v = self.elements.vertices[e]
         x = ti.static(self.model.x)
         twice = (x[v[1]] - x[v[0]]).cross(x[v[2]] - x[v[0]])
         area = 0.5 * twice.norm()
         n = twice / ti.max(2 * area, 1e-30)
-        nn = n.outer_product(n)
-        return area * (self.tangential * ti.Matrix.identity(float, 3) + (self.normal - self.tangential) * nn)
+        return sym_scaled_identity(area * self.tangential) + area * (self.normal - self.tangential) * sym_outer(n)
 
     @ti.func
     def slip(self, e):
@@ -108,7 +107,7 @@ class Drag:
         """f += drag"""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
-            self.scatter(e, -(self.coefficient(e) @ self.slip(e)) / 3, f, lo, hi)
+            self.scatter(e, -sym_times(self.coefficient(e), self.slip(e)) / 3, f, lo, hi)
 
     @ti.func
     def linearize(self, block, c, motion: ti.template(), b: ti.template(), P: ti.template()):
@@ -116,10 +115,9 @@ class Drag:
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
             B = self.coefficient(e)
-            self.scatter(e, -c * (B @ self.slip(e)) / 3, b, lo, hi)
-            A = sym(c * B / 9)
-            self.A[e] = A
-            self.scatter(e, A, P, lo, hi)
+            self.scatter(e, -c * sym_times(B, self.slip(e)) / 3, b, lo, hi)
+            self.A[e] = c * B / 9
+            self.scatter(e, c * B / 9, P, lo, hi)
 
     @ti.func
     def add_product(self, block, p: ti.template(), q: ti.template()):
@@ -137,13 +135,6 @@ class Drag:
             if self.elements.primary[e] == 1:
                 wind = self.wind[0]
                 u = self.slip(e)
-                total += 0.5 * (u + wind).dot(self.coefficient(e) @ (u - wind))
+                total += 0.5 * (u + wind).dot(sym_times(self.coefficient(e), u - wind))
         report[block, base] = total
 
-
-@ti.func
-def sym_times(m, x):
-    """Product of a symmetric 3x3 matrix, given by its 6 numbers, with a vector."""
-    return ti.Vector([m[0] * x[0] + m[1] * x[1] + m[2] * x[2],
-                      m[1] * x[0] + m[3] * x[1] + m[4] * x[2],
-                      m[2] * x[0] + m[4] * x[1] + m[5] * x[2]])

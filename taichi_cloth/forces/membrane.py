@@ -12,7 +12,7 @@ from ..fabric import pair
 from ..fields import Fields
 from ..model import Elements, Model
 from ..scene import Scene
-from .conditions import shear_stiffness, stretch_stiffness, unit
+from .conditions import shear_stiffness, stretch_stiffness, sym, sym_outer, sym_times, sym_unpack, unit
 
 # columns of the table of materials
 K_U, K_V, K_S, D_U, D_V, D_S, B_U, B_V = range(8)
@@ -88,26 +88,22 @@ class Membrane:
 
     @ti.func
     def stiffness(self, e, w_u, w_v):
-        """Per area, blocks uu, uv, vv of -K in (w_u, w_v)."""
+        """Per area, blocks uu (6 numbers), uv (3x3), vv (6) of -K in (w_u, w_v)."""
         k = self.table[self.material[e]]
-        uu, uv, vv = ti.Matrix.zero(float, 3, 3), ti.Matrix.zero(float, 3, 3), ti.Matrix.zero(float, 3, 3)
+        uu, uv, vv = ti.Vector.zero(float, 6), ti.Matrix.zero(float, 3, 3), ti.Vector.zero(float, 6)
+        if ti.static(self.shears):
+            uu, uv, vv = shear_stiffness(w_u, w_v, k[K_S], self.mode)
         if ti.static(self.stretches):
             uu += stretch_stiffness(w_u, k[K_U], k[B_U], self.mode)
             vv += stretch_stiffness(w_v, k[K_V], k[B_V], self.mode)
-        if ti.static(self.shears):
-            s_uu, s_uv, s_vv = shear_stiffness(w_u, w_v, k[K_S], self.mode)
-            uu += s_uu
-            uv += s_uv
-            vv += s_vv
         return uu, uv, vv
 
     @ti.func
     def damping(self, e, w_u, w_v):
         """Per area, blocks uu, uv, vv of -D in (w_u, w_v): k_d dC dC^T (12)."""
         k = self.table[self.material[e]]
-        n_u, n_v = unit(w_u), unit(w_v)
-        uu = k[D_U] * n_u.outer_product(n_u) + k[D_S] * w_v.outer_product(w_v)
-        vv = k[D_V] * n_v.outer_product(n_v) + k[D_S] * w_u.outer_product(w_u)
+        uu = k[D_U] * sym_outer(unit(w_u)) + k[D_S] * sym_outer(w_v)
+        vv = k[D_V] * sym_outer(unit(w_v)) + k[D_S] * sym_outer(w_u)
         return uu, k[D_S] * w_v.outer_product(w_u), vv
 
     @ti.func
@@ -130,8 +126,8 @@ class Membrane:
             m_u, m_v = self.spread(e, motion)
             g_u, g_v = self.gradient(e, w_u, w_v, v_u, v_v)
             uu, uv, vv = self.stiffness(e, w_u, w_v)
-            g_u += uu @ m_u + uv @ m_v
-            g_v += uv.transpose() @ m_u + vv @ m_v
+            g_u += sym_times(uu, m_u) + uv @ m_v
+            g_v += uv.transpose() @ m_u + sym_times(vv, m_v)
             scale = c * self.area[e]
             self.scatter(e, -scale * g_u, -scale * g_v, b, lo, hi)
             uu, uv, vv = c * scale * uu, c * scale * uv, c * scale * vv
@@ -146,21 +142,19 @@ class Membrane:
     def store(self, e, uu, uv, vv, P: ti.template(), lo, hi):
         """The blocks in (w_u, w_v) as blocks in the two edges: 11, 12, 22."""
         i = self.inverse[e]
-        cross = uv + uv.transpose()
-        e_11 = i[0] * i[0] * uu + i[0] * i[1] * cross + i[1] * i[1] * vv
-        e_22 = i[2] * i[2] * uu + i[2] * i[3] * cross + i[3] * i[3] * vv
-        e_12 = i[0] * i[2] * uu + i[0] * i[3] * uv + i[1] * i[2] * uv.transpose() + i[1] * i[3] * vv
-        for a in ti.static(range(3)):
-            for b in ti.static(range(3)):
-                self.A[e][6 + 3 * a + b] = e_12[a, b]
-        vertices = self.elements.vertices[e]
-        p_1, p_2, p_0 = sym(e_11), sym(e_22), sym(e_11 + e_22 + e_12 + e_12.transpose())
+        both = sym(uv + uv.transpose())
+        e_11 = i[0] * i[0] * uu + i[0] * i[1] * both + i[1] * i[1] * vv
+        e_22 = i[2] * i[2] * uu + i[2] * i[3] * both + i[3] * i[3] * vv
+        e_12 = i[0] * i[3] * uv + i[1] * i[2] * uv.transpose() + sym_unpack(i[0] * i[2] * uu + i[1] * i[3] * vv)
         for a in ti.static(range(6)):
-            self.A[e][a] = p_1[a]
-            self.A[e][15 + a] = p_2[a]
-        self.model.blocks.add(P, vertices[0], p_0, lo, hi)
-        self.model.blocks.add(P, vertices[1], p_1, lo, hi)
-        self.model.blocks.add(P, vertices[2], p_2, lo, hi)
+            self.A[e][a] = e_11[a]
+            self.A[e][15 + a] = e_22[a]
+        for a, b in ti.static(ti.ndrange(3, 3)):
+            self.A[e][6 + 3 * a + b] = e_12[a, b]
+        vertices = self.elements.vertices[e]
+        self.model.blocks.add(P, vertices[0], e_11 + e_22 + sym(e_12 + e_12.transpose()), lo, hi)
+        self.model.blocks.add(P, vertices[1], e_11, lo, hi)
+        self.model.blocks.add(P, vertices[2], e_22, lo, hi)
 
     @ti.func
     def add_product(self, block, p: ti.template(), q: ti.template()):
@@ -205,7 +199,7 @@ class Membrane:
             report[block, base + 1] = sums[1]
         if ti.static(self.shears):
             report[block, base + 2 * self.stretches] = sums[2]
-        report[block, base + len(self.energies)] = sums[3]
+        report[block, base + 2 * self.stretches + self.shears] = sums[3]
 
     @ti.func
     def largest_stretch(self, block):
@@ -219,12 +213,6 @@ class Membrane:
             largest = ti.max(largest, ti.max(u, v))
             change = ti.max(change, ti.max(ti.abs(u - o_u.norm() / k[B_U]), ti.abs(v - o_v.norm() / k[B_V])))
         return largest, change
-
-
-@ti.func
-def sym(m):
-    """The 6 numbers xx, xy, xz, yy, yz, zz of a symmetric 3x3 matrix."""
-    return ti.Vector([m[0, 0], m[0, 1], m[0, 2], m[1, 1], m[1, 2], m[2, 2]])
 
 
 def _row(fabric) -> list[float]:

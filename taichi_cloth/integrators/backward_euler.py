@@ -88,7 +88,7 @@ class BackwardEuler:
         impulse = np.zeros((self.model.n, 3))
         if self.held is not None:
             index = self.held.index
-            rows = -self.solver.r.to_numpy()[index].astype(np.float64)
+            rows = (self.solver.As.to_numpy() - self.operator.b.to_numpy())[index].astype(np.float64)
             impulse[index] = np.einsum("kij,kj->ki", self.held.projector.astype(np.float64), rows)
         return impulse
 
@@ -150,7 +150,7 @@ class BackwardEuler:
         total = ti.cast(0, self.solver.sum_type)
         for _ in range(1):
             for i in range(self.model.n):
-                total -= self.solver.r[i].dot(self.model.v[i])
+                total += (self.solver.As[i] - self.operator.b[i]).dot(self.model.v[i])
         return total
 
 

@@ -1,8 +1,8 @@
 """Preconditioned conjugate gradients with the filter of [BW98 §5.3], one launch an iteration.
 
-Differs from [BW98 §5.2]: the filter S is folded into the preconditioner, (S P S)^-1 on the free directions, so
-that no vector needs filtering and a constrained component never leaves z by more than rounding; the recurrences
-are those of Chronopoulos and Gear, one pass for the product and one for all updates; the stop is on the
+Differs from [BW98 §5.2]: the preconditioner is the inverse of S P S on the free directions, and r and s are
+filtered where they are made, so that a constrained component never leaves z by more than rounding; the
+recurrences are those of Chronopoulos and Gear, one pass for the product and one for all updates; the stop is on the
 filtered residual of b - A z; breakdown (c^T A c <= 0 or r^T P^-1 r < 0) is detected, not divided through; and the
 residual of the answer is computed afresh, with restarts while it is not what the recurrence says.
 """
@@ -63,7 +63,7 @@ class PCG:
         self.last = 0
 
     def solve(self, tolerance: float) -> Solution:
-        """From dv = z (already in place) to dv; the residual A dv - b is left in -r."""
+        """From dv = z (already in place) to dv; A dv is left in As."""
         first = self._restart()
         status, done, norm, floor = CONVERGED, 0, first, 0.0
         for _ in range(RESTARTS):
@@ -117,19 +117,20 @@ class PCG:
                 self.operator.product(block, self.dv, self.As)
                 rs, size = ti.cast(0, self.sum_type), ti.cast(0, self.sum_type)
                 for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
-                    r = self.operator.b[i] - self.As[i]
+                    r = self.preconditioner.filter(i, self.operator.b[i] - self.As[i])
                     s = self.preconditioner.apply(i, r)
                     self.r[i], self.s[i] = r, s
                     self.c[i], self.Ac[i] = ti.Vector.zero(float, 3), ti.Vector.zero(float, 3)
                     rs += r.dot(s)
                     size += self.preconditioner.norm_sqr(i, self.dv[i])
                 self.partial[block] = ti.Vector([rs, size, 0 * rs])
-        rs, size = ti.cast(0, self.sum_type), ti.cast(0, self.sum_type)
-        for block in range(self.blocks.count):
-            rs += self.partial[block][0]
-            size += self.partial[block][1]
-        self.scalar[0], self.scalar[3] = rs, size
-        self.scalar[1], self.scalar[2] = 0, 1
+        for _ in range(1):  # a loop at the top of a kernel is a parallel one: this keeps the sum inside it serial
+            rs, size = ti.cast(0, self.sum_type), ti.cast(0, self.sum_type)
+            for block in range(self.blocks.count):
+                rs += self.partial[block][0]
+                size += self.partial[block][1]
+            self.scalar[0], self.scalar[3] = rs, size
+            self.scalar[1], self.scalar[2] = 0, 1
 
     @ti.kernel
     def _step(self, target: float, iteration: int) -> int:
@@ -152,24 +153,27 @@ class PCG:
                     self.c[i] = self.s[i] + b * self.c[i]
                     self.Ac[i] = self.As[i] + b * self.Ac[i]
                     self.dv[i] += a * self.c[i]
-                    r = self.r[i] - a * self.Ac[i]
+                    r = self.preconditioner.filter(i, self.r[i] - a * self.Ac[i])
                     s = self.preconditioner.apply(i, r)
                     self.r[i], self.s[i] = r, s
                     rs += r.dot(s)
                 self.partial[block][1] = rs
-        alpha, beta, cAc = self.coefficients()
-        rs = ti.cast(0, self.sum_type)
-        for block in range(self.blocks.count):
-            rs += self.partial[block][1]
-        self.scalar[1], self.scalar[2], self.scalar[0] = self.scalar[0], alpha, rs
-        self.history[iteration] = rs
         state = GO_ON
-        if rs <= target:
-            state = DONE
-        if cAc <= 0 or rs < 0:
-            state = BROKEN
-        if not (rs * 0 == 0 and cAc * 0 == 0):
-            state = BAD
+        for _ in range(1):
+            alpha, beta, cAc = self.coefficients()
+            rs = ti.cast(0, self.sum_type)
+            for block in range(self.blocks.count):
+                rs += self.partial[block][1]
+            self.scalar[1] = self.scalar[0]
+            self.scalar[2] = alpha
+            self.scalar[0] = rs
+            self.history[iteration] = rs
+            if rs <= target:
+                state = DONE
+            if cAc <= 0 or rs < 0:
+                state = BROKEN
+            if not (rs * 0 == 0 and cAc * 0 == 0):
+                state = BAD
         return state
 
     @ti.func

@@ -3,8 +3,7 @@
 import taichi as ti
 
 from ..fields import Fields
-from ..forces.external import sym_times
-from ..forces.membrane import sym
+from ..forces.conditions import sym, sym_times, sym_unpack
 from ..operator import Operator
 
 
@@ -14,13 +13,16 @@ class BlockJacobi:
 
     def __init__(self, fields: Fields, operator: Operator) -> None:
         self.operator = operator
-        self.inverse = fields.real(operator.model.n, 6)
+        n = operator.model.n
+        self.inverse = fields.real(n, 6)
+        self.is_held, self.S = fields.integer(n), fields.real(n, 6)
 
     @ti.kernel
     def build(self):
         """Inverts every diagonal block as if its particle were free."""
         for i in range(self.operator.model.n):
-            self.inverse[i] = sym(unpack(self.operator.P[i]).inverse())
+            self.is_held[i] = 0
+            self.inverse[i] = sym(sym_unpack(self.operator.P[i]).inverse())
 
     @ti.kernel
     def restrict(self, index: ti.types.ndarray(), held: ti.types.ndarray()):
@@ -30,27 +32,30 @@ class BlockJacobi:
             for a, b in ti.static(ti.ndrange(3, 3)):
                 C[a, b] = held[k, a, b]
             S = ti.Matrix.identity(float, 3) - C
+            self.is_held[index[k]] = 1
+            self.S[index[k]] = sym(S)
             if C.trace() > 2.5:
                 self.inverse[index[k]] = ti.Vector.zero(float, 6)
             else:
-                # S times P's scale keeps the two parts of the sum alike in size
-                scale = unpack(self.operator.P[index[k]]).trace()
-                block = S @ unpack(self.operator.P[index[k]]) @ S + scale * C
-                free = S @ block.inverse() @ S
+                # P's own scale on the held part keeps the two parts of the sum alike in size
+                P = sym_unpack(self.operator.P[index[k]])
+                free = (S @ P @ S + P.trace() * C).inverse() - C / P.trace()
                 self.inverse[index[k]] = sym(0.5 * (free + free.transpose()))
 
     @ti.func
+    def filter(self, i, r):
+        """S_i r_i [BW98 §5.3]"""
+        if self.is_held[i] == 1:
+            r = sym_times(self.S[i], r)
+        return r
+
+    @ti.func
     def apply(self, i, r):
-        """s_i = P_i^-1 r_i"""
-        return sym_times(self.inverse[i], r)
+        """s_i = S_i P_i^-1 r_i for an r that is filtered already."""
+        return self.filter(i, sym_times(self.inverse[i], r))
 
     @ti.func
     def norm_sqr(self, i, x):
         """x_i . P_i x_i"""
         return x.dot(sym_times(self.operator.P[i], x))
 
-
-@ti.func
-def unpack(s):
-    """The symmetric 3x3 matrix of 6 numbers."""
-    return ti.Matrix([[s[0], s[1], s[2]], [s[1], s[3], s[4]], [s[2], s[4], s[5]]])

@@ -1,0 +1,34 @@
+"""Shared by all tests: golden data, small scenes, a Taichi cache of its own kind."""
+
+import os
+import pathlib
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+
+
+def shared_data() -> pathlib.Path | None:
+    """A folder with validation/ and data/, from TAICHI_CLOTH_SHARED or beside the checkout; None where absent."""
+    beside = pathlib.Path(__file__).parents[2] / "shared"
+    folder = pathlib.Path(os.environ.get("TAICHI_CLOTH_SHARED", beside))
+    return folder if folder.is_dir() else None
+
+
+@pytest.fixture
+def shared() -> pathlib.Path:
+    """That folder; the test is skipped where there is none."""
+    folder = shared_data()
+    if folder is None:
+        pytest.skip("reference data absent: set TAICHI_CLOTH_SHARED to their folder")
+    return folder
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    """Random numbers, the same in every run."""
+    return np.random.default_rng(20240611)
+
+
+FULL = tc.Fabric(0.2, tc.Stretch((800, 600), (0.8, 0.6), (1.0, 0.98)), tc.Shear(200, 0.2), tc.Bend((2e-4, 3e-4), 2e-6))
