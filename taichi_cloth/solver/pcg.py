@@ -20,6 +20,7 @@ from .preconditioner import BlockJacobi
 CONVERGED, MAX_ITERATIONS, BREAKDOWN, NOT_FINITE = "CONVERGED", "MAX_ITERATIONS", "BREAKDOWN", "NOT_FINITE"
 GO_ON, DONE, BROKEN, BAD = range(4)
 RESTARTS = 5
+ROUNDING = 8.0  # roundings of A dv that a residual may have and no iteration takes away
 SLACK = 2.0  # a fresh residual within this factor of the tolerance counts as converged
 
 
@@ -64,28 +65,27 @@ class PCG:
 
     def solve(self, tolerance: float) -> Solution:
         """From dv = z (already in place) to dv; A dv is left in As."""
-        first = self._restart()
-        status, done, norm, floor = CONVERGED, 0, first, 0.0
+        first = norm = self._restart()
+        status, done = CONVERGED, 0
         for _ in range(RESTARTS):
-            if not np.isfinite(norm):
-                return Solution(NOT_FINITE, done, float("nan"), tolerance)
-            floor = max(tolerance, 8 * self.epsilon * self._size() / first) if first > 0 else tolerance
-            if norm <= SLACK * floor * first:
+            if not norm > SLACK * tolerance * first:  # also where norm is NaN
                 break
             before = norm
             status, done = self._iterate(tolerance * first, done)
             norm = self._restart()
-            if status != CONVERGED or norm > before / 2:
+            if status != CONVERGED or norm > 0.75 * before:
                 break
-        floor = max(tolerance, 8 * self.epsilon * self._size() / first) if first > 0 else tolerance
         self.last = done
         if not np.isfinite(norm):
-            status = NOT_FINITE
-        elif norm <= SLACK * floor * first:
+            return Solution(NOT_FINITE, done, float("nan"), tolerance)
+        if first == 0:
+            return Solution(CONVERGED, done, 0.0, tolerance)
+        allowed = max(tolerance, ROUNDING * self.epsilon * self._size() / first)
+        if norm <= SLACK * allowed * first:
             status = CONVERGED
         elif status == CONVERGED:
             status = MAX_ITERATIONS  # the recurrence says so, the answer does not
-        return Solution(status, done, norm / first if first > 0 else 0.0, floor)
+        return Solution(status, done, norm / first, allowed)
 
     def residual_history(self) -> np.ndarray:
         """Filtered residual norms of the last solve, one an iteration, as the recurrence has them."""

@@ -1,0 +1,1 @@
+"""Pictures, telemetry, manifests: they take arrays and know nothing of the solver."""

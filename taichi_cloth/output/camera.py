@@ -1,0 +1,68 @@
+"""Cameras as matrices. numpy only."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..view import Camera, View
+
+NEAR = 1e-3  # part of the distance to the target in front of which nothing is drawn
+DIRECTION = (0.55, 0.3, 1.0)  # from where a fitted camera looks
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A camera's position and axes.
+
+    Attributes:
+        eye: (3,) [m].
+        axes: (3, 3) rows right, up, backward.
+        focal: picture heights per unit of tangent: height/2 / tan(fov/2), in units of height.
+        near: [m].
+    """
+
+    eye: np.ndarray
+    axes: np.ndarray
+    focal: float
+    near: float
+
+    def project(self, x: np.ndarray, width: int, height: int) -> np.ndarray:
+        """(n, 3) pixel column, pixel row, 1/depth [1/m] of points (n, 3); depth is negative behind the camera."""
+        local = (x - self.eye) @ self.axes.T
+        depth = np.where(np.abs(local[:, 2]) < 1e-12, 1e-12, -local[:, 2])
+        scale = self.focal * height / depth
+        return np.column_stack([width / 2 + local[:, 0] * scale, height / 2 - local[:, 1] * scale, 1 / depth])
+
+
+def frame(camera: Camera) -> Frame:
+    """The axes of a camera."""
+    eye, target, up = (np.array(v, dtype=np.float64) for v in (camera.eye, camera.target, camera.up))
+    back = eye - target
+    distance = float(np.linalg.norm(back))
+    back /= distance
+    right = np.cross(up, back)
+    if np.linalg.norm(right) < 1e-9:  # looking along up
+        right = np.cross([0.0, 0.0, 1.0], back)
+        right = right if np.linalg.norm(right) > 1e-9 else np.array([1.0, 0.0, 0.0])
+    right /= np.linalg.norm(right)
+    return Frame(eye, np.stack([right, np.cross(back, right), back]),
+                 0.5 / np.tan(np.radians(camera.fov) / 2), NEAR * distance)
+
+
+def fit(x: np.ndarray, view: View, aspect: float) -> Camera:
+    """A camera that has all of the points (n, 3), and `view.reach` [m] round them, in the picture."""
+    centre = (x.min(axis=0) + x.max(axis=0)) / 2
+    radius = float(np.linalg.norm(x - centre, axis=1).max()) + view.reach
+    fov = 35.0
+    half = np.arctan(np.tan(np.radians(fov) / 2) * min(1.0, aspect))
+    direction = np.array(DIRECTION) / np.linalg.norm(DIRECTION)
+    eye = centre + direction * max(radius, 1e-6) / np.sin(half) * 1.02
+    return Camera(tuple(eye.tolist()), tuple(centre.tolist()), fov)
+
+
+def ground_height(x: np.ndarray, view: View) -> float:
+    """Height of the ground [m]: the view's, or under all of the points by their reach."""
+    if view.ground is not None:
+        return view.ground
+    low, high = x.min(axis=0), x.max(axis=0)
+    return float(low[1] - view.reach - 0.05 * np.linalg.norm(high - low))

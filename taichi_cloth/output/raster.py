@@ -1,0 +1,268 @@
+"""An offscreen renderer in Taichi kernels: z-buffer, smooth two-sided shading, a shadow map, checker ground.
+
+Everything is f32 whatever the simulation's precision, and takes arrays, so that it compiles once for any mesh.
+"""
+
+import numpy as np
+import taichi as ti
+
+from ..view import View
+from .camera import fit, frame, ground_height
+
+SAMPLES = 2  # per pixel and axis
+SHADOW = 1536  # shadow map, pixels a side
+NOTHING = 0.0
+LIGHT = (0.45, 0.8, 0.5)  # towards the key light
+PALETTE = ((0.62, 0.07, 0.08), (0.06, 0.19, 0.46), (0.08, 0.36, 0.20), (0.62, 0.36, 0.05), (0.32, 0.10, 0.42))
+
+
+@ti.data_oriented
+class Renderer:
+    """Draws cloth.
+
+    Args:
+        width, height: of the picture [pixels].
+        faces: (m, 3); corner_uv: (m, 3, 2) [m]; colors: (m, 3) linear RGB.
+        x: (n, 3) first positions [m], which a fitted camera fits.
+        view: camera and ground.
+    """
+
+    def __init__(self, width: int, height: int, faces: np.ndarray, corner_uv: np.ndarray, colors: np.ndarray,
+                 x: np.ndarray, view: View) -> None:
+        self.width, self.height = width, height
+        self.w, self.h = width * SAMPLES, height * SAMPLES
+        self.faces = np.ascontiguousarray(faces, dtype=np.int32)
+        self.corner_uv = np.ascontiguousarray(corner_uv, dtype=np.float32)
+        self.colors = np.ascontiguousarray(colors, dtype=np.float32)
+        self.camera = frame(view.camera or fit(x, view, width / height))
+        self.ground = ground_height(x, view)
+        size = float(np.linalg.norm(x.max(axis=0) - x.min(axis=0))) + 2 * view.reach
+        self.tile = 10.0 ** np.floor(np.log10(max(size, 1e-6))) / (5 if size < 3 * 10 ** np.floor(np.log10(size)) else 2)
+        extent = np.ptp(self.corner_uv.reshape(-1, 2), axis=0).max()
+        self.weave = float(extent) / 20 if extent > 0 else 1.0
+        light = np.array(LIGHT) / np.linalg.norm(LIGHT)
+        side = np.cross([0.0, 0.0, 1.0], light)
+        side /= np.linalg.norm(side)
+        self.light = np.stack([side, np.cross(light, side), light])
+        # nearest 1/depth and the face that has it: picture first, shadow map behind it
+        pixels = self.w * self.h + SHADOW * SHADOW
+        self.depth, self.face = ti.field(ti.f32, pixels), ti.field(ti.i32, pixels)
+
+    def render(self, x: np.ndarray) -> np.ndarray:
+        """(height, width, 3) uint8 picture of the cloth at positions (n, 3) [m]."""
+        screen = self.camera.project(x, self.w, self.h).astype(np.float32)
+        shadow, shadow_frame = self._light_view(x)
+        near = 1 / self.camera.near
+        self._clear()
+        self._raster(screen, self.faces, self.w, self.h, 0, near)
+        self._raster(shadow, self.faces, SHADOW, SHADOW, self.w * self.h, 1e30)
+        self._identify(screen, self.faces, self.w, self.h, near)
+        image = np.empty((self.height, self.width, 3), dtype=np.float32)
+        c = self.camera
+        frame_rows = np.concatenate([c.axes, [c.eye], self.light, [[c.focal, self.ground, self.tile]],
+                                     shadow_frame, [[self.weave, 0, 0]]]).astype(np.float32)
+        self._shade(screen, x.astype(np.float32), vertex_normals(x, self.faces), self.faces, self.corner_uv, self.colors,
+                    frame_rows, image)
+        return to_srgb(image)
+
+    def _light_view(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points as the light sees them, all of them in its map; and how to get there: rows low, scale."""
+        local = x @ self.light.T
+        low, high = local.min(axis=0), local.max(axis=0)
+        size = max(float((high - low)[:2].max()), 1e-9) * 1.05
+        scale = np.array([SHADOW / size, SHADOW / size, 1 / max(float(high[2] - low[2]), 1e-9)])
+        centre = np.array([*(low + high)[:2] / 2 - size / 2, low[2]])
+        # heights above the lowest, from 1 up, because 0 means nothing
+        seen = (local - centre) * scale + [0, 0, 1]
+        return seen.astype(np.float32), np.stack([centre, scale])
+
+    @ti.kernel
+    def _clear(self):
+        for i in self.depth:
+            self.depth[i] = NOTHING
+            self.face[i] = -1
+
+    @ti.kernel
+    def _raster(self, p: ti.types.ndarray(), faces: ti.types.ndarray(), w: int, h: int, offset: int,
+                near: ti.f32):
+        for f in range(faces.shape[0]):
+            a, b, c = corner(p, faces[f, 0]), corner(p, faces[f, 1]), corner(p, faces[f, 2])
+            area = edge(a, b, c[0], c[1])
+            if visible(a, near) and visible(b, near) and visible(c, near) and ti.abs(area) > 1e-12:
+                x_0, x_1 = bounds(a[0], b[0], c[0], w)
+                y_0, y_1 = bounds(a[1], b[1], c[1], h)
+                for y in range(y_0, y_1):
+                    for x in range(x_0, x_1):
+                        k = weights(a, b, c, area, x + 0.5, y + 0.5)
+                        if k.min() >= 0:
+                            ti.atomic_max(self.depth[offset + y * w + x], k.dot(ti.Vector([a[2], b[2], c[2]])))
+
+    @ti.kernel
+    def _identify(self, p: ti.types.ndarray(), faces: ti.types.ndarray(), w: int, h: int, near: ti.f32):
+        """Which face each pixel shows: the one whose depth the first pass kept."""
+        for f in range(faces.shape[0]):
+            a, b, c = corner(p, faces[f, 0]), corner(p, faces[f, 1]), corner(p, faces[f, 2])
+            area = edge(a, b, c[0], c[1])
+            if visible(a, near) and visible(b, near) and visible(c, near) and ti.abs(area) > 1e-12:
+                x_0, x_1 = bounds(a[0], b[0], c[0], w)
+                y_0, y_1 = bounds(a[1], b[1], c[1], h)
+                for y in range(y_0, y_1):
+                    for x in range(x_0, x_1):
+                        k = weights(a, b, c, area, x + 0.5, y + 0.5)
+                        if k.min() >= 0:
+                            here = ti.cast(k.dot(ti.Vector([a[2], b[2], c[2]])), ti.f32)
+                            if here == self.depth[y * w + x]:
+                                ti.atomic_max(self.face[y * w + x], f)
+
+    @ti.kernel
+    def _shade(self, p: ti.types.ndarray(), x: ti.types.ndarray(), normals: ti.types.ndarray(),
+               faces: ti.types.ndarray(), corner_uv: ti.types.ndarray(), colors: ti.types.ndarray(),
+               rows: ti.types.ndarray(), image: ti.types.ndarray()):
+        for row in range(self.height):
+            for column in range(self.width):
+                total = ti.Vector([0.0, 0.0, 0.0])
+                for s in range(SAMPLES * SAMPLES):
+                    px, py = column * SAMPLES + s % SAMPLES, row * SAMPLES + s // SAMPLES
+                    f = self.face[py * self.w + px]
+                    if f >= 0:
+                        total += self.cloth(f, px, py, p, x, normals, faces, corner_uv, colors, rows)
+                    else:
+                        total += self.background(px, py, rows)
+                for c in ti.static(range(3)):
+                    image[row, column, c] = ti.cast(total[c] / (SAMPLES * SAMPLES), ti.f32)
+
+    @ti.func
+    def cloth(self, f, px, py, p: ti.template(), x: ti.template(), normals: ti.template(), faces: ti.template(),
+              corner_uv: ti.template(), colors: ti.template(), rows: ti.template()):
+        """Colour of a face at a sample."""
+        i, j, l = faces[f, 0], faces[f, 1], faces[f, 2]
+        a, b, c = corner(p, i), corner(p, j), corner(p, l)
+        k = weights(a, b, c, edge(a, b, c[0], c[1]), px + 0.5, py + 0.5) * ti.Vector([a[2], b[2], c[2]])
+        k /= k.sum()
+        position = k[0] * corner(x, i) + k[1] * corner(x, j) + k[2] * corner(x, l)
+        n = (k[0] * corner(normals, i) + k[1] * corner(normals, j) + k[2] * corner(normals, l)).normalized(1e-12)
+        view = (corner(rows, 3) - position).normalized(1e-12)
+        base = corner(colors, f)
+        flat = (corner(x, j) - corner(x, i)).cross(corner(x, l) - corner(x, i)).normalized(1e-12)
+        if flat.dot(view) < 0:  # the back is a paler cloth
+            n = -n
+            flat = -flat
+            base = 0.55 * base + 0.3
+        uv = ti.Vector([0.0, 0.0])
+        for d in ti.static(range(2)):
+            uv[d] = k[0] * corner_uv[f, 0, d] + k[1] * corner_uv[f, 1, d] + k[2] * corner_uv[f, 2, d]
+        base *= 1.0 - 0.16 * checker(uv / rows[10, 0])
+        light = corner(rows, 6)
+        lit = ti.max(n.dot(light), 0.0) * self.light_reaches(position + flat * 0.004 / rows[9, 2], rows)
+        half = (light + view).normalized(1e-12)
+        gloss = 0.06 * ti.max(n.dot(half), 0.0) ** 24 * lit
+        rim = 0.08 * (1 - ti.max(n.dot(view), 0.0)) ** 3
+        return base * (1.05 * lit + ambient(n)) + gloss + rim * ambient(n)
+
+    @ti.func
+    def background(self, px, py, rows: ti.template()):
+        """Checker ground that fades into the sky."""
+        right = (px + 0.5 - self.w / 2) / (rows[7, 0] * self.h)
+        up = (self.h / 2 - py - 0.5) / (rows[7, 0] * self.h)
+        ray = (right * corner(rows, 0) + up * corner(rows, 1) - corner(rows, 2)).normalized()
+        eye = corner(rows, 3)
+        color = sky(ray)
+        if ray[1] < -1e-4 and eye[1] > rows[7, 1]:
+            t = (rows[7, 1] - eye[1]) / ray[1]
+            hit = eye + t * ray
+            base = 0.34 + 0.10 * checker(ti.Vector([hit[0], hit[2]]) / rows[7, 2])
+            lit = corner(rows, 6)[1] * self.light_reaches(hit, rows)
+            up_n = ti.Vector([0.0, 1.0, 0.0])
+            ground = base * ti.Vector([1.0, 0.98, 0.95]) * (1.05 * lit + ambient(up_n))
+            fade = ti.exp(-t / (60 * rows[7, 2])) * ti.min(1.0, -ray[1] * 12)
+            color = fade * ground + (1 - fade) * color
+        return color
+
+    @ti.func
+    def light_reaches(self, position, rows: ti.template()):
+        """Share of the light that reaches a point: 0 in full shadow."""
+        local = ti.Vector([corner(rows, 4).dot(position), corner(rows, 5).dot(position),
+                           corner(rows, 6).dot(position)])
+        seen = (local - corner(rows, 8)) * corner(rows, 9)
+        reached, taps = 0.0, 0.0
+        for dy in range(-2, 3):
+            for dx in range(-2, 3):
+                sx, sy = ti.cast(ti.floor(seen[0]), int) + 2 * dx, ti.cast(ti.floor(seen[1]), int) + 2 * dy
+                taps += 1.0
+                above = 0.0
+                if 0 <= sx and sx < SHADOW and 0 <= sy and sy < SHADOW:
+                    above = self.depth[self.w * self.h + sy * SHADOW + sx]
+                if above <= 0 or above <= seen[2] + 1.0 + 0.006:
+                    reached += 1.0
+        return reached / taps
+
+
+@ti.func
+def corner(p: ti.template(), i):
+    """Row i of an (n, 3) array."""
+    return ti.Vector([p[i, 0], p[i, 1], p[i, 2]])
+
+
+@ti.func
+def edge(a, b, x, y):
+    """Twice the signed area of (a, b, (x, y))."""
+    return (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])
+
+
+@ti.func
+def weights(a, b, c, area, x, y):
+    """Barycentric coordinates of a pixel; all at least 0 inside, whichever way round the triangle is."""
+    return ti.Vector([edge(b, c, x, y), edge(c, a, x, y), edge(a, b, x, y)]) / area
+
+
+@ti.func
+def visible(a, near):
+    """In front of the near plane."""
+    return a[2] > 0 and a[2] < near
+
+
+@ti.func
+def bounds(a, b, c, n):
+    """Range of pixel columns or rows that a triangle covers."""
+    low = ti.cast(ti.floor(ti.max(ti.min(a, b, c), -1.0)), int)
+    high = ti.cast(ti.ceil(ti.min(ti.max(a, b, c), n + 1.0)), int)
+    return ti.max(low, 0), ti.min(high + 1, n)
+
+
+@ti.func
+def checker(q):
+    """1 and 0 in turn."""
+    cell = ti.cast(ti.floor(q[0]), int) + ti.cast(ti.floor(q[1]), int)
+    return ti.cast(cell & 1, float)
+
+
+@ti.func
+def sky(ray):
+    """Colour of the sky in a direction."""
+    t = ti.max(ray[1], 0.0)
+    return ti.Vector([0.80, 0.86, 0.93]) * (1 - t) + ti.Vector([0.42, 0.60, 0.86]) * t
+
+
+@ti.func
+def ambient(n):
+    """Light from everywhere: blueish from above, warm from the ground."""
+    t = 0.5 + 0.5 * n[1]
+    return 0.42 * (ti.Vector([0.85, 0.93, 1.05]) * t + ti.Vector([0.42, 0.38, 0.34]) * (1 - t))
+
+
+def vertex_normals(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(n, 3) f32 normals, the mean of a vertex's triangles weighted by area."""
+    a, b, c = (x[faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    out = np.zeros_like(x)
+    for d in range(3):
+        out[:, d] = sum(np.bincount(faces[:, k], normal[:, d], minlength=len(x)) for k in range(3))
+    length = np.linalg.norm(out, axis=1, keepdims=True)
+    return (out / np.maximum(length, 1e-30)).astype(np.float32)
+
+
+def to_srgb(linear: np.ndarray) -> np.ndarray:
+    """uint8 sRGB of linear light."""
+    c = np.clip(linear, 0, 1)
+    c = np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
+    return (c * 255 + 0.5).astype(np.uint8)
