@@ -90,7 +90,8 @@ class Attachments:
         projector = np.einsum("kdi,kdj->kij", basis, basis)
         if len(np.unique(index)) < len(index):
             index, projector, goal = _combine(index, basis, goal)
-        return Held(index.astype(np.int32), projector.astype(self.exchange), goal.astype(self.exchange), moving)
+        return Held(*(kernel_array(a, t) for a, t in ((index, np.int32), (projector, self.exchange), (goal, self.exchange))),
+                    moving)
 
 
 def by_hand(constraints: Sequence[Constraint], model: Model,
@@ -110,9 +111,14 @@ def by_hand(constraints: Sequence[Constraint], model: Model,
         return None, np.zeros((0, 3)), np.zeros((0, 3))
     projector = np.array([c.basis.T @ c.basis for c in constraints])
     index = model.particle[vertices].astype(np.int32)
-    held = Held(index, projector.astype(exchange), np.zeros((len(index), 3), dtype=exchange), False)
-    return held, np.array([c.z for c in constraints]).astype(exchange), np.array(
-        [c.y for c in constraints]).astype(exchange)
+    held = Held(index, kernel_array(projector, exchange), np.zeros((len(index), 3), dtype=exchange), False)
+    z, y = (kernel_array([getattr(c, name) for c in constraints], exchange) for name in "zy")
+    return held, z, y
+
+
+def kernel_array(values: ArrayLike, dtype: type) -> np.ndarray:
+    """An array as kernels take it: contiguous, of the type they were compiled for."""
+    return np.ascontiguousarray(values, dtype=dtype)
 
 
 def _padded(directions: np.ndarray) -> np.ndarray:

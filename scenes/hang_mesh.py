@@ -1,0 +1,43 @@
+"""Any mesh file, hung by its highest vertices: --set mesh=FILE --set scale=0.1"""
+
+import numpy as np
+
+import taichi_cloth as tc
+
+RUN = {"duration": 2.0, "fps": 30, "h": 1 / 60}
+SMALL = {"cells": 16}
+
+
+def build(mesh: str = "", scale: float = 1.0, uv: str = "auto", pins: int = 0, density: float = 0.2,
+          stretch: float = 1000.0, cells: int = 40, up: str = "y") -> tc.Scene:
+    """mesh: a file, or a tube made here where empty; scale [m per unit]; uv: auto, pattern or flatten.
+
+    pins: how many of the highest vertices are held (0: those in the top 3 % of the height); up: y or z.
+    """
+    shape = tc.load(mesh, scale, uv) if mesh else tc.cylinder(0.25, 0.8, (cells, cells))
+    x = shape.x if up == "y" else shape.x[:, [0, 2, 1]] * [1, 1, -1]
+    used = np.unique(shape.faces)
+    order = used[np.argsort(-x[used, 1], kind="stable")]
+    if pins == 0:
+        pins = int((x[used, 1] > x[used, 1].max() - 0.03 * np.ptp(x[used, 1])).sum())
+    fabric = tc.Fabric(density, tc.Stretch(stretch, k_d=1e-3 * stretch), tc.Shear(stretch / 10, k_d=1e-4 * stretch),
+                       tc.Bend(5e-5, k_d=2e-7))
+    scene = tc.Scene(air=tc.Air(normal=0.3, tangential=0.03), view=tc.View(reach=0.15 * float(np.ptp(x[used], axis=0).max())))
+    cloth = scene.add_cloth(shape, fabric, positions=x)
+    scene.pin(cloth, order[:pins])
+    return scene
+
+
+def check(sim: tc.Simulation):
+    """It hangs from its pins, settled enough, and no triangle is torn out of shape."""
+    held = np.unique(np.concatenate([a.vertices for a in sim.scene.script.attachments]))
+    x, start = sim.positions(), sim.scene.cloths[0].positions
+    yield f"{len(held)} vertices hold", bool(np.abs(x[held] - start[held]).max() < 1e-6)
+    yield f"largest stretch {sim.log[-1].stretch:.2f}", sim.log[-1].stretch < 2
+    speed = float(np.sqrt(np.mean(np.sum(sim.velocities() ** 2, axis=1))))
+    yield f"RMS speed {speed:.2f} m/s", speed < 3
+    yield "it hangs below", x[:, 1].min() < start[:, 1].max()
+
+
+if __name__ == "__main__":
+    tc.run(build)

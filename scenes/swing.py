@@ -1,0 +1,33 @@
+"""A sheet dropped from horizontal, held at two corners: the benchmark that other systems are measured on."""
+
+import numpy as np
+
+import taichi_cloth as tc
+
+RUN = {"duration": 1.0, "fps": 30, "h": 1 / 60}
+SMALL = {"n": 11}
+
+
+def build(n: int = 26, stretch: float = 1000.0) -> tc.Scene:
+    """n vertices a side of 1 m, stretch stiffness [N/m]; shear is a tenth; no damping."""
+    fabric = tc.Fabric(0.2, tc.Stretch(stretch), tc.Shear(stretch / 10), tc.Bend(5e-5))
+    scene = tc.Scene(view=tc.View(tc.Camera((2.3, 0.5, 1.9), (0.45, -0.4, 0.1), 38.0), ground=-1.35))
+    cloth = scene.add_cloth(tc.grid(1.0, n - 1), fabric)
+    scene.pin(cloth, "top_left")
+    scene.pin(cloth, "top_right")
+    return scene
+
+
+def check(sim: tc.Simulation):
+    """Mechanical energy never grows, and the sheet has swung through."""
+    total = np.array([sum(r.energies.values()) for r in sim.log])
+    scale = 0.2 * 9.81  # m g times the sheet's size [J]
+    yield f"energy grew by at most {max(0.0, np.diff(total).max()) / scale:.1e} of m g L in a step", bool(
+        np.diff(total).max() < 1e-3 * scale)
+    yield f"energy lost {(total[0] - total[-1]) / scale:.2f} of m g L", total[-1] < total[0]
+    lowest = sim.positions()[:, 1].min()
+    yield f"the lowest point is at {lowest:.2f} m", -1.6 < lowest < -0.6
+
+
+if __name__ == "__main__":
+    tc.run(build)

@@ -1,0 +1,191 @@
+"""Command line: run, list, check, doctor. Heavy imports happen inside the commands, so that --help is instant."""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+DEFAULTS = {"duration": 2.0, "fps": 30.0, "h": 1 / 60, "arch": "cpu", "precision": "f64",
+            "integrator": "backward_euler", "K": "projected", "cg_tol": 1e-4, "stretch_limit": 0.5}
+OK, FAILED, BAD_USAGE, GAVE_UP, INTERRUPTED = 0, 1, 2, 3, 130
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs a command; returns the exit code: 0 ok, 1 check failed, 2 bad scene or usage, 3 gave up."""
+    return _guard(lambda: _dispatch(_parser().parse_args(argv)))
+
+
+def run(build: Callable, argv: Sequence[str] | None = None) -> None:
+    """Makes `python scenes/x.py` take the flags of `taichi-cloth run`; ends the process with its exit code.
+
+    Args:
+        build: the scene's build function; `check`, `RUN` and `SMALL` are taken from its module.
+        argv: flags; the process's own where None.
+    """
+    parser = argparse.ArgumentParser(description=sys.modules[build.__module__].__doc__)
+    _run_flags(parser)
+
+    def go() -> int:
+        from . import scenefile
+
+        return _run(parser.parse_args(argv), scenefile.of_module(build))
+
+    sys.exit(_guard(go))
+
+
+def _dispatch(args: argparse.Namespace) -> int:
+    from . import scenefile
+
+    if args.command == "list":
+        return _list()
+    if args.command == "doctor":
+        return _doctor()
+    scene = scenefile.read(args.scene)
+    return _run(args, scene) if args.command == "run" else _check(args, scene)
+
+
+def _guard(work: Callable[[], int]) -> int:
+    from .errors import ClothError
+
+    try:
+        return work()
+    except ClothError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("interrupted: every finished frame is whole", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _run(args: argparse.Namespace, scene) -> int:
+    from .runner import describe, simulate
+
+    started = time.perf_counter()
+    options = _options(args, scene)
+    sim = simulate(scene, options)
+    print(describe(sim, time.perf_counter() - started))
+    if options.out:
+        print(f"written to {options.out}/" + ("images/" if options.size else ""))
+    return OK
+
+
+def _check(args: argparse.Namespace, scene) -> int:
+    from .runner import simulate
+    from .scenefile import run_check
+
+    if args.small:
+        args.set = [f"{k}={v}" for k, v in scene.small.items()] + args.set
+    options = _options(args, scene)
+    passed = True
+    for sentence, good in run_check(scene, simulate(scene, options)):
+        print(f"{'ok    ' if good else 'FAILED'} {sentence}")
+        passed &= bool(good)
+    return OK if passed else FAILED
+
+
+def _list() -> int:
+    from . import scenefile
+
+    for name in scenefile.available():
+        print(f"{name:22} {scenefile.read(name).summary}")
+    return OK
+
+
+def _doctor() -> int:
+    import os
+    import platform
+
+    from . import __version__, runtime
+
+    print(f"taichi_cloth {__version__}, Python {platform.python_version()}, {platform.platform()}")
+    for package in ("taichi", "numpy", "meshio", "rich"):
+        from importlib.metadata import version
+        print(f"{package:8} {version(package)}")
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    print(f"cpu      runs, f32 and f64, {cores} threads")
+    for arch in runtime.ARCHS[1:]:
+        there = runtime.available(arch)
+        print(f"{arch:8} {'runs, f32' + ('' if arch in runtime.NO_DOUBLE else ' and f64') if there else 'not here'}")
+    return OK
+
+
+def _options(args: argparse.Namespace, scene):
+    from .errors import SceneError, did_you_mean
+    from .runner import RunOptions
+
+    unknown = set(scene.run) - set(DEFAULTS)
+    if unknown:
+        raise SceneError(f"scene {scene.name}: RUN has no {unknown.pop()!r}; {did_you_mean('', DEFAULTS)}")
+    values = {k: next(v for v in (getattr(args, k), scene.run.get(k), default) if v is not None)
+              for k, default in DEFAULTS.items()}
+    settings = {}
+    for item in args.set:
+        name, equals, value = item.partition("=")
+        if not equals:
+            raise SceneError(f"--set {item!r}: needs name=value")
+        settings[name] = value
+    for name in ("duration", "fps", "h"):
+        if not values[name] > 0:
+            raise SceneError(f"--{name} {values[name]:g}: must be positive")
+    duration, fps = values.pop("duration"), values.pop("fps")
+    simulation = {**values, "adaptive": not args.fixed_step, "threads": args.threads, "debug": args.debug}
+    size = None if getattr(args, "no_images", True) else args.size
+    return RunOptions(getattr(args, "out", None), duration, fps, size, getattr(args, "overwrite", False), settings,
+                      simulation)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="taichi-cloth", description="Implicit cloth simulation on Taichi kernels.")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    run_parser = commands.add_parser("run", help="simulate a scene and write pictures")
+    run_parser.add_argument("scene", help="a scene file, or the name of one that `list` shows")
+    _run_flags(run_parser)
+    check = commands.add_parser("check", help="simulate a scene and run its check")
+    check.add_argument("scene", help="a scene file or name")
+    check.add_argument("--small", action="store_true", help="with the scene's quick options")
+    _simulation_flags(check)
+    commands.add_parser("list", help="scenes, one line each")
+    commands.add_parser("doctor", help="what runs on this machine")
+    return parser
+
+
+def _run_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--out", metavar="DIR", help="folder for manifest, telemetry and images")
+    parser.add_argument("--size", type=_size, default=(1280, 720), metavar="WxH", help="of the images (1280x720)")
+    parser.add_argument("--no-images", action="store_true", help="write no images")
+    parser.add_argument("--overwrite", action="store_true", help="remove another run's files from the folder")
+    _simulation_flags(parser)
+
+
+def _simulation_flags(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("--duration", type=_number, metavar="S", help="simulated time [s]")
+    add("--fps", type=_number, metavar="N", help="frames a second")
+    add("--h", type=_number, metavar="S", help="largest step [s], such as 1/60")
+    add("--fixed-step", action="store_true", help="exactly these steps, never retried smaller")
+    add("--arch", help="cpu, cuda, vulkan or metal")
+    add("--precision", help="f32 or f64")
+    add("--threads", type=int, metavar="N", help="CPU threads (all)")
+    add("--integrator", help="backward_euler or symplectic_euler")
+    add("--K", help="projected, gauss_newton or paper")
+    add("--cg-tol", dest="cg_tol", type=_number, metavar="X", help="relative residual of the linear solve")
+    add("--stretch-limit", dest="stretch_limit", type=_number, metavar="X",
+        help="largest change of a triangle's stretch in a step")
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the scene")
+    add("--debug", action="store_true", help="bounds checks in kernels (slow)")
+
+
+def _number(text: str) -> float:
+    from .scenefile import number
+
+    try:
+        return number(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
+
+
+def _size(text: str) -> tuple[int, int]:
+    width, _, height = text.partition("x")
+    if not (width.isdigit() and height.isdigit() and 16 <= int(width) <= 16384 and 16 <= int(height) <= 16384):
+        raise argparse.ArgumentTypeError(f"{text!r}: needs WIDTHxHEIGHT, each from 16 to 16384")
+    return int(width), int(height)

@@ -1,0 +1,169 @@
+"""A run from scene file to folder: simulate, draw, write, report progress."""
+
+import contextlib
+import datetime
+import platform
+import sys
+import time
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from . import __version__
+from .errors import SceneError, SimulationError
+from .output.folder import RunFolder
+from .output.png import encode_png
+from .scene import Scene
+from .scenefile import SceneFile
+from .simulation import Simulation
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What the command line asks for.
+
+    Attributes:
+        out: folder, or None to write nothing.
+        size: of the pictures [pixels], or None for no pictures.
+        simulation: arguments of `Simulation`.
+        settings: options of the scene's build.
+    """
+
+    out: str | None
+    duration: float
+    fps: float
+    size: tuple[int, int] | None = None
+    overwrite: bool = False
+    settings: dict = field(default_factory=dict)
+    simulation: dict = field(default_factory=dict)
+
+
+def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
+    """Builds the scene, runs it, writes its folder.
+
+    Raises:
+        ClothError: by what went wrong; the frames so far are whole.
+    """
+    if round(options.duration * options.fps) < 1:
+        raise SceneError(f"duration {options.duration:g} s at {options.fps:g} frames a second is no frame")
+    scene = scene_file.make(options.settings)
+    for cloth in scene.cloths:
+        for note in cloth.mesh.notes:
+            print(f"note: {cloth.name}: {note}", file=sys.stderr)
+    folder = RunFolder(options.out, options.overwrite) if options.out else None
+    started = time.perf_counter()
+    sim = Simulation(scene, **options.simulation)
+    manifest = _manifest(scene_file, scene, sim, options)
+    outcome = "interrupted"
+    try:
+        if folder:
+            folder.write_manifest({**manifest, "status": "running"})
+        with progress(options) as show:
+            draw = _artist(scene, options) if options.size and folder else None
+            written = 0
+
+            def on_frame(sim: Simulation, frame: int) -> None:
+                nonlocal written
+                if folder:
+                    if draw:
+                        folder.write_image(frame, encode_png(draw(sim.positions())))
+                    folder.append_telemetry([asdict(r) for r in sim.log[written:]])
+                    written = len(sim.log)
+                show(sim, frame)
+
+            sim.run(options.duration, options.fps, on_frame)
+        outcome = "finished"
+    except SimulationError as error:
+        outcome = f"gave up: {error}"
+        raise
+    finally:
+        if folder:
+            folder.append_telemetry([asdict(r) for r in sim.log[written:]])
+            folder.close()
+            folder.write_manifest({**manifest, "status": outcome, "simulated_s": sim.time,
+                                   "wall_s": round(time.perf_counter() - started, 3), "summary": summary(sim)})
+    return sim
+
+
+def summary(sim: Simulation) -> dict:
+    """Steps, rejections by name, smallest step, worst residual, iterations and seconds by part of a run."""
+    rejections: dict[str, int] = {}
+    seconds: dict[str, float] = {}
+    for r in sim.log:
+        for total, part in ((rejections, r.rejections), (seconds, r.seconds)):
+            for name, value in part.items():
+                total[name] = total.get(name, 0) + value  # type: ignore[operator]
+    return {"steps": len(sim.log), "rejections": rejections,
+            "smallest_h": min((r.h for r in sim.log), default=None),
+            "worst_residual": max((r.residual for r in sim.log), default=None),
+            "not_converged": sum(r.status not in ("CONVERGED", "EXPLICIT") for r in sim.log),
+            "cg_iterations": sum(r.iterations for r in sim.log), "solves": sum(r.solves for r in sim.log),
+            "largest_stretch": max((r.stretch for r in sim.log), default=None),
+            "seconds": {k: round(v, 4) for k, v in seconds.items()}}
+
+
+def describe(sim: Simulation, wall: float) -> str:
+    """The closing line of a run."""
+    s = summary(sim)
+    bad = ", ".join(f"{n} {c}" for n, c in s["rejections"].items()) or "none"
+    parts = ", ".join(f"{n} {v:.2f} s" for n, v in s["seconds"].items())
+    return (f"{sim.time:g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}: {s['steps']} steps, "
+            f"rejections: {bad}, {s['cg_iterations']} CG iterations, largest stretch {s['largest_stretch']:.3f}; {parts}")
+
+
+@contextlib.contextmanager
+def progress(options: RunOptions):
+    """A function (sim, frame) that shows how far a run is: a bar on a terminal, plain lines elsewhere."""
+    frames = max(1, round(options.duration * options.fps))
+    if not sys.stderr.isatty():
+        yield lambda sim, frame: _line(sim, frame, frames)
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("frame {task.completed}/{task.total}"), BarColumn(), TimeRemainingColumn(),
+               TextColumn("{task.fields[state]}"))
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task("", total=frames, state="")
+        yield lambda sim, frame: bar.update(task, completed=frame, state=_state(sim))
+
+
+def _line(sim: Simulation, frame: int, frames: int) -> None:
+    every = max(1, frames // 10)
+    if frame % every == 0 or frame == frames:
+        print(f"frame {frame}/{frames}  {_state(sim)}", file=sys.stderr, flush=True)
+
+
+def _state(sim: Simulation) -> str:
+    if not sim.log:
+        return "compiling"
+    last = sim.log[-1]
+    rejected = sum(sum(r.rejections.values()) for r in sim.log)
+    return f"t {sim.time:.3f} s  h {last.h * 1e3:.2f} ms  CG {last.iterations}  rejected {rejected}"
+
+
+def _artist(scene: Scene, options: RunOptions):
+    from .output.raster import PALETTE, Renderer
+
+    assert options.size is not None
+    faces = np.concatenate([c.mesh.faces + c.start for c in scene.cloths])
+    uv = np.concatenate([c.mesh.corner_uv for c in scene.cloths])
+    colors = np.concatenate([np.tile(c.color or PALETTE[k % len(PALETTE)], (c.mesh.face_count, 1))
+                             for k, c in enumerate(scene.cloths)])
+    start = np.concatenate([c.positions for c in scene.cloths])
+    return Renderer(*options.size, faces, uv, colors, start, scene.view).render
+
+
+def _manifest(scene_file: SceneFile, scene: Scene, sim: Simulation, options: RunOptions) -> dict:
+    resolved = {name: p.default for name, p in scene_file.options.items() if p.default is not p.empty}
+    return {
+        "taichi_cloth": __version__, "python": platform.python_version(), "numpy": np.__version__,
+        "machine": f"{platform.system()} {platform.machine()}",
+        "started": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
+        "scene": scene_file.name, "settings": {**resolved, **options.settings},
+        "duration": options.duration, "fps": options.fps, "size": options.size,
+        "simulation": {"integrator": sim.integrator_name, **asdict(sim.control), **asdict(sim.options)},
+        "runtime": sim.runtime.record(),
+        "model": {"vertices": sim.model.n, "triangles": sum(c.mesh.face_count for c in scene.cloths),
+                  "notes": [n for c in scene.cloths for n in c.mesh.notes]},
+    }
