@@ -119,10 +119,10 @@ def cylinder(radius: float, height: float, cells) -> TriMesh:
 
 
 def _zip_rows(lower: np.ndarray, upper: np.ndarray, lower_start: int, upper_start: int) -> list[tuple[int, int, int]]:
-    """Triangles between two rows of points with rising u: each advance takes the nearer next point."""
+    """Triangles between two rows of points with rising u: each advance takes the edge whose middle is nearer."""
     faces, i, j = [], 0, 0
     while i < len(lower) - 1 or j < len(upper) - 1:
-        step_lower = j == len(upper) - 1 or (i < len(lower) - 1 and lower[i + 1] <= upper[j + 1])
+        step_lower = j == len(upper) - 1 or (i < len(lower) - 1 and lower[i] + lower[i + 1] <= upper[j] + upper[j + 1])
         if step_lower:
             faces.append((lower_start + i, lower_start + i + 1, upper_start + j))
             i += 1

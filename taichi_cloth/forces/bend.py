@@ -113,6 +113,8 @@ class Bend:
                 self.g[e][6 + i] = g_b[i]
             if ti.static(self.exact):
                 self.store_exact(e, c * c * k * C)
+        # a loop of its own: Taichi does not see that a load at a fixed index depends on a store at a running one
+        for e in range(self.elements.first[block], self.elements.first[block + 1]):
             self.add_diagonal(e, P, lo, hi)
 
     @ti.func

@@ -1,0 +1,218 @@
+"""The force contract, over every force: energy, force, products, symmetry, momentum, invariance."""
+
+import numpy as np
+import pytest
+from conftest import FULL
+
+import taichi_cloth as tc
+
+PARTS = {
+    "stretch": tc.Fabric(0.2, stretch=tc.Stretch((800, 600), (0.8, 0.6), (1.0, 0.98))),
+    "shear": tc.Fabric(0.2, shear=tc.Shear(200, 0.2)),
+    "bend": tc.Fabric(0.2, bend=tc.Bend((2e-2, 3e-2), 2e-4)),
+    "all": FULL,
+}
+
+
+def irregular(rng, n=4, rest="flat"):
+    """A small crumpled sheet with a seam: (mesh, x, v)."""
+    flat = tc.grid((1.0, 0.8), (n, n - 1))
+    uv = flat.corner_uv + 0
+    uv[::3] += [5.0, 1.0]  # panels apart: hinges across seams
+    mesh = tc.TriMesh(flat.x + 0.05 * rng.normal(size=flat.x.shape), flat.faces, uv)
+    x = flat.x + 0.06 * rng.normal(size=flat.x.shape)
+    return mesh, x, rng.normal(size=x.shape)
+
+
+def simulation(rng, part="all", K="projected", **kwargs):
+    mesh, x, v = irregular(rng)
+    scene = tc.Scene(gravity=kwargs.pop("gravity", None), air=kwargs.pop("air", None))
+    scene.add_cloth(mesh, PARTS[part], x, v)
+    return tc.Simulation(scene, K=K, **kwargs), x, v
+
+
+def potential(sim):
+    return sum(e for name, e in sim.energy().items() if name != "kinetic")
+
+
+def products(sim, p):
+    """(K p, D p)"""
+    m = np.zeros((len(p), 1))
+    m[sim.model.user, 0] = sim.model.mass
+    first, second = m * p - sim.product(p, 1.0), m * p - sim.product(p, 2.0)
+    return second / 2 - first, 2 * first - second / 2
+
+
+def ladder(slope, f, scale):
+    """Least relative error of a central difference of f along steps 1e-2 ... 1e-7."""
+    errors = []
+    for eps in 10.0 ** -np.arange(2, 7.5, 0.5):
+        errors.append(np.abs((f(eps) - f(-eps)) / (2 * eps) - slope).max() / scale)
+    return min(errors)
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_force_is_minus_energy_gradient(rng, part):
+    sim, x, v = simulation(rng, part)
+    zero = np.zeros_like(v)
+    p = rng.normal(size=x.shape)
+
+    def energy(eps):
+        sim.set_state(x + eps * p, zero)
+        return potential(sim)
+
+    sim.set_state(x, zero)
+    power = np.sum(sim.forces() * p)
+    assert ladder(-power, energy, abs(power)) < 1e-7
+
+
+@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("K", ["paper", "gauss_newton", "projected"])
+def test_stiffness_against_differences(rng, part, K):
+    sim, x, v = simulation(rng, part, K)
+    zero, p = np.zeros_like(v), rng.normal(size=x.shape)
+    sim.set_state(x, zero)
+    K_p, D_p = products(sim, p)
+    q = rng.normal(size=x.shape)
+    assert np.sum(q * K_p) == pytest.approx(np.sum(p * products(sim, q)[0]), rel=1e-11)
+    if K == "paper":  # the exact derivative of the force
+        def force(eps):
+            sim.set_state(x + eps * p, zero)
+            return sim.forces()
+        assert ladder(K_p, force, np.abs(K_p).max()) < 1e-7
+    else:
+        assert np.sum(p * K_p) <= 0
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_damping_against_differences(rng, part):
+    sim, x, v = simulation(rng, part)
+    p = rng.normal(size=x.shape)
+    _, D_p = products(sim, p)
+
+    def force(eps):
+        sim.set_state(x, v + eps * p)
+        return sim.forces()
+
+    assert ladder(D_p, force, np.abs(D_p).max()) < 1e-7
+    assert np.sum(p * D_p) < 0  # dissipates
+
+
+def test_drag_against_differences(rng):
+    sim, x, v = simulation(rng, "stretch", air=tc.Air(2.0, 0.5, (3.0, 1.0, -2.0)))
+    p = rng.normal(size=x.shape)
+    _, D_p = products(sim, p)
+
+    def force(eps):
+        sim.set_state(x, v + eps * p)
+        return sim.forces()
+
+    assert ladder(D_p, force, np.abs(D_p).max()) < 1e-7
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_internal_forces_keep_both_momenta(rng, part):
+    sim, x, v = simulation(rng, part)
+    f = sim.forces()
+    size = np.abs(f).sum()
+    assert np.abs(f.sum(axis=0)).max() < 1e-12 * size
+    assert np.abs(np.cross(x, f).sum(axis=0)).max() < 1e-12 * size
+    K_p, D_p = products(sim, rng.normal(size=x.shape))
+    for product in (K_p, D_p):
+        assert np.abs(product.sum(axis=0)).max() < 1e-11 * np.abs(product).sum()
+
+
+def test_invariant_under_rigid_motion(rng):
+    sim, x, v = simulation(rng)
+    Q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    Q *= np.sign(np.linalg.det(Q))
+    f, energy = sim.forces(), potential(sim)
+    sim.set_state(x @ Q.T + [1, 2, 3], v @ Q.T)
+    assert potential(sim) == pytest.approx(energy, rel=1e-12)
+    assert np.abs(sim.forces() - f @ Q.T).max() < 1e-11 * np.abs(f).max()
+
+
+@pytest.mark.parametrize("K", ["paper", "gauss_newton", "projected"])
+def test_right_hand_side_and_diagonal(rng, K):
+    sim, x, v = simulation(rng, K=K, gravity=(0, 0, -9.81))
+    h = 0.01
+    K_v, _ = products(sim, v)
+    b = h * (sim.forces() + h * K_v)
+    assert np.abs(sim.right_hand_side(h) - b).max() < 1e-11 * np.abs(b).max()
+    n = len(x)
+    dense = np.stack([sim.product(e.reshape(n, 3), h).ravel() for e in np.eye(3 * n)], axis=1)
+    assert np.abs(dense - dense.T).max() < 1e-12 * np.abs(dense).max()
+    P = sim.integrator.operator.P.to_numpy()[:n]
+    for particle, vertex in enumerate(sim.model.user):
+        block = dense[3 * vertex: 3 * vertex + 3, 3 * vertex: 3 * vertex + 3]
+        assert np.abs(P[particle] - block[np.triu_indices(3)]).max() < 1e-12 * np.abs(dense).max()
+    if K != "paper":
+        assert np.linalg.eigvalsh(dense).min() > 0
+
+
+def test_rest_shape_has_no_force():
+    scene = tc.Scene(gravity=None)
+    tube = tc.cylinder(0.3, 1, (12, 4))
+    curved = tc.Fabric(0.2, bend=tc.Bend(1e-3, rest="given"))
+    scene.add_cloth(tube, curved)
+    flat = scene.add_cloth(tc.grid(1.0, 4), FULL.__class__(0.2, tc.Stretch(100), tc.Shear(100), tc.Bend(1e-3)))
+    sim = tc.Simulation(scene)
+    assert np.abs(sim.forces()).max() < 1e-12
+    scene = tc.Scene(gravity=None)
+    scene.add_cloth(tube, tc.Fabric(0.2, bend=tc.Bend(1e-3)))  # a flat panel, sewn round: it wants to open
+    assert np.abs(tc.Simulation(scene).forces()).max() > 1e-4
+    assert flat.start == tube.vertex_count
+
+
+def test_seam_hinges_use_the_mean_of_their_sides(rng):
+    x = np.array([[0, 0, 0], [0, 1, 0], [1, 0.5, 0], [-1, 0.5, 0.4]])
+    faces = [[0, 2, 1], [0, 1, 3]]
+    left, right = [[0, 0], [1, 0.5], [0, 1]], [[5, 0], [5, 1.2], [4, 0.6]]
+    scene = tc.Scene(gravity=None)
+    scene.add_cloth(tc.TriMesh(x, faces, [left, right]), tc.Fabric(1.0, bend=tc.Bend(2.0)))
+    theta = np.arctan2(0.4, 1)
+    areas = 0.5 + 0.6
+    assert potential(tc.Simulation(scene)) == pytest.approx(2.0 * 1.1**2 / areas / 2 * theta**2, rel=1e-12)
+
+
+def test_collapsed_and_folded_states_are_defined(rng):
+    mesh = tc.grid(1.0, 2)
+    for x in (np.zeros_like(mesh.x), mesh.x * [1, 1, 0], np.where(mesh.x[:, :1] > 0.5, 1 - mesh.x, mesh.x) * [1, 0, 1],
+              mesh.x * [0, 1, 1]):
+        for K in ("projected", "gauss_newton", "paper"):
+            scene = tc.Scene()
+            scene.add_cloth(mesh, FULL, x)
+            sim = tc.Simulation(scene, K=K)
+            assert np.isfinite(sim.forces()).all()
+            p = rng.normal(size=x.shape)
+            product = sim.product(p, 0.01)
+            assert np.isfinite(product).all()
+            if K != "paper":
+                assert np.sum(p * product) > 0
+            sim.close()
+
+
+def test_fold_at_pi_has_the_full_angle():
+    x = np.array([[0, 0, 0], [0, 1, 0], [1, 0.5, 0], [1, 0.5, 0]], dtype=float)
+    mesh = tc.TriMesh(np.array([[0, 0, 0], [0, 1, 0], [1, 0.5, 0], [-1, 0.5, 0]]), [[0, 2, 1], [0, 1, 3]])
+    scene = tc.Scene(gravity=None)
+    scene.add_cloth(mesh, tc.Fabric(1.0, bend=tc.Bend(1.0)), x)
+    sim = tc.Simulation(scene)
+    assert potential(sim) == pytest.approx(0.5 * np.pi**2, rel=1e-12)
+    assert np.isfinite(sim.forces()).all() and np.abs(sim.forces()).max() > 1
+
+
+def test_what_is_not_named_does_not_exist():
+    scene = tc.Scene(gravity=None)
+    scene.add_cloth(tc.grid(1.0, 3), tc.Fabric(0.2, tc.Stretch(100)))
+    sim = tc.Simulation(scene, integrator="symplectic_euler")
+    assert [type(f).__name__ for f in sim._forces] == ["Membrane"]
+    assert set(sim.energy()) == {"stretch_u", "stretch_v", "kinetic"}
+    assert not hasattr(sim._forces[0], "A") and sim.integrator.solver is None
+    with pytest.raises(tc.SceneError, match="solves no system"):
+        sim.solve(0.01)
+    scene = tc.Scene()
+    scene.add_cloth(tc.grid(1.0, 3), tc.Fabric(0.2))
+    sim = tc.Simulation(scene)
+    sim.step()
+    assert [type(f).__name__ for f in sim._forces] == ["Gravity"]

@@ -1,0 +1,149 @@
+"""Fabrics and scenes: impossible values are refused by name; attachments, paths and events."""
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+
+FABRIC = tc.Fabric(0.2, tc.Stretch(1000))
+
+
+def sheet(n=4, **kwargs):
+    scene = tc.Scene(**kwargs)
+    return scene, scene.add_cloth(tc.grid(1.0, n), FABRIC)
+
+
+@pytest.mark.parametrize("make, words", [
+    (lambda: tc.Fabric(0), "density = 0 kg/m"),
+    (lambda: tc.Fabric(-1), "density = -1"),
+    (lambda: tc.Stretch(-5), "stretch k = -5 N/m"),
+    (lambda: tc.Stretch((100, 0)), "stretch k = 0 N/m"),
+    (lambda: tc.Stretch(1, k_d=-1), "k_d = -1"),
+    (lambda: tc.Stretch(1, b=0), "stretch b = 0"),
+    (lambda: tc.Stretch((1, 2, 3)), "a number or a pair"),
+    (lambda: tc.Shear((1, 2)), "one number"),
+    (lambda: tc.Shear(float("nan")), "shear k = nan"),
+    (lambda: tc.Bend("stiff"), "bend D = 'stiff'"),
+    (lambda: tc.Bend(1, rest="round"), "unknown bend rest 'round'"),
+    (lambda: tc.Fabric(1, stretch=tc.Shear(1)), "must be a Stretch or None"),
+    (lambda: tc.Scene(gravity=(0, 1)), "gravity"),
+    (lambda: tc.Air(normal=-1), "air normal = -1"),
+    (lambda: tc.Air(normal=1, wind=lambda t: (1, np.nan, 0)), "wind at t = 0"),
+    (lambda: tc.Camera((0, 0, 0), (0, 0, 0)), "same point"),
+])
+def test_impossible_values(make, words):
+    with pytest.raises(tc.SceneError, match=words):
+        make()
+
+
+@pytest.mark.parametrize("act, words", [
+    (lambda s, c: s.pin(c, "lefft"), "did you mean 'left'"),
+    (lambda s, c: s.pin(c, 99), "names vertex 99"),
+    (lambda s, c: s.pin(c, []), "is empty"),
+    (lambda s, c: s.pin(c, 0, "w"), "unknown axis 'w'"),
+    (lambda s, c: s.pin(c, 0, [[1, 0, 0], [2, 0, 0]]), "not independent"),
+    (lambda s, c: s.pin(c, 0, [[0, 0, 0]]), "not independent"),
+    (lambda s, c: s.pin(c, 0, np.ones((4, 3))), "1 to 3 finite vectors"),
+    (lambda s, c: s.move(c, [0, 1], lambda t: (0, 0, 0)), r"returned shape \(3,\) at t = 0 s: needs \(2, 3\)"),
+    (lambda s, c: s.move(c, 0, lambda t: (0, np.nan, 0)), "not finite"),
+    (lambda s, c: s.move(c, 0, (0, 0, 0)), "function of time"),
+    (lambda s, c: s.unpin(c, 3), "no such vertex"),
+    (lambda s, c: s.at(-1, print), "at least 0"),
+    (lambda s, c: s.add_mass(c, 0, 0), "point mass = 0"),
+    (lambda s, c: s.add_cloth(c.mesh, FABRIC, name=c.name), "named 'cloth0' already"),
+    (lambda s, c: s.add_cloth(c.mesh, FABRIC, positions=np.zeros((3, 3))), r"shape \(25, 3\)"),
+    (lambda s, c: tc.Scene().pin(c, 0), "not a cloth of this scene"),
+    (lambda s, c: (s.pin(c, 0), s.move(c, 0, lambda t: (0, 0, 0))), "vertex 0 .* already held"),
+])
+def test_impossible_actions(act, words):
+    scene, cloth = sheet()
+    with pytest.raises((tc.SceneError, tc.MeshError), match=words):
+        act(scene, cloth)
+
+
+@pytest.mark.parametrize("kwargs, words", [
+    ({"h": 0}, "h = 0"), ({"h": -1}, "h = -1"), ({"cg_tol": 0}, "cg_tol"), ({"K": "full"}, "unknown K 'full'"),
+    ({"integrator": "backward_eular"}, "did you mean 'backward_euler'"), ({"arch": "cpuu"}, "did you mean 'cpu'"),
+    ({"precision": "f16"}, "unknown precision"),
+])
+def test_impossible_simulations(kwargs, words):
+    with pytest.raises(tc.SceneError, match=words):
+        tc.Simulation(sheet()[0], **kwargs)
+
+
+def test_empty_scene_and_absent_arch():
+    with pytest.raises(tc.SceneError, match="at least one cloth"):
+        tc.Simulation(tc.Scene())
+    with pytest.raises(tc.BackendError, match="arch 'metal' .*no f64|arch 'metal' does not run here; what does: cpu"):
+        tc.Simulation(sheet()[0], arch="metal")
+
+
+def test_path_that_goes_bad_later_is_named():
+    scene, cloth = sheet()
+    scene.move(cloth, "left", lambda t: (0, 0, 0) if t < 0.05 else (0, np.inf, 0), relative=True)
+    sim = tc.Simulation(scene)
+    with pytest.raises(tc.SceneError, match="moves 5 vertices of 'cloth0' returned a number that is not finite at t = 0.05"):
+        sim.run(1, 20)
+
+
+def test_partial_directions_hold_exactly_and_the_rest_is_free():
+    scene, cloth = sheet()
+    tilted = np.array([1.0, 1.0, 0.5]) / 1.5
+    scene.pin(cloth, 0, tilted)
+    scene.pin(cloth, 24, [[1, 0, 0], [0, 1, 0]])
+    scene.pin(cloth, 12, "y")
+    sim = tc.Simulation(scene)
+    for _ in range(20):
+        sim.step()
+    moved = sim.positions() - cloth.mesh.x
+    assert abs(moved[0] @ tilted) < 1e-14 and np.linalg.norm(moved[0]) > 0.01
+    assert np.abs(moved[24, :2]).max() < 1e-15 and abs(moved[24, 2]) > 1e-4
+    assert abs(moved[12, 1]) < 1e-15
+
+
+def test_prescribed_motion_is_exact_at_every_step():
+    scene, cloth = sheet()
+    path = lambda t: np.array([0.3 * np.sin(3 * t), 0.1 * t, 0])
+    scene.move(cloth, "left", path, relative=True)
+    scene.move(cloth, [24], lambda t: cloth.mesh.x[[24]] + path(2 * t))
+    sim = tc.Simulation(scene)
+    left = cloth.mesh.select("left")
+    for _ in range(10):
+        sim.step()
+        moved = sim.positions() - cloth.mesh.x
+        assert np.abs(moved[left] - path(sim.time)).max() < 1e-14
+        assert np.abs(moved[24] - path(2 * sim.time)).max() < 1e-14
+
+
+def test_motion_rows_follow_the_order_given():
+    scene, cloth = sheet()
+    targets = {3: (5.0, 0, 0), 1: (7.0, 0, 0)}
+    scene.move(cloth, [3, 1], lambda t: [targets[3], targets[1]])
+    sim = tc.Simulation(scene, adaptive=False, K="gauss_newton")
+    sim.step()
+    assert sim.positions()[3, 0] == 5 and sim.positions()[1, 0] == 7
+
+
+def test_events_end_steps_and_leave_the_scene_as_it_was():
+    scene, cloth = sheet()
+    times = []
+    scene.pin(cloth, "left")
+    scene.at(0.11, lambda s: (times.append("a"), s.unpin(cloth, "left")))
+    scene.at(0.05, lambda: times.append("b"))
+    for _ in range(2):
+        sim = tc.Simulation(scene)
+        sim.run(0.3, 10)
+        assert times == ["b", "a"]
+        times.clear()
+        assert {0.05, 0.11} <= {r.t for r in sim.log}
+        held = [r for r in sim.log if r.t <= 0.11]
+        fall = sim.positions()[0, 1]
+        assert fall < -0.1 and len(held) >= 7
+        assert len(scene.script.attachments) == 1
+
+
+def test_point_masses_pull():
+    scene, cloth = sheet()
+    before = tc.Simulation(scene).forces()[12, 1]
+    scene.add_mass(cloth, [12], 0.5)
+    assert tc.Simulation(scene).forces()[12, 1] == pytest.approx(before - 9.81 * 0.5)
