@@ -12,20 +12,39 @@ def build(mesh: str = "", scale: float = 1.0, uv: str = "auto", pins: int = 0, d
           stretch: float = 1000.0, cells: int = 40, up: str = "y") -> tc.Scene:
     """mesh: a file, or a tube made here where empty; scale [m per unit]; uv: auto, pattern or flatten.
 
-    pins: how many of the highest vertices are held (0: those in the top 3 % of the height); up: y or z.
+    pins: how many of the highest vertices of each piece are held (0: the top 3 % of its height); up: y or z.
     """
     shape = tc.load(mesh, scale, uv) if mesh else tc.cylinder(0.25, 0.8, (cells, cells))
     x = shape.x if up == "y" else shape.x[:, [0, 2, 1]] * [1, 1, -1]
     used = np.unique(shape.faces)
-    order = used[np.argsort(-x[used, 1], kind="stable")]
-    if pins == 0:
-        pins = int((x[used, 1] > x[used, 1].max() - 0.03 * np.ptp(x[used, 1])).sum())
+    held = np.concatenate([highest(x, piece, pins) for piece in pieces(shape)])
     fabric = tc.Fabric(density, tc.Stretch(stretch, k_d=1e-3 * stretch), tc.Shear(stretch / 10, k_d=1e-4 * stretch),
                        tc.Bend(5e-5, k_d=2e-7))
     scene = tc.Scene(air=tc.Air(normal=0.3, tangential=0.03), view=tc.View(reach=0.15 * float(np.ptp(x[used], axis=0).max())))
     cloth = scene.add_cloth(shape, fabric, positions=x)
-    scene.pin(cloth, order[:pins])
+    scene.pin(cloth, held)
     return scene
+
+
+def pieces(mesh: tc.TriMesh) -> list[np.ndarray]:
+    """The vertices of each connected piece."""
+    label = np.arange(mesh.vertex_count)
+    while True:
+        least = label.copy()
+        np.minimum.at(least, mesh.faces.ravel(), np.repeat(label[mesh.faces].min(axis=1), 3))
+        least = least[least]
+        if (least == label).all():
+            used = np.unique(mesh.faces)
+            return [used[label[used] == k] for k in np.unique(label[used])]
+        label = least
+
+
+def highest(x: np.ndarray, piece: np.ndarray, pins: int) -> np.ndarray:
+    """The highest vertices of a piece: so many of them, or those in the top 3 % of its height."""
+    height = x[piece, 1]
+    if pins:
+        return piece[np.argsort(-height, kind="stable")[:pins]]
+    return piece[height >= height.max() - 0.03 * np.ptp(height)]
 
 
 def check(sim: tc.Simulation):

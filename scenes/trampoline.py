@@ -1,4 +1,4 @@
-"""A trampoline: pinned rim, centre pushed down by a moving pin, then released."""
+"""A trampoline: pinned rim, centre pushed down by moving pins, then released."""
 
 import math
 
@@ -19,8 +19,9 @@ def build(rings: int = 24, stretch: float = 3000.0) -> tc.Scene:
     scene = tc.Scene(view=tc.View(tc.Camera((0.0, 1.3, 2.9), (0.0, -0.15, 0.0), 40.0), ground=-0.6))
     cloth = scene.add_cloth(mesh, fabric, color=(0.06, 0.19, 0.46))
     scene.pin(cloth, "rim")
-    scene.move(cloth, "centre", lambda t: (0, -PUSH * math.sin(math.pi / 2 * min(t / RELEASE, 1)) ** 2, 0), relative=True)
-    scene.at(RELEASE, lambda scene: scene.unpin(cloth, "centre"))
+    middle = np.flatnonzero(np.linalg.norm(mesh.x, axis=1) < 0.26)
+    scene.move(cloth, middle, lambda t: (0, -PUSH * math.sin(math.pi / 2 * min(t / RELEASE, 1)) ** 2, 0), relative=True)
+    scene.at(RELEASE, lambda scene: scene.unpin(cloth, middle))
     return scene
 
 

@@ -3,6 +3,7 @@
 A force is a data-oriented object whose functions work on one block of rows at a time:
 
 - `energies`: names of its energy terms.
+- `rounding_energy(d)`: energy [J] that positions off by d [m] put into the rest shape.
 - `build_stiffness()`: allocates what only implicit steps need.
 - `add_force(block, f)`: f += its force at the model's x and v.
 - `linearize(block, c, motion, b, P)`: b += c (f + K motion); keeps the block of -c D - c^2 K, adds its diagonal to P.

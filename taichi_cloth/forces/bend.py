@@ -37,7 +37,13 @@ class Bend:
         rest = np.concatenate([_rest(c, h) for c, h in parts])
         self.damps = bool(rest[:, 1].any())
         self.rest = fields.real(self.elements.count, 4, self.elements.per_entry(rest))  # k, k_d, theta_0, floor^2
+        heights2 = np.concatenate([(2 * h.areas).min(axis=1) ** 2 / h.length2 for _, h in parts])
+        self._unit_energy = float(np.sum(rest[:, 0] / heights2) / 2)
         self._fields = fields
+
+    def rounding_energy(self, d: float) -> float:
+        """Energy [J] that positions off by d [m] put into the rest shape."""
+        return self._unit_energy * d * d
 
     def build_stiffness(self) -> None:
         """Allocates what only an implicit step needs."""

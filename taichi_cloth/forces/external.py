@@ -19,6 +19,10 @@ class Gravity:
         self.model = model
         self.g = [float(c) for c in scene.gravity]
 
+    def rounding_energy(self, d: float) -> float:
+        """Energy [J] that positions off by d [m] amount to."""
+        return float(np.linalg.norm(self.g) * self.model.mass.sum()) * d
+
     def build_stiffness(self) -> None:
         """Nothing: gravity has no derivative."""
 
@@ -69,6 +73,10 @@ class Drag:
         self.normal, self.tangential = float(scene.air.normal), float(scene.air.tangential)
         self.wind = fields.real(1, 3, scene.air.wind_at(0.0))
         self._fields = fields
+
+    def rounding_energy(self, d: float) -> float:
+        """None: drag has no energy."""
+        return 0.0
 
     def build_stiffness(self) -> None:
         """Allocates what only an implicit step needs."""

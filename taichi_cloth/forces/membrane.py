@@ -44,7 +44,13 @@ class Membrane:
         self.shears = bool(table[:, K_S].any())
         self.damps = bool(table[:, [D_U, D_V, D_S]].any())
         self.energies = (("stretch_u", "stretch_v") if self.stretches else ()) + (("shear",) if self.shears else ())
+        # energy of strains that are but a rounding of positions by 1 m, see `rounding_energy`
+        self._unit_energy = float(np.sum(area * table[material][:, :K_S + 1].max(axis=1) * np.sum(inverse**2, axis=1)) / 2)
         self._fields = fields
+
+    def rounding_energy(self, d: float) -> float:
+        """Energy [J] that positions off by d [m] put into the rest shape."""
+        return self._unit_energy * d * d
 
     def build_stiffness(self) -> None:
         """Allocates what only an implicit step needs."""

@@ -39,6 +39,9 @@ class BackwardEuler:
         self.solver = PCG(fields, self.operator, self.preconditioner, runtime, options.cg_max_iterations)
         self.filter = Filter(fields, model, self.solver.dv)
         self.slack = ROUNDING * runtime.epsilon
+        extent = float(np.abs(model.start_positions[model.user] - model.origin).max())
+        self.resolution = runtime.epsilon * extent  # [m]
+        self.floor = sum(force.rounding_energy(self.resolution) for force in forces)
         self.held: Held | None = None
 
     def attempt(self, h: float, held: Held | None, start: Measures) -> Attempt:
@@ -59,7 +62,7 @@ class BackwardEuler:
             return Attempt(SOLVER, solutions[-1].status, measures, tuple(solutions), clock.seconds)
         if not measures.finite:
             return Attempt(NOT_FINITE, "after the first solve", measures, tuple(solutions), clock.seconds)
-        limit = start.energies["kinetic"] + start.potential + work + self.slack * (start.size + measures.size)
+        limit = start.energies["kinetic"] + start.potential + work + self.rounding(h, start, measures)
         if phi(measures, h) <= limit:
             return Attempt(None, "", measures, tuple(solutions), clock.seconds)
         return self._newton(h, held, limit, measures, clock, solutions)
@@ -116,7 +119,7 @@ class BackwardEuler:
                     self._shift(h, alpha - taken)
                     taken = alpha
                     measures = self.meter.measure()
-                    if phi(measures, h) <= before + self.slack * measures.size:
+                    if phi(measures, h) <= before + self.rounding(h, measures):
                         break
                     alpha /= 2
             settled = phi(measures, h) <= limit or (held is not None and held.moving)
@@ -125,6 +128,11 @@ class BackwardEuler:
                 return Attempt(None, "", measures, tuple(solutions), clock.seconds)
         reason = ENERGY if measures.finite else NOT_FINITE
         return Attempt(reason, f"{len(solutions)} solves", measures, tuple(solutions), clock.seconds)
+
+    def rounding(self, h: float, *measures: Measures) -> float:
+        """How much of Phi [J] is rounding: of its terms, and of positions as they are stored."""
+        kinetic = 0.5 * self.model.mass.sum() * (self.resolution / h) ** 2
+        return self.slack * sum(m.size for m in measures) + 2 * (self.floor + kinetic)
 
     def _settle(self, held: Held | None) -> None:
         if held is not None:

@@ -157,7 +157,7 @@ class Renderer:
         half = (light + view).normalized(1e-12)
         gloss = 0.06 * ti.max(n.dot(half), 0.0) ** 24 * lit
         rim = 0.08 * (1 - ti.max(n.dot(view), 0.0)) ** 3
-        return base * (1.05 * lit + ambient(n)) + gloss + rim * ambient(n)
+        return base * (0.98 * lit + ambient(n)) + gloss + rim * ambient(n)
 
     @ti.func
     def background(self, px, py, rows: ti.template()):
@@ -173,7 +173,7 @@ class Renderer:
             base = 0.34 + 0.10 * checker(ti.Vector([hit[0], hit[2]]) / rows[7, 2])
             lit = corner(rows, 6)[1] * self.light_reaches(hit, rows)
             up_n = ti.Vector([0.0, 1.0, 0.0])
-            ground = base * ti.Vector([1.0, 0.98, 0.95]) * (1.05 * lit + ambient(up_n))
+            ground = base * ti.Vector([1.0, 0.98, 0.95]) * (0.98 * lit + ambient(up_n))
             fade = ti.exp(-t / (60 * rows[7, 2])) * ti.min(1.0, -ray[1] * 12)
             color = fade * ground + (1 - fade) * color
         return color
@@ -247,7 +247,7 @@ def sky(ray):
 def ambient(n):
     """Light from everywhere: blueish from above, warm from the ground."""
     t = 0.5 + 0.5 * n[1]
-    return 0.42 * (ti.Vector([0.85, 0.93, 1.05]) * t + ti.Vector([0.42, 0.38, 0.34]) * (1 - t))
+    return 0.5 * (ti.Vector([0.85, 0.93, 1.05]) * t + ti.Vector([0.42, 0.38, 0.34]) * (1 - t))
 
 
 def vertex_normals(x: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ filtered residual of b - A z; breakdown (c^T A c <= 0 or r^T P^-1 r < 0) is dete
 residual of the answer is computed afresh, with restarts while it is not what the recurrence says.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,6 +79,8 @@ class PCG:
         self.last = done
         if not np.isfinite(norm):
             return Solution(NOT_FINITE, done, float("nan"), tolerance)
+        if norm < 0 or first < 0:
+            return Solution(BREAKDOWN, done, abs(norm / first), tolerance)
         if first == 0:
             return Solution(CONVERGED, done, 0.0, tolerance)
         allowed = max(tolerance, ROUNDING * self.epsilon * self._size() / first)
@@ -100,10 +103,10 @@ class PCG:
         return MAX_ITERATIONS, done
 
     def _restart(self) -> float:
-        """Residual norm of dv, computed afresh."""
+        """Residual norm of dv, computed afresh; negative where P is indefinite."""
         self._residual()
-        value = self.scalar[0]
-        return float(np.sqrt(value)) if value >= 0 else float("nan")
+        value = float(self.scalar[0])
+        return math.copysign(math.sqrt(abs(value)), value)
 
     def _size(self) -> float:
         return float(np.sqrt(max(self.scalar[3], 0)))

@@ -1,0 +1,106 @@
+"""Closed forms: free fall, hanging strip, weights, momenta; and orders of convergence."""
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+
+G = 9.81
+
+
+@pytest.mark.parametrize("integrator", ["backward_euler", "symplectic_euler"])
+@pytest.mark.parametrize("precision, tolerance", [("f64", 1e-13), ("f32", 2e-6)])
+def test_free_fall_is_exact(integrator, precision, tolerance):
+    scene = tc.Scene()
+    v_0 = np.array([0.3, 1.0, -0.2])
+    cloth = scene.add_cloth(tc.grid(1.0, 5), tc.Fabric(0.2, tc.Stretch(1e4), tc.Shear(1e3), tc.Bend(1e-4)), velocities=v_0)
+    sim = tc.Simulation(scene, h=1 / 50, integrator=integrator, precision=precision)
+    n, h, g = 20, 1 / 50, np.array([0, -G, 0])
+    for _ in range(n):
+        sim.step()
+    expected = cloth.mesh.x + n * h * v_0 + g * h * h * n * (n + 1) / 2  # of both first-order methods
+    assert np.abs(sim.positions() - expected).max() < tolerance
+    assert np.abs(sim.velocities() - (v_0 + n * h * g)).max() < 10 * tolerance
+
+
+@pytest.mark.parametrize("cells", [5, 10, 20, 40])
+def test_hanging_strip(cells):
+    k, density, length = 500.0, 0.2, 1.0
+    scene = tc.Scene()
+    cloth = scene.add_cloth(tc.grid((0.2, length), (max(1, cells // 5), cells), plane="xy"),
+                            tc.Fabric(density, tc.Stretch(k), tc.Shear(100)))
+    scene.pin(cloth, "top")
+    sim = tc.Simulation(scene, h=0.5, cg_tol=1e-10, stretch_limit=1e9)
+    for _ in range(12):  # steps far longer than any period: statics
+        sim.step()
+    bottom = cloth.mesh.select("bottom")
+    sag = (cloth.mesh.x[bottom, 1] - sim.positions()[bottom, 1]).mean()
+    assert sag == pytest.approx(density * G * length**2 / (2 * k), rel=1e-3)
+    assert sim.stretch()[:, 0].max() == pytest.approx(1 + density * G * length / k * (1 - 0.5 / cells), abs=2e-4)
+    weight = density * 0.2 * length * G
+    assert sim.constraint_forces()[:, 1].sum() == pytest.approx(weight, rel=1e-5)
+
+
+def test_momenta_are_conserved_through_steps(rng):
+    mesh = tc.grid(1.0, 6)
+    scene = tc.Scene(gravity=None)
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(500, 0.5), tc.Shear(50, 0.05), tc.Bend(1e-3, 1e-5)),
+                    mesh.x + 0.01 * rng.normal(size=mesh.x.shape), velocities=np.cross([0, 2.0, 1.0], mesh.x))
+    # Gauss-Newton forces act along the conditions' gradients at the start of the step: no torque (DESIGN.md)
+    sim = tc.Simulation(scene, K="gauss_newton", cg_tol=1e-13, h=1 / 200, adaptive=False)
+    m = np.zeros((mesh.vertex_count, 1))
+    m[sim.model.user, 0] = sim.model.mass
+    p_0, L_0 = (m * sim.velocities()).sum(axis=0), np.cross(sim.positions(), m * sim.velocities()).sum(axis=0)
+    for _ in range(25):
+        sim.step()
+    assert all(r.solves == 1 for r in sim.log)
+    p, L = (m * sim.velocities()).sum(axis=0), np.cross(sim.positions(), m * sim.velocities()).sum(axis=0)
+    assert np.abs(p - p_0).max() < 1e-11 * np.abs(p_0).max()
+    assert np.abs(L - L_0).max() < 1e-9 * np.abs(L_0).max()
+
+
+def swing(h, integrator="backward_euler", t=0.2):
+    """End state of a small, soft, damped sheet."""
+    scene = tc.Scene()
+    cloth = scene.add_cloth(tc.grid(1.0, 4), tc.Fabric(0.3, tc.Stretch(20, 0.3), tc.Shear(5, 0.1), tc.Bend(1e-2, 1e-3)))
+    scene.pin(cloth, "left")
+    sim = tc.Simulation(scene, h=h, integrator=integrator, cg_tol=1e-12, adaptive=False, K="gauss_newton")
+    sim.run(t, 1 / t)
+    x = sim.positions()
+    sim.close()
+    return x
+
+
+def test_both_integrators_converge_with_order_one_to_one_limit():
+    steps = [0.2 / n for n in (40, 80, 160, 320)]
+    limit = 2 * swing(0.2 / 5120, "symplectic_euler") - swing(0.2 / 2560, "symplectic_euler")  # extrapolated
+    for integrator in ("backward_euler", "symplectic_euler"):
+        error = [np.sqrt(np.mean((swing(h, integrator) - limit) ** 2)) for h in steps]
+        rates = np.log2(np.array(error[:-1]) / error[1:])
+        assert np.abs(rates - 1).max() < 0.12, (integrator, error)
+        assert abs(rates[-1] - 1) < 0.05
+
+
+def test_drag_brings_cloth_to_the_wind():
+    scene = tc.Scene(gravity=None, air=tc.Air(4.0, 4.0, lambda t: (3.0, 1.0, 0.0)))
+    scene.add_cloth(tc.grid(1.0, 3), tc.Fabric(0.2, tc.Stretch(100)))
+    sim = tc.Simulation(scene, h=1 / 100, cg_tol=1e-12)
+    n, h = 10, 1 / 100
+    for _ in range(n):
+        sim.step()
+    left = (1 + h * 4.0 / 0.2) ** -n  # backward Euler of v' = -(c/sigma) (v - w)
+    assert np.abs(sim.velocities().mean(axis=0) - np.array([3.0, 1.0, 0]) * (1 - left)).max() < 1e-9
+
+
+def test_far_from_the_origin_in_f32():
+    ends = []
+    for shift in (0.0, 1e4):
+        mesh = tc.grid(1.0, 8)
+        scene = tc.Scene()
+        cloth = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(500, 1), tc.Shear(50)), mesh.x + [shift, 0, 0])
+        scene.pin(cloth, "left")
+        sim = tc.Simulation(scene, precision="f32", cg_tol=1e-5)
+        sim.run(0.3, 10)
+        ends.append(sim.positions() - [shift, 0, 0])
+        sim.close()
+    assert np.abs(ends[0] - ends[1]).max() < 1e-3

@@ -1,0 +1,44 @@
+"""Imports go one way: a module imports only from rooms above its own."""
+
+import ast
+import pathlib
+
+PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
+
+ROOMS = [
+    ["errors"], ["view"], ["mesh"], ["shapes", "fabric"], ["scene"], ["io"],  # description
+    ["ordering", "elements", "runtime", "timing"], ["fields"], ["model"],  # fields
+    ["forces"], ["measure", "operator", "constraints"], ["solver"], ["integrators"], ["stepper"], ["simulation"],
+    ["output"], ["scenefile"], ["runner"], ["cli"], ["__main__", "__init__"],
+]
+ROOM = {name: k for k, names in enumerate(ROOMS) for name in names}
+NUMPY_ONLY = {"errors", "view", "mesh", "shapes", "fabric", "scene", "io", "ordering", "elements", "scenefile", "cli"}
+OUTPUT_MAY = {"output", "errors", "view"}
+
+
+def imports(path: pathlib.Path):
+    """(room of the importing module, room imported or external name) pairs."""
+    parts = path.relative_to(PACKAGE).with_suffix("").parts
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = list(parts[: len(parts) - node.level])
+            target = base + (node.module.split(".") if node.module else [])
+            for name in [target[0]] if target else [a.name for a in node.names]:
+                yield parts[0], name
+        elif isinstance(node, ast.Import):
+            yield from ((parts[0], "ext:" + a.name.split(".")[0]) for a in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield parts[0], "ext:" + node.module.split(".")[0]
+
+
+def test_imports_go_one_way():
+    files = sorted(PACKAGE.rglob("*.py"))
+    assert len(files) > 25
+    for path in files:
+        for room, target in imports(path):
+            where = f"{path.name} imports {target}"
+            if target.startswith("ext:"):
+                assert not (room in NUMPY_ONLY and target == "ext:taichi"), where
+            elif target != "__version__":
+                assert ROOM[target] < ROOM[room] or target == room, where
+                assert room != "output" or target in OUTPUT_MAY, where

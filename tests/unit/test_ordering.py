@@ -1,0 +1,50 @@
+"""Vertex order and partition."""
+
+import numpy as np
+
+import taichi_cloth as tc
+from taichi_cloth.ordering import block_bounds, cuthill_mckee, partition
+
+
+def test_order_is_a_permutation_with_small_bandwidth(rng):
+    grid = tc.grid(1.0, 30)
+    shuffle = rng.permutation(grid.vertex_count)
+    pieces = np.concatenate([shuffle[grid.faces], shuffle[grid.faces] + grid.vertex_count])  # two of them
+    n = 2 * grid.vertex_count
+    order = cuthill_mckee(n, pieces)
+    assert sorted(order) == list(range(n))
+    place = np.argsort(order)
+    spread = np.ptp(place[pieces], axis=1)
+    assert spread.max() < 100 and np.ptp(pieces, axis=1).mean() > 300
+
+
+def test_every_block_has_the_elements_that_touch_it(rng):
+    vertices = np.sort(rng.integers(0, 40, size=(70, 3)), axis=1)
+    bounds = block_bounds(40, 4)
+    entries = partition(vertices, bounds)
+    for b in range(4):
+        mine = entries.element[entries.first[b]: entries.first[b + 1]]
+        touches = ((vertices >= bounds[b]) & (vertices < bounds[b + 1])).any(axis=1)
+        assert sorted(mine) == np.flatnonzero(touches).tolist()
+    assert sorted(entries.element[entries.primary]) == list(range(70))
+
+
+def test_results_do_not_depend_on_vertex_order_or_threads(rng):
+    grid = tc.grid(1.0, 8)
+    shuffle = rng.permutation(grid.vertex_count)
+    x = np.empty_like(grid.x)
+    x[shuffle] = grid.x
+    uv = np.empty_like(grid.uv)
+    uv[shuffle] = grid.uv
+    results = []
+    for mesh, back, threads in ((grid, np.arange(grid.vertex_count), 1), (tc.TriMesh(x, shuffle[grid.faces], uv), shuffle, 1),
+                                (grid, np.arange(grid.vertex_count), 3)):
+        scene = tc.Scene()
+        cloth = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(500), tc.Shear(50), tc.Bend(1e-4)))
+        scene.pin(cloth, back[[0, 8]])
+        sim = tc.Simulation(scene, threads=threads, cg_tol=1e-12)
+        for _ in range(5):
+            sim.step()
+        results.append(sim.positions()[back])
+    assert np.abs(results[0] - results[1]).max() < 1e-9
+    assert np.abs(results[0] - results[2]).max() < 1e-9
