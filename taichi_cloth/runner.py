@@ -106,7 +106,7 @@ def describe(sim: Simulation, wall: float) -> str:
     """The closing line of a run."""
     s = summary(sim)
     bad = ", ".join(f"{n} {c}" for n, c in s["rejections"].items()) or "none"
-    parts = ", ".join(f"{n} {v:.2f} s" for n, v in s["seconds"].items())
+    parts = ", ".join(f"{n} {v:.2f} s" for n, v in s["seconds"].items() if v)
     return (f"{sim.time:g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}: {s['steps']} steps, "
             f"rejections: {bad}, {s['cg_iterations']} CG iterations, largest stretch {s['largest_stretch']:.3f}; {parts}")
 

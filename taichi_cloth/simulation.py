@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import taichi as ti
@@ -24,6 +25,7 @@ from .solver.pcg import CONVERGED, Solution
 from .stepper import ADVICE, Control, Stepper, StepRecord
 
 ROUND_TIME = 1e-9  # part of a step below which two times are the same
+SAFETY = 0.9  # part of an explicit method's stable step that adaptive runs take at most
 H_MIN_FACTOR = 4096.0  # h_min is h over this, where it is not given
 
 
@@ -33,7 +35,7 @@ class Simulation:
 
     Args:
         scene: what to simulate; it stays as it was built.
-        h: step size [s]; the largest one where steps adapt.
+        h: step size [s]; the largest one where steps adapt (an explicit method's stable step bounds it too).
         arch: "cpu", "cuda", "vulkan", "metal".
         precision: "f32" or "f64".
         integrator: "backward_euler" or "symplectic_euler".
@@ -70,7 +72,7 @@ class Simulation:
         h_min = h / H_MIN_FACTOR if h_min is None else h_min
         for name, value in (("h", h), ("h_min", h_min), ("cg_tol", cg_tol), ("stretch_limit", stretch_limit)):
             _check_positive(name, value)
-        self.scene, self.time = scene, 0.0
+        self.scene, self.time, self._h = scene, 0.0, h
         self.log: list[StepRecord] = []
         self.runtime = runtime.start(arch, precision, threads, quiet, debug)
         self._generation, self._open = runtime.generation(), True
@@ -84,6 +86,9 @@ class Simulation:
         self.integrator = integrators.build(integrator, self._fields, self.model, self._forces, self.meter, self.options,
                                             self.runtime)
         self._fields.allocate()
+        if adaptive:  # an explicit method takes no step that is unstable already at rest
+            h = min(h, SAFETY * self.integrator.stable_step)
+            self.control = replace(self.control, h_max=h, h_min=min(h_min, h / 2))
         self.stepper = Stepper(self.model, self.integrator, self.meter, self.control)
         self._script = scene.script.copy()
         self._script.events.sort(key=lambda event: event.time)
@@ -206,7 +211,7 @@ class Simulation:
         Raises:
             SimulationError: where no step passes.
         """
-        h = self.control.h_max if h is None else h
+        h = self._h if h is None else h
         _check_positive("h", h)
         return self._advance_to(self.time + h)
 

@@ -1,5 +1,6 @@
 """Step size control: proposes h, judges attempts, rolls back. [BW98 §6]"""
 
+import time
 from dataclasses import dataclass, field
 
 from .errors import SimulationError
@@ -7,6 +8,7 @@ from .integrators import ENERGY, NOT_FINITE, SOLVER, STRETCH, Attempt
 from .measure import Measures, Meter
 from .model import Model
 
+PARTS = ("EVAL", "CG", "C-C", "C-S")  # [BW98 table 1]: forces and matrix, solve, cloth-cloth, cloth-solid contact
 ADVICE = {
     STRETCH: "some triangle stretches too much in one step: slow the motion down, or raise stretch_limit",
     ENERGY: "no step lowers the incremental potential: check for collapsed or inverted cloth at the start, or allow "
@@ -85,7 +87,8 @@ class Stepper:
         control = self.control
         h = min(h_wanted, self.h) if control.adaptive else h_wanted
         rejections: dict[str, int] = {}
-        seconds: dict[str, float] = {}
+        seconds = dict.fromkeys(PARTS, 0.0)
+        began = time.perf_counter()
         while True:
             self.model.save()
             if self.start is None:
@@ -94,10 +97,11 @@ class Stepper:
                     raise SimulationError(f"the state at t = {t:g} s is not finite", NOT_FINITE, t)
             attempt = self.integrator.attempt(h, held_at(t + h), self.start)
             for name, value in attempt.seconds.items():
-                seconds[name] = seconds.get(name, 0.0) + value
+                seconds[name] += value
             rejection = self.judge(attempt)
             if rejection is None or (not control.adaptive and attempt.measures is not None
                                      and attempt.measures.finite):
+                seconds["total"] = time.perf_counter() - began
                 return self._accept(t, h, attempt, rejection, rejections, seconds)
             self.model.restore()
             rejections[rejection] = rejections.get(rejection, 0) + 1

@@ -3,6 +3,7 @@
 A force is a data-oriented object whose functions work on one block of rows at a time:
 
 - `energies`: names of its energy terms.
+- `rates`: bounds at rest on the squared frequency [1/s^2] and the damping rate [1/s] of any mode, for explicit steps.
 - `rounding_energy(d)`: energy [J] that positions off by d [m] put into the rest shape.
 - `build_stiffness()`: allocates what only implicit steps need.
 - `add_force(block, f)`: f += its force at the model's x and v.

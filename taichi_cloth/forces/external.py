@@ -14,6 +14,7 @@ class Gravity:
     """m g, with the potential -m g . x."""
 
     energies = ("gravity",)
+    rates = (0.0, 0.0)
 
     def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
         self.model = model
@@ -71,6 +72,8 @@ class Drag:
         vertices = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths])
         self.elements = Elements(fields, model.blocks, vertices)
         self.normal, self.tangential = float(scene.air.normal), float(scene.air.tangential)
+        density = min(c.fabric.density for c in scene.cloths)
+        self.rates = (0.0, max(self.normal, self.tangential) / density)
         self.wind = fields.real(1, 3, scene.air.wind_at(0.0))
         self._fields = fields
 

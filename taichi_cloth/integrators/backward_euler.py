@@ -9,6 +9,8 @@ until a full Newton step is taken and Phi is below where it began.
 Differs from [BW98]: the test and what follows it; the paper accepts every solve.
 """
 
+import math
+
 import numpy as np
 import taichi as ti
 
@@ -30,6 +32,8 @@ ROUNDING = 64  # Phi may grow by this many roundings of its terms
 @ti.data_oriented
 class BackwardEuler:
     """[BW98 §3.1, §6] on a model."""
+
+    stable_step = math.inf
 
     def __init__(self, fields: Fields, model: Model, forces: list, meter: Meter, options: Options,
                  runtime: Runtime) -> None:
@@ -84,7 +88,7 @@ class BackwardEuler:
             elif h > 0:
                 self.filter.prescribe(held.index, held.projector, held.target, h)
             self.preconditioner.restrict(held.index, held.projector)
-        return self.solver.solve(self.options.cg_tol)
+        return self.solver.solve(self.options.cg_tol, free=held is None)
 
     def reaction(self) -> np.ndarray:
         """(n, 3) impulse [N s] in particle order that the last solve needed to keep the held directions."""

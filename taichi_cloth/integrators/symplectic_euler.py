@@ -1,5 +1,7 @@
 """Symplectic Euler: v += h f(x, v)/m, x += h v. Explicit, no solver; stable only for small h."""
 
+import math
+
 import taichi as ti
 
 from ..constraints import Filter, Held
@@ -24,6 +26,7 @@ class SymplecticEuler:
         self.model, self.meter = model, meter
         self.forces = ForceField(fields, model, forces)
         self.dv = fields.real(model.n, 3)
+        self.stable_step = stable_step(sum(force.rates[0] for force in forces), sum(force.rates[1] for force in forces))
         self.filter = Filter(fields, model, self.dv)
 
     def attempt(self, h: float, held: Held | None, start: Measures) -> Attempt:
@@ -64,3 +67,14 @@ class SymplecticEuler:
         for i in range(self.model.n):
             self.model.v[i] += self.dv[i]
             self.model.x[i] += h * self.model.v[i]
+
+
+def stable_step(omega2: float, damping: float) -> float:
+    """The step [s] up to which h^2 omega^2 + 2 h damping <= 4, the limit of stability at rest.
+
+    Args:
+        omega2: largest squared frequency [1/s^2]; damping: largest damping rate [1/s].
+    """
+    if omega2 == 0:
+        return 2 / damping if damping else math.inf
+    return (math.sqrt(damping**2 + 4 * omega2) - damping) / omega2

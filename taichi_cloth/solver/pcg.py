@@ -64,9 +64,18 @@ class PCG:
         self.history = fields.real(max_iterations + 1, dtype=self.sum_type)
         self.last = 0
 
-    def solve(self, tolerance: float) -> Solution:
-        """From dv = z (already in place) to dv; A dv is left in As."""
+    def solve(self, tolerance: float, free: bool = False) -> Solution:
+        """From dv = z (already in place) to dv; A dv is left in As.
+
+        Args:
+            tolerance: on the filtered residual, relative to that of dv = z.
+            free: nothing is held: start from the translation that has all of b's momentum, which is the answer
+                where cloth falls freely.
+        """
         first = norm = self._restart()
+        if free and norm > 0:
+            self._translate()
+            norm = self._restart()
         status, done = CONVERGED, 0
         for _ in range(RESTARTS):
             if not norm > SLACK * tolerance * first:  # also where norm is NaN
@@ -107,6 +116,17 @@ class PCG:
         self._residual()
         value = float(self.scalar[0])
         return math.copysign(math.sqrt(abs(value)), value)
+
+    @ti.kernel
+    def _translate(self):
+        """dv = sum of b / sum of m"""
+        for _ in range(1):
+            b, m = ti.Vector.zero(self.sum_type, 3), ti.cast(0, self.sum_type)
+            for i in range(self.operator.model.n):
+                b += self.operator.b[i]
+                m += self.operator.model.m[i]
+            for i in range(self.operator.model.n):
+                self.dv[i] = ti.cast(b / m, float)
 
     def _size(self) -> float:
         return float(np.sqrt(max(self.scalar[3], 0)))

@@ -1,0 +1,58 @@
+"""Every scene, small: it runs, its check passes, its file keeps to the rules; also with Taichi's bounds checks on."""
+
+import pathlib
+
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth import scenefile
+
+FOLDER = pathlib.Path(__file__).parents[1] / "scenes"
+NAMES = sorted(p.stem for p in FOLDER.glob("*.py"))
+
+
+def run(name: str, duration: float | None = None, **kwargs) -> tuple[scenefile.SceneFile, tc.Simulation]:
+    scene = scenefile.read(str(FOLDER / f"{name}.py"))
+    plan = {"cg_tol": 1e-4, **scene.run}
+    length, fps = duration or plan.pop("duration"), plan.pop("fps")
+    plan.pop("duration", None)
+    sim = tc.Simulation(scene.make(scene.small), **{**plan, **kwargs})
+    sim.run(length, fps)
+    return scene, sim
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_scene(name):
+    scene, sim = run(name)
+    assert scene.summary and scene.check
+    results = list(scene.check(sim))
+    assert results and all(good for _, good in results), results
+    sim.close()
+
+
+@pytest.mark.parametrize("name", ["hang", "trampoline", "flag"])
+def test_scene_in_f32(name):
+    scene, sim = run(name, precision="f32")
+    assert all(good for _, good in scene.check(sim))
+    sim.close()
+
+
+@pytest.mark.parametrize("name, integrator", [("flag", "backward_euler"), ("trampoline", "backward_euler"),
+                                              ("swing", "symplectic_euler")])
+def test_no_index_is_out_of_bounds(name, integrator):
+    """Debug mode turns an index out of bounds, which else ends the process without a word, into an exception."""
+    _, sim = run(name, duration=0.07, debug=True, integrator=integrator)
+    assert sim.log and sim.runtime.debug
+    sim.forces()
+    if integrator == "backward_euler":
+        sim.product(sim.positions(), 0.01)
+    sim.close()
+
+
+def test_debug_mode_does_catch_one():
+    import numpy as np
+
+    _, sim = run("swing", duration=0.04, debug=True)
+    with pytest.raises(AssertionError, match="(?i)out of bound"):
+        sim.integrator.operator.alter_motion(np.array([10**6], dtype=np.int32), np.zeros((1, 3)))
+    sim.close()
