@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 
-DEFAULTS = {"duration": 2.0, "fps": 30.0, "h": 1 / 60, "arch": "cpu", "precision": "f64",
+DEFAULTS: dict = {"duration": 2.0, "fps": 30.0, "h": 1 / 60, "arch": "cpu", "precision": "f64",
             "integrator": "backward_euler", "K": "projected", "cg_tol": 1e-4, "stretch_limit": 0.5}
 OK, FAILED, BAD_USAGE, GAVE_UP, INTERRUPTED = 0, 1, 2, 3, 130
 

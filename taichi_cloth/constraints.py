@@ -71,7 +71,9 @@ class Attachments:
     def update(self, attachments: list[Attachment], positions) -> None:
         """Begins attachments that are new; `positions()` gives the user's (n, 3) when one is."""
         new = [a for a in attachments if a.key not in self._anchors]
-        x = positions() if new else None
+        if not new:
+            return
+        x = positions()
         for a in new:
             self._anchors[a.key] = x[a.cloth.start: a.cloth.start + a.cloth.mesh.vertex_count].copy()
 
@@ -90,8 +92,8 @@ class Attachments:
         projector = np.einsum("kdi,kdj->kij", basis, basis)
         if len(np.unique(index)) < len(index):
             index, projector, goal = _combine(index, basis, goal)
-        return Held(*(kernel_array(a, t) for a, t in ((index, np.int32), (projector, self.exchange), (goal, self.exchange))),
-                    moving)
+        return Held(kernel_array(index, np.int32), kernel_array(projector, self.exchange),
+                    kernel_array(goal, self.exchange), moving)
 
 
 def by_hand(constraints: Sequence[Constraint], model: Model,

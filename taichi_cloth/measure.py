@@ -53,7 +53,7 @@ class Meter:
             column += len(force.energies) + 1
         self.column = column  # of kinetic energy; then change, stretch, its change, a sum over x and v
         self.stretched = [f for f in forces if hasattr(f, "largest_stretch")]
-        self._report = np.zeros((self.blocks.count, column + 5), dtype=runtime.exchange)
+        self._report: np.ndarray = np.zeros((self.blocks.count, column + 5), dtype=runtime.exchange)
 
     def measure(self) -> Measures:
         """The model's current state, against its saved one."""

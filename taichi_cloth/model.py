@@ -105,7 +105,8 @@ class Model:
         return np.ascontiguousarray(np.asarray(values)[self.user].astype(self.exchange))
 
     def _pack(self, kernel) -> tuple[np.ndarray, np.ndarray]:
-        x, v = (np.empty((self.n, 3), dtype=self.exchange) for _ in range(2))
+        x: np.ndarray = np.empty((self.n, 3), dtype=self.exchange)
+        v = np.empty_like(x)
         kernel(x, v)
         return x.astype(np.float64), v.astype(np.float64)
 
@@ -151,5 +152,5 @@ def _masses(scene: Scene) -> np.ndarray:
 
 def _local_origin(x: np.ndarray) -> np.ndarray:
     low, high = x.min(axis=0), x.max(axis=0)
-    centre, size = (low + high) / 2, np.linalg.norm(high - low)
+    centre, size = (low + high) / 2, float(np.linalg.norm(high - low))
     return np.round(centre) if np.linalg.norm(centre) > FAR * max(size, 1.0) else np.zeros(3)

@@ -5,6 +5,7 @@ import datetime
 import platform
 import sys
 import time
+from collections import Counter
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
@@ -87,13 +88,13 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
 
 def summary(sim: Simulation) -> dict:
     """Steps, rejections by name, smallest step, worst residual, iterations and seconds by part of a run."""
-    rejections: dict[str, int] = {}
+    rejections: Counter[str] = Counter()
     seconds: dict[str, float] = {}
     for r in sim.log:
-        for total, part in ((rejections, r.rejections), (seconds, r.seconds)):
-            for name, value in part.items():
-                total[name] = total.get(name, 0) + value  # type: ignore[operator]
-    return {"steps": len(sim.log), "rejections": rejections,
+        rejections.update(r.rejections)
+        for name, value in r.seconds.items():
+            seconds[name] = seconds.get(name, 0.0) + value
+    return {"steps": len(sim.log), "rejections": dict(rejections),
             "smallest_h": min((r.h for r in sim.log), default=None),
             "worst_residual": max((r.residual for r in sim.log), default=None),
             "not_converged": sum(r.status not in ("CONVERGED", "EXPLICIT") for r in sim.log),

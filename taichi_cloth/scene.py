@@ -311,7 +311,7 @@ def orthonormal(directions: object) -> np.ndarray:
         return np.eye(3)[sorted({"xyz".index(a) for a in directions})]
     rows = np.atleast_2d(np.asarray(directions, dtype=np.float64))
     if rows.ndim != 2 or rows.shape[1:] != (3,) or not 1 <= len(rows) <= 3 or not np.isfinite(rows).all():
-        raise SceneError(f"directions need 1 to 3 finite vectors of length 3, not shape {np.shape(directions)}")
+        raise SceneError(f"directions need 1 to 3 finite vectors of length 3, not shape {rows.shape}")
     length = np.linalg.norm(rows, axis=1)
     unit = rows / np.where(length > 0, length, 1)[:, None]
     if np.linalg.matrix_rank(unit, tol=1e-9) < len(rows):

@@ -53,7 +53,8 @@ class Bend:
     def build_stiffness(self) -> None:
         """Allocates what only an implicit step needs."""
         self.g = self._fields.real(self.elements.count, 9)
-        self.hessian = self._fields.real(self.elements.count, 81) if self.exact else None
+        if self.exact:
+            self.hessian = self._fields.real(self.elements.count, 81)
 
     @ti.func
     def arms(self, e, q: ti.template()):

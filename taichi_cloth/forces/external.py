@@ -44,7 +44,6 @@ class Gravity:
     @ti.func
     def add_product(self, block, p: ti.template(), q: ti.template()):
         """Nothing."""
-        pass
 
     @ti.func
     def measure(self, block, base: ti.template(), report: ti.template(), dtype: ti.template()):
@@ -71,10 +70,12 @@ class Drag:
         self.model = model
         vertices = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths])
         self.elements = Elements(fields, model.blocks, vertices)
-        self.normal, self.tangential = float(scene.air.normal), float(scene.air.tangential)
+        air = scene.air
+        assert air is not None  # build_forces makes no drag without air
+        self.normal, self.tangential = float(air.normal), float(air.tangential)
         density = min(c.fabric.density for c in scene.cloths)
         self.rates = (0.0, max(self.normal, self.tangential) / density)
-        self.wind = fields.real(1, 3, scene.air.wind_at(0.0))
+        self.wind = fields.real(1, 3, air.wind_at(0.0))
         self._fields = fields
 
     def rounding_energy(self, d: float) -> float:

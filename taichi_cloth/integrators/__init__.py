@@ -14,7 +14,6 @@ Methods with stages solved by Newton use the operator with their own c in M - c 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-
 from ..fields import Fields
 from ..measure import Measures, Meter
 from ..model import Model

@@ -92,7 +92,7 @@ def _triangulate(corners: list[Corner], v: list) -> list[tuple[Corner, Corner, C
     if len(corners) == 3:
         return [(corners[0], corners[1], corners[2])]
     p = np.array([v[c[0]] for c in corners])
-    normal = sum(np.cross(p[i - 1], p[i]) for i in range(len(p)))
+    normal = np.cross(np.roll(p, 1, axis=0), p).sum(axis=0)
     left, out = list(range(len(p))), []
     while len(left) > 3:
         ear = next((k for k in range(len(left)) if _is_ear(p, normal, left, k)), 0)

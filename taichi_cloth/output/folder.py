@@ -4,6 +4,7 @@ import json
 import os
 import pathlib
 import re
+from typing import TextIO
 
 from ..errors import OutputError
 
@@ -30,7 +31,7 @@ class RunFolder:
             raise
         except OSError as error:
             raise OutputError(f"cannot write to {self.path}: {error.strerror or error}") from None
-        self._telemetry = None
+        self._telemetry: TextIO | None = None
 
     def _prepare(self, overwrite: bool) -> None:
         if self.path.exists() and not self.path.is_dir():

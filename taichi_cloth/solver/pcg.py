@@ -22,6 +22,7 @@ CONVERGED, MAX_ITERATIONS, BREAKDOWN, NOT_FINITE = "CONVERGED", "MAX_ITERATIONS"
 GO_ON, DONE, BROKEN, BAD = range(4)
 RESTARTS = 5
 ROUNDING = 8.0  # roundings of A dv that a residual may have and no iteration takes away
+UNROLLED = 32
 SLACK = 2.0  # a fresh residual within this factor of the tolerance counts as converged
 
 
@@ -147,13 +148,10 @@ class PCG:
                     rs += r.dot(s)
                     size += self.preconditioner.norm_sqr(i, self.dv[i])
                 self.partial[block] = ti.Vector([rs, size, 0 * rs])
-        for _ in range(1):  # a loop at the top of a kernel is a parallel one: this keeps the sum inside it serial
-            rs, size = ti.cast(0, self.sum_type), ti.cast(0, self.sum_type)
-            for block in range(self.blocks.count):
-                rs += self.partial[block][0]
-                size += self.partial[block][1]
-            self.scalar[0], self.scalar[3] = rs, size
-            self.scalar[1], self.scalar[2] = 0, 1
+        self.scalar[0] = self.total(0)
+        self.scalar[3] = self.total(1)
+        self.scalar[1] = 0
+        self.scalar[2] = 1
 
     @ti.kernel
     def _step(self, target: float, iteration: int) -> int:
@@ -181,30 +179,41 @@ class PCG:
                     self.r[i], self.s[i] = r, s
                     rs += r.dot(s)
                 self.partial[block][1] = rs
+        alpha, beta, cAc = self.coefficients()
+        rs = self.total(1)
+        self.scalar[1] = self.scalar[0]
+        self.scalar[2] = alpha
+        self.scalar[0] = rs
+        self.history[iteration] = rs
         state = GO_ON
-        for _ in range(1):
-            alpha, beta, cAc = self.coefficients()
-            rs = ti.cast(0, self.sum_type)
-            for block in range(self.blocks.count):
-                rs += self.partial[block][1]
-            self.scalar[1] = self.scalar[0]
-            self.scalar[2] = alpha
-            self.scalar[0] = rs
-            self.history[iteration] = rs
-            if rs <= target:
-                state = DONE
-            if cAc <= 0 or rs < 0:
-                state = BROKEN
-            if not (rs * 0 == 0 and cAc * 0 == 0):
-                state = BAD
+        if rs <= target:
+            state = DONE
+        if cAc <= 0 or rs < 0:
+            state = BROKEN
+        if not (rs * 0 == 0 and cAc * 0 == 0):
+            state = BAD
         return state
+
+    @ti.func
+    def total(self, column: ti.template()):
+        """Sum of a column of the blocks' partial sums, always in the same order.
+
+        Unrolled where blocks are few: at the top of a kernel a loop would be a parallel task of its own.
+        """
+        out = ti.cast(0, self.sum_type)
+        if ti.static(self.blocks.count <= UNROLLED):
+            for block in ti.static(range(self.blocks.count)):
+                out += self.partial[block][column]
+        else:
+            for _ in range(1):
+                for block in range(self.blocks.count):
+                    out += self.partial[block][column]
+        return out
 
     @ti.func
     def coefficients(self):
         """alpha, beta and c^T A c of this iteration, from the sums of the blocks."""
-        sAs = ti.cast(0, self.sum_type)
-        for block in range(self.blocks.count):
-            sAs += self.partial[block][0]
+        sAs = self.total(0)
         rs, before, alpha_before = self.scalar[0], self.scalar[1], self.scalar[2]
         beta = ti.cast(0, self.sum_type)
         if before > 0:
