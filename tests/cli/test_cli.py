@@ -125,7 +125,7 @@ def check(sim):
     assert [p.name for p in sorted((tmp_path / "o" / "images").iterdir())] == ["00000.png", "00001.png"]
     manifest = json.loads((tmp_path / "o" / "manifest.json").read_text())
     assert manifest["status"].startswith("gave up") and manifest["simulated_s"] == pytest.approx(0.06, abs=0.011)
-    assert call("check", scene, "--duration", "0.05").returncode == 1
+    assert call("check", scene, "--duration", "0.05", "--fps", "20").returncode == 1
 
 
 def test_interrupt_leaves_whole_frames(tmp_path):
