@@ -216,7 +216,8 @@ class Simulation:
         return self._advance_to(self.time + h)
 
     def run(self, duration: float, fps: float, on_frame: Callable[["Simulation", int], None] | None = None) -> None:
-        """Runs for `duration` [s] and calls on_frame(simulation, frame) at the start and at every frame's time.
+        """Runs for `duration` [s], rounded to whole frames, and calls on_frame(simulation, frame) at the start and at
+        every frame's time.
 
         Frames are hit exactly; steps between them are equal where nothing goes wrong.
         """

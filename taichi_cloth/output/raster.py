@@ -54,9 +54,9 @@ class Renderer:
         shadow, shadow_frame = self._light_view(x)
         near = 1 / self.camera.near
         self._clear()
-        self._raster(screen, self.faces, self.w, self.h, 0, near)
-        self._raster(shadow, self.faces, SHADOW, SHADOW, self.w * self.h, 1e30)
-        self._identify(screen, self.faces, self.w, self.h, near)
+        self._raster(screen, self.faces, self.w, self.h, 0, near, 0)
+        self._raster(screen, self.faces, self.w, self.h, 0, near, 1)
+        self._raster(shadow, self.faces, SHADOW, SHADOW, self.w * self.h, 1e30, 0)
         image = np.empty((self.height, self.width, 3), dtype=np.float32)
         c = self.camera
         frame_rows = np.concatenate([c.axes, [c.eye], self.light, [[c.focal, self.ground, self.tile]],
@@ -83,8 +83,9 @@ class Renderer:
             self.face[i] = -1
 
     @ti.kernel
-    def _raster(self, p: ti.types.ndarray(), faces: ti.types.ndarray(), w: int, h: int, offset: int,
-                near: ti.f32):
+    def _raster(self, p: ti.types.ndarray(), faces: ti.types.ndarray(), w: int, h: int, offset: int, near: ti.f32,
+                identify: int):
+        """Nearest depth in each pixel; then, with `identify`, which face it was that has it."""
         for f in range(faces.shape[0]):
             a, b, c = corner(p, faces[f, 0]), corner(p, faces[f, 1]), corner(p, faces[f, 2])
             area = edge(a, b, c[0], c[1])
@@ -95,24 +96,11 @@ class Renderer:
                     for x in range(x_0, x_1):
                         k = weights(a, b, c, area, x + 0.5, y + 0.5)
                         if k.min() >= 0:
-                            ti.atomic_max(self.depth[offset + y * w + x], k.dot(ti.Vector([a[2], b[2], c[2]])))
-
-    @ti.kernel
-    def _identify(self, p: ti.types.ndarray(), faces: ti.types.ndarray(), w: int, h: int, near: ti.f32):
-        """Which face each pixel shows: the one whose depth the first pass kept."""
-        for f in range(faces.shape[0]):
-            a, b, c = corner(p, faces[f, 0]), corner(p, faces[f, 1]), corner(p, faces[f, 2])
-            area = edge(a, b, c[0], c[1])
-            if visible(a, near) and visible(b, near) and visible(c, near) and ti.abs(area) > 1e-12:
-                x_0, x_1 = bounds(a[0], b[0], c[0], w)
-                y_0, y_1 = bounds(a[1], b[1], c[1], h)
-                for y in range(y_0, y_1):
-                    for x in range(x_0, x_1):
-                        k = weights(a, b, c, area, x + 0.5, y + 0.5)
-                        if k.min() >= 0:
-                            here = ti.cast(k.dot(ti.Vector([a[2], b[2], c[2]])), ti.f32)
-                            if here == self.depth[y * w + x]:
-                                ti.atomic_max(self.face[y * w + x], f)
+                            pixel, here = offset + y * w + x, ti.cast(k.dot(ti.Vector([a[2], b[2], c[2]])), ti.f32)
+                            if identify == 0:
+                                ti.atomic_max(self.depth[pixel], here)
+                            elif here == self.depth[pixel]:
+                                ti.atomic_max(self.face[pixel], f)
 
     @ti.kernel
     def _shade(self, p: ti.types.ndarray(), x: ti.types.ndarray(), normals: ti.types.ndarray(),
