@@ -53,6 +53,6 @@ def test_debug_mode_does_catch_one():
     import numpy as np
 
     _, sim = run("swing", duration=0.04, debug=True)
-    with pytest.raises(AssertionError, match="(?i)out of bound"):
+    with pytest.raises(AssertionError, match=r"of size \(121\) with indices \(1000000\)|out of bound"):
         sim.integrator.operator.alter_motion(np.array([10**6], dtype=np.int32), np.zeros((1, 3)))
     sim.close()
