@@ -71,7 +71,7 @@ def fill_row(field: ti.template(), i, width: ti.template(), offset: ti.template(
     if ti.static(width == 1):
         field[i] = data[offset + i]
     else:
-        for c in ti.static(range(width)):
+        for c in range(width):
             field[i][c] = data[offset + i * width + c]
 
 

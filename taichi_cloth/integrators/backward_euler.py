@@ -87,7 +87,7 @@ class BackwardEuler:
                 self.filter.impose(held.index, held.projector, z)
             elif h > 0:
                 self.filter.prescribe(held.index, held.projector, held.target, h)
-            self.preconditioner.restrict(held.index, held.projector)
+            self.preconditioner.hold(held.index, held.projector)
         return self.solver.solve(self.options.cg_tol, free=held is None)
 
     def reaction(self) -> np.ndarray:

@@ -1,5 +1,6 @@
 """3x3 block Jacobi on the directions that are free."""
 
+import numpy as np
 import taichi as ti
 
 from ..fields import Fields
@@ -24,23 +25,35 @@ class BlockJacobi:
             self.is_held[i] = 0
             self.inverse[i] = sym(sym_unpack(self.operator.P[i]).inverse())
 
+    def hold(self, index: np.ndarray, held: np.ndarray) -> None:
+        """Takes the held directions out: particles index[k], with I - S = held[k]."""
+        full = np.trace(held, axis1=1, axis2=2) > 2.5
+        if full.any():
+            self._hold_fully(index[full])
+        if not full.all():  # compiled only for scenes with 1 or 2 held directions
+            self._hold_partly(index[~full], held[~full])
+
     @ti.kernel
-    def restrict(self, index: ti.types.ndarray(), held: ti.types.ndarray()):
-        """For particles index[k], with I - S = held[k]: (S P S + I - S)^-1 - (I - S)."""
+    def _hold_fully(self, index: ti.types.ndarray()):
+        """S = 0"""
+        for k in range(index.shape[0]):
+            self.is_held[index[k]] = 1
+            self.S[index[k]] = ti.Vector.zero(float, 6)
+            self.inverse[index[k]] = ti.Vector.zero(float, 6)
+
+    @ti.kernel
+    def _hold_partly(self, index: ti.types.ndarray(), held: ti.types.ndarray()):
+        """(S P S + I - S)^-1 - (I - S), the two parts of the sum alike in size."""
         for k in range(index.shape[0]):
             C = ti.Matrix.zero(float, 3, 3)
             for a, b in ti.static(ti.ndrange(3, 3)):
                 C[a, b] = held[k, a, b]
             S = ti.Matrix.identity(float, 3) - C
+            P = sym_unpack(self.operator.P[index[k]])
+            free = (S @ P @ S + P.trace() * C).inverse() - C / P.trace()
             self.is_held[index[k]] = 1
             self.S[index[k]] = sym(S)
-            if C.trace() > 2.5:
-                self.inverse[index[k]] = ti.Vector.zero(float, 6)
-            else:
-                # P's own scale on the held part keeps the two parts of the sum alike in size
-                P = sym_unpack(self.operator.P[index[k]])
-                free = (S @ P @ S + P.trace() * C).inverse() - C / P.trace()
-                self.inverse[index[k]] = sym(0.5 * (free + free.transpose()))
+            self.inverse[index[k]] = sym(0.5 * (free + free.transpose()))
 
     @ti.func
     def filter(self, i, r):
