@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 
 from . import __version__
-from .errors import SceneError, SimulationError
+from .errors import ClothError, SceneError, SimulationError
 from .output.folder import RunFolder
 from .output.png import encode_png
 from .scene import Scene
@@ -51,17 +51,17 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
     for cloth in scene.cloths:
         for note in cloth.mesh.notes:
             print(f"note: {cloth.name}: {note}", file=sys.stderr)
-    folder = RunFolder(options.out, options.overwrite) if options.out else None
     started = time.perf_counter()
     sim = Simulation(scene, **options.simulation)
+    # only now, when nothing in the request is wrong any more, may an earlier run's files go
+    folder = RunFolder(options.out, options.overwrite) if options.out else None
     manifest = _manifest(scene_file, scene, sim, options)
-    outcome = "interrupted"
+    outcome, written = "interrupted", 0
     try:
         if folder:
             folder.write_manifest({**manifest, "status": "running"})
         with progress(options) as show:
             draw = _artist(scene, options) if options.size and folder else None
-            written = 0
 
             def on_frame(sim: Simulation, frame: int) -> None:
                 nonlocal written
@@ -76,6 +76,9 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
         outcome = "finished"
     except SimulationError as error:
         outcome = f"gave up: {error}"
+        raise
+    except ClothError as error:
+        outcome = f"failed: {error}"
         raise
     finally:
         if folder:

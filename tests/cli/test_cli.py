@@ -79,6 +79,9 @@ def test_another_runs_files_are_safe(out, tmp_path):
     refused = call("run", "hang", "--out", folder, *QUICK)
     assert refused.returncode == 2 and "another run's files" in refused.stderr
     assert (folder / "manifest.json").read_bytes() == before
+    wrong = call("run", "hang", "--out", folder, "--overwrite", "--K", "papre", *QUICK)
+    assert wrong.returncode == 2 and (folder / "manifest.json").read_bytes() == before
+    assert len(list((folder / "images").iterdir())) == 3  # a request that is wrong costs nothing on disk
     done = call("run", "hang", "--out", folder, "--overwrite", "--no-images", *QUICK)
     assert done.returncode == 0, done.stderr
     assert (folder / "mine.txt").read_text() == "keep" and not list((folder / "images").iterdir())
