@@ -16,6 +16,8 @@ _WHERE = {
     "load": "io",
     "Stretch": "fabric", "Shear": "fabric", "Bend": "fabric", "Fabric": "fabric",
     "Scene": "scene", "Cloth": "scene", "Air": "scene",
+    "Plane": "solids", "Sphere": "solids", "Capsule": "solids", "Box": "solids", "Cylinder": "solids",
+    "SolidMesh": "solids", "Solid": "solids",
     "Camera": "view", "View": "view",
     "Constraint": "constraints",
     "Simulation": "simulation",

@@ -52,13 +52,15 @@ class Held:
         index: (k,) particles.
         projector: (k, 3, 3) I - S.
         target: (k, 3) positions [m] that the held directions must have at the end of the step.
-        moving: whether any of them is led along a path.
+        moving: whether any of them is led along a path, or by a solid.
+        y: (k, 3) part of the way there [m] that is an alteration of position, not motion; 0 for pins.
     """
 
     index: np.ndarray
     projector: np.ndarray
     target: np.ndarray
     moving: bool
+    y: np.ndarray
 
 
 class Attachments:
@@ -93,12 +95,12 @@ class Attachments:
         if len(np.unique(index)) < len(index):
             index, projector, goal = _combine(index, basis, goal)
         return Held(kernel_array(index, np.int32), kernel_array(projector, self.exchange),
-                    kernel_array(goal, self.exchange), moving)
+                    kernel_array(goal, self.exchange), moving, np.zeros(goal.shape, dtype=self.exchange))
 
 
 def by_hand(constraints: Sequence[Constraint], model: Model,
-            exchange: type) -> tuple[Held | None, np.ndarray, np.ndarray]:
-    """Held particles, z (k, 3) and y (k, 3) from constraints in the user's order.
+            exchange: type) -> tuple[Held | None, np.ndarray]:
+    """Held particles and z (k, 3) from constraints in the user's order.
 
     Raises:
         SceneError: a vertex out of range, without a face, or named twice.
@@ -110,12 +112,11 @@ def by_hand(constraints: Sequence[Constraint], model: Model,
         if vertices.count(v) > 1:
             raise SceneError(f"constraint: vertex {v} is named twice; give it all its directions at once")
     if not constraints:
-        return None, np.zeros((0, 3)), np.zeros((0, 3))
+        return None, np.zeros((0, 3))
     projector = np.array([c.basis.T @ c.basis for c in constraints])
     index = model.particle[vertices].astype(np.int32)
-    held = Held(index, kernel_array(projector, exchange), np.zeros((len(index), 3), dtype=exchange), False)
     z, y = (kernel_array([getattr(c, name) for c in constraints], exchange) for name in "zy")
-    return held, z, y
+    return Held(index, kernel_array(projector, exchange), np.zeros((len(index), 3), dtype=exchange), False, y), z
 
 
 def kernel_array(values: ArrayLike, dtype: type) -> np.ndarray:
@@ -158,12 +159,12 @@ class Filter:
 
     @ti.kernel
     def prescribe(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), target: ti.types.ndarray(),
-                  h: float):
-        """z so that held directions reach their target in a step h: z = (I - S)((target - x)/h - v)."""
+                  y: ti.types.ndarray(), h: float):
+        """dv = S dv + (I - S) z so that held directions reach their target in a step h: z = (target - y - x)/h - v."""
         for k in range(index.shape[0]):
             i = index[k]
-            z = (row(target, k) - self.model.x[i]) / h - self.model.v[i]
-            self.dv[i] = project(projector, k, z)
+            z = (row(target, k) - row(y, k) - self.model.x[i]) / h - self.model.v[i]
+            self.dv[i] += project(projector, k, z - self.dv[i])
 
     @ti.kernel
     def impose(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), z: ti.types.ndarray()):

@@ -89,6 +89,10 @@ class Model:
         positions[self.user], velocities[self.user] = x + self.origin, v
         return positions, velocities
 
+    def read_particles(self) -> tuple[np.ndarray, np.ndarray]:
+        """(x [m] from the local origin, v [m/s]), each (n, 3) float64 in particle order."""
+        return self._pack(self._read)
+
     def write(self, positions: np.ndarray, velocities: np.ndarray) -> None:
         """Sets the state from arrays in the user's order."""
         self._write((positions[self.user] - self.origin).astype(self.exchange),

@@ -6,7 +6,7 @@ import platform
 import sys
 import time
 from collections import Counter
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from .output.png import encode_png
 from .scene import Scene
 from .scenefile import SceneFile
 from .simulation import Simulation
+from .solids import Plane, Solid
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
                 nonlocal written
                 if folder:
                     if draw:
-                        folder.write_image(frame, encode_png(draw(sim.positions())))
+                        folder.write_image(frame, encode_png(draw(sim.positions(), sim.time)))
                     folder.append_telemetry([asdict(r) for r in sim.log[written:]])
                     written = len(sim.log)
                 show(sim, frame)
@@ -147,15 +148,33 @@ def _state(sim: Simulation) -> str:
 
 
 def _artist(scene: Scene, options: RunOptions):
-    from .output.raster import PALETTE, Renderer
+    """A function of positions and time that draws the scene, solids included."""
+    from .output.raster import PALETTE, STONE, Renderer
 
     assert options.size is not None
-    faces = np.concatenate([c.mesh.faces + c.start for c in scene.cloths])
-    uv = np.concatenate([c.mesh.corner_uv for c in scene.cloths])
-    colors = np.concatenate([np.tile(c.color or PALETTE[k % len(PALETTE)], (c.mesh.face_count, 1))
-                             for k, c in enumerate(scene.cloths)])
-    start = np.concatenate([c.positions for c in scene.cloths])
-    return Renderer(*options.size, faces, uv, colors, start, scene.view).render
+    parts = [(c.positions, c.mesh.faces, c.mesh.corner_uv, c.color or PALETTE[k % len(PALETTE)])
+             for k, c in enumerate(scene.cloths)]
+    solids = [s for s in scene.solids if not _is_ground(s)]
+    for s in solids:
+        faces = s.shape.surface()[1]
+        parts.append((s.surface_at(0.0), faces, np.zeros((len(faces), 3, 2)), s.color or STONE))
+    starts = np.cumsum([0] + [len(x) for x, *_ in parts])
+    faces = np.concatenate([f + k for (_, f, _, _), k in zip(parts, starts)])
+    uv = np.concatenate([p[2] for p in parts])
+    colors = np.concatenate([np.tile(color, (len(f), 1)) for _, f, _, color in parts])
+    grounds = [s.pose(0.0)[1][1] for s in scene.solids if _is_ground(s)]
+    view = scene.view if scene.view.ground is not None or not grounds else replace(scene.view, ground=float(max(grounds)))
+    start = np.concatenate([x for x, *_ in parts])
+    cloth_faces = sum(c.mesh.face_count for c in scene.cloths)
+    renderer = Renderer(*options.size, faces, uv, colors, start, view, cloth_faces)
+    return lambda x, t: renderer.render(np.concatenate([x, *(s.surface_at(t) for s in solids)]))
+
+
+def _is_ground(solid: Solid) -> bool:
+    """A level plane that stays is drawn as the ground."""
+    if not isinstance(solid.shape, Plane) or solid.moves:
+        return False
+    return bool((solid.pose(0.0)[0] @ np.array(solid.shape.normal))[1] > 1 - 1e-9)
 
 
 def _manifest(scene_file: SceneFile, scene: Scene, sim: Simulation, options: RunOptions) -> dict:

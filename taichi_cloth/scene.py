@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from .errors import SceneError, check_choice, did_you_mean
 from .fabric import Fabric
 from .mesh import TriMesh
+from .solids import Shape, Solid, Value
 from .view import View
 
 Path = Callable[[float], ArrayLike]
@@ -156,6 +157,7 @@ class Scene:
         self.air = air
         self.view = view or View()
         self.cloths: list[Cloth] = []
+        self.solids: list[Solid] = []
         self.masses: list[tuple[Cloth, np.ndarray, float]] = []
         self.script = Script()
         self._key = itertools.count()
@@ -185,6 +187,33 @@ class Scene:
         cloth = Cloth(name, mesh, fabric, x, v, self.vertex_count, color)
         self.cloths.append(cloth)
         return cloth
+
+    def add_solid(self, shape: Shape, friction: float, thickness: float, position: Value = (0.0, 0.0, 0.0),
+                  rotation: Value = (0.0, 0.0, 0.0), name: str | None = None,
+                  color: tuple[float, float, float] | None = None) -> Solid:
+        """Adds a solid that cloth cannot enter.
+
+        Args:
+            shape: Plane, Sphere, Capsule, Box, Cylinder or SolidMesh.
+            friction: Coulomb's coefficient, 0 is smooth.
+            thickness: distance [m] that cloth keeps from the surface.
+            position: of the shape's origin [m], (3,) or a function of time [s].
+            rotation: rotation vector (3,) [rad] or matrix (3, 3), or a function of time [s].
+            color: (3,) linear RGB in 0..1 for pictures.
+        """
+        if not isinstance(shape, Shape):
+            raise SceneError(f"add_solid needs a Plane, Sphere, Capsule, Box, Cylinder or SolidMesh, not {shape!r:.60}")
+        name = name or f"solid{len(self.solids)}"
+        if name in (s.name for s in self.solids):
+            raise SceneError(f"there is a solid named {name!r} already")
+        if not (np.isscalar(friction) and np.isfinite(friction) and friction >= 0):
+            raise SceneError(f"solid {name!r}: friction = {friction!r} must be at least 0")
+        if not (np.isscalar(thickness) and np.isfinite(thickness) and thickness > 0):
+            raise SceneError(f"solid {name!r}: thickness = {thickness!r} m must be positive")
+        solid = Solid(name, shape, float(friction), float(thickness), position, rotation, color)
+        solid.pose(0.0)
+        self.solids.append(solid)
+        return solid
 
     @property
     def vertex_count(self) -> int:

@@ -83,8 +83,9 @@ class Simulation:
         self.model = Model(self._fields, scene, self.runtime)
         self._forces = build_forces(self._fields, self.model, scene, K)
         self.meter = Meter(self.model, self._forces, self.runtime)
+        self.contacts = _contacts(self._fields, self.model, scene)
         self.integrator = integrators.build(integrator, self._fields, self.model, self._forces, self.meter, self.options,
-                                            self.runtime)
+                                            self.runtime, self.contacts)
         self._fields.allocate()
         if adaptive:  # an explicit method takes no step that is unstable already at rest
             h = min(h, SAFETY * self.integrator.stable_step)
@@ -129,6 +130,8 @@ class Simulation:
             arrays.append(value)
         self._live().model.write(*arrays)
         self.stepper.start = None
+        if self.contacts is not None:
+            self.contacts.clear()
         self._attachments = Attachments(self.model, self.runtime.exchange)
 
     def energy(self) -> dict[str, float]:
@@ -182,11 +185,11 @@ class Simulation:
             SimulationError: where the solve does not converge, with its status.
         """
         if constraints is None:
-            held = self._held_at(self.time + h)
+            held = self._held_at(self.time, h)
             solution = self._linearized(h).solve(held, h)
         else:
-            held, z, y = by_hand(constraints, self.model, self.runtime.exchange)
-            solution = self._linearized(h, held, y).solve(held, z=z)
+            held, z = by_hand(constraints, self.model, self.runtime.exchange)
+            solution = self._linearized(h, held).solve(held, z=z)
         self._solved_h, self.solution = h, solution
         if solution.status != CONVERGED:
             raise SimulationError(f"the solve ended with {solution.status} after {solution.iterations} iterations at a "
@@ -199,6 +202,18 @@ class Simulation:
         if self._solved_h is None:
             return np.zeros((self.vertex_count, 3))
         return self.model.to_user(method.reaction()) / self._solved_h
+
+    def contact_forces(self) -> np.ndarray:
+        """(n, 3) [N] of solids on the cloth in the last step, friction included."""
+        self._live()
+        if self.contacts is None:
+            return np.zeros((self.vertex_count, 3))
+        return self.model.to_user(self.contacts.forces_on_particles())
+
+    def solid_loads(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Force (3,) [N] of the cloth on each solid in the last step, and torque (3,) [N m] about its origin, by name."""
+        self._live()
+        return {} if self.contacts is None else self.contacts.loads()
 
     # running
 
@@ -261,25 +276,27 @@ class Simulation:
                 self.scene.fire(event)
             self._script.events.sort(key=lambda e: e.time)
 
-    def _held_at(self, t: float) -> Held | None:
-        """Constraints at time t; also sets the wind there."""
-        self._set_wind(t)
+    def _held_at(self, t: float, h: float) -> Held | None:
+        """Constraints at the end of a step from t to t + h; also sets the wind there, and the solids at both ends."""
+        self._set_wind(t + h)
+        if self.contacts is not None:
+            self.contacts.set_time(t, h)
         self._attachments.update(self._script.attachments, self.positions)
-        return self._attachments.at(self._script.attachments, t)
+        return self._attachments.at(self._script.attachments, t + h)
 
     def _set_wind(self, t: float) -> None:
         if self._drag is not None:
             self._drag.set_wind(*map(float, self.scene.air.wind_at(t)))  # type: ignore[union-attr]
 
-    def _linearized(self, h: float, held: Held | None = None, y: np.ndarray | None = None):
-        """The implicit integrator, linearized at the current state for a step h, with y on the held particles."""
+    def _linearized(self, h: float, held: Held | None = None):
+        """The implicit integrator, linearized at the current state for a step h, with y of the held particles."""
         _check_positive("h", h)
         method = self._implicit()
         self._set_wind(self.time + h)
         self.model.save()
         method.operator.set_motion(h)
-        if held is not None and y is not None:
-            method.operator.alter_motion(held.index, y)
+        if held is not None:
+            method.operator.alter_motion(held.index, held.y)
         method.operator.linearize(h)
         return method
 
@@ -326,6 +343,15 @@ class Probe:
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
                 self.operator.product(t // self.blocks.grain, self.p, self.q)
+
+
+def _contacts(fields: Fields, model: Model, scene: Scene):
+    """The contacts of a scene with solids; nothing of them is imported without."""
+    if not scene.solids:
+        return None
+    from .contact.response import Contacts
+
+    return Contacts(fields, model, scene)
 
 
 def _check_positive(name: str, value: float) -> None:

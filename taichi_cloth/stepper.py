@@ -4,7 +4,7 @@ import time
 from dataclasses import dataclass, field
 
 from .errors import SimulationError
-from .integrators import ENERGY, NOT_FINITE, SOLVER, STRETCH, Attempt
+from .integrators import APPROACH, CONTACT, ENERGY, NOT_FINITE, SOLVER, STRETCH, Attempt
 from .measure import Measures, Meter
 from .model import Model
 
@@ -15,6 +15,8 @@ ADVICE = {
             "more solves with newton_max",
     SOLVER: "the linear solve does not converge: raise cg_max_iterations or cg_tol, use K='projected', or precision "
             "'f64'",
+    CONTACT: "contacts with solids do not settle: is the cloth pinched between solids, or pinned inside one?",
+    APPROACH: "cloth meets a solid faster than its mesh can follow: slow the motion down, or use a coarser mesh",
     NOT_FINITE: "numbers overflow: a stiffness, mass or prescribed motion is out of scale; try precision 'f64'",
 }
 
@@ -52,6 +54,8 @@ class StepRecord:
         energies: J by term at its end.
         stretch: largest |w|/b.
         seconds: wall time by part: EVAL, CG, C-C, C-S, and total, rejected attempts included.
+        contacts: number of contacts with solids at its end.
+        unsettled: how many of them had not agreed on sticking, sliding or releasing when it was accepted.
     """
 
     t: float
@@ -64,6 +68,8 @@ class StepRecord:
     energies: dict[str, float]
     stretch: float
     seconds: dict[str, float] = field(default_factory=dict)
+    contacts: int = 0
+    unsettled: int = 0
 
 
 class Stepper:
@@ -79,7 +85,7 @@ class Stepper:
         """One accepted step from time t, of `h_wanted` or of the control's h where that is less.
 
         Args:
-            held_at: function of time that gives the constraints.
+            held_at: function of time [s] and step [s] that gives the constraints at the end of that step.
 
         Raises:
             SimulationError: no step of at least h_min passes; the model is back where it was.
@@ -95,7 +101,7 @@ class Stepper:
                 self.start = self.meter.measure()
                 if not self.start.finite:
                     raise SimulationError(f"the state at t = {t:g} s is not finite", NOT_FINITE, t)
-            attempt = self.integrator.attempt(h, held_at(t + h), self.start)
+            attempt = self.integrator.attempt(h, held_at(t, h), self.start)
             for name, value in attempt.seconds.items():
                 seconds[name] += value
             rejection = self.judge(attempt)
@@ -122,6 +128,7 @@ class Stepper:
                 seconds: dict[str, float]) -> StepRecord:
         measures = attempt.measures
         assert measures is not None
+        self.integrator.commit()
         self.start = measures
         self.quiet += 1
         if self.quiet >= self.control.quiet_steps and self.h < self.control.h_max:
@@ -132,7 +139,7 @@ class Stepper:
             status = attempt.detail
         return StepRecord(t + h, h, sum(s.iterations for s in attempt.solutions), len(attempt.solutions),
                           worst.residual if worst else 0.0, status, rejections, measures.energies, measures.stretch,
-                          seconds)
+                          seconds, attempt.contacts, attempt.unsettled)
 
     def _gave_up(self, t: float, h: float, rejection: str, attempt: Attempt, rejections: dict[str, int]) -> str:
         detail = f" ({attempt.detail})" if attempt.detail else ""

@@ -5,6 +5,7 @@ An integrator is built once for a model and has
 - `attempt(h, held, start) -> Attempt`: one step of size h [s] from the model's saved state, which the model's
   current state equals on entry; `held` are the constraints at its end, `start` the measures at its beginning.
   The model ends in the proposed state, also where the attempt names a rejection: rolling back is the stepper's.
+- `commit()`: the last attempt was accepted.
 - `operator`, `solver`: what it solves with, or None.
 - `stable_step`: the largest step [s] that is stable near rest; infinite for implicit methods.
 
@@ -21,6 +22,7 @@ from ..runtime import Runtime
 from ..solver.pcg import Solution
 
 STRETCH, ENERGY, SOLVER, NOT_FINITE = "STRETCH", "ENERGY", "SOLVER", "NOT_FINITE"
+CONTACT, APPROACH = "CONTACT", "APPROACH"
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,8 @@ class Attempt:
         detail: more about the rejection, for people.
         measures: of the proposed state; None where it was not reached.
         solutions: of its linear solves, in order.
-        seconds: wall time by part, EVAL and CG.
+        seconds: wall time by part, EVAL, CG and C-S.
+        contacts: number of contacts with solids; unsettled: how many of them had not settled their state.
     """
 
     rejection: str | None
@@ -57,11 +60,18 @@ class Attempt:
     measures: Measures | None
     solutions: tuple[Solution, ...]
     seconds: dict[str, float]
+    contacts: int = 0
+    unsettled: int = 0
 
 
-def build(name: str, fields: Fields, model: Model, forces: list, meter: Meter, options: Options, runtime: Runtime):
-    """The integrator of a name in `INTEGRATORS`; only its own file is imported."""
-    return _builders()[name](fields, model, forces, meter, options, runtime)
+def build(name: str, fields: Fields, model: Model, forces: list, meter: Meter, options: Options, runtime: Runtime,
+          contacts=None):
+    """The integrator of a name in `INTEGRATORS`; only its own file is imported.
+
+    Args:
+        contacts: `contact.response.Contacts` with the scene's solids, or None.
+    """
+    return _builders()[name](fields, model, forces, meter, options, runtime, contacts)
 
 
 INTEGRATORS = ("backward_euler", "symplectic_euler")

@@ -10,6 +10,8 @@ Differs from [BW98]: the test and what follows it; the paper accepts every solve
 """
 
 import math
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import taichi as ti
@@ -23,7 +25,7 @@ from ..runtime import Runtime
 from ..solver.pcg import CONVERGED, PCG, Solution
 from ..solver.preconditioner import BlockJacobi
 from ..timing import Clock
-from . import ENERGY, NOT_FINITE, SOLVER, Attempt, Options
+from . import APPROACH, CONTACT, ENERGY, NOT_FINITE, SOLVER, Attempt, Options
 
 HALVINGS = 10
 ROUNDING = 64  # Phi may grow by this many roundings of its terms
@@ -36,9 +38,9 @@ class BackwardEuler:
     stable_step = math.inf
 
     def __init__(self, fields: Fields, model: Model, forces: list, meter: Meter, options: Options,
-                 runtime: Runtime) -> None:
-        self.model, self.meter, self.options = model, meter, options
-        self.operator = Operator(fields, model, forces)
+                 runtime: Runtime, contacts=None) -> None:
+        self.model, self.meter, self.options, self.contacts = model, meter, options, contacts
+        self.operator = Operator(fields, model, forces + ([contacts.touch] if contacts else []))
         self.preconditioner = BlockJacobi(fields, self.operator)
         self.solver = PCG(fields, self.operator, self.preconditioner, runtime, options.cg_max_iterations)
         self.filter = Filter(fields, model, self.solver.dv)
@@ -51,53 +53,120 @@ class BackwardEuler:
     def attempt(self, h: float, held: Held | None, start: Measures) -> Attempt:
         """One step; see the package."""
         clock, solutions = Clock(), []
+        if self.contacts is None:
+            self._linear(h, held, clock, solutions)
+            rejection = None
+        else:
+            held, rejection = self._in_contact(h, held, clock, solutions)
+        with clock.part("EVAL"):
+            measures = self.meter.measure()
+            # work of the constraints that move, which the energy may grow by
+            work = self._reaction_power(h) if held is not None and held.moving else 0.0
+        attempt = partial(Attempt, contacts=self.contacts.count if self.contacts else 0,
+                          unsettled=self.contacts.unsettled if self.contacts else 0)
+        if solutions and solutions[-1].status != CONVERGED:
+            return attempt(SOLVER, solutions[-1].status, measures, tuple(solutions), clock.seconds)
+        if not measures.finite:
+            return attempt(NOT_FINITE, "after the first solve", measures, tuple(solutions), clock.seconds)
+        if rejection:
+            return attempt(*rejection, measures, tuple(solutions), clock.seconds)
+        limit = start.energies["kinetic"] + start.potential + work + self.rounding(h, start, measures)
+        if phi(measures, h) <= limit:
+            return attempt(None, "", measures, tuple(solutions), clock.seconds)
+        return replace(self._newton(h, held, limit, measures, clock, solutions), contacts=attempt.keywords["contacts"],
+                       unsettled=attempt.keywords["unsettled"])
+
+    def commit(self) -> None:
+        """The last attempt was accepted."""
+        if self.contacts is not None:
+            self.contacts.commit()
+
+    def _linear(self, h: float, held: Held | None, clock: Clock, solutions: list[Solution], warm: bool = False) -> None:
+        """One solve from the saved state; the model ends in what it says."""
         with clock.part("EVAL"):
             self.operator.set_motion(h)
+            if self.contacts is not None and held is not None:
+                self.operator.alter_motion(held.index, held.y)
             self.operator.linearize(h)
         with clock.part("CG"):
-            solutions.append(self.solve(held, h))
+            solutions.append(self.solve(held, h, warm=warm))
         with clock.part("EVAL"):
             self._place(h, 1.0)
             self._settle(held)
-            measures = self.meter.measure()
-            # work of the constraints that move, which the energy may grow by
-            work = self._reaction_power() if held is not None and held.moving else 0.0
-        if solutions[-1].status != CONVERGED:
-            return Attempt(SOLVER, solutions[-1].status, measures, tuple(solutions), clock.seconds)
-        if not measures.finite:
-            return Attempt(NOT_FINITE, "after the first solve", measures, tuple(solutions), clock.seconds)
-        limit = start.energies["kinetic"] + start.potential + work + self.rounding(h, start, measures)
-        if phi(measures, h) <= limit:
-            return Attempt(None, "", measures, tuple(solutions), clock.seconds)
-        return self._newton(h, held, limit, measures, clock, solutions)
 
-    def solve(self, held: Held | None, h: float = 0.0, z: np.ndarray | None = None) -> Solution:
+    def _in_contact(self, h: float, pins: Held | None, clock: Clock,
+                    solutions: list[Solution]) -> tuple[Held | None, tuple[str, str] | None]:
+        """Solves until the states of all contacts agree with the answer: (what was held, what is wrong)."""
+        contacts = self.contacts
+        with clock.part("C-S"):
+            x, v = self.model.read_particles()
+            self.operator.set_motion(h)
+            if not contacts.warm:
+                self._fall(h, *contacts.gravity)
+            self._place(h, 1.0)  # where the last step's change of velocity would lead
+            self._settle(pins)
+            contacts.begin(h, pins, x, v)
+        while True:
+            with clock.part("C-S"):
+                held, closing = contacts.hold()
+                self.model.restore()
+            if closing > contacts.reach:
+                return held, (APPROACH, f"{closing:.3g} m in one step")
+            self._linear(h, held, clock, solutions, warm=len(solutions) > 0)
+            if solutions[-1].status != CONVERGED:
+                return held, None
+            with clock.part("C-S"):
+                verdict = contacts.judge(self._reaction_rows())
+            if not verdict.changes:
+                return held, None
+            if contacts.round >= contacts.ROUNDS:
+                wrong = (CONTACT, f"{verdict.deepest:.2g} thicknesses inside") if verdict.bad else None
+                return held, wrong
+
+    def solve(self, held: Held | None, h: float = 0.0, z: np.ndarray | None = None, warm: bool = False) -> Solution:
         """Solves the system as linearized.
 
         Args:
             held: the held directions.
             h: step [s] in which they must reach their targets; with 0 they are there and dv = 0 in them.
             z: (k, 3) dv in them [m/s], instead.
+            warm: starts from the last solve's dv.
         """
         self.held = held
-        self.filter.clear()
+        if not warm:
+            self.filter.clear()
         self.preconditioner.build()
         if held is not None:
             if z is not None:
                 self.filter.impose(held.index, held.projector, z)
             elif h > 0:
-                self.filter.prescribe(held.index, held.projector, held.target, h)
+                self.filter.prescribe(held.index, held.projector, held.target, held.y, h)
             self.preconditioner.hold(held.index, held.projector)
-        return self.solver.solve(self.options.cg_tol, free=held is None)
+        return self.solver.solve(self.options.cg_tol, free=held is None and not warm, warm=warm)
 
     def reaction(self) -> np.ndarray:
         """(n, 3) impulse [N s] in particle order that the last solve needed to keep the held directions."""
         impulse = np.zeros((self.model.n, 3))
         if self.held is not None:
-            index = self.held.index
-            rows = (self.solver.As.to_numpy() - self.operator.b.to_numpy())[index].astype(np.float64)
-            impulse[index] = np.einsum("kij,kj->ki", self.held.projector.astype(np.float64), rows)
+            impulse[self.held.index] = self._reaction_rows()
         return impulse
+
+    def _reaction_rows(self) -> np.ndarray:
+        """(k, 3) impulse [N s] on the held particles, in their order."""
+        held = self.held
+        if held is None:
+            return np.zeros((0, 3))
+        rows = np.empty((len(held.index), 3), dtype=held.target.dtype)
+        self._gather_reaction(held.index, rows)
+        return np.einsum("kij,kj->ki", held.projector.astype(np.float64), rows.astype(np.float64))
+
+    @ti.kernel
+    def _gather_reaction(self, index: ti.types.ndarray(), rows: ti.types.ndarray()):
+        """A dv - b on particles index[k]"""
+        for k in range(index.shape[0]):
+            i = index[k]
+            for c in ti.static(range(3)):
+                rows[k, c] = self.solver.As[i][c] - self.operator.b[i][c]
 
     def _newton(self, h: float, held: Held | None, limit: float, measures: Measures, clock: Clock,
                 solutions: list[Solution]) -> Attempt:
@@ -150,6 +219,12 @@ class BackwardEuler:
             self.model.x[i] = self.model.x_saved[i] + alpha * (self.operator.motion[i] + h * self.solver.dv[i])
 
     @ti.kernel
+    def _fall(self, h: float, x: float, y: float, z: float):
+        """dv = h g"""
+        for i in range(self.model.n):
+            self.solver.dv[i] = h * ti.Vector([x, y, z])
+
+    @ti.kernel
     def _shift(self, h: float, alpha: float):
         """v += alpha dv, x += alpha h dv"""
         for i in range(self.model.n):
@@ -157,12 +232,14 @@ class BackwardEuler:
             self.model.x[i] += alpha * h * self.solver.dv[i]
 
     @ti.kernel
-    def _reaction_power(self) -> float:
-        """(A dv - b) . v [J]: work of the constraints in the step"""
+    def _reaction_power(self, h: float) -> float:
+        """J . v + (J - M dv) . y/h [J], J = A dv - b: work of the constraints in the step, y moved against forces."""
         total = ti.cast(0, self.solver.sum_type)
         for _ in range(1):
             for i in range(self.model.n):
-                total += (self.solver.As[i] - self.operator.b[i]).dot(self.model.v[i])
+                J = self.solver.As[i] - self.operator.b[i]
+                y = self.operator.motion[i] - h * self.model.v_saved[i]
+                total += J.dot(self.model.v[i]) + (J - self.model.m[i] * self.solver.dv[i]).dot(y) / h
         return total
 
 

@@ -5,6 +5,7 @@ import math
 import taichi as ti
 
 from ..constraints import Filter, Held
+from ..errors import SceneError
 from ..fields import Fields
 from ..measure import Measures, Meter
 from ..model import Model
@@ -22,7 +23,9 @@ class SymplecticEuler:
     solver = None
 
     def __init__(self, fields: Fields, model: Model, forces: list, meter: Meter, options: Options,
-                 runtime: Runtime) -> None:
+                 runtime: Runtime, contacts=None) -> None:
+        if contacts is not None:
+            raise SceneError("integrator 'symplectic_euler' has no contact with solids: use 'backward_euler'")
         self.model, self.meter = model, meter
         self.forces = ForceField(fields, model, forces)
         self.dv = fields.real(model.n, 3)
@@ -36,8 +39,7 @@ class SymplecticEuler:
             self.forces.compute()
             self._kick(h)
             if held is not None:
-                self.filter.prescribe(held.index, held.projector, held.target, h)
-                self._free_part(held.index, held.projector, h)
+                self.filter.prescribe(held.index, held.projector, held.target, held.y, h)
             self._drift(h)
             if held is not None:
                 self.filter.settle(held.index, held.projector, held.target)
@@ -45,21 +47,14 @@ class SymplecticEuler:
         rejection = None if measures.finite else NOT_FINITE
         return Attempt(rejection, "" if measures.finite else "explicit step", measures, (), clock.seconds)
 
+    def commit(self) -> None:
+        """The attempt was accepted: nothing to keep."""
+
     @ti.kernel
     def _kick(self, h: float):
         """dv = h f/m"""
         for i in range(self.model.n):
             self.dv[i] = h * self.forces.f[i] / self.model.m[i]
-
-    @ti.kernel
-    def _free_part(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), h: float):
-        """dv = z + S h f/m on held particles."""
-        for k in range(index.shape[0]):
-            i = index[k]
-            free = h * self.forces.f[i] / self.model.m[i]
-            for a, b in ti.static(ti.ndrange(3, 3)):
-                self.dv[i][a] -= ti.cast(projector[k, a, b], float) * free[b]
-            self.dv[i] += free
 
     @ti.kernel
     def _drift(self, h: float):

@@ -13,22 +13,26 @@ SAMPLES = 2  # per pixel and axis
 SHADOW = 1536  # shadow map, pixels a side
 NOTHING = 0.0
 LIGHT = (0.45, 0.8, 0.5)  # towards the key light
+STONE = (0.52, 0.50, 0.47)
 PALETTE = ((0.62, 0.07, 0.08), (0.06, 0.19, 0.46), (0.08, 0.36, 0.20), (0.62, 0.36, 0.05), (0.32, 0.10, 0.42))
 
 
 @ti.data_oriented
 class Renderer:
-    """Draws cloth.
+    """Draws cloth and solids.
 
     Args:
         width, height: of the picture [pixels].
         faces: (m, 3); corner_uv: (m, 3, 2) [m]; colors: (m, 3) linear RGB.
         x: (n, 3) first positions [m], which a fitted camera fits.
         view: camera and ground.
+        cloth_faces: how many of the faces, the first ones, are cloth; the others are solids: plain, one colour. None
+            is all.
     """
 
     def __init__(self, width: int, height: int, faces: np.ndarray, corner_uv: np.ndarray, colors: np.ndarray,
-                 x: np.ndarray, view: View) -> None:
+                 x: np.ndarray, view: View, cloth_faces: int | None = None) -> None:
+        self.cloth_faces = len(faces) if cloth_faces is None else cloth_faces
         self.width, self.height = width, height
         self.w, self.h = width * SAMPLES, height * SAMPLES
         self.faces = np.ascontiguousarray(faces, dtype=np.int32)
@@ -60,7 +64,7 @@ class Renderer:
         image = np.empty((self.height, self.width, 3), dtype=np.float32)
         c = self.camera
         frame_rows = np.concatenate([c.axes, [c.eye], self.light, [[c.focal, self.ground, self.tile]],
-                                     shadow_frame, [[self.weave, 0, 0]]]).astype(np.float32)
+                                     shadow_frame, [[self.weave, self.cloth_faces, 0]]]).astype(np.float32)
         self._shade(screen, x.astype(np.float32), vertex_normals(x, self.faces), self.faces, self.corner_uv, self.colors,
                     frame_rows, image)
         return to_srgb(image)
@@ -135,11 +139,13 @@ class Renderer:
         if flat.dot(view) < 0:  # the back is a paler cloth
             n = -n
             flat = -flat
-            base = 0.55 * base + 0.3
+            if f < rows[10, 1]:
+                base = 0.55 * base + 0.3
         uv = ti.Vector([0.0, 0.0])
         for d in ti.static(range(2)):
             uv[d] = k[0] * corner_uv[f, 0, d] + k[1] * corner_uv[f, 1, d] + k[2] * corner_uv[f, 2, d]
-        base *= 1.0 - 0.16 * checker(uv / rows[10, 0])
+        if f < rows[10, 1]:
+            base *= 1.0 - 0.16 * checker(uv / rows[10, 0])
         light = corner(rows, 6)
         lit = ti.max(n.dot(light), 0.0) * self.light_reaches(position + flat * 0.004 / rows[9, 2], rows)
         half = (light + view).normalized(1e-12)

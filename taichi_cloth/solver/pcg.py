@@ -64,16 +64,21 @@ class PCG:
         self.scalar = fields.real(4, dtype=self.sum_type)
         self.history = fields.real(max_iterations + 1, dtype=self.sum_type)
         self.last = 0
+        self.reference = 0.0  # residual norm that the last solve's tolerance was relative to
 
-    def solve(self, tolerance: float, free: bool = False) -> Solution:
+    def solve(self, tolerance: float, free: bool = False, warm: bool = False) -> Solution:
         """From dv = z (already in place) to dv; A dv is left in As.
 
         Args:
             tolerance: on the filtered residual, relative to that of dv = z.
+            warm: dv is not z but what a solve of nearly the same system gave, and its reference is that solve's.
             free: nothing is held: start from the translation that has all of b's momentum, which is the answer
                 where cloth falls freely.
         """
         first = norm = self._restart()
+        if warm and self.reference > 0:
+            first = self.reference
+        self.reference = first
         if free and norm > 0:
             self._translate()
             norm = self._restart()

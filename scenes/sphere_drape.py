@@ -1,0 +1,36 @@
+"""A square sheet falls on a ball and hangs from it in folds."""
+
+import numpy as np
+
+import taichi_cloth as tc
+
+RUN = {"duration": 2.0, "fps": 30, "h": 1 / 60}
+SMALL = {"cells": 16}
+RADIUS, THICKNESS, DROP = 0.3, 0.005, 0.1
+
+
+def build(cells: int = 50, friction: float = 0.4, stretch: float = 1000.0, height: float = DROP) -> tc.Scene:
+    """The sheet is 1 m x 1 m and starts `height` [m] above the ball."""
+    mesh = tc.grid(1.0, cells)
+    x = np.zeros_like(mesh.x)
+    x[:, [0, 2]] = mesh.uv - 0.5
+    x[:, 1] = RADIUS + THICKNESS + height
+    scene = tc.Scene(view=tc.View(ground=-1.0, camera=tc.Camera((1.3, 0.7, 1.9), (0, -0.12, 0), 38)))
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(stretch), tc.Shear(stretch / 10), tc.Bend(5e-5)), positions=x)
+    scene.add_solid(tc.Sphere(RADIUS), friction=friction, thickness=THICKNESS, name="ball")
+    return scene
+
+
+def check(sim: tc.Simulation):
+    """What must hold after any run of at least a second."""
+    x = sim.positions()
+    depth = RADIUS + THICKNESS - np.linalg.norm(x, axis=1)
+    yield f"no vertex deeper than 1 % of the thickness: {depth.max() / THICKNESS:.1%}", depth.max() <= 0.01 * THICKNESS
+    yield f"it lies on the ball: top at {x[:, 1].max():.4f} m", abs(x[:, 1].max() - RADIUS - THICKNESS) < 0.01
+    load = sim.solid_loads()["ball"][0]
+    yield f"the ball carries {-load[1]:.2f} N", -load[1] > 0.5
+    yield f"largest stretch {sim.log[-1].stretch:.3f}", sim.log[-1].stretch < 1.2
+
+
+if __name__ == "__main__":
+    tc.run(build)

@@ -1,0 +1,10 @@
+"""Cloth against solids: detection, and the response inside the solve. [BW98 §5, §6]
+
+- `distance`: distance and normal of analytic shapes; `closest`: of points, edges and triangles.
+- `detection`: cloth vertices against analytic solids; `tree`, `mesh_detection`: against triangles, and the edges and
+  corners of solids against the edges and faces of cloth; all swept over the step.
+- `response`: which contacts hold, stick and slide, round by round of a step.
+- `touch`: what they add to the linear system besides held directions.
+
+A scene without solids imports none of it.
+"""

@@ -1,0 +1,138 @@
+"""Cloth vertices against analytic solids, swept over the step.
+
+A vertex moves from x_0 to x_1 while the solid moves from one pose to the next; in the solid's frame that is taken
+as a segment, and followed in strides of the distance left, which none of these shapes can be nearer than. Where
+it comes within the thickness there is a contact: a plane that the vertex must be above at the end of the step.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import taichi as ti
+
+from ..fields import Fields
+from ..model import Model
+from ..scene import Scene
+from ..solids import MESH
+from .distance import distance
+
+SLOTS = 3  # contacts of one vertex
+WIDTH = 9  # numbers of a contact: normal (3), gap at the end, gap at the start, carried start (3), solid
+STRIDES = 48
+HIT = 1e-3  # of the thickness: nearer than this is a hit
+KEEP = 0.5  # of the thickness: a contact that was there is looked after up to this far away
+SAME_SIDE = 0.7  # cosine between normals at the hit and at the end for the end's to be taken
+
+
+@dataclass(frozen=True)
+class Found:
+    """Contacts of vertices with solids, sorted by particle.
+
+    Attributes:
+        index: (k,) particles.
+        solid: (k,) indices of solids.
+        normal: (k, 3) out of the solid.
+        gap: (k,) how far above the contact plane the particle is at the end [m]; negative is inside the thickness.
+        start_gap: (k,) the same of `carried`.
+        carried: (k, 3) where it would be if it moved with the solid from its place at the start [m].
+    """
+
+    index: np.ndarray
+    solid: np.ndarray
+    normal: np.ndarray
+    gap: np.ndarray
+    start_gap: np.ndarray
+    carried: np.ndarray
+
+    @property
+    def key(self) -> np.ndarray:
+        """(k,) one number for particle and solid."""
+        return self.index.astype(np.int64) * 65536 + self.solid
+
+    def take(self, which: np.ndarray) -> "Found":
+        """Some of them."""
+        return Found(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
+
+
+@ti.data_oriented
+class VertexDetector:
+    """Vertices against the analytic solids of a scene."""
+
+    def __init__(self, fields: Fields, model: Model, scene: Scene) -> None:
+        self.model = model
+        which = [k for k, s in enumerate(scene.solids) if s.shape.kind != MESH]
+        self.kinds = tuple(sorted({scene.solids[k].shape.kind for k in which}))
+        self.count = len(which)
+        table = np.zeros((self.count, 8))
+        for row, k in zip(table, which):
+            row[: len(scene.solids[k].shape.parameters)] = scene.solids[k].shape.parameters
+        self.parameters = fields.real(self.count, 8, table)
+        self.thickness = fields.real(self.count, data=np.array([scene.solids[k].thickness for k in which]))
+        self.kind = fields.integer(self.count, data=np.array([scene.solids[k].shape.kind for k in which]))
+        self.solid = fields.integer(self.count, data=np.array(which))
+
+    @ti.kernel
+    def detect(self, poses: ti.types.ndarray(), slots: ti.types.ndarray(), out: ti.types.ndarray()):
+        """Contacts of every vertex on its way from x_saved to x; poses (solids, 24): R and p, at start and end."""
+        for i in range(self.model.n):
+            count = 0
+            for s in range(self.count):
+                R_0, p_0 = pose(poses, self.solid[s], 0)
+                R_1, p_1 = pose(poses, self.solid[s], 12)
+                a = R_0.transpose() @ (self.model.x_saved[i] - p_0)
+                b = R_1.transpose() @ (self.model.x[i] - p_1)
+                hit, n, at = self.contact(s, a, b)
+                if hit == 1 and count < SLOTS:
+                    n_world = R_1 @ n
+                    carried = R_1 @ a + p_1
+                    row = ti.Vector([n_world[0], n_world[1], n_world[2], n.dot(b - at), n.dot(a - at),
+                                     carried[0], carried[1], carried[2], 0.0])
+                    for c in ti.static(range(WIDTH - 1)):
+                        out[i, count, c] = row[c]
+                    out[i, count, WIDTH - 1] = self.solid[s]
+                    count += 1
+            slots[i] = count
+
+    @ti.func
+    def contact(self, s, a, b):
+        """Whether the way from a to b meets the thickness; its plane: normal, and a point on it."""
+        length, t = (b - a).norm(), self.thickness[s]
+        n, at, hit = ti.Vector([0.0, 1.0, 0.0]), b, 0
+        here = self.measure(s, a)
+        if here[0] - t < length + KEEP * t:
+            done, q = 0.0, a
+            for _ in range(STRIDES):
+                if hit == 0 and done <= length:
+                    if here[0] - t < HIT * t:
+                        hit = 1
+                    else:
+                        done += here[0] - t
+                        if done <= length:
+                            q = a + (b - a) * (done / length)
+                            here = self.measure(s, q)
+            n_hit = ti.Vector([here[1], here[2], here[3]])
+            end = self.measure(s, b)
+            n_end = ti.Vector([end[1], end[2], end[3]])
+            if hit == 0 and end[0] - t < KEEP * t:
+                hit = 1
+                n_hit = n_end
+            n, at = n_end, b - (end[0] - t) * n_end
+            if n_hit.dot(n_end) < SAME_SIDE and hit == 1:
+                n, at = n_hit, q - (here[0] - t) * n_hit
+        return hit, n, at
+
+    @ti.func
+    def measure(self, s, q):
+        """(d, n) of a point in the frame of solid s."""
+        return distance(self.kind[s], q, self.parameters[s], ti.static(self.kinds))
+
+
+@ti.func
+def pose(poses: ti.template(), s, first: ti.template()):
+    """R (3x3) and p of a solid from 12 packed numbers."""
+    R, p = ti.Matrix.zero(float, 3, 3), ti.Vector.zero(float, 3)
+    for a, b in ti.static(ti.ndrange(3, 3)):
+        R[a, b] = ti.cast(poses[s, first + 3 * a + b], float)
+    for a in ti.static(range(3)):
+        p[a] = ti.cast(poses[s, first + 9 + a], float)
+    return R, p

@@ -1,0 +1,332 @@
+"""Which contacts hold, stick and slide, round by round of a step. [BW98 §5, §6]
+
+A particle in contact has its normal direction held (all directions while friction holds it), moves with the
+solid (z), and is brought to the surface by y, inside the solve. The solve's own constraint force then says what
+must change: a contact that pulls is released, one that shears beyond Coulomb's cone slides, one that has come to
+rest sticks, a particle that ends inside is added. Rounds of solves go on until what changes does not matter.
+
+Sliding friction is -mu lambda u/|u| with the last known constraint force lambda. Where it cannot stop the slip u
+that is expected within the step, it is linearised about it: constant along u, a damping across. Where it could, it
+is a damping in all directions with the |u| expected: it never pushes backwards, and bounds the friction's work from
+above, so that rounds go downhill. What has just begun to slide feels its cone's force against the shear.
+
+Differs from [BW98 §6]: states are settled within the step, not in the next; y also brings a particle down to the
+surface that it would otherwise have gone through, so that a solid is met inelastically, without a bounce.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..constraints import Held, kernel_array
+from ..fields import Fields
+from ..model import Model
+from ..scene import Scene
+from ..solids import MESH
+from .detection import SLOTS, WIDTH, Found, VertexDetector
+from .touch import Touch
+
+PENETRATION = 1e-2  # of the thickness that a particle may end inside it without a further round
+WEAK = 0.5  # of the cone: friction must be below it for what slides slowly to stick
+PULL = 1e-3  # of a particle's weight (or of the mean contact force) that a contact may pull before it is released
+CONE = 1e-4  # relative excess over mu lambda before a contact slides
+AGREED = 3e-3  # part of all normal forces that may be wrong in states that change in the next step only
+LAGGED = 0.1  # relative error of the friction forces that a first round may leave
+SLOW = 5e-5  # slip [m/s] below which friction holds
+DEEP = 0.5  # of the thickness: what ends deeper is not accepted
+
+
+@dataclass
+class States:
+    """What is known of the contacts of a step, sorted by key; kept from step to step.
+
+    Attributes:
+        key: (k,) particle and solid.
+        stick: (k,) whether friction holds it.
+        force: (k,) normal force [N].
+        push: (k, 3) direction of friction on what has just begun to slide, 0 elsewhere.
+    """
+
+    key: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    stick: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    force: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    push: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+
+    def find(self, key: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(whether each key is there, where)."""
+        if not len(self.key):
+            return np.zeros(len(key), dtype=bool), np.zeros(len(key), dtype=np.int64)
+        where = np.minimum(np.searchsorted(self.key, key), len(self.key) - 1)
+        return self.key[where] == key, where
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a round came to.
+
+    Attributes:
+        changes: contacts whose state must change, or 0 where they do not matter within this step.
+        deepest: how deep [m] anything ends inside a thickness.
+        bad: whether something ends so deep that the step cannot be accepted.
+    """
+
+    changes: int
+    deepest: float
+    bad: bool
+
+
+class Contacts:
+    """The contacts of a model with a scene's solids."""
+
+    ROUNDS = 6
+
+    def __init__(self, fields: Fields, model: Model, scene: Scene) -> None:
+        self.model, self.solids, self.exchange = model, scene.solids, model.exchange
+        self.gravity = scene.gravity
+        self.touch = Touch(fields, model)
+        self.friction = np.array([s.friction for s in self.solids])
+        self.thickness = np.array([s.thickness for s in self.solids])
+        self.vertices = VertexDetector(fields, model, scene) if any(s.shape.kind != MESH for s in self.solids) else None
+        edges = [np.linalg.norm(np.diff(c.positions[c.mesh.faces], axis=1), axis=2).mean() for c in scene.cloths]
+        self.reach = 4 * float(np.mean(edges))  # [m] that a particle may close in on a solid in one step
+        self.push_limit = np.maximum(self.thickness, float(np.mean(edges)) / 4)  # [m] pushed out in one step
+        self.trial = States()
+        self.clear()
+        self.count, self.unsettled = 0, 0
+        self.active, self.state, self.total = _none_found(), States(), np.zeros((0, 3))
+        self._slots = np.zeros(model.n, dtype=np.int32)
+        self._rows = np.zeros((model.n, SLOTS, WIDTH), dtype=self.exchange)
+
+    def set_time(self, t: float, h: float) -> None:
+        """Poses of the solids at the two ends of the step from t to t + h [s]."""
+        poses = np.empty((len(self.solids), 24))
+        for row, solid in zip(poses, self.solids):
+            for first, time in ((0, t), (12, t + h)):
+                R, p = solid.pose(time)
+                row[first: first + 9], row[first + 9: first + 12] = R.ravel(), p - self.model.origin
+        self.poses = kernel_array(poses, self.exchange)
+
+    def begin(self, h: float, held: Held | None, x: np.ndarray, v: np.ndarray) -> None:
+        """A new attempt from the saved state (n, 3); the model is at its predicted end."""
+        self.h, self.pinned, self.x, self.v = h, held, x, v
+        self.trial, self.released = self.accepted, np.zeros(0, dtype=np.int64)
+        self.round = 0
+        self.found = self.detect()
+        self.slip = self._slip()
+
+    def commit(self) -> None:
+        """The step was accepted: the next begins from its contacts."""
+        self.accepted, self.warm = self.trial, True
+
+    def clear(self) -> None:
+        """Forgets all contacts: the state was changed from outside."""
+        self.accepted, self.warm = States(), False
+
+    def detect(self) -> Found:
+        """Contacts of the particles on their way from the saved to the current positions."""
+        assert self.vertices is not None
+        self.vertices.detect(self.poses, self._slots, self._rows)
+        i = np.flatnonzero(self._slots)
+        pick = np.arange(SLOTS)[None, :] < self._slots[i][:, None]
+        rows = self._rows[i][pick].astype(np.float64)
+        index = np.repeat(i, self._slots[i])
+        return Found(index, rows[:, 8].astype(np.int64), rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5:8])
+
+    def _slip(self) -> np.ndarray:
+        """(k, 3) tangential velocity against the solids that the last positions amount to."""
+        f = self.found
+        s = (self.end()[f.index] - f.carried) / self.h
+        return s - np.einsum("ki,ki->k", s, f.normal)[:, None] * f.normal
+
+    def end(self) -> np.ndarray:
+        """(n, 3) positions at the end of the step as they now stand."""
+        return self.model.read_particles()[0]
+
+    def hold(self) -> tuple[Held | None, float]:
+        """What the next solve holds, pins included, and the largest closing distance [m]; fills `touch`."""
+        f, old = self.found, self.trial
+        known, where = old.find(f.key)
+        active = known | (f.gap < 0)
+        again = np.isin(f.key, self.released)
+        active &= ~again | (f.gap < -PENETRATION * self.thickness[f.solid])
+        f, slip, known, where = f.take(active), self.slip[active], known[active], where[active]
+        k, mu, mass = len(f.index), self.friction[f.solid], self.model.mass[f.index]
+        stick, force, push = np.zeros(k, dtype=bool), np.zeros(k), np.zeros((k, 3))
+        if known.any():
+            stick[known], force[known] = old.stick[where[known]], old.force[where[known]]
+            push[known] = old.push[where[known]]
+        new = ~known
+        if new.any():  # what stops the approach, and carries the weight
+            n = f.normal[new]
+            arrive = self.v[f.index[new]] - (f.carried[new] - self.x[f.index[new]]) / self.h
+            force[new] = mass[new] * np.maximum(0, -np.einsum("ki,ki->k", n, arrive) / self.h
+                                                - n @ self.gravity)
+            stick[new] = np.linalg.norm(slip[new], axis=1) * mass[new] <= mu[new] * force[new] * self.h
+        stick &= mu > 0
+        self.active, self.state = f, States(f.key, stick, force, push)
+        self.count = k
+        lift = np.minimum(-f.start_gap, self.push_limit[f.solid])
+        self.target = f.carried + lift[:, None] * f.normal
+        self._set_touch(slip)
+        closing = float(np.max(-lift, initial=0.0))
+        return self._held(lift), closing
+
+    def _held(self, lift: np.ndarray) -> Held | None:
+        """Pins and contacts as one."""
+        f, stick = self.active, self.state.stick
+        projector = np.einsum("ki,kj->kij", f.normal, f.normal)
+        projector[stick] = np.eye(3)
+        y = lift[:, None] * f.normal
+        target = self.target
+        pinned = self.pinned
+        if not len(f.index):
+            self.simple, self.rows = np.zeros(0, dtype=bool), np.zeros(0, dtype=np.int64)
+            return pinned
+        pins = pinned.index if pinned is not None else np.zeros(0, dtype=np.int64)
+        _, first, count = np.unique(f.index, return_index=True, return_counts=True)
+        single = np.zeros(len(f.index), dtype=bool)
+        single[first[count == 1]] = True
+        self.simple = simple = single & ~np.isin(f.index, pins)
+        index, projector, target, y = [f.index[simple]], [projector[simple]], [target[simple]], [y[simple]]
+        shared = np.unique(f.index[~simple])
+        if len(shared):
+            several = [self._combine(i, pinned) for i in shared]
+            for parts, values in zip((index, projector, target, y), zip(*several)):
+                parts.append(np.array(values))
+        if pinned is not None:
+            free = ~np.isin(pinned.index, shared)
+            index.append(pinned.index[free])
+            projector.append(pinned.projector[free])
+            target.append(pinned.target[free])
+            y.append(np.zeros((int(free.sum()), 3)))
+        all_index = np.concatenate(index)
+        row = np.full(self.model.n, -1)
+        row[all_index] = np.arange(len(all_index))
+        self.rows = row[f.index]
+        return Held(kernel_array(all_index, np.int32),
+                    *(kernel_array(np.concatenate(parts), self.exchange) for parts in (projector, target)),
+                    True, kernel_array(np.concatenate(y), self.exchange))
+
+    def _combine(self, i: int, pinned: Held | None) -> tuple:
+        """Everything that holds particle i, one direction after the other."""
+        rows: list[tuple[np.ndarray, float, float]] = []  # direction, position along it, y along it
+        if pinned is not None and i in pinned.index:
+            k = int(np.flatnonzero(pinned.index == i)[0])
+            values, vectors = np.linalg.eigh(pinned.projector[k].astype(np.float64))
+            rows += [(q, float(q @ pinned.target[k]), 0.0) for q, value in zip(vectors.T, values) if value > 0.5]
+        mine = np.flatnonzero(self.active.index == i)
+        for k in mine:
+            n = self.active.normal[k]
+            rows.append((n, float(n @ self.target[k]), float(n @ (self.target[k] - self.active.carried[k]))))
+        for k in mine[self.state.stick[mine]]:
+            rows += [(q, float(q @ self.active.carried[k]), 0.0) for q in np.eye(3)]
+        basis: list[tuple[np.ndarray, float, float]] = []
+        for q, value, y in rows:
+            for b, b_value, b_y in basis:
+                c = float(q @ b)
+                q, value, y = q - c * b, value - c * b_value, y - c * b_y
+            size = float(np.linalg.norm(q))
+            if size > 0.05:
+                basis.append((q / size, value / size, y / size))
+        projector = sum(np.outer(q, q) for q, _, _ in basis)
+        return (i, projector, sum(value * q for q, value, _ in basis), sum(y * q for q, _, y in basis))
+
+    def _set_touch(self, slip: np.ndarray) -> None:
+        """Friction of what slides, as points of `touch`."""
+        f, s, h = self.active, self.state, self.h
+        mu = self.friction[f.solid]
+        slides = ~s.stick & (mu * s.force > 0)
+        self.slides = slides
+        f, size = f.take(slides), mu[slides] * s.force[slides]
+        u, push = slip[slides], s.push[slides]
+        fresh, speed = push.any(axis=1), np.linalg.norm(u, axis=1)
+        stopped = size * h / self.model.mass[f.index]  # slip that friction would stop in a step
+        fast = ~fresh & (speed > stopped)
+        push = np.where(fast[:, None], -u / np.maximum(speed, 1e-30)[:, None], push)
+        speed = np.where(fresh, stopped, np.maximum(speed, SLOW))
+        self.lag = np.full(len(slides), np.inf)  # slip at which friction was taken as a damping
+        self.lag[np.flatnonzero(slides)[~fast & ~fresh]] = speed[~fast & ~fresh]
+        across = np.eye(3) - np.einsum("ki,kj->kij", f.normal, f.normal) - np.einsum("ki,kj->kij", push, push)
+        block = (h * size / speed)[:, None, None] * across
+        start = self.v[f.index] - (f.carried - self.x[f.index]) / h  # slip with which the solve begins
+        rhs = h * size[:, None] * push - np.einsum("kij,kj->ki", block, start)
+        self.touch.set(np.repeat(f.index[:, None], 3, axis=1), np.tile([1.0, 0, 0], (len(u), 1)),
+                       np.stack([block[:, a, b] for a, b in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))], axis=1),
+                       rhs)
+
+    def judge(self, reaction: np.ndarray) -> Verdict:
+        """What must change after a solve; `reaction` (k, 3) [N s] on the held particles, in `hold`'s order."""
+        f, s, h = self.active, self.state, self.h
+        F = reaction[self.rows] / h if len(self.rows) else np.zeros((0, 3))
+        normal = np.einsum("ki,ki->k", F, f.normal)
+        for k in np.flatnonzero(~self.simple):  # share between the contacts of one particle
+            mine = np.flatnonzero(f.index == f.index[k])
+            if len(mine) > 1:
+                normal[k] = np.linalg.lstsq(f.normal[mine].T, F[k], rcond=None)[0][mine == k][0]
+        tangent = F - normal[:, None] * f.normal
+        shear = np.linalg.norm(tangent, axis=1)
+        mu = self.friction[f.solid]
+        pulls = normal < -PULL * np.maximum(self.model.mass[f.index] * np.linalg.norm(self.gravity),
+                                            np.mean(np.abs(normal)) if len(normal) else 0.0)
+        breaks = s.stick & ~pulls & (shear > mu * np.maximum(normal, 0) * (1 + CONE))
+        self.found = self.detect()
+        self.slip = self._slip()
+        here = _rows_of(self.found.key, f.key)
+        slip_now = np.where((here >= 0)[:, None], self.slip[here] if len(self.slip) else 0.0, 0.0)
+        speed = np.linalg.norm(slip_now, axis=1)
+        turns = self.slides & ~pulls & (self.lag <= SLOW) & (speed < WEAK * SLOW)
+        force = np.maximum(normal, 0)
+        off = float(np.sum(mu * np.abs(force - s.force) * self.slides))
+        disagree = off > LAGGED * float(np.sum(mu * force * self.slides)) and self.round == 0
+        wrong = float(np.sum(-normal[pulls]) + np.sum((shear - mu * force)[breaks]))
+        stick = (s.stick & ~breaks) | turns
+        push = np.zeros_like(tangent)
+        push[breaks] = tangent[breaks] / np.maximum(shear[breaks], 1e-30)[:, None]
+        keep = ~pulls
+        self.released = np.concatenate([self.released, f.key[pulls]])
+        self.trial = States(f.key[keep], stick[keep], force[keep], push[keep])
+        friction = np.where(self.slides[:, None], -(mu * s.force)[:, None] * _unit(slip_now), 0)
+        held = np.where(s.stick[:, None], F, normal[:, None] * f.normal)
+        self.total = held + friction
+        inside = ~np.isin(self.found.key, f.key)
+        depth = -self.found.gap[inside] / self.thickness[self.found.solid[inside]]
+        entered = int(np.sum(depth > PENETRATION))
+        self.round += 1
+        changes = int(pulls.sum() + breaks.sum() + turns.sum()) + entered
+        self.unsettled = changes
+        matters = entered or disagree or wrong > AGREED * float(np.sum(force))
+        return Verdict(max(changes, 1) if matters else 0, float(np.max(depth, initial=0.0)), bool((depth > DEEP).any()))
+
+
+    def forces_on_particles(self) -> np.ndarray:
+        """(n, 3) [N] on each particle in the last round, in particle order."""
+        out = np.zeros((self.model.n, 3))
+        np.add.at(out, self.active.index, self.total)
+        return out
+
+    def loads(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """(force [N], torque [N m] about the origin) on each solid, by name."""
+        out = {s.name: (np.zeros(3), np.zeros(3)) for s in self.solids}
+        if self.state.key.size:
+            x = self.end()
+            for k, solid in enumerate(self.solids):
+                mine = self.active.solid == k
+                index, force = self.active.index[mine], self.total[mine]
+                arm = x[index] - self.poses[k, 21:24].astype(np.float64)
+                out[solid.name] = (-force.sum(axis=0), -np.cross(arm, force).sum(axis=0))
+        return out
+
+def _none_found() -> Found:
+    return Found(*(np.zeros(0, dtype=np.int64),) * 2, np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
+
+
+def _unit(rows: np.ndarray) -> np.ndarray:
+    return rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-30)
+
+
+def _rows_of(keys: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Where each wanted key is among sorted keys, or -1."""
+    if not len(keys):
+        return np.full(len(wanted), -1)
+    where = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return np.where(keys[where] == wanted, where, -1)

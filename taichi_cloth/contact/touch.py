@@ -1,0 +1,90 @@
+"""What contacts add to the system of a step besides held directions: points of cloth with a 3x3 block each.
+
+A point is a weighted sum of up to three particles: a particle that slides under friction, the place on a cloth edge
+or face that a solid's edge or corner presses. Its block and right-hand side are worked out on the host, a few
+numbers a contact, and added to A and b like any force's.
+"""
+
+import numpy as np
+import taichi as ti
+
+from ..errors import SimulationError
+from ..fields import Fields
+from ..forces.conditions import sym_times
+from ..model import Model
+from ..ordering import partition
+
+ROOM = 3  # points a particle that there is room for, and
+SPARE = 2048  # more
+
+
+@ti.data_oriented
+class Touch:
+    """Points of contact as a force of the operator; see `forces` for the contract."""
+
+    energies = ()
+
+    def __init__(self, fields: Fields, model: Model) -> None:
+        self.model, self._fields = model, fields
+        self.capacity = ROOM * model.n + SPARE
+        self.first = fields.integer(model.blocks.count + 1, data=np.zeros(model.blocks.count + 1))
+        self.exchange = model.exchange
+
+    def build_stiffness(self) -> None:
+        """Allocates the points."""
+        self.vertices = self._fields.integer(self.capacity, 3)
+        self.weights = self._fields.real(self.capacity, 3)
+        self.A = self._fields.real(self.capacity, 6)
+        self.rhs = self._fields.real(self.capacity, 3)
+
+    def set(self, vertices: np.ndarray, weights: np.ndarray, A: np.ndarray, rhs: np.ndarray) -> None:
+        """Replaces the points.
+
+        Args:
+            vertices: (k, 3) particles; weights: (k, 3).
+            A: (k, 6) symmetric blocks [kg]; rhs: (k, 3) [kg m/s].
+
+        Raises:
+            SimulationError: more than there is room for.
+        """
+        entries = partition(vertices, self.model.blocks.bounds)
+        e = entries.element
+        if len(e) > self.capacity:
+            raise SimulationError(f"{len(e)} points of contact, more than the {self.capacity} that a cloth of "
+                                  f"{self.model.n} particles has room for: is the thickness larger than the mesh's edges?",
+                                  "CONTACT", 0.0)
+        self._set(entries.first.astype(np.int32), np.ascontiguousarray(vertices[e], dtype=np.int32),
+                  *(np.ascontiguousarray(a[e], dtype=self.exchange) for a in (weights, A, rhs)))
+
+    @ti.kernel
+    def _set(self, first: ti.types.ndarray(), vertices: ti.types.ndarray(), weights: ti.types.ndarray(),
+             A: ti.types.ndarray(), rhs: ti.types.ndarray()):
+        for b in range(first.shape[0]):
+            self.first[b] = first[b]
+        for e in range(vertices.shape[0]):
+            for c in ti.static(range(3)):
+                self.vertices[e][c] = vertices[e, c]
+                self.weights[e][c] = weights[e, c]
+                self.rhs[e][c] = rhs[e, c]
+            for c in ti.static(range(6)):
+                self.A[e][c] = A[e, c]
+
+    @ti.func
+    def linearize(self, block, c, motion: ti.template(), b: ti.template(), P: ti.template()):
+        """Adds the right-hand sides to b and the blocks to P."""
+        lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
+        for e in range(self.first[block], self.first[block + 1]):
+            for k in ti.static(range(3)):
+                w, i = self.weights[e][k], self.vertices[e][k]
+                self.model.blocks.add(b, i, w * self.rhs[e], lo, hi)
+                self.model.blocks.add(P, i, w * w * self.A[e], lo, hi)
+
+    @ti.func
+    def add_product(self, block, p: ti.template(), q: ti.template()):
+        """q += the blocks times p"""
+        lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
+        for e in range(self.first[block], self.first[block + 1]):
+            v, w = self.vertices[e], self.weights[e]
+            r = sym_times(self.A[e], w[0] * p[v[0]] + w[1] * p[v[1]] + w[2] * p[v[2]])
+            for k in ti.static(range(3)):
+                self.model.blocks.add(q, v[k], w[k] * r, lo, hi)
