@@ -83,7 +83,7 @@ class Simulation:
         self.model = Model(self._fields, scene, self.runtime)
         self._forces = build_forces(self._fields, self.model, scene, K)
         self.meter = Meter(self.model, self._forces, self.runtime)
-        self.contacts = _contacts(self._fields, self.model, scene)
+        self.contacts = _contacts(self._fields, self.model, scene, h)
         self.integrator = integrators.build(integrator, self._fields, self.model, self._forces, self.meter, self.options,
                                             self.runtime, self.contacts)
         self._fields.allocate()
@@ -345,13 +345,13 @@ class Probe:
                 self.operator.product(t // self.blocks.grain, self.p, self.q)
 
 
-def _contacts(fields: Fields, model: Model, scene: Scene):
+def _contacts(fields: Fields, model: Model, scene: Scene, h: float):
     """The contacts of a scene with solids; nothing of them is imported without."""
     if not scene.solids:
         return None
     from .contact.response import Contacts
 
-    return Contacts(fields, model, scene)
+    return Contacts(fields, model, scene, h)
 
 
 def _check_positive(name: str, value: float) -> None:

@@ -22,9 +22,10 @@ from ..constraints import Held, kernel_array
 from ..fields import Fields
 from ..model import Model
 from ..scene import Scene
-from ..solids import MESH
+from ..solids import MESH, Solid
 from .detection import SLOTS, WIDTH, Found, VertexDetector
 from .touch import Touch
+from .tree import TriangleTree, smooth
 
 PENETRATION = 1e-2  # of the thickness that a particle may end inside it without a further round
 WEAK = 0.5  # of the cone: friction must be below it for what slides slowly to stick
@@ -32,6 +33,10 @@ PULL = 1e-3  # of a particle's weight (or of the mean contact force) that a cont
 CONE = 1e-4  # relative excess over mu lambda before a contact slides
 AGREED = 3e-3  # part of all normal forces that may be wrong in states that change in the next step only
 LAGGED = 0.1  # relative error of the friction forces that a first round may leave
+PAIR = 0.5  # of the thickness: what edges and faces keep from edges and corners
+PRESS = 100.0  # stiffness of a pair over mass / h^2, h the largest step
+CLOSE, SHALLOW = 0.3, 0.05  # of a pair's range: nearer takes another round; is not accepted
+SYM = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 SLOW = 5e-5  # slip [m/s] below which friction holds
 DEEP = 0.5  # of the thickness: what ends deeper is not accepted
 
@@ -80,39 +85,53 @@ class Contacts:
 
     ROUNDS = 6
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene) -> None:
+    def __init__(self, fields: Fields, model: Model, scene: Scene, h: float) -> None:
+        self.h_usual = h  # the stiffness of pairs goes with it, and stays when steps get smaller
         self.model, self.solids, self.exchange = model, scene.solids, model.exchange
         self.gravity = scene.gravity
         self.touch = Touch(fields, model)
         self.friction = np.array([s.friction for s in self.solids])
         self.thickness = np.array([s.thickness for s in self.solids])
-        self.vertices = VertexDetector(fields, model, scene) if any(s.shape.kind != MESH for s in self.solids) else None
-        edges = [np.linalg.norm(np.diff(c.positions[c.mesh.faces], axis=1), axis=2).mean() for c in scene.cloths]
-        self.reach = 4 * float(np.mean(edges))  # [m] that a particle may close in on a solid in one step
-        self.push_limit = np.maximum(self.thickness, float(np.mean(edges)) / 4)  # [m] pushed out in one step
+        edges = np.concatenate([np.linalg.norm(np.diff(c.positions[c.mesh.faces], axis=1), axis=2).ravel()
+                                for c in scene.cloths])
+        self.reach = 4 * float(edges.mean())  # [m] that a particle may close in on a solid in one step
+        self.push_limit = np.maximum(self.thickness, float(edges.mean()) / 4)  # [m] pushed out in one step
+        meshes = [s.shape.kind == MESH for s in self.solids]
+        poking = [k for k, s in enumerate(self.solids) if meshes[k] or _pokes(s, float(edges.max()))]
+        self.vertices = None if all(meshes) else VertexDetector(fields, model, scene)
+        self.tree = self.surfaces = self.pairs = None
+        if poking:
+            from .mesh_detection import PairDetector, SurfaceDetector
+
+            self.tree = TriangleTree(fields, scene, poking, model.origin, float(edges.max()))
+            self.surfaces = SurfaceDetector(fields, model, scene, self.tree) if any(meshes) else None
+            self.pairs = PairDetector(fields, model, scene, self.tree)
         self.trial = States()
         self.clear()
         self.count, self.unsettled = 0, 0
+        self.time, self.pressed, self.places = 0.0, None, (np.zeros((0, 3)), np.zeros((0, 3)))
         self.active, self.state, self.total = _none_found(), States(), np.zeros((0, 3))
         self._slots = np.zeros(model.n, dtype=np.int32)
         self._rows = np.zeros((model.n, SLOTS, WIDTH), dtype=self.exchange)
 
     def set_time(self, t: float, h: float) -> None:
         """Poses of the solids at the two ends of the step from t to t + h [s]."""
+        self.time = t + h
         poses = np.empty((len(self.solids), 24))
         for row, solid in zip(poses, self.solids):
             for first, time in ((0, t), (12, t + h)):
                 R, p = solid.pose(time)
                 row[first: first + 9], row[first + 9: first + 12] = R.ravel(), p - self.model.origin
         self.poses = kernel_array(poses, self.exchange)
+        if self.tree is not None:
+            self.tree.set_time(t, h)
 
     def begin(self, h: float, held: Held | None, x: np.ndarray, v: np.ndarray) -> None:
         """A new attempt from the saved state (n, 3); the model is at its predicted end."""
         self.h, self.pinned, self.x, self.v = h, held, x, v
         self.trial, self.released = self.accepted, np.zeros(0, dtype=np.int64)
-        self.round = 0
-        self.found = self.detect()
-        self.slip = self._slip()
+        self.round, self.warm = 0, False
+        self._look()
 
     def commit(self) -> None:
         """The step was accepted: the next begins from its contacts."""
@@ -124,19 +143,21 @@ class Contacts:
 
     def detect(self) -> Found:
         """Contacts of the particles on their way from the saved to the current positions."""
-        assert self.vertices is not None
-        self.vertices.detect(self.poses, self._slots, self._rows)
+        if self.vertices is not None:
+            self.vertices.detect(self.poses, self._slots, self._rows)
+        if self.surfaces is not None:
+            self.surfaces.detect(self.poses, self._slots, self._rows, int(self.vertices is None))
         i = np.flatnonzero(self._slots)
         pick = np.arange(SLOTS)[None, :] < self._slots[i][:, None]
         rows = self._rows[i][pick].astype(np.float64)
         index = np.repeat(i, self._slots[i])
         return Found(index, rows[:, 8].astype(np.int64), rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5:8])
 
-    def _slip(self) -> np.ndarray:
-        """(k, 3) tangential velocity against the solids that the last positions amount to."""
-        f = self.found
-        s = (self.end()[f.index] - f.carried) / self.h
-        return s - np.einsum("ki,ki->k", s, f.normal)[:, None] * f.normal
+    def _look(self) -> None:
+        """What the particles meet on their way to where they now are, and how fast they slip there."""
+        self.found = f = self.detect()
+        self.slip = _tangential((self.end()[f.index] - f.carried) / self.h, f.normal)
+        self.near = self.pairs.find() if self.pairs is not None else None
 
     def end(self) -> np.ndarray:
         """(n, 3) positions at the end of the step as they now stand."""
@@ -167,9 +188,32 @@ class Contacts:
         self.count = k
         lift = np.minimum(-f.start_gap, self.push_limit[f.solid])
         self.target = f.carried + lift[:, None] * f.normal
-        self._set_touch(slip)
-        closing = float(np.max(-lift, initial=0.0))
-        return self._held(lift), closing
+        held = self._held(lift)
+        self.active_slip = slip
+        self.base = self.x + self.h * self.v, self.v  # where the solve begins
+        if held is not None:
+            self.base[0][held.index] += held.y
+        self._set_touch()
+        return held, float(np.max(-lift, initial=0.0))
+
+    def rebase(self) -> None:
+        """The same contacts for a further solve that begins where the model now is."""
+        self.base = self.model.read_particles()
+        self._set_touch()
+
+    def work(self) -> float:
+        """What the points of touch do in the step [J]."""
+        vertices, weights, block, rhs = self.points
+        force, end = self._point_forces()
+        start = np.einsum("ka,kai->ki", weights, self.x[vertices])
+        return float(np.einsum("ki,ki->", force, end - start))
+
+    def _point_forces(self) -> tuple[np.ndarray, np.ndarray]:
+        """(forces [N] (k, 3) on the points of touch at the end of the step, the points)."""
+        vertices, weights, block, rhs = self.points
+        end = self.end()
+        dv = np.einsum("ka,kai->ki", weights, end[vertices] - self.base[0][vertices]) / self.h
+        return (rhs - np.einsum("kij,kj->ki", block, dv)) / self.h, np.einsum("ka,kai->ki", weights, end[vertices])
 
     def _held(self, lift: np.ndarray) -> Held | None:
         """Pins and contacts as one."""
@@ -231,14 +275,14 @@ class Contacts:
         projector = sum(np.outer(q, q) for q, _, _ in basis)
         return (i, projector, sum(value * q for q, value, _ in basis), sum(y * q for q, _, y in basis))
 
-    def _set_touch(self, slip: np.ndarray) -> None:
-        """Friction of what slides, as points of `touch`."""
+    def _set_touch(self) -> None:
+        """Friction of what slides, and pairs, as points of `touch`."""
         f, s, h = self.active, self.state, self.h
         mu = self.friction[f.solid]
         slides = ~s.stick & (mu * s.force > 0)
         self.slides = slides
         f, size = f.take(slides), mu[slides] * s.force[slides]
-        u, push = slip[slides], s.push[slides]
+        u, push = self.active_slip[slides], s.push[slides]
         fresh, speed = push.any(axis=1), np.linalg.norm(u, axis=1)
         stopped = size * h / self.model.mass[f.index]  # slip that friction would stop in a step
         fast = ~fresh & (speed > stopped)
@@ -248,11 +292,35 @@ class Contacts:
         self.lag[np.flatnonzero(slides)[~fast & ~fresh]] = speed[~fast & ~fresh]
         across = np.eye(3) - np.einsum("ki,kj->kij", f.normal, f.normal) - np.einsum("ki,kj->kij", push, push)
         block = (h * size / speed)[:, None, None] * across
-        start = self.v[f.index] - (f.carried - self.x[f.index]) / h  # slip with which the solve begins
+        start = self.base[1][f.index] - (f.carried - self.x[f.index]) / h  # slip with which the solve begins
         rhs = h * size[:, None] * push - np.einsum("kij,kj->ki", block, start)
-        self.touch.set(np.repeat(f.index[:, None], 3, axis=1), np.tile([1.0, 0, 0], (len(u), 1)),
-                       np.stack([block[:, a, b] for a, b in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))], axis=1),
-                       rhs)
+        points = [(np.repeat(f.index[:, None], 3, axis=1), np.tile([1.0, 0, 0], (len(u), 1)), block, rhs)]
+        if self.near is not None:
+            points.append(self._press(self.near))
+        self.points = vertices, weights, block, rhs = tuple(np.concatenate(parts) for parts in zip(*points))
+        self.touch.set(vertices, weights, np.stack([block[:, a, b] for a, b in SYM], axis=1), rhs)
+
+    def _press(self, p: "Pairs") -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Pairs: repulsion linearised where they now are, and friction as a damping."""
+        h, (base, v) = self.h, self.base
+        self.pressed = p
+        mass = 1 / np.maximum((p.weights**2 / self.model.mass[p.vertices]).sum(axis=1), 1e-300)
+        r = PAIR * self.thickness[p.solid]
+        d = np.maximum(p.distance, SHALLOW * r)
+        stiff = PRESS * mass / self.h_usual**2
+        far = d >= r / 2
+        f = stiff * np.where(far, r - d, r**2 / (4 * d))
+        k = stiff * np.where(far, 1.0, r**2 / (4 * d**2))
+        here = np.einsum("ka,kai->ki", p.weights, base[p.vertices])
+        f0 = f + k * (np.einsum("ki,ki->k", p.normal, p.point - here) + d - p.distance)
+        slip = np.linalg.norm(_tangential((p.point - p.carried) / h, p.normal), axis=1)
+        drag = h * self.friction[p.solid] * f / np.maximum(slip, 10 * SLOW)
+        across = np.eye(3) - np.einsum("ki,kj->kij", p.normal, p.normal)
+        start = np.einsum("ka,kai->ki", p.weights, v[p.vertices] + self.x[p.vertices] / h) - p.carried / h
+        block = drag[:, None, None] * across
+        rhs = (h * f0)[:, None] * p.normal - np.einsum("kij,kj->ki", block, start)
+        block = block + (h**2 * k)[:, None, None] * np.einsum("ki,kj->kij", p.normal, p.normal)
+        return p.vertices, p.weights, block, rhs
 
     def judge(self, reaction: np.ndarray) -> Verdict:
         """What must change after a solve; `reaction` (k, 3) [N s] on the held particles, in `hold`'s order."""
@@ -269,8 +337,9 @@ class Contacts:
         pulls = normal < -PULL * np.maximum(self.model.mass[f.index] * np.linalg.norm(self.gravity),
                                             np.mean(np.abs(normal)) if len(normal) else 0.0)
         breaks = s.stick & ~pulls & (shear > mu * np.maximum(normal, 0) * (1 + CONE))
-        self.found = self.detect()
-        self.slip = self._slip()
+        if self.pressed is not None:
+            self.places = tuple(a[-len(self.pressed.key):] if len(self.pressed.key) else a[:0] for a in self._point_forces())
+        self._look()
         here = _rows_of(self.found.key, f.key)
         slip_now = np.where((here >= 0)[:, None], self.slip[here] if len(self.slip) else 0.0, 0.0)
         speed = np.linalg.norm(slip_now, axis=1)
@@ -294,27 +363,57 @@ class Contacts:
         self.round += 1
         changes = int(pulls.sum() + breaks.sum() + turns.sum()) + entered
         self.unsettled = changes
+        close, bad = self._left()
+        entered += close
         matters = entered or disagree or wrong > AGREED * float(np.sum(force))
-        return Verdict(max(changes, 1) if matters else 0, float(np.max(depth, initial=0.0)), bool((depth > DEEP).any()))
+        return Verdict(max(changes, 1) if matters else 0, float(np.max(depth, initial=0.0)), bad)
 
+
+    def went_in(self) -> bool:
+        """Whether something ended too deep after further solves that held the same contacts."""
+        self._look()
+        return self._left()[1]
+
+    def _left(self) -> tuple[int, bool]:
+        """(pairs that are left closer than they should be, whether anything ended too deep)."""
+        new = ~np.isin(self.found.key, self.active.key)
+        bad = bool((-self.found.gap[new] > DEEP * self.thickness[self.found.solid[new]]).any())
+        if self.near is None or not len(self.near.key):
+            return 0, bad
+        left = self.near.distance / (PAIR * self.thickness[self.near.solid])
+        return int(np.sum(left < CLOSE)), bad or bool((left < SHALLOW).any())
 
     def forces_on_particles(self) -> np.ndarray:
         """(n, 3) [N] on each particle in the last round, in particle order."""
         out = np.zeros((self.model.n, 3))
         np.add.at(out, self.active.index, self.total)
+        if self.pressed is not None:
+            p = self.pressed
+            np.add.at(out, p.vertices, p.weights[:, :, None] * self.places[0][:, None, :])
         return out
 
     def loads(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """(force [N], torque [N m] about the origin) on each solid, by name."""
-        out = {s.name: (np.zeros(3), np.zeros(3)) for s in self.solids}
-        if self.state.key.size:
-            x = self.end()
-            for k, solid in enumerate(self.solids):
-                mine = self.active.solid == k
-                index, force = self.active.index[mine], self.total[mine]
-                arm = x[index] - self.poses[k, 21:24].astype(np.float64)
-                out[solid.name] = (-force.sum(axis=0), -np.cross(arm, force).sum(axis=0))
+        at, force, which = self.end()[self.active.index], self.total, self.active.solid
+        if self.pressed is not None:
+            at, force = np.concatenate([at, self.places[1]]), np.concatenate([force, self.places[0]])
+            which = np.concatenate([which, self.pressed.solid])
+        out = {}
+        for k, solid in enumerate(self.solids):
+            mine = which == k
+            arm = at[mine] - solid.pose(self.time)[1] + self.model.origin
+            out[solid.name] = (-force[mine].sum(axis=0), -np.cross(arm, force[mine]).sum(axis=0))
         return out
+
+def _pokes(solid: Solid, edge: float) -> bool:
+    """Whether a solid could come through a triangle of cloth with edges of this length [m] between its vertices."""
+    x, _, radius = solid.shape.core()
+    return len(x) > 0 and not smooth(radius, solid.thickness, edge)
+
+
+def _tangential(rows: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    return rows - np.einsum("ki,ki->k", rows, normal)[:, None] * normal
+
 
 def _none_found() -> Found:
     return Found(*(np.zeros(0, dtype=np.int64),) * 2, np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros((0, 3)))

@@ -62,6 +62,7 @@ class BackwardEuler:
             measures = self.meter.measure()
             # work of the constraints that move, which the energy may grow by
             work = self._reaction_power(h) if held is not None and held.moving else 0.0
+            work += self.contacts.work() if self.contacts is not None and solutions else 0.0
         attempt = partial(Attempt, contacts=self.contacts.count if self.contacts else 0,
                           unsettled=self.contacts.unsettled if self.contacts else 0)
         if solutions and solutions[-1].status != CONVERGED:
@@ -181,6 +182,8 @@ class BackwardEuler:
         for _ in range(self.options.newton_max):
             with clock.part("EVAL"):
                 self.operator.set_motion(0.0)
+                if self.contacts is not None:
+                    self.contacts.rebase()
                 self.operator.linearize(h)
             with clock.part("CG"):
                 solutions.append(self.solve(held))
@@ -198,6 +201,8 @@ class BackwardEuler:
             settled = phi(measures, h) <= limit or (held is not None and held.moving)
             if alpha == 1.0 and settled and measures.finite:
                 self._settle(held)
+                if self.contacts is not None and self.contacts.went_in():
+                    return Attempt(CONTACT, "after further solves", measures, tuple(solutions), clock.seconds)
                 return Attempt(None, "", measures, tuple(solutions), clock.seconds)
         reason = ENERGY if measures.finite else NOT_FINITE
         return Attempt(reason, f"{len(solutions)} solves", measures, tuple(solutions), clock.seconds)

@@ -1,0 +1,338 @@
+"""Cloth against triangles of solids, both on their way through the step.
+
+Vertices of cloth meet the surfaces of mesh solids: a plane each, like those of analytic solids. Edges and corners
+of solids meet edges and faces of cloth: a pair each. Where something comes near enough within the step is found by
+conservative advancement: strides of the distance left over the speed left, which cannot jump over a contact.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import taichi as ti
+
+from ..fields import Fields
+from ..mesh import face_edges
+from ..model import Model
+from ..scene import Scene
+from .closest import EDGE_EDGE, VERTEX_FACE, of_pair, on_triangle
+from .detection import HIT, KEEP, SAME_SIDE, SLOTS, WIDTH, pose
+from .tree import LEAF, TriangleTree
+
+STRIDES = 24
+PAIR = 0.5  # of the thickness (beyond the core's radius): what edges and faces of cloth keep
+FORWARD = 0.3  # cosine between a pair's directions at start and end below which it has passed through
+INWARD = -0.5  # cosine with a corner's or edge's outward normal below which a pair is taken to be inside
+COLUMNS = 18  # numbers of a pair, see `Pairs`
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Places where an edge or face of cloth is near an edge or corner of a solid, sorted by their ids.
+
+    Attributes:
+        vertices: (k, 3) particles; weights: (k, 3) of the place on the cloth.
+        solid: (k,) index.
+        normal: (k, 3) from the solid to the cloth.
+        distance: (k,) at the end [m], along the normal, from the core's radius; negative has passed.
+        carried: (k, 3) where the place would be if it moved with the solid [m].
+        point: (k, 3) where it is at the end [m].
+        key: (k,) one number each, the same from round to round.
+    """
+
+    vertices: np.ndarray
+    weights: np.ndarray
+    solid: np.ndarray
+    normal: np.ndarray
+    distance: np.ndarray
+    carried: np.ndarray
+    point: np.ndarray
+    key: np.ndarray
+
+
+@ti.data_oriented
+class SurfaceDetector:
+    """Vertices of cloth against the surfaces of mesh solids: the nearest contact of each."""
+
+    def __init__(self, fields: Fields, model: Model, scene: Scene, tree: TriangleTree) -> None:
+        self.model, self.tree = model, tree
+        self.thickness = fields.real(len(scene.solids), data=np.array([s.thickness for s in scene.solids]))
+        self.deforms = fields.integer(len(scene.solids), data=np.array(
+            [int(getattr(s.shape, "fps", None) is not None) for s in scene.solids]))
+        self.margin = max(s.thickness for k, s in enumerate(scene.solids) if s.shape.kind == 5) * (1 + KEEP)
+        self.depth = fields.real(model.n, data=np.zeros(model.n))  # how deep inside a particle may be [m]
+
+    @ti.kernel
+    def detect(self, poses: ti.types.ndarray(), slots: ti.types.ndarray(), out: ti.types.ndarray(), first: int):
+        """Adds to each particle's slots; with `first` they are empty before."""
+        for i in range(self.model.n):
+            count = 0
+            if first == 0:
+                count = slots[i]
+            a, b = self.model.x_saved[i], self.model.x[i]
+            solid, n, at, moved = self.contact(i, a, b)
+            if solid >= 0 and count < SLOTS:
+                carried = a + moved
+                if self.deforms[solid] == 0:
+                    R_0, p_0 = pose(poses, solid, 0)
+                    R_1, p_1 = pose(poses, solid, 12)
+                    carried = R_1 @ (R_0.transpose() @ (a - p_0)) + p_1
+                row = ti.Vector([n[0], n[1], n[2], n.dot(b - at), n.dot(carried - at), carried[0], carried[1], carried[2]])
+                for c in ti.static(range(WIDTH - 1)):
+                    out[i, count, c] = row[c]
+                out[i, count, WIDTH - 1] = solid
+                count += 1
+            slots[i] = count
+
+    @ti.func
+    def contact(self, i, a, b):
+        """Solid (or -1), plane (normal, point) and the solid's motion there, of the way from a to b."""
+        reach = self.margin + self.depth[i]
+        low, high = ti.min(a, b) - reach, ti.max(a, b) + reach
+        # nearest at the start: distance, side, motion of the solid; at the end: distance, side, triangle; first hit
+        d_0, side_0, moved, sure_0 = 1e30, 1.0, a * 0, 0.0
+        d_1, side_1, n_1, sure_1, solid_1 = 1e30, 1.0, a * 0, 0.0, -1
+        when, n_hit, at_hit, solid_hit = 2.0, a * 0, a * 0, -1
+        closed = 0
+        node = 1
+        while True:
+            if self.tree.meets(node, low, high):
+                if node < self.tree.first_leaf:
+                    node *= 2
+                    continue
+                leaf = (node - self.tree.first_leaf) * LEAF
+                for t in range(leaf, ti.min(leaf + LEAF, self.tree.count)):
+                    info = self.tree.info[t]
+                    if info[1] == 1:
+                        thick = self.thickness[info[0]]
+                        w, difference, normal = self.at(t, a, 0.0)
+                        d = difference.norm()
+                        up = difference.dot(normal)
+                        sure = ti.abs(up) / ti.max(d, 1e-20)
+                        side = 1.0 if up >= 0 else -1.0
+                        c_0, c_1 = self.point(t, w, 0.0), self.point(t, w, 1.0)
+                        if d < d_0 - 1e-7 * thick or (d < d_0 + 1e-7 * thick and sure > sure_0):
+                            d_0, side_0, sure_0, moved = ti.min(d, d_0), side, sure, c_1 - c_0
+                            closed = info[2]
+                        w_1, difference_1, normal_1 = self.at(t, b, 1.0)
+                        e = difference_1.norm()
+                        up_1 = difference_1.dot(normal_1)
+                        sure_e = ti.abs(up_1) / ti.max(e, 1e-20)
+                        if e < d_1 - 1e-7 * thick or (e < d_1 + 1e-7 * thick and sure_e > sure_1):
+                            d_1, sure_1, solid_1 = ti.min(e, d_1), sure_e, info[0]
+                            side_1 = 1.0 if up_1 >= 0 else -1.0
+                            n_1 = difference_1 / ti.max(e, 1e-20)
+                            if e < 1e-3 * thick:
+                                n_1 = side_1 * normal_1
+                        s = self.meeting(t, a, b, d, thick)
+                        if s < when and (side > 0 or info[2] == 0):
+                            when, solid_hit = s, info[0]
+                            n_hit = side * normal_1
+                            w_s, gone, normal_s = self.at(t, a + s * (b - a), s)
+                            at_hit = self.point(t, w_s, 1.0) + thick * n_hit
+            node = self.tree.following(node)
+            if node == 1:
+                break
+        solid, n, at = -1, n_1, b
+        if solid_1 >= 0:
+            thick = self.thickness[solid_1]
+            side = 1.0 if closed == 1 else side_0
+            n = n_1 * side * side_1  # out of the solid, or to the side it came from
+            height = d_1 * side * side_1
+            at = b - (height - thick) * n
+            if height < thick * (1 + KEEP) or when <= 1:
+                solid = solid_1
+                if when <= 1 and n_hit.dot(n) < SAME_SIDE and side * side_1 > 0 and d_0 > (1 - HIT) * thick * 0.5:
+                    solid, n, at = solid_hit, n_hit, at_hit
+        return solid, n, at, moved
+
+    @ti.func
+    def at(self, t, p, s):
+        """Weights of the closest point of triangle t at the part s of the step, difference to it, unit normal."""
+        a, b, c = self.tree.corner(t, 0, s), self.tree.corner(t, 1, s), self.tree.corner(t, 2, s)
+        w = on_triangle(p, a, b, c)
+        return w, p - w[0] * a - w[1] * b - w[2] * c, (b - a).cross(c - a).normalized(1e-30)
+
+    @ti.func
+    def point(self, t, w, s):
+        """The point with weights w of triangle t."""
+        return w[0] * self.tree.corner(t, 0, s) + w[1] * self.tree.corner(t, 1, s) + w[2] * self.tree.corner(t, 2, s)
+
+    @ti.func
+    def meeting(self, t, a, b, d, thick):
+        """When on the way from a to b triangle t comes within the thickness; 2 if never. d: distance at the start."""
+        when = 2.0
+        speed = 0.0
+        for k in range(3):
+            speed = ti.max(speed, (b - a - self.tree.corner(t, k, 1.0) + self.tree.corner(t, k, 0.0)).norm())
+        if d - thick < HIT * thick:
+            when = 0.0
+        elif d - thick < speed:
+            s = (d - thick) / speed
+            for _ in range(STRIDES):
+                if when > 1 and s <= 1:
+                    w, difference, normal = self.at(t, a + s * (b - a), s)
+                    left = difference.norm() - thick
+                    if left < HIT * thick:
+                        when = s
+                    else:
+                        s += left / speed
+        return when
+
+
+@ti.data_oriented
+class PairDetector:
+    """Edges and corners of solids against edges and faces of cloth."""
+
+    def __init__(self, fields: Fields, model: Model, scene: Scene, tree: TriangleTree) -> None:
+        self.model, self.tree = model, tree
+        faces = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths])
+        edges = np.sort(face_edges(faces), axis=1) @ np.array([model.n, 1])
+        _, first = np.unique(edges, return_index=True)
+        owned = np.zeros(3 * len(faces), dtype=np.int64)
+        owned[first] = 1
+        owned = owned.reshape(3, -1).T @ np.array([1, 2, 4])
+        order = np.argsort(faces.min(axis=1), kind="stable")
+        self.count = len(faces)
+        self.faces = fields.integer(self.count, 3, faces[order])
+        self.owned = fields.integer(self.count, data=owned[order])
+        radius = np.array([s.shape.core()[2] for s in scene.solids])
+        self.radius = fields.real(len(scene.solids), data=radius)
+        self.range = fields.real(len(scene.solids), data=PAIR * np.array([s.thickness for s in scene.solids]))
+        self.margin = float(max(radius[k] + PAIR * s.thickness for k, s in tree.solids))
+        self.rows: np.ndarray = np.zeros((1024, COLUMNS), dtype=fields.exchange)
+        self._found: np.ndarray = np.zeros(1, dtype=np.int32)
+
+    def find(self) -> Pairs:
+        """All pairs that come within range in the step from x_saved to x."""
+        while True:
+            self._found[0] = 0
+            self._find(self._found, self.rows)
+            if self._found[0] <= len(self.rows):
+                break
+            self.rows = np.zeros((2 * int(self._found[0]), COLUMNS), dtype=self.rows.dtype)
+        rows = self.rows[: self._found[0]].astype(np.float64)
+        key = (rows[:, 15].astype(np.int64) << 32) + rows[:, 16].astype(np.int64)
+        rows, key = rows[np.argsort(key)], np.sort(key)
+        face, shift = rows[:, 15].astype(np.int64) // 4, rows[:, 15].astype(np.int64) % 4
+        corner = self.faces_host[face]
+        vertices = np.stack([corner[np.arange(len(face)), (shift + k) % 3] for k in range(3)], axis=1) if len(face) else \
+            np.zeros((0, 3), dtype=np.int64)
+        return Pairs(vertices, rows[:, :3], rows[:, 17].astype(np.int64), rows[:, 3:6], rows[:, 6], rows[:, 9:12],
+                     rows[:, 12:15], key)
+
+    @property
+    def faces_host(self) -> np.ndarray:
+        """(m, 3) particles of the faces, in the detector's order."""
+        if not hasattr(self, "_faces_host"):
+            self._faces_host = self.faces.to_numpy()
+        return self._faces_host
+
+    @ti.kernel
+    def _find(self, found: ti.types.ndarray(), rows: ti.types.ndarray()):
+        for f in range(self.count):
+            v = self.faces[f]
+            low, high = self.model.x[v[0]], self.model.x[v[0]]
+            for k in ti.static(range(3)):
+                low = ti.min(low, self.model.x[v[k]], self.model.x_saved[v[k]])
+                high = ti.max(high, self.model.x[v[k]], self.model.x_saved[v[k]])
+            low, high = low - self.margin, high + self.margin
+            node = 1
+            while True:
+                if self.tree.meets(node, low, high):
+                    if node < self.tree.first_leaf:
+                        node *= 2
+                        continue
+                    leaf = (node - self.tree.first_leaf) * LEAF
+                    for t in range(leaf, ti.min(leaf + LEAF, self.tree.count)):
+                        self.against(f, t, found, rows)
+                node = self.tree.following(node)
+                if node == 1:
+                    break
+
+    @ti.func
+    def against(self, f, t, found: ti.template(), rows: ti.template()):
+        """Triangle t's corners against face f, its edges against f's edges: 3 and 9 pairs at most."""
+        bits = self.tree.info[t][3]
+        for pair in range(12):
+            kind, k, shift = VERTEX_FACE, pair, 0
+            wanted = (bits >> pair) & 1
+            if pair >= 3:
+                kind, k, shift = EDGE_EDGE, (pair - 3) // 3, (pair - 3) % 3
+                wanted = ((bits >> (3 + k)) & 1) * ((self.owned[f] >> shift) & 1)
+            if wanted == 1:
+                self.test(kind, f, t, k, shift, found, rows)
+
+    @ti.func
+    def test(self, kind, f, t, k, shift, found: ti.template(), rows: ti.template()):
+        """One pair; written down where it comes within range and ends there."""
+        info = self.tree.info[t]
+        r_0 = self.radius[info[0]]
+        r = r_0 + self.range[info[0]]
+        c = self.tree.corners[t]
+        i, j = c[k], c[(k + 1) % 3]
+        if kind == VERTEX_FACE:
+            j = i
+        v = self.faces[f]
+        v_0, v_1, v_2 = v[shift], v[(shift + 1) % 3], v[(shift + 2) % 3]
+        difference, w, along = self.pair(kind, i, j, v_0, v_1, v_2, 0.0)
+        d = difference.norm()
+        drift = 0.5 * (self.tree.vertex(i, 1.0) - self.tree.vertex(i, 0.0)
+                       + self.tree.vertex(j, 1.0) - self.tree.vertex(j, 0.0))
+        cloth = 0.0
+        for u in range(3):
+            cloth = ti.max(cloth, (self.model.x[v[u]] - self.model.x_saved[v[u]] - drift).norm())
+        speed = cloth + 0.5 * (self.tree.vertex(i, 1.0) - self.tree.vertex(i, 0.0)
+                               - self.tree.vertex(j, 1.0) + self.tree.vertex(j, 0.0)).norm()
+        if d - r < speed:
+            n = difference / ti.max(d, 1e-20)
+            end, w_1, along_1 = self.pair(kind, i, j, v_0, v_1, v_2, 1.0)
+            d_1 = end.norm()
+            n_1 = end / ti.max(d_1, 1e-20)
+            if n_1.dot(n) < FORWARD:  # it turned a long way, or passed through: as it was when it came near
+                s = 0.0
+                for _ in range(STRIDES):
+                    if d - r > HIT * r and s <= 1:
+                        s += ti.max(d - r, HIT * r) / speed
+                        difference, w, along = self.pair(kind, i, j, v_0, v_1, v_2, ti.min(s, 1.0))
+                        d = difference.norm()
+                        n = difference / ti.max(d, 1e-20)
+                if s > 1:
+                    n, w, along = n_1, w_1, along_1
+            else:
+                n, w, along = n_1, w_1, along_1
+            out = self.tree.normal[i] + self.tree.normal[j]
+            if info[2] == 1 and n.dot(out) < INWARD * out.norm():
+                n = -n  # already inside: out again
+            self.write(kind, f, t, k, shift, n, w, along, i, j, v_0, v_1, v_2, r_0, r, found, rows)
+
+    @ti.func
+    def write(self, kind, f, t, k, shift, n, w, along, i, j, v_0, v_1, v_2, r_0, r, found: ti.template(),
+              rows: ti.template()):
+        """Writes a pair down where it ends within range."""
+        x = ti.static(self.model.x)
+        x_0 = ti.static(self.model.x_saved)
+        at_1 = (1 - along) * self.tree.vertex(i, 1.0) + along * self.tree.vertex(j, 1.0)
+        at_0 = (1 - along) * self.tree.vertex(i, 0.0) + along * self.tree.vertex(j, 0.0)
+        here = w[0] * x[v_0] + w[1] * x[v_1] + w[2] * x[v_2]
+        gap = n.dot(here - at_1) - r_0
+        if gap < r - r_0:
+            start = w[0] * x_0[v_0] + w[1] * x_0[v_1] + w[2] * x_0[v_2] + at_1 - at_0
+            row = ti.atomic_add(found[0], 1)
+            if row < rows.shape[0]:
+                for c in ti.static(range(3)):
+                    rows[row, c] = w[c]
+                    rows[row, 3 + c] = n[c]
+                    rows[row, 9 + c] = start[c]
+                    rows[row, 12 + c] = here[c]
+                rows[row, 6] = gap
+                rows[row, 15] = 4 * f + shift
+                rows[row, 16] = 8 * t + 2 * k + kind
+                rows[row, 17] = self.tree.info[t][0]
+
+    @ti.func
+    def pair(self, kind, i, j, v_0, v_1, v_2, s):
+        """`of_pair` at the part s of the step."""
+        x = ti.static(self.model.x)
+        x_0 = ti.static(self.model.x_saved)
+        return of_pair(kind, self.tree.vertex(i, s), self.tree.vertex(j, s), x_0[v_0] + s * (x[v_0] - x_0[v_0]),
+                       x_0[v_1] + s * (x[v_1] - x_0[v_1]), x_0[v_2] + s * (x[v_2] - x_0[v_2]))

@@ -1,0 +1,205 @@
+"""Triangles of mesh solids, and the cores of the others, in one bounding-volume tree that is refitted every step.
+
+The tree is a complete binary heap over the triangles in Morton order, LEAF of them a leaf: node i has the children
+2 i and 2 i + 1. Its boxes hold the triangles at the start and at the end of a step, and so on all the way between.
+"""
+
+import numpy as np
+import taichi as ti
+
+from ..fields import Fields
+from ..mesh import face_edges
+from ..scene import Scene
+from ..solids import MESH, Cylinder, SolidMesh
+
+LEAF = 4
+FLAT, RIM = 0.01, 0.5  # angles [rad] that an edge must have to be one, on any solid and on a smooth cylinder
+
+
+@ti.data_oriented
+class TriangleTree:
+    """Triangles of solids on their way through a step.
+
+    Attributes:
+        x: (vertices, 6) positions at the start and at the end, relative to the model's origin [m].
+        corners: (triangles, 3).
+        info: (triangles, 4): solid, whether it is the surface of a mesh, whether that is closed, and which of
+            its corners (bits 0 to 2) and edges (bits 3 to 5) it speaks for.
+    """
+
+    def __init__(self, fields: Fields, scene: Scene, wanted: list[int], origin: np.ndarray, edge: float) -> None:
+        self.exchange = fields.exchange
+        self.solids = [(k, scene.solids[k]) for k in wanted]
+        self.origin = origin
+        locals_, corners, info = [], [], []
+        start = 0
+        self.ranges = []
+        for k, solid in self.solids:
+            x, faces, radius = solid.shape.core()
+            mesh = solid.shape.kind == MESH
+            rigid = not isinstance(solid.shape, SolidMesh) or (solid.shape.closed and len(solid.shape.x) == 1)
+            round_side = isinstance(solid.shape, Cylinder) and smooth(solid.shape.radius, solid.thickness, edge)
+            owned = _owned(x, faces, rigid, RIM if round_side else FLAT)
+            closed = int(mesh and solid.shape.closed)  # type: ignore[union-attr]
+            locals_.append(x)
+            corners.append(faces + start)
+            info.append(np.column_stack([np.full(len(faces), k), np.full(len(faces), int(mesh)),
+                                         np.full(len(faces), closed), owned]))
+            self.ranges.append(slice(start, start + len(x)))
+            start += len(x)
+        self.local = np.concatenate(locals_)
+        corners, info = np.concatenate(corners), np.concatenate(info)
+        order = _morton(np.concatenate([s.pose(0.0)[1] + x @ s.pose(0.0)[0].T
+                                        for (_, s), x in zip(self.solids, locals_)])[corners].mean(axis=1))
+        self.corners_host, self.vertex_count = corners[order], start
+        self.count = len(order)
+        leaves = -(-self.count // LEAF)
+        self.levels = max(1, int(np.ceil(np.log2(max(leaves, 1)))))
+        self.first_leaf = 2**self.levels
+        self.x = fields.real(start, 6)
+        self.normal = fields.real(start, 3)
+        self.corners = fields.integer(self.count, 3, self.corners_host)
+        self.info = fields.integer(self.count, 4, info[order])
+        self.low, self.high = fields.real(2 * self.first_leaf, 3), fields.real(2 * self.first_leaf, 3)
+        self.still = all(not s.moves for _, s in self.solids)
+        self._set = False
+        self._normals = [_normals(x, s.shape.core()[1]) for (_, s), x in zip(self.solids, locals_)]
+
+    def set_time(self, t: float, h: float) -> None:
+        """Places the triangles at the two ends of a step, and refits."""
+        if self.still and self._set:
+            return
+        x, normal = np.empty((self.vertex_count, 6)), np.empty((self.vertex_count, 3))
+        for (_, solid), rows, n in zip(self.solids, self.ranges, self._normals):
+            for column, time in ((0, t), (3, t + h)):
+                R, p = solid.pose(time)
+                shape = solid.shape.shape_at(time) if isinstance(solid.shape, SolidMesh) else self.local[rows]
+                x[rows, column: column + 3] = shape @ R.T + p - self.origin
+            normal[rows] = (_normals(solid.shape.shape_at(t), solid.shape.faces) if isinstance(solid.shape, SolidMesh)
+                            and len(solid.shape.x) > 1 else n) @ solid.pose(t)[0].T
+        self._place(x.astype(self.exchange), normal.astype(self.exchange))
+        self._set = True
+
+    @ti.kernel
+    def _place(self, x: ti.types.ndarray(), normal: ti.types.ndarray()):
+        for i in range(x.shape[0]):
+            for c in ti.static(range(6)):
+                self.x[i][c] = x[i, c]
+            for c in ti.static(range(3)):
+                self.normal[i][c] = normal[i, c]
+        for leaf in range(self.first_leaf):
+            low, high = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30])
+            for t in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.count)):
+                for k in range(3):
+                    both = self.x[self.corners[t][k]]
+                    for c in ti.static(range(3)):
+                        low[c] = ti.min(low[c], both[c], both[c + 3])
+                        high[c] = ti.max(high[c], both[c], both[c + 3])
+            self.low[self.first_leaf + leaf], self.high[self.first_leaf + leaf] = low, high
+        for _ in range(1):
+            for back in range(self.first_leaf - 1):
+                i = self.first_leaf - 1 - back
+                self.low[i] = ti.min(self.low[2 * i], self.low[2 * i + 1])
+                self.high[i] = ti.max(self.high[2 * i], self.high[2 * i + 1])
+
+    @ti.func
+    def meets(self, node, low, high):
+        """Whether a node's box meets another."""
+        a, b = self.low[node], self.high[node]
+        return (a[0] <= high[0] and low[0] <= b[0] and a[1] <= high[1] and low[1] <= b[1]
+                and a[2] <= high[2] and low[2] <= b[2])
+
+    @ti.func
+    def following(self, node):
+        """The next node of a walk that does not go below this one; 1 at its end."""
+        node += 1
+        while node % 2 == 0:
+            node //= 2
+        return node
+
+    @ti.func
+    def corner(self, triangle, k, s):
+        """Position of corner k at the part s of the step."""
+        return self.vertex(self.corners[triangle][k], s)
+
+    @ti.func
+    def vertex(self, i, s):
+        """Position of a vertex at the part s of the step."""
+        both = self.x[i]
+        a, b = ti.Vector([both[0], both[1], both[2]]), ti.Vector([both[3], both[4], both[5]])
+        return a + s * (b - a)
+
+
+def smooth(radius: float, thickness: float, edge: float) -> bool:
+    """Whether cloth with edges of this length [m], bent round a radius, leaves room within the thickness.
+
+    A triangle whose corners keep the thickness from a ball dips into it by its circumradius^2 / 2 R; stretched
+    by a fifth, that is 0.24 edge^2 / R.
+    """
+    return 0.24 * edge**2 <= 0.4 * thickness * radius
+
+
+def _owned(x: np.ndarray, faces: np.ndarray, closed: bool, angle: float) -> np.ndarray:
+    """(m,) bits of corners and edges: each is spoken for by one triangle, but those of `closed` that are hollow, or
+    flatter than the angle [rad], by none."""
+    m = len(faces)
+    bits = np.zeros(m, dtype=np.int64)
+    edges = face_edges(faces)
+    real = edges[:, 0] != edges[:, 1]
+    code = np.sort(edges, axis=1) @ np.array([len(x), 1])
+    sharp = np.ones(len(edges), dtype=bool)
+    if closed and len(faces) > 1:
+        sharp = _sharp(x, faces, edges, code, angle)
+    _, first = np.unique(np.where(real & sharp, code, -1), return_index=True)
+    for row in first:
+        if real[row] and sharp[row]:
+            bits[row % m] |= 8 << (row // m)
+    corner_sharp = np.zeros(len(x), dtype=bool)
+    corner_sharp[edges[sharp].ravel()] = True
+    flat = faces.T.ravel()  # corner k of triangle t at k m + t
+    _, first = np.unique(flat, return_index=True)
+    for row in first:
+        if corner_sharp[flat[row]]:
+            bits[row % m] |= 1 << (row // m)
+    return bits
+
+
+def _sharp(x: np.ndarray, faces: np.ndarray, edges: np.ndarray, code: np.ndarray, angle: float) -> np.ndarray:
+    """(3 m,) whether an edge of a closed mesh sticks out by more than an angle [rad]."""
+    m = len(faces)
+    normal = np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    order = np.argsort(code, kind="stable")
+    pairs = np.flatnonzero(code[order][1:] == code[order][:-1])
+    a, b = order[pairs], order[pairs + 1]
+    opposite = np.concatenate([faces[:, 2], faces[:, 0], faces[:, 1]])
+    rise = np.einsum("ij,ij->i", normal[a % m], x[opposite[b]] - x[edges[a, 0]])
+    sharp = np.ones(3 * m, dtype=bool)
+    sharp[a] = sharp[b] = (rise < 0) & (np.einsum("ij,ij->i", normal[a % m], normal[b % m]) < np.cos(angle))
+    return sharp
+
+
+def _normals(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(n, 3) unit vertex normals, weighted by the triangles' angles; 0 where triangles are degenerate."""
+    edge = [x[faces[:, (k + 1) % 3]] - x[faces[:, k]] for k in range(3)]
+    edge = [e / np.maximum(np.linalg.norm(e, axis=1, keepdims=True), 1e-300) for e in edge]
+    normal = np.cross(edge[0], edge[1])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    out = np.zeros_like(x)
+    for k in range(3):
+        angle = np.arccos(np.clip(-np.einsum("ij,ij->i", edge[k], edge[k - 1]), -1, 1))
+        for d in range(3):
+            out[:, d] += np.bincount(faces[:, k], angle * normal[:, d], minlength=len(x))
+    length = np.linalg.norm(out, axis=1, keepdims=True)
+    return np.where(length > 0, out / np.where(length > 0, length, 1), 0.0)
+
+
+def _morton(points: np.ndarray) -> np.ndarray:
+    """Order of points (n, 3) along a space-filling curve."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    cell = ((points - low) / np.maximum((high - low).max(), 1e-30) * 1023).astype(np.int64)
+    code = np.zeros(len(points), dtype=np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            code |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return np.argsort(code, kind="stable")
