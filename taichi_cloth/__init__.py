@@ -13,7 +13,7 @@ __version__ = "0.1.0"
 _WHERE = {
     "TriMesh": "mesh",
     "grid": "shapes", "strip": "shapes", "equilateral_strip": "shapes", "disk": "shapes", "cylinder": "shapes",
-    "load": "io",
+    "load": "io", "load_solid": "io.solid",
     "Stretch": "fabric", "Shear": "fabric", "Bend": "fabric", "Fabric": "fabric",
     "Scene": "scene", "Cloth": "scene", "Air": "scene",
     "Plane": "solids", "Sphere": "solids", "Capsule": "solids", "Box": "solids", "Cylinder": "solids",

@@ -21,7 +21,7 @@ from .tree import LEAF, TriangleTree
 STRIDES = 24
 PAIR = 0.5  # of the thickness (beyond the core's radius): what edges and faces of cloth keep
 FORWARD = 0.3  # cosine between a pair's directions at start and end below which it has passed through
-INWARD = -0.5  # cosine with a corner's or edge's outward normal below which a pair is taken to be inside
+INWARD = -0.5  # cosine with a corner's or edge's outward normal below which a pair lies across the solid
 COLUMNS = 18  # numbers of a pair, see `Pairs`
 
 
@@ -139,10 +139,10 @@ class SurfaceDetector:
             n = n_1 * side * side_1  # out of the solid, or to the side it came from
             height = d_1 * side * side_1
             at = b - (height - thick) * n
-            if height < thick * (1 + KEEP) or when <= 1:
+            if d_1 <= reach and height < thick * (1 + KEEP):  # beyond reach, the nearest may not have been seen
                 solid = solid_1
-                if when <= 1 and n_hit.dot(n) < SAME_SIDE and side * side_1 > 0 and d_0 > (1 - HIT) * thick * 0.5:
-                    solid, n, at = solid_hit, n_hit, at_hit
+            if when <= 1 and (solid < 0 or (n_hit.dot(n) < SAME_SIDE and side * side_1 > 0 and d_0 > 0.5 * thick)):
+                solid, n, at = solid_hit, n_hit, at_hit
         return solid, n, at, moved
 
     @ti.func
@@ -301,9 +301,8 @@ class PairDetector:
             else:
                 n, w, along = n_1, w_1, along_1
             out = self.tree.normal[i] + self.tree.normal[j]
-            if info[2] == 1 and n.dot(out) < INWARD * out.norm():
-                n = -n  # already inside: out again
-            self.write(kind, f, t, k, shift, n, w, along, i, j, v_0, v_1, v_2, r_0, r, found, rows)
+            if info[2] == 0 or n.dot(out) > INWARD * out.norm() - 1e-6:  # else it is the far side of the solid
+                self.write(kind, f, t, k, shift, n, w, along, i, j, v_0, v_1, v_2, r_0, r, found, rows)
 
     @ti.func
     def write(self, kind, f, t, k, shift, n, w, along, i, j, v_0, v_1, v_2, r_0, r, found: ti.template(),

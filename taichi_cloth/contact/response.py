@@ -35,7 +35,7 @@ AGREED = 3e-3  # part of all normal forces that may be wrong in states that chan
 LAGGED = 0.1  # relative error of the friction forces that a first round may leave
 PAIR = 0.5  # of the thickness: what edges and faces keep from edges and corners
 PRESS = 100.0  # stiffness of a pair over mass / h^2, h the largest step
-CLOSE, SHALLOW = 0.3, 0.05  # of a pair's range: nearer takes another round; is not accepted
+CLOSE, SHALLOW, CREEP = 0.3, 0.05, 0.05  # of a pair's range: nearer, by so much, takes another round; is not accepted
 SYM = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 SLOW = 5e-5  # slip [m/s] below which friction holds
 DEEP = 0.5  # of the thickness: what ends deeper is not accepted
@@ -365,7 +365,7 @@ class Contacts:
         self.unsettled = changes
         close, bad = self._left()
         entered += close
-        matters = entered or disagree or wrong > AGREED * float(np.sum(force))
+        matters = bad or entered or disagree or wrong > AGREED * float(np.sum(force))
         return Verdict(max(changes, 1) if matters else 0, float(np.max(depth, initial=0.0)), bad)
 
 
@@ -380,8 +380,13 @@ class Contacts:
         bad = bool((-self.found.gap[new] > DEEP * self.thickness[self.found.solid[new]]).any())
         if self.near is None or not len(self.near.key):
             return 0, bad
-        left = self.near.distance / (PAIR * self.thickness[self.near.solid])
-        return int(np.sum(left < CLOSE)), bad or bool((left < SHALLOW).any())
+        r = PAIR * self.thickness[self.near.solid]
+        left, before = self.near.distance / r, np.full(len(r), np.inf)
+        if self.pressed is not None:
+            where = _rows_of(self.pressed.key, self.near.key)
+            before = np.where(where >= 0, self.pressed.distance[where] / r if len(self.pressed.key) else np.inf, np.inf)
+        nearer = (left < CLOSE) & (left < before - CREEP)  # what stays where it was is borne by its force
+        return int(np.sum(nearer)), bad or bool((left < SHALLOW).any())
 
     def forces_on_particles(self) -> np.ndarray:
         """(n, 3) [N] on each particle in the last round, in particle order."""

@@ -32,16 +32,8 @@ def load(path: str | Path, scale: float = 1.0, uv: str = "auto") -> TriMesh:
     check_choice("uv", uv, ("auto", "pattern", "flatten"))
     if not (np.isfinite(scale) and scale > 0):
         raise SceneError(f"scale = {scale!r}: must be positive")
-    if not path.is_file():
-        raise MeshError(f"no such mesh file: {path}")
-    suffix = path.suffix.lower()
     try:
-        if suffix == ".obj":
-            x, faces, corner_uv, groups = read_obj(path)
-        elif suffix in OTHER:
-            x, faces, corner_uv, groups = *_read_other(path), None, {}
-        else:
-            raise MeshError(f"{path}: unknown mesh format {suffix!r}; known: .obj, {', '.join(OTHER)}")
+        x, faces, corner_uv, groups = read_surface(path)
         notes: tuple[str, ...] = ()
         TriMesh(x, faces)  # positions and topology are checked first: the pattern is measured on them
         if uv == "flatten" or corner_uv is None:
@@ -55,6 +47,22 @@ def load(path: str | Path, scale: float = 1.0, uv: str = "auto") -> TriMesh:
     except MeshError as error:
         message = str(error)
         raise MeshError(message if str(path) in message else f"{path}: {message}") from None
+
+
+def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dict[str, np.ndarray]]:
+    """Positions, triangles, texture corners or None, and groups of a mesh file, as they are.
+
+    Raises:
+        MeshError: a missing, unknown or unreadable file.
+    """
+    if not path.is_file():
+        raise MeshError(f"no such mesh file: {path}")
+    suffix = path.suffix.lower()
+    if suffix == ".obj":
+        return read_obj(path)
+    if suffix in OTHER:
+        return *_read_other(path), None, {}
+    raise MeshError(f"{path}: unknown mesh format {suffix!r}; known: .obj, {', '.join(OTHER)}")
 
 
 def _read_other(path: Path) -> tuple[np.ndarray, np.ndarray]:

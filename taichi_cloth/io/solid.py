@@ -1,0 +1,85 @@
+"""Solids from files: one mesh, or a sequence of positions with one topology."""
+
+import glob
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import MeshError, SceneError
+from ..solids import SolidMesh
+from . import read_surface
+
+
+def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, mesh: str | Path | None = None) -> SolidMesh:
+    """A solid from a file or a sequence.
+
+    Args:
+        path: a mesh file; a pattern such as "body_*.obj" whose files, in the order of their names, are the frames;
+            an .npz with `positions` ((n, 3) or (frames, n, 3)), `faces` (m, 3) and perhaps `fps`; or a .pc2
+            point cache, whose triangles are those of `mesh`.
+        scale: metres per unit of the file.
+        fps: frames a second of a sequence; the file's own where None.
+
+    Raises:
+        MeshError: a missing or unreadable file, or frames whose topology is not the first one's.
+        SceneError: numbers that make no solid.
+    """
+    if not (np.isfinite(scale) and scale > 0):
+        raise SceneError(f"scale = {scale!r}: must be positive")
+    path = str(path)
+    suffix = Path(path).suffix.lower()
+    if any(c in path for c in "*?["):
+        x, faces = _frames(path)
+    elif not Path(path).is_file():
+        raise MeshError(f"no such file: {path}")
+    elif suffix == ".npz":
+        x, faces, fps = _npz(path, fps)
+    elif suffix == ".pc2":
+        if mesh is None:
+            raise MeshError(f"{path}: a point cache has no triangles: name the file that has them, mesh=...")
+        x, faces = _pc2(Path(path)), read_surface(Path(mesh))[1]
+    else:
+        x, faces = read_surface(Path(path))[:2]
+    try:
+        return SolidMesh(x * scale, faces, fps)
+    except SceneError as error:
+        raise SceneError(f"{path}: {error}") from None
+
+
+def _frames(pattern: str) -> tuple[np.ndarray, np.ndarray]:
+    files = sorted(glob.glob(pattern))
+    if not files:
+        raise MeshError(f"no file matches {pattern}")
+    frames = []
+    first = read_surface(Path(files[0]))[1]
+    for name in files:
+        x, faces = read_surface(Path(name))[:2]
+        if faces.shape != first.shape or (faces != first).any() or (frames and x.shape != frames[0].shape):
+            raise MeshError(f"{name}: its topology is not that of {files[0]}: a sequence keeps its vertices and faces")
+        frames.append(x)
+    return np.stack(frames), first
+
+
+def _npz(path: str, fps: float | None) -> tuple[np.ndarray, np.ndarray, float | None]:
+    try:
+        with np.load(path) as data:
+            missing = {"positions", "faces"} - set(data.files)
+            if missing:
+                raise MeshError(f"{path}: has no array {sorted(missing)[0]!r}; it needs positions and faces")
+            stored = float(data["fps"]) if "fps" in data.files else None
+            return np.asarray(data["positions"], dtype=np.float64), data["faces"], fps or stored
+    except (OSError, ValueError) as error:
+        raise MeshError(f"{path}: cannot be read: {error}") from None
+
+
+def _pc2(path: Path) -> np.ndarray:
+    """Frames of a PC2 point cache: a header of 32 bytes, then float32 triples."""
+    data = path.read_bytes()
+    if len(data) < 32 or data[:12] != b"POINTCACHE2\0":
+        raise MeshError(f"{path}: is no PC2 point cache")
+    count, frames = struct.unpack("<i", data[16:20])[0], struct.unpack("<i", data[28:32])[0]
+    if len(data) != 32 + 12 * count * frames:
+        raise MeshError(f"{path}: is {len(data)} bytes long, its header of {frames} frames of {count} points says "
+                        f"{32 + 12 * count * frames}")
+    return np.frombuffer(data, dtype="<f4", offset=32).reshape(frames, count, 3).astype(np.float64)
