@@ -49,11 +49,10 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
     if round(options.duration * options.fps) < 1:
         raise SceneError(f"duration {options.duration:g} s at {options.fps:g} frames a second is no frame")
     scene = scene_file.make(options.settings)
-    for cloth in scene.cloths:
-        for note in cloth.mesh.notes:
-            print(f"note: {cloth.name}: {note}", file=sys.stderr)
     started = time.perf_counter()
     sim = Simulation(scene, **options.simulation)
+    for note in sim.notes:
+        print(f"note: {note}", file=sys.stderr)
     # only now, when nothing in the request is wrong any more, may an earlier run's files go
     folder = RunFolder(options.out, options.overwrite) if options.out else None
     manifest = _manifest(scene_file, scene, sim, options)
@@ -188,5 +187,5 @@ def _manifest(scene_file: SceneFile, scene: Scene, sim: Simulation, options: Run
         "simulation": {"integrator": sim.integrator_name, **asdict(sim.control), **asdict(sim.options)},
         "runtime": sim.runtime.record(),
         "model": {"vertices": sim.model.n, "triangles": sum(c.mesh.face_count for c in scene.cloths),
-                  "notes": [n for c in scene.cloths for n in c.mesh.notes]},
+                  "solids": len(scene.solids), "notes": sim.notes},
     }

@@ -58,6 +58,7 @@ class Simulation:
         time: simulated time [s].
         log: one `StepRecord` a step.
         runtime: what runs.
+        notes: what was found out about the meshes and solids, and done about it.
     """
 
     def __init__(self, scene: Scene, h: float = 1 / 60, arch: str = "cpu", precision: str = "f64",
@@ -90,6 +91,9 @@ class Simulation:
         if adaptive:  # an explicit method takes no step that is unstable already at rest
             h = min(h, SAFETY * self.integrator.stable_step)
             self.control = replace(self.control, h_max=h, h_min=min(h_min, h / 2))
+        self.notes = [f"{c.name}: {note}" for c in scene.cloths for note in c.mesh.notes]
+        if self.contacts is not None:
+            self.notes += self.contacts.inspect()
         self.stepper = Stepper(self.model, self.integrator, self.meter, self.control)
         self._script = scene.script.copy()
         self._script.events.sort(key=lambda event: event.time)

@@ -20,7 +20,7 @@ from .tree import LEAF, TriangleTree
 
 STRIDES = 24
 PAIR = 0.5  # of the thickness (beyond the core's radius): what edges and faces of cloth keep
-FORWARD = 0.3  # cosine between a pair's directions at start and end below which it has passed through
+FORWARD = 0.8  # cosine between a pair's directions when it comes near and at the end for the end's to be taken
 INWARD = -0.5  # cosine with a corner's or edge's outward normal below which a pair lies across the solid
 COLUMNS = 18  # numbers of a pair, see `Pairs`
 
@@ -60,6 +60,12 @@ class SurfaceDetector:
             [int(getattr(s.shape, "fps", None) is not None) for s in scene.solids]))
         self.margin = max(s.thickness for k, s in enumerate(scene.solids) if s.shape.kind == 5) * (1 + KEEP)
         self.depth = fields.real(model.n, data=np.zeros(model.n))  # how deep inside a particle may be [m]
+
+    @ti.kernel
+    def set_depth(self, depth: ti.types.ndarray()):
+        """How deep inside a mesh each particle may be (n,) [m]: so far it is looked for."""
+        for i in range(self.model.n):
+            self.depth[i] = depth[i]
 
     @ti.kernel
     def detect(self, poses: ti.types.ndarray(), slots: ti.types.ndarray(), out: ti.types.ndarray(), first: int):
@@ -288,17 +294,14 @@ class PairDetector:
             end, w_1, along_1 = self.pair(kind, i, j, v_0, v_1, v_2, 1.0)
             d_1 = end.norm()
             n_1 = end / ti.max(d_1, 1e-20)
-            if n_1.dot(n) < FORWARD:  # it turned a long way, or passed through: as it was when it came near
-                s = 0.0
-                for _ in range(STRIDES):
-                    if d - r > HIT * r and s <= 1:
-                        s += ti.max(d - r, HIT * r) / speed
-                        difference, w, along = self.pair(kind, i, j, v_0, v_1, v_2, ti.min(s, 1.0))
-                        d = difference.norm()
-                        n = difference / ti.max(d, 1e-20)
-                if s > 1:
-                    n, w, along = n_1, w_1, along_1
-            else:
+            s = 0.0
+            for _ in range(STRIDES):
+                if d - r > HIT * r and s <= 1:
+                    s += ti.max(d - r, HIT * r) / speed
+                    difference, w, along = self.pair(kind, i, j, v_0, v_1, v_2, ti.min(s, 1.0))
+                    d = difference.norm()
+                    n = difference / ti.max(d, 1e-20)
+            if s > 1 or n_1.dot(n) > FORWARD:  # else it turned a long way, or passed through: as when it came near
                 n, w, along = n_1, w_1, along_1
             out = self.tree.normal[i] + self.tree.normal[j]
             if info[2] == 0 or n.dot(out) > INWARD * out.norm() - 1e-6:  # else it is the far side of the solid

@@ -22,7 +22,7 @@ from ..constraints import Held, kernel_array
 from ..fields import Fields
 from ..model import Model
 from ..scene import Scene
-from ..solids import MESH, Solid
+from ..solids import MESH, Solid, SolidMesh
 from .detection import SLOTS, WIDTH, Found, VertexDetector
 from .touch import Touch
 from .tree import TriangleTree, smooth
@@ -35,7 +35,8 @@ AGREED = 3e-3  # part of all normal forces that may be wrong in states that chan
 LAGGED = 0.1  # relative error of the friction forces that a first round may leave
 PAIR = 0.5  # of the thickness: what edges and faces keep from edges and corners
 PRESS = 100.0  # stiffness of a pair over mass / h^2, h the largest step
-CLOSE, SHALLOW, CREEP = 0.3, 0.05, 0.05  # of a pair's range: nearer, by so much, takes another round; is not accepted
+CLOSE, CREEP = 0.3, 0.05  # of a pair's range: what ends nearer than that, by so much, takes another round
+SHALLOW, LEAST = 0.05, 0.01  # of a pair's range: the law stiffens no further; nearer is not accepted
 SYM = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 SLOW = 5e-5  # slip [m/s] below which friction holds
 DEEP = 0.5  # of the thickness: what ends deeper is not accepted
@@ -94,8 +95,9 @@ class Contacts:
         self.thickness = np.array([s.thickness for s in self.solids])
         edges = np.concatenate([np.linalg.norm(np.diff(c.positions[c.mesh.faces], axis=1), axis=2).ravel()
                                 for c in scene.cloths])
-        self.reach = 4 * float(edges.mean())  # [m] that a particle may close in on a solid in one step
-        self.push_limit = np.maximum(self.thickness, float(edges.mean()) / 4)  # [m] pushed out in one step
+        self.edge = float(edges.mean())
+        self.reach = 4 * self.edge  # [m] that a particle may close in on a solid in one step
+        self.push_limit = np.maximum(self.thickness, self.edge / 4)  # [m] pushed out in one step
         meshes = [s.shape.kind == MESH for s in self.solids]
         poking = [k for k, s in enumerate(self.solids) if meshes[k] or _pokes(s, float(edges.max()))]
         self.vertices = None if all(meshes) else VertexDetector(fields, model, scene)
@@ -113,6 +115,37 @@ class Contacts:
         self.active, self.state, self.total = _none_found(), States(), np.zeros((0, 3))
         self._slots = np.zeros(model.n, dtype=np.int32)
         self._rows = np.zeros((model.n, SLOTS, WIDTH), dtype=self.exchange)
+
+    def inspect(self) -> list[str]:
+        """What is wrong with the scene from the start, in words; remembers who is inside."""
+        notes = [f"{s.name}: {note}" for s in self.solids if isinstance(s.shape, SolidMesh) for note in s.shape.notes]
+        notes += [f"{s.name}: its thickness {s.thickness:g} m is more than the cloth's mean edge {self.edge:.3g} m: contacts "
+                  "will look swollen" for s in self.solids if s.thickness > self.edge]
+        self.model.save()
+        self.set_time(0.0, self.h_usual)
+        if self.tree is not None:
+            self.tree.set_time(0.0, 0.0)
+        size = 0.0
+        if self.surfaces is not None:
+            x = np.concatenate([s.surface_at(0.0) for s in self.solids if isinstance(s.shape, SolidMesh)])
+            size = float(np.linalg.norm(np.ptp(x, axis=0)))
+            self.surfaces.set_depth(np.full(self.model.n, size, dtype=self.exchange))
+        found = self.detect()
+        thickness = self.thickness[found.solid]
+        inside = found.start_gap + thickness < 0
+        for k, solid in enumerate(self.solids):
+            count = int(np.sum(inside & (found.solid == k)))
+            if count:
+                notes.append(f"{solid.name}: {count} vertices of cloth start inside it, up to "
+                             f"{-(found.start_gap + thickness)[inside & (found.solid == k)].min():.3g} m deep: they are pushed "
+                             "out over the first steps")
+        if self.surfaces is not None:
+            depth: np.ndarray = np.zeros(self.model.n, dtype=self.exchange)
+            np.maximum.at(depth, found.index[inside], -found.start_gap[inside] * 1.5)
+            self.surfaces.set_depth(depth)
+        if self.tree is not None:
+            self.tree.placed = False
+        return notes
 
     def set_time(self, t: float, h: float) -> None:
         """Poses of the solids at the two ends of the step from t to t + h [s]."""
@@ -298,7 +331,7 @@ class Contacts:
         if self.near is not None:
             points.append(self._press(self.near))
         self.points = vertices, weights, block, rhs = tuple(np.concatenate(parts) for parts in zip(*points))
-        self.touch.set(vertices, weights, np.stack([block[:, a, b] for a, b in SYM], axis=1), rhs)
+        self.crowded = not self.touch.set(vertices, weights, np.stack([block[:, a, b] for a, b in SYM], axis=1), rhs)
 
     def _press(self, p: "Pairs") -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Pairs: repulsion linearised where they now are, and friction as a damping."""
@@ -312,7 +345,14 @@ class Contacts:
         f = stiff * np.where(far, r - d, r**2 / (4 * d))
         k = stiff * np.where(far, 1.0, r**2 / (4 * d**2))
         here = np.einsum("ka,kai->ki", p.weights, base[p.vertices])
-        f0 = f + k * (np.einsum("ki,ki->k", p.normal, p.point - here) + d - p.distance)
+        ahead = np.einsum("ki,ki->k", p.normal, p.point - here)
+        f0 = f + k * (ahead + d - p.distance)
+        # what comes nearer than it was is stopped within this step, however short, and is given no speed
+        stop = PRESS * mass / h**2
+        limit = np.clip(p.distance - np.einsum("ki,ki->k", p.normal, p.point - p.carried), 2 * LEAST * r, r)
+        nearing = p.distance < limit
+        f0 += np.where(nearing, stop * (limit - p.distance + ahead), 0.0)
+        k = k + np.where(nearing, stop, 0.0)
         slip = np.linalg.norm(_tangential((p.point - p.carried) / h, p.normal), axis=1)
         drag = h * self.friction[p.solid] * f / np.maximum(slip, 10 * SLOW)
         across = np.eye(3) - np.einsum("ki,kj->kij", p.normal, p.normal)
@@ -386,7 +426,7 @@ class Contacts:
             where = _rows_of(self.pressed.key, self.near.key)
             before = np.where(where >= 0, self.pressed.distance[where] / r if len(self.pressed.key) else np.inf, np.inf)
         nearer = (left < CLOSE) & (left < before - CREEP)  # what stays where it was is borne by its force
-        return int(np.sum(nearer)), bad or bool((left < SHALLOW).any())
+        return int(np.sum(nearer)), bad or bool((left < LEAST).any())
 
     def forces_on_particles(self) -> np.ndarray:
         """(n, 3) [N] on each particle in the last round, in particle order."""

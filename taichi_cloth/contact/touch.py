@@ -8,14 +8,13 @@ numbers a contact, and added to A and b like any force's.
 import numpy as np
 import taichi as ti
 
-from ..errors import SimulationError
 from ..fields import Fields
 from ..forces.conditions import sym_times
 from ..model import Model
 from ..ordering import partition
 
-ROOM = 3  # points a particle that there is room for, and
-SPARE = 2048  # more
+ROOM = 8  # points a particle that there is room for, and
+SPARE = 32768  # more
 
 
 @ti.data_oriented
@@ -37,24 +36,20 @@ class Touch:
         self.A = self._fields.real(self.capacity, 6)
         self.rhs = self._fields.real(self.capacity, 3)
 
-    def set(self, vertices: np.ndarray, weights: np.ndarray, A: np.ndarray, rhs: np.ndarray) -> None:
-        """Replaces the points.
+    def set(self, vertices: np.ndarray, weights: np.ndarray, A: np.ndarray, rhs: np.ndarray) -> bool:
+        """Replaces the points; False where there are more than there is room for.
 
         Args:
             vertices: (k, 3) particles; weights: (k, 3).
             A: (k, 6) symmetric blocks [kg]; rhs: (k, 3) [kg m/s].
-
-        Raises:
-            SimulationError: more than there is room for.
         """
         entries = partition(vertices, self.model.blocks.bounds)
         e = entries.element
         if len(e) > self.capacity:
-            raise SimulationError(f"{len(e)} points of contact, more than the {self.capacity} that a cloth of "
-                                  f"{self.model.n} particles has room for: is the thickness larger than the mesh's edges?",
-                                  "CONTACT", 0.0)
+            return False
         self._set(entries.first.astype(np.int32), np.ascontiguousarray(vertices[e], dtype=np.int32),
                   *(np.ascontiguousarray(a[e], dtype=self.exchange) for a in (weights, A, rhs)))
+        return True
 
     @ti.kernel
     def _set(self, first: ti.types.ndarray(), vertices: ti.types.ndarray(), weights: ti.types.ndarray(),

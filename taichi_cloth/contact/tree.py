@@ -62,12 +62,12 @@ class TriangleTree:
         self.info = fields.integer(self.count, 4, info[order])
         self.low, self.high = fields.real(2 * self.first_leaf, 3), fields.real(2 * self.first_leaf, 3)
         self.still = all(not s.moves for _, s in self.solids)
-        self._set = False
+        self.placed = False
         self._normals = [_normals(x, s.shape.core()[1]) for (_, s), x in zip(self.solids, locals_)]
 
     def set_time(self, t: float, h: float) -> None:
         """Places the triangles at the two ends of a step, and refits."""
-        if self.still and self._set:
+        if self.still and self.placed:
             return
         x, normal = np.empty((self.vertex_count, 6)), np.empty((self.vertex_count, 3))
         for (_, solid), rows, n in zip(self.solids, self.ranges, self._normals):
@@ -78,7 +78,7 @@ class TriangleTree:
             normal[rows] = (_normals(solid.shape.shape_at(t), solid.shape.faces) if isinstance(solid.shape, SolidMesh)
                             and len(solid.shape.x) > 1 else n) @ solid.pose(t)[0].T
         self._place(x.astype(self.exchange), normal.astype(self.exchange))
-        self._set = True
+        self.placed = True
 
     @ti.kernel
     def _place(self, x: ti.types.ndarray(), normal: ti.types.ndarray()):

@@ -111,6 +111,8 @@ class BackwardEuler:
             with clock.part("C-S"):
                 held, closing = contacts.hold()
                 self.model.restore()
+            if contacts.crowded:
+                return held, (CONTACT, f"more than {contacts.touch.capacity} points of contact")
             if closing > contacts.reach:
                 return held, (APPROACH, f"{closing:.3g} m in one step")
             self._linear(h, held, clock, solutions, warm=len(solutions) > 0)

@@ -1,0 +1,83 @@
+"""Solids that are fast, thin, sharp, or in the wrong place from the start."""
+
+import math
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth.intersections import count_crossings
+
+FABRIC = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
+
+
+def crossings(sim: tc.Simulation) -> int:
+    x = sim.positions()
+    faces = np.concatenate([c.mesh.faces + c.start for c in sim.scene.cloths])
+    return sum(count_crossings(x, faces, s.surface_at(sim.time), s.shape.surface()[1]) for s in sim.scene.solids)
+
+
+def hanging(cells: int = 10) -> tuple[tc.Scene, tc.Cloth]:
+    mesh = tc.grid(0.5, cells, plane="xy")
+    scene = tc.Scene()
+    cloth = scene.add_cloth(mesh, FABRIC, positions=mesh.x - [0.25, 0.25, 0])
+    scene.pin(cloth, "top")
+    return scene, cloth
+
+
+@pytest.mark.parametrize("precision", ["f64", "f32"])
+@pytest.mark.parametrize("shape", [tc.Box((0.2, 0.2, 0.004), 0.001), tc.SolidMesh(*tc.Box((0.2, 0.2, 0.004)).core()[:2]),
+                                   tc.Sphere(0.05)], ids=["box", "mesh", "ball"])
+def test_a_fast_thin_solid_does_not_tunnel(shape, precision):
+    """At 5 m/s it goes 83 mm in a step of 1/60 s, twenty times its own thickness."""
+    scene, _ = hanging()
+    scene.add_solid(shape, friction=0.2, thickness=0.004, position=lambda t: (0.0, 0.0, -0.3 + 5 * t))
+    sim = tc.Simulation(scene, h=1 / 60, precision=precision)
+    for _ in range(7):
+        sim.step()
+    middle = np.abs(sim.positions()[:, :2]).max(axis=1) < 0.04
+    assert (sim.positions()[middle, 2] > -0.3 + 5 * sim.time).all()  # in front of it
+    assert crossings(sim) == 0
+
+
+def test_a_spinning_edge(rng):
+    """A bar with sharp edges that turns under a lying sheet."""
+    mesh = tc.grid(0.5, 16)
+    scene = tc.Scene()
+    scene.add_cloth(mesh, FABRIC, positions=mesh.x + [-0.25, 0.075, 0.25])
+    bar = tc.SolidMesh(*tc.Box((0.3, 0.04, 0.04)).core()[:2])
+    scene.add_solid(bar, friction=0.3, thickness=0.005, rotation=lambda t: (3 * t, 0.0, 0.0))
+    sim = tc.Simulation(scene, h=1 / 100)
+    for _ in range(60):
+        sim.step()
+        assert crossings(sim) == 0
+    assert max(r.contacts for r in sim.log) > 0
+
+
+def test_cloth_that_starts_inside_is_pushed_out_and_counted():
+    mesh = tc.grid(0.3, 12)
+    scene = tc.Scene(gravity=None)
+    scene.add_cloth(mesh, FABRIC, positions=mesh.x + [-0.15, 0.19, 0.15])
+    scene.add_solid(tc.Sphere(0.2), friction=0.2, thickness=0.004, name="ball")
+    sim = tc.Simulation(scene, h=1 / 60)
+    assert any("ball" in note and "start inside" in note for note in sim.notes), sim.notes
+    for _ in range(30):
+        sim.step()
+    assert np.linalg.norm(sim.positions(), axis=1).min() > 0.204 - 4e-5
+    assert np.abs(sim.velocities()).max() < 1.0 and sim.log[-1].stretch < 1.2
+
+
+@pytest.mark.parametrize("angle", [0.0, math.radians(30)])
+def test_in_the_corner_of_two_planes(angle):
+    """A particle in the corner has two contacts, and stays in it."""
+    mesh = tc.grid(0.2, 6)
+    scene = tc.Scene()
+    scene.add_cloth(mesh, FABRIC, positions=mesh.x + [0.004, 0.004 + 0.2 * math.tan(angle), 0])
+    scene.add_solid(tc.Plane(), friction=0.0, thickness=0.004)
+    scene.add_solid(tc.Plane((math.cos(angle), math.sin(angle), 0)), friction=0.0, thickness=0.004)
+    sim = tc.Simulation(scene, h=1 / 60)
+    for _ in range(40):
+        sim.step()
+    x = sim.positions()
+    assert x[:, 1].min() > 0.004 - 4e-5
+    assert (x[:, 0] * math.cos(angle) + x[:, 1] * math.sin(angle)).min() > 0.004 - 4e-5
