@@ -3,6 +3,7 @@
 import contextlib
 import inspect
 import itertools
+import numbers
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
@@ -206,9 +207,9 @@ class Scene:
         name = name or f"solid{len(self.solids)}"
         if name in (s.name for s in self.solids):
             raise SceneError(f"there is a solid named {name!r} already")
-        if not (np.isscalar(friction) and np.isfinite(friction) and friction >= 0):
+        if not (isinstance(friction, numbers.Real) and np.isfinite(friction) and friction >= 0):
             raise SceneError(f"solid {name!r}: friction = {friction!r} must be at least 0")
-        if not (np.isscalar(thickness) and np.isfinite(thickness) and thickness > 0):
+        if not (isinstance(thickness, numbers.Real) and np.isfinite(thickness) and thickness > 0):
             raise SceneError(f"solid {name!r}: thickness = {thickness!r} m must be positive")
         solid = Solid(name, shape, float(friction), float(thickness), position, rotation, color)
         solid.pose(0.0)

@@ -93,7 +93,7 @@ class Simulation:
             self.control = replace(self.control, h_max=h, h_min=min(h_min, h / 2))
         self.notes = [f"{c.name}: {note}" for c in scene.cloths for note in c.mesh.notes]
         if self.contacts is not None:
-            self.notes += self.contacts.inspect()
+            self.notes += self.contacts.scan.inspect(h)
         self.stepper = Stepper(self.model, self.integrator, self.meter, self.control)
         self._script = scene.script.copy()
         self._script.events.sort(key=lambda event: event.time)
@@ -284,7 +284,7 @@ class Simulation:
         """Constraints at the end of a step from t to t + h; also sets the wind there, and the solids at both ends."""
         self._set_wind(t + h)
         if self.contacts is not None:
-            self.contacts.set_time(t, h)
+            self.contacts.scan.set_time(t, h)
         self._attachments.update(self._script.attachments, self.positions)
         return self._attachments.at(self._script.attachments, t + h)
 

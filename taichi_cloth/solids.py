@@ -5,6 +5,7 @@ round them, that could poke through a triangle of cloth between its vertices.
 """
 
 import math
+import numbers
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -151,7 +152,8 @@ class Box:
         """(vertices, triangles): the box with its edges bevelled round, inscribed."""
         steps = 1 if self.radius == 0 else 5
         angles = np.linspace(0, math.pi / 2, steps)
-        unit, faces = [], []
+        unit: list[np.ndarray] = []
+        faces: list[list[int]] = []
         for axis in range(3):  # six faces, each with its quarter rounds
             for sign in (1, -1):
                 a, b = (axis + 1) % 3, (axis + 2) % 3
@@ -361,7 +363,7 @@ def rotation_matrix(vector: ArrayLike) -> np.ndarray:
 
 
 def _positive(what: str, value: float) -> None:
-    if not (np.isscalar(value) and np.isfinite(value) and value > 0):
+    if not (isinstance(value, numbers.Real) and math.isfinite(value) and value > 0):
         raise SceneError(f"{what} = {value!r}: must be a positive number")
 
 

@@ -49,6 +49,12 @@ class Found:
         """(k,) one number for particle and solid."""
         return self.index.astype(np.int64) * 65536 + self.solid
 
+    @classmethod
+    def none(cls) -> "Found":
+        """No contact."""
+        k = np.zeros(0, dtype=np.int64)
+        return cls(k, k, np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
+
     def take(self, which: np.ndarray) -> "Found":
         """Some of them."""
         return Found(*(getattr(self, name)[which] for name in self.__dataclass_fields__))

@@ -5,8 +5,6 @@ of solids meet edges and faces of cloth: a pair each. Where something comes near
 conservative advancement: strides of the distance left over the speed left, which cannot jump over a contact.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 import taichi as ti
 
@@ -16,37 +14,13 @@ from ..model import Model
 from ..scene import Scene
 from .closest import EDGE_EDGE, VERTEX_FACE, of_pair, on_triangle
 from .detection import HIT, KEEP, SAME_SIDE, SLOTS, WIDTH, pose
+from .pairs import PAIR, Pairs
 from .tree import LEAF, TriangleTree
 
 STRIDES = 24
-PAIR = 0.5  # of the thickness (beyond the core's radius): what edges and faces of cloth keep
 FORWARD = 0.8  # cosine between a pair's directions when it comes near and at the end for the end's to be taken
 INWARD = -0.5  # cosine with a corner's or edge's outward normal below which a pair lies across the solid
 COLUMNS = 18  # numbers of a pair, see `Pairs`
-
-
-@dataclass(frozen=True)
-class Pairs:
-    """Places where an edge or face of cloth is near an edge or corner of a solid, sorted by their ids.
-
-    Attributes:
-        vertices: (k, 3) particles; weights: (k, 3) of the place on the cloth.
-        solid: (k,) index.
-        normal: (k, 3) from the solid to the cloth.
-        distance: (k,) at the end [m], along the normal, from the core's radius; negative has passed.
-        carried: (k, 3) where the place would be if it moved with the solid [m].
-        point: (k, 3) where it is at the end [m].
-        key: (k,) one number each, the same from round to round.
-    """
-
-    vertices: np.ndarray
-    weights: np.ndarray
-    solid: np.ndarray
-    normal: np.ndarray
-    distance: np.ndarray
-    carried: np.ndarray
-    point: np.ndarray
-    key: np.ndarray
 
 
 @ti.data_oriented
@@ -147,7 +121,7 @@ class SurfaceDetector:
             at = b - (height - thick) * n
             if d_1 <= reach and height < thick * (1 + KEEP):  # beyond reach, the nearest may not have been seen
                 solid = solid_1
-            if when <= 1 and (solid < 0 or (n_hit.dot(n) < SAME_SIDE and side * side_1 > 0 and d_0 > 0.5 * thick)):
+            if when <= 1 and (solid < 0 or (n_hit.dot(n) < SAME_SIDE and d_0 > 0.5 * thick)):
                 solid, n, at = solid_hit, n_hit, at_hit
         return solid, n, at, moved
 

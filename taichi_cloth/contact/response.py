@@ -14,7 +14,7 @@ Differs from [BW98 §6]: states are settled within the step, not in the next; y 
 surface that it would otherwise have gone through, so that a solid is met inelastically, without a bounce.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,48 +22,21 @@ from ..constraints import Held, kernel_array
 from ..fields import Fields
 from ..model import Model
 from ..scene import Scene
-from ..solids import MESH, Solid, SolidMesh
-from .detection import SLOTS, WIDTH, Found, VertexDetector
+from .detection import Found
+from .pairs import Pairs, Step, left, press
+from .scan import Scanner
+from .states import States, rows_of, tangential, unit
 from .touch import Touch
-from .tree import TriangleTree, smooth
 
 PENETRATION = 1e-2  # of the thickness that a particle may end inside it without a further round
-WEAK = 0.5  # of the cone: friction must be below it for what slides slowly to stick
+DEEP = 0.5  # of the thickness: what ends deeper is not accepted
 PULL = 1e-3  # of a particle's weight (or of the mean contact force) that a contact may pull before it is released
 CONE = 1e-4  # relative excess over mu lambda before a contact slides
+WEAK = 0.5  # of the cone: friction must be below it for what slides slowly to stick
+SLOW = 5e-5  # slip [m/s] below which friction holds
 AGREED = 3e-3  # part of all normal forces that may be wrong in states that change in the next step only
 LAGGED = 0.1  # relative error of the friction forces that a first round may leave
-PAIR = 0.5  # of the thickness: what edges and faces keep from edges and corners
-PRESS = 100.0  # stiffness of a pair over mass / h^2, h the largest step
-CLOSE, CREEP = 0.3, 0.05  # of a pair's range: what ends nearer than that, by so much, takes another round
-SHALLOW, LEAST = 0.05, 0.01  # of a pair's range: the law stiffens no further; nearer is not accepted
 SYM = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-SLOW = 5e-5  # slip [m/s] below which friction holds
-DEEP = 0.5  # of the thickness: what ends deeper is not accepted
-
-
-@dataclass
-class States:
-    """What is known of the contacts of a step, sorted by key; kept from step to step.
-
-    Attributes:
-        key: (k,) particle and solid.
-        stick: (k,) whether friction holds it.
-        force: (k,) normal force [N].
-        push: (k, 3) direction of friction on what has just begun to slide, 0 elsewhere.
-    """
-
-    key: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    stick: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    force: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    push: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-
-    def find(self, key: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(whether each key is there, where)."""
-        if not len(self.key):
-            return np.zeros(len(key), dtype=bool), np.zeros(len(key), dtype=np.int64)
-        where = np.minimum(np.searchsorted(self.key, key), len(self.key) - 1)
-        return self.key[where] == key, where
 
 
 @dataclass(frozen=True)
@@ -93,71 +66,15 @@ class Contacts:
         self.touch = Touch(fields, model)
         self.friction = np.array([s.friction for s in self.solids])
         self.thickness = np.array([s.thickness for s in self.solids])
-        edges = np.concatenate([np.linalg.norm(np.diff(c.positions[c.mesh.faces], axis=1), axis=2).ravel()
-                                for c in scene.cloths])
-        self.edge = float(edges.mean())
-        self.reach = 4 * self.edge  # [m] that a particle may close in on a solid in one step
-        self.push_limit = np.maximum(self.thickness, self.edge / 4)  # [m] pushed out in one step
-        meshes = [s.shape.kind == MESH for s in self.solids]
-        poking = [k for k, s in enumerate(self.solids) if meshes[k] or _pokes(s, float(edges.max()))]
-        self.vertices = None if all(meshes) else VertexDetector(fields, model, scene)
-        self.tree = self.surfaces = self.pairs = None
-        if poking:
-            from .mesh_detection import PairDetector, SurfaceDetector
-
-            self.tree = TriangleTree(fields, scene, poking, model.origin, float(edges.max()))
-            self.surfaces = SurfaceDetector(fields, model, scene, self.tree) if any(meshes) else None
-            self.pairs = PairDetector(fields, model, scene, self.tree)
+        self.scan = Scanner(fields, model, scene)
+        self.reach = 4 * self.scan.edge  # [m] that a particle may close in on a solid in one step
+        self.push_limit = np.maximum(self.thickness, self.scan.edge / 4)  # [m] pushed out in one step
         self.trial = States()
         self.clear()
         self.count, self.unsettled = 0, 0
-        self.time, self.pressed, self.places = 0.0, None, (np.zeros((0, 3)), np.zeros((0, 3)))
-        self.active, self.state, self.total = _none_found(), States(), np.zeros((0, 3))
-        self._slots = np.zeros(model.n, dtype=np.int32)
-        self._rows = np.zeros((model.n, SLOTS, WIDTH), dtype=self.exchange)
-
-    def inspect(self) -> list[str]:
-        """What is wrong with the scene from the start, in words; remembers who is inside."""
-        notes = [f"{s.name}: {note}" for s in self.solids if isinstance(s.shape, SolidMesh) for note in s.shape.notes]
-        notes += [f"{s.name}: its thickness {s.thickness:g} m is more than the cloth's mean edge {self.edge:.3g} m: contacts "
-                  "will look swollen" for s in self.solids if s.thickness > self.edge]
-        self.model.save()
-        self.set_time(0.0, self.h_usual)
-        if self.tree is not None:
-            self.tree.set_time(0.0, 0.0)
-        size = 0.0
-        if self.surfaces is not None:
-            x = np.concatenate([s.surface_at(0.0) for s in self.solids if isinstance(s.shape, SolidMesh)])
-            size = float(np.linalg.norm(np.ptp(x, axis=0)))
-            self.surfaces.set_depth(np.full(self.model.n, size, dtype=self.exchange))
-        found = self.detect()
-        thickness = self.thickness[found.solid]
-        inside = found.start_gap + thickness < 0
-        for k, solid in enumerate(self.solids):
-            count = int(np.sum(inside & (found.solid == k)))
-            if count:
-                notes.append(f"{solid.name}: {count} vertices of cloth start inside it, up to "
-                             f"{-(found.start_gap + thickness)[inside & (found.solid == k)].min():.3g} m deep: they are pushed "
-                             "out over the first steps")
-        if self.surfaces is not None:
-            depth: np.ndarray = np.zeros(self.model.n, dtype=self.exchange)
-            np.maximum.at(depth, found.index[inside], -found.start_gap[inside] * 1.5)
-            self.surfaces.set_depth(depth)
-        if self.tree is not None:
-            self.tree.placed = False
-        return notes
-
-    def set_time(self, t: float, h: float) -> None:
-        """Poses of the solids at the two ends of the step from t to t + h [s]."""
-        self.time = t + h
-        poses = np.empty((len(self.solids), 24))
-        for row, solid in zip(poses, self.solids):
-            for first, time in ((0, t), (12, t + h)):
-                R, p = solid.pose(time)
-                row[first: first + 9], row[first + 9: first + 12] = R.ravel(), p - self.model.origin
-        self.poses = kernel_array(poses, self.exchange)
-        if self.tree is not None:
-            self.tree.set_time(t, h)
+        self.pressed: Pairs | None = None
+        self.places = np.zeros((0, 3)), np.zeros((0, 3))
+        self.active, self.state, self.total = Found.none(), States(), np.zeros((0, 3))
 
     def begin(self, h: float, held: Held | None, x: np.ndarray, v: np.ndarray) -> None:
         """A new attempt from the saved state (n, 3); the model is at its predicted end."""
@@ -174,23 +91,11 @@ class Contacts:
         """Forgets all contacts: the state was changed from outside."""
         self.accepted, self.warm = States(), False
 
-    def detect(self) -> Found:
-        """Contacts of the particles on their way from the saved to the current positions."""
-        if self.vertices is not None:
-            self.vertices.detect(self.poses, self._slots, self._rows)
-        if self.surfaces is not None:
-            self.surfaces.detect(self.poses, self._slots, self._rows, int(self.vertices is None))
-        i = np.flatnonzero(self._slots)
-        pick = np.arange(SLOTS)[None, :] < self._slots[i][:, None]
-        rows = self._rows[i][pick].astype(np.float64)
-        index = np.repeat(i, self._slots[i])
-        return Found(index, rows[:, 8].astype(np.int64), rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5:8])
-
     def _look(self) -> None:
         """What the particles meet on their way to where they now are, and how fast they slip there."""
-        self.found = f = self.detect()
-        self.slip = _tangential((self.end()[f.index] - f.carried) / self.h, f.normal)
-        self.near = self.pairs.find() if self.pairs is not None else None
+        self.found = f = self.scan.detect()
+        self.slip = tangential((self.end()[f.index] - f.carried) / self.h, f.normal)
+        self.near = self.scan.find_pairs()
 
     def end(self) -> np.ndarray:
         """(n, 3) positions at the end of the step as they now stand."""
@@ -280,9 +185,8 @@ class Contacts:
         row = np.full(self.model.n, -1)
         row[all_index] = np.arange(len(all_index))
         self.rows = row[f.index]
-        return Held(kernel_array(all_index, np.int32),
-                    *(kernel_array(np.concatenate(parts), self.exchange) for parts in (projector, target)),
-                    True, kernel_array(np.concatenate(y), self.exchange))
+        P, goal, shift = (kernel_array(np.concatenate(parts), self.exchange) for parts in (projector, target, y))
+        return Held(kernel_array(all_index, np.int32), P, goal, True, shift)
 
     def _combine(self, i: int, pinned: Held | None) -> tuple:
         """Everything that holds particle i, one direction after the other."""
@@ -292,7 +196,7 @@ class Contacts:
             values, vectors = np.linalg.eigh(pinned.projector[k].astype(np.float64))
             rows += [(q, float(q @ pinned.target[k]), 0.0) for q, value in zip(vectors.T, values) if value > 0.5]
         mine = np.flatnonzero(self.active.index == i)
-        for k in mine:
+        for k in mine.tolist():
             n = self.active.normal[k]
             rows.append((n, float(n @ self.target[k]), float(n @ (self.target[k] - self.active.carried[k]))))
         for k in mine[self.state.stick[mine]]:
@@ -329,38 +233,11 @@ class Contacts:
         rhs = h * size[:, None] * push - np.einsum("kij,kj->ki", block, start)
         points = [(np.repeat(f.index[:, None], 3, axis=1), np.tile([1.0, 0, 0], (len(u), 1)), block, rhs)]
         if self.near is not None:
-            points.append(self._press(self.near))
+            self.pressed, which = self.near, self.near.solid
+            points.append(press(self.near, Step(h, self.h_usual, self.x, *self.base), self.model.mass, self.thickness[which],
+                                self.friction[which]))
         self.points = vertices, weights, block, rhs = tuple(np.concatenate(parts) for parts in zip(*points))
         self.crowded = not self.touch.set(vertices, weights, np.stack([block[:, a, b] for a, b in SYM], axis=1), rhs)
-
-    def _press(self, p: "Pairs") -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Pairs: repulsion linearised where they now are, and friction as a damping."""
-        h, (base, v) = self.h, self.base
-        self.pressed = p
-        mass = 1 / np.maximum((p.weights**2 / self.model.mass[p.vertices]).sum(axis=1), 1e-300)
-        r = PAIR * self.thickness[p.solid]
-        d = np.maximum(p.distance, SHALLOW * r)
-        stiff = PRESS * mass / self.h_usual**2
-        far = d >= r / 2
-        f = stiff * np.where(far, r - d, r**2 / (4 * d))
-        k = stiff * np.where(far, 1.0, r**2 / (4 * d**2))
-        here = np.einsum("ka,kai->ki", p.weights, base[p.vertices])
-        ahead = np.einsum("ki,ki->k", p.normal, p.point - here)
-        f0 = f + k * (ahead + d - p.distance)
-        # what comes nearer than it was is stopped within this step, however short, and is given no speed
-        stop = PRESS * mass / h**2
-        limit = np.clip(p.distance - np.einsum("ki,ki->k", p.normal, p.point - p.carried), 2 * LEAST * r, r)
-        nearing = p.distance < limit
-        f0 += np.where(nearing, stop * (limit - p.distance + ahead), 0.0)
-        k = k + np.where(nearing, stop, 0.0)
-        slip = np.linalg.norm(_tangential((p.point - p.carried) / h, p.normal), axis=1)
-        drag = h * self.friction[p.solid] * f / np.maximum(slip, 10 * SLOW)
-        across = np.eye(3) - np.einsum("ki,kj->kij", p.normal, p.normal)
-        start = np.einsum("ka,kai->ki", p.weights, v[p.vertices] + self.x[p.vertices] / h) - p.carried / h
-        block = drag[:, None, None] * across
-        rhs = (h * f0)[:, None] * p.normal - np.einsum("kij,kj->ki", block, start)
-        block = block + (h**2 * k)[:, None, None] * np.einsum("ki,kj->kij", p.normal, p.normal)
-        return p.vertices, p.weights, block, rhs
 
     def judge(self, reaction: np.ndarray) -> Verdict:
         """What must change after a solve; `reaction` (k, 3) [N s] on the held particles, in `hold`'s order."""
@@ -378,9 +255,11 @@ class Contacts:
                                             np.mean(np.abs(normal)) if len(normal) else 0.0)
         breaks = s.stick & ~pulls & (shear > mu * np.maximum(normal, 0) * (1 + CONE))
         if self.pressed is not None:
-            self.places = tuple(a[-len(self.pressed.key):] if len(self.pressed.key) else a[:0] for a in self._point_forces())
+            force, place = self._point_forces()
+            first = len(force) - len(self.pressed.key)
+            self.places = force[first:], place[first:]
         self._look()
-        here = _rows_of(self.found.key, f.key)
+        here = rows_of(self.found.key, f.key)
         slip_now = np.where((here >= 0)[:, None], self.slip[here] if len(self.slip) else 0.0, 0.0)
         speed = np.linalg.norm(slip_now, axis=1)
         turns = self.slides & ~pulls & (self.lag <= SLOW) & (speed < WEAK * SLOW)
@@ -394,11 +273,10 @@ class Contacts:
         keep = ~pulls
         self.released = np.concatenate([self.released, f.key[pulls]])
         self.trial = States(f.key[keep], stick[keep], force[keep], push[keep])
-        friction = np.where(self.slides[:, None], -(mu * s.force)[:, None] * _unit(slip_now), 0)
+        friction = np.where(self.slides[:, None], -(mu * s.force)[:, None] * unit(slip_now), 0)
         held = np.where(s.stick[:, None], F, normal[:, None] * f.normal)
         self.total = held + friction
-        inside = ~np.isin(self.found.key, f.key)
-        depth = -self.found.gap[inside] / self.thickness[self.found.solid[inside]]
+        depth = self._depth()
         entered = int(np.sum(depth > PENETRATION))
         self.round += 1
         changes = int(pulls.sum() + breaks.sum() + turns.sum()) + entered
@@ -414,19 +292,19 @@ class Contacts:
         self._look()
         return self._left()[1]
 
+    def _depth(self) -> np.ndarray:
+        """How deep [thicknesses] what is not held, or is held at another plane, ends inside."""
+        f, t = self.found, self.thickness[self.found.solid]
+        strayed = (f.gap < -DEEP * t) & (f.gap < f.start_gap - PENETRATION * t)
+        return (-f.gap / t)[~np.isin(f.key, self.active.key) | strayed]
+
     def _left(self) -> tuple[int, bool]:
         """(pairs that are left closer than they should be, whether anything ended too deep)."""
-        new = ~np.isin(self.found.key, self.active.key)
-        bad = bool((-self.found.gap[new] > DEEP * self.thickness[self.found.solid[new]]).any())
-        if self.near is None or not len(self.near.key):
+        bad = bool((self._depth() > DEEP).any())
+        if self.near is None:
             return 0, bad
-        r = PAIR * self.thickness[self.near.solid]
-        left, before = self.near.distance / r, np.full(len(r), np.inf)
-        if self.pressed is not None:
-            where = _rows_of(self.pressed.key, self.near.key)
-            before = np.where(where >= 0, self.pressed.distance[where] / r if len(self.pressed.key) else np.inf, np.inf)
-        nearer = (left < CLOSE) & (left < before - CREEP)  # what stays where it was is borne by its force
-        return int(np.sum(nearer)), bad or bool((left < LEAST).any())
+        nearer, lost = left(self.near, self.pressed, self.thickness[self.near.solid])
+        return nearer, bad or lost
 
     def forces_on_particles(self) -> np.ndarray:
         """(n, 3) [N] on each particle in the last round, in particle order."""
@@ -446,31 +324,6 @@ class Contacts:
         out = {}
         for k, solid in enumerate(self.solids):
             mine = which == k
-            arm = at[mine] - solid.pose(self.time)[1] + self.model.origin
+            arm = at[mine] - solid.pose(self.scan.time)[1] + self.model.origin
             out[solid.name] = (-force[mine].sum(axis=0), -np.cross(arm, force[mine]).sum(axis=0))
         return out
-
-def _pokes(solid: Solid, edge: float) -> bool:
-    """Whether a solid could come through a triangle of cloth with edges of this length [m] between its vertices."""
-    x, _, radius = solid.shape.core()
-    return len(x) > 0 and not smooth(radius, solid.thickness, edge)
-
-
-def _tangential(rows: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    return rows - np.einsum("ki,ki->k", rows, normal)[:, None] * normal
-
-
-def _none_found() -> Found:
-    return Found(*(np.zeros(0, dtype=np.int64),) * 2, np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
-
-
-def _unit(rows: np.ndarray) -> np.ndarray:
-    return rows / np.maximum(np.linalg.norm(rows, axis=1, keepdims=True), 1e-30)
-
-
-def _rows_of(keys: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Where each wanted key is among sorted keys, or -1."""
-    if not len(keys):
-        return np.full(len(wanted), -1)
-    where = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    return np.where(keys[where] == wanted, where, -1)

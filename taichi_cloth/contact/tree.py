@@ -48,18 +48,18 @@ class TriangleTree:
             self.ranges.append(slice(start, start + len(x)))
             start += len(x)
         self.local = np.concatenate(locals_)
-        corners, info = np.concatenate(corners), np.concatenate(info)
+        all_corners, all_info = np.concatenate(corners), np.concatenate(info)
         order = _morton(np.concatenate([s.pose(0.0)[1] + x @ s.pose(0.0)[0].T
-                                        for (_, s), x in zip(self.solids, locals_)])[corners].mean(axis=1))
-        self.corners_host, self.vertex_count = corners[order], start
+                                        for (_, s), x in zip(self.solids, locals_)])[all_corners].mean(axis=1))
+        self.vertex_count = start
         self.count = len(order)
         leaves = -(-self.count // LEAF)
         self.levels = max(1, int(np.ceil(np.log2(max(leaves, 1)))))
         self.first_leaf = 2**self.levels
         self.x = fields.real(start, 6)
         self.normal = fields.real(start, 3)
-        self.corners = fields.integer(self.count, 3, self.corners_host)
-        self.info = fields.integer(self.count, 4, info[order])
+        self.corners = fields.integer(self.count, 3, all_corners[order])
+        self.info = fields.integer(self.count, 4, all_info[order])
         self.low, self.high = fields.real(2 * self.first_leaf, 3), fields.real(2 * self.first_leaf, 3)
         self.still = all(not s.moves for _, s in self.solids)
         self.placed = False

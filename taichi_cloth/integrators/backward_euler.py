@@ -52,7 +52,8 @@ class BackwardEuler:
 
     def attempt(self, h: float, held: Held | None, start: Measures) -> Attempt:
         """One step; see the package."""
-        clock, solutions = Clock(), []
+        clock = Clock()
+        solutions: list[Solution] = []
         if self.contacts is None:
             self._linear(h, held, clock, solutions)
             rejection = None

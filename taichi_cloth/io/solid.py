@@ -51,7 +51,7 @@ def _frames(pattern: str) -> tuple[np.ndarray, np.ndarray]:
     files = sorted(glob.glob(pattern))
     if not files:
         raise MeshError(f"no file matches {pattern}")
-    frames = []
+    frames: list[np.ndarray] = []
     first = read_surface(Path(files[0]))[1]
     for name in files:
         x, faces = read_surface(Path(name))[:2]

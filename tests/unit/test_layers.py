@@ -6,13 +6,14 @@ import pathlib
 PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
 
 ROOMS = [
-    ["errors"], ["view"], ["mesh"], ["shapes", "fabric", "solids"], ["scene"], ["io"],  # description
+    ["errors"], ["view"], ["mesh"], ["shapes", "fabric", "solids", "intersections"], ["scene"], ["io"],  # description
     ["ordering", "elements", "runtime", "timing"], ["fields"], ["model"],  # fields
     ["forces"], ["measure", "operator", "constraints"], ["solver", "contact"], ["integrators"], ["stepper"], ["simulation"],
     ["output"], ["scenefile"], ["runner"], ["cli"], ["__main__", "__init__"],
 ]
 ROOM = {name: k for k, names in enumerate(ROOMS) for name in names}
-NUMPY_ONLY = {"errors", "view", "mesh", "shapes", "fabric", "solids", "scene", "io", "ordering", "elements", "scenefile", "cli"}
+NUMPY_ONLY = {"errors", "view", "mesh", "shapes", "fabric", "solids", "intersections", "scene", "io",
+              "ordering", "elements", "scenefile", "cli"}
 OUTPUT_MAY = {"output", "errors", "view"}
 
 

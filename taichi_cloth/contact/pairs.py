@@ -1,0 +1,107 @@
+"""Places where cloth is near an edge or corner of a solid, and the law of their repulsion. numpy only."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .states import rows_of, tangential
+
+PAIR = 0.5  # of the thickness (beyond the core's radius): what edges and faces of cloth keep
+PRESS = 100.0  # stiffness of a pair over mass / h^2, h the largest step
+CLOSE, CREEP = 0.3, 0.05  # of a pair's range: what ends nearer than that, by so much, takes another round
+SHALLOW, LEAST = 0.05, 0.01  # of a pair's range: the law stiffens no further; nearer is not accepted
+DRAG_SLIP = 5e-4  # slip [m/s] below which a pair's friction is viscous
+
+Points = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # vertices, weights, blocks, right-hand sides: see `touch`
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Places where an edge or face of cloth is near an edge or corner of a solid, sorted by their ids.
+
+    Attributes:
+        vertices: (k, 3) particles; weights: (k, 3) of the place on the cloth.
+        solid: (k,) index.
+        normal: (k, 3) from the solid to the cloth.
+        distance: (k,) at the end [m], along the normal, from the core's radius; negative has passed.
+        carried: (k, 3) where the place would be if it moved with the solid [m].
+        point: (k, 3) where it is at the end [m].
+        key: (k,) one number each, the same from round to round.
+    """
+
+    vertices: np.ndarray
+    weights: np.ndarray
+    solid: np.ndarray
+    normal: np.ndarray
+    distance: np.ndarray
+    carried: np.ndarray
+    point: np.ndarray
+    key: np.ndarray
+
+
+@dataclass(frozen=True)
+class Step:
+    """From where a solve begins.
+
+    Attributes:
+        h: step; h_usual: the largest one [s].
+        x_0: (n, 3) positions at the start of the step [m].
+        x, v: (n, 3) where, and how fast, particles end if the solve changes nothing.
+    """
+
+    h: float
+    h_usual: float
+    x_0: np.ndarray
+    x: np.ndarray
+    v: np.ndarray
+
+
+def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, friction: np.ndarray) -> Points:
+    """Repulsion of pairs, linearised where they now are, and friction as a damping.
+
+    Within the range r the force is k (r - d) down to r/2 and k r^2/4d below, with k = PRESS m/h^2 of the largest
+    step: it bears what rests. What comes nearer in this step than it was is stopped by as much again, of this step's
+    own h, and given no speed by it.
+
+    Args:
+        mass: (n,) of the particles [kg]; thickness, friction: of each pair's solid.
+    """
+    h = step.h
+    own = 1 / np.maximum((p.weights**2 / mass[p.vertices]).sum(axis=1), 1e-300)
+    r = PAIR * thickness
+    d = np.maximum(p.distance, SHALLOW * r)
+    stiff = PRESS * own / step.h_usual**2
+    far = d >= r / 2
+    f = stiff * np.where(far, r - d, r**2 / (4 * d))
+    k = stiff * np.where(far, 1.0, r**2 / (4 * d**2))
+    ahead = np.einsum("ki,ki->k", p.normal, p.point - _at(p, step.x))
+    f0 = f + k * (ahead + d - p.distance)
+    stop = PRESS * own / h**2
+    limit = np.clip(p.distance - np.einsum("ki,ki->k", p.normal, p.point - p.carried), 2 * LEAST * r, r)
+    nearing = p.distance < limit
+    f0 += np.where(nearing, stop * (limit - p.distance + ahead), 0.0)
+    k = k + np.where(nearing, stop, 0.0)
+    slip = np.linalg.norm(tangential((p.point - p.carried) / h, p.normal), axis=1)
+    drag = h * friction * f / np.maximum(slip, DRAG_SLIP)
+    normal = np.einsum("ki,kj->kij", p.normal, p.normal)
+    block = drag[:, None, None] * (np.eye(3) - normal)
+    start = _at(p, step.v) + (_at(p, step.x_0) - p.carried) / h
+    rhs = (h * f0)[:, None] * p.normal - np.einsum("kij,kj->ki", block, start)
+    return p.vertices, p.weights, block + (h**2 * k)[:, None, None] * normal, rhs
+
+
+def left(p: Pairs, before: Pairs | None, thickness: np.ndarray) -> tuple[int, bool]:
+    """(pairs left nearer than they should be and than before, whether one is too near to be accepted)."""
+    if not len(p.key):
+        return 0, False
+    r = PAIR * thickness
+    now, was = p.distance / r, np.full(len(r), np.inf)
+    if before is not None and len(before.key):
+        where = rows_of(before.key, p.key)
+        was = np.where(where >= 0, before.distance[where] / r, np.inf)
+    nearer = (now < CLOSE) & (now < was - CREEP)  # what stays where it was is borne by its force
+    return int(np.sum(nearer)), bool((now < LEAST).any())
+
+
+def _at(p: Pairs, values: np.ndarray) -> np.ndarray:
+    return np.einsum("ka,kai->ki", p.weights, values[p.vertices])

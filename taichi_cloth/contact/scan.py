@@ -1,0 +1,105 @@
+"""What cloth meets on its way through a step: the detectors that a scene needs, and where its solids are."""
+
+import numpy as np
+
+from ..constraints import kernel_array
+from ..fields import Fields
+from ..model import Model
+from ..scene import Scene
+from ..solids import MESH, Solid, SolidMesh
+from .detection import SLOTS, WIDTH, Found, VertexDetector
+from .pairs import Pairs
+from .tree import TriangleTree, smooth
+
+
+class Scanner:
+    """Looks for contacts of a model's particles, edges and faces with a scene's solids.
+
+    Attributes:
+        time: [s] to which the solids were last moved.
+        edge: mean edge length of the cloth at the start [m].
+    """
+
+    def __init__(self, fields: Fields, model: Model, scene: Scene) -> None:
+        self.model, self.solids, self.exchange, self.time = model, scene.solids, model.exchange, 0.0
+        self.thickness = np.array([s.thickness for s in self.solids])
+        edges = np.concatenate([np.linalg.norm(np.diff(c.positions[c.mesh.faces], axis=1), axis=2).ravel()
+                                for c in scene.cloths])
+        self.edge, longest = float(edges.mean()), float(edges.max())
+        meshes = [s.shape.kind == MESH for s in self.solids]
+        poking = [k for k, s in enumerate(self.solids) if meshes[k] or _pokes(s, longest)]
+        self.vertices = None if all(meshes) else VertexDetector(fields, model, scene)
+        self.tree = self.surfaces = self.pairs = None
+        if poking:
+            from .mesh_detection import PairDetector, SurfaceDetector
+
+            self.tree = TriangleTree(fields, scene, poking, model.origin, longest)
+            self.surfaces = SurfaceDetector(fields, model, scene, self.tree) if any(meshes) else None
+            self.pairs = PairDetector(fields, model, scene, self.tree)
+        self._slots = np.zeros(model.n, dtype=np.int32)
+        self._rows: np.ndarray = np.zeros((model.n, SLOTS, WIDTH), dtype=self.exchange)
+
+    def inspect(self, h: float) -> list[str]:
+        """What is wrong with the scene from the start, in words; remembers who is inside. h: a usual step [s]."""
+        notes = [f"{s.name}: {note}" for s in self.solids if isinstance(s.shape, SolidMesh) for note in s.shape.notes]
+        notes += [f"{s.name}: its thickness {s.thickness:g} m is more than the cloth's mean edge {self.edge:.3g} m: contacts "
+                  "will look swollen" for s in self.solids if s.thickness > self.edge]
+        self.model.save()
+        self.set_time(0.0, h)
+        if self.tree is not None:
+            self.tree.set_time(0.0, 0.0)
+        size = 0.0
+        if self.surfaces is not None:
+            x = np.concatenate([s.surface_at(0.0) for s in self.solids if isinstance(s.shape, SolidMesh)])
+            size = float(np.linalg.norm(np.ptp(x, axis=0)))
+            self.surfaces.set_depth(np.full(self.model.n, size, dtype=self.exchange))
+        found = self.detect()
+        thickness = self.thickness[found.solid]
+        inside = found.start_gap + thickness < 0
+        for k, solid in enumerate(self.solids):
+            mine = inside & (found.solid == k)
+            if mine.any():
+                deep = -(found.start_gap + thickness)[mine].min()
+                notes.append(f"{solid.name}: {int(mine.sum())} vertices of cloth start inside it, up to {deep:.3g} m deep: "
+                             "they are pushed out over the first steps")
+        if self.surfaces is not None:
+            depth: np.ndarray = np.zeros(self.model.n, dtype=self.exchange)
+            np.maximum.at(depth, found.index[inside], -found.start_gap[inside] * 1.5)
+            self.surfaces.set_depth(depth)
+        if self.tree is not None:
+            self.tree.placed = False
+        return notes
+
+    def set_time(self, t: float, h: float) -> None:
+        """Poses of the solids at the two ends of the step from t to t + h [s]."""
+        self.time = t + h
+        poses = np.empty((len(self.solids), 24))
+        for row, solid in zip(poses, self.solids):
+            for first, time in ((0, t), (12, t + h)):
+                R, p = solid.pose(time)
+                row[first: first + 9], row[first + 9: first + 12] = R.ravel(), p - self.model.origin
+        self.poses = kernel_array(poses, self.exchange)
+        if self.tree is not None:
+            self.tree.set_time(t, h)
+
+    def detect(self) -> Found:
+        """Contacts of the particles on their way from the saved to the current positions."""
+        if self.vertices is not None:
+            self.vertices.detect(self.poses, self._slots, self._rows)
+        if self.surfaces is not None:
+            self.surfaces.detect(self.poses, self._slots, self._rows, int(self.vertices is None))
+        i = np.flatnonzero(self._slots)
+        pick = np.arange(SLOTS)[None, :] < self._slots[i][:, None]
+        rows = self._rows[i][pick].astype(np.float64)
+        index = np.repeat(i, self._slots[i])
+        return Found(index, rows[:, 8].astype(np.int64), rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5:8])
+
+    def find_pairs(self) -> Pairs | None:
+        """Pairs that come within range on that way, or None where no solid has edges or corners to fear."""
+        return self.pairs.find() if self.pairs is not None else None
+
+
+def _pokes(solid: Solid, edge: float) -> bool:
+    """Whether a solid could come through a triangle of cloth with edges of this length [m] between its vertices."""
+    x, _, radius = solid.shape.core()
+    return len(x) > 0 and not smooth(radius, solid.thickness, edge)
