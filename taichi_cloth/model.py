@@ -41,9 +41,10 @@ class Elements:
 
     def __init__(self, fields: Fields, blocks: Blocks, vertices: np.ndarray) -> None:
         self.entries: Entries = partition(vertices, blocks.bounds)
+        self.host_vertices = vertices[self.entries.element]
         self.count = len(self.entries.element)
         self.first = fields.integer(blocks.count + 1, data=self.entries.first)
-        self.vertices = fields.integer(self.count, vertices.shape[1], vertices[self.entries.element])
+        self.vertices = fields.integer(self.count, vertices.shape[1], self.host_vertices)
         self.primary = fields.integer(self.count, data=self.entries.primary)
 
     def per_entry(self, data: np.ndarray) -> np.ndarray:

@@ -22,6 +22,7 @@ from .model import Model
 from .operator import ForceField, Operator
 from .scene import Scene
 from .solver.pcg import CONVERGED, Solution
+from .solver.preconditioner import PRECONDITIONERS
 from .stepper import ADVICE, Control, Stepper, StepRecord
 
 ROUND_TIME = 1e-9  # part of a step below which two times are the same
@@ -45,6 +46,7 @@ class Simulation:
         h_min: smallest step [s]; h / 4096 where None.
         stretch_limit: largest change of |w|/b of a triangle in a step.
         newton_max: further solves of a step that fails the energy test.
+        preconditioner: "block_jacobi", "multilevel", or "auto": multilevel from 1,500 particles on, but not for K="paper".
         cg_max_iterations: of one solve.
         threads: CPU threads, all where None.
         quiet: no messages of Taichi's own.
@@ -64,12 +66,15 @@ class Simulation:
     def __init__(self, scene: Scene, h: float = 1 / 60, arch: str = "cpu", precision: str = "f64",
                  integrator: str = "backward_euler", K: str = "projected", cg_tol: float = 1e-6,
                  adaptive: bool = True, h_min: float | None = None, stretch_limit: float = 0.5,
-                 newton_max: int = 8, cg_max_iterations: int = 10_000, threads: int | None = None,
+                 newton_max: int = 8, preconditioner: str = "auto", cg_max_iterations: int = 10_000, threads: int | None = None,
                  quiet: bool = True, debug: bool = False) -> None:
         if not isinstance(scene, Scene) or not scene.cloths:
             raise SceneError("a simulation needs a Scene with at least one cloth")
         check_choice("integrator", integrator, INTEGRATORS)
         check_choice("K", K, K_MODES)
+        check_choice("preconditioner", preconditioner, PRECONDITIONERS)
+        if preconditioner == "auto" and K == "paper":
+            preconditioner = "block_jacobi"  # an indefinite matrix has indefinite levels
         h_min = h / H_MIN_FACTOR if h_min is None else h_min
         for name, value in (("h", h), ("h_min", h_min), ("cg_tol", cg_tol), ("stretch_limit", stretch_limit)):
             _check_positive(name, value)
@@ -78,7 +83,7 @@ class Simulation:
         self.runtime = runtime.start(arch, precision, threads, quiet, debug)
         self._generation, self._open = runtime.generation(), True
         self.control = Control(h, h_min, adaptive, stretch_limit)
-        self.options = Options(K, cg_tol, int(cg_max_iterations), int(newton_max))
+        self.options = Options(K, cg_tol, int(cg_max_iterations), int(newton_max), preconditioner)
         self.integrator_name = integrator
         self._fields = Fields(self.runtime.exchange)
         self.model = Model(self._fields, scene, self.runtime)
@@ -86,7 +91,7 @@ class Simulation:
         self.meter = Meter(self.model, self._forces, self.runtime)
         self.contacts = _contacts(self._fields, self.model, scene, h)
         self.integrator = integrators.build(integrator, self._fields, self.model, self._forces, self.meter, self.options,
-                                            self.runtime, self.contacts)
+                                            self.runtime, scene, self.contacts)
         self._fields.allocate()
         if adaptive:  # an explicit method takes no step that is unstable already at rest
             h = min(h, SAFETY * self.integrator.stable_step)

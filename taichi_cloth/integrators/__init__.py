@@ -19,6 +19,7 @@ from ..fields import Fields
 from ..measure import Measures, Meter
 from ..model import Model
 from ..runtime import Runtime
+from ..scene import Scene
 from ..solver.pcg import Solution
 
 STRETCH, ENERGY, SOLVER, NOT_FINITE = "STRETCH", "ENERGY", "SOLVER", "NOT_FINITE"
@@ -33,6 +34,7 @@ class Options:
         K: which stiffness, see `forces.conditions`.
         cg_tol: relative residual at which a solve stops.
         cg_max_iterations: of one solve.
+        preconditioner: "block_jacobi" or "multilevel".
         newton_max: further solves that a step may take when it fails the energy test.
     """
 
@@ -40,6 +42,7 @@ class Options:
     cg_tol: float = 1e-6
     cg_max_iterations: int = 10_000
     newton_max: int = 8
+    preconditioner: str = "block_jacobi"
 
 
 @dataclass(frozen=True)
@@ -65,13 +68,13 @@ class Attempt:
 
 
 def build(name: str, fields: Fields, model: Model, forces: list, meter: Meter, options: Options, runtime: Runtime,
-          contacts=None):
+          scene: Scene, contacts=None):
     """The integrator of a name in `INTEGRATORS`; only its own file is imported.
 
     Args:
         contacts: `contact.response.Contacts` with the scene's solids, or None.
     """
-    return _builders()[name](fields, model, forces, meter, options, runtime, contacts)
+    return _builders()[name](fields, model, forces, meter, options, runtime, scene, contacts)
 
 
 INTEGRATORS = ("backward_euler", "symplectic_euler")

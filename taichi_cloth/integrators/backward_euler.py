@@ -23,7 +23,8 @@ from ..model import Model
 from ..operator import Operator
 from ..runtime import Runtime
 from ..solver.pcg import CONVERGED, PCG, Solution
-from ..solver.preconditioner import BlockJacobi
+from ..scene import Scene
+from ..solver.preconditioner import build_preconditioner
 from ..timing import Clock
 from . import APPROACH, CONTACT, ENERGY, NOT_FINITE, SOLVER, Attempt, Options
 
@@ -38,10 +39,10 @@ class BackwardEuler:
     stable_step = math.inf
 
     def __init__(self, fields: Fields, model: Model, forces: list, meter: Meter, options: Options,
-                 runtime: Runtime, contacts=None) -> None:
+                 runtime: Runtime, scene: Scene, contacts=None) -> None:
         self.model, self.meter, self.options, self.contacts = model, meter, options, contacts
         self.operator = Operator(fields, model, forces + ([contacts.touch] if contacts else []))
-        self.preconditioner = BlockJacobi(fields, self.operator)
+        self.preconditioner = build_preconditioner(options.preconditioner, fields, self.operator, scene)
         self.solver = PCG(fields, self.operator, self.preconditioner, runtime, options.cg_max_iterations)
         self.filter = Filter(fields, model, self.solver.dv)
         self.slack = ROUNDING * runtime.epsilon

@@ -11,6 +11,7 @@ from ..measure import Measures, Meter
 from ..model import Model
 from ..operator import ForceField
 from ..runtime import Runtime
+from ..scene import Scene
 from ..timing import Clock
 from . import NOT_FINITE, Attempt, Options
 
@@ -23,7 +24,7 @@ class SymplecticEuler:
     solver = None
 
     def __init__(self, fields: Fields, model: Model, forces: list, meter: Meter, options: Options,
-                 runtime: Runtime, contacts=None) -> None:
+                 runtime: Runtime, scene: Scene, contacts=None) -> None:
         if contacts is not None:
             raise SceneError("integrator 'symplectic_euler' has no contact with solids: use 'backward_euler'")
         self.model, self.meter = model, meter

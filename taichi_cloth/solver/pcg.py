@@ -153,6 +153,8 @@ class PCG:
                     rs += r.dot(s)
                     size += self.preconditioner.norm_sqr(i, self.dv[i])
                 self.partial[block] = ti.Vector([rs, size, 0 * rs])
+        if ti.static(not self.preconditioner.pointwise):
+            self.precondition(0)
         self.scalar[0] = self.total(0)
         self.scalar[3] = self.total(1)
         self.scalar[1] = 0
@@ -184,6 +186,8 @@ class PCG:
                     self.r[i], self.s[i] = r, s
                     rs += r.dot(s)
                 self.partial[block][1] = rs
+        if ti.static(not self.preconditioner.pointwise):
+            self.precondition(1)
         alpha, beta, cAc = self.coefficients()
         rs = self.total(1)
         self.scalar[1] = self.scalar[0]
@@ -198,6 +202,20 @@ class PCG:
         if not (rs * 0 == 0 and cAc * 0 == 0):
             state = BAD
         return state
+
+    @ti.func
+    def precondition(self, column: ti.template()):
+        """Adds what needs all of r to s; r.s into a column of the partial sums."""
+        self.preconditioner.sweep(self.r)
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                block = t // self.blocks.grain
+                rs = ti.cast(0, self.sum_type)
+                for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+                    s = self.s[i] + self.preconditioner.filter(i, self.preconditioner.correction(i))
+                    self.s[i] = s
+                    rs += self.r[i].dot(s)
+                self.partial[block][column] = rs
 
     @ti.func
     def total(self, column: ti.template()):

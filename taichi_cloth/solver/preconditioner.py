@@ -6,11 +6,29 @@ import taichi as ti
 from ..fields import Fields
 from ..forces.conditions import sym, sym_times, sym_unpack
 from ..operator import Operator
+from ..scene import Scene
+
+
+PRECONDITIONERS = ("auto", "multilevel", "block_jacobi")
+WORTH_LEVELS = 1500  # particles from which on the multilevel one pays, where it is left to us
+
+
+def build_preconditioner(name: str, fields: Fields, operator: Operator, scene: Scene):
+    """The preconditioner of a name in `PRECONDITIONERS`; only what it needs is imported."""
+    if name == "auto":
+        name = "multilevel" if operator.model.n >= WORTH_LEVELS else "block_jacobi"
+    if name == "multilevel":
+        from .multilevel import Multilevel
+
+        return Multilevel(fields, operator, scene)
+    return BlockJacobi(fields, operator)
 
 
 @ti.data_oriented
 class BlockJacobi:
     """(S P S)^-1 on the free directions of each particle, 0 on the constrained ones: symmetric, 6 numbers."""
+
+    pointwise = True  # what it makes of r_i depends on r_i alone
 
     def __init__(self, fields: Fields, operator: Operator) -> None:
         self.operator = operator

@@ -1,0 +1,134 @@
+"""Lattices over the cloth's material for a multilevel preconditioner: hat functions, and who meets them. numpy only.
+
+Level l has nodes 2^l edge lengths apart in the plane of the pattern, piece by piece (in space, where a cloth has
+no pattern of its own), and multilinear hats. A hat is a weighted sum of those of the level below, exactly, so that
+values go from level to level.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..mesh import TriMesh
+
+SMALLEST = 12  # nodes of a level below which there is no coarser one
+DEEPEST = 12
+
+
+@dataclass(frozen=True)
+class Gather:
+    """Rows that are sums over entries: row k takes entries first[k] to first[k + 1].
+
+    Attributes:
+        first: (rows + 1,).
+        source: (entries,) index of what is taken.
+        weight: (entries, w).
+    """
+
+    first: np.ndarray
+    source: np.ndarray
+    weight: np.ndarray
+
+
+@dataclass(frozen=True)
+class Level:
+    """Nodes of one lattice.
+
+    Attributes:
+        count: number of nodes.
+        node: (n, c) the nodes around each particle; weight: (n, c) their hats there.
+        parent, parent_weight: (count, c) the same for the nodes of this level in the next one, None on the last.
+    """
+
+    count: int
+    node: np.ndarray
+    weight: np.ndarray
+    parent: np.ndarray | None
+    parent_weight: np.ndarray | None
+
+
+def coordinates(mesh: TriMesh) -> np.ndarray:
+    """(n, 2) material coordinates where each vertex has its own, else (n, 3) the given positions [m]."""
+    return mesh.uv if mesh.uv is not None and mesh.uv.ndim == 2 and not mesh.flattened else mesh.x
+
+
+def levels(points: np.ndarray, piece: np.ndarray, spacing: float) -> list[Level]:
+    """Lattices over points (n, d) of numbered pieces (n,), the finest two spacings [m] apart."""
+    out: list[Level] = []
+    low = np.stack([points[piece == p].min(axis=0) for p in range(piece.max() + 1)])[piece]
+    where, owner = (points - low) / (2 * spacing), piece
+    for _ in range(DEEPEST):
+        node, weight, keys = _around(where, owner)
+        if out:
+            fine = out[-1]
+            out[-1] = Level(fine.count, fine.node, fine.weight, node, weight)
+            composed = _compose(fine, node, weight, len(keys))
+        else:
+            composed = node, weight
+        out.append(Level(len(keys), *composed, None, None))
+        if len(keys) <= SMALLEST * (piece.max() + 1):
+            break
+        owner, where = keys[:, 0], keys[:, 1:] / 2
+    return out
+
+
+def _around(where: np.ndarray, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(indices of the nodes around each point, their weights, keys (owner, place) of all nodes)."""
+    d = where.shape[1]
+    cell = np.floor(where + 1e-9).astype(np.int64)
+    part = np.clip(where - cell, 0, 1)
+    keys, weights = [], []
+    for corner in range(2**d):
+        bits = np.array([(corner >> axis) & 1 for axis in range(d)])
+        keys.append(np.column_stack([owner, cell + bits]))
+        weights.append(np.where(bits, part, 1 - part).prod(axis=1))
+    weight = np.stack(weights, axis=1)
+    all_keys = np.stack(keys, axis=1)
+    used = weight > 1e-12
+    unique, index = np.unique(all_keys[used], axis=0, return_inverse=True)
+    node = np.zeros(weight.shape, dtype=np.int64)
+    node[used] = index.ravel()
+    return node, np.where(used, weight, 0.0), unique
+
+
+def _compose(fine: Level, node: np.ndarray, weight: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes around, and hats at, the particles of the level above `fine`."""
+    c = node.shape[1]
+    n = len(fine.node)
+    code = (np.arange(n)[:, None, None] * count + node[fine.node]).ravel()
+    value = (fine.weight[:, :, None] * weight[fine.node]).ravel()
+    keep = value > 1e-12
+    unique, index = np.unique(code[keep], return_inverse=True)
+    total = np.bincount(index, value[keep])
+    row = unique // count
+    place = np.arange(len(row)) - np.searchsorted(row, row)
+    out_node, out_weight = np.zeros((n, c), dtype=np.int64), np.zeros((n, c))
+    out_node[row, place], out_weight[row, place] = unique % count, total
+    return out_node, out_weight
+
+
+def gather(node: np.ndarray, weight: np.ndarray, count: int) -> Gather:
+    """The transpose of weights (n, c) on nodes (n, c): what each of `count` nodes takes."""
+    used = weight > 0
+    source = np.repeat(np.arange(len(node)), used.sum(axis=1))
+    target, value = node[used], weight[used]
+    order = np.argsort(target, kind="stable")
+    return Gather(np.searchsorted(target[order], np.arange(count + 1)), source[order], value[order][:, None])
+
+
+def meeting(level: Level, vertices: np.ndarray) -> Gather:
+    """For each node the elements (m, k) that its hat meets, with its values at corner 1, 2, ... less that at 0."""
+    m, k = vertices.shape
+    code = (np.arange(m)[:, None, None] * level.count + level.node[vertices]).ravel()
+    corner = np.broadcast_to(np.arange(k)[None, :, None], level.node[vertices].shape).ravel()
+    value = level.weight[vertices].ravel()
+    keep = value > 0
+    unique, index = np.unique(code[keep], return_inverse=True)
+    values = np.zeros((len(unique), k))
+    np.add.at(values, (index, corner[keep]), value[keep])
+    change = values[:, 1:] - values[:, :1]
+    node, element = unique % level.count, unique // level.count
+    felt = np.abs(change).max(axis=1) > 1e-12
+    node, element, change = node[felt], element[felt], change[felt]
+    order = np.argsort(node, kind="stable")
+    return Gather(np.searchsorted(node[order], np.arange(level.count + 1)), element[order], change[order])

@@ -1,0 +1,192 @@
+"""Additive multilevel preconditioner: block Jacobi, and the same on lattices over the cloth. [Bramble, Pasciak, Xu 1990]
+
+    P^-1 = S (D^-1 + sum over levels of Q_l D_l^-1 Q_l^T) S
+
+Q_l interpolates from the nodes of level l to the particles, D_l is the block diagonal of Q_l^T A Q_l, summed up from
+the elements without assembling A; contacts and drag are left out of it. Symmetric positive definite by its form,
+for any mesh. Values pass from level to level, so that a cycle costs little more than the finest one.
+"""
+
+import numpy as np
+import taichi as ti
+
+from ..fields import Fields
+from ..forces.bend import Bend
+from ..forces.conditions import sym, sym_outer, sym_times, sym_unpack
+from ..forces.membrane import Membrane
+from ..operator import Operator
+from ..scene import Scene
+from .lattice import Gather, coordinates, gather, levels, meeting
+from .preconditioner import BlockJacobi
+
+PARALLEL = 4096  # nodes of a level from which on its sums are worth a second thread
+
+
+@ti.data_oriented
+class Rows:
+    """A `Gather` of several levels in fields."""
+
+    def __init__(self, fields: Fields, parts: list[Gather], width: int) -> None:
+        starts = np.cumsum([0] + [len(p.source) for p in parts])
+        first = np.concatenate([p.first[:-1] + s for p, s in zip(parts, starts)] + [starts[-1:]])
+        self.first = fields.integer(len(first), data=first)
+        self.source = fields.integer(int(starts[-1]), data=np.concatenate([p.source for p in parts]))
+        self.weight = fields.real(int(starts[-1]), width, np.concatenate([p.weight for p in parts]))
+
+
+@ti.data_oriented
+class Multilevel:
+    """Block Jacobi on the particles and on every level; `sweep` applies it to all of a field at once."""
+
+    pointwise = False
+
+    def __init__(self, fields: Fields, operator: Operator, scene: Scene) -> None:
+        self.jacobi, self.operator = BlockJacobi(fields, operator), operator
+        model = operator.model
+        edges = np.concatenate([np.linalg.norm(np.diff(c.mesh.corner_uv, axis=1), axis=2).ravel() for c in scene.cloths])
+        self.levels = levels(*_material(scene, model), float(np.median(edges)))
+        count = [level.count for level in self.levels]
+        self.start = np.cumsum([0] + count).tolist()
+        self.nodes = self.start[-1]
+        width = max(level.node.shape[1] for level in self.levels)
+        self.width = width
+        self.r, self.z = fields.real(self.nodes, 3), fields.real(self.nodes, 3)
+        self.inverse_l = fields.real(self.nodes, 6)
+        first = self.levels[0]
+        self.node = fields.integer(model.n, width, first.node)
+        self.weight = fields.real(model.n, width, first.weight)
+        self.takes = Rows(fields, [gather(first.node, first.weight, first.count)] + [
+            _shifted(gather(a.parent, a.parent_weight, b.count), s)  # type: ignore[arg-type]
+            for a, b, s in zip(self.levels[:-1], self.levels[1:], self.start)], 1)
+        parents = [a.parent + s for a, s in zip(self.levels[:-1], self.start[1:])]  # type: ignore[operator]
+        inner = self.start[-2]
+        self.parent = fields.integer(max(inner, 1), width, np.concatenate(parents) if parents else np.zeros((1, width)))
+        self.parent_weight = fields.real(max(inner, 1), width, np.concatenate(
+            [a.parent_weight for a in self.levels[:-1]]) if parents else np.zeros((1, width)))
+        square = np.concatenate([np.bincount(level.node.ravel(), (level.weight**2 * model.mass[:, None]).ravel(),
+                                             minlength=level.count) for level in self.levels])
+        self.mass = fields.real(self.nodes, data=square)
+        self.membrane = next((f for f in operator.forces if isinstance(f, Membrane)), None)
+        self.bend = next((f for f in operator.forces if isinstance(f, Bend)), None)
+        self.stretches, self.bends = self.membrane is not None, self.bend is not None
+        if self.membrane is not None:
+            self.triangles = self._met(fields, self.membrane, 2)
+        if self.bend is not None:
+            self.hinges = self._met(fields, self.bend, 3)
+
+    def _met(self, fields: Fields, force, width: int) -> Rows:
+        """Elements of a force that each node's hat meets."""
+        vertices = force.elements.host_vertices
+        primary = np.flatnonzero(force.elements.entries.primary)
+        parts = [meeting(level, vertices[primary]) for level in self.levels]
+        return Rows(fields, [Gather(p.first, primary[p.source], p.weight) for p in parts], width)
+
+    def build(self) -> None:
+        """Inverts every diagonal block, of particles and of nodes."""
+        self.jacobi.build()
+        self._build_levels()
+
+    def hold(self, index: np.ndarray, held: np.ndarray) -> None:
+        """As `BlockJacobi.hold`; the levels are filtered before and after instead."""
+        self.jacobi.hold(index, held)
+
+    @ti.func
+    def filter(self, i, r):
+        """S_i r_i [BW98 §5.3]"""
+        return self.jacobi.filter(i, r)
+
+    @ti.func
+    def apply(self, i, r):
+        """The particles' own part of s_i."""
+        return self.jacobi.apply(i, r)
+
+    @ti.func
+    def norm_sqr(self, i, x):
+        """x_i . P_i x_i"""
+        return self.jacobi.norm_sqr(i, x)
+
+    @ti.kernel
+    def _build_levels(self):
+        for n in range(self.nodes):
+            m = self.mass[n]
+            D = ti.Vector([m, 0.0, 0.0, m, 0.0, m])
+            if ti.static(self.stretches):
+                for k in range(self.triangles.first[n], self.triangles.first[n + 1]):
+                    w, A = self.triangles.weight[k], self.membrane.A[self.triangles.source[k]]
+                    both = ti.Vector([2 * A[6], A[7] + A[9], A[8] + A[12], 2 * A[10], A[11] + A[13], 2 * A[14]])
+                    D += w[0] * w[0] * ti.Vector([A[0], A[1], A[2], A[3], A[4], A[5]]) + w[0] * w[1] * both \
+                        + w[1] * w[1] * ti.Vector([A[15], A[16], A[17], A[18], A[19], A[20]])
+            if ti.static(self.bends):
+                for k in range(self.hinges.first[n], self.hinges.first[n + 1]):
+                    w = self.hinges.weight[k]
+                    g_e, g_a, g_b = self.bend.gradient(self.hinges.source[k])
+                    D += sym_outer(w[0] * g_e + w[1] * g_a + w[2] * g_b)
+            self.inverse_l[n] = sym(sym_unpack(D).inverse())
+
+    @ti.func
+    def sweep(self, r: ti.template()):
+        """The levels' part for a filtered r: afterwards `correction(i)` has it for every particle."""
+        if ti.static(self.start[1] >= PARALLEL):
+            for n in range(self.start[1]):
+                self.take(n, r)
+            for _ in range(1):
+                self.down(1)
+                self.up(1)
+            for n in range(self.start[1]):
+                self.give(n)
+        else:
+            for _ in range(1):
+                for n in range(self.start[1]):
+                    self.take(n, r)
+                self.down(1)
+                self.up(0)
+
+    @ti.func
+    def down(self, first: ti.template()):
+        """Sums of the levels from `first` on, each from the one below."""
+        for n in range(self.start[first], self.nodes):
+            self.take(n, self.r)
+
+    @ti.func
+    def up(self, last: ti.template()):
+        """Values of the levels from the coarsest down to `last`."""
+        for back in range(self.nodes - self.start[last]):
+            self.give(self.nodes - 1 - back)
+
+    @ti.func
+    def take(self, n, values: ti.template()):
+        """A node's sum of values below it."""
+        total = ti.Vector.zero(float, 3)
+        for k in range(self.takes.first[n], self.takes.first[n + 1]):
+            total += self.takes.weight[k] * values[self.takes.source[k]]
+        self.r[n] = total
+
+    @ti.func
+    def give(self, n):
+        """A node's value: its own, and what the level above says."""
+        z = sym_times(self.inverse_l[n], self.r[n])
+        if n < self.start[-2]:
+            for k in ti.static(range(self.width)):
+                z += self.parent_weight[n][k] * self.z[self.parent[n][k]]
+        self.z[n] = z
+
+    @ti.func
+    def correction(self, i):
+        """The levels' part at particle i, after `sweep`."""
+        z = ti.Vector.zero(float, 3)
+        for k in ti.static(range(self.width)):
+            z += self.weight[i][k] * self.z[self.node[i][k]]
+        return z
+
+
+def _material(scene: Scene, model) -> tuple[np.ndarray, np.ndarray]:
+    """(coordinates (n, d), pieces (n,)) of the particles; d = 3 where any cloth needs it."""
+    parts = [coordinates(c.mesh) for c in scene.cloths]
+    d = max(p.shape[1] for p in parts)
+    points = np.concatenate([np.pad(p, ((0, 0), (0, d - p.shape[1]))) for p in parts])
+    piece = np.repeat(np.arange(len(parts)), [len(p) for p in parts])
+    return points[model.user], piece[model.user]
+
+
+def _shifted(part: Gather, by: int) -> Gather:
+    return Gather(part.first, part.source + by, part.weight)
