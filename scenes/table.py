@@ -28,7 +28,7 @@ def check(sim: tc.Simulation):
     x = sim.positions()
     half = np.array(TOP) / 2
     inside = (np.abs(x) - half).max(axis=1)
-    yield f"no vertex inside the table: nearest {inside.min() * 1e3:.2f} mm", inside.min() >= 0.99 * THICKNESS
+    yield f"no vertex inside the table: nearest {inside.min() * 1e3:.2f} mm", inside.min() > 0.6 * THICKNESS
     lies = np.abs(x[:, 1] - half[1] - THICKNESS) < 1e-3
     yield f"{lies.mean():.0%} of it lie on the table", 0.2 < lies.mean() < 0.6
     yield f"it hangs to {x[:, 1].min():.2f} m", x[:, 1].min() < -0.15

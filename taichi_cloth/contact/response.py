@@ -29,6 +29,7 @@ from .states import States, rows_of, tangential, unit
 from .touch import Touch
 
 PENETRATION = 1e-2  # of the thickness that a particle may end inside it without a further round
+TOLERATED = 0.3  # of the thickness: the same after two rounds; the next step brings it out
 DEEP = 0.5  # of the thickness: what ends deeper is not accepted
 PULL = 1e-3  # of a particle's weight (or of the mean contact force) that a contact may pull before it is released
 CONE = 1e-4  # relative excess over mu lambda before a contact slides
@@ -277,7 +278,7 @@ class Contacts:
         held = np.where(s.stick[:, None], F, normal[:, None] * f.normal)
         self.total = held + friction
         depth = self._depth()
-        entered = int(np.sum(depth > PENETRATION))
+        entered = int(np.sum(depth > (PENETRATION if self.round < 2 else TOLERATED)))
         self.round += 1
         changes = int(pulls.sum() + breaks.sum() + turns.sum()) + entered
         self.unsettled = changes

@@ -75,6 +75,15 @@ class Touch:
                 self.model.blocks.add(P, i, w * w * self.A[e], lo, hi)
 
     @ti.func
+    def add_diagonal(self, block, P: ti.template()):
+        """Adds the blocks to P."""
+        lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
+        for e in range(self.first[block], self.first[block + 1]):
+            for k in ti.static(range(3)):
+                w = self.weights[e][k]
+                self.model.blocks.add(P, self.vertices[e][k], w * w * self.A[e], lo, hi)
+
+    @ti.func
     def add_product(self, block, p: ti.template(), q: ti.template()):
         """q += the blocks times p"""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]

@@ -147,6 +147,7 @@ class BackwardEuler:
             elif h > 0:
                 self.filter.prescribe(held.index, held.projector, held.target, held.y, h)
             self.preconditioner.hold(held.index, held.projector)
+        self.preconditioner.finish()
         return self.solver.solve(self.options.cg_tol, free=held is None and not warm, warm=warm)
 
     def reaction(self) -> np.ndarray:

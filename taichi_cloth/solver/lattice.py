@@ -117,7 +117,7 @@ def gather(node: np.ndarray, weight: np.ndarray, count: int) -> Gather:
 
 
 def meeting(level: Level, vertices: np.ndarray) -> Gather:
-    """For each node the elements (m, k) that its hat meets, with its values at corner 1, 2, ... less that at 0."""
+    """For each node the elements (m, k) that its hat meets, with its values at their corners."""
     m, k = vertices.shape
     code = (np.arange(m)[:, None, None] * level.count + level.node[vertices]).ravel()
     corner = np.broadcast_to(np.arange(k)[None, :, None], level.node[vertices].shape).ravel()
@@ -126,9 +126,6 @@ def meeting(level: Level, vertices: np.ndarray) -> Gather:
     unique, index = np.unique(code[keep], return_inverse=True)
     values = np.zeros((len(unique), k))
     np.add.at(values, (index, corner[keep]), value[keep])
-    change = values[:, 1:] - values[:, :1]
     node, element = unique % level.count, unique // level.count
-    felt = np.abs(change).max(axis=1) > 1e-12
-    node, element, change = node[felt], element[felt], change[felt]
     order = np.argsort(node, kind="stable")
-    return Gather(np.searchsorted(node[order], np.arange(level.count + 1)), element[order], change[order])
+    return Gather(np.searchsorted(node[order], np.arange(level.count + 1)), element[order], values[order])

@@ -3,16 +3,17 @@
     P^-1 = S (D^-1 + sum over levels of Q_l D_l^-1 Q_l^T) S
 
 Q_l interpolates from the nodes of level l to the particles, D_l is the block diagonal of Q_l^T A Q_l, summed up from
-the elements without assembling A; contacts and drag are left out of it. Symmetric positive definite by its form,
+the elements without assembling A, with held directions taken out; air drag is left out of it. Symmetric positive definite by its form,
 for any mesh. Values pass from level to level, so that a cycle costs little more than the finest one.
 """
 
 import numpy as np
 import taichi as ti
 
+from ..contact.touch import Touch
 from ..fields import Fields
 from ..forces.bend import Bend
-from ..forces.conditions import sym, sym_outer, sym_times, sym_unpack
+from ..forces.conditions import sym, sym_times, sym_unpack
 from ..forces.membrane import Membrane
 from ..operator import Operator
 from ..scene import Scene
@@ -63,16 +64,18 @@ class Multilevel:
         self.parent = fields.integer(max(inner, 1), width, np.concatenate(parents) if parents else np.zeros((1, width)))
         self.parent_weight = fields.real(max(inner, 1), width, np.concatenate(
             [a.parent_weight for a in self.levels[:-1]]) if parents else np.zeros((1, width)))
-        square = np.concatenate([np.bincount(level.node.ravel(), (level.weight**2 * model.mass[:, None]).ravel(),
-                                             minlength=level.count) for level in self.levels])
-        self.mass = fields.real(self.nodes, data=square)
+        self.particles = Rows(fields, [gather(v.node, v.weight, v.count) for v in self.levels], 1)
+        self.touch = next((f for f in operator.forces if isinstance(f, Touch)), None)
+        self.touches = self.touch is not None
+        if self.touches:
+            self.T = fields.real(model.n, 6)
         self.membrane = next((f for f in operator.forces if isinstance(f, Membrane)), None)
         self.bend = next((f for f in operator.forces if isinstance(f, Bend)), None)
         self.stretches, self.bends = self.membrane is not None, self.bend is not None
         if self.membrane is not None:
-            self.triangles = self._met(fields, self.membrane, 2)
+            self.triangles = self._met(fields, self.membrane, 3)
         if self.bend is not None:
-            self.hinges = self._met(fields, self.bend, 3)
+            self.hinges = self._met(fields, self.bend, 4)
 
     def _met(self, fields: Fields, force, width: int) -> Rows:
         """Elements of a force that each node's hat meets."""
@@ -82,9 +85,8 @@ class Multilevel:
         return Rows(fields, [Gather(p.first, primary[p.source], p.weight) for p in parts], width)
 
     def build(self) -> None:
-        """Inverts every diagonal block, of particles and of nodes."""
+        """Inverts the particles' diagonal blocks."""
         self.jacobi.build()
-        self._build_levels()
 
     def hold(self, index: np.ndarray, held: np.ndarray) -> None:
         """As `BlockJacobi.hold`; the levels are filtered before and after instead."""
@@ -105,23 +107,74 @@ class Multilevel:
         """x_i . P_i x_i"""
         return self.jacobi.norm_sqr(i, x)
 
+    def finish(self) -> None:
+        """Inverts the nodes' diagonal blocks, of what is free."""
+        if self.touches:
+            self._touch_diagonal()
+        self._build_levels()
+
+    @ti.kernel
+    def _touch_diagonal(self):
+        """T = diagonal blocks of the points of contact."""
+        for i in range(self.operator.model.n):
+            self.T[i] = ti.Vector.zero(float, 6)
+        for t in range(self.operator.blocks.count * self.operator.blocks.grain):
+            if t % self.operator.blocks.grain == 0:
+                self.touch.add_diagonal(t // self.operator.blocks.grain, self.T)
+
     @ti.kernel
     def _build_levels(self):
         for n in range(self.nodes):
-            m = self.mass[n]
-            D = ti.Vector([m, 0.0, 0.0, m, 0.0, m])
+            D = ti.Matrix.zero(float, 3, 3)
+            for k in range(self.particles.first[n], self.particles.first[n + 1]):
+                w, i = self.particles.weight[k], self.particles.source[k]
+                S = self.free(i)
+                D += w * w * self.operator.model.m[i] * S
+                if ti.static(self.touches):
+                    D += w * w * (S @ sym_unpack(self.T[i]) @ S)
             if ti.static(self.stretches):
                 for k in range(self.triangles.first[n], self.triangles.first[n + 1]):
-                    w, A = self.triangles.weight[k], self.membrane.A[self.triangles.source[k]]
-                    both = ti.Vector([2 * A[6], A[7] + A[9], A[8] + A[12], 2 * A[10], A[11] + A[13], 2 * A[14]])
-                    D += w[0] * w[0] * ti.Vector([A[0], A[1], A[2], A[3], A[4], A[5]]) + w[0] * w[1] * both \
-                        + w[1] * w[1] * ti.Vector([A[15], A[16], A[17], A[18], A[19], A[20]])
+                    D += self.of_triangle(self.triangles.source[k], self.triangles.weight[k])
             if ti.static(self.bends):
                 for k in range(self.hinges.first[n], self.hinges.first[n + 1]):
-                    w = self.hinges.weight[k]
-                    g_e, g_a, g_b = self.bend.gradient(self.hinges.source[k])
-                    D += sym_outer(w[0] * g_e + w[1] * g_a + w[2] * g_b)
-            self.inverse_l[n] = sym(sym_unpack(D).inverse())
+                    g = self.of_hinge(self.hinges.source[k], self.hinges.weight[k])
+                    D += g.outer_product(g)
+            D += (1e-6 * D.trace() + 1e-30) * ti.Matrix.identity(float, 3)  # where all that it meets is held
+            self.inverse_l[n] = sym(D.inverse())
+
+    @ti.func
+    def free(self, i):
+        """S_i, the projector on the free directions."""
+        S = ti.Matrix.identity(float, 3)
+        if self.jacobi.is_held[i] == 1:
+            S = sym_unpack(self.jacobi.S[i])
+        return S
+
+    @ti.func
+    def of_triangle(self, e, w):
+        """Block of a hat with values w at the corners: X^T A_11 X + X^T A_12 Y + Y^T A_21 X + Y^T A_22 Y."""
+        A, v = self.membrane.A[e], self.membrane.elements.vertices[e]
+        A_11 = ti.Matrix([[A[0], A[1], A[2]], [A[1], A[3], A[4]], [A[2], A[4], A[5]]])
+        A_12 = ti.Matrix([[A[6], A[7], A[8]], [A[9], A[10], A[11]], [A[12], A[13], A[14]]])
+        A_22 = ti.Matrix([[A[15], A[16], A[17]], [A[16], A[18], A[19]], [A[17], A[19], A[20]]])
+        D = ti.Matrix.zero(float, 3, 3)
+        if self.jacobi.is_held[v[0]] + self.jacobi.is_held[v[1]] + self.jacobi.is_held[v[2]] == 0:
+            x, y = w[1] - w[0], w[2] - w[0]
+            D = x * x * A_11 + x * y * (A_12 + A_12.transpose()) + y * y * A_22
+        else:
+            S_0 = w[0] * self.free(v[0])
+            X, Y = w[1] * self.free(v[1]) - S_0, w[2] * self.free(v[2]) - S_0
+            mixed = X @ A_12 @ Y
+            D = X @ A_11 @ X + mixed + mixed.transpose() + Y @ A_22 @ Y
+        return D
+
+    @ti.func
+    def of_hinge(self, e, w):
+        """Root of the block of a hat with values w at the corners: sum of S_i w_i g_i."""
+        g_e, g_a, g_b = self.bend.gradient(e)
+        v = self.bend.elements.vertices[e]
+        return (self.jacobi.filter(v[1], w[1] * g_e) + self.jacobi.filter(v[2], w[2] * g_a)
+                + self.jacobi.filter(v[3], w[3] * g_b) - self.jacobi.filter(v[0], w[0] * (g_e + g_a + g_b)))
 
     @ti.func
     def sweep(self, r: ti.template()):

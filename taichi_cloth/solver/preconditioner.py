@@ -51,6 +51,9 @@ class BlockJacobi:
         if not full.all():  # compiled only for scenes with 1 or 2 held directions
             self._hold_partly(index[~full], held[~full])
 
+    def finish(self) -> None:
+        """Nothing more to do when all is held that will be."""
+
     @ti.kernel
     def _hold_fully(self, index: ti.types.ndarray()):
         """S = 0"""

@@ -8,7 +8,7 @@ PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
 ROOMS = [
     ["errors"], ["view"], ["mesh"], ["shapes", "fabric", "solids", "intersections"], ["scene"], ["io"],  # description
     ["ordering", "elements", "runtime", "timing"], ["fields"], ["model"],  # fields
-    ["forces"], ["measure", "operator", "constraints"], ["solver", "contact"], ["integrators"], ["stepper"], ["simulation"],
+    ["forces"], ["measure", "operator", "constraints"], ["contact"], ["solver"], ["integrators"], ["stepper"], ["simulation"],
     ["output"], ["scenefile"], ["runner"], ["cli"], ["__main__", "__init__"],
 ]
 ROOM = {name: k for k, names in enumerate(ROOMS) for name in names}
