@@ -6,7 +6,7 @@ import numpy as np
 
 import taichi_cloth as tc
 
-RUN = {"duration": 2.0, "fps": 30, "h": 1 / 60}
+RUN = {"duration": 2.0, "fps": 30, "h": 1 / 60, "cg_tol": 1e-3}
 SMALL = {"n": 17}
 RADIUS, LENGTH, THICKNESS = 0.2, 0.8, 0.005
 

@@ -4,7 +4,7 @@ import numpy as np
 
 import taichi_cloth as tc
 
-RUN = {"duration": 2.0, "fps": 30, "h": 1 / 60}
+RUN = {"duration": 2.0, "fps": 30, "h": 1 / 60, "cg_tol": 1e-3}
 SMALL = {"cells": 16}
 RADIUS, THICKNESS, DROP = 0.3, 0.005, 0.1
 

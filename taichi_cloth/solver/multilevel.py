@@ -3,7 +3,7 @@
     P^-1 = S (D^-1 + sum over levels of Q_l D_l^-1 Q_l^T) S
 
 Q_l interpolates from the nodes of level l to the particles, D_l is the block diagonal of Q_l^T A Q_l, summed up from
-the elements without assembling A, with held directions taken out; air drag is left out of it. Symmetric positive definite by its form,
+the elements without assembling A, with particles that are held in all directions taken out; air drag is left out. Symmetric positive definite by its form,
 for any mesh. Values pass from level to level, so that a cycle costs little more than the finest one.
 """
 
@@ -13,7 +13,7 @@ import taichi as ti
 from ..contact.touch import Touch
 from ..fields import Fields
 from ..forces.bend import Bend
-from ..forces.conditions import sym, sym_times, sym_unpack
+from ..forces.conditions import sym, sym_outer, sym_scaled_identity, sym_times, sym_unpack
 from ..forces.membrane import Membrane
 from ..operator import Operator
 from ..scene import Scene
@@ -125,56 +125,50 @@ class Multilevel:
     @ti.kernel
     def _build_levels(self):
         for n in range(self.nodes):
-            D = ti.Matrix.zero(float, 3, 3)
+            D = ti.Vector.zero(float, 6)
             for k in range(self.particles.first[n], self.particles.first[n + 1]):
                 w, i = self.particles.weight[k], self.particles.source[k]
-                S = self.free(i)
-                D += w * w * self.operator.model.m[i] * S
+                w *= w * self.free(i)
+                D += w * sym_scaled_identity(self.operator.model.m[i])
                 if ti.static(self.touches):
-                    D += w * w * (S @ sym_unpack(self.T[i]) @ S)
+                    D += w * self.T[i]
             if ti.static(self.stretches):
                 for k in range(self.triangles.first[n], self.triangles.first[n + 1]):
                     D += self.of_triangle(self.triangles.source[k], self.triangles.weight[k])
             if ti.static(self.bends):
                 for k in range(self.hinges.first[n], self.hinges.first[n + 1]):
-                    g = self.of_hinge(self.hinges.source[k], self.hinges.weight[k])
-                    D += g.outer_product(g)
-            D += (1e-6 * D.trace() + 1e-30) * ti.Matrix.identity(float, 3)  # where all that it meets is held
-            self.inverse_l[n] = sym(D.inverse())
+                    D += sym_outer(self.of_hinge(self.hinges.source[k], self.hinges.weight[k]))
+            D += sym_scaled_identity(1e-6 * (D[0] + D[3] + D[5]) + 1e-30)  # where all that it meets is held
+            self.inverse_l[n] = sym(sym_unpack(D).inverse())
 
     @ti.func
     def free(self, i):
-        """S_i, the projector on the free directions."""
-        S = ti.Matrix.identity(float, 3)
+        """1, or 0 for a particle that is held in all directions: hats end there. Partly held ones count as free."""
+        out = 1.0
         if self.jacobi.is_held[i] == 1:
-            S = sym_unpack(self.jacobi.S[i])
-        return S
+            S = self.jacobi.S[i]
+            if S[0] + S[3] + S[5] < 0.5:
+                out = 0.0
+        return out
 
     @ti.func
     def of_triangle(self, e, w):
-        """Block of a hat with values w at the corners: X^T A_11 X + X^T A_12 Y + Y^T A_21 X + Y^T A_22 Y."""
+        """Block of a hat with values w at the corners, 6 numbers."""
         A, v = self.membrane.A[e], self.membrane.elements.vertices[e]
-        A_11 = ti.Matrix([[A[0], A[1], A[2]], [A[1], A[3], A[4]], [A[2], A[4], A[5]]])
-        A_12 = ti.Matrix([[A[6], A[7], A[8]], [A[9], A[10], A[11]], [A[12], A[13], A[14]]])
-        A_22 = ti.Matrix([[A[15], A[16], A[17]], [A[16], A[18], A[19]], [A[17], A[19], A[20]]])
-        D = ti.Matrix.zero(float, 3, 3)
-        if self.jacobi.is_held[v[0]] + self.jacobi.is_held[v[1]] + self.jacobi.is_held[v[2]] == 0:
-            x, y = w[1] - w[0], w[2] - w[0]
-            D = x * x * A_11 + x * y * (A_12 + A_12.transpose()) + y * y * A_22
-        else:
-            S_0 = w[0] * self.free(v[0])
-            X, Y = w[1] * self.free(v[1]) - S_0, w[2] * self.free(v[2]) - S_0
-            mixed = X @ A_12 @ Y
-            D = X @ A_11 @ X + mixed + mixed.transpose() + Y @ A_22 @ Y
-        return D
+        w_0 = w[0] * self.free(v[0])
+        x, y = w[1] * self.free(v[1]) - w_0, w[2] * self.free(v[2]) - w_0
+        both = ti.Vector([2 * A[6], A[7] + A[9], A[8] + A[12], 2 * A[10], A[11] + A[13], 2 * A[14]])
+        return (x * x * ti.Vector([A[0], A[1], A[2], A[3], A[4], A[5]]) + x * y * both
+                + y * y * ti.Vector([A[15], A[16], A[17], A[18], A[19], A[20]]))
 
     @ti.func
     def of_hinge(self, e, w):
-        """Root of the block of a hat with values w at the corners: sum of S_i w_i g_i."""
+        """Root of the block of a hat with values w at the corners: the hinge's gradient along it."""
         g_e, g_a, g_b = self.bend.gradient(e)
         v = self.bend.elements.vertices[e]
-        return (self.jacobi.filter(v[1], w[1] * g_e) + self.jacobi.filter(v[2], w[2] * g_a)
-                + self.jacobi.filter(v[3], w[3] * g_b) - self.jacobi.filter(v[0], w[0] * (g_e + g_a + g_b)))
+        w_0 = w[0] * self.free(v[0])
+        return ((w[1] * self.free(v[1]) - w_0) * g_e + (w[2] * self.free(v[2]) - w_0) * g_a
+                + (w[3] * self.free(v[3]) - w_0) * g_b)
 
     @ti.func
     def sweep(self, r: ti.template()):

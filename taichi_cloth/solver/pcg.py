@@ -23,6 +23,7 @@ GO_ON, DONE, BROKEN, BAD = range(4)
 RESTARTS = 5
 ROUNDING = 8.0  # roundings of A dv that a residual may have and no iteration takes away
 UNROLLED = 32
+SERIAL = 6000  # particles up to which one thread is as fast as several, without a launch an iteration
 SLACK = 2.0  # a fresh residual within this factor of the tolerance counts as converged
 
 
@@ -60,8 +61,9 @@ class PCG:
         self.dv, self.r, self.s = fields.real(n, 3), fields.real(n, 3), fields.real(n, 3)  # s = P^-1 r
         self.c, self.Ac, self.As = fields.real(n, 3), fields.real(n, 3), fields.real(n, 3)
         self.partial = fields.real(self.blocks.count, 3, dtype=self.sum_type)
-        # r.s now, r.s before, alpha before, |dv|_P^2
-        self.scalar = fields.real(4, dtype=self.sum_type)
+        # r.s now, r.s before, alpha before, |dv|_P^2, iterations
+        self.scalar = fields.real(5, dtype=self.sum_type)
+        self.serial = runtime.arch == "cpu" and n <= SERIAL
         self.history = fields.real(max_iterations + 1, dtype=self.sum_type)
         self.last = 0
         self.reference = 0.0  # residual norm that the last solve's tolerance was relative to
@@ -110,6 +112,10 @@ class PCG:
         return np.sqrt(np.maximum(self.history.to_numpy()[: self.last], 0))
 
     def _iterate(self, target: float, done: int) -> tuple[str, int]:
+        if self.serial and done < self.max_iterations:
+            state = self._steps(target * target, done, self.max_iterations, 0)
+            done = int(self.scalar[4])
+            return {GO_ON: MAX_ITERATIONS, DONE: CONVERGED, BROKEN: BREAKDOWN, BAD: NOT_FINITE}[state], done
         while done < self.max_iterations:
             state = self._step(target * target, done)
             done += 1
@@ -137,57 +143,120 @@ class PCG:
     def _size(self) -> float:
         return float(np.sqrt(max(self.scalar[3], 0)))
 
+    def _residual(self) -> None:
+        """r = b - A dv, s = P^-1 r, r.s; A dv is left in As."""
+        if self.serial:
+            self._steps(0.0, 0, 1, 1)
+        else:
+            self._residual_parallel()
+
     @ti.kernel
-    def _residual(self):
-        """r = b - A dv, s = P^-1 r, r.s"""
+    def _residual_parallel(self):
+        """The same on all threads."""
+        for i in range(self.operator.model.n):
+            self.s[i] = self.dv[i]
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
-                block = t // self.blocks.grain
-                self.operator.product(block, self.dv, self.As)
-                rs, size = ti.cast(0, self.sum_type), ti.cast(0, self.sum_type)
-                for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
-                    r = self.preconditioner.filter(i, self.operator.b[i] - self.As[i])
-                    s = self.preconditioner.apply(i, r)
-                    self.r[i], self.s[i] = r, s
-                    self.c[i], self.Ac[i] = ti.Vector.zero(float, 3), ti.Vector.zero(float, 3)
-                    rs += r.dot(s)
-                    size += self.preconditioner.norm_sqr(i, self.dv[i])
-                self.partial[block] = ti.Vector([rs, size, 0 * rs])
+                self.multiply(t // self.blocks.grain)
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                self.restart(t // self.blocks.grain)
         if ti.static(not self.preconditioner.pointwise):
-            self.precondition(0)
-        self.scalar[0] = self.total(0)
-        self.scalar[3] = self.total(1)
+            self.precondition(1)
+        self.begin()
+
+    @ti.func
+    def restart(self, block):
+        """r = b - As, the particles' own part of s, and the block's parts of r.s and |dv|_P^2"""
+        rs, size = ti.cast(0, self.sum_type), ti.cast(0, self.sum_type)
+        for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+            r = self.preconditioner.filter(i, self.operator.b[i] - self.As[i])
+            s = self.preconditioner.apply(i, r)
+            self.r[i], self.s[i] = r, s
+            self.c[i], self.Ac[i] = ti.Vector.zero(float, 3), ti.Vector.zero(float, 3)
+            rs += r.dot(s)
+            size += self.preconditioner.norm_sqr(i, self.dv[i])
+        self.partial[block] = ti.Vector([0 * rs, rs, size])
+
+    @ti.func
+    def begin(self):
+        """Sums as the first iteration takes them."""
+        self.scalar[0] = self.total(1)
+        self.scalar[3] = self.total(2)
         self.scalar[1] = 0
         self.scalar[2] = 1
 
     @ti.kernel
     def _step(self, target: float, iteration: int) -> int:
-        """One iteration; says how it went."""
+        """One iteration, on all threads; says how it went."""
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
-                block = t // self.blocks.grain
-                self.operator.product(block, self.s, self.As)
-                sAs = ti.cast(0, self.sum_type)
-                for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
-                    sAs += self.s[i].dot(self.As[i])
-                self.partial[block][0] = sAs
+                self.multiply(t // self.blocks.grain)
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
-                block = t // self.blocks.grain
-                alpha, beta, cAc = self.coefficients()
-                a, b = ti.cast(alpha, float), ti.cast(beta, float)
-                rs = ti.cast(0, self.sum_type)
-                for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
-                    self.c[i] = self.s[i] + b * self.c[i]
-                    self.Ac[i] = self.As[i] + b * self.Ac[i]
-                    self.dv[i] += a * self.c[i]
-                    r = self.preconditioner.filter(i, self.r[i] - a * self.Ac[i])
-                    s = self.preconditioner.apply(i, r)
-                    self.r[i], self.s[i] = r, s
-                    rs += r.dot(s)
-                self.partial[block][1] = rs
+                self.update(t // self.blocks.grain)
         if ti.static(not self.preconditioner.pointwise):
             self.precondition(1)
+        return self.conclude(target, iteration)
+
+    @ti.kernel
+    def _steps(self, target: float, first: int, most: int, fresh: int) -> int:
+        """All iterations, on one thread: where a hand-over costs more than it saves. State of the last; `scalar[4]`
+        has how many there were. With `fresh`, only the residual of dv."""
+        state = GO_ON
+        for _ in range(1):
+            iteration = first
+            if fresh == 1:
+                for i in range(self.operator.model.n):
+                    self.s[i] = self.dv[i]
+            while state == GO_ON and iteration < most:
+                for block in range(self.blocks.count):
+                    self.multiply(block)
+                for block in range(self.blocks.count):
+                    if fresh == 1:
+                        self.restart(block)
+                    else:
+                        self.update(block)
+                if ti.static(not self.preconditioner.pointwise):
+                    self.preconditioner.sweep(self.r)
+                    for block in range(self.blocks.count):
+                        self.correct(block, 1)
+                if fresh == 1:
+                    self.begin()
+                else:
+                    state = self.conclude(target, iteration)
+                iteration += 1
+            self.scalar[4] = iteration
+        return state
+
+    @ti.func
+    def multiply(self, block):
+        """As = A s and the block's part of s.As"""
+        self.operator.product(block, self.s, self.As)
+        sAs = ti.cast(0, self.sum_type)
+        for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+            sAs += self.s[i].dot(self.As[i])
+        self.partial[block][0] = sAs
+
+    @ti.func
+    def update(self, block):
+        """c, A c, dv, r, the particles' own part of s, and the block's part of r.s"""
+        alpha, beta, cAc = self.coefficients()
+        a, b = ti.cast(alpha, float), ti.cast(beta, float)
+        rs = ti.cast(0, self.sum_type)
+        for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+            self.c[i] = self.s[i] + b * self.c[i]
+            self.Ac[i] = self.As[i] + b * self.Ac[i]
+            self.dv[i] += a * self.c[i]
+            r = self.preconditioner.filter(i, self.r[i] - a * self.Ac[i])
+            s = self.preconditioner.apply(i, r)
+            self.r[i], self.s[i] = r, s
+            rs += r.dot(s)
+        self.partial[block][1] = rs
+
+    @ti.func
+    def conclude(self, target, iteration):
+        """Keeps the sums for the next iteration; how this one went."""
         alpha, beta, cAc = self.coefficients()
         rs = self.total(1)
         self.scalar[1] = self.scalar[0]
@@ -209,13 +278,17 @@ class PCG:
         self.preconditioner.sweep(self.r)
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
-                block = t // self.blocks.grain
-                rs = ti.cast(0, self.sum_type)
-                for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
-                    s = self.s[i] + self.preconditioner.filter(i, self.preconditioner.correction(i))
-                    self.s[i] = s
-                    rs += self.r[i].dot(s)
-                self.partial[block][column] = rs
+                self.correct(t // self.blocks.grain, column)
+
+    @ti.func
+    def correct(self, block, column: ti.template()):
+        """The same on the rows of a block, after the preconditioner's sweep."""
+        rs = ti.cast(0, self.sum_type)
+        for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+            s = self.s[i] + self.preconditioner.filter(i, self.preconditioner.correction(i))
+            self.s[i] = s
+            rs += self.r[i].dot(s)
+        self.partial[block][column] = rs
 
     @ti.func
     def total(self, column: ti.template()):

@@ -10,7 +10,7 @@ from ..scene import Scene
 
 
 PRECONDITIONERS = ("auto", "multilevel", "block_jacobi")
-WORTH_LEVELS = 1500  # particles from which on the multilevel one pays, where it is left to us
+WORTH_LEVELS = 500  # particles from which on the multilevel one pays, where it is left to us
 
 
 def build_preconditioner(name: str, fields: Fields, operator: Operator, scene: Scene):
