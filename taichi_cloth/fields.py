@@ -47,10 +47,13 @@ class Fields:
         self._real_data, self._integer_data = [], []
 
     def free(self) -> None:
-        """Gives the memory back; the fields are dead after it."""
+        """Gives the memory back, also of what was declared and never allocated; the fields are dead after it."""
+        if self._builder is not None and self._tree is None:  # else Taichi compiles no further kernel
+            self._tree = self._builder.finalize(raise_warning=False)
+            ti.sync()  # Taichi looks at its new fields here, and would otherwise after they are gone
         if self._tree is not None:
             self._tree.destroy()
-            self._tree = None
+        self._builder, self._tree = None, None
 
     def _place(self, field, n: int) -> None:
         self._builder.dense(ti.i, max(n, 1)).place(field)

@@ -93,6 +93,11 @@ class TriMesh:
         """(m,) areas in the material plane [m^2]."""
         return np.abs(_twice_area(self.corner_uv)) / 2
 
+    @property
+    def has_hinges(self) -> bool:
+        """Whether any edge has two triangles."""
+        return len(np.unique(np.sort(face_edges(self.faces), axis=1), axis=0)) < 3 * self.face_count
+
     def select(self, vertices: object) -> np.ndarray:
         """Vertex indices from an index, a list, a boolean mask or a group's name.
 

@@ -66,8 +66,8 @@ class Simulation:
     def __init__(self, scene: Scene, h: float = 1 / 60, arch: str = "cpu", precision: str = "f64",
                  integrator: str = "backward_euler", K: str = "projected", cg_tol: float = 1e-6,
                  adaptive: bool = True, h_min: float | None = None, stretch_limit: float = 0.5,
-                 newton_max: int = 8, preconditioner: str = "auto", cg_max_iterations: int = 10_000, threads: int | None = None,
-                 quiet: bool = True, debug: bool = False) -> None:
+                 newton_max: int = 8, preconditioner: str = "auto", cg_max_iterations: int = 10_000,
+                 threads: int | None = None, quiet: bool = True, debug: bool = False) -> None:
         if not isinstance(scene, Scene) or not scene.cloths:
             raise SceneError("a simulation needs a Scene with at least one cloth")
         check_choice("integrator", integrator, INTEGRATORS)
@@ -86,13 +86,11 @@ class Simulation:
         self.options = Options(K, cg_tol, int(cg_max_iterations), int(newton_max), preconditioner)
         self.integrator_name = integrator
         self._fields = Fields(self.runtime.exchange)
-        self.model = Model(self._fields, scene, self.runtime)
-        self._forces = build_forces(self._fields, self.model, scene, K)
-        self.meter = Meter(self.model, self._forces, self.runtime)
-        self.contacts = _contacts(self._fields, self.model, scene, h)
-        self.integrator = integrators.build(integrator, self._fields, self.model, self._forces, self.meter, self.options,
-                                            self.runtime, scene, self.contacts)
-        self._fields.allocate()
+        try:
+            self._build(scene, h)
+        except BaseException:
+            self._fields.free()
+            raise
         if adaptive:  # an explicit method takes no step that is unstable already at rest
             h = min(h, SAFETY * self.integrator.stable_step)
             self.control = replace(self.control, h_max=h, h_min=min(h_min, h / 2))
@@ -109,6 +107,17 @@ class Simulation:
         self._probe: Probe | None = None
         self._solved_h: float | None = None
         self.solution: Solution | None = None
+
+    def _build(self, scene: Scene, h: float) -> None:
+        """Everything that lives in fields."""
+        fields = self._fields
+        self.model = Model(fields, scene, self.runtime)
+        self._forces = build_forces(fields, self.model, scene, self.options.K)
+        self.meter = Meter(self.model, self._forces, self.runtime)
+        self.contacts = _contacts(fields, self.model, scene, h)
+        self.integrator = integrators.build(self.integrator_name, fields, self.model, self._forces, self.meter,
+                                            self.options, self.runtime, scene, self.contacts)
+        fields.allocate()
 
     # state
 

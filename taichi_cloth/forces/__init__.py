@@ -31,7 +31,7 @@ def build_forces(fields: Fields, model: Model, scene: Scene, mode: str) -> list:
     """
     wanted = (
         (Membrane, any(c.fabric.stretch or c.fabric.shear for c in scene.cloths)),
-        (Bend, any(c.fabric.bend for c in scene.cloths)),
+        (Bend, any(c.fabric.bend and c.mesh.has_hinges for c in scene.cloths)),
         (Gravity, bool(scene.gravity.any())),
         (Drag, scene.air is not None),
     )

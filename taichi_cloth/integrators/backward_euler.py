@@ -22,8 +22,8 @@ from ..measure import Measures, Meter
 from ..model import Model
 from ..operator import Operator
 from ..runtime import Runtime
-from ..solver.pcg import CONVERGED, PCG, Solution
 from ..scene import Scene
+from ..solver.pcg import CONVERGED, PCG, Solution
 from ..solver.preconditioner import build_preconditioner
 from ..timing import Clock
 from . import APPROACH, CONTACT, ENERGY, NOT_FINITE, SOLVER, Attempt, Options

@@ -3,8 +3,9 @@
     P^-1 = S (D^-1 + sum over levels of Q_l D_l^-1 Q_l^T) S
 
 Q_l interpolates from the nodes of level l to the particles, D_l is the block diagonal of Q_l^T A Q_l, summed up from
-the elements without assembling A, with particles that are held in all directions taken out; air drag is left out. Symmetric positive definite by its form,
-for any mesh. Values pass from level to level, so that a cycle costs little more than the finest one.
+the elements without assembling A. Hats end where particles are held in all directions; air drag is left out.
+Symmetric positive definite by its form, for any mesh. Values pass from level to level, so that a cycle costs little
+more than the finest one.
 """
 
 import numpy as np

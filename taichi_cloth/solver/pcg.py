@@ -16,7 +16,6 @@ import taichi as ti
 from ..fields import Fields
 from ..operator import Operator
 from ..runtime import Runtime
-from .preconditioner import BlockJacobi
 
 CONVERGED, MAX_ITERATIONS, BREAKDOWN, NOT_FINITE = "CONVERGED", "MAX_ITERATIONS", "BREAKDOWN", "NOT_FINITE"
 GO_ON, DONE, BROKEN, BAD = range(4)
@@ -49,10 +48,11 @@ class PCG:
     """Solves A dv = b with dv = z in the constrained directions.
 
     Args:
+        preconditioner: BlockJacobi or Multilevel.
         max_iterations: of one solve.
     """
 
-    def __init__(self, fields: Fields, operator: Operator, preconditioner: BlockJacobi, runtime: Runtime,
+    def __init__(self, fields: Fields, operator: Operator, preconditioner, runtime: Runtime,
                  max_iterations: int) -> None:
         n = operator.model.n
         self.operator, self.preconditioner, self.blocks = operator, preconditioner, operator.blocks

@@ -8,7 +8,6 @@ from ..forces.conditions import sym, sym_times, sym_unpack
 from ..operator import Operator
 from ..scene import Scene
 
-
 PRECONDITIONERS = ("auto", "multilevel", "block_jacobi")
 WORTH_LEVELS = 500  # particles from which on the multilevel one pays, where it is left to us
 
