@@ -1,4 +1,4 @@
-"""Exact count of crossings between triangle meshes: edges of one through triangles of the other. numpy only.
+"""Exact count of crossings between triangle meshes, or of one with itself: edges through triangles. numpy only.
 
 Signs of volumes are computed in floating point with an error bound, and in rational arithmetic where that leaves a
 doubt, so that no crossing is missed or made up. Touching counts as no crossing.
@@ -22,14 +22,26 @@ def count_crossings(x_a: np.ndarray, faces_a: np.ndarray, x_b: np.ndarray, faces
     return _through(x_a, _edges(faces_a), x_b, faces_b) + _through(x_b, _edges(faces_b), x_a, faces_a)
 
 
+def count_self_crossings(x: np.ndarray, faces: np.ndarray) -> int:
+    """Number of (edge, triangle) pairs of one mesh that cross; what shares a vertex does not count.
+
+    Args:
+        x: (n, 3) positions [m]; faces: (m, 3).
+    """
+    return _through(x, _edges(faces), x, faces, same=True)
+
+
 def _edges(faces: np.ndarray) -> np.ndarray:
     edges = np.unique(np.sort(face_edges(faces), axis=1), axis=0)
     return edges[edges[:, 0] != edges[:, 1]]
 
 
-def _through(x: np.ndarray, edges: np.ndarray, y: np.ndarray, faces: np.ndarray) -> int:
-    """Edges of x through triangles of y."""
+def _through(x: np.ndarray, edges: np.ndarray, y: np.ndarray, faces: np.ndarray, same: bool = False) -> int:
+    """Edges of x through triangles of y; with `same` they are one mesh."""
     e, t = _near(x[edges], y[faces])
+    if same:
+        apart = ~(edges[e][:, :, None] == faces[t][:, None, :]).any(axis=(1, 2))
+        e, t = e[apart], t[apart]
     if not len(e):
         return 0
     p, q = x[edges[e, 0]], x[edges[e, 1]]
@@ -80,10 +92,11 @@ def _near(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     count = last - first
     i = np.repeat(ia[item_a], count)
     j = item_b[np.repeat(first, count) + np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)]
-    pairs = np.unique(i * len(b) + j)
-    i, j = pairs // len(b), pairs % len(b)
-    meet = ((low_a[i] <= high_b[j]) & (high_a[i] >= low_b[j])).all(axis=1)
-    return i[meet], j[meet]
+    meet = np.ones(len(i), dtype=bool)
+    for c in range(3):  # an axis at a time: most pairs are gone after the first
+        meet[meet] = (low_a[i[meet], c] <= high_b[j[meet], c]) & (high_a[i[meet], c] >= low_b[j[meet], c])
+    pairs = np.unique(i[meet] * len(b) + j[meet])
+    return pairs // len(b), pairs % len(b)
 
 
 def _cells(low: np.ndarray, high: np.ndarray, origin: np.ndarray, cell: float) -> tuple[np.ndarray, np.ndarray]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .errors import SceneError
+from .intersections import count_self_crossings
 from .mesh import face_edges
 
 PLANE, SPHERE, CAPSULE, BOX, CYLINDER, MESH = range(6)
@@ -271,6 +272,10 @@ class SolidMesh:
         elif volume < 0:
             faces = faces[:, [0, 2, 1]]
             notes.append("the solid mesh was inside out: its triangles were turned round")
+        crossings = count_self_crossings(x[0], faces)
+        if crossings:
+            notes.append(f"the solid mesh passes through itself ({crossings} crossings): every one of its triangles counts, "
+                         "and cloth between two of its layers is pushed off the nearest")
         object.__setattr__(self, "x", x)
         object.__setattr__(self, "faces", faces)
         object.__setattr__(self, "closed", closed)
@@ -324,8 +329,12 @@ class Solid:
     @property
     def moves(self) -> bool:
         """Whether its position, rotation or shape depends on time."""
-        return callable(self.position) or callable(self.rotation) or (
-            isinstance(self.shape, SolidMesh) and len(self.shape.x) > 1)
+        return callable(self.position) or callable(self.rotation) or self.deforms
+
+    @property
+    def deforms(self) -> bool:
+        """Whether its shape depends on time."""
+        return isinstance(self.shape, SolidMesh) and len(self.shape.x) > 1
 
     def pose(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         """(R (3, 3), p (3,) [m]) at time t [s]: world = R local + p.

@@ -142,3 +142,11 @@ def pose(poses: ti.template(), s, first: ti.template()):
     for a in ti.static(range(3)):
         p[a] = ti.cast(poses[s, first + 9 + a], float)
     return R, p
+
+
+@ti.func
+def carry(poses: ti.template(), s, x):
+    """Where a point x at the start of the step is at its end if it moves with rigid solid s."""
+    R_0, p_0 = pose(poses, s, 0)
+    R_1, p_1 = pose(poses, s, 12)
+    return R_1 @ (R_0.transpose() @ (x - p_0)) + p_1

@@ -13,7 +13,7 @@ from ..mesh import face_edges
 from ..model import Model
 from ..scene import Scene
 from .closest import EDGE_EDGE, VERTEX_FACE, of_pair, on_triangle
-from .detection import HIT, KEEP, SAME_SIDE, SLOTS, WIDTH, pose
+from .detection import HIT, KEEP, SAME_SIDE, SLOTS, WIDTH, carry
 from .pairs import PAIR, Pairs
 from .tree import LEAF, TriangleTree
 
@@ -30,8 +30,7 @@ class SurfaceDetector:
     def __init__(self, fields: Fields, model: Model, scene: Scene, tree: TriangleTree) -> None:
         self.model, self.tree = model, tree
         self.thickness = fields.real(len(scene.solids), data=np.array([s.thickness for s in scene.solids]))
-        self.deforms = fields.integer(len(scene.solids), data=np.array(
-            [int(getattr(s.shape, "fps", None) is not None) for s in scene.solids]))
+        self.deforms = fields.integer(len(scene.solids), data=np.array([int(s.deforms) for s in scene.solids]))
         self.margin = max(s.thickness for k, s in enumerate(scene.solids) if s.shape.kind == 5) * (1 + KEEP)
         self.depth = fields.real(model.n, data=np.zeros(model.n))  # how deep inside a particle may be [m]
 
@@ -53,9 +52,7 @@ class SurfaceDetector:
             if solid >= 0 and count < SLOTS:
                 carried = a + moved
                 if self.deforms[solid] == 0:
-                    R_0, p_0 = pose(poses, solid, 0)
-                    R_1, p_1 = pose(poses, solid, 12)
-                    carried = R_1 @ (R_0.transpose() @ (a - p_0)) + p_1
+                    carried = carry(poses, solid, a)
                 row = ti.Vector([n[0], n[1], n[2], n.dot(b - at), n.dot(carried - at), carried[0], carried[1], carried[2]])
                 for c in ti.static(range(WIDTH - 1)):
                     out[i, count, c] = row[c]
@@ -178,15 +175,16 @@ class PairDetector:
         radius = np.array([s.shape.core()[2] for s in scene.solids])
         self.radius = fields.real(len(scene.solids), data=radius)
         self.range = fields.real(len(scene.solids), data=PAIR * np.array([s.thickness for s in scene.solids]))
+        self.deforms = fields.integer(len(scene.solids), data=np.array([int(s.deforms) for s in scene.solids]))
         self.margin = float(max(radius[k] + PAIR * s.thickness for k, s in tree.solids))
         self.rows: np.ndarray = np.zeros((1024, COLUMNS), dtype=fields.exchange)
         self._found: np.ndarray = np.zeros(1, dtype=np.int32)
 
-    def find(self) -> Pairs:
-        """All pairs that come within range in the step from x_saved to x."""
+    def find(self, poses: np.ndarray) -> Pairs:
+        """All pairs that come within range in the step from x_saved to x; poses as in `VertexDetector.detect`."""
         while True:
             self._found[0] = 0
-            self._find(self._found, self.rows)
+            self._find(poses, self._found, self.rows)
             if self._found[0] <= len(self.rows):
                 break
             self.rows = np.zeros((2 * int(self._found[0]), COLUMNS), dtype=self.rows.dtype)
@@ -208,7 +206,7 @@ class PairDetector:
         return self._faces_host
 
     @ti.kernel
-    def _find(self, found: ti.types.ndarray(), rows: ti.types.ndarray()):
+    def _find(self, poses: ti.types.ndarray(), found: ti.types.ndarray(), rows: ti.types.ndarray()):
         for f in range(self.count):
             v = self.faces[f]
             low, high = self.model.x[v[0]], self.model.x[v[0]]
@@ -224,13 +222,13 @@ class PairDetector:
                         continue
                     leaf = (node - self.tree.first_leaf) * LEAF
                     for t in range(leaf, ti.min(leaf + LEAF, self.tree.count)):
-                        self.against(f, t, found, rows)
+                        self.against(f, t, poses, found, rows)
                 node = self.tree.following(node)
                 if node == 1:
                     break
 
     @ti.func
-    def against(self, f, t, found: ti.template(), rows: ti.template()):
+    def against(self, f, t, poses: ti.template(), found: ti.template(), rows: ti.template()):
         """Triangle t's corners against face f, its edges against f's edges: 3 and 9 pairs at most."""
         bits = self.tree.info[t][3]
         for pair in range(12):
@@ -240,10 +238,10 @@ class PairDetector:
                 kind, k, shift = EDGE_EDGE, (pair - 3) // 3, (pair - 3) % 3
                 wanted = ((bits >> (3 + k)) & 1) * ((self.owned[f] >> shift) & 1)
             if wanted == 1:
-                self.test(kind, f, t, k, shift, found, rows)
+                self.test(kind, f, t, k, shift, poses, found, rows)
 
     @ti.func
-    def test(self, kind, f, t, k, shift, found: ti.template(), rows: ti.template()):
+    def test(self, kind, f, t, k, shift, poses: ti.template(), found: ti.template(), rows: ti.template()):
         """One pair; written down where it comes within range and ends there."""
         info = self.tree.info[t]
         r_0 = self.radius[info[0]]
@@ -279,11 +277,11 @@ class PairDetector:
                 n, w, along = n_1, w_1, along_1
             out = self.tree.normal[i] + self.tree.normal[j]
             if info[2] == 0 or n.dot(out) > INWARD * out.norm() - 1e-6:  # else it is the far side of the solid
-                self.write(kind, f, t, k, shift, n, w, along, i, j, v_0, v_1, v_2, r_0, r, found, rows)
+                self.write(kind, f, t, k, shift, n, w, along, i, j, v_0, v_1, v_2, r_0, r, poses, found, rows)
 
     @ti.func
-    def write(self, kind, f, t, k, shift, n, w, along, i, j, v_0, v_1, v_2, r_0, r, found: ti.template(),
-              rows: ti.template()):
+    def write(self, kind, f, t, k, shift, n, w, along, i, j, v_0, v_1, v_2, r_0, r, poses: ti.template(),
+              found: ti.template(), rows: ti.template()):
         """Writes a pair down where it ends within range."""
         x = ti.static(self.model.x)
         x_0 = ti.static(self.model.x_saved)
@@ -292,13 +290,16 @@ class PairDetector:
         here = w[0] * x[v_0] + w[1] * x[v_1] + w[2] * x[v_2]
         gap = n.dot(here - at_1) - r_0
         if gap < r - r_0:
-            start = w[0] * x_0[v_0] + w[1] * x_0[v_1] + w[2] * x_0[v_2] + at_1 - at_0
+            start = w[0] * x_0[v_0] + w[1] * x_0[v_1] + w[2] * x_0[v_2]
+            carried = start + at_1 - at_0
+            if self.deforms[self.tree.info[t][0]] == 0:
+                carried = carry(poses, self.tree.info[t][0], start)
             row = ti.atomic_add(found[0], 1)
             if row < rows.shape[0]:
                 for c in ti.static(range(3)):
                     rows[row, c] = w[c]
                     rows[row, 3 + c] = n[c]
-                    rows[row, 9 + c] = start[c]
+                    rows[row, 9 + c] = carried[c]
                     rows[row, 12 + c] = here[c]
                 rows[row, 6] = gap
                 rows[row, 15] = 4 * f + shift

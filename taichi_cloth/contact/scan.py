@@ -96,7 +96,7 @@ class Scanner:
 
     def find_pairs(self) -> Pairs | None:
         """Pairs that come within range on that way, or None where no solid has edges or corners to fear."""
-        return self.pairs.find() if self.pairs is not None else None
+        return self.pairs.find(self.poses) if self.pairs is not None else None
 
 
 def _pokes(solid: Solid, edge: float) -> bool:

@@ -54,7 +54,7 @@ def test_run_writes_what_it_says(out):
     manifest = json.loads((folder / "manifest.json").read_text())
     assert manifest["status"] == "finished" and manifest["settings"]["n"] == "9"
     assert manifest["runtime"]["arch"] == "cpu" and manifest["runtime"]["precision"] == "f32"
-    assert manifest["model"] == {"vertices": 81, "triangles": 128, "notes": []}
+    assert manifest["model"] == {"vertices": 81, "triangles": 128, "solids": 0, "notes": []}
     records = [json.loads(line) for line in (folder / "telemetry.jsonl").read_text().splitlines()]
     assert [r["t"] for r in records] == pytest.approx([0.1 * k / 6 for k in range(1, 7)])
     assert all(r["status"] == "CONVERGED" and r["iterations"] > 0 and r["residual"] < 1 for r in records)

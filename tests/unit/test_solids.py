@@ -8,7 +8,7 @@ import taichi as ti
 
 import taichi_cloth as tc
 from taichi_cloth import runtime
-from taichi_cloth.intersections import count_crossings
+from taichi_cloth.intersections import count_crossings, count_self_crossings
 from taichi_cloth.solids import rotation_matrix
 
 SHAPES = [tc.Plane((0.3, 1.0, -0.2)), tc.Sphere(0.4), tc.Capsule((-0.2, 0, 0.1), (0.3, 0.4, 0), 0.2),
@@ -112,6 +112,16 @@ def test_crossings_against_a_plain_count(rng):
     assert count > 50 and count_crossings(x, f, y, g) == count
     touching = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])  # a common edge is no crossing
     assert count_crossings(touching, np.array([[0, 1, 2]]), touching + [0, 0, 0], np.array([[0, 1, 2]])) == 0
+
+
+def test_a_mesh_against_itself():
+    sheet = tc.grid(1.0, 4)
+    x = np.concatenate([sheet.x, sheet.x @ [[1, 0, 0], [0, 0, 1], [0, 1, 0]] + [0.31, 0.53, -0.42]])
+    faces = np.concatenate([sheet.faces, sheet.faces + sheet.vertex_count])
+    crossings = count_crossings(sheet.x, sheet.faces, x[sheet.vertex_count:], sheet.faces)
+    assert crossings > 0 and count_self_crossings(x, faces) == crossings
+    assert count_self_crossings(sheet.x, sheet.faces) == 0
+    assert f"{crossings} crossings" in tc.SolidMesh(x, faces).notes[-1]
 
 
 def test_mesh_solids_say_what_was_done():
