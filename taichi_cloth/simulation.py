@@ -96,7 +96,7 @@ class Simulation:
             self.control = replace(self.control, h_max=h, h_min=min(h_min, h / 2))
         self.notes = [f"{c.name}: {note}" for c in scene.cloths for note in c.mesh.notes]
         if self.contacts is not None:
-            self.notes += self.contacts.scan.inspect(h)
+            self.notes += self.contacts.inspect()
         self.stepper = Stepper(self.model, self.integrator, self.meter, self.control)
         self._script = scene.script.copy()
         self._script.events.sort(key=lambda event: event.time)

@@ -56,6 +56,7 @@ class StepRecord:
         seconds: wall time by part: EVAL, CG, C-C, C-S, and total, rejected attempts included.
         contacts: number of contacts with solids at its end.
         unsettled: how many of them had not agreed on sticking, sliding or releasing when it was accepted.
+        crossings: pairs of triangles of cloth and of solids with edges or corners that pass through each other.
     """
 
     t: float
@@ -70,6 +71,7 @@ class StepRecord:
     seconds: dict[str, float] = field(default_factory=dict)
     contacts: int = 0
     unsettled: int = 0
+    crossings: int = 0
 
 
 class Stepper:
@@ -139,7 +141,7 @@ class Stepper:
             status = attempt.detail
         return StepRecord(t + h, h, sum(s.iterations for s in attempt.solutions), len(attempt.solutions),
                           worst.residual if worst else 0.0, status, rejections, measures.energies, measures.stretch,
-                          seconds, attempt.contacts, attempt.unsettled)
+                          seconds, attempt.contacts, attempt.unsettled, attempt.crossings)
 
     def _gave_up(self, t: float, h: float, rejection: str, attempt: Attempt, rejections: dict[str, int]) -> str:
         detail = f" ({attempt.detail})" if attempt.detail else ""

@@ -35,7 +35,10 @@ PULL = 1e-3  # of a particle's weight (or of the mean contact force) that a cont
 CONE = 1e-4  # relative excess over mu lambda before a contact slides
 WEAK = 0.5  # of the cone: friction must be below it for what slides slowly to stick
 SLOW = 5e-5  # slip [m/s] below which friction holds
-AGREED = 3e-3  # part of all normal forces that may be wrong in states that change in the next step only
+PATIENCE = 2  # rounds after which states that still change do so in the next step
+AGREED, AGREED_SHEAR = 3e-3, 3e-2  # part of all normal forces by which contacts may pull, and shear beyond the cone,
+# in a step: their states change in the next
+SMALLER = 64  # times smaller than the usual, a step with a new crossing is taken all the same: pinched cloth must cross
 LAGGED = 0.1  # relative error of the friction forces that a first round may leave
 SYM = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
@@ -70,8 +73,8 @@ class Contacts:
         self.scan = Scanner(fields, model, scene)
         self.reach = 4 * self.scan.edge  # [m] that a particle may close in on a solid in one step
         self.push_limit = np.maximum(self.thickness, self.scan.edge / 4)  # [m] pushed out in one step
-        self.trial = States()
-        self.clear()
+        self.trial = self.accepted = States()
+        self.warm, self.crossings, self.crossings_before = False, 0, 0
         self.count, self.unsettled = 0, 0
         self.pressed: Pairs | None = None
         self.places = np.zeros((0, 3)), np.zeros((0, 3))
@@ -86,11 +89,18 @@ class Contacts:
 
     def commit(self) -> None:
         """The step was accepted: the next begins from its contacts."""
-        self.accepted, self.warm = self.trial, True
+        self.accepted, self.warm, self.crossings_before = self.trial, True, self.crossings
+
+    def inspect(self) -> list[str]:
+        """As `Scanner.inspect`, at the beginning."""
+        notes = self.scan.inspect(self.h_usual)
+        self.clear()
+        return notes
 
     def clear(self) -> None:
         """Forgets all contacts: the state was changed from outside."""
         self.accepted, self.warm = States(), False
+        self.crossings = self.crossings_before = self.scan.count_crossings()
 
     def _look(self) -> None:
         """What the particles meet on their way to where they now are, and how fast they slip there."""
@@ -267,7 +277,7 @@ class Contacts:
         force = np.maximum(normal, 0)
         off = float(np.sum(mu * np.abs(force - s.force) * self.slides))
         disagree = off > LAGGED * float(np.sum(mu * force * self.slides)) and self.round == 0
-        wrong = float(np.sum(-normal[pulls]) + np.sum((shear - mu * force)[breaks]))
+        wrong = float(np.sum(-normal[pulls])) / AGREED + float(np.sum((shear - mu * force)[breaks])) / AGREED_SHEAR
         stick = (s.stick & ~breaks) | turns
         push = np.zeros_like(tangent)
         push[breaks] = tangent[breaks] / np.maximum(shear[breaks], 1e-30)[:, None]
@@ -284,14 +294,19 @@ class Contacts:
         self.unsettled = changes
         close, bad = self._left()
         entered += close
-        matters = bad or entered or disagree or wrong > AGREED * float(np.sum(force))
+        matters = bad or entered or disagree or (wrong > float(np.sum(force)) and self.round <= PATIENCE)
         return Verdict(max(changes, 1) if matters else 0, float(np.max(depth, initial=0.0)), bad)
 
 
     def went_in(self) -> bool:
-        """Whether something ended too deep after further solves that held the same contacts."""
+        """Whether something ended too deep, or through, after further solves that held the same contacts."""
         self._look()
-        return self._left()[1]
+        return self._left()[1] or self.went_through()
+
+    def went_through(self) -> bool:
+        """Whether cloth passes through solids where it did not before, in a step that can still be made smaller."""
+        self.crossings = self.scan.count_crossings()
+        return self.crossings > self.crossings_before and self.h > self.h_usual / SMALLER
 
     def _depth(self) -> np.ndarray:
         """How deep [thicknesses] what is not held, or is held at another plane, ends inside."""

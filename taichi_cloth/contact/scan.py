@@ -29,13 +29,15 @@ class Scanner:
         meshes = [s.shape.kind == MESH for s in self.solids]
         poking = [k for k, s in enumerate(self.solids) if meshes[k] or _pokes(s, longest)]
         self.vertices = None if all(meshes) else VertexDetector(fields, model, scene)
-        self.tree = self.surfaces = self.pairs = None
+        self.tree = self.surfaces = self.pairs = self.crossings = None
         if poking:
+            from .crossing import CrossingCounter
             from .mesh_detection import PairDetector, SurfaceDetector
 
             self.tree = TriangleTree(fields, scene, poking, model.origin, longest)
             self.surfaces = SurfaceDetector(fields, model, scene, self.tree) if any(meshes) else None
             self.pairs = PairDetector(fields, model, scene, self.tree)
+            self.crossings = CrossingCounter(model, self.pairs, self.tree)
         self._slots = np.zeros(model.n, dtype=np.int32)
         self._rows: np.ndarray = np.zeros((model.n, SLOTS, WIDTH), dtype=self.exchange)
 
@@ -67,6 +69,9 @@ class Scanner:
             np.maximum.at(depth, found.index[inside], -found.start_gap[inside] * 1.5)
             self.surfaces.set_depth(depth)
         if self.tree is not None:
+            crossings = self.count_crossings()
+            if crossings:
+                notes.append(f"{crossings} triangles of cloth and solids pass through each other at the start")
             self.tree.placed = False
         return notes
 
@@ -93,6 +98,10 @@ class Scanner:
         rows = self._rows[i][pick].astype(np.float64)
         index = np.repeat(i, self._slots[i])
         return Found(index, rows[:, 8].astype(np.int64), rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5:8])
+
+    def count_crossings(self) -> int:
+        """Pairs of triangles of cloth and solids that now cross; 0 where nothing pokes."""
+        return self.crossings.count() if self.crossings is not None else 0
 
     def find_pairs(self) -> Pairs | None:
         """Pairs that come within range on that way, or None where no solid has edges or corners to fear."""

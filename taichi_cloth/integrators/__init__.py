@@ -56,6 +56,7 @@ class Attempt:
         solutions: of its linear solves, in order.
         seconds: wall time by part, EVAL, CG and C-S.
         contacts: number of contacts with solids; unsettled: how many of them had not settled their state.
+        crossings: triangles of cloth and solids that pass through each other.
     """
 
     rejection: str | None
@@ -65,6 +66,7 @@ class Attempt:
     seconds: dict[str, float]
     contacts: int = 0
     unsettled: int = 0
+    crossings: int = 0
 
 
 def build(name: str, fields: Fields, model: Model, forces: list, meter: Meter, options: Options, runtime: Runtime,

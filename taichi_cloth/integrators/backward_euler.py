@@ -11,7 +11,6 @@ Differs from [BW98]: the test and what follows it; the paper accepts every solve
 
 import math
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import taichi as ti
@@ -53,6 +52,10 @@ class BackwardEuler:
 
     def attempt(self, h: float, held: Held | None, start: Measures) -> Attempt:
         """One step; see the package."""
+        made, c = self._attempt(h, held, start), self.contacts
+        return made if c is None else replace(made, contacts=c.count, unsettled=c.unsettled, crossings=c.crossings)
+
+    def _attempt(self, h: float, held: Held | None, start: Measures) -> Attempt:
         clock = Clock()
         solutions: list[Solution] = []
         if self.contacts is None:
@@ -65,19 +68,16 @@ class BackwardEuler:
             # work of the constraints that move, which the energy may grow by
             work = self._reaction_power(h) if held is not None and held.moving else 0.0
             work += self.contacts.work() if self.contacts is not None and solutions else 0.0
-        attempt = partial(Attempt, contacts=self.contacts.count if self.contacts else 0,
-                          unsettled=self.contacts.unsettled if self.contacts else 0)
         if solutions and solutions[-1].status != CONVERGED:
-            return attempt(SOLVER, solutions[-1].status, measures, tuple(solutions), clock.seconds)
+            return Attempt(SOLVER, solutions[-1].status, measures, tuple(solutions), clock.seconds)
         if not measures.finite:
-            return attempt(NOT_FINITE, "after the first solve", measures, tuple(solutions), clock.seconds)
+            return Attempt(NOT_FINITE, "after the first solve", measures, tuple(solutions), clock.seconds)
         if rejection:
-            return attempt(*rejection, measures, tuple(solutions), clock.seconds)
+            return Attempt(*rejection, measures, tuple(solutions), clock.seconds)
         limit = start.energies["kinetic"] + start.potential + work + self.rounding(h, start, measures)
         if phi(measures, h) <= limit:
-            return attempt(None, "", measures, tuple(solutions), clock.seconds)
-        return replace(self._newton(h, held, limit, measures, clock, solutions), contacts=attempt.keywords["contacts"],
-                       unsettled=attempt.keywords["unsettled"])
+            return Attempt(None, "", measures, tuple(solutions), clock.seconds)
+        return self._newton(h, held, limit, measures, clock, solutions)
 
     def commit(self) -> None:
         """The last attempt was accepted."""
@@ -122,11 +122,12 @@ class BackwardEuler:
                 return held, None
             with clock.part("C-S"):
                 verdict = contacts.judge(self._reaction_rows())
-            if not verdict.changes:
-                return held, None
-            if contacts.round >= contacts.ROUNDS:
-                wrong = (CONTACT, f"{verdict.deepest:.2g} thicknesses inside") if verdict.bad else None
-                return held, wrong
+            if verdict.changes and contacts.round < contacts.ROUNDS:
+                continue
+            if verdict.changes and verdict.bad:
+                return held, (CONTACT, f"{verdict.deepest:.2g} thicknesses inside")
+            with clock.part("C-S"):
+                return held, (CONTACT, f"{contacts.crossings} crossings") if contacts.went_through() else None
 
     def solve(self, held: Held | None, h: float = 0.0, z: np.ndarray | None = None, warm: bool = False) -> Solution:
         """Solves the system as linearized.

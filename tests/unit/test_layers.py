@@ -6,7 +6,7 @@ import pathlib
 PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
 
 ROOMS = [
-    ["errors"], ["view"], ["mesh"], ["shapes", "fabric", "solids", "intersections"], ["scene"], ["io"],  # description
+    ["errors"], ["view"], ["mesh"], ["shapes", "fabric", "intersections"], ["solids"], ["scene"], ["io"],  # description
     ["ordering", "elements", "runtime", "timing"], ["fields"], ["model"],  # fields
     ["forces"], ["measure", "operator", "constraints"], ["contact"], ["solver"], ["integrators"], ["stepper"], ["simulation"],
     ["output"], ["scenefile"], ["runner"], ["cli"], ["__main__", "__init__"],

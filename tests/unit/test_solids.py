@@ -202,3 +202,21 @@ def test_a_thickness_beyond_the_mesh_is_warned_of():
     scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(100)), positions=mesh.x + [0, 0.1, 0])
     scene.add_solid(tc.Plane(), friction=0.1, thickness=0.05, name="floor")
     assert any("floor" in n and "0.05" in n for n in tc.Simulation(scene).notes)
+
+
+def test_crossings_of_a_state_are_seen(rng):
+    """The kernel's count of crossing triangles is 0 exactly where the exact count of edges and triangles is."""
+    mesh, cube = tc.grid(0.5, 6), tc.SolidMesh(*CUBE)
+    scene = tc.Scene()
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000)))
+    solid = scene.add_solid(cube, friction=0.0, thickness=0.01)
+    sim = tc.Simulation(scene)
+    seen = []
+    for _ in range(60):
+        R, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        x = mesh.x @ R + rng.uniform(-1.2, 1.2, size=3)
+        sim.set_state(x, 0 * x)
+        exact = count_crossings(x, mesh.faces, solid.surface_at(0), cube.faces)
+        assert (sim.contacts.crossings > 0) == (exact > 0)
+        seen.append(exact > 0)
+    assert 10 < sum(seen) < 50

@@ -1,0 +1,79 @@
+"""Whether cloth passes through triangles of solids: the last word on a step, after all rounds.
+
+Detection follows pairs to where they come near; what slides a long way along an edge, or turns, in one step can
+still slip past it. A step that leaves a new crossing behind is not accepted while it can be made smaller.
+"""
+
+import numpy as np
+import taichi as ti
+
+from ..model import Model
+from .mesh_detection import PairDetector
+from .tree import LEAF, TriangleTree
+
+
+@ti.data_oriented
+class CrossingCounter:
+    """Faces of cloth against the triangles of a tree, both where they are at the end of the step."""
+
+    def __init__(self, model: Model, pairs: PairDetector, tree: TriangleTree) -> None:
+        self.model, self.pairs, self.tree = model, pairs, tree
+        self._found: np.ndarray = np.zeros(1, dtype=np.int32)
+
+    def count(self) -> int:
+        """Number of (face, triangle) that cross; touching is no crossing."""
+        self._found[0] = 0
+        self._count(self._found)
+        return int(self._found[0])
+
+    @ti.kernel
+    def _count(self, found: ti.types.ndarray()):
+        for f in range(self.pairs.count):
+            v = self.pairs.faces[f]
+            a, b, c = self.model.x[v[0]], self.model.x[v[1]], self.model.x[v[2]]
+            low, high = ti.min(a, b, c), ti.max(a, b, c)
+            node = 1
+            while True:
+                if self.tree.meets(node, low, high):
+                    if node < self.tree.first_leaf:
+                        node *= 2
+                        continue
+                    leaf = (node - self.tree.first_leaf) * LEAF
+                    for t in range(leaf, ti.min(leaf + LEAF, self.tree.count)):
+                        d, e, g = self.tree.corner(t, 0, 1.0), self.tree.corner(t, 1, 1.0), self.tree.corner(t, 2, 1.0)
+                        p, q = ti.min(d, e, g), ti.max(d, e, g)
+                        if (p <= high).all() and (q >= low).all():
+                            if through(a, b, c, d, e, g) + through(d, e, g, a, b, c) > 0:
+                                found[0] += 1
+                node = self.tree.following(node)
+                if node == 1:
+                    break
+
+
+@ti.func
+def through(a, b, c, d, e, f):
+    """Number of edges of triangle (a, b, c) that pass through triangle (d, e, f)."""
+    n = (e - d).cross(f - d)
+    corners = ti.Matrix.rows([a - d, b - d, c - d])
+    count = 0
+    for k in range(3):
+        p, q = row(corners, k), row(corners, (k + 1) % 3)
+        if n.dot(p) * n.dot(q) < 0:
+            way, u, w = q - p, e - d, f - d
+            one = way.dot((-p).cross(u - p))
+            two = way.dot((u - p).cross(w - p))
+            three = way.dot((w - p).cross(-p))
+            if (one > 0 and two > 0 and three > 0) or (one < 0 and two < 0 and three < 0):
+                count += 1
+    return count
+
+
+@ti.func
+def row(m, k):
+    """Row k, not known when compiling."""
+    out = ti.Vector([m[2, 0], m[2, 1], m[2, 2]])
+    if k == 0:
+        out = ti.Vector([m[0, 0], m[0, 1], m[0, 2]])
+    if k == 1:
+        out = ti.Vector([m[1, 0], m[1, 1], m[1, 2]])
+    return out
