@@ -130,9 +130,13 @@ class Multilevel:
             for k in range(self.particles.first[n], self.particles.first[n + 1]):
                 w, i = self.particles.weight[k], self.particles.source[k]
                 w *= w * self.free(i)
-                D += w * sym_scaled_identity(self.operator.model.m[i])
+                own = sym_scaled_identity(self.operator.model.m[i])
                 if ti.static(self.touches):
-                    D += w * self.T[i]
+                    own += self.T[i]
+                    if self.partly(i):
+                        S = sym_unpack(self.jacobi.S[i])
+                        own = sym(S @ sym_unpack(own) @ S)
+                D += w * own
             if ti.static(self.stretches):
                 for k in range(self.triangles.first[n], self.triangles.first[n + 1]):
                     D += self.of_triangle(self.triangles.source[k], self.triangles.weight[k])
@@ -144,7 +148,7 @@ class Multilevel:
 
     @ti.func
     def free(self, i):
-        """1, or 0 for a particle that is held in all directions: hats end there. Partly held ones count as free."""
+        """1, or 0 for a particle that is held in all directions: hats end there."""
         out = 1.0
         if self.jacobi.is_held[i] == 1:
             S = self.jacobi.S[i]
@@ -153,8 +157,42 @@ class Multilevel:
         return out
 
     @ti.func
+    def partly(self, i):
+        """Whether a particle is held in one or two directions."""
+        out = False
+        if self.jacobi.is_held[i] == 1:
+            S = self.jacobi.S[i]
+            out = S[0] + S[3] + S[5] >= 0.5
+        return out
+
+    @ti.func
+    def shape(self, i, w):
+        """w S_i, the motion of particle i with a node whose hat is w there."""
+        out = sym_scaled_identity(w)
+        if self.jacobi.is_held[i] == 1:
+            out = w * self.jacobi.S[i]
+        return sym_unpack(out)
+
+    @ti.func
     def of_triangle(self, e, w):
         """Block of a hat with values w at the corners, 6 numbers."""
+        v = self.membrane.elements.vertices[e]
+        out = self.of_free_triangle(e, w)
+        if ti.static(self.touches):
+            if self.partly(v[0]) or self.partly(v[1]) or self.partly(v[2]):
+                A = self.membrane.A[e]
+                S_0 = self.shape(v[0], w[0])
+                E, F = self.shape(v[1], w[1]) - S_0, self.shape(v[2], w[2]) - S_0
+                mixed = ti.Matrix([[A[6], A[7], A[8]], [A[9], A[10], A[11]], [A[12], A[13], A[14]]])
+                half = E @ mixed @ F
+                first = sym_unpack(ti.Vector([A[0], A[1], A[2], A[3], A[4], A[5]]))
+                second = sym_unpack(ti.Vector([A[15], A[16], A[17], A[18], A[19], A[20]]))
+                out = sym(E @ first @ E + F @ second @ F + half + half.transpose())
+        return out
+
+    @ti.func
+    def of_free_triangle(self, e, w):
+        """The same where each corner is held in all directions or in none."""
         A, v = self.membrane.A[e], self.membrane.elements.vertices[e]
         w_0 = w[0] * self.free(v[0])
         x, y = w[1] * self.free(v[1]) - w_0, w[2] * self.free(v[2]) - w_0
@@ -168,8 +206,13 @@ class Multilevel:
         g_e, g_a, g_b = self.bend.gradient(e)
         v = self.bend.elements.vertices[e]
         w_0 = w[0] * self.free(v[0])
-        return ((w[1] * self.free(v[1]) - w_0) * g_e + (w[2] * self.free(v[2]) - w_0) * g_a
-                + (w[3] * self.free(v[3]) - w_0) * g_b)
+        out = ((w[1] * self.free(v[1]) - w_0) * g_e + (w[2] * self.free(v[2]) - w_0) * g_a
+               + (w[3] * self.free(v[3]) - w_0) * g_b)
+        if ti.static(self.touches):
+            if self.partly(v[0]) or self.partly(v[1]) or self.partly(v[2]) or self.partly(v[3]):
+                out = (self.shape(v[1], w[1]) @ g_e + self.shape(v[2], w[2]) @ g_a + self.shape(v[3], w[3]) @ g_b
+                       - self.shape(v[0], w[0]) @ (g_e + g_a + g_b))
+        return out
 
     @ti.func
     def sweep(self, r: ti.template()):

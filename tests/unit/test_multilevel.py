@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.simulation import Probe
 from taichi_cloth.solver import pcg
 from taichi_cloth.solver.lattice import levels
 
@@ -112,3 +113,40 @@ def test_what_auto_takes():
         assert type(tc.Simulation(scene, K=K).integrator.preconditioner).__name__ == wanted
     with pytest.raises(tc.SceneError, match="multilevel"):
         tc.Simulation(small, preconditioner="multilvl")
+
+
+def test_levels_have_the_diagonal_of_what_is_free():
+    """D_l is the block diagonal of (S Q_l)^T A S Q_l, particles held by pins and by contacts taken into account."""
+    mesh = tc.grid(0.5, 7)
+    scene = tc.Scene()
+    scene.add_cloth(mesh, FABRIC, positions=mesh.x + np.outer(mesh.x[:, 0] + mesh.x[:, 2], [0, 0.1, 0]) + [0, 0.06, 0],
+                    velocities=(0.5, 0, 0))
+    scene.add_solid(tc.Plane((0.3, 1, 0)), friction=0.1, thickness=0.005)
+    scene.pin(scene.cloths[0], [0])
+    sim = tc.Simulation(scene, h=1 / 60, preconditioner="multilevel", cg_tol=1e-8)
+    for _ in range(9):
+        sim.step()
+    method, n = sim.integrator, sim.model.n
+    method.preconditioner.finish()
+    levels, jacobi = method.preconditioner.levels, method.preconditioner.jacobi
+    probe = sim._later(Probe, method.operator)
+    A = np.array([probe.product(e.reshape(n, 3)).ravel() for e in np.eye(3 * n)])
+    held, packed = jacobi.is_held.to_numpy()[:n], jacobi.S.to_numpy()[:n]
+    S = np.zeros((3 * n, 3 * n))
+    for i in range(n):
+        xx, xy, xz, yy, yz, zz = packed[i]
+        S[3 * i:3 * i + 3, 3 * i:3 * i + 3] = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] if held[i] else np.eye(3)
+    traces = [np.trace(S[3 * i:3 * i + 3, 3 * i:3 * i + 3]) for i in range(n)]
+    assert any(1.5 < t < 2.5 for t in traces) and any(t < 0.5 for t in traces)
+    inverse, first = method.preconditioner.inverse_l.to_numpy(), 0
+    for level in levels:
+        Q = np.zeros((n, level.count))
+        np.add.at(Q, (np.repeat(np.arange(n), level.node.shape[1]), level.node.ravel()), level.weight.ravel())
+        for k in range(level.count):
+            hat = S @ np.kron(Q[:, k:k + 1], np.eye(3))
+            D = hat.T @ A @ hat
+            if np.trace(D) > 1e-12:
+                xx, xy, xz, yy, yz, zz = inverse[first + k]
+                mine = np.linalg.inv([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+                assert np.abs(mine - D).max() < 1e-5 * np.abs(D).max()
+        first += level.count
