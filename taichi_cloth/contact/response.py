@@ -72,7 +72,7 @@ class Contacts:
         self.thickness = np.array([s.thickness for s in self.solids])
         self.scan = Scanner(fields, model, scene)
         self.reach = 4 * self.scan.edge  # [m] that a particle may close in on a solid in one step
-        self.push_limit = np.maximum(self.thickness, self.scan.edge / 4)  # [m] pushed out in one step
+        self.push_limit = self.scan.edge / 4  # [m] pushed out in one step: more would tear at the triangles
         self.trial = self.accepted = States()
         self.warm, self.crossings, self.crossings_before = False, 0, 0
         self.count, self.unsettled = 0, 0
@@ -135,7 +135,7 @@ class Contacts:
         stick &= mu > 0
         self.active, self.state = f, States(f.key, stick, force, push)
         self.count = k
-        lift = np.minimum(-f.start_gap, self.push_limit[f.solid])
+        lift = np.minimum(-f.start_gap, self.push_limit)
         self.target = f.carried + lift[:, None] * f.normal
         held = self._held(lift)
         self.active_slip = slip
