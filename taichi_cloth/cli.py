@@ -1,9 +1,12 @@
-"""Command line: run, list, check, doctor. Heavy imports happen inside the commands, so that --help is instant."""
+"""Command line: run, list, check, doctor; those on finished runs are in `cli_recorded`. Heavy imports happen inside the commands, so that --help is instant."""
 
 import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
+
+from . import cli_recorded
+from .cli_recorded import look_flags, number_of, size_of
 
 DEFAULTS: dict = {"duration": 2.0, "fps": 30.0, "h": 1 / 60, "arch": "cpu", "precision": "f64",
             "integrator": "backward_euler", "K": "projected", "cg_tol": 1e-4, "stretch_limit": 0.5}
@@ -40,6 +43,8 @@ def _dispatch(args: argparse.Namespace) -> int:
         return _list()
     if args.command == "doctor":
         return _doctor()
+    if args.command in cli_recorded.COMMANDS:
+        return cli_recorded.COMMANDS[args.command](args)
     scene = scenefile.read(args.scene)
     return _run(args, scene) if args.command == "run" else _check(args, scene)
 
@@ -110,6 +115,8 @@ def _doctor() -> int:
 
 
 def _options(args: argparse.Namespace, scene):
+    from dataclasses import replace
+
     from .errors import SceneError, did_you_mean
     from .runner import RunOptions
 
@@ -130,8 +137,19 @@ def _options(args: argparse.Namespace, scene):
     duration, fps = values.pop("duration"), values.pop("fps")
     simulation = {**values, "adaptive": not args.fixed_step, "threads": args.threads, "debug": args.debug}
     size = None if getattr(args, "no_images", True) else args.size
-    return RunOptions(getattr(args, "out", None), duration, fps, size, getattr(args, "overwrite", False), settings,
-                      simulation)
+    options = RunOptions(getattr(args, "out", None), duration, fps, size, getattr(args, "overwrite", False), settings,
+                         simulation)
+    if not hasattr(args, "out"):
+        return options
+    resume = args.resume or args.from_frame is not None
+    if resume and not args.out:
+        raise SceneError("--resume needs the run's folder: --out DIR")
+    if resume and args.overwrite:
+        raise SceneError("--resume keeps a run's files and --overwrite removes them: choose one")
+    if args.checkpoint_every < 0:
+        raise SceneError(f"--checkpoint-every {args.checkpoint_every}: must be at least 0")
+    return replace(options, look=cli_recorded.look_of(args), checkpoint_every=args.checkpoint_every,
+                   frames=not args.no_frames, resume=resume, from_frame=args.from_frame, force=args.force)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -144,6 +162,7 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("scene", help="a scene file or name")
     check.add_argument("--small", action="store_true", help="with the scene's quick options")
     _simulation_flags(check)
+    cli_recorded.add_parsers(commands)
     commands.add_parser("list", help="scenes, one line each")
     commands.add_parser("doctor", help="what runs on this machine")
     return parser
@@ -151,41 +170,31 @@ def _parser() -> argparse.ArgumentParser:
 
 def _run_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="DIR", help="folder for manifest, telemetry and images")
-    parser.add_argument("--size", type=_size, default=(1280, 720), metavar="WxH", help="of the images (1280x720)")
+    parser.add_argument("--size", type=size_of, default=(1280, 720), metavar="WxH", help="of the images (1280x720)")
     parser.add_argument("--no-images", action="store_true", help="write no images")
     parser.add_argument("--overwrite", action="store_true", help="remove another run's files from the folder")
+    parser.add_argument("--no-frames", action="store_true", help="keep no positions: no rendering again, no export")
+    parser.add_argument("--checkpoint-every", type=int, default=10, metavar="N", help="frames (10); 0 writes no checkpoints")
+    parser.add_argument("--resume", action="store_true", help="go on with the run in the folder, from its last whole checkpoint")
+    parser.add_argument("--from-frame", type=int, metavar="K", help="go on from the checkpoint at frame K; the scene may be edited")
+    parser.add_argument("--force", action="store_true", help="go on though parameters have changed")
+    look_flags(parser)
     _simulation_flags(parser)
 
 
 def _simulation_flags(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("--duration", type=_number, metavar="S", help="simulated time [s]")
-    add("--fps", type=_number, metavar="N", help="frames a second")
-    add("--h", type=_number, metavar="S", help="largest step [s], such as 1/60")
+    add("--duration", type=number_of, metavar="S", help="simulated time [s]")
+    add("--fps", type=number_of, metavar="N", help="frames a second")
+    add("--h", type=number_of, metavar="S", help="largest step [s], such as 1/60")
     add("--fixed-step", action="store_true", help="exactly these steps, never retried smaller")
     add("--arch", help="cpu, cuda, vulkan or metal")
     add("--precision", help="f32 or f64")
     add("--threads", type=int, metavar="N", help="CPU threads (all)")
     add("--integrator", help="backward_euler or symplectic_euler")
     add("--K", help="projected, gauss_newton or paper")
-    add("--cg-tol", dest="cg_tol", type=_number, metavar="X", help="relative residual of the linear solve")
-    add("--stretch-limit", dest="stretch_limit", type=_number, metavar="X",
+    add("--cg-tol", dest="cg_tol", type=number_of, metavar="X", help="relative residual of the linear solve")
+    add("--stretch-limit", dest="stretch_limit", type=number_of, metavar="X",
         help="largest change of a triangle's stretch in a step")
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the scene")
     add("--debug", action="store_true", help="bounds checks in kernels (slow)")
-
-
-def _number(text: str) -> float:
-    from .scenefile import number
-
-    try:
-        return number(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
-
-
-def _size(text: str) -> tuple[int, int]:
-    width, _, height = text.partition("x")
-    if not (width.isdigit() and height.isdigit() and 16 <= int(width) <= 16384 and 16 <= int(height) <= 16384):
-        raise argparse.ArgumentTypeError(f"{text!r}: needs WIDTHxHEIGHT, each from 16 to 16384")
-    return int(width), int(height)

@@ -64,20 +64,24 @@ class Held:
 
 
 class Attachments:
-    """Turns a script's attachments into held particles, step by step."""
+    """Turns a script's attachments into held particles, step by step.
+
+    Attributes:
+        anchors: by an attachment's key, its cloth (n, 3) when it began [m].
+    """
 
     def __init__(self, model: Model, exchange: type) -> None:
         self.model, self.exchange = model, exchange
-        self._anchors: dict[int, np.ndarray] = {}
+        self.anchors: dict[int, np.ndarray] = {}
 
     def update(self, attachments: list[Attachment], positions) -> None:
         """Begins attachments that are new; `positions()` gives the user's (n, 3) when one is."""
-        new = [a for a in attachments if a.key not in self._anchors]
+        new = [a for a in attachments if a.key not in self.anchors]
         if not new:
             return
         x = positions()
         for a in new:
-            self._anchors[a.key] = x[a.cloth.start: a.cloth.start + a.cloth.mesh.vertex_count].copy()
+            self.anchors[a.key] = x[a.cloth.start: a.cloth.start + a.cloth.mesh.vertex_count].copy()
 
     def at(self, attachments: list[Attachment], t: float) -> Held | None:
         """What is held at time t [s], or None.
@@ -89,7 +93,7 @@ class Attachments:
             return None
         index = np.concatenate([self.model.particle[a.vertices + a.cloth.start] for a in attachments])
         basis = np.concatenate([np.broadcast_to(_padded(a.directions), (len(a.vertices), 3, 3)) for a in attachments])
-        goal = np.concatenate([a.target(t, self._anchors[a.key]) for a in attachments]) - self.model.origin
+        goal = np.concatenate([a.target(t, self.anchors[a.key]) for a in attachments]) - self.model.origin
         moving = any(a.path is not None for a in attachments)
         projector = np.einsum("kdi,kdj->kij", basis, basis)
         if len(np.unique(index)) < len(index):

@@ -1,23 +1,26 @@
-"""A run from scene file to folder: simulate, draw, write, report progress."""
+"""A run from scene file to folder: simulate, draw, write, report progress; and going on with one that ended early."""
 
 import contextlib
 import datetime
+import hashlib
+import pathlib
 import platform
 import sys
 import time
 from collections import Counter
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from . import __version__
-from .errors import ClothError, SceneError, SimulationError
-from .output.folder import RunFolder
+from . import __version__, record
+from .errors import ClothError, OutputError, SceneError, SimulationError
+from .output.folder import CHECKPOINTS, FRAMES, GEOMETRY, RunFolder
 from .output.png import encode_png
+from .output.recording import Recording
 from .scene import Scene
 from .scenefile import SceneFile
 from .simulation import Simulation
-from .solids import Plane, Solid
+from .stepper import StepRecord
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,12 @@ class RunOptions:
         size: of the pictures [pixels], or None for no pictures.
         simulation: arguments of `Simulation`.
         settings: options of the scene's build.
+        look: as `cli_recorded.look_of` gives it.
+        checkpoint_every: frames; 0 writes none.
+        frames: whether positions are kept, for rendering again and for export.
+        resume: goes on with the run in `out`; from its last whole checkpoint, or from that of frame `from_frame` or the
+            last one before it.
+        force: goes on though the scene or its parameters have changed.
     """
 
     out: str | None
@@ -38,6 +47,12 @@ class RunOptions:
     overwrite: bool = False
     settings: dict = field(default_factory=dict)
     simulation: dict = field(default_factory=dict)
+    look: dict = field(default_factory=dict)
+    checkpoint_every: int = 10
+    frames: bool = True
+    resume: bool = False
+    from_frame: int | None = None
+    force: bool = False
 
 
 def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
@@ -53,26 +68,23 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
     sim = Simulation(scene, **options.simulation)
     for note in sim.notes:
         print(f"note: {note}", file=sys.stderr)
-    # only now, when nothing in the request is wrong any more, may an earlier run's files go
-    folder = RunFolder(options.out, options.overwrite) if options.out else None
     manifest = _manifest(scene_file, scene, sim, options)
-    outcome, written = "interrupted", 0
+    resumed = _resume(sim, manifest, options) if options.resume and options.out else None
+    # only now, when nothing in the request is wrong any more, may an earlier run's files go
+    folder = RunFolder(options.out, options.overwrite, resumed is not None) if options.out else None
+    outcome = "interrupted"
     try:
-        if folder:
-            folder.write_manifest({**manifest, "status": "running"})
         with progress(options) as show:
-            draw = _artist(scene, options) if options.size and folder else None
+            writer = _Writer(folder, sim, options, resumed) if folder else None
+            if folder:
+                folder.write_manifest({**manifest, "status": "running"})
 
             def on_frame(sim: Simulation, frame: int) -> None:
-                nonlocal written
-                if folder:
-                    if draw:
-                        folder.write_image(frame, encode_png(draw(sim.positions(), sim.time)))
-                    folder.append_telemetry([asdict(r) for r in sim.log[written:]])
-                    written = len(sim.log)
+                if writer:
+                    writer.write(frame)
                 show(sim, frame)
 
-            sim.run(options.duration, options.fps, on_frame)
+            sim.run(options.duration, options.fps, on_frame, resumed)
         outcome = "finished"
     except SimulationError as error:
         outcome = f"gave up: {error}"
@@ -82,11 +94,95 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
         raise
     finally:
         if folder:
-            folder.append_telemetry([asdict(r) for r in sim.log[written:]])
-            folder.close()
-            folder.write_manifest({**manifest, "status": outcome, "simulated_s": sim.time,
-                                   "wall_s": round(time.perf_counter() - started, 3), "summary": summary(sim)})
+            with contextlib.suppress(OutputError) if outcome.startswith("failed") else contextlib.nullcontext():
+                if writer:
+                    writer.close()
+                folder.write_manifest({**manifest, "status": outcome, "simulated_s": sim.time,
+                                       "wall_s": round(time.perf_counter() - started, 3), "summary": summary(sim),
+                                       "output_seconds": writer.seconds if writer else {}})
     return sim
+
+
+class _Writer:
+    """Writes what a run leaves behind, frame by frame, and keeps count of what that costs.
+
+    Attributes:
+        seconds: wall time by what was done: draw, write.
+    """
+
+    def __init__(self, folder: RunFolder, sim: Simulation, options: RunOptions, resumed: int | None) -> None:
+        self.folder, self.sim, self.options = folder, sim, options
+        self.seconds = {"draw": 0.0, "write": 0.0}
+        self.written = len(sim.log)
+        self.geometry = record.geometry(sim)
+        if resumed is not None:
+            folder.write_telemetry([asdict(r) for r in sim.log])
+        folder.write_arrays(GEOMETRY, self.geometry)
+        self.artist = _artist(self.geometry, options) if options.size else None
+
+    def write(self, frame: int) -> None:
+        """The frame at which the simulation now is."""
+        sim, folder = self.sim, self.folder
+        begun = time.perf_counter()
+        arrays = record.frame(sim)
+        image = self.artist.draw(arrays, frame) if self.artist else None
+        drawn = time.perf_counter()
+        if image is not None:
+            folder.write_image(frame, encode_png(image))
+        if self.options.frames:
+            folder.write_arrays(f"{FRAMES}/{frame:05d}.npz", arrays)
+        self.flush()
+        every = self.options.checkpoint_every
+        if every and frame % every == 0:
+            folder.write_arrays(f"{CHECKPOINTS}/{frame:05d}.npz", sim.checkpoint())
+        self.seconds["draw"] += drawn - begun
+        self.seconds["write"] += time.perf_counter() - drawn
+
+    def flush(self) -> None:
+        """Telemetry of the steps since the last time."""
+        self.folder.append_telemetry([asdict(r) for r in self.sim.log[self.written:]])
+        self.written = len(self.sim.log)
+
+    def close(self) -> None:
+        """The last steps, and the files that are open."""
+        self.flush()
+        self.folder.close()
+        self.seconds = {k: round(v, 4) for k, v in self.seconds.items()}
+
+
+def _resume(sim: Simulation, manifest: dict, options: RunOptions) -> int:
+    """Puts a new simulation where an earlier run's checkpoint was; the frame of that.
+
+    Raises:
+        OutputError: there is no whole checkpoint.
+        SceneError: the scene or its parameters are not that run's, and force is not set.
+    """
+    old = Recording(str(options.out))
+    if options.from_frame is None and not options.force:
+        changes = differences({k: old.manifest.get(k) for k in _DECIDES}, {k: manifest[k] for k in _DECIDES})
+        if changes:
+            raise SceneError(f"{old.path} was run differently: {'; '.join(changes)}. --force goes on all the same")
+    frame, state = old.last_checkpoint(options.from_frame)
+    for note in old.notes:
+        print(f"note: {note}", file=sys.stderr)
+    sim.resume(state)
+    sim.log[:] = [StepRecord(**r) for r in old.telemetry()[: int(state["records"])]]
+    print(f"going on from frame {frame}, t = {sim.time:g} s", file=sys.stderr)
+    return frame
+
+
+_DECIDES = ("taichi_cloth", "scene", "source", "settings", "fps", "simulation", "runtime")
+
+
+def differences(a: object, b: object, name: str = "") -> list[str]:
+    """Sentences on where two nested dicts differ."""
+    if isinstance(a, dict) and isinstance(b, dict):
+        out = []
+        for key in [*a, *(k for k in b if k not in a)]:
+            out += differences(a.get(key), b.get(key), f"{name}.{key}" if name else str(key))
+        return out
+    same = a == b or (isinstance(a, (list, tuple)) and isinstance(b, (list, tuple)) and list(a) == list(b))
+    return [] if same else [f"{name} was {a!r} and is {b!r}"]
 
 
 def summary(sim: Simulation) -> dict:
@@ -146,46 +242,36 @@ def _state(sim: Simulation) -> str:
     return f"t {sim.time:.3f} s  h {last.h * 1e3:.2f} ms  CG {last.iterations}  rejected {rejected}"
 
 
-def _artist(scene: Scene, options: RunOptions):
-    """A function of positions and time that draws the scene, solids included."""
-    from .output.raster import PALETTE, STONE, Renderer
+def _artist(geometry: dict[str, np.ndarray], options: RunOptions):
+    """What draws the run's frames."""
+    from .output.picture import Artist, Look
+    from .playback import heat_of
 
     assert options.size is not None
-    parts = [(c.positions, c.mesh.faces, c.mesh.corner_uv, c.color or PALETTE[k % len(PALETTE)])
-             for k, c in enumerate(scene.cloths)]
-    solids = [s for s in scene.solids if not _is_ground(s)]
-    for s in solids:
-        faces = s.shape.surface()[1]
-        parts.append((s.surface_at(0.0), faces, np.zeros((len(faces), 3, 2)), s.color or STONE))
-    starts = np.cumsum([0] + [len(x) for x, *_ in parts])
-    faces = np.concatenate([f + k for (_, f, _, _), k in zip(parts, starts)])
-    uv = np.concatenate([p[2] for p in parts])
-    colors = np.concatenate([np.tile(color, (len(f), 1)) for _, f, _, color in parts])
-    grounds = [s.pose(0.0)[1][1] for s in scene.solids if _is_ground(s)]
-    view = scene.view if scene.view.ground is not None or not grounds else replace(scene.view, ground=float(max(grounds)))
-    start = np.concatenate([x for x, *_ in parts])
-    cloth_faces = sum(c.mesh.face_count for c in scene.cloths)
-    renderer = Renderer(*options.size, faces, uv, colors, start, view, cloth_faces)
-    return lambda x, t: renderer.render(np.concatenate([x, *(s.surface_at(t) for s in solids)]))
-
-
-def _is_ground(solid: Solid) -> bool:
-    """A level plane that stays is drawn as the ground."""
-    if not isinstance(solid.shape, Plane) or solid.moves:
-        return False
-    return bool((solid.pose(0.0)[0] @ np.array(solid.shape.normal))[1] > 1 - 1e-9)
+    look = dict(options.look)
+    if look.get("heat"):
+        look["heat"] = heat_of(look["heat"][0], geometry, look["heat"][1])
+    return Artist(geometry, options.size, Look(**look))
 
 
 def _manifest(scene_file: SceneFile, scene: Scene, sim: Simulation, options: RunOptions) -> dict:
     resolved = {name: p.default for name, p in scene_file.options.items() if p.default is not p.empty}
+    settings = scene_file.typed(options.settings)
     return {
         "taichi_cloth": __version__, "python": platform.python_version(), "numpy": np.__version__,
         "machine": f"{platform.system()} {platform.machine()}",
         "started": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
-        "scene": scene_file.name, "settings": {**resolved, **options.settings},
+        "scene": scene_file.name, "path": scene_file.path, "source": _fingerprint(scene_file.path),
+        "settings": {k: v if isinstance(v, (int, float, bool)) else str(v) for k, v in {**resolved, **settings}.items()},
         "duration": options.duration, "fps": options.fps, "size": options.size,
         "simulation": {"integrator": sim.integrator_name, **asdict(sim.control), **asdict(sim.options)},
         "runtime": sim.runtime.record(),
         "model": {"vertices": sim.model.n, "triangles": sum(c.mesh.face_count for c in scene.cloths),
                   "solids": len(scene.solids), "notes": sim.notes},
     }
+
+
+def _fingerprint(path: str) -> str:
+    """Of a scene's source text, to tell whether it was edited."""
+    file = pathlib.Path(path)
+    return hashlib.sha256(file.read_bytes()).hexdigest()[:16] if file.is_file() else ""

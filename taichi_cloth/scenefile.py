@@ -46,9 +46,8 @@ class SceneFile:
         Raises:
             SceneError: an unknown option, or a value that is not of its type.
         """
-        values = {name: self._typed(name, value) for name, value in settings.items()}
         try:
-            scene = self.build(**values)
+            scene = self.build(**self.typed(settings))
         except ClothError:
             raise
         except Exception as error:
@@ -60,6 +59,14 @@ class SceneFile:
         if not isinstance(scene, Scene):
             raise SceneError(f"scene {self.name}: build() returned {type(scene).__name__}, not a Scene")
         return scene
+
+    def typed(self, settings: dict[str, object]) -> dict[str, object]:
+        """Options with strings read as the types of the defaults.
+
+        Raises:
+            SceneError: an unknown option, or a value that is not of its type.
+        """
+        return {name: self._typed(name, value) for name, value in settings.items()}
 
     def _typed(self, name: str, value: object):
         if name not in self.options:

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from . import integrators, runtime
 from .constraints import Attachments, Constraint, Held, by_hand
-from .elements import triangles
 from .errors import BackendError, SceneError, SimulationError, check_choice
 from .fields import Fields
 from .forces import build_forces
@@ -20,6 +19,7 @@ from .integrators import INTEGRATORS, SOLVER, Options
 from .measure import Meter
 from .model import Model
 from .operator import ForceField, Operator
+from .quantities import deformation, principal_stretches
 from .scene import Scene
 from .solver.pcg import CONVERGED, Solution
 from .solver.preconditioner import PRECONDITIONERS
@@ -170,10 +170,7 @@ class Simulation:
         x = self.positions()
         out = []
         for cloth in self.scene.cloths:
-            t = triangles(cloth.mesh)
-            corner = x[cloth.start:][t.vertices]
-            edges = np.stack([corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]], axis=2)
-            out.append(np.linalg.svd(edges @ t.inverse, compute_uv=False))
+            out.append(principal_stretches(deformation(x[cloth.start:], cloth.mesh.faces, cloth.mesh.corner_uv)))
         return np.concatenate(out)
 
     # the linear system at the current state, for checks from outside
@@ -248,20 +245,60 @@ class Simulation:
         _check_positive("h", h)
         return self._advance_to(self.time + h)
 
-    def run(self, duration: float, fps: float, on_frame: Callable[["Simulation", int], None] | None = None) -> None:
+    def run(self, duration: float, fps: float, on_frame: Callable[["Simulation", int], None] | None = None,
+            resumed: int | None = None) -> None:
         """Runs for `duration` [s], rounded to whole frames, and calls on_frame(simulation, frame) at the start and at
         every frame's time.
 
         Frames are hit exactly; steps between them are equal where nothing goes wrong.
+
+        Args:
+            resumed: the frame of a run from time 0 at which this simulation now is; it goes on with the next.
         """
         for name, value in (("duration", duration), ("fps", fps)):
             _check_positive(name, value)
-        start, frames = self.time, max(1, round(duration * fps))
-        for frame in range(frames + 1):
+        start, frames = self.time if resumed is None else 0.0, max(1, round(duration * fps))
+        for frame in range(0 if resumed is None else resumed + 1, frames + 1):
             if frame:
                 self._advance_to(start + frame / fps)
             if on_frame is not None:
                 on_frame(self, frame)
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """Everything that decides how the simulation goes on, as arrays by name; see `resume`."""
+        self._live()
+        x, v = self.model.read_particles()
+        out = {"x": x, "v": v, "time": np.array(self.time), "records": np.array(len(self.log))}
+        out |= {f"step_{k}": a for k, a in self.stepper.checkpoint().items()}
+        out |= {f"integrator_{k}": a for k, a in self.integrator.checkpoint().items()}
+        if self.contacts is not None:
+            out |= {f"contact_{k}": a for k, a in self.contacts.checkpoint().items()}
+        out |= {f"anchor_{k}": a for k, a in self._attachments.anchors.items()}
+        return out
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Goes on where `checkpoint` was taken, bit for bit on the same machine, threads and precision.
+
+        Events of the scene up to then are fired again; the simulation must be new.
+
+        Raises:
+            SceneError: the state is of another mesh.
+        """
+        self._live()
+        if state["x"].shape != (self.model.n, 3):
+            raise SceneError(f"the checkpoint has {len(state['x'])} particles and the scene {self.model.n}")
+
+        def part(name: str) -> dict[str, np.ndarray]:
+            return {key[len(name):]: value for key, value in state.items() if key.startswith(name)}
+
+        self.model.write_particles(state["x"], state["v"])
+        self.time = float(state["time"])
+        self.stepper.resume(part("step_"))
+        self.integrator.resume(part("integrator_"))
+        if self.contacts is not None:
+            self.contacts.resume(part("contact_"))
+        self._fire_events()
+        self._attachments.anchors.update({int(k): a for k, a in part("anchor_").items()})
 
     def close(self) -> None:
         """Gives the memory of the fields back; the simulation is over."""

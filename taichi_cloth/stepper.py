@@ -1,7 +1,10 @@
 """Step size control: proposes h, judges attempts, rolls back. [BW98 §6]"""
 
+import json
 import time
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
 
 from .errors import SimulationError
 from .integrators import APPROACH, CONTACT, ENERGY, NOT_FINITE, SOLVER, STRETCH, Attempt
@@ -117,6 +120,17 @@ class Stepper:
                 raise SimulationError(self._gave_up(t, h, rejection, attempt, rejections), rejection, t)
             h = self.h = h / 2
             self.quiet = 0
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """Step size, quiet steps, and the measures of the current state, as they were computed."""
+        start = None if self.start is None else asdict(self.start)
+        return {"h": np.array(self.h), "quiet": np.array(self.quiet), "start": np.array(json.dumps(start))}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Goes on from what `checkpoint` gave."""
+        self.h, self.quiet = float(state["h"]), int(state["quiet"])
+        start = json.loads(str(state["start"]))
+        self.start = None if start is None else Measures(**start)
 
     def judge(self, attempt: Attempt) -> str | None:
         """The name of what is wrong with an attempt, or None."""

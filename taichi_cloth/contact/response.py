@@ -91,6 +91,17 @@ class Contacts:
         """The step was accepted: the next begins from its contacts."""
         self.accepted, self.warm, self.crossings_before = self.trial, True, self.crossings
 
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """What is remembered from step to step, as arrays by name."""
+        states = {name: getattr(self.accepted, name) for name in ("key", "stick", "force", "push")}
+        return {**states, "warm": np.array(self.warm), "crossings": np.array(self.crossings_before)}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Goes on from what `checkpoint` gave."""
+        self.accepted = States(*(state[name] for name in ("key", "stick", "force", "push")))
+        self.warm, self.crossings = bool(state["warm"]), int(state["crossings"])
+        self.crossings_before = self.crossings
+
     def inspect(self) -> list[str]:
         """As `Scanner.inspect`, at the beginning."""
         notes = self.scan.inspect(self.h_usual)

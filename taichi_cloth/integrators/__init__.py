@@ -6,6 +6,7 @@ An integrator is built once for a model and has
   current state equals on entry; `held` are the constraints at its end, `start` the measures at its beginning.
   The model ends in the proposed state, also where the attempt names a rejection: rolling back is the stepper's.
 - `commit()`: the last attempt was accepted.
+- `checkpoint()`, `resume(state)`: what it remembers from step to step, as arrays by name.
 - `operator`, `solver`: what it solves with, or None.
 - `stable_step`: the largest step [s] that is stable near rest; infinite for implicit methods.
 

@@ -84,6 +84,14 @@ class BackwardEuler:
         if self.contacts is not None:
             self.contacts.commit()
 
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """The last change of velocity, from which contacts predict the next."""
+        return {"dv": self.solver.dv.to_numpy()}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Goes on from what `checkpoint` gave."""
+        self.solver.dv.from_numpy(state["dv"])
+
     def _linear(self, h: float, held: Held | None, clock: Clock, solutions: list[Solution], warm: bool = False) -> None:
         """One solve from the saved state; the model ends in what it says."""
         with clock.part("EVAL"):

@@ -51,6 +51,13 @@ class SymplecticEuler:
     def commit(self) -> None:
         """The attempt was accepted: nothing to keep."""
 
+    def checkpoint(self) -> dict:
+        """Nothing is remembered from step to step."""
+        return {}
+
+    def resume(self, state: dict) -> None:
+        """Nothing to go on from."""
+
     @ti.kernel
     def _kick(self, h: float):
         """dv = h f/m"""

@@ -1,0 +1,33 @@
+"""Colour scales for heat maps, and their bar."""
+
+import numpy as np
+
+from .text import HEIGHT, draw_text, text_width
+
+# linear light at even steps: dark blue to yellow for what grows from 0, blue over white to red for what has a middle
+_RISING = np.array([(0.02, 0.01, 0.10), (0.16, 0.03, 0.36), (0.45, 0.06, 0.30),
+                    (0.80, 0.20, 0.10), (0.95, 0.55, 0.06), (0.98, 0.94, 0.45)])
+_DIVERGING = np.array([(0.01, 0.06, 0.35), (0.08, 0.32, 0.70), (0.85, 0.85, 0.83),
+                       (0.75, 0.20, 0.10), (0.35, 0.01, 0.04)])
+
+
+def heat_colors(values: np.ndarray, low: float, high: float, diverging: bool) -> np.ndarray:
+    """(n, 3) linear RGB of values (n,) on a scale from low to high."""
+    table = _DIVERGING if diverging else _RISING
+    at = np.clip((values - low) / max(high - low, 1e-300), 0, 1) * (len(table) - 1)
+    k = np.minimum(at.astype(np.int64), len(table) - 2)
+    part = (at - k)[:, None]
+    return (1 - part) * table[k] + part * table[k + 1]
+
+
+def draw_bar(image: np.ndarray, low: float, high: float, diverging: bool, label: str, to_srgb) -> None:
+    """A colour bar with its ends and a label in the lower left corner of an image of bytes."""
+    scale = max(1, image.shape[0] // 360)
+    width, height, edge = min(220 * scale // 2 * 2, image.shape[1] - 20), 8 * scale, 10 * scale
+    row = image.shape[0] - edge - height - (HEIGHT + 3) * scale
+    ramp = to_srgb(heat_colors(np.linspace(low, high, width), low, high, diverging))
+    image[row: row + height, edge: edge + width] = ramp[None]
+    draw_text(image, label, edge, row - (HEIGHT + 3) * scale, scale)
+    draw_text(image, f"{low:.3g}", edge, row + height + 3 * scale, scale)
+    right = f"{high:.3g}"
+    draw_text(image, right, edge + width - text_width(right, scale), row + height + 3 * scale, scale)

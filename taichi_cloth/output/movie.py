@@ -1,0 +1,29 @@
+"""MP4 by the optional package imageio-ffmpeg."""
+
+import pathlib
+from collections.abc import Iterable
+
+import numpy as np
+
+from ..errors import OutputError
+
+
+def write_mp4(path: pathlib.Path, images: Iterable[np.ndarray], size: tuple[int, int], fps: float) -> None:
+    """Writes a film of images (height, width, 3) of one size (width, height), aside and renamed.
+
+    Raises:
+        OutputError: imageio-ffmpeg is not installed, or cannot write there.
+    """
+    try:
+        import imageio_ffmpeg  # type: ignore[import-not-found]
+    except ImportError:
+        raise OutputError("mp4 needs the package imageio-ffmpeg: pip install 'taichi-cloth[film]'; --apng needs nothing") from None
+    aside = path.with_name(path.stem + ".partial.mp4")
+    film = imageio_ffmpeg.write_frames(str(aside), size, fps=fps, quality=8, macro_block_size=2)
+    film.send(None)
+    try:
+        for image in images:
+            film.send(np.ascontiguousarray(image))
+    finally:
+        film.close()
+    aside.replace(path)
