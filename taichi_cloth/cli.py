@@ -1,4 +1,7 @@
-"""Command line: run, list, check, doctor; those on finished runs are in `cli_recorded`. Heavy imports happen inside the commands, so that --help is instant."""
+"""Command line: run, list, check, doctor; what works on finished runs is in `cli_recorded`.
+
+Heavy imports happen inside the commands, so that --help is instant.
+"""
 
 import argparse
 import sys
@@ -175,8 +178,8 @@ def _run_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--overwrite", action="store_true", help="remove another run's files from the folder")
     parser.add_argument("--no-frames", action="store_true", help="keep no positions: no rendering again, no export")
     parser.add_argument("--checkpoint-every", type=int, default=10, metavar="N", help="frames (10); 0 writes no checkpoints")
-    parser.add_argument("--resume", action="store_true", help="go on with the run in the folder, from its last whole checkpoint")
-    parser.add_argument("--from-frame", type=int, metavar="K", help="go on from the checkpoint at frame K; the scene may be edited")
+    parser.add_argument("--resume", action="store_true", help="go on with the run in the folder from its last checkpoint")
+    parser.add_argument("--from-frame", type=int, metavar="K", help="go on from frame K; the scene may be edited")
     parser.add_argument("--force", action="store_true", help="go on though parameters have changed")
     look_flags(parser)
     _simulation_flags(parser)

@@ -133,9 +133,11 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
 
 
 def _look(args: argparse.Namespace, recording):
+    from . import runtime
     from .output.picture import Look
     from .playback import heat_of
 
+    runtime.start("cpu", "f32", None, True, False)
     look = look_of(args)
     if look["heat"]:
         look["heat"] = heat_of(look["heat"][0], recording.geometry, look["heat"][1], recording)

@@ -93,7 +93,8 @@ def distances(a: Recording, b: Recording) -> dict[int, np.ndarray]:
     return out
 
 
-def compare(a: Recording, b: Recording, file: pathlib.Path, size: tuple[int, int], count: int, look: Look) -> tuple[float, float]:
+def compare(a: Recording, b: Recording, file: pathlib.Path, size: tuple[int, int], count: int,
+            look: Look) -> tuple[float, float]:
     """Draws both runs and their difference, row by row, into one picture; (RMS, maximum) of the difference [m]."""
     apart = distances(a, b)
     high = max(max(float(d.max()) for d in apart.values()), 1e-12)
@@ -122,7 +123,8 @@ def parting(a: Recording, b: Recording, tolerance: float) -> list[str]:
         rms = float(np.sqrt(np.mean(d**2)))
         if rms > tolerance:
             worst = int(np.argmax(d))
-            return [f"the motion parts at frame {k} (t = {k / fps:.4g} s): RMS {rms:.3g} m, vertex {worst} by {d[worst]:.3g} m"]
+            return [f"the motion parts at frame {k} (t = {k / fps:.4g} s): RMS {rms:.3g} m, "
+                    f"vertex {worst} by {d[worst]:.3g} m"]
     largest = max(float(d.max()) for d in apart.values())
     return [f"the motion agrees in all {len(apart)} frames: no vertex is further apart than {largest:.3g} m"]
 

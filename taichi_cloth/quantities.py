@@ -68,7 +68,8 @@ def evaluate(name: str, geometry: dict[str, np.ndarray], frame: dict[str, np.nda
         return np.linalg.norm(frame["v"].astype(np.float64), axis=1)
     if name == "contact":
         return np.linalg.norm(frame["contact"], axis=1).astype(np.float64) if "contact" in frame else np.zeros(n)
-    area = np.abs(np.cross(uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0])) / 2
+    a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
     if name == "bend":
         vertices = geometry["hinges"]
         turn = hinge_angle(x[vertices]) - geometry["hinge_rest"]

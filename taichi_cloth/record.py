@@ -49,7 +49,7 @@ def geometry(sim: Simulation) -> dict[str, np.ndarray]:
 
 
 def frame(sim: Simulation) -> dict[str, np.ndarray]:
-    """What moves, at the current time: t [s], x (n, 3) [m] and v [m/s], f32; with solids contact [N]; moving ones' surfaces."""
+    """What moves, now: t [s]; f32 x (n, 3) [m], v [m/s], with solids contact [N], and all surfaces where any moves."""
     solids = [s for s in sim.scene.solids if not is_ground(s)]
     out = {"t": np.array(sim.time), "x": sim.positions().astype(np.float32), "v": sim.velocities().astype(np.float32)}
     if sim.contacts is not None:

@@ -17,7 +17,8 @@ def write_mp4(path: pathlib.Path, images: Iterable[np.ndarray], size: tuple[int,
     try:
         import imageio_ffmpeg  # type: ignore[import-not-found]
     except ImportError:
-        raise OutputError("mp4 needs the package imageio-ffmpeg: pip install 'taichi-cloth[film]'; --apng needs nothing") from None
+        raise OutputError("mp4 needs the package imageio-ffmpeg: pip install 'taichi-cloth[film]'; "
+                          "--apng needs nothing") from None
     aside = path.with_name(path.stem + ".partial.mp4")
     film = imageio_ffmpeg.write_frames(str(aside), size, fps=fps, quality=8, macro_block_size=2)
     film.send(None)

@@ -49,10 +49,11 @@ def out(tmp_path_factory):
 
 def test_run_writes_what_it_says(out):
     folder, done = out
-    assert sorted(p.name for p in folder.iterdir()) == ["images", "manifest.json", "telemetry.jsonl"]
+    assert sorted(p.name for p in folder.iterdir()) == ["checkpoints", "frames", "geometry.npz", "images", "manifest.json",
+                                                        "telemetry.jsonl"]
     assert [p.name for p in sorted((folder / "images").iterdir())] == ["00000.png", "00001.png", "00002.png"]
     manifest = json.loads((folder / "manifest.json").read_text())
-    assert manifest["status"] == "finished" and manifest["settings"]["n"] == "9"
+    assert manifest["status"] == "finished" and manifest["settings"]["n"] == 9
     assert manifest["runtime"]["arch"] == "cpu" and manifest["runtime"]["precision"] == "f32"
     assert manifest["model"] == {"vertices": 81, "triangles": 128, "solids": 0, "notes": []}
     records = [json.loads(line) for line in (folder / "telemetry.jsonl").read_text().splitlines()]

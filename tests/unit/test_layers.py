@@ -7,13 +7,14 @@ PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
 
 ROOMS = [
     ["errors"], ["view"], ["mesh"], ["shapes", "fabric", "intersections"], ["solids"], ["scene"], ["io"],  # description
-    ["ordering", "elements", "runtime", "timing"], ["fields"], ["model"],  # fields
+    ["ordering", "elements", "runtime", "timing"], ["quantities"], ["fields"], ["model"],  # fields
     ["forces"], ["measure", "operator", "constraints"], ["contact"], ["solver"], ["integrators"], ["stepper"], ["simulation"],
-    ["output"], ["scenefile"], ["runner"], ["cli"], ["__main__", "__init__"],
+    ["output"], ["record", "playback"], ["report", "scenefile"], ["runner"], ["cli_recorded"], ["cli"],
+    ["__main__", "__init__"],
 ]
 ROOM = {name: k for k, names in enumerate(ROOMS) for name in names}
 NUMPY_ONLY = {"errors", "view", "mesh", "shapes", "fabric", "solids", "intersections", "scene", "io",
-              "ordering", "elements", "scenefile", "cli"}
+              "ordering", "elements", "quantities", "scenefile", "cli_recorded", "cli"}
 OUTPUT_MAY = {"output", "errors", "view"}
 
 

@@ -24,8 +24,9 @@ def write(recording: Recording, folder: pathlib.Path, fields: Fields, format: st
         names = ["x", "y", "z", "s", "t", *(name for name, v in values.items() if v.ndim == 1)]
         table = np.column_stack([frame["x"], uv, *(v for v in values.values() if v.ndim == 1)]).astype("<f4")
         header = "\n".join(["ply", "format binary_little_endian 1.0",
-                            f"comment t {float(frame['t']):.9g} s", f"element vertex {n}", *(f"property float {name}" for name in names),
-                            f"element face {m}", "property list uchar int vertex_indices", "end_header"]) + "\n"
+                            f"comment t {float(frame['t']):.9g} s", f"element vertex {n}",
+                            *(f"property float {name}" for name in names), f"element face {m}",
+                            "property list uchar int vertex_indices", "end_header"]) + "\n"
         files.append(folder / f"{k:05d}.ply")
         write_whole(files[-1], header.encode() + table.tobytes() + rows.tobytes())
     return files

@@ -29,8 +29,8 @@ def write(recording: Recording, folder: pathlib.Path, fields: Fields, format: st
         files.append(folder / f"{k:05d}.vtu")
         aside.replace(files[-1])
         entries.append(f'    <DataSet timestep="{float(frame["t"]):.9g}" part="0" file="{files[-1].name}"/>')
-    text = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>", *entries, "  </Collection>",
-            "</VTKFile>", ""]
+    text = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>", *entries,
+            "  </Collection>", "</VTKFile>", ""]
     files.append(folder / "cloth.pvd")
     write_whole(files[-1], "\n".join(text).encode())
     return files

@@ -1,0 +1,57 @@
+"""Line plots as SVG text."""
+
+import html
+
+import numpy as np
+
+WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT = 480, 240, 58, 30, 12, 10
+COLORS = ("#b3252b", "#1f5fa8", "#2c8a4b", "#c27a12", "#6a3d9a", "#444", "#999", "#0aa")
+
+
+def line_plot(series: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, log: bool = False) -> str:
+    """An SVG of lines (x, y) by name over a common axis; steps where there is one point, nothing where there is none."""
+    series = {name: (x, y) for name, (x, y) in series.items() if len(x)}
+    if not series:
+        return "<p>nothing to plot</p>"
+    xs, ys = (np.concatenate([pair[k] for pair in series.values()]) for k in (0, 1))
+    if log:
+        ys = ys[ys > 0] if (ys > 0).any() else np.ones(1)
+    x_0, x_1, y_0, y_1 = float(xs.min()), float(xs.max()), float(ys.min()), float(ys.max())
+    if log:
+        y_0, y_1 = np.log10(y_0), np.log10(y_1)
+    x_1 = x_1 if x_1 > x_0 else x_0 + 1
+    if y_1 - y_0 < 1e-12 * max(1.0, abs(y_1)):
+        y_0, y_1 = y_0 - 0.5 * max(abs(y_0), 1.0), y_1 + 0.5 * max(abs(y_1), 1.0)
+
+    def across(x):
+        return LEFT + (WIDTH - LEFT - RIGHT) * (x - x_0) / (x_1 - x_0)
+
+    def up(y):
+        return HEIGHT - BOTTOM - (HEIGHT - BOTTOM - TOP) * (y - y_0) / (y_1 - y_0)
+
+    out = [f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" font-size="11" font-family="sans-serif">']
+    for tick in _ticks(y_0, y_1):
+        label = f"{10**tick:.3g}" if log else f"{tick:.4g}"
+        out.append(f'<line x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{up(tick):.1f}" y2="{up(tick):.1f}" stroke="#e3e6e9"/>'
+                   f'<text x="{LEFT - 5}" y="{up(tick) + 4:.1f}" text-anchor="end">{label}</text>')
+    for tick in _ticks(x_0, x_1):
+        out.append(f'<text x="{across(tick):.1f}" y="{HEIGHT - 14}" text-anchor="middle">{tick:.4g}</text>')
+    out.append(f'<text x="{(WIDTH + LEFT) / 2}" y="{HEIGHT - 2}" text-anchor="middle" fill="#666">'
+               f'{html.escape(x_label)}</text>')
+    for k, (name, (x, y)) in enumerate(series.items()):
+        color = COLORS[k % len(COLORS)]
+        if log:
+            x, y = x[y > 0], np.log10(y[y > 0])
+        pick = np.unique(np.linspace(0, max(len(x) - 1, 0), min(len(x), 800)).astype(np.int64))
+        points = " ".join(f"{across(x[i]):.1f},{up(y[i]):.1f}" for i in pick)
+        out.append(f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="1.4"/>')
+        if len(series) > 1:
+            out.append(f'<text x="{LEFT + 8}" y="{TOP + 12 + 13 * k}" fill="{color}">{html.escape(name)}</text>')
+    return "\n".join([*out, "</svg>"])
+
+
+def _ticks(low: float, high: float) -> np.ndarray:
+    """Four or five round numbers between two."""
+    step = 10 ** np.floor(np.log10((high - low) / 4))
+    step *= next(m for m in (1, 2, 5, 10) if (high - low) / (step * m) <= 5)
+    return np.arange(np.ceil(low / step), np.floor(high / step + 1e-9) + 1) * step

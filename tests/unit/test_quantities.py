@@ -1,0 +1,75 @@
+"""What is read off recorded frames, against the simulation itself and plain numpy; rays against brute force."""
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth import record, runtime
+from taichi_cloth.quantities import QUANTITIES, deformation, evaluate, principal_stretches
+
+
+@pytest.fixture
+def crumpled(rng):
+    mesh = tc.grid(0.5, 6)
+    scene = tc.Scene()
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(1e-3)),
+                    positions=mesh.x + 0.01 * rng.normal(size=mesh.x.shape), velocities=rng.normal(size=mesh.x.shape))
+    return tc.Simulation(scene)
+
+
+def test_stretch_is_the_singular_values(crumpled):
+    mesh = crumpled.scene.cloths[0].mesh
+    w = deformation(crumpled.positions(), mesh.faces, mesh.corner_uv)
+    expected = np.linalg.svd(w, compute_uv=False)
+    assert np.abs(principal_stretches(w) - expected).max() < 1e-12
+    assert np.abs(crumpled.stretch() - expected).max() < 1e-12
+
+
+def test_bend_energy_adds_up(crumpled):
+    geometry, frame = record.geometry(crumpled), record.frame(crumpled)
+    density = evaluate("bend", geometry, frame)
+    area = 0.25 / 36 * np.bincount(geometry["faces"].ravel(), minlength=49) / 6  # a third of each triangle of equal area
+    assert float(density @ area) == pytest.approx(crumpled.energy()["bend"], rel=1e-4)
+
+
+def test_every_quantity_has_a_value_a_vertex(crumpled):
+    geometry, frame = record.geometry(crumpled), record.frame(crumpled)
+    for name, quantity in QUANTITIES.items():
+        values = evaluate(name, geometry, frame)
+        low, high = quantity.scale(values)
+        assert values.shape == (49,) and np.isfinite(values).all() and low < high
+    assert np.abs(evaluate("speed", geometry, frame) - np.linalg.norm(crumpled.velocities(), axis=1)).max() < 1e-6
+    with pytest.raises(tc.SceneError, match="did you mean 'shear'"):
+        evaluate("sheer", geometry, frame)
+
+
+def test_rays_against_every_triangle(rng):
+    runtime.start()
+    import taichi as ti
+
+    from taichi_cloth.output.rays import RayTree
+
+    count, rays = 300, 400
+    x = (rng.uniform(size=(count, 1, 3)) + 0.15 * rng.normal(size=(count, 3, 3))).reshape(-1, 3)
+    faces = np.arange(3 * count).reshape(-1, 3)
+    tree = RayTree(count)
+    tree.build(x, faces)
+    origin, way = rng.normal(size=(rays, 3)), rng.normal(size=(rays, 3))
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    hit = np.zeros(rays, dtype=np.int32)
+
+    @ti.kernel
+    def shoot(o: ti.types.ndarray(), d: ti.types.ndarray(), reach: float, out: ti.types.ndarray()):
+        for i in range(o.shape[0]):
+            out[i] = tree.blocked(ti.Vector([o[i, 0], o[i, 1], o[i, 2]]), ti.Vector([d[i, 0], d[i, 1], d[i, 2]]), reach)
+
+    a = x[faces[:, 0]]
+    e, f = x[faces[:, 1]] - a, x[faces[:, 2]] - a
+    for reach in (0.7, 100.0):
+        shoot(origin, way, reach, hit)
+        expected = []
+        for o, d in zip(origin, way):
+            system = np.stack([e, f, np.broadcast_to(-d, e.shape)], axis=2)
+            u, v, t = np.linalg.solve(system, (o - a)[..., None])[..., 0].T
+            expected.append(bool(((u > 0) & (v > 0) & (u + v < 1) & (t > 0) & (t < reach)).any()))
+        assert (hit == expected).mean() > 0.99 and 20 < sum(expected) < rays - 20  # grazing rays are f32's to decide
