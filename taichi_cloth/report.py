@@ -35,8 +35,9 @@ def write_report(recording: Recording, file: pathlib.Path) -> None:
     body = "\n".join([_complexity(recording, log), _trouble(log), _cost(m, log), _plots(log), _pictures(recording)])
     data, note = _playback(recording)
     template = string.Template((pathlib.Path(__file__).parent / "output" / "report_template.html").read_text())
-    subtitle = (f"{m['simulation']['integrator']}, {m['runtime']['arch']} {m['runtime']['precision']}, {m['runtime']['threads']} "
-                f"threads, taichi_cloth {m['taichi_cloth']}, started {m['started']}; {m['status']}")
+    ran = m["runtime"]
+    subtitle = (f"{m['simulation']['integrator']}, {ran['arch']} {ran['precision']}, {ran['threads']} threads, "
+                f"taichi_cloth {m['taichi_cloth']}, started {m['started']}; {m['status']}")
     page = template.substitute(title=html.escape(f"{m['scene']}: {log[-1]['t']:g} s of cloth"), body=body,
                                subtitle=html.escape(subtitle), data=json.dumps(data), note=html.escape(note))
     write_whole(file, page.encode())

@@ -72,7 +72,7 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
     resumed = _resume(sim, manifest, options) if options.resume and options.out else None
     # only now, when nothing in the request is wrong any more, may an earlier run's files go
     folder = RunFolder(options.out, options.overwrite, resumed is not None) if options.out else None
-    outcome = "interrupted"
+    outcome, writer = "interrupted", None
     try:
         with progress(options) as show:
             writer = _Writer(folder, sim, options, resumed) if folder else None
