@@ -198,17 +198,25 @@ def summary(sim: Simulation) -> dict:
             "worst_residual": max((r.residual for r in sim.log), default=None),
             "not_converged": sum(r.status not in ("CONVERGED", "EXPLICIT") for r in sim.log),
             "cg_iterations": sum(r.iterations for r in sim.log), "solves": sum(r.solves for r in sim.log),
+            "contacts": max((r.contacts for r in sim.log), default=0),
+            "crossings": max((r.crossings for r in sim.log), default=0),
             "largest_stretch": max((r.stretch for r in sim.log), default=None),
             "seconds": {k: round(v, 4) for k, v in seconds.items()}}
 
 
 def describe(sim: Simulation, wall: float) -> str:
-    """The closing line of a run."""
+    """The closing lines of a run: how complex it was, how often it went wrong, what it cost."""
     s = summary(sim)
+    cloths = sim.scene.cloths
     bad = ", ".join(f"{n} {c}" for n, c in s["rejections"].items()) or "none"
     parts = ", ".join(f"{n} {v:.2f} s" for n, v in s["seconds"].items() if v)
-    return (f"{sim.time:g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}: {s['steps']} steps, "
-            f"rejections: {bad}, {s['cg_iterations']} CG iterations, largest stretch {s['largest_stretch']:.3f}; {parts}")
+    faces = sum(c.mesh.face_count for c in cloths)
+    model = f"{sim.model.n} vertices, {faces} triangles, {len(sim.scene.solids)} solids, at most {s['contacts']} contacts"
+    return (f"model: {model}\n"
+            f"trouble: rejected steps: {bad}; smallest h {s['smallest_h'] * 1e3:.3g} ms, worst residual "
+            f"{s['worst_residual']:.1g}, crossings {s['crossings']}, largest stretch {s['largest_stretch']:.3f}\n"
+            f"cost: {sim.time:g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}: {s['steps']} steps, "
+            f"{s['cg_iterations']} CG iterations; {parts}")
 
 
 @contextlib.contextmanager
