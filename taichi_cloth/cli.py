@@ -12,7 +12,7 @@ from . import cli_recorded
 from .cli_recorded import look_flags, number_of, size_of
 
 DEFAULTS: dict = {"duration": 2.0, "fps": 30.0, "h": 1 / 60, "arch": "cpu", "precision": "f64",
-            "integrator": "backward_euler", "K": "projected", "cg_tol": 1e-4, "stretch_limit": 0.5}
+            "integrator": "backward_euler", "K": "projected", "preconditioner": "auto", "cg_tol": 1e-4, "stretch_limit": 0.5}
 OK, FAILED, BAD_USAGE, GAVE_UP, INTERRUPTED = 0, 1, 2, 3, 130
 
 
@@ -196,6 +196,7 @@ def _simulation_flags(parser: argparse.ArgumentParser) -> None:
     add("--threads", type=int, metavar="N", help="CPU threads (all)")
     add("--integrator", help="backward_euler or symplectic_euler")
     add("--K", help="projected, gauss_newton or paper")
+    add("--preconditioner", help="auto, multilevel, block_jacobi, jacobi or none")
     add("--cg-tol", dest="cg_tol", type=number_of, metavar="X", help="relative residual of the linear solve")
     add("--stretch-limit", dest="stretch_limit", type=number_of, metavar="X",
         help="largest change of a triangle's stretch in a step")

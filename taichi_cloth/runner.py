@@ -215,8 +215,8 @@ def describe(sim: Simulation, wall: float) -> str:
     return (f"model: {model}\n"
             f"trouble: rejected steps: {bad}; smallest h {s['smallest_h'] * 1e3:.3g} ms, worst residual "
             f"{s['worst_residual']:.1g}, crossings {s['crossings']}, largest stretch {s['largest_stretch']:.3f}\n"
-            f"cost: {sim.time:g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}: {s['steps']} steps, "
-            f"{s['cg_iterations']} CG iterations; {parts}")
+            f"cost: {sim.time:g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}: {s['steps']} "
+            f"steps, {s['cg_iterations']} CG iterations; {parts}")
 
 
 @contextlib.contextmanager

@@ -46,7 +46,8 @@ class Simulation:
         h_min: smallest step [s]; h / 4096 where None.
         stretch_limit: largest change of |w|/b of a triangle in a step.
         newton_max: further solves of a step that fails the energy test.
-        preconditioner: "block_jacobi", "multilevel", or "auto": multilevel from 500 particles on, but not for K="paper".
+        preconditioner: "multilevel", "block_jacobi", "jacobi" or "none" (masses); "auto" takes the first from 500 particles
+            on, else the second, and always for K="paper".
         cg_max_iterations: of one solve.
         threads: CPU threads, all where None.
         quiet: no messages of Taichi's own.

@@ -38,7 +38,7 @@ SLOW = 5e-5  # slip [m/s] below which friction holds
 PATIENCE = 2  # rounds after which states that still change do so in the next step
 AGREED, AGREED_SHEAR = 3e-3, 3e-2  # part of all normal forces by which contacts may pull, and shear beyond the cone,
 # in a step: their states change in the next
-SMALLER = 64  # times smaller than the usual, a step with a new crossing is taken all the same: pinched cloth must cross
+SMALLER = 64  # times smaller than the usual, a step is taken though cloth ends inside or across: it may be pinched
 LAGGED = 0.1  # relative error of the friction forces that a first round may leave
 SYM = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
@@ -312,12 +312,17 @@ class Contacts:
     def went_in(self) -> bool:
         """Whether something ended too deep, or through, after further solves that held the same contacts."""
         self._look()
-        return self._left()[1] or self.went_through()
+        return (self._left()[1] and self.may_shrink) or self.went_through()
+
+    @property
+    def may_shrink(self) -> bool:
+        """Whether a step that goes wrong is to be tried smaller, and not taken as the best there is."""
+        return self.h > self.h_usual / SMALLER
 
     def went_through(self) -> bool:
         """Whether cloth passes through solids where it did not before, in a step that can still be made smaller."""
         self.crossings = self.scan.count_crossings()
-        return self.crossings > self.crossings_before and self.h > self.h_usual / SMALLER
+        return self.crossings > self.crossings_before and self.may_shrink
 
     def _depth(self) -> np.ndarray:
         """How deep [thicknesses] what is not held, or is held at another plane, ends inside."""

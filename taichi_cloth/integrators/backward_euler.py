@@ -132,7 +132,7 @@ class BackwardEuler:
                 verdict = contacts.judge(self._reaction_rows())
             if verdict.changes and contacts.round < contacts.ROUNDS:
                 continue
-            if verdict.changes and verdict.bad:
+            if verdict.changes and verdict.bad and contacts.may_shrink:
                 return held, (CONTACT, f"{verdict.deepest:.2g} thicknesses inside")
             with clock.part("C-S"):
                 return held, (CONTACT, f"{contacts.crossings} crossings") if contacts.went_through() else None

@@ -19,7 +19,7 @@ from ..forces.membrane import Membrane
 from ..operator import Operator
 from ..scene import Scene
 from .lattice import Gather, coordinates, gather, levels, meeting
-from .preconditioner import BlockJacobi
+from .preconditioner import Pointwise
 
 PARALLEL = 4096  # nodes of a level from which on its sums are worth a second thread
 
@@ -43,7 +43,7 @@ class Multilevel:
     pointwise = False
 
     def __init__(self, fields: Fields, operator: Operator, scene: Scene) -> None:
-        self.jacobi, self.operator = BlockJacobi(fields, operator), operator
+        self.jacobi, self.operator = Pointwise(fields, operator), operator
         model = operator.model
         edges = np.concatenate([np.linalg.norm(np.diff(c.mesh.corner_uv, axis=1), axis=2).ravel() for c in scene.cloths])
         self.levels = levels(*_material(scene, model), float(np.median(edges)))
@@ -90,7 +90,7 @@ class Multilevel:
         self.jacobi.build()
 
     def hold(self, index: np.ndarray, held: np.ndarray) -> None:
-        """As `BlockJacobi.hold`; the levels are filtered before and after instead."""
+        """As `Pointwise.hold`; the levels are filtered before and after instead."""
         self.jacobi.hold(index, held)
 
     @ti.func

@@ -48,7 +48,7 @@ class PCG:
     """Solves A dv = b with dv = z in the constrained directions.
 
     Args:
-        preconditioner: BlockJacobi or Multilevel.
+        preconditioner: Pointwise or Multilevel.
         max_iterations: of one solve.
     """
 

@@ -1,14 +1,14 @@
-"""3x3 block Jacobi on the directions that are free."""
+"""Preconditioners that work a particle at a time, on the directions that are free: 3x3 block Jacobi, Jacobi, none."""
 
 import numpy as np
 import taichi as ti
 
 from ..fields import Fields
-from ..forces.conditions import sym, sym_times, sym_unpack
+from ..forces.conditions import sym, sym_scaled_identity, sym_times, sym_unpack
 from ..operator import Operator
 from ..scene import Scene
 
-PRECONDITIONERS = ("auto", "multilevel", "block_jacobi")
+PRECONDITIONERS = ("auto", "multilevel", "block_jacobi", "jacobi", "none")
 WORTH_LEVELS = 500  # particles from which on the multilevel one pays, where it is left to us
 
 
@@ -20,27 +20,41 @@ def build_preconditioner(name: str, fields: Fields, operator: Operator, scene: S
         from .multilevel import Multilevel
 
         return Multilevel(fields, operator, scene)
-    return BlockJacobi(fields, operator)
+    return Pointwise(fields, operator, name)
 
 
 @ti.data_oriented
-class BlockJacobi:
-    """(S P S)^-1 on the free directions of each particle, 0 on the constrained ones: symmetric, 6 numbers."""
+class Pointwise:
+    """(S P S)^-1 on the free directions of each particle, 0 on the constrained ones: symmetric, 6 numbers.
+
+    Args:
+        kind: what P is: "block_jacobi", the diagonal 3x3 block of A; "jacobi", its diagonal; "none", the particle's mass.
+    """
 
     pointwise = True  # what it makes of r_i depends on r_i alone
 
-    def __init__(self, fields: Fields, operator: Operator) -> None:
-        self.operator = operator
+    def __init__(self, fields: Fields, operator: Operator, kind: str = "block_jacobi") -> None:
+        self.operator, self.kind = operator, kind
         n = operator.model.n
         self.inverse = fields.real(n, 6)
         self.is_held, self.S = fields.integer(n), fields.real(n, 6)
+
+    @ti.func
+    def block(self, i):
+        """P_i, 6 numbers."""
+        P = self.operator.P[i]
+        if ti.static(self.kind == "jacobi"):
+            P = ti.Vector([P[0], 0.0, 0.0, P[3], 0.0, P[5]])
+        if ti.static(self.kind == "none"):
+            P = sym_scaled_identity(self.operator.model.m[i])
+        return P
 
     @ti.kernel
     def build(self):
         """Inverts every diagonal block as if its particle were free."""
         for i in range(self.operator.model.n):
             self.is_held[i] = 0
-            self.inverse[i] = sym(sym_unpack(self.operator.P[i]).inverse())
+            self.inverse[i] = sym(sym_unpack(self.block(i)).inverse())
 
     def hold(self, index: np.ndarray, held: np.ndarray) -> None:
         """Takes the held directions out: particles index[k], with I - S = held[k]."""
@@ -69,7 +83,7 @@ class BlockJacobi:
             for a, b in ti.static(ti.ndrange(3, 3)):
                 C[a, b] = held[k, a, b]
             S = ti.Matrix.identity(float, 3) - C
-            P = sym_unpack(self.operator.P[index[k]])
+            P = sym_unpack(self.block(index[k]))
             free = (S @ P @ S + P.trace() * C).inverse() - C / P.trace()
             self.is_held[index[k]] = 1
             self.S[index[k]] = sym(S)
@@ -90,5 +104,5 @@ class BlockJacobi:
     @ti.func
     def norm_sqr(self, i, x):
         """x_i . P_i x_i"""
-        return x.dot(sym_times(self.operator.P[i], x))
+        return x.dot(sym_times(self.block(i), x))
 

@@ -23,7 +23,8 @@ def test_pictures_agree(arch, tmp_path):
         pytest.skip(f"{arch} does not run here")
     images = []
     for where in ("cpu", arch):
-        done = call("run", "hang", *QUICK, "--size", "160x120", "--out", tmp_path / where, "--arch", where, "--precision", "f32")
+        done = call("run", "hang", *QUICK, "--size", "160x120", "--out", tmp_path / where, "--arch", where, "--precision",
+                    "f32")
         assert done.returncode == 0, done.stderr
         images.append(read_png(tmp_path / where / "images" / "00002.png").astype(int))
     assert (np.abs(images[0] - images[1]).max(axis=2) > 4).mean() < 1e-3
