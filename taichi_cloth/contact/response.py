@@ -39,6 +39,7 @@ PATIENCE = 2  # rounds after which states that still change do so in the next st
 AGREED, AGREED_SHEAR = 3e-3, 3e-2  # part of all normal forces by which contacts may pull, and shear beyond the cone,
 # in a step: their states change in the next
 SMALLER = 64  # times smaller than the usual, a step is taken though cloth ends inside or across: it may be pinched
+APART = 0.3  # sine of the angle between directions below which the second is no further constraint of a particle
 LAGGED = 0.1  # relative error of the friction forces that a first round may leave
 SYM = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
@@ -229,7 +230,7 @@ class Contacts:
                 c = float(q @ b)
                 q, value, y = q - c * b, value - c * b_value, y - c * b_y
             size = float(np.linalg.norm(q))
-            if size > 0.05:
+            if size > APART:
                 basis.append((q / size, value / size, y / size))
         projector = sum(np.outer(q, q) for q, _, _ in basis)
         return (i, projector, sum(value * q for q, value, _ in basis), sum(y * q for q, _, y in basis))

@@ -1,8 +1,9 @@
 """Lattices over the cloth's material for a multilevel preconditioner: hat functions, and who meets them. numpy only.
 
 Level l has nodes 2^l edge lengths apart in the plane of the pattern, piece by piece (in space, where a cloth has
-no pattern of its own), and multilinear hats. A hat is a weighted sum of those of the level below, exactly, so that
-values go from level to level.
+no pattern of its own), and multilinear hats. A hat whose support is in several parts, as across a slit, is as many
+hats: what is not connected does not move together. A hat is a weighted sum of those of the level below, exactly, so
+that values go from level to level.
 """
 
 from dataclasses import dataclass
@@ -52,13 +53,18 @@ def coordinates(mesh: TriMesh) -> np.ndarray:
     return mesh.uv if mesh.uv is not None and mesh.uv.ndim == 2 and not mesh.flattened else mesh.x
 
 
-def levels(points: np.ndarray, piece: np.ndarray, spacing: float) -> list[Level]:
-    """Lattices over points (n, d) of numbered pieces (n,), the finest two spacings [m] apart."""
+def levels(points: np.ndarray, piece: np.ndarray, spacing: float, links: np.ndarray) -> list[Level]:
+    """Lattices over points (n, d) of numbered pieces (n,), the finest two spacings [m] apart.
+
+    Args:
+        links: (e, 2) pairs of points that are connected, the mesh's edges.
+    """
     out: list[Level] = []
     low = np.stack([points[piece == p].min(axis=0) for p in range(piece.max() + 1)])[piece]
     where, owner = (points - low) / (2 * spacing), piece
     for _ in range(DEEPEST):
         node, weight, keys = _around(where, owner)
+        node, keys = _split(node, weight, keys, links)
         if out:
             fine = out[-1]
             out[-1] = Level(fine.count, fine.node, fine.weight, node, weight)
@@ -68,7 +74,7 @@ def levels(points: np.ndarray, piece: np.ndarray, spacing: float) -> list[Level]
         out.append(Level(len(keys), *composed, None, None))
         if len(keys) <= SMALLEST * (piece.max() + 1):
             break
-        owner, where = keys[:, 0], keys[:, 1:] / 2
+        owner, where, links = keys[:, 0], keys[:, 1:] / 2, _sharing(node, weight)
     return out
 
 
@@ -89,6 +95,41 @@ def _around(where: np.ndarray, owner: np.ndarray) -> tuple[np.ndarray, np.ndarra
     node = np.zeros(weight.shape, dtype=np.int64)
     node[used] = index.ravel()
     return node, np.where(used, weight, 0.0), unique
+
+
+def _split(node: np.ndarray, weight: np.ndarray, keys: np.ndarray, links: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (n, c) and keys with one node for each connected part of the points that a node's hat meets."""
+    n, c = node.shape
+    i, j = links.T
+    used = weight > 0
+    label = np.arange(n * c)  # of each point's place in each of its hats
+    ends = [np.flatnonzero((node[i, a] == node[j, b]) & used[i, a] & used[j, b]) for a in range(c) for b in range(c)]
+    slots = [(a, b) for a in range(c) for b in range(c)]
+    u = np.concatenate([i[e] * c + a for e, (a, _) in zip(ends, slots)])
+    v = np.concatenate([j[e] * c + b for e, (_, b) in zip(ends, slots)])
+    while True:
+        low = np.minimum(label[u], label[v])
+        now = label.copy()
+        np.minimum.at(now, u, low)
+        np.minimum.at(now, v, low)
+        now = now[now]
+        if (now == label).all():
+            break
+        label = now
+    flat = used.ravel()
+    first, index = np.unique(label[flat], return_inverse=True)
+    out = np.zeros(n * c, dtype=np.int64)
+    out[flat] = index.ravel()
+    return out.reshape(n, c), keys[node.ravel()[first]]
+
+
+def _sharing(node: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(e, 2) pairs of nodes whose hats meet a point in common."""
+    c = node.shape[1]
+    pairs = [np.sort(node[:, [a, b]][(weight[:, a] > 0) & (weight[:, b] > 0)], axis=1) for a in range(c) for b in range(a)]
+    size = int(node.max()) + 1
+    code = np.unique(np.concatenate([p @ np.array([size, 1]) for p in pairs]))
+    return np.stack([code // size, code % size], axis=1)
 
 
 def _compose(fine: Level, node: np.ndarray, weight: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

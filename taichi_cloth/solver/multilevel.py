@@ -16,6 +16,7 @@ from ..fields import Fields
 from ..forces.bend import Bend
 from ..forces.conditions import sym, sym_outer, sym_scaled_identity, sym_times, sym_unpack
 from ..forces.membrane import Membrane
+from ..mesh import face_edges
 from ..operator import Operator
 from ..scene import Scene
 from .lattice import Gather, coordinates, gather, levels, meeting
@@ -46,7 +47,7 @@ class Multilevel:
         self.jacobi, self.operator = Pointwise(fields, operator), operator
         model = operator.model
         edges = np.concatenate([np.linalg.norm(np.diff(c.mesh.corner_uv, axis=1), axis=2).ravel() for c in scene.cloths])
-        self.levels = levels(*_material(scene, model), float(np.median(edges)))
+        self.levels = levels(*_material(scene, model), float(np.median(edges)), _links(scene, model))
         count = [level.count for level in self.levels]
         self.start = np.cumsum([0] + count).tolist()
         self.nodes = self.start[-1]
@@ -277,6 +278,12 @@ def _material(scene: Scene, model) -> tuple[np.ndarray, np.ndarray]:
     points = np.concatenate([np.pad(p, ((0, 0), (0, d - p.shape[1]))) for p in parts])
     piece = np.repeat(np.arange(len(parts)), [len(p) for p in parts])
     return points[model.user], piece[model.user]
+
+
+def _links(scene: Scene, model) -> np.ndarray:
+    """(e, 2) particles at the ends of the mesh's edges."""
+    ends = np.concatenate([model.particle[face_edges(c.mesh.faces) + c.start] for c in scene.cloths])
+    return np.unique(np.sort(ends, axis=1), axis=0)
 
 
 def _shifted(part: Gather, by: int) -> Gather:

@@ -95,13 +95,30 @@ def test_serial_and_parallel_agree(monkeypatch):
 def test_hats_add_up_and_nest(rng):
     """Every level's hats sum to 1 at every particle, and reproduce linear functions of the material."""
     points = rng.uniform(size=(200, 2))
-    made = levels(points, np.zeros(200, dtype=np.int64), 0.03)
-    assert len(made) >= 3 and made[-1].count <= 12
+    links = np.stack([np.arange(199), np.arange(1, 200)], axis=1)
+    near = np.argwhere(np.linalg.norm(points[:, None] - points[None], axis=2) < 0.2)
+    made = levels(points, np.zeros(200, dtype=np.int64), 0.03, np.concatenate([links, near]))
+    assert len(made) >= 3 and made[-1].count <= 40
     for level in made:
         assert np.allclose(level.weight.sum(axis=1), 1)
         used = np.zeros(level.count)
         np.add.at(used, level.node.ravel(), level.weight.ravel())
         assert (used > 0).all()
+
+
+def test_a_slit_parts_hats():
+    """Two strips side by side, closer than a lattice is wide, that are joined at one end only."""
+    y, x = np.meshgrid([0.0, 0.01], np.linspace(0, 1, 41), indexing="ij")
+    points = np.column_stack([x.ravel(), y.ravel()])
+    along = np.concatenate([np.stack([np.arange(40), np.arange(1, 41)], axis=1) + k for k in (0, 41)])
+    joined = np.concatenate([along, [[0, 41]]])
+    zeros = np.zeros(82, dtype=np.int64)
+    for level in levels(points, zeros, 0.025, joined):
+        for node in range(level.count):
+            members = np.flatnonzero(((level.node == node) & (level.weight > 0)).any(axis=1))
+            assert members.max() < 41 or members.min() > 40 or {0, 41} <= set(members.tolist())
+    closed = levels(points, zeros, 0.025, np.concatenate([along, np.stack([np.arange(41), np.arange(41, 82)], axis=1)]))
+    assert closed[0].count < levels(points, zeros, 0.025, joined)[0].count
 
 
 def test_what_auto_takes():
