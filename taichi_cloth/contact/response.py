@@ -39,6 +39,7 @@ PATIENCE = 2  # rounds after which states that still change do so in the next st
 AGREED, AGREED_SHEAR = 3e-3, 3e-2  # part of all normal forces by which contacts may pull, and shear beyond the cone,
 # in a step: their states change in the next
 SMALLER = 64  # times smaller than the usual, a step is taken though cloth ends inside or across: it may be pinched
+FALL = 0.5  # of the thickness: from higher than that and than its motion leads, nothing is brought down to a solid
 APART = 0.3  # sine of the angle between directions below which the second is no further constraint of a particle
 LAGGED = 0.1  # relative error of the friction forces that a first round may leave
 SYM = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -73,7 +74,7 @@ class Contacts:
         self.thickness = np.array([s.thickness for s in self.solids])
         self.scan = Scanner(fields, model, scene)
         self.reach = 4 * self.scan.edge  # [m] that a particle may close in on a solid in one step
-        self.push_limit = self.scan.edge / 4  # [m] pushed out in one step: more would tear at the triangles
+        self.push_limit = self.scan.edge / 4  # [m] pushed out in a usual step: more would tear at the triangles
         self.trial = self.accepted = States()
         self.warm, self.crossings, self.crossings_before = False, 0, 0
         self.count, self.unsettled = 0, 0
@@ -147,7 +148,10 @@ class Contacts:
         stick &= mu > 0
         self.active, self.state = f, States(f.key, stick, force, push)
         self.count = k
-        lift = np.minimum(-f.start_gap, self.push_limit)
+        nearing = np.einsum("ki,ki->k", f.normal, f.carried - self.x[f.index] - self.h * self.v[f.index])
+        share = min(1.0, self.h / self.h_usual)  # small steps move as fast as large ones
+        down = 2 * np.maximum(nearing, 0) + FALL * share * self.thickness[f.solid]  # no further than its own way leads
+        lift = np.clip(-f.start_gap, -down, self.push_limit * share)
         self.target = f.carried + lift[:, None] * f.normal
         held = self._held(lift)
         self.active_slip = slip
