@@ -41,7 +41,8 @@ def measure(n: int, precision: str, arch: str, threads: int | None, steps: int, 
     parts = {name: 1e3 * float(np.median([r.seconds[name] for r in log])) for name in ("EVAL", "CG")}
     return {"vertices": n * n, "precision": precision, "arch": arch, "threads": sim.runtime.threads,
             "step_ms": float(np.median(ms)), **{f"{k}_ms": v for k, v in parts.items()},
-            "iterations": float(np.median([r.iterations for r in log])), "setup_s": made - start, "first_step_s": first - made, "memory_mb": usage}
+            "iterations": float(np.median([r.iterations for r in log])), "setup_s": made - start, "first_step_s": first - made,
+            "memory_mb": usage}
 
 
 def main() -> None:
