@@ -14,6 +14,7 @@ from ..mesh import TriMesh
 
 SMALLEST = 12  # nodes of a level below which there is no coarser one
 DEEPEST = 12
+SNAP = 1e-3  # of a lattice's spacing
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,8 @@ def _around(where: np.ndarray, owner: np.ndarray) -> tuple[np.ndarray, np.ndarra
     """(indices of the nodes around each point, their weights, keys (owner, place) of all nodes)."""
     d = where.shape[1]
     cell = np.floor(where + 1e-9).astype(np.int64)
-    part = np.clip(where - cell, 0, 1)
+    part = where - cell
+    part = np.where(part < SNAP, 0.0, np.where(part > 1 - SNAP, 1.0, part))  # no hat that only just meets a point
     keys, weights = [], []
     for corner in range(2**d):
         bits = np.array([(corner >> axis) & 1 for axis in range(d)])

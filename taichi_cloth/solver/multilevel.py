@@ -22,6 +22,7 @@ from ..scene import Scene
 from .lattice import Gather, coordinates, gather, levels, meeting
 from .preconditioner import Pointwise
 
+NOTHING = 1e-24  # trace [kg] of a node's block below which it says nothing
 PARALLEL = 4096  # nodes of a level from which on its sums are worth a second thread
 
 
@@ -144,8 +145,11 @@ class Multilevel:
             if ti.static(self.bends):
                 for k in range(self.hinges.first[n], self.hinges.first[n + 1]):
                     D += sym_outer(self.of_hinge(self.hinges.source[k], self.hinges.weight[k]))
-            D += sym_scaled_identity(1e-6 * (D[0] + D[3] + D[5]) + 1e-30)  # where all that it meets is held
-            self.inverse_l[n] = sym(sym_unpack(D).inverse())
+            size = D[0] + D[3] + D[5]
+            self.inverse_l[n] = ti.Vector.zero(float, 6)
+            if size > NOTHING:  # else all that it meets is held
+                D = D / size + sym_scaled_identity(1e-6)  # of size 1: its determinant is no rounding in f32 either
+                self.inverse_l[n] = sym(sym_unpack(D).inverse()) / size
 
     @ti.func
     def free(self, i):

@@ -80,6 +80,18 @@ def test_iterations(mesh):
     assert count["multilevel"] < 110 and count["block_jacobi"] > 3 * count["multilevel"], count
 
 
+@pytest.mark.parametrize("n", [46, 67, 74])
+def test_in_f32_at_sizes_whose_spacing_is_no_binary_number(n):
+    """Hats that meet a point by a rounding only once had blocks whose determinant was none in f32."""
+    scene = tc.Scene()
+    cloth = scene.add_cloth(tc.grid(1.0, n), FABRIC)
+    scene.pin(cloth, "top_left")
+    scene.pin(cloth, "top_right")
+    sim = tc.Simulation(scene, h=1 / 60, precision="f32", cg_tol=1e-4)
+    assert sim.step().rejections == {} and np.isfinite(sim.integrator.preconditioner.inverse_l.to_numpy()).all()
+    sim.close()
+
+
 def test_serial_and_parallel_agree(monkeypatch):
     answers = []
     for limit in (0, 6000):
