@@ -48,7 +48,7 @@ def main() -> None:
         print(name, flush=True)
     file = pathlib.Path(args.to)
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_bytes(encode_png(contact_sheet(images, args.columns), 9))
+    file.write_bytes(encode_png(contact_sheet(images, min(args.columns, len(images))), 9))
     print(f"{len(images)} pictures, {file.stat().st_size / 1e3:.0f} kB: {file}")
 
 
