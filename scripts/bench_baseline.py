@@ -7,15 +7,14 @@ Compiles scripts/baselines/product.cpp with g++ -O3 -march=native. Prints a tabl
 
 import argparse
 import ctypes
-import json
 import pathlib
-import platform
 import shutil
 import subprocess
 import sys
 import tempfile
 
 import numpy as np
+import results
 from bench_product import REPEAT, sheet, timings
 
 import taichi_cloth as tc
@@ -87,10 +86,7 @@ def main() -> None:
                 rows.append(r)
                 print(f"{r['vertices']:8} {precision:>4} {r['taichi_ms']:8.3f} {r['c++_ms']:8.3f} {r['taichi/c++']:6.2f} "
                       f"{r['mismatch']:9.1e}", flush=True)
-    if args.json:
-        with open(args.json, "w") as out:
-            json.dump({"machine": platform.processor() or platform.machine(), "python": platform.python_version(),
-                       "rows": rows}, out, indent=1)
+    results.write(args.json, rows)
 
 
 if __name__ == "__main__":

@@ -6,11 +6,10 @@ A sheet drapes on a ball and on a mesh (a file, or the lump of scenes/bunny_drap
 """
 
 import argparse
-import json
-import platform
 import time
 
 import numpy as np
+import results
 
 import taichi_cloth as tc
 from taichi_cloth import scenefile
@@ -68,10 +67,7 @@ def main() -> None:
             fits[name] = float(np.polyfit(n, t, 1)[0])
             print(f"{name:>14} detection grows as n^{fits[name]:.2f}")
         rows += mine
-    if args.json:
-        with open(args.json, "w") as out:
-            json.dump({"machine": platform.processor() or platform.machine(), "python": platform.python_version(),
-                       "arch": args.arch, "precision": args.precision, "rows": rows, "exponents": fits}, out, indent=1)
+    results.write(args.json, rows, arch=args.arch, precision=args.precision, exponents=fits)
 
 
 if __name__ == "__main__":

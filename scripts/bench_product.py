@@ -7,11 +7,10 @@ Needs the extra `bench` (SciPy).
 """
 
 import argparse
-import json
-import platform
 import time
 
 import numpy as np
+import results
 import scipy
 import scipy.sparse
 
@@ -145,10 +144,7 @@ def main() -> None:
             rows.append(r)
             print(f"{r['vertices']:8} {precision:>4} {r['product_ms']:9.3f} {r['scipy_ms']:9.3f} {r['cg_ms']:9.3f} "
                   f"{r['scipy/product']:10.2f} {r['cg/product']:8.2f} {r['shuffled/product']:13.2f}", flush=True)
-    if args.json:
-        with open(args.json, "w") as out:
-            json.dump({"machine": platform.processor() or platform.machine(), "python": platform.python_version(),
-                       "numpy": np.__version__, "scipy": scipy.__version__, "rows": rows}, out, indent=1)
+    results.write(args.json, rows, scipy=scipy.__version__)
 
 
 if __name__ == "__main__":

@@ -7,13 +7,13 @@ Each size runs in a process of its own, so that its memory is its own. Prints a 
 
 import argparse
 import json
-import platform
 import resource
 import subprocess
 import sys
 import time
 
 import numpy as np
+import results
 
 import taichi_cloth as tc
 
@@ -74,14 +74,12 @@ def main() -> None:
         rows.append(r)
         print(f"{r['vertices']:8} {r['step_ms']:9.2f} {r['EVAL_ms']:8.2f} {r['CG_ms']:8.2f} {r['iterations']:5.0f} "
               f"{r['setup_s']:8.2f} {r['first_step_s']:8.2f} {r['memory_mb']:9.0f}", flush=True)
+    exponent = None
     if len(rows) > 1:
         n, t = np.log([r["vertices"] for r in rows]), np.log([r["step_ms"] for r in rows])
         exponent = float(np.polyfit(n, t, 1)[0])
         print(f"a step grows as n^{exponent:.2f}")
-    if args.json:
-        with open(args.json, "w") as out:
-            json.dump({"machine": platform.processor() or platform.machine(), "python": platform.python_version(),
-                       "rows": rows, "exponent": exponent if len(rows) > 1 else None}, out, indent=1)
+    results.write(args.json, rows, exponent=exponent)
 
 
 if __name__ == "__main__":

@@ -8,11 +8,10 @@ scikit-sparse the direct solve is its Cholesky, else SuperLU).
 """
 
 import argparse
-import json
-import platform
 import time
 
 import numpy as np
+import results
 import scipy.sparse
 import scipy.sparse.linalg
 from bench_product import FABRIC, assembled
@@ -140,10 +139,7 @@ def main() -> None:
                   f"{its['block_jacobi'] / its['multilevel']:6.1f} {ms['block_jacobi']:9.1f} {ms['multilevel']:9.1f} "
                   f"{ms['block_jacobi'] / ms['multilevel']:6.1f} {direct_ms:9.1f} {direct_ms / ms['multilevel']:6.1f}",
                   flush=True)
-    if args.json:
-        with open(args.json, "w") as out:
-            json.dump({"machine": platform.processor() or platform.machine(), "python": platform.python_version(),
-                       "numpy": np.__version__, "scipy": scipy.__version__, "rows": rows}, out, indent=1)
+    results.write(args.json, rows, scipy=scipy.__version__)
 
 
 if __name__ == "__main__":

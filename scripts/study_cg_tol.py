@@ -7,11 +7,10 @@ and wall time; and the same distance between steps h and h/2, which no tolerance
 """
 
 import argparse
-import json
-import platform
 import time
 
 import numpy as np
+import results
 
 import taichi_cloth as tc
 from taichi_cloth import scenefile
@@ -54,10 +53,7 @@ def main() -> None:
             rows.append({"scene": name, "cg_tol": tolerance, "error": error, "step_error": step_error,
                          "iterations": iterations, "wall_s": wall})
             print(f"  {tolerance:6.0e}   {error:13.2e}  {error / step_error:13.1e}  {iterations:10}  {wall:6.2f}", flush=True)
-    if args.json:
-        with open(args.json, "w") as out:
-            json.dump({"machine": platform.processor() or platform.machine(), "python": platform.python_version(),
-                       "rows": rows}, out, indent=1)
+    results.write(args.json, rows)
 
 
 if __name__ == "__main__":
