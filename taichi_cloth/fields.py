@@ -27,7 +27,7 @@ class Fields:
         self._place(field, n)
         if data is not None:
             self._reals.append((field, n, width, sum(map(len, self._real_data))))
-            self._real_data.append(_flat(data, n, width))
+            self._real_data.append(_flat(data, n, width).astype(self.exchange))
         return field
 
     def integer(self, n: int, width: int = 1, data: np.ndarray | None = None):
@@ -36,15 +36,17 @@ class Fields:
         self._place(field, n)
         if data is not None:
             self._integers.append((field, n, width, sum(map(len, self._integer_data))))
-            self._integer_data.append(_flat(data, n, width))
+            self._integer_data.append(_flat(data, n, width).astype(np.int32))
         return field
 
     def allocate(self) -> None:
         """Allocates and fills every field that was declared."""
         self._tree = self._builder.finalize()
-        self._fill(np.concatenate([*self._real_data, [0.0]]).astype(self.exchange),
-                   np.concatenate([*self._integer_data, [0]]).astype(np.int32))
-        self._real_data, self._integer_data = [], []
+        reals = np.concatenate([*self._real_data, np.zeros(1, dtype=self.exchange)])
+        self._real_data = []
+        integers = np.concatenate([*self._integer_data, np.zeros(1, dtype=np.int32)])
+        self._integer_data = []
+        self._fill(reals, integers)
 
     def free(self) -> None:
         """Gives the memory back, also of what was declared and never allocated; the fields are dead after it."""

@@ -160,15 +160,20 @@ def gather(node: np.ndarray, weight: np.ndarray, count: int) -> Gather:
 
 
 def meeting(level: Level, vertices: np.ndarray) -> Gather:
-    """For each node the elements (m, k) that its hat meets, with its values at their corners."""
+    """For each node the elements (m, k) that its hat meets, with its values at their corners (f32)."""
     m, k = vertices.shape
-    code = (np.arange(m)[:, None, None] * level.count + level.node[vertices]).ravel()
-    corner = np.broadcast_to(np.arange(k)[None, :, None], level.node[vertices].shape).ravel()
-    value = level.weight[vertices].ravel()
-    keep = value > 0
-    unique, index = np.unique(code[keep], return_inverse=True)
-    values = np.zeros((len(unique), k))
-    np.add.at(values, (index, corner[keep]), value[keep])
-    node, element = unique % level.count, unique // level.count
-    order = np.argsort(node, kind="stable")
-    return Gather(np.searchsorted(node[order], np.arange(level.count + 1)), element[order], values[order])
+    c = level.node.shape[1]
+    node = np.where(level.weight > 0, level.node, -1).astype(np.int32)[vertices].reshape(m, k * c)
+    order = np.argsort(node, axis=1, kind="stable")
+    node = np.take_along_axis(node, order, axis=1)
+    new = node >= 0
+    new[:, 1:] &= node[:, 1:] != node[:, :-1]
+    row = (np.cumsum(new.ravel(), dtype=np.int64) - 1).reshape(node.shape)  # of each place: which (element, node) it is
+    used = node >= 0
+    values = np.zeros((int(row[-1, -1]) + 1, k), dtype=np.float32)
+    weight = np.take_along_axis(level.weight.astype(np.float32)[vertices].reshape(m, k * c), order, axis=1)
+    values[row[used], (order // c)[used]] = weight[used]
+    of = node[new]
+    by_node = np.argsort(of, kind="stable")
+    element = np.repeat(np.arange(m, dtype=np.int32), new.sum(axis=1))
+    return Gather(np.searchsorted(of[by_node], np.arange(level.count + 1)), element[by_node], values[by_node])

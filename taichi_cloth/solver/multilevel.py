@@ -84,7 +84,8 @@ class Multilevel:
         """Elements of a force that each node's hat meets."""
         vertices = force.elements.host_vertices
         primary = np.flatnonzero(force.elements.entries.primary)
-        parts = [meeting(level, vertices[primary]) for level in self.levels]
+        vertices, primary = vertices[primary], primary.astype(np.int32)
+        parts = [meeting(level, vertices) for level in self.levels]
         return Rows(fields, [Gather(p.first, primary[p.source], p.weight) for p in parts], width)
 
     def build(self) -> None:
