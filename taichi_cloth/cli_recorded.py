@@ -38,6 +38,7 @@ def add_parsers(commands) -> None:
     render.add_argument("--to", metavar="DIR", help="folder for the pictures (RUN/images)")
     render.add_argument("--size", type=size_of, default=(1280, 720), metavar="WxH", help="of the images (1280x720)")
     render.add_argument("--every", type=int, default=1, metavar="N", help="every Nth frame")
+    render.add_argument("--arch", default="cpu", help="cpu, cuda, vulkan or metal")
     render.add_argument("--sheet", type=int, default=0, metavar="N", help="also N frames in one picture, sheet.png")
     render.add_argument("--apng", action="store_true", help="also an animated PNG, animation.png")
     render.add_argument("--mp4", action="store_true", help="also film.mp4 (needs the extra `film`)")
@@ -137,7 +138,7 @@ def _look(args: argparse.Namespace, recording):
     from .output.picture import Look
     from .playback import heat_of
 
-    runtime.start("cpu", "f32", None, True, False)
+    runtime.start(getattr(args, "arch", "cpu"), "f32", None, True, False)
     look = look_of(args)
     if look["heat"]:
         look["heat"] = heat_of(look["heat"][0], recording.geometry, look["heat"][1], recording)

@@ -19,7 +19,7 @@ LIGHT_SIZE = 0.06  # tangent of half the angle under which the light is seen
 REACH = 2  # pixels around that share what rays found
 OCCLUDE = 0.35  # part of the scene's size beyond which nothing takes ambient light away
 SHADOW = 1536  # shadow map, pixels a side
-NOTHING = 0.0
+SAME = 8  # roundings by which depths of one sample may differ between the two passes: not all backends round alike
 LIGHT = (0.45, 0.8, 0.5)  # towards the key light
 STONE = (0.52, 0.50, 0.47)
 PALETTE = ((0.62, 0.07, 0.08), (0.06, 0.19, 0.46), (0.08, 0.36, 0.20), (0.62, 0.36, 0.05), (0.32, 0.10, 0.42))
@@ -65,7 +65,7 @@ class Renderer:
         self._no_values: np.ndarray = np.zeros((1, 3), dtype=np.float32)
         # nearest 1/depth and the face that has it: picture first, shadow map behind it
         pixels = self.w * self.h + (0 if self.traces else SHADOW * SHADOW)
-        self.depth, self.face = ti.field(ti.f32, pixels), ti.field(ti.i32, pixels)
+        self.depth, self.face = ti.field(ti.i32, pixels), ti.field(ti.i32, pixels)  # depth: bits of an f32 from 0 up
         if self.traces:  # by pixel: what light reaches it, where it is, which way it faces
             self.lit = ti.Vector.field(2, ti.f32, width * height)
             self.spot, self.facing = (ti.Vector.field(3, ti.f32, width * height) for _ in range(2))
@@ -118,7 +118,7 @@ class Renderer:
     @ti.kernel
     def _clear(self):
         for i in self.depth:
-            self.depth[i] = NOTHING
+            self.depth[i] = 0
             self.face[i] = -1
 
     @ti.kernel
@@ -135,10 +135,11 @@ class Renderer:
                     for x in range(x_0, x_1):
                         k = weights(a, b, c, area, x + 0.5, y + 0.5)
                         if k.min() >= 0:
-                            pixel, here = offset + y * w + x, ti.cast(k.dot(ti.Vector([a[2], b[2], c[2]])), ti.f32)
+                            pixel = offset + y * w + x
+                            here = ti.bit_cast(ti.cast(k.dot(ti.Vector([a[2], b[2], c[2]])), ti.f32), ti.i32)
                             if identify == 0:
                                 ti.atomic_max(self.depth[pixel], here)
-                            elif here == self.depth[pixel]:
+                            elif here >= self.depth[pixel] - SAME:
                                 ti.atomic_max(self.face[pixel], f)
 
     @ti.kernel
@@ -203,7 +204,8 @@ class Renderer:
         color = sky(ray)
         if t > 0:
             hit = corner(rows, 3) + t * ray
-            base = 0.34 + 0.10 * checker(ti.Vector([hit[0], hit[2]]) / rows[7, 2])
+            width = t / (rows[7, 0] * self.h * ti.max(-ray[1], 0.02))  # of a sample on the ground, along the view
+            base = 0.34 + 0.10 * soft_checker(ti.Vector([hit[0], hit[2]]) / rows[7, 2], width / rows[7, 2])
             up_n = ti.Vector([0.0, 1.0, 0.0])
             reached, open_sky = 1.0, 1.0
             if t < 60 * rows[7, 2]:
@@ -314,7 +316,7 @@ class Renderer:
                 taps += 1.0
                 above = 0.0
                 if 0 <= sx and sx < SHADOW and 0 <= sy and sy < SHADOW:
-                    above = self.depth[self.w * self.h + sy * SHADOW + sx]
+                    above = ti.bit_cast(self.depth[self.w * self.h + sy * SHADOW + sx], ti.f32)
                 if above <= 0 or above <= seen[2] + 1.0 + 0.006:
                     reached += 1.0
         return reached / taps
@@ -378,6 +380,16 @@ def checker(q):
     """1 and 0 in turn."""
     cell = ti.cast(ti.floor(q[0]), int) + ti.cast(ti.floor(q[1]), int)
     return ti.cast(cell & 1, float)
+
+
+@ti.func
+def soft_checker(q, width):
+    """The mean of `checker` over a square of this width: its edges are as soft as a sample is wide."""
+    side = 1.0
+    for d in ti.static(range(2)):
+        low, high = (q[d] - 0.5 * width) / 2, (q[d] + 0.5 * width) / 2
+        side *= 2 * (ti.abs(low - ti.floor(low) - 0.5) - ti.abs(high - ti.floor(high) - 0.5)) / width
+    return 0.5 - 0.5 * side
 
 
 @ti.func
