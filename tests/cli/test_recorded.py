@@ -1,5 +1,6 @@
 """Runs that were recorded: gone on with after a kill, exported, drawn again, compared, reported."""
 
+import base64
 import json
 import os
 import re
@@ -163,6 +164,18 @@ def test_drawn_again_and_compared(whole, tmp_path):
     assert read_png(tmp_path / "both.png").shape == (3 * 48, 3 * 64, 3)
 
 
+def test_a_film_is_written(whole, tmp_path):
+    imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed")
+    done = call("render", whole, "--to", tmp_path / "film", "--size", "96x64", "--every", "5", "--mp4")
+    assert done.returncode == 0, done.stderr
+    frames, seconds = imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "film" / "film.mp4"))
+    assert frames == 4
+    reader = imageio_ffmpeg.read_frames(str(tmp_path / "film" / "film.mp4"), pix_fmt="rgb24")
+    assert next(reader)["size"] == (96, 64)
+    shown = np.frombuffer(next(reader), dtype=np.uint8).reshape(64, 96, 3).astype(int)
+    assert np.abs(shown - read_png(tmp_path / "film" / "00000.png")).mean() < 12
+
+
 def test_what_cannot_be_done_with_a_run_is_named(whole, tmp_path):
     for args, words in ((("export", whole, "--format", "fbx"), "unknown format 'fbx'"),
                         (("export", tmp_path, "--format", "pc2"), "no run's folder"),
@@ -224,13 +237,21 @@ def test_report(whole, tmp_path):
     assert len(data["frames"]) == 16 and len(data["times"]) == 16
 
 
+DECODE = """async png => {
+    const image = new Image(); image.src = 'data:image/png;base64,' + png; await image.decode();
+    const canvas = new OffscreenCanvas(image.width, image.height), drawing = canvas.getContext('2d');
+    drawing.drawImage(image, 0, 0);
+    return Array.from(drawing.getImageData(0, 0, image.width, image.height).data); }"""
+
+
 def test_report_plays_in_a_browser(whole, tmp_path):
     api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     file = tmp_path / "report.html"
     assert call("report", whole, "--to", file).returncode == 0
     with api.sync_playwright() as p:
         try:
-            browser = p.chromium.launch(args=["--use-gl=swiftshader", "--enable-unsafe-swiftshader"])
+            browser = p.chromium.launch(args=["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"],
+                                        executable_path=shutil.which("chromium") or shutil.which("google-chrome"))
         except api.Error as error:
             pytest.skip(f"no Chromium: {str(error).splitlines()[0]}")
         page, errors = browser.new_page(), []
@@ -238,5 +259,20 @@ def test_report_plays_in_a_browser(whole, tmp_path):
         page.goto(file.as_uri())
         page.fill("#frame", "7")
         page.wait_for_function("document.body.dataset.drawn === '7'")
+        assert not errors
+        view = page.locator("canvas").first
+
+        def pixels():
+            png = base64.b64encode(view.screenshot()).decode()
+            return np.array(page.evaluate(DECODE, png), dtype=np.uint8).reshape(-1, 4)
+
+        before, box = pixels(), view.bounding_box()
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        page.mouse.down()
+        page.mouse.move(box["x"] + box["width"] / 2 + 80, box["y"] + box["height"] / 2, steps=3)
+        page.mouse.up()
+        page.wait_for_timeout(200)
+        assert len(np.unique(before, axis=0)) > 30, "the cloth is not drawn"
+        assert (before != pixels()).any(axis=1).mean() > 0.01, "dragging does not orbit"
         assert not errors
         browser.close()
