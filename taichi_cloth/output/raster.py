@@ -18,6 +18,7 @@ QUALITY = {"fast": (2, 0, 0), "standard": (2, 2, 4), "high": (3, 6, 12)}  # samp
 LIGHT_SIZE = 0.06  # tangent of half the angle under which the light is seen
 REACH = 2  # pixels around that share what rays found
 OCCLUDE = 0.35  # part of the scene's size beyond which nothing takes ambient light away
+PIECE = 64  # pixels of a triangle's box that one thread of a CPU tests; on a GPU they are threads
 SHADOW = 1536  # shadow map, pixels a side
 SAME = 8  # roundings by which depths of one sample may differ between the two passes: not all backends round alike
 LIGHT = (0.45, 0.8, 0.5)  # towards the key light
@@ -62,6 +63,7 @@ class Renderer:
         self.light = np.stack([side, np.cross(light, side), light])
         self.size = max(size, 1e-9)
         self.tree: Any = RayTree(len(faces)) if self.traces else None
+        self.wide = ti.cfg.arch not in (ti.x64, ti.arm64)
         self._no_values: np.ndarray = np.zeros((1, 3), dtype=np.float32)
         # nearest 1/depth and the face that has it: picture first, shadow map behind it
         pixels = self.w * self.h + (0 if self.traces else SHADOW * SHADOW)
@@ -82,16 +84,17 @@ class Renderer:
             wire: draws the triangles' edges.
         """
         screen = self.camera.project(x, self.w, self.h).astype(np.float32)
-        near = 1 / self.camera.near
         self._clear()
-        self._raster(screen, self.faces, self.w, self.h, 0, near, 0)
-        self._raster(screen, self.faces, self.w, self.h, 0, near, 1)
+        seen = pieces(screen, self.faces, self.w, self.h, 1 / self.camera.near)
+        for identify in range(2):
+            self._raster(screen, self.faces, seen, self.w, 0, identify)
         shadow_frame = np.zeros((2, 3))
         if self.tree is not None:
             self.tree.build(x, self.faces)
         else:
             shadow, shadow_frame = self._light_view(x)
-            self._raster(shadow, self.faces, SHADOW, SHADOW, self.w * self.h, 1e30, 0)
+            self._raster(shadow, self.faces, pieces(shadow, self.faces, SHADOW, SHADOW, np.inf), SHADOW,
+                         self.w * self.h, 0)
         image = np.empty((self.height, self.width, 3), dtype=np.float32)
         c = self.camera
         rows = np.concatenate([c.axes, [c.eye], self.light, [[c.focal, self.ground, self.tile]], shadow_frame,
@@ -122,25 +125,32 @@ class Renderer:
             self.face[i] = -1
 
     @ti.kernel
-    def _raster(self, p: ti.types.ndarray(), faces: ti.types.ndarray(), w: int, h: int, offset: int, near: ti.f32,
+    def _raster(self, p: ti.types.ndarray(), faces: ti.types.ndarray(), pieces: ti.types.ndarray(), w: int, offset: int,
                 identify: int):
         """Nearest depth in each pixel; then, with `identify`, which face it was that has it."""
-        for f in range(faces.shape[0]):
+        if ti.static(self.wide):
+            for i in range(pieces.shape[0] * PIECE):
+                self._touch(p, faces, pieces, i // PIECE, i % PIECE, w, offset, identify)
+        else:
+            for piece in range(pieces.shape[0]):
+                for i in range(PIECE):
+                    self._touch(p, faces, pieces, piece, i, w, offset, identify)
+
+    @ti.func
+    def _touch(self, p: ti.template(), faces: ti.template(), pieces: ti.template(), piece, i, w, offset, identify):
+        """One pixel of a piece of a triangle's box."""
+        f, i_box, across = pieces[piece, 0], pieces[piece, 1] + i, pieces[piece, 4]
+        if i_box < pieces[piece, 5]:
             a, b, c = corner(p, faces[f, 0]), corner(p, faces[f, 1]), corner(p, faces[f, 2])
-            area = edge(a, b, c[0], c[1])
-            if visible(a, near) and visible(b, near) and visible(c, near) and ti.abs(area) > 1e-12:
-                x_0, x_1 = bounds(a[0], b[0], c[0], w)
-                y_0, y_1 = bounds(a[1], b[1], c[1], h)
-                for y in range(y_0, y_1):
-                    for x in range(x_0, x_1):
-                        k = weights(a, b, c, area, x + 0.5, y + 0.5)
-                        if k.min() >= 0:
-                            pixel = offset + y * w + x
-                            here = ti.bit_cast(ti.cast(k.dot(ti.Vector([a[2], b[2], c[2]])), ti.f32), ti.i32)
-                            if identify == 0:
-                                ti.atomic_max(self.depth[pixel], here)
-                            elif here >= self.depth[pixel] - SAME:
-                                ti.atomic_max(self.face[pixel], f)
+            x, y = pieces[piece, 2] + i_box % across, pieces[piece, 3] + i_box // across
+            k = weights(a, b, c, edge(a, b, c[0], c[1]), x + 0.5, y + 0.5)
+            if k.min() >= 0:
+                pixel = offset + y * w + x
+                here = ti.bit_cast(ti.cast(k.dot(ti.Vector([a[2], b[2], c[2]])), ti.f32), ti.i32)
+                if identify == 0:
+                    ti.atomic_max(self.depth[pixel], here)
+                elif here >= self.depth[pixel] - SAME:
+                    ti.atomic_max(self.face[pixel], f)
 
     @ti.kernel
     def _shade(self, p: ti.types.ndarray(), x: ti.types.ndarray(), normals: ti.types.ndarray(),
@@ -343,6 +353,32 @@ def wire(a, b, c, area, k, samples: ti.template()):
     return 0.35 + 0.65 * ti.min(1.0, ti.min(x, y, z) / (0.7 * samples))
 
 
+def pieces(p: np.ndarray, faces: np.ndarray, w: int, h: int, near: float) -> np.ndarray:
+    """The work of rasterising triangles in equal pieces of PIECE pixels, so that large and small ones share threads well.
+
+    A GPU takes a thread a pixel: Mesa's Vulkan on the CPU loses what follows an atomic operation inside a loop.
+
+    Args:
+        p: (n, 3) columns, rows, 1/depth. Triangles with a corner behind the eye or nearer than 1/near are left out.
+
+    Returns:
+        (k, 6) int32: face, first pixel of its box, the box's first column and row, its columns, its pixels.
+    """
+    corners = p[faces]
+    keep = ((corners[:, :, 2] > 0) & (corners[:, :, 2] < near)).all(axis=1)
+    low = np.floor(np.clip(corners[:, :, :2].min(axis=1), 0, (w, h))).astype(np.int64)
+    high = np.ceil(np.clip(corners[:, :, :2].max(axis=1), 0, (w, h))).astype(np.int64)
+    across = high - low
+    u, v = corners[:, 1, :2] - corners[:, 0, :2], corners[:, 2, :2] - corners[:, 0, :2]
+    keep &= np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) > 1e-12
+    count = np.where(keep, across.prod(axis=1), 0)
+    share = -(-count // PIECE)
+    face = np.repeat(np.arange(len(faces)), share)
+    first = PIECE * (np.arange(len(face)) - np.repeat(np.cumsum(share) - share, share))
+    columns = (face, first, low[face, 0], low[face, 1], across[face, 0], count[face])
+    return np.stack(columns, axis=1).astype(np.int32).reshape(-1, 6)
+
+
 @ti.func
 def corner(p: ti.template(), i):
     """Row i of an (n, 3) array."""
@@ -359,20 +395,6 @@ def edge(a, b, x, y):
 def weights(a, b, c, area, x, y):
     """Barycentric coordinates of a pixel; all at least 0 inside, whichever way round the triangle is."""
     return ti.Vector([edge(b, c, x, y), edge(c, a, x, y), edge(a, b, x, y)]) / area
-
-
-@ti.func
-def visible(a, near):
-    """In front of the near plane."""
-    return a[2] > 0 and a[2] < near
-
-
-@ti.func
-def bounds(a, b, c, n):
-    """Range of pixel columns or rows that a triangle covers."""
-    low = ti.cast(ti.floor(ti.max(ti.min(a, b, c), -1.0)), int)
-    high = ti.cast(ti.ceil(ti.min(ti.max(a, b, c), n + 1.0)), int)
-    return ti.max(low, 0), ti.min(high + 1, n)
 
 
 @ti.func
