@@ -51,18 +51,18 @@ def swinging(mesh: tc.TriMesh, preconditioner: str, precision: str, arch: str) -
     cloth = scene.add_cloth(mesh, FABRIC)
     corners = [int(np.argmin(np.linalg.norm(mesh.uv - c, axis=1))) for c in ((0, 1), (1, 1))]
     scene.pin(cloth, corners)
-    sim = tc.Simulation(scene, h=H, precision=precision, arch=arch, cg_tol=1e-4, preconditioner=preconditioner)
+    sim = tc.Simulation(scene, h=H, precision=precision, arch=arch, cg_tol=1e-4, integrator="backward_euler", preconditioner=preconditioner)
     return sim
 
 
 def direct(sim: tc.Simulation):
     """A function that factorises and solves the assembled system of the free particles, and its name."""
-    sim._probe = sim._later(Probe, sim.integrator.operator)
+    sim._probe = sim._later(Probe, sim.integrator.system.operator)
     A = assembled(sim).tocsc()
     held = sim._held_at(sim.time, H).index
     free = np.setdiff1d(np.arange(sim.model.n), held)
     rows = (3 * free[:, None] + np.arange(3)).ravel()
-    A, b = A[rows][:, rows].tocsc(), sim.integrator.operator.b.to_numpy()[: sim.model.n].ravel()[rows]
+    A, b = A[rows][:, rows].tocsc(), sim.integrator.system.operator.b.to_numpy()[: sim.model.n].ravel()[rows]
     try:
         from sksparse.cholmod import cholesky
 

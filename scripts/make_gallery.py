@@ -18,7 +18,7 @@ WHEN = {"swing": 0.55, "explicit_vs_implicit": 0.4, "flag": 0.8, "incline": 0.6,
 def picture(name: str, settings: dict, size: tuple[int, int], quality: str):
     """The scene at its most telling moment."""
     scene = scenefile.read(name)
-    plan = {"cg_tol": 1e-4, **scene.run}
+    plan = dict(scene.run)
     duration, fps = plan.pop("duration") * WHEN.get(name, 1.0), plan.pop("fps")
     sim = tc.Simulation(scene.make(settings), **plan)
     sim.run(duration, fps)

@@ -12,7 +12,8 @@ from . import cli_recorded
 from .cli_recorded import look_flags, number_of, size_of
 
 DEFAULTS: dict = {"duration": 2.0, "fps": 30.0, "h": 1 / 60, "arch": "cpu", "precision": "f64",
-            "integrator": "backward_euler", "K": "projected", "preconditioner": "auto", "cg_tol": 1e-4, "stretch_limit": 0.5}
+            "integrator": "safe", "K": "projected", "preconditioner": "auto", "stretch_limit": 0.5,
+            "cg_tol": None, "newton_tol": 1e-4, "tolerance": None}
 OK, FAILED, BAD_USAGE, GAVE_UP, INTERRUPTED = 0, 1, 2, 3, 130
 
 
@@ -194,10 +195,12 @@ def _simulation_flags(parser: argparse.ArgumentParser) -> None:
     add("--arch", help="cpu, cuda, vulkan or metal")
     add("--precision", help="f32 or f64")
     add("--threads", type=int, metavar="N", help="CPU threads (all)")
-    add("--integrator", help="backward_euler or symplectic_euler")
+    add("--integrator", help="safe, tr_bdf2, backward_euler, newton_euler or verlet")
     add("--K", help="projected, gauss_newton or paper")
     add("--preconditioner", help="auto, multilevel, block_jacobi, jacobi or none")
     add("--cg-tol", dest="cg_tol", type=number_of, metavar="X", help="relative residual of the linear solve")
+    add("--newton-tol", dest="newton_tol", type=number_of, metavar="M", help="last change at which Newton's method stops [m]")
+    add("--tolerance", type=number_of, metavar="M", help="error of positions to keep to [m], which drives the step")
     add("--stretch-limit", dest="stretch_limit", type=number_of, metavar="X",
         help="largest change of a triangle's stretch in a step")
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the scene")

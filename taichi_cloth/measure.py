@@ -16,7 +16,7 @@ class Measures:
     Attributes:
         energies: J by term, kinetic included.
         dissipation: half the dissipated power [W] (the Rayleigh function).
-        change: 1/2 (v - v_saved)^T M (v - v_saved) [J].
+        change: 1/2 (v - v_base)^T M (v - v_base) [J].
         stretch: largest |w|/b; 1 is the pattern's size, 0 where no cloth has stretch or shear.
         stretch_change: its largest change in any triangle since the saved state.
         finite: no NaN and no infinity in x or v.
@@ -92,7 +92,7 @@ class Meter:
         for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
             v, m = self.model.v[i], self.model.m[i]
             kinetic += 0.5 * m * v.norm_sqr()
-            change += 0.5 * m * (v - self.model.v_saved[i]).norm_sqr()
+            change += 0.5 * m * (v - self.model.v_base[i]).norm_sqr()
             total += v.sum() + self.model.x[i].sum()
         report[block, self.column] = kinetic
         report[block, self.column + 1] = change

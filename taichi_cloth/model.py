@@ -59,6 +59,7 @@ class Model:
     Attributes:
         n: number of simulated particles.
         user: (n,) the user's vertex of each particle.
+        v_base: velocity [m/s] that a step or stage starts from: the saved one, unless a method sets another.
         origin: (3,) [m] taken off all positions, not zero only far from the world's origin.
     """
 
@@ -81,7 +82,7 @@ class Model:
         self.x = fields.real(self.n, 3, self.start_positions[self.user] - self.origin)
         self.v = fields.real(self.n, 3, self.start_velocities[self.user])
         self.m = fields.real(self.n, data=self.mass)
-        self.x_saved, self.v_saved = fields.real(self.n, 3), fields.real(self.n, 3)
+        self.x_saved, self.v_saved, self.v_base = (fields.real(self.n, 3) for _ in range(3))
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         """(positions [m], velocities [m/s]), each (user's n, 3) float64; vertices without a face stay put."""
@@ -93,6 +94,10 @@ class Model:
     def read_particles(self) -> tuple[np.ndarray, np.ndarray]:
         """(x [m] from the local origin, v [m/s]), each (n, 3) float64 in particle order."""
         return self._pack(self._read)
+
+    def read_saved(self) -> tuple[np.ndarray, np.ndarray]:
+        """The same of the saved state."""
+        return self._pack(self._read_saved)
 
     def write(self, positions: np.ndarray, velocities: np.ndarray) -> None:
         """Sets the state from arrays in the user's order."""
@@ -127,6 +132,13 @@ class Model:
                 v[i, c] = self.v[i][c]
 
     @ti.kernel
+    def _read_saved(self, x: ti.types.ndarray(), v: ti.types.ndarray()):
+        for i in range(self.n):
+            for c in ti.static(range(3)):
+                x[i, c] = self.x_saved[i][c]
+                v[i, c] = self.v_saved[i][c]
+
+    @ti.kernel
     def _write(self, x: ti.types.ndarray(), v: ti.types.ndarray()):
         for i in range(self.n):
             for c in ti.static(range(3)):
@@ -139,6 +151,7 @@ class Model:
         for i in range(self.n):
             self.x_saved[i] = self.x[i]
             self.v_saved[i] = self.v[i]
+            self.v_base[i] = self.v[i]
 
     @ti.kernel
     def restore(self):
@@ -146,6 +159,7 @@ class Model:
         for i in range(self.n):
             self.x[i] = self.x_saved[i]
             self.v[i] = self.v_saved[i]
+            self.v_base[i] = self.v_saved[i]
 
 
 def _masses(scene: Scene) -> np.ndarray:

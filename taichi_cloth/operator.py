@@ -33,6 +33,12 @@ class Operator:
             self.motion[i] = h * self.model.v[i]
 
     @ti.kernel
+    def still(self):
+        """motion = 0"""
+        for i in range(self.model.n):
+            self.motion[i] = ti.Vector.zero(float, 3)
+
+    @ti.kernel
     def alter_motion(self, index: ti.types.ndarray(), y: ti.types.ndarray()):
         """motion += y on particles index[k]"""
         for k in range(index.shape[0]):
@@ -41,13 +47,13 @@ class Operator:
 
     @ti.kernel
     def linearize(self, c: float):
-        """b = M (v_saved - v) + c (f + K motion); keeps the blocks of A for `product`."""
+        """b = M (v_base - v) + c (f + K motion); keeps the blocks of A for `product`."""
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
                 block = t // self.blocks.grain
                 for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
                     m = self.model.m[i]
-                    self.b[i] = m * (self.model.v_saved[i] - self.model.v[i])
+                    self.b[i] = m * (self.model.v_base[i] - self.model.v[i])
                     self.P[i] = ti.Vector([m, 0.0, 0.0, m, 0.0, m])
                 for k in ti.static(range(len(self.forces))):
                     self.forces[k].linearize(block, c, self.motion, self.b, self.P)

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 
 import numpy as np
 import taichi as ti
@@ -15,7 +14,7 @@ from .fields import Fields
 from .forces import build_forces
 from .forces.conditions import K_MODES
 from .forces.external import Drag
-from .integrators import INTEGRATORS, SOLVER, Options
+from .integrators import CG_TOL, INTEGRATORS, SOLVER, Options
 from .measure import Meter
 from .model import Model
 from .operator import ForceField, Operator
@@ -26,7 +25,6 @@ from .solver.preconditioner import PRECONDITIONERS
 from .stepper import ADVICE, Control, Stepper, StepRecord
 
 ROUND_TIME = 1e-9  # part of a step below which two times are the same
-SAFETY = 0.9  # part of an explicit method's stable step that adaptive runs take at most
 H_MIN_FACTOR = 4096.0  # h_min is h over this, where it is not given
 
 
@@ -39,9 +37,13 @@ class Simulation:
         h: step size [s]; the largest one where steps adapt (an explicit method's stable step bounds it too).
         arch: "cpu", "cuda", "vulkan", "metal".
         precision: "f32" or "f64".
-        integrator: "backward_euler" or "symplectic_euler".
+        integrator: "safe" (TR-BDF2; steps that it cannot take, and those in contact, by backward Euler), "tr_bdf2",
+            "backward_euler" (the paper's single solve), "newton_euler" (nonlinear backward Euler), "verlet" (explicit).
         K: stiffness matrix, "projected" (positive semidefinite), "gauss_newton" or "paper" (exact).
-        cg_tol: relative residual of the linear solve.
+        cg_tol: relative residual of a linear solve; where None 1e-4 for backward Euler, 1e-2 for a Newton iteration.
+        newton_tol: RMS of the last change of position [m] at which Newton's method stops.
+        tolerance: RMS error of positions [m] that half a second may add, as estimated; it drives h. None takes the
+            steps asked for. Needs "safe" or "tr_bdf2".
         adaptive: whether a step that goes bad is retried smaller; False does exactly the steps asked for.
         h_min: smallest step [s]; h / 4096 where None.
         stretch_limit: largest change of |w|/b of a triangle in a step.
@@ -65,10 +67,11 @@ class Simulation:
     """
 
     def __init__(self, scene: Scene, h: float = 1 / 60, arch: str = "cpu", precision: str = "f64",
-                 integrator: str = "backward_euler", K: str = "projected", cg_tol: float = 1e-6,
+                 integrator: str = "safe", K: str = "projected", cg_tol: float | None = None,
                  adaptive: bool = True, h_min: float | None = None, stretch_limit: float = 0.5,
                  newton_max: int = 8, preconditioner: str = "auto", cg_max_iterations: int = 10_000,
-                 threads: int | None = None, quiet: bool = True, debug: bool = False) -> None:
+                 threads: int | None = None, quiet: bool = True, debug: bool = False, newton_tol: float = 1e-4,
+                 tolerance: float | None = None) -> None:
         if not isinstance(scene, Scene) or not scene.cloths:
             raise SceneError("a simulation needs a Scene with at least one cloth")
         check_choice("integrator", integrator, INTEGRATORS)
@@ -77,14 +80,21 @@ class Simulation:
         if preconditioner == "auto" and K == "paper":
             preconditioner = "block_jacobi"  # an indefinite matrix has indefinite levels
         h_min = h / H_MIN_FACTOR if h_min is None else h_min
-        for name, value in (("h", h), ("h_min", h_min), ("cg_tol", cg_tol), ("stretch_limit", stretch_limit)):
-            _check_positive(name, value)
+        given = {"h": h, "h_min": h_min, "stretch_limit": stretch_limit, "newton_tol": newton_tol, "cg_tol": cg_tol,
+                 "tolerance": tolerance}
+        for name, value in given.items():
+            if value is not None:
+                _check_positive(name, value)
+        if tolerance is not None and (integrator not in ("safe", "tr_bdf2") or not adaptive):
+            raise SceneError(f"tolerance = {tolerance:g} m: error control needs integrator 'safe' or 'tr_bdf2' and adaptive "
+                             f"steps, not {integrator!r}")
         self.scene, self.time, self._h = scene, 0.0, h
         self.log: list[StepRecord] = []
         self.runtime = runtime.start(arch, precision, threads, quiet, debug)
         self._generation, self._open = runtime.generation(), True
         self.control = Control(h, h_min, adaptive, stretch_limit)
-        self.options = Options(K, cg_tol, int(cg_max_iterations), int(newton_max), preconditioner)
+        self.options = Options(K, cg_tol, int(cg_max_iterations), int(newton_max), preconditioner, newton_tol,
+                               tolerance)
         self.integrator_name = integrator
         self._fields = Fields(self.runtime.exchange)
         try:
@@ -92,9 +102,8 @@ class Simulation:
         except BaseException:
             self._fields.free()
             raise
-        if adaptive:  # an explicit method takes no step that is unstable already at rest
-            h = min(h, SAFETY * self.integrator.stable_step)
-            self.control = replace(self.control, h_max=h, h_min=min(h_min, h / 2))
+        if self.integrator.system is None:
+            self.integrator.subcycles = adaptive
         self.notes = [f"{c.name}: {note}" for c in scene.cloths for note in c.mesh.notes]
         if self.contacts is not None:
             self.notes += self.contacts.inspect()
@@ -106,7 +115,6 @@ class Simulation:
         self._extra: list[Fields] = []  # made when first asked for
         self._force_field: ForceField | None = None
         self._probe: Probe | None = None
-        self._solved_h: float | None = None
         self.solution: Solution | None = None
 
     def _build(self, scene: Scene, h: float) -> None:
@@ -149,6 +157,7 @@ class Simulation:
             arrays.append(value)
         self._live().model.write(*arrays)
         self.stepper.start = None
+        self.integrator.reset()
         if self.contacts is not None:
             self.contacts.clear()
         self._attachments = Attachments(self.model, self.runtime.exchange)
@@ -181,9 +190,9 @@ class Simulation:
         p = np.asarray(p, dtype=np.float64)
         if p.shape != (self.vertex_count, 3):
             raise SceneError(f"product: p needs shape ({self.vertex_count}, 3), not {p.shape}")
-        method = self._linearized(h)
+        system = self._linearized(h)
         if self._probe is None:
-            self._probe = self._later(Probe, method.operator)
+            self._probe = self._later(Probe, system.operator)
         return self.model.to_user(self._probe.product(self.model.to_particles(p)))
 
     def right_hand_side(self, h: float) -> np.ndarray:
@@ -202,22 +211,20 @@ class Simulation:
         """
         if constraints is None:
             held = self._held_at(self.time, h)
-            solution = self._linearized(h).solve(held, h)
+            solution = self._linearized(h).solve(self._cg_tol, held, h)
         else:
             held, z = by_hand(constraints, self.model, self.runtime.exchange)
-            solution = self._linearized(h, held).solve(held, z=z)
-        self._solved_h, self.solution = h, solution
+            solution = self._linearized(h, held).solve(self._cg_tol, held, z=z)
+        self.solution = solution
         if solution.status != CONVERGED:
             raise SimulationError(f"the solve ended with {solution.status} after {solution.iterations} iterations at a "
                                   f"relative residual of {solution.residual:.2g}: {ADVICE[SOLVER]}", SOLVER, self.time)
-        return self.model.to_user(self.integrator.solver.dv.to_numpy())
+        return self.model.to_user(self.integrator.system.solver.dv.to_numpy())
 
     def constraint_forces(self) -> np.ndarray:
         """(n, 3) [N] of the constraints in the last step or solve, (A dv - b)/h; 0 in free directions."""
-        method = self._implicit()
-        if self._solved_h is None:
-            return np.zeros((self.vertex_count, 3))
-        return self.model.to_user(method.reaction()) / self._solved_h
+        system = self._system()
+        return self.model.to_user(system.reaction())
 
     def contact_forces(self) -> np.ndarray:
         """(n, 3) [N] of solids on the cloth in the last step, friction included."""
@@ -320,7 +327,6 @@ class Simulation:
             record = self.stepper.step(self.time, remaining / steps, self._held_at)
             self.time = stop if steps == 1 and abs(record.t - stop) <= ROUND_TIME * record.h else record.t
             record.t = self.time
-            self._solved_h = record.h
             self.log.append(record)
         self._fire_events()
         return record
@@ -335,7 +341,7 @@ class Simulation:
     def _held_at(self, t: float, h: float) -> Held | None:
         """Constraints at the end of a step from t to t + h; also sets the wind there, and the solids at both ends."""
         self._set_wind(t + h)
-        if self.contacts is not None:
+        if self.contacts is not None and h > 0:
             self.contacts.scan.set_time(t, h)
         self._attachments.update(self._script.attachments, self.positions)
         return self._attachments.at(self._script.attachments, t + h)
@@ -345,22 +351,27 @@ class Simulation:
             self._drag.set_wind(*map(float, self.scene.air.wind_at(t)))  # type: ignore[union-attr]
 
     def _linearized(self, h: float, held: Held | None = None):
-        """The implicit integrator, linearized at the current state for a step h, with y of the held particles."""
+        """The system, linearized at the current state for a step h, with y of the held particles."""
         _check_positive("h", h)
-        method = self._implicit()
+        system = self._system()
         self._set_wind(self.time + h)
         self.model.save()
-        method.operator.set_motion(h)
+        system.operator.set_motion(h)
         if held is not None:
-            method.operator.alter_motion(held.index, held.y)
-        method.operator.linearize(h)
-        return method
+            system.operator.alter_motion(held.index, held.y)
+        system.linearize(h)
+        self.integrator.reset()
+        return system
 
-    def _implicit(self):
+    def _system(self):
         self._live()
-        if self.integrator.operator is None:
-            raise SceneError(f"integrator {self.integrator_name!r} solves no system: this needs 'backward_euler'")
-        return self.integrator
+        if self.integrator.system is None:
+            raise SceneError(f"integrator {self.integrator_name!r} solves no system: this needs an implicit one")
+        return self.integrator.system
+
+    @property
+    def _cg_tol(self) -> float:
+        return self.options.cg_tol or CG_TOL
 
     def _later(self, kind, *args):
         """An object with fields of its own, for what most runs never ask for."""

@@ -3,14 +3,16 @@
 import json
 import time
 from dataclasses import asdict, dataclass, field
+from functools import partial
 
 import numpy as np
 
 from .errors import SimulationError
-from .integrators import APPROACH, CONTACT, ENERGY, NOT_FINITE, SOLVER, STRETCH, Attempt
+from .integrators import ACCURACY, APPROACH, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, STRETCH, Attempt
 from .measure import Measures, Meter
 from .model import Model
 
+CAREFUL = 0.9  # part of the step that error control thinks possible
 PARTS = ("EVAL", "CG", "C-C", "C-S")  # [BW98 table 1]: forces and matrix, solve, cloth-cloth, cloth-solid contact
 ADVICE = {
     STRETCH: "some triangle stretches too much in one step: slow the motion down, or raise stretch_limit",
@@ -18,6 +20,8 @@ ADVICE = {
             "more solves with newton_max",
     SOLVER: "the linear solve does not converge: raise cg_max_iterations or cg_tol, use K='projected', or precision "
             "'f64'",
+    NEWTON: "Newton's method does not converge: raise newton_max or newton_tol, or use the integrator 'safe'",
+    ACCURACY: "no step is as accurate as asked for: raise tolerance, or h_min is too large; f32 has no digits to spare",
     CONTACT: "contacts with solids do not settle: is the cloth pinched between solids, or pinned inside one?",
     APPROACH: "cloth meets a solid faster than its mesh can follow: slow the motion down, or use a coarser mesh",
     NOT_FINITE: "numbers overflow: a stiffness, mass or prescribed motion is out of scale; try precision 'f64'",
@@ -60,6 +64,9 @@ class StepRecord:
         contacts: number of contacts with solids at its end.
         unsettled: how many of them had not agreed on sticking, sliding or releasing when it was accepted.
         crossings: pairs of triangles of cloth and of solids with edges or corners that pass through each other.
+        evaluations: of the forces, by an explicit method.
+        error: estimated, over what the tolerance allows in this step; 0 where none is asked for.
+        fell_back: why the default method redid the step by backward Euler; "" where it did not.
     """
 
     t: float
@@ -75,6 +82,9 @@ class StepRecord:
     contacts: int = 0
     unsettled: int = 0
     crossings: int = 0
+    evaluations: int = 0
+    error: float = 0.0
+    fell_back: str = ""
 
 
 class Stepper:
@@ -106,7 +116,7 @@ class Stepper:
                 self.start = self.meter.measure()
                 if not self.start.finite:
                     raise SimulationError(f"the state at t = {t:g} s is not finite", NOT_FINITE, t)
-            attempt = self.integrator.attempt(h, held_at(t, h), self.start)
+            attempt = self.integrator.attempt(h, partial(held_at, t), self.start)
             for name, value in attempt.seconds.items():
                 seconds[name] += value
             rejection = self.judge(attempt)
@@ -118,7 +128,8 @@ class Stepper:
             rejections[rejection] = rejections.get(rejection, 0) + 1
             if not control.adaptive or h / 2 < control.h_min:
                 raise SimulationError(self._gave_up(t, h, rejection, attempt, rejections), rejection, t)
-            h = self.h = h / 2
+            smaller = 0.5 if rejection != ACCURACY else _factor(attempt, 0.1, 0.7)
+            h = self.h = h * smaller
             self.quiet = 0
 
     def checkpoint(self) -> dict[str, np.ndarray]:
@@ -147,7 +158,9 @@ class Stepper:
         self.integrator.commit()
         self.start = measures
         self.quiet += 1
-        if self.quiet >= self.control.quiet_steps and self.h < self.control.h_max:
+        if attempt.error is not None:
+            self.h = min(h * _factor(attempt, 0.3, 2.0), self.control.h_max)
+        elif self.quiet >= self.control.quiet_steps and self.h < self.control.h_max:
             self.h, self.quiet = min(2 * self.h, self.control.h_max), 0
         worst = max(attempt.solutions, key=lambda s: s.residual, default=None)
         status = rejection or (worst.status if worst else "EXPLICIT")
@@ -155,7 +168,8 @@ class Stepper:
             status = attempt.detail
         return StepRecord(t + h, h, sum(s.iterations for s in attempt.solutions), len(attempt.solutions),
                           worst.residual if worst else 0.0, status, rejections, measures.energies, measures.stretch,
-                          seconds, attempt.contacts, attempt.unsettled, attempt.crossings)
+                          seconds, attempt.contacts, attempt.unsettled, attempt.crossings, attempt.evaluations,
+                          attempt.error or 0.0, attempt.fell_back)
 
     def _gave_up(self, t: float, h: float, rejection: str, attempt: Attempt, rejections: dict[str, int]) -> str:
         detail = f" ({attempt.detail})" if attempt.detail else ""
@@ -164,3 +178,9 @@ class Stepper:
         counts = ", ".join(f"{name} {count}" for name, count in rejections.items())
         return (f"gave up at t = {t:g} s: no step of at least h_min = {self.control.h_min:g} s passes; last rejection "
                 f"{rejection}{detail} at h = {h:g} s, in all {counts}. {ADVICE[rejection]}")
+
+
+def _factor(attempt: Attempt, least: float, most: float) -> float:
+    """By how much the next step may differ from this one so that its error is what is allowed."""
+    error = attempt.error if attempt.error is not None else 0.0
+    return min(most, max(least, CAREFUL * max(error, 1e-30) ** (-1 / attempt.order)))

@@ -93,6 +93,22 @@ class Contacts:
         """The step was accepted: the next begins from its contacts."""
         self.accepted, self.warm, self.crossings_before = self.trial, True, self.crossings
 
+    def meets(self, h: float, held: Held | None, x: np.ndarray, v: np.ndarray) -> bool:
+        """Whether cloth that went from the saved state (n, 3) to where the model now is meets a solid on its way."""
+        self.begin(h, held, x, v)
+        return bool((self.found.gap < 0).any()) or (self.near is not None and len(self.near.key) > 0)
+
+    def pass_by(self) -> None:
+        """A step without contact was accepted."""
+        self.accepted = self.trial = self.state = States()
+        self.active, self.total, self.pressed = Found.none(), np.zeros((0, 3)), None
+        self.warm, self.count, self.unsettled = False, 0, 0
+
+    @property
+    def touching(self) -> bool:
+        """Whether the last step had contacts."""
+        return self.count > 0 or (self.near is not None and len(self.near.key) > 0)
+
     def checkpoint(self) -> dict[str, np.ndarray]:
         """What is remembered from step to step, as arrays by name."""
         states = {name: getattr(self.accepted, name) for name in ("key", "stick", "force", "push")}

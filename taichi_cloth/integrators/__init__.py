@@ -2,20 +2,21 @@
 
 An integrator is built once for a model and has
 
-- `attempt(h, held, start) -> Attempt`: one step of size h [s] from the model's saved state, which the model's
-  current state equals on entry; `held` are the constraints at its end, `start` the measures at its beginning.
-  The model ends in the proposed state, also where the attempt names a rejection: rolling back is the stepper's.
-- `commit()`: the last attempt was accepted.
+- `attempt(h, held_at, start) -> Attempt`: one step of size h [s] from the model's saved state, which the model's
+  current state equals on entry; `held_at(s)` gives the constraints s seconds into it, and sets the wind there; `start`
+  are the measures at its beginning. The model ends in the proposed state, also where the attempt names a rejection:
+  rolling back is the stepper's.
+- `commit()`: the last attempt was accepted. `reset()`: the state was changed by hand.
 - `checkpoint()`, `resume(state)`: what it remembers from step to step, as arrays by name.
-- `operator`, `solver`: what it solves with, or None.
+- `system`: what it solves with, or None.
 - `stable_step`: the largest step [s] that is stable near rest; infinite for implicit methods.
 
 Methods with stages solved by Newton use the operator with their own c in M - c D - c^2 K.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
+from ..errors import SceneError
 from ..fields import Fields
 from ..measure import Measures, Meter
 from ..model import Model
@@ -23,8 +24,9 @@ from ..runtime import Runtime
 from ..scene import Scene
 from ..solver.pcg import Solution
 
+CG_TOL = 1e-4  # relative residual of the paper's single solve, where none is asked for
 STRETCH, ENERGY, SOLVER, NOT_FINITE = "STRETCH", "ENERGY", "SOLVER", "NOT_FINITE"
-CONTACT, APPROACH = "CONTACT", "APPROACH"
+CONTACT, APPROACH, NEWTON, ACCURACY = "CONTACT", "APPROACH", "NEWTON", "ACCURACY"
 
 
 @dataclass(frozen=True)
@@ -33,17 +35,21 @@ class Options:
 
     Attributes:
         K: which stiffness, see `forces.conditions`.
-        cg_tol: relative residual at which a solve stops.
+        cg_tol: relative residual at which a solve stops; None is the method's own choice.
         cg_max_iterations: of one solve.
         preconditioner: "block_jacobi" or "multilevel".
-        newton_max: further solves that a step may take when it fails the energy test.
+        newton_max: Newton iterations of a stage; further solves of a step that fails the energy test.
+        newton_tol: RMS of the last change of position [m] at which Newton's method stops.
+        tolerance: RMS error of positions [m] that the run may gather, or None for steps as they are asked for.
     """
 
     K: str = "projected"
-    cg_tol: float = 1e-6
+    cg_tol: float | None = None
     cg_max_iterations: int = 10_000
     newton_max: int = 8
     preconditioner: str = "block_jacobi"
+    newton_tol: float = 1e-4
+    tolerance: float | None = None
 
 
 @dataclass(frozen=True)
@@ -58,6 +64,10 @@ class Attempt:
         seconds: wall time by part, EVAL, CG and C-S.
         contacts: number of contacts with solids; unsettled: how many of them had not settled their state.
         crossings: triangles of cloth and solids that pass through each other.
+        evaluations: of the forces, by explicit methods.
+        error: estimated, over what the tolerance allows in this step; None where it was not estimated.
+        order: of the method, which says how the error goes with the step.
+        fell_back: why the step was redone by a more robust method, or "".
     """
 
     rejection: str | None
@@ -68,30 +78,44 @@ class Attempt:
     contacts: int = 0
     unsettled: int = 0
     crossings: int = 0
+    evaluations: int = 0
+    error: float | None = None
+    order: int = 1
+    fell_back: str = ""
+
+
+INTEGRATORS = ("safe", "tr_bdf2", "backward_euler", "newton_euler", "verlet")
+EXPLICIT = ("verlet",)
 
 
 def build(name: str, fields: Fields, model: Model, forces: list, meter: Meter, options: Options, runtime: Runtime,
           scene: Scene, contacts=None):
-    """The integrator of a name in `INTEGRATORS`; only its own file is imported.
+    """The integrator of a name in `INTEGRATORS`; only what it needs is imported.
 
     Args:
         contacts: `contact.response.Contacts` with the scene's solids, or None.
+
+    Raises:
+        SceneError: the method does not know contact.
     """
-    return _builders()[name](fields, model, forces, meter, options, runtime, scene, contacts)
+    if name in EXPLICIT:
+        if contacts is not None:
+            raise SceneError(f"integrator {name!r} has no contact with solids: use 'safe' or 'backward_euler'")
+        from .verlet import Verlet
 
+        return Verlet(fields, model, forces, meter, runtime, scene)
+    from .system import System
 
-INTEGRATORS = ("backward_euler", "symplectic_euler")
-
-
-def _builders() -> dict[str, Callable]:
-    def backward_euler(*args):
+    system = System(fields, model, forces, meter, options, runtime, scene, contacts)
+    if name in ("backward_euler", "newton_euler"):
         from .backward_euler import BackwardEuler
-        return BackwardEuler(*args)
 
-    def symplectic_euler(*args):
-        from .symplectic_euler import SymplecticEuler
-        return SymplecticEuler(*args)
+        return BackwardEuler(system, options, converge=name == "newton_euler")
+    from .tr_bdf2 import TRBDF2
 
-    return {"backward_euler": backward_euler, "symplectic_euler": symplectic_euler}
+    if name == "tr_bdf2" and contacts is None:
+        return TRBDF2(fields, system, options, scene.gravity)
+    from .backward_euler import BackwardEuler
+    from .safe import Safe
 
-
+    return Safe(system, TRBDF2(fields, system, options, scene.gravity), BackwardEuler(system, options), only_contact=name == "tr_bdf2")

@@ -4,31 +4,27 @@ The solve is one Newton step, from rest at x_0, on the incremental potential
     Phi(v) = 1/2 (v - v_0)^T M (v - v_0) + E(x_0 + h v + y) + h R(v),
 R half the dissipated power. With a positive semidefinite K it goes downhill, and the step is accepted as it is
 if Phi has not grown: the paper's cheap case. Where it has, the step is shortened and Newton goes on from there,
-until a full Newton step is taken and Phi is below where it began.
+until a full Newton step is taken and Phi is below where it began. With `converge` it always goes on, until a
+Newton step moves the cloth by less than `newton_tol`: nonlinear backward Euler, which never gains energy.
 
 Differs from [BW98]: the test and what follows it; the paper accepts every solve.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import taichi as ti
 
-from ..constraints import Filter, Held
-from ..fields import Fields
-from ..measure import Measures, Meter
-from ..model import Model
-from ..operator import Operator
-from ..runtime import Runtime
-from ..scene import Scene
-from ..solver.pcg import CONVERGED, PCG, Solution
-from ..solver.preconditioner import build_preconditioner
+from ..constraints import Held
+from ..measure import Measures
+from ..solver.pcg import CONVERGED, Solution
 from ..timing import Clock
-from . import APPROACH, CONTACT, ENERGY, NOT_FINITE, SOLVER, Attempt, Options
+from . import APPROACH, CG_TOL, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, Attempt, Options
+from .system import System, phi
 
 HALVINGS = 10
-ROUNDING = 64  # Phi may grow by this many roundings of its terms
 
 
 @ti.data_oriented
@@ -37,22 +33,18 @@ class BackwardEuler:
 
     stable_step = math.inf
 
-    def __init__(self, fields: Fields, model: Model, forces: list, meter: Meter, options: Options,
-                 runtime: Runtime, scene: Scene, contacts=None) -> None:
-        self.model, self.meter, self.options, self.contacts = model, meter, options, contacts
-        self.operator = Operator(fields, model, forces + ([contacts.touch] if contacts else []))
-        self.preconditioner = build_preconditioner(options.preconditioner, fields, self.operator, scene)
-        self.solver = PCG(fields, self.operator, self.preconditioner, runtime, options.cg_max_iterations)
-        self.filter = Filter(fields, model, self.solver.dv)
-        self.slack = ROUNDING * runtime.epsilon
-        extent = float(np.abs(model.start_positions[model.user] - model.origin).max())
-        self.resolution = runtime.epsilon * extent  # [m]
-        self.floor = sum(force.rounding_energy(self.resolution) for force in forces)
-        self.held: Held | None = None
+    def __init__(self, system: System, options: Options, converge: bool = False) -> None:
+        self.system, self.options, self.converge = system, options, converge
+        self.model, self.meter, self.contacts = system.model, system.meter, system.contacts
+        self.operator, self.solver = system.operator, system.solver
+        self.cg_tol = options.cg_tol or CG_TOL
 
-    def attempt(self, h: float, held: Held | None, start: Measures) -> Attempt:
+    def reset(self) -> None:
+        """The state was changed by hand: nothing is remembered."""
+
+    def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
         """One step; see the package."""
-        made, c = self._attempt(h, held, start), self.contacts
+        made, c = self._attempt(h, held_at(h), start), self.contacts
         return made if c is None else replace(made, contacts=c.count, unsettled=c.unsettled, crossings=c.crossings)
 
     def _attempt(self, h: float, held: Held | None, start: Measures) -> Attempt:
@@ -74,8 +66,8 @@ class BackwardEuler:
             return Attempt(NOT_FINITE, "after the first solve", measures, tuple(solutions), clock.seconds)
         if rejection:
             return Attempt(*rejection, measures, tuple(solutions), clock.seconds)
-        limit = start.energies["kinetic"] + start.potential + work + self.rounding(h, start, measures)
-        if phi(measures, h) <= limit:
+        limit = start.energies["kinetic"] + start.potential + work + self.system.rounding(h, start, measures)
+        if phi(measures, h) <= limit and not self.converge:
             return Attempt(None, "", measures, tuple(solutions), clock.seconds)
         return self._newton(h, held, limit, measures, clock, solutions)
 
@@ -98,12 +90,12 @@ class BackwardEuler:
             self.operator.set_motion(h)
             if self.contacts is not None and held is not None:
                 self.operator.alter_motion(held.index, held.y)
-            self.operator.linearize(h)
+            self.system.linearize(h)
         with clock.part("CG"):
-            solutions.append(self.solve(held, h, warm=warm))
+            solutions.append(self.system.solve(self.cg_tol, held, h, warm=warm))
         with clock.part("EVAL"):
             self._place(h, 1.0)
-            self._settle(held)
+            self.system.settle(held)
 
     def _in_contact(self, h: float, pins: Held | None, clock: Clock,
                     solutions: list[Solution]) -> tuple[Held | None, tuple[str, str] | None]:
@@ -115,7 +107,7 @@ class BackwardEuler:
             if not contacts.warm:
                 self._fall(h, *contacts.gravity)
             self._place(h, 1.0)  # where the last step's change of velocity would lead
-            self._settle(pins)
+            self.system.settle(pins)
             contacts.begin(h, pins, x, v)
         while True:
             with clock.part("C-S"):
@@ -129,59 +121,13 @@ class BackwardEuler:
             if solutions[-1].status != CONVERGED:
                 return held, None
             with clock.part("C-S"):
-                verdict = contacts.judge(self._reaction_rows())
+                verdict = contacts.judge(self.system.reaction_rows())
             if verdict.changes and contacts.round < contacts.ROUNDS:
                 continue
             if verdict.changes and verdict.bad and contacts.may_shrink:
                 return held, (CONTACT, f"{verdict.deepest:.2g} thicknesses inside")
             with clock.part("C-S"):
                 return held, (CONTACT, f"{contacts.crossings} crossings") if contacts.went_through() else None
-
-    def solve(self, held: Held | None, h: float = 0.0, z: np.ndarray | None = None, warm: bool = False) -> Solution:
-        """Solves the system as linearized.
-
-        Args:
-            held: the held directions.
-            h: step [s] in which they must reach their targets; with 0 they are there and dv = 0 in them.
-            z: (k, 3) dv in them [m/s], instead.
-            warm: starts from the last solve's dv.
-        """
-        self.held = held
-        if not warm:
-            self.filter.clear()
-        self.preconditioner.build()
-        if held is not None:
-            if z is not None:
-                self.filter.impose(held.index, held.projector, z)
-            elif h > 0:
-                self.filter.prescribe(held.index, held.projector, held.target, held.y, h)
-            self.preconditioner.hold(held.index, held.projector)
-        self.preconditioner.finish()
-        return self.solver.solve(self.options.cg_tol, free=held is None and not warm, warm=warm)
-
-    def reaction(self) -> np.ndarray:
-        """(n, 3) impulse [N s] in particle order that the last solve needed to keep the held directions."""
-        impulse = np.zeros((self.model.n, 3))
-        if self.held is not None:
-            impulse[self.held.index] = self._reaction_rows()
-        return impulse
-
-    def _reaction_rows(self) -> np.ndarray:
-        """(k, 3) impulse [N s] on the held particles, in their order."""
-        held = self.held
-        if held is None:
-            return np.zeros((0, 3))
-        rows = np.empty((len(held.index), 3), dtype=held.target.dtype)
-        self._gather_reaction(held.index, rows)
-        return np.einsum("kij,kj->ki", held.projector.astype(np.float64), rows.astype(np.float64))
-
-    @ti.kernel
-    def _gather_reaction(self, index: ti.types.ndarray(), rows: ti.types.ndarray()):
-        """A dv - b on particles index[k]"""
-        for k in range(index.shape[0]):
-            i = index[k]
-            for c in ti.static(range(3)):
-                rows[k, c] = self.solver.As[i][c] - self.operator.b[i][c]
 
     def _newton(self, h: float, held: Held | None, limit: float, measures: Measures, clock: Clock,
                 solutions: list[Solution]) -> Attempt:
@@ -198,9 +144,9 @@ class BackwardEuler:
                 self.operator.set_motion(0.0)
                 if self.contacts is not None:
                     self.contacts.rebase()
-                self.operator.linearize(h)
+                self.system.linearize(h)
             with clock.part("CG"):
-                solutions.append(self.solve(held))
+                solutions.append(self.system.solve(self.cg_tol, held))
             if solutions[-1].status != CONVERGED:
                 return Attempt(SOLVER, solutions[-1].status, measures, tuple(solutions), clock.seconds)
             with clock.part("EVAL"):
@@ -209,26 +155,21 @@ class BackwardEuler:
                     self._shift(h, alpha - taken)
                     taken = alpha
                     measures = self.meter.measure()
-                    if phi(measures, h) <= before + self.rounding(h, measures):
+                    if phi(measures, h) <= before + self.system.rounding(h, measures):
                         break
                     alpha /= 2
             settled = phi(measures, h) <= limit or (held is not None and held.moving)
+            if self.converge:
+                with clock.part("EVAL"):
+                    moved = h * self.system.rms_change()
+                settled = settled and moved <= self.options.newton_tol
             if alpha == 1.0 and settled and measures.finite:
-                self._settle(held)
+                self.system.settle(held)
                 if self.contacts is not None and self.contacts.went_in():
                     return Attempt(CONTACT, "after further solves", measures, tuple(solutions), clock.seconds)
                 return Attempt(None, "", measures, tuple(solutions), clock.seconds)
-        reason = ENERGY if measures.finite else NOT_FINITE
+        reason = NOT_FINITE if not measures.finite else NEWTON if phi(measures, h) <= limit else ENERGY
         return Attempt(reason, f"{len(solutions)} solves", measures, tuple(solutions), clock.seconds)
-
-    def rounding(self, h: float, *measures: Measures) -> float:
-        """How much of Phi [J] is rounding: of its terms, and of positions as they are stored."""
-        kinetic = 0.5 * self.model.mass.sum() * (self.resolution / h) ** 2
-        return self.slack * sum(m.size for m in measures) + 2 * (self.floor + kinetic)
-
-    def _settle(self, held: Held | None) -> None:
-        if held is not None:
-            self.filter.settle(held.index, held.projector, held.target)
 
     @ti.kernel
     def _place(self, h: float, alpha: float):
@@ -260,9 +201,3 @@ class BackwardEuler:
                 y = self.operator.motion[i] - h * self.model.v_saved[i]
                 total += J.dot(self.model.v[i]) + (J - self.model.m[i] * self.solver.dv[i]).dot(y) / h
         return total
-
-
-def phi(measures: Measures, h: float) -> float:
-    """The incremental potential [J]; NaN counts as infinite."""
-    value = measures.change + measures.potential + h * measures.dissipation
-    return value if np.isfinite(value) else np.inf

@@ -79,7 +79,7 @@ def test_going_on_is_refused_where_things_changed(whole, tmp_path):
     assert done.returncode == 2 and "no run's folder" in done.stderr
 
 
-@pytest.mark.parametrize("name, integrator", [("trampoline", "backward_euler"), ("swing", "symplectic_euler")])
+@pytest.mark.parametrize("name, integrator", [("trampoline", "backward_euler"), ("swing", "verlet")])
 def test_checkpoints_hold_everything_that_decides(name, integrator):
     """Events, motions, rejections and step sizes included."""
     scene = scenefile.read(str(ROOT / "scenes" / f"{name}.py"))

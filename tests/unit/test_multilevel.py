@@ -41,11 +41,11 @@ def test_it_is_symmetric_and_positive_on_what_is_free(name, serial, monkeypatch)
     monkeypatch.setattr(pcg, "SERIAL", 6000 if serial else 0)
     sim = simulation(MESHES[name])
     sim.solve(1 / 60)
-    solver, n = sim.integrator.solver, sim.model.n
+    solver, n = sim.integrator.system.solver, sim.model.n
     P = np.empty((3 * n, 3 * n))
-    sim.integrator.filter.clear()
+    sim.integrator.system.filter.clear()
     for k, e in enumerate(np.eye(3 * n)):  # s = P^-1 S (b - A 0)
-        sim.integrator.operator.b.from_numpy(e.reshape(n, 3))
+        sim.integrator.system.operator.b.from_numpy(e.reshape(n, 3))
         solver._residual()
         P[:, k] = solver.s.to_numpy()[:n].ravel()
     assert np.abs(P - P.T).max() <= 1e-12 * np.abs(P).max()
@@ -88,7 +88,7 @@ def test_in_f32_at_sizes_whose_spacing_is_no_binary_number(n):
     scene.pin(cloth, "top_left")
     scene.pin(cloth, "top_right")
     sim = tc.Simulation(scene, h=1 / 60, precision="f32", cg_tol=1e-4)
-    assert sim.step().rejections == {} and np.isfinite(sim.integrator.preconditioner.inverse_l.to_numpy()).all()
+    assert sim.step().rejections == {} and np.isfinite(sim.integrator.system.preconditioner.inverse_l.to_numpy()).all()
     sim.close()
 
 
@@ -97,7 +97,7 @@ def test_serial_and_parallel_agree(monkeypatch):
     for limit in (0, 6000):
         monkeypatch.setattr(pcg, "SERIAL", limit)
         sim = simulation(MESHES["sheet"], cg_tol=1e-12)
-        assert sim.integrator.solver.serial == (limit > 0)
+        assert sim.integrator.system.solver.serial == (limit > 0)
         for _ in range(3):
             sim.step()
         answers.append(sim.positions())
@@ -139,7 +139,7 @@ def test_what_auto_takes():
     large.add_cloth(tc.grid(1.0, 30), FABRIC)
     for scene, K, wanted in ((small, "projected", "Pointwise"), (large, "projected", "Multilevel"),
                              (large, "paper", "Pointwise")):
-        assert type(tc.Simulation(scene, K=K).integrator.preconditioner).__name__ == wanted
+        assert type(tc.Simulation(scene, K=K).integrator.system.preconditioner).__name__ == wanted
     with pytest.raises(tc.SceneError, match="multilevel"):
         tc.Simulation(small, preconditioner="multilvl")
 

@@ -73,11 +73,11 @@ def test_constraints_are_exact_at_any_iteration_count(rng, precision, rounding):
     sim = build(rng, precision=precision, cg_tol=1e-30)
     constraints = random_constraints(rng, sim.vertex_count)
     for iterations in (1, 2, 5, 17):
-        sim.integrator.solver.max_iterations = iterations
+        sim.integrator.system.solver.max_iterations = iterations
         with pytest.raises(tc.SimulationError, match="MAX_ITERATIONS"):
             sim.solve(0.02, constraints)
         assert sim.solution.iterations == iterations
-        dv = sim.model.to_user(sim.integrator.solver.dv.to_numpy())
+        dv = sim.model.to_user(sim.integrator.system.solver.dv.to_numpy())
         for c in constraints:
             assert np.abs(c.basis @ (dv[c.vertex] - c.z)).max() < rounding * (1 + np.linalg.norm(c.z))
 
@@ -85,7 +85,7 @@ def test_constraints_are_exact_at_any_iteration_count(rng, precision, rounding):
 def test_residual_history_and_tolerance(rng):
     sim = build(rng, cg_tol=1e-6)
     sim.solve(0.02, random_constraints(rng, sim.vertex_count))
-    s, history = sim.solution, sim.integrator.solver.residual_history()
+    s, history = sim.solution, sim.integrator.system.solver.residual_history()
     assert s.status == "CONVERGED" and len(history) == s.iterations
     assert s.residual <= 2e-6 and history[-1] < 1e-4 * history[0]
 

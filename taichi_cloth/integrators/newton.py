@@ -1,0 +1,120 @@
+"""A stage of an implicit method, M (v - v_base) = c f(x_base + c v, v), by Newton's method with line search.
+
+The stage minimises Phi(v) = 1/2 (v - v_base)^T M (v - v_base) + E(x_base + c v) + c R(v), R half the dissipated power;
+with a positive semidefinite K every Newton step goes downhill on it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import taichi as ti
+
+from ..constraints import Held
+from ..fields import Fields
+from ..measure import Measures
+from ..solver.pcg import CONVERGED, Solution
+from ..timing import Clock
+from . import NEWTON, NOT_FINITE, SOLVER
+from .system import System, phi
+
+HALVINGS = 12
+
+
+@dataclass
+class Stage:
+    """How a stage ended: what is wrong with it or None, details for people, and measures of the state it left."""
+
+    rejection: str | None
+    detail: str
+    measures: Measures
+
+
+@ti.data_oriented
+class Newton:
+    """Solves stages on a system.
+
+    Attributes:
+        x_base, v_base: of the stage: [m], [m/s].
+    """
+
+    def __init__(self, fields: Fields, system: System) -> None:
+        self.system, self.model = system, system.model
+        self.x_base = fields.real(self.model.n, 3)
+        self.v_base = system.model.v_base
+
+    def solve(self, c: float, held: Held | None, tolerance: float, cg_tol: float, most: int, clock: Clock,
+              solutions: list[Solution], fresh: bool) -> Stage:
+        """From the guess that the model's v is, with x_base and v_base set, to the stage's v and x = x_base + c v.
+
+        Args:
+            held: at the end of the stage; those directions are led there in the first iteration.
+            tolerance: RMS of the last change of position [m].
+            cg_tol: relative residual of each linear solve.
+            most: iterations.
+            fresh: whether the preconditioner is made anew in the first of them.
+        """
+        system, meter = self.system, self.system.meter
+        with clock.part("EVAL"):
+            self._place(c)
+            system.operator.still()
+            measures = meter.measure()
+        for iteration in range(most):
+            with clock.part("EVAL"):
+                system.linearize(c)
+            with clock.part("CG"):
+                z = self._to_go(held, c) if iteration == 0 else None
+                solution = system.solve(cg_tol, held, z=z, fresh=fresh and iteration == 0)
+            solutions.append(solution)
+            if solution.status != CONVERGED:
+                return Stage(SOLVER, solution.status, measures)
+            with clock.part("EVAL"):
+                led = iteration == 0 and held is not None and held.moving
+                alpha, measures = self._advance(c, measures, led)
+                moved = alpha * c * system.rms_change()
+            if not measures.finite:
+                return Stage(NOT_FINITE, f"Newton iteration {iteration + 1}", measures)
+            if moved <= tolerance and alpha == 1.0:
+                return Stage(None, "", measures)
+            if alpha < 0.5**HALVINGS:
+                return Stage(None, "", measures) if moved <= tolerance else Stage(NEWTON, "no way down", measures)
+        return Stage(NEWTON, f"{most} iterations, the last by {moved:.2g} m", measures)
+
+    def _advance(self, c: float, before: Measures, led: bool) -> tuple[float, Measures]:
+        """Along dv as far as Phi does not grow: (part taken, measures there)."""
+        limit = phi(before, c) + self.system.rounding(c, before)
+        alpha, taken = 1.0, 0.0
+        while True:
+            self._shift(c, alpha - taken)
+            taken = alpha
+            measures = self.system.meter.measure()
+            if led or phi(measures, c) <= limit + self.system.rounding(c, measures) or alpha < 0.5**HALVINGS:
+                return alpha, measures
+            alpha /= 2
+
+    def _to_go(self, held: Held | None, c: float) -> np.ndarray | None:
+        """(k, 3) velocity [m/s] by which held directions are still short of their targets."""
+        if held is None:
+            return None
+        z = np.empty_like(held.target)
+        self._short(held.index, held.target, c, z)
+        return z
+
+    @ti.kernel
+    def _short(self, index: ti.types.ndarray(), target: ti.types.ndarray(), c: float, z: ti.types.ndarray()):
+        """z = (target - x) / c"""
+        for k in range(index.shape[0]):
+            for d in ti.static(range(3)):
+                z[k, d] = (target[k, d] - self.model.x[index[k]][d]) / c
+
+    @ti.kernel
+    def _place(self, c: float):
+        """x = x_base + c v"""
+        for i in range(self.model.n):
+            self.model.x[i] = self.x_base[i] + c * self.model.v[i]
+
+    @ti.kernel
+    def _shift(self, c: float, alpha: float):
+        """v += alpha dv, x += alpha c dv"""
+        for i in range(self.model.n):
+            self.model.v[i] += alpha * self.system.solver.dv[i]
+            self.model.x[i] += alpha * c * self.system.solver.dv[i]

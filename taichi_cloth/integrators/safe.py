@@ -1,0 +1,101 @@
+"""The default: TR-BDF2, and backward Euler for the steps that it cannot take.
+
+A step that gains energy or whose Newton iteration fails is redone by backward Euler with its energy test, which loses
+accuracy but not the run. So are steps in which cloth touches solids: contact is settled in backward Euler's solve.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ..constraints import Held
+from ..measure import Measures
+from . import ACCURACY, ENERGY, NEWTON, NOT_FINITE, SOLVER, Attempt
+from .backward_euler import BackwardEuler
+from .system import System
+from .tr_bdf2 import HORIZON, TRBDF2
+
+REDONE = (ENERGY, NEWTON, NOT_FINITE, SOLVER)
+STUBBORN = 64  # with error control, a step that fails is tried smaller until it is so much smaller than the largest
+TOUCH = "TOUCH"
+
+
+class Safe:
+    """TR-BDF2 with backward Euler to fall back on.
+
+    Args:
+        only_contact: falls back for contact alone; what else goes wrong rejects the step.
+    """
+
+    stable_step = math.inf
+
+    def __init__(self, system: System, accurate: TRBDF2, robust: BackwardEuler, only_contact: bool = False) -> None:
+        self.system, self.accurate, self.robust, self.only_contact = system, accurate, robust, only_contact
+        self.model, self.contacts, self.tolerance = system.model, system.contacts, system.options.tolerance
+        self.touching = False
+        self.last: TRBDF2 | BackwardEuler = accurate
+        self.largest = 0.0
+
+    def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
+        """One step; see the package."""
+        self.largest = max(self.largest, h)
+        made, reason = None, TOUCH
+        if not self.touching:
+            self.last = self.accurate
+            made = self.accurate.attempt(h, held_at, start)
+            reason = made.rejection or ""
+            if self.contacts is not None and (made.rejection is None or made.rejection == ACCURACY) and self._touches(
+                    h, held_at(h)):
+                reason = TOUCH
+            patient = self.only_contact or (self.tolerance is not None and h > self.largest / STUBBORN)
+            if reason != TOUCH and (reason not in REDONE or patient):
+                return made
+            self.model.restore()
+        self.last = self.robust
+        redone = self._judged(h, self.robust.attempt(h, held_at, start))
+        if made is None:
+            return replace(redone, fell_back=reason)
+        seconds = {k: made.seconds.get(k, 0.0) + redone.seconds.get(k, 0.0) for k in made.seconds | redone.seconds}
+        return replace(redone, solutions=made.solutions + redone.solutions, seconds=seconds, fell_back=reason)
+
+    def commit(self) -> None:
+        """The last attempt was accepted."""
+        self.last.commit()
+        if self.last is self.robust:
+            self.accurate.reset()
+            self.touching = self.contacts is not None and self.contacts.touching
+        elif self.contacts is not None:
+            self.contacts.pass_by()
+
+    def reset(self) -> None:
+        """The state was changed by hand."""
+        self.accurate.reset()
+        self.touching = False
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """What the two remember."""
+        parts = (("accurate", self.accurate), ("robust", self.robust))
+        state = {f"{name}_{k}": a for name, part in parts for k, a in part.checkpoint().items()}
+        return {**state, "touching": np.array(self.touching), "largest": np.array(self.largest)}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Goes on from what `checkpoint` gave."""
+        for name, part in (("accurate_", self.accurate), ("robust_", self.robust)):
+            part.resume({k[len(name):]: a for k, a in state.items() if k.startswith(name)})
+        self.touching, self.largest = bool(state["touching"]), float(state["largest"])
+
+    def _touches(self, h: float, held: Held | None) -> bool:
+        """Whether the step as taken meets a solid."""
+        x, v = self.model.read_saved()
+        return self.contacts.meets(h, held, x, v)
+
+    def _judged(self, h: float, made: Attempt) -> Attempt:
+        """With an estimate of a backward Euler step's error, where one is asked for: h (v_1 - v_0) / 2."""
+        if self.tolerance is None or made.rejection is not None:
+            return made
+        dv = self.model.read_particles()[1] - self.model.read_saved()[1]
+        error = float(np.sqrt(np.mean(np.sum(dv**2, axis=1)))) / 2 * HORIZON / self.tolerance
+        return replace(made, error=error, order=1, rejection=ACCURACY if error > 1 else None,
+                       detail=f"{error:.2g} of the error allowed")

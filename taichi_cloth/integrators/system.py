@@ -1,0 +1,138 @@
+"""The linear system of implicit methods with everything that solves it: operator, preconditioner, CG, held directions.
+
+Shared by all methods that a simulation may use, so that each kernel is compiled once.
+"""
+
+import numpy as np
+import taichi as ti
+
+from ..constraints import Filter, Held
+from ..fields import Fields
+from ..measure import Measures, Meter
+from ..model import Model
+from ..operator import Operator
+from ..runtime import Runtime
+from ..scene import Scene
+from ..solver.pcg import PCG, Solution
+from ..solver.preconditioner import build_preconditioner
+from . import Options
+
+ROUNDING = 64  # Phi may grow by this many roundings of its terms
+
+
+@ti.data_oriented
+class System:
+    """A model's system, ready to be linearized and solved.
+
+    Attributes:
+        contacts: `contact.response.Contacts`, or None.
+        held: of the last solve.
+        span: c [s] that it was linearized with.
+        resolution: what positions are rounded to [m].
+        floor: energy [J] that this rounding amounts to.
+    """
+
+    def __init__(self, fields: Fields, model: Model, forces: list, meter: Meter, options: Options, runtime: Runtime,
+                 scene: Scene, contacts=None) -> None:
+        self.model, self.meter, self.options, self.contacts = model, meter, options, contacts
+        self.operator = Operator(fields, model, forces + ([contacts.touch] if contacts else []))
+        self.preconditioner = build_preconditioner(options.preconditioner, fields, self.operator, scene)
+        self.solver = PCG(fields, self.operator, self.preconditioner, runtime, options.cg_max_iterations)
+        self.filter = Filter(fields, model, self.solver.dv)
+        self.held: Held | None = None
+        self.span = 0.0
+        self._kept: np.ndarray | None = None
+        self.epsilon = runtime.epsilon
+        extent = float(np.abs(model.start_positions[model.user] - model.origin).max())
+        self.resolution = runtime.epsilon * extent
+        self.floor = sum(force.rounding_energy(self.resolution) for force in forces)
+
+    def linearize(self, c: float) -> None:
+        """A and b at the model's state; see `Operator`."""
+        self.span = c
+        self.operator.linearize(c)
+
+    def solve(self, tolerance: float, held: Held | None, h: float = 0.0, z: np.ndarray | None = None,
+              warm: bool = False, fresh: bool = True) -> Solution:
+        """Solves the system as linearized.
+
+        Args:
+            tolerance: relative residual.
+            held: the held directions.
+            h: step [s] in which they must reach their targets; with 0 they are there and dv = 0 in them.
+            z: (k, 3) dv in them [m/s], instead.
+            warm: starts from the last solve's dv.
+            fresh: False keeps the preconditioner of the last solve, of a similar system with the same directions held.
+        """
+        self.held, self._kept = held, None
+        if not warm:
+            self.filter.clear()
+        if held is not None:
+            if z is not None:
+                self.filter.impose(held.index, held.projector, z)
+            elif h > 0:
+                self.filter.prescribe(held.index, held.projector, held.target, held.y, h)
+        if fresh:
+            self.preconditioner.build()
+            if held is not None:
+                self.preconditioner.hold(held.index, held.projector)
+            self.preconditioner.finish()
+        return self.solver.solve(tolerance, free=held is None and not warm, warm=warm)
+
+    def reaction(self) -> np.ndarray:
+        """(n, 3) force [N] in particle order that keeps the held directions, by the last solve."""
+        force = np.zeros((self.model.n, 3))
+        if self.held is not None:
+            force[self.held.index] = (self.reaction_rows() if self._kept is None else self._kept) / self.span
+        return force
+
+    def keep_reaction(self, rows: np.ndarray) -> None:
+        """Stands for the last solve's, which was not one for a state."""
+        self._kept = rows
+
+    def reaction_rows(self) -> np.ndarray:
+        """(k, 3) impulse [N s] on the held particles, in their order."""
+        held = self.held
+        if held is None:
+            return np.zeros((0, 3))
+        rows = np.empty((len(held.index), 3), dtype=held.target.dtype)
+        self._gather_reaction(held.index, rows)
+        return np.einsum("kij,kj->ki", held.projector.astype(np.float64), rows.astype(np.float64))
+
+    def settle(self, held: Held | None) -> None:
+        """Held directions exactly at their targets."""
+        if held is not None:
+            self.filter.settle(held.index, held.projector, held.target)
+
+    def rounding(self, h: float, *measures: Measures) -> float:
+        """How much of Phi [J] is rounding: of its terms, and of positions as they are stored."""
+        kinetic = 0.5 * self.model.mass.sum() * (self.resolution / h) ** 2
+        return ROUNDING * self.epsilon * sum(m.size for m in measures) + 2 * (self.floor + kinetic)
+
+    @ti.kernel
+    def _gather_reaction(self, index: ti.types.ndarray(), rows: ti.types.ndarray()):
+        """A dv - b on particles index[k]"""
+        for k in range(index.shape[0]):
+            i = index[k]
+            for c in ti.static(range(3)):
+                rows[k, c] = self.solver.As[i][c] - self.operator.b[i][c]
+
+    def rms_change(self) -> float:
+        """RMS of dv over the particles [m/s]."""
+        return float(np.sqrt(self._square() / self.model.n))
+
+    @ti.kernel
+    def _square(self) -> float:
+        """dv . dv"""
+        total = ti.cast(0, self.solver.sum_type)
+        for _ in range(1):
+            for i in range(self.model.n):
+                total += self.solver.dv[i].norm_sqr()
+        return total
+
+
+
+def phi(measures: Measures, c: float) -> float:
+    """The stage's potential [J]; NaN counts as infinite."""
+    value = measures.change + measures.potential + c * measures.dissipation
+    return value if np.isfinite(value) else np.inf

@@ -1,0 +1,217 @@
+"""TR-BDF2 with implied stage force: second order, L-stable, two Newton solves a step.
+
+With c = (1 - 1/sqrt 2) h and g = 2 - sqrt 2, the first stage goes to t + g h by the trapezoidal rule, the second to
+t + h by BDF2:
+
+    M (v_g - v_0) = c (F_0 + f(x_g, v_g)),  x_g = x_0 + c (v_0 + v_g)
+    M (v_1 - v_p) = c f(x_1, v_1),          x_1 = x_p + c v_1,   (x_p, v_p) = a (x_g, v_g) - b (x_0, v_0)
+
+F_0 is the force that the last stage of the step before implies, M (v_1 - v_p) / c, and not f(x_0, v_0): evaluated, its
+high frequencies would be as wrong as Newton's tolerance allows, times their stiffness. Both stages have the matrix
+M - c D - c^2 K. The embedded error estimate is that of the third-order formula on the same stages, filtered by the
+same matrix [Hosea & Shampine 1996].
+
+A step that gains energy beyond what constraints, wind and rounding can have put in is rejected by name.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import taichi as ti
+
+from ..constraints import Held
+from ..fields import Fields
+from ..measure import Measures
+from ..solver.pcg import CONVERGED, Solution
+from ..timing import Clock
+from . import ACCURACY, ENERGY, SOLVER, Attempt, Options
+from .newton import Newton, Stage
+from .system import System
+
+C = 1 - math.sqrt(0.5)
+GAMMA = 2 - math.sqrt(2)
+A, B = (math.sqrt(2) + 1) / 2, (math.sqrt(2) - 1) / 2
+E_0, E_GAMMA, E_1 = (math.sqrt(2) - 1) / 3, -1 / 3, 2 * C / 3  # weights less those of the third-order formula
+GAIN = 0.01  # part of the motion's scale by which energy may grow in a step
+FALL = 0.1  # m/s: and so is the work of gravity at this speed
+CG_TOL = 1e-2  # relative residual of a Newton iteration's solve, where none is asked for
+SHARE = 0.1  # of the error allowed in a step that Newton's method may leave
+HORIZON = 0.5  # s: time in which a run may gather the error asked for
+
+
+@ti.data_oriented
+class TRBDF2:
+    """TR-BDF2 on a system."""
+
+    stable_step = math.inf
+
+    def __init__(self, fields: Fields, system: System, options: Options, gravity: np.ndarray) -> None:
+        self.system, self.options, self.model = system, options, system.model
+        self.newton = Newton(fields, system)
+        n = self.model.n
+        self.a_0, self.a_1 = fields.real(n, 3), fields.real(n, 3)  # F_0/M now, and as the step leaves it
+        self.v_g, self.a_g, self.x_p, self.v_p = (fields.real(n, 3) for _ in range(4))
+        self.known = False  # whether a_0 is
+        self.pins: tuple = ()
+        self.weight = float(np.linalg.norm(gravity) * self.model.mass.sum())  # [N]
+
+    def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
+        """One step; see the package."""
+        clock, solutions, c = Clock(), [], C * h
+        tolerance, cg_tol = self._tolerances(h)
+        pins = held_at(0.0)
+        self._remember(pins, c, clock)
+        middle = held_at(GAMMA * h)
+        with clock.part("EVAL"):
+            self._first(c)
+        stage = self._solve(c, middle, tolerance, cg_tol, clock, solutions, True)
+        if stage.rejection:
+            return self._failed(stage, "first stage", solutions, clock)
+        power = self._reaction_power(middle, c)
+        with clock.part("EVAL"):
+            self._second(c)
+        held = held_at(h)
+        stage = self._solve(c, held, tolerance, cg_tol, clock, solutions, False)
+        if stage.rejection:
+            return self._failed(stage, "second stage", solutions, clock)
+        with clock.part("EVAL"):
+            self._leave(c)
+            work = (power + self._reaction_power(held, c)) / 2 * h
+            self.system.settle(held)
+        measures = stage.measures
+        gained = measures.potential + measures.energies["kinetic"] - start.potential - start.energies["kinetic"] - abs(work)
+        wind = h * max(0.0, -start.dissipation, -measures.dissipation)
+        allowed = GAIN * (start.energies["kinetic"] + self.weight * FALL * h) + 2 * wind
+        if gained > allowed + self.system.rounding(h, start, measures):
+            return Attempt(ENERGY, f"{gained:.2g} J gained", measures, tuple(solutions), clock.seconds)
+        error = None
+        if self.options.tolerance is not None:
+            error = self._error(h, held, clock, solutions) * HORIZON / (h * self.options.tolerance)
+            if solutions[-1].status != CONVERGED:
+                return Attempt(SOLVER, f"error estimate: {solutions[-1].status}", measures, tuple(solutions), clock.seconds)
+        return Attempt(ACCURACY if error is not None and error > 1 else None, f"{error} of the error allowed" if error else "",
+                       measures, tuple(solutions), clock.seconds, error=error, order=2)
+
+    def commit(self) -> None:
+        """The last attempt was accepted."""
+        self._keep()
+        self.known = True
+
+    def reset(self) -> None:
+        """The state was changed by hand, or by another method."""
+        self.known = False
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """The force implied by the last step."""
+        index, projector = self.pins if self.pins else (np.zeros(0, np.int32), np.zeros((0, 3, 3)))
+        return {"a_0": self.a_0.to_numpy(), "known": np.array(self.known), "pins": index, "directions": projector}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Goes on from what `checkpoint` gave."""
+        self.a_0.from_numpy(state["a_0"])
+        self.known = bool(state["known"])
+        self.pins = (state["pins"], state["directions"]) if len(state["pins"]) else ()
+
+    def _tolerances(self, h: float) -> tuple[float, float]:
+        """(Newton's tolerance [m], relative residual of its solves): no digit that the error asked for does not need."""
+        newton, cg = self.options.newton_tol, self.options.cg_tol or CG_TOL
+        if self.options.tolerance is not None:
+            newton = min(newton, SHARE * self.options.tolerance * h / HORIZON)
+        return newton, cg
+
+    def _remember(self, held: Held | None, c: float, clock: Clock) -> None:
+        """a_0 = f(x_0, v_0)/M where no step implies it: at the start, and when pins have come or gone."""
+        pins = () if held is None else (held.index, held.projector)
+        same = len(pins) == len(self.pins) and all(np.array_equal(p, q) for p, q in zip(pins, self.pins))
+        if self.known and same:
+            return
+        self.pins = pins
+        with clock.part("EVAL"):
+            self.system.operator.still()
+            self.system.linearize(c)
+            self._begin(c)
+        self.known = True
+
+    def _solve(self, c: float, held: Held | None, tolerance: float, cg_tol: float, clock: Clock,
+               solutions: list[Solution], fresh: bool) -> Stage:
+        return self.newton.solve(c, held, tolerance, cg_tol, self.options.newton_max, clock, solutions, fresh)
+
+    def _failed(self, stage: Stage, which: str, solutions: list[Solution], clock: Clock) -> Attempt:
+        return Attempt(stage.rejection, f"{which}: {stage.detail}", stage.measures, tuple(solutions), clock.seconds)
+
+    def _reaction_power(self, held: Held | None, c: float) -> float:
+        """Power [W] of the constraints at the end of a stage."""
+        if held is None or not held.moving:
+            return 0.0
+        v = self.model.read_particles()[1][held.index]
+        return float(np.sum(self.system.reaction_rows() * v)) / c
+
+    def _error(self, h: float, held: Held | None, clock: Clock, solutions: list[Solution]) -> float:
+        """RMS of the step's estimated error of positions [m]."""
+        c, reaction = C * h, self.system.reaction_rows()
+        with clock.part("EVAL"):
+            self._estimate(h)
+            self.system.linearize(c)
+        with clock.part("CG"):
+            z = None if held is None else np.zeros_like(held.target)
+            solutions.append(self.system.solve(CG_TOL, held, z=z, fresh=False))
+        self.system.keep_reaction(reaction)
+        return float(np.sqrt(self._error_square(c) / self.model.n))
+
+    @ti.kernel
+    def _begin(self, c: float):
+        """a_0 = b / (c m), b as linearized at the saved state"""
+        for i in range(self.model.n):
+            self.a_0[i] = self.system.operator.b[i] / (c * self.model.m[i])
+
+    @ti.kernel
+    def _first(self, c: float):
+        """Bases of the first stage; the guess is v_0."""
+        for i in range(self.model.n):
+            self.newton.x_base[i] = self.model.x_saved[i] + c * self.model.v_saved[i]
+            self.model.v_base[i] = self.model.v_saved[i] + c * self.a_0[i]
+
+    @ti.kernel
+    def _second(self, c: float):
+        """Bases of the second stage; the guess goes on as the first stage went."""
+        for i in range(self.model.n):
+            x_0, v_0, v_g = self.model.x_saved[i], self.model.v_saved[i], self.model.v[i]
+            self.v_g[i] = v_g
+            self.a_g[i] = (v_g - v_0) / c - self.a_0[i]
+            # as differences, which lose no digits
+            self.newton.x_base[i] = x_0 + ti.static(A) * (self.model.x[i] - x_0)
+            self.v_p[i] = v_0 + ti.static(A) * (v_g - v_0)
+            self.model.v_base[i] = self.v_p[i]
+            self.model.v[i] = v_0 + (v_g - v_0) / ti.static(GAMMA)
+
+    @ti.kernel
+    def _leave(self, c: float):
+        """a_1 = (v_1 - v_p) / c"""
+        for i in range(self.model.n):
+            self.a_1[i] = (self.model.v[i] - self.v_p[i]) / c
+
+    @ti.kernel
+    def _keep(self):
+        """a_0 = a_1"""
+        for i in range(self.model.n):
+            self.a_0[i] = self.a_1[i]
+
+    @ti.kernel
+    def _estimate(self, h: float):
+        """motion and v_base such that b is the right-hand side of the filtered error estimate."""
+        for i in range(self.model.n):
+            e_x = h * (ti.static(E_0) * self.model.v_saved[i] + ti.static(E_GAMMA) * self.v_g[i]
+                       + ti.static(E_1) * self.model.v[i])
+            e_v = h * (ti.static(E_0) * self.a_0[i] + ti.static(E_GAMMA) * self.a_g[i] + ti.static(E_1) * self.a_1[i])
+            self.system.operator.motion[i] = e_x
+            self.model.v_base[i] = self.v_p[i] + e_v
+
+    @ti.kernel
+    def _error_square(self, c: float) -> float:
+        """|e_x + c dv|^2"""
+        total = ti.cast(0, self.system.solver.sum_type)
+        for _ in range(1):
+            for i in range(self.model.n):
+                total += (self.system.operator.motion[i] + c * self.system.solver.dv[i]).norm_sqr()
+        return total

@@ -1,0 +1,203 @@
+"""Velocity Verlet: explicit, second order, no solver; many substeps at its stable step in one step.
+
+Bending is so much softer than the membrane that it need not be evaluated as often: its force acts every few substeps
+with as many times its weight (an impulse method [Tuckerman, Berne, Martyna 1992]), which keeps the order.
+On small meshes all substeps are one kernel on one thread; on large ones each substep is a launch on all threads.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import taichi as ti
+
+from ..constraints import Held, project, row
+from ..fields import Fields
+from ..forces.bend import Bend
+from ..measure import Measures, Meter
+from ..model import Model
+from ..runtime import Runtime
+from ..scene import Scene
+from ..timing import Clock
+from . import ENERGY, NOT_FINITE, Attempt
+
+SAFETY = 0.9  # part of the stable step that substeps take
+SLOW = 8  # substeps between two evaluations of bending, at most
+SLOW_SAFETY = 0.5  # part of bending's own stable step that these take together
+SERIAL = 4000  # particles up to which one thread is as fast as several
+STRAIGHT = 8  # substeps in which held particles that are led go along a line
+GAIN = 0.02  # part of the motion's scale by which energy may grow in a step
+
+
+@ti.data_oriented
+class Verlet:
+    """Velocity Verlet on a model.
+
+    Attributes:
+        part: of the stable step that substeps take; less after steps that gained energy.
+    """
+
+    system = None
+
+    def __init__(self, fields: Fields, model: Model, forces: list, meter: Meter, runtime: Runtime, scene: Scene) -> None:
+        self.model, self.meter, self.blocks = model, meter, model.blocks
+        self.fast = [f for f in forces if not isinstance(f, Bend)]
+        self.slow = [f for f in forces if isinstance(f, Bend)]
+        self.f, self.f_slow = fields.real(model.n, 3), fields.real(model.n if self.slow else 1, 3)
+        self.stable_step, bending = (stable_step(sum(f.rates[0] for f in of), sum(f.rates[1] for f in of))
+                                     for of in (self.fast, self.slow))
+        if self.stable_step == math.inf:
+            self.stable_step = bending
+        self.every = int(min(SLOW, max(1, SLOW_SAFETY * bending / self.stable_step))) if self.slow else 1
+        if self.every == 1:
+            self.stable_step = stable_step(sum(f.rates[0] for f in forces), sum(f.rates[1] for f in forces))
+        self.serial = runtime.arch == "cpu" and model.n <= SERIAL
+        self.subcycles = True
+        self.part = SAFETY
+        self.weight = float(np.linalg.norm(scene.gravity) * model.mass.sum())
+        self.exchange = model.exchange
+        self.waiting = False
+        nothing = np.zeros((0, 3), dtype=self.exchange)
+        self.free = (np.zeros(0, dtype=np.int32), np.zeros((0, 3, 3), dtype=self.exchange), nothing, nothing)
+
+    def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
+        """One step of as many substeps as stability needs; see the package."""
+        clock = Clock()
+        if self.waiting:  # the last attempt was not accepted
+            self.part /= 2
+        self.waiting = True
+        count = 1
+        if self.subcycles and self.stable_step < math.inf:
+            count = self.every * math.ceil(h / (self.part * self.stable_step * self.every))
+        every = self.every if count % self.every == 0 else 1
+        small, done = h / count, 0
+        with clock.part("EVAL"):
+            held = held_at(h)
+            moving = held is not None and held.moving
+            chunk = count if not moving else max(every, STRAIGHT // every * every)
+            while done < count:
+                steps = min(chunk, count - done)
+                if moving:
+                    held = held_at((done + steps) * small)
+                self._go(small, steps, every, held)
+                done += steps
+            measures = self.meter.measure()
+        evaluations = count + math.ceil(count / chunk)
+        rejection, detail = None if measures.finite else NOT_FINITE, f"{count} substeps of {small:.3g} s"
+        wind = h * max(0.0, -start.dissipation, -measures.dissipation)
+        gained = measures.potential + measures.energies["kinetic"] - start.potential - start.energies["kinetic"]
+        if measures.finite and not moving and self.subcycles and gained > GAIN * (
+                start.energies["kinetic"] + measures.energies["kinetic"] + self.weight * 0.1 * h + start.size) + 2 * wind:
+            rejection = ENERGY
+        return Attempt(rejection, detail, measures, (), clock.seconds, evaluations=evaluations, order=2)
+
+    def commit(self) -> None:
+        """The attempt was accepted."""
+        self.waiting = False
+
+    def reset(self) -> None:
+        """The state was changed by hand: nothing is remembered."""
+        self.waiting = False
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """The part of the stable step that is taken."""
+        return {"part": np.array(self.part)}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Goes on from what `checkpoint` gave."""
+        self.part = float(state["part"])
+
+    def _go(self, h: float, steps: int, every: int, held: Held | None) -> None:
+        """Substeps, in which held particles go along lines to their targets; they arrive with the lines' velocity."""
+        pins = self.free
+        if held is not None:
+            x = self.model.read_particles()[0][held.index].astype(self.exchange)
+            pins = (held.index, held.projector, x, held.target)
+        if self.serial:
+            self._advance(h, steps, every, *pins)
+            return
+        for s in range(steps + 1):
+            self._substep(h, s, steps, every, *pins)
+
+    @ti.kernel
+    def _advance(self, h: float, steps: int, every: int, index: ti.types.ndarray(), projector: ti.types.ndarray(),
+                 start: ti.types.ndarray(), target: ti.types.ndarray()):
+        """All substeps on one thread."""
+        for _ in range(1):
+            for s in range(steps + 1):
+                for block in range(self.blocks.count):
+                    self.compute(block, s, every)
+                for block in range(self.blocks.count):
+                    self.move(block, h, s, steps, every)
+                self.lead(h, s, steps, index, projector, start, target)
+
+    @ti.kernel
+    def _substep(self, h: float, s: int, steps: int, every: int, index: ti.types.ndarray(),
+                 projector: ti.types.ndarray(), start: ti.types.ndarray(), target: ti.types.ndarray()):
+        """Substep s on all threads."""
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                self.compute(t // self.blocks.grain, s, every)
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                self.move(t // self.blocks.grain, h, s, steps, every)
+        for _ in range(1):
+            self.lead(h, s, steps, index, projector, start, target)
+
+    @ti.func
+    def compute(self, block, s, every):
+        """f, and every few substeps f_slow, on the rows of a block."""
+        for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+            self.f[i] = ti.Vector.zero(float, 3)
+        for k in ti.static(range(len(self.fast))):
+            self.fast[k].add_force(block, self.f)
+        if ti.static(len(self.slow) > 0):
+            if s % every == 0:
+                for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+                    self.f_slow[i] = ti.Vector.zero(float, 3)
+                for k in ti.static(range(len(self.slow))):
+                    self.slow[k].add_force(block, self.f_slow)
+
+    @ti.func
+    def move(self, block, h, s, steps, every):
+        """v += h f/m, half of it at the two ends; x += h v but at the end."""
+        share, step = 1.0, h
+        if s == 0 or s == steps:
+            share = 0.5
+        if s == steps:
+            step = 0.0
+        bends = 0.0
+        if s % every == 0:
+            bends = ti.cast(every, float)
+        for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+            f = self.f[i]
+            if ti.static(len(self.slow) > 0):
+                f += bends * self.f_slow[i]
+            v = self.model.v[i] + share * h / self.model.m[i] * f
+            self.model.v[i] = v
+            self.model.x[i] += step * v
+
+    @ti.func
+    def lead(self, h, s, steps, index: ti.template(), projector: ti.template(), start: ti.template(),
+             target: ti.template()):
+        """Held directions to where they must be after substep s, exactly at the target after the last."""
+        for k in range(index.shape[0]):
+            i = index[k]
+            a, b = row(start, k), row(target, k)
+            part = ti.min(1.0, (s + 1.0) / steps)
+            goal = a + part * (b - a)
+            if s + 1 >= steps:
+                goal = b
+            self.model.x[i] += project(projector, k, goal - self.model.x[i])
+            self.model.v[i] += project(projector, k, (b - a) / (steps * h) - self.model.v[i])
+
+
+def stable_step(omega2: float, damping: float) -> float:
+    """The step [s] up to which h^2 omega^2 + 2 h damping <= 4, the limit of stability at rest.
+
+    Args:
+        omega2: largest squared frequency [1/s^2]; damping: largest damping rate [1/s].
+    """
+    if omega2 == 0:
+        return 2 / damping if damping else math.inf
+    return (math.sqrt(damping**2 + 4 * omega2) - damping) / omega2
