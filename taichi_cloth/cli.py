@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Sequence
 
-from . import cli_recorded
+from . import cli_recorded, cli_study
 from .cli_recorded import look_flags, number_of, size_of
 
 DEFAULTS: dict = {"duration": 2.0, "fps": 30.0, "h": 1 / 60, "arch": "cpu", "precision": "f64",
@@ -49,6 +49,8 @@ def _dispatch(args: argparse.Namespace) -> int:
         return _doctor()
     if args.command in cli_recorded.COMMANDS:
         return cli_recorded.COMMANDS[args.command](args)
+    if args.command in cli_study.COMMANDS:
+        return cli_study.COMMANDS[args.command](args)
     scene = scenefile.read(args.scene)
     return _run(args, scene) if args.command == "run" else _check(args, scene)
 
@@ -127,7 +129,7 @@ def _options(args: argparse.Namespace, scene):
     unknown = set(scene.run) - set(DEFAULTS)
     if unknown:
         raise SceneError(f"scene {scene.name}: RUN has no {unknown.pop()!r}; {did_you_mean('', DEFAULTS)}")
-    values = {k: next(v for v in (getattr(args, k), scene.run.get(k), default) if v is not None)
+    values = {k: next((v for v in (getattr(args, k), scene.run.get(k), default) if v is not None), None)
               for k, default in DEFAULTS.items()}
     settings = {}
     for item in args.set:
@@ -167,6 +169,7 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("--small", action="store_true", help="with the scene's quick options")
     _simulation_flags(check)
     cli_recorded.add_parsers(commands)
+    cli_study.add_parsers(commands)
     commands.add_parser("list", help="scenes, one line each")
     commands.add_parser("doctor", help="what runs on this machine")
     return parser

@@ -8,8 +8,16 @@ WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT = 480, 240, 58, 30, 12, 10
 COLORS = ("#b3252b", "#1f5fa8", "#2c8a4b", "#c27a12", "#6a3d9a", "#444", "#999", "#0aa")
 
 
-def line_plot(series: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, log: bool = False) -> str:
-    """An SVG of lines (x, y) by name over a common axis; steps where there is one point, nothing where there is none."""
+def line_plot(series: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, log: bool = False, log_x: bool = False,
+              marks: bool = False) -> str:
+    """An SVG of lines (x, y) by name over a common axis; steps where there is one point, nothing where there is none.
+
+    Args:
+        log, log_x: logarithmic y and x axis; what is not positive is left out.
+        marks: a dot at every point.
+    """
+    if log_x:
+        series = {name: (np.log10(x[x > 0]), y[x > 0]) for name, (x, y) in series.items()}
     series = {name: (x, y) for name, (x, y) in series.items() if len(x)}
     if not series:
         return "<p>nothing to plot</p>"
@@ -35,7 +43,8 @@ def line_plot(series: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, lo
         out.append(f'<line x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{up(tick):.1f}" y2="{up(tick):.1f}" stroke="#e3e6e9"/>'
                    f'<text x="{LEFT - 5}" y="{up(tick) + 4:.1f}" text-anchor="end">{label}</text>')
     for tick in _ticks(x_0, x_1):
-        out.append(f'<text x="{across(tick):.1f}" y="{HEIGHT - 14}" text-anchor="middle">{tick:.4g}</text>')
+        label = f"{10**tick:.3g}" if log_x else f"{tick:.4g}"
+        out.append(f'<text x="{across(tick):.1f}" y="{HEIGHT - 14}" text-anchor="middle">{label}</text>')
     out.append(f'<text x="{(WIDTH + LEFT) / 2}" y="{HEIGHT - 2}" text-anchor="middle" fill="#666">'
                f'{html.escape(x_label)}</text>')
     for k, (name, (x, y)) in enumerate(series.items()):
@@ -45,6 +54,8 @@ def line_plot(series: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, lo
         pick = np.unique(np.linspace(0, max(len(x) - 1, 0), min(len(x), 800)).astype(np.int64))
         points = " ".join(f"{across(x[i]):.1f},{up(y[i]):.1f}" for i in pick)
         out.append(f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="1.4"/>')
+        if marks:
+            out += [f'<circle cx="{across(a):.1f}" cy="{up(b):.1f}" r="2.5" fill="{color}"/>' for a, b in zip(x, y)]
         if len(series) > 1:
             out.append(f'<text x="{LEFT + 8}" y="{TOP + 12 + 13 * k}" fill="{color}">{html.escape(name)}</text>')
     return "\n".join([*out, "</svg>"])
