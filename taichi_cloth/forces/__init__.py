@@ -21,7 +21,6 @@ from ..scene import Scene
 from .bend import Bend
 from .external import Drag, Gravity
 from .membrane import Membrane
-from .quadratic_bend import QuadraticBend
 
 
 def build_forces(fields: Fields, model: Model, scene: Scene, mode: str) -> list:
@@ -32,8 +31,7 @@ def build_forces(fields: Fields, model: Model, scene: Scene, mode: str) -> list:
     """
     wanted = (
         (Membrane, any(c.fabric.stretch or c.fabric.shear for c in scene.cloths)),
-        (Bend, any(c.fabric.bend and c.fabric.bend.model == "hinge" and c.mesh.has_hinges for c in scene.cloths)),
-        (QuadraticBend, any(c.fabric.bend and c.fabric.bend.model == "quadratic" and c.mesh.has_hinges for c in scene.cloths)),
+        (Bend, any(c.fabric.bend and c.mesh.has_hinges for c in scene.cloths)),
         (Gravity, bool(scene.gravity.any())),
         (Drag, scene.air is not None),
     )

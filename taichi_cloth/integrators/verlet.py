@@ -14,7 +14,6 @@ import taichi as ti
 from ..constraints import Held, project, row
 from ..fields import Fields
 from ..forces.bend import Bend
-from ..forces.quadratic_bend import QuadraticBend
 from ..measure import Measures, Meter
 from ..model import Model
 from ..runtime import Runtime
@@ -42,8 +41,8 @@ class Verlet:
 
     def __init__(self, fields: Fields, model: Model, forces: list, meter: Meter, runtime: Runtime, scene: Scene) -> None:
         self.model, self.meter, self.blocks = model, meter, model.blocks
-        self.fast = [f for f in forces if not isinstance(f, (Bend, QuadraticBend))]
-        self.slow = [f for f in forces if isinstance(f, (Bend, QuadraticBend))]
+        self.fast = [f for f in forces if not isinstance(f, Bend)]
+        self.slow = [f for f in forces if isinstance(f, Bend)]
         self.f, self.f_slow = fields.real(model.n, 3), fields.real(model.n if self.slow else 1, 3)
         self.stable_step, bending = (stable_step(sum(f.rates[0] for f in of), sum(f.rates[1] for f in of))
                                      for of in (self.fast, self.slow))
