@@ -23,7 +23,7 @@ def scene_of(name: str, cells: int, mesh: str) -> tc.Scene:
 
 def measure(name: str, cells: int, mesh: str, until: float, args: argparse.Namespace) -> dict:
     """One row: the scene run to `until` [s], then detection alone, again and again."""
-    sim = tc.Simulation(scene_of(name, cells, mesh), cg_tol=1e-4, integrator="backward_euler", precision=args.precision, arch=args.arch)
+    sim = tc.Simulation(scene_of(name, cells, mesh), integrator="backward_euler", precision=args.precision, arch=args.arch)
     sim.run(until, 30)
     steps = sim.log[1:]  # the first compiles
     total = {part: sum(r.seconds.get(part, 0) for r in steps) for part in ("total", "C-S", "CG", "EVAL")}

@@ -94,7 +94,7 @@ def measure(n: int, precision: str, arch: str, rounds: int) -> dict:
     actions, prepare, check = {}, {}, 0.0
     keep = []
     for shuffled in (False, True):
-        sim = tc.Simulation(sheet(n, shuffled), precision=precision, arch=arch, cg_tol=1e-4, integrator="backward_euler",
+        sim = tc.Simulation(sheet(n, shuffled), precision=precision, arch=arch, integrator="backward_euler",
                             preconditioner="block_jacobi")
         for _ in range(3):
             sim.step()

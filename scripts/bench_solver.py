@@ -51,7 +51,7 @@ def swinging(mesh: tc.TriMesh, preconditioner: str, precision: str, arch: str) -
     cloth = scene.add_cloth(mesh, FABRIC)
     corners = [int(np.argmin(np.linalg.norm(mesh.uv - c, axis=1))) for c in ((0, 1), (1, 1))]
     scene.pin(cloth, corners)
-    sim = tc.Simulation(scene, h=H, precision=precision, arch=arch, cg_tol=1e-4, integrator="backward_euler", preconditioner=preconditioner)
+    sim = tc.Simulation(scene, h=H, precision=precision, arch=arch, integrator="backward_euler", preconditioner=preconditioner)
     return sim
 
 

@@ -21,7 +21,7 @@ import numpy as np
 import taichi_cloth as tc
 
 H, G = 1 / 60, 9.81
-SOFT = dict(density=0.2, stretch=tc.Stretch(1000.0), shear=tc.Shear(100.0), bend=tc.Bend(5e-5))
+SOFT: dict = {"density": 0.2, "stretch": tc.Stretch(1000.0), "shear": tc.Shear(100.0), "bend": tc.Bend(5e-5)}
 INTEGRATORS = ("safe", "tr_bdf2", "backward_euler", "newton_euler", "verlet")
 
 

@@ -129,7 +129,7 @@ def _options(args: argparse.Namespace, scene):
     unknown = set(scene.run) - set(DEFAULTS)
     if unknown:
         raise SceneError(f"scene {scene.name}: RUN has no {unknown.pop()!r}; {did_you_mean('', DEFAULTS)}")
-    values = {k: next((v for v in (getattr(args, k), scene.run.get(k), default) if v is not None), None)
+    values: dict = {k: next((v for v in (getattr(args, k), scene.run.get(k), default) if v is not None), None)
               for k, default in DEFAULTS.items()}
     settings = {}
     for item in args.set:

@@ -35,6 +35,11 @@ class Measures:
         return sum(e for name, e in self.energies.items() if name != "kinetic")
 
     @property
+    def total(self) -> float:
+        """Mechanical energy [J]."""
+        return sum(self.energies.values())
+
+    @property
     def size(self) -> float:
         """Sum of the terms' absolute values [J], what rounding is relative to."""
         return sum(abs(e) for e in self.energies.values()) + self.change

@@ -142,8 +142,8 @@ def table(s: Study) -> str:
                       HEADER, *(line(row) for row in s.rows)])
 
 
-HEADER = (f"  {'method':15} {'setting':24} {'wall s':>8} {'error m':>9} {'energy J':>9} {'stretch':>8} {'steps':>6} {'rejected':>8} "
-          f"{'CG its':>7}  note")
+HEADER = (f"  {'method':15} {'setting':24} {'wall s':>8} {'error m':>9} {'energy J':>9} {'stretch':>8} {'steps':>6} "
+          f"{'rejected':>8} {'CG its':>7}  note")
 
 
 def line(row: Row) -> str:
@@ -236,7 +236,7 @@ def _row(case: Case, make: Callable[[], Scene], samples: int, last: int, fine: T
         sim = Simulation(make(), h=case.h, integrator=case.integrator, cg_tol=case.cg_tol, tolerance=case.tolerance,
                          precision=case.precision, arch=case.arch)
         begin = sim.checkpoint()
-        walls = []
+        walls: list[float] = []
         for _ in range(2):  # the first compiles
             if walls:
                 sim.resume(begin)

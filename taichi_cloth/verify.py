@@ -166,7 +166,8 @@ def _against_direct(cloth: Cloth, x: np.ndarray) -> Check:
     error = float(np.abs(dv - exact).max() / (np.abs(exact).max() or 1.0))
     good = sim.solution is not None and sim.solution.status == CONVERGED
     sim.close()
-    return f"CG against a direct solve on {len(piece.faces)} of its triangles", f"{error:.1e} relative", good and error < SOLVED
+    what = f"CG against a direct solve on {len(piece.faces)} of its triangles"
+    return what, f"{error:.1e} relative", good and error < SOLVED
 
 
 def _patch(faces: np.ndarray, count: int) -> np.ndarray:

@@ -118,4 +118,5 @@ def build(name: str, fields: Fields, model: Model, forces: list, meter: Meter, o
     from .backward_euler import BackwardEuler
     from .safe import Safe
 
-    return Safe(system, TRBDF2(fields, system, options, scene.gravity), BackwardEuler(system, options), only_contact=name == "tr_bdf2")
+    return Safe(system, TRBDF2(fields, system, options, scene.gravity), BackwardEuler(system, options),
+                only_contact=name == "tr_bdf2")

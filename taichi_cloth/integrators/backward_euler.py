@@ -168,7 +168,7 @@ class BackwardEuler:
                 if self.contacts is not None and self.contacts.went_in():
                     return Attempt(CONTACT, "after further solves", measures, tuple(solutions), clock.seconds)
                 return Attempt(None, "", measures, tuple(solutions), clock.seconds)
-        reason = NOT_FINITE if not measures.finite else NEWTON if phi(measures, h) <= limit else ENERGY
+        reason = NOT_FINITE if not measures.finite else NEWTON if self.converge and phi(measures, h) <= limit else ENERGY
         return Attempt(reason, f"{len(solutions)} solves", measures, tuple(solutions), clock.seconds)
 
     @ti.kernel

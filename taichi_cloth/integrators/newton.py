@@ -58,7 +58,8 @@ class Newton:
             self._place(c)
             system.operator.still()
             measures = meter.measure()
-        for iteration in range(most):
+        moved = np.inf
+        for iteration in range(max(most, 1)):
             with clock.part("EVAL"):
                 system.linearize(c)
             with clock.part("CG"):
@@ -70,13 +71,13 @@ class Newton:
             with clock.part("EVAL"):
                 led = iteration == 0 and held is not None and held.moving
                 alpha, measures = self._advance(c, measures, led)
-                moved = alpha * c * system.rms_change()
+                moved = c * system.rms_change()
             if not measures.finite:
                 return Stage(NOT_FINITE, f"Newton iteration {iteration + 1}", measures)
-            if moved <= tolerance and alpha == 1.0:
+            if moved <= tolerance:
                 return Stage(None, "", measures)
             if alpha < 0.5**HALVINGS:
-                return Stage(None, "", measures) if moved <= tolerance else Stage(NEWTON, "no way down", measures)
+                return Stage(NEWTON, "no way down", measures)
         return Stage(NEWTON, f"{most} iterations, the last by {moved:.2g} m", measures)
 
     def _advance(self, c: float, before: Measures, led: bool) -> tuple[float, Measures]:

@@ -16,6 +16,7 @@ A step that gains energy beyond what constraints, wind and rounding can have put
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import taichi as ti
@@ -58,7 +59,8 @@ class TRBDF2:
 
     def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
         """One step; see the package."""
-        clock, solutions, c = Clock(), [], C * h
+        clock, c = Clock(), C * h
+        solutions: list[Solution] = []
         tolerance, cg_tol = self._tolerances(h)
         pins = held_at(0.0)
         self._remember(pins, c, clock)
@@ -67,7 +69,7 @@ class TRBDF2:
             self._first(c)
         stage = self._solve(c, middle, tolerance, cg_tol, clock, solutions, True)
         if stage.rejection:
-            return self._failed(stage, "first stage", solutions, clock)
+            return replace(self._failed(stage, "first stage", solutions, clock), measures=None)  # not at the step's end
         power = self._reaction_power(middle, c)
         with clock.part("EVAL"):
             self._second(c)
@@ -80,7 +82,7 @@ class TRBDF2:
             work = (power + self._reaction_power(held, c)) / 2 * h
             self.system.settle(held)
         measures = stage.measures
-        gained = measures.potential + measures.energies["kinetic"] - start.potential - start.energies["kinetic"] - abs(work)
+        gained = measures.total - start.total - abs(work)
         wind = h * max(0.0, -start.dissipation, -measures.dissipation)
         allowed = GAIN * (start.energies["kinetic"] + self.weight * FALL * h) + 2 * wind
         if gained > allowed + self.system.rounding(h, start, measures):
@@ -90,8 +92,10 @@ class TRBDF2:
             error = self._error(h, held, clock, solutions) * HORIZON / (h * self.options.tolerance)
             if solutions[-1].status != CONVERGED:
                 return Attempt(SOLVER, f"error estimate: {solutions[-1].status}", measures, tuple(solutions), clock.seconds)
-        return Attempt(ACCURACY if error is not None and error > 1 else None, f"{error} of the error allowed" if error else "",
-                       measures, tuple(solutions), clock.seconds, error=error, order=2)
+            if error > 1:
+                return Attempt(ACCURACY, f"{error:.3g} times the error allowed", measures, tuple(solutions), clock.seconds,
+                               error=error, order=2)
+        return Attempt(None, "", measures, tuple(solutions), clock.seconds, error=error, order=2)
 
     def commit(self) -> None:
         """The last attempt was accepted."""

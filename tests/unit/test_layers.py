@@ -9,7 +9,8 @@ ROOMS = [
     ["errors"], ["view"], ["mesh"], ["shapes", "fabric", "intersections"], ["solids"], ["scene"], ["io"],  # description
     ["ordering", "elements", "runtime", "timing"], ["quantities"], ["fields"], ["model"],  # fields
     ["forces"], ["measure", "operator", "constraints"], ["contact"], ["solver"], ["integrators"], ["stepper"], ["simulation"],
-    ["output"], ["record", "playback"], ["report", "scenefile"], ["study", "verify"], ["runner"], ["cli_recorded"], ["cli_study"], ["cli"],
+    ["output"], ["record", "playback"], ["report", "scenefile"], ["study", "verify"], ["runner"],
+    ["cli_recorded"], ["cli_study"], ["cli"],
     ["__main__", "__init__"],
 ]
 ROOM = {name: k for k, names in enumerate(ROOMS) for name in names}

@@ -155,7 +155,7 @@ def test_levels_have_the_diagonal_of_what_is_free():
     sim = tc.Simulation(scene, h=1 / 60, preconditioner="multilevel", cg_tol=1e-8)
     for _ in range(9):
         sim.step()
-    method, n = sim.integrator, sim.model.n
+    method, n = sim.integrator.system, sim.model.n
     method.preconditioner.finish()
     levels, jacobi = method.preconditioner.levels, method.preconditioner.jacobi
     probe = sim._later(Probe, method.operator)

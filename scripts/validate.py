@@ -1,0 +1,199 @@
+"""Physics against closed forms and reference solutions; writes docs/validation.md with every figure.
+
+    python scripts/validate.py [--cases cantilever strings] [--to docs/validation.md]
+
+Each case gives lines (what, ours, reference, allowed): the reference is a closed form or an independent solution
+whose source is named in the case's first line.
+"""
+
+import argparse
+import math
+import pathlib
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+import taichi_cloth as tc
+
+G = 9.81
+Line = tuple[str, float, float, float]  # what, ours, reference, allowed relative difference
+ELASTICA = {0.5: 0.062444, 1: 0.124562, 2: 0.246673, 5: 0.585721, 10: 1.066802, 20: 1.863930, 50: 3.705561}
+
+
+def settle(sim: tc.Simulation, h: float, moved: float = 1e-7, most: int = 400) -> np.ndarray:
+    """Positions at rest: large implicit steps until one moves nothing by more than `moved` [m]."""
+    for _ in range(most):
+        before = sim.positions()
+        sim.step(h)
+        if np.abs(sim.positions() - before).max() < moved and np.abs(sim.velocities()).max() < 1e-4:
+            return sim.positions()
+    raise SystemExit("a static case does not come to rest")
+
+
+def hanging() -> Iterator[Line]:
+    """A strip under its own weight stretches by sigma g L^2 / 2k (closed form)."""
+    for n in (5, 10, 20, 40):
+        scene = tc.Scene()
+        cloth = scene.add_cloth(tc.grid((0.1, 1.0), (2, n), plane="xy"), tc.Fabric(0.2, tc.Stretch(500.0)))
+        scene.pin(cloth, "top")
+        sim = tc.Simulation(scene, h=0.5, integrator="backward_euler", cg_tol=1e-10, stretch_limit=1e9)
+        x = settle(sim, 0.5, 1e-10)
+        yield f"{n} cells [mm]", 1e3 * (np.ptp(x[:, 1]) - 1), 1e3 * 0.2 * G / 1000, 1e-3
+        sim.close()
+
+
+def jittered(mesh: tc.TriMesh, size: float, keep: np.ndarray) -> tc.TriMesh:
+    """The mesh with its other vertices moved in its plane by up to `size` [m]; the plane is xz."""
+    rng = np.random.default_rng(20_260_821)
+    x, move = np.array(mesh.x), size * rng.uniform(-1, 1, (len(mesh.x), 2))
+    x[~keep, 0] += move[~keep, 0]
+    x[~keep, 2] += move[~keep, 1]
+    uv = np.array(mesh.uv)
+    uv[~keep] += move[~keep] * [1, -1]
+    return tc.TriMesh(x, mesh.faces, uv)
+
+
+def cantilever_sheet(gamma: float, n: int) -> float:
+    """Height over width of a clamped strip of length 1 under its weight."""
+    mesh = tc.equilateral_strip(1.0, 2, n)
+    x, clamp = np.array(mesh.x), 1e-3 / n  # a narrow held column doubles the hinges on the clamp line
+    base = x[:, 0].min()
+    left = np.flatnonzero(x[:, 0] < base + 1e-9)
+    order = left[np.argsort(x[left, 2])]
+    column = len(x) + np.arange(len(order))
+    pairs = [(column[k], order[k], order[k + 1]) for k in range(len(order) - 1)]
+    pairs += [(column[k], order[k + 1], column[k + 1]) for k in range(len(order) - 1)]
+    points = np.concatenate([x, x[order] - [clamp, 0, 0]])
+    faces = np.concatenate([mesh.faces, np.array(pairs)])
+    mesh = tc.TriMesh(points, faces, np.column_stack([points[:, 0], -points[:, 2]]))
+    density = 0.2
+    D = density * G / gamma / (1 - 1 / 9)  # such hinges are a plate with nu = -1/3: a narrow strip has D (1 - nu^2)
+    scene = tc.Scene()
+    k = 2e4 * max(1.0, D)
+    cloth = scene.add_cloth(mesh, tc.Fabric(density, tc.Stretch(k), tc.Shear(k / 10), tc.Bend(D)))
+    held = points[:, 0] < base + 1e-9
+    scene.pin(cloth, np.flatnonzero(held))
+    scene.pin(cloth, np.flatnonzero(~held), directions=[[0, 0, 1]])
+    sim = tc.Simulation(scene, h=0.1, integrator="newton_euler", newton_tol=1e-8, newton_max=60, stretch_limit=1e9,
+                        cg_tol=1e-6)
+    x = settle(sim, 0.1, 1e-6)
+    tip = x[points[:, 0] > points[:, 0].max() - 1e-9]
+    sim.close()
+    return float(-tip[:, 1].mean() / (tip[:, 0].mean() - base))
+
+
+def cantilever() -> Iterator[Line]:
+    """Height over width against the planar elastica th'' = -Gamma (1 - s) cos th, Gamma = sigma g L^3 / D."""
+    for gamma, ratio in ELASTICA.items():
+        yield f"Gamma {gamma:g}, equilateral, 40 cells", cantilever_sheet(gamma, 40), ratio, 0.02
+
+
+def frequency(sim: tc.Simulation, pick: int, axis: int, t: float) -> float:
+    """Of a small vibration that starts at its peak [Hz], by its zero crossings."""
+    times, values = [0.0], [sim.positions()[pick, axis]]
+    while sim.time < t:
+        sim.step()
+        times.append(sim.time)
+        values.append(sim.positions()[pick, axis])
+    y, s = np.array(values), np.array(times)
+    k = np.flatnonzero(np.sign(y[1:]) != np.sign(y[:-1]))
+    zeros = s[k] - y[k] * (s[k + 1] - s[k]) / (y[k + 1] - y[k])
+    return float((len(zeros) - 1) / 2 / (zeros[-1] - zeros[0]))
+
+
+def strings() -> Iterator[Line]:
+    """A strip of 1 m stretched l-fold is a string, f = sqrt(k (l - 1) / (sigma l)) / 2 m; a square is a membrane, sqrt 2 f."""
+    k, stretch, sigma = 500.0, 1.05, 0.2
+    exact = math.sqrt(k * (stretch - 1) / (sigma * stretch)) / 2
+    for n, allowed in ((8, 0.012), (16, 0.004), (32, 0.003)):
+        mesh = tc.grid((1.0, 0.1), (n, 1))
+        start = np.array(mesh.x) * [stretch, 1, 1]
+        start[:, 1] = 1e-3 * np.sin(np.pi * (mesh.x[:, 0] - mesh.x[:, 0].min()))
+        scene = tc.Scene(gravity=None)
+        cloth = scene.add_cloth(mesh, tc.Fabric(sigma, tc.Stretch(k)), start)
+        scene.pin(cloth, "left")
+        scene.pin(cloth, "right")
+        sim = tc.Simulation(scene, h=1 / 400, integrator="tr_bdf2", newton_tol=1e-9, cg_tol=1e-6)
+        middle = int(np.argmin(np.abs(mesh.x[:, 0] - mesh.x[:, 0].mean())))
+        yield f"string, {n} cells [Hz]", frequency(sim, middle, 1, 1.0), exact, allowed
+        sim.close()
+    exact *= math.sqrt(2)
+    n = 32
+    mesh = tc.grid(1.0, n)
+    start = np.array(mesh.x) * [stretch, 1, stretch]
+    u, w = mesh.x[:, 0] - mesh.x[:, 0].min(), mesh.x[:, 2] - mesh.x[:, 2].min()
+    start[:, 1] = 1e-3 * np.sin(np.pi * u) * np.sin(np.pi * w)
+    scene = tc.Scene(gravity=None)
+    cloth = scene.add_cloth(mesh, tc.Fabric(sigma, tc.Stretch(k)), start)
+    for side in ("left", "right", "top", "bottom"):
+        free = np.setdiff1d(mesh.select(side), np.concatenate([a.vertices for a in scene.script.attachments] or [[]]))
+        scene.pin(cloth, free.astype(int))
+    sim = tc.Simulation(scene, h=1 / 600, integrator="tr_bdf2", newton_tol=1e-9, cg_tol=1e-6)
+    yield f"square membrane, {n} cells [Hz]", frequency(sim, (n // 2) * (n + 1) + n // 2, 1, 0.7), exact, 0.003
+    sim.close()
+
+
+def spin() -> Iterator[Line]:
+    """A stiff spinning sheet: nonlinear backward Euler keeps 1/sqrt(1 + 2 w^2 h t) of its turning, TR-BDF2 nearly all."""
+    mesh, w = tc.grid(1.0, 6), 2 * math.pi
+    for integrator, steps, kept, allowed in (("newton_euler", 50, 0.624, 0.01), ("newton_euler", 100, 0.748, 0.01),
+                                             ("tr_bdf2", 100, 0.99926, 0.005)):
+        x = np.array(mesh.x) - mesh.x.mean(axis=0)
+        scene = tc.Scene(gravity=None)
+        scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1e5), tc.Shear(1e4)), x, np.cross([0, w, 0], x))
+        sim = tc.Simulation(scene, h=1 / steps, integrator=integrator, newton_tol=1e-10, cg_tol=1e-8, newton_max=40,
+                            stretch_limit=1e9)
+        m = sim.model.mass[np.argsort(sim.model.user)][:, None]
+        first = np.cross(sim.positions(), m * sim.velocities()).sum(axis=0)[1]
+        sim.run(1.0, 1)
+        yield f"{integrator}, {steps} steps a turn", float(
+            np.cross(sim.positions(), m * sim.velocities()).sum(axis=0)[1] / first), kept, allowed
+        sim.close()
+
+
+def swing() -> Iterator[Line]:
+    """Tip height of a strip .5 x .1 m dropped from horizontal; reference: an independent solution by Radau's method."""
+    reference = {0.1: -0.0491, 0.2: -0.1962, 0.3: -0.4405}
+    for integrator in ("verlet", "tr_bdf2"):
+        scene = tc.Scene()
+        mesh = tc.grid((0.5, 0.1), (10, 2))
+        cloth = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000.0), tc.Shear(100.0), tc.Bend(5e-5)))
+        scene.pin(cloth, "left")
+        sim = tc.Simulation(scene, h=1 / 1000, integrator=integrator, newton_tol=1e-7)
+        tip = mesh.select("right")
+        for t, z in reference.items():
+            while sim.time < t - 1e-9:
+                sim.step()
+            yield f"{integrator}, t = {t:g} s [m]", float(sim.positions()[tip, 1].mean()), z, 0.01
+        sim.close()
+
+
+CASES: dict[str, Callable[[], Iterator[Line]]] = {
+    "hanging": hanging, "swing": swing, "cantilever": cantilever, "strings": strings, "spin": spin}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cases", nargs="*", default=list(CASES), choices=list(CASES))
+    parser.add_argument("--to", metavar="FILE", help="markdown file")
+    args = parser.parse_args()
+    text = ["# Validation", "", "Made by `python scripts/validate.py --to docs/validation.md`; f64, CPU.", ""]
+    failed = 0
+    for name in args.cases:
+        text += [f"## {name}", "", CASES[name].__doc__ or "", "", "| case | ours | reference | difference | allowed |",
+                 "|---|---|---|---|---|"]
+        for what, ours, reference, allowed in CASES[name]():
+            off = abs(ours / reference - 1)
+            failed += off > allowed
+            text.append(f"| {what} | {ours:.6g} | {reference:.6g} | {100 * off:.2g} % | {100 * allowed:g} % |"
+                        + ("" if off <= allowed else " **off**"))
+            verdict = "ok    " if off <= allowed else "OFF   "
+            print(f"{verdict} {name}: {what}: {ours:.6g}, reference {reference:.6g}, {100 * off:.2g} %", flush=True)
+        text.append("")
+    if args.to:
+        pathlib.Path(args.to).write_text("\n".join(text), encoding="utf-8")
+    raise SystemExit(1 if failed else 0)
+
+
+if __name__ == "__main__":
+    main()
