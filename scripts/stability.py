@@ -96,9 +96,9 @@ def slivers():
 
 
 def jerked():
+    """A corner that goes up and down at 10 m/s and turns at once."""
     scene, cloth = sheet(pins=("top_left",))
-    scene.move(cloth, "top_right", lambda t: np.array([0.0, 0.3 * np.sign(np.sin(40 * t)), 0.0]) if t > 0 else np.zeros(3),
-               relative=True)
+    scene.move(cloth, "top_right", lambda t: np.array([0.0, 0.1 * (1 - 2 * abs((50 * t) % 1 - 0.5)), 0.0]), relative=True)
     return scene, None
 
 
@@ -163,7 +163,8 @@ def run(case: Case, integrator: str, precision: str = "f64", **more) -> dict:
     """How a case went: passed, and figures or the reason in words."""
     scene, start = case.make()
     began = time.perf_counter()
-    sim = tc.Simulation(scene, h=case.h, integrator=integrator, precision=precision, **more)
+    limit = 1e9 if case.free else 0.5  # what starts torn apart may change its stretch at will
+    sim = tc.Simulation(scene, h=case.h, integrator=integrator, precision=precision, stretch_limit=limit, **more)
     row = {"steps": 0, "rejections": 0, "seconds": 0.0}
     try:
         if start is not None:

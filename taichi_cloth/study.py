@@ -16,8 +16,8 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from .errors import ClothError, SceneError
-from .integrators import EXPLICIT
+from .errors import ClothError, SceneError, check_choice
+from .integrators import EXPLICIT, INTEGRATORS
 from .scene import Scene
 from .simulation import Simulation
 
@@ -34,13 +34,14 @@ class Case:
     Attributes:
         integrator, precision, arch: as of `Simulation`.
         h: step [s]; tolerance: error asked for instead [m], with h as the largest step.
-        cg_tol: None is the method's own.
+        cg_tol: None is the method's own; newton_tol: [m].
     """
 
     integrator: str
     h: float
     tolerance: float | None = None
     cg_tol: float | None = None
+    newton_tol: float = 1e-4
     precision: str = "f64"
     arch: str = "cpu"
 
@@ -234,7 +235,7 @@ def _row(case: Case, make: Callable[[], Scene], samples: int, last: int, fine: T
     row = Row(case)
     try:
         sim = Simulation(make(), h=case.h, integrator=case.integrator, cg_tol=case.cg_tol, tolerance=case.tolerance,
-                         precision=case.precision, arch=case.arch)
+                         newton_tol=case.newton_tol, precision=case.precision, arch=case.arch)
         begin = sim.checkpoint()
         walls: list[float] = []
         for _ in range(2):  # the first compiles
@@ -279,11 +280,13 @@ def cases_of(integrators: list[str], steps: list[float], tolerances: list[float]
              precisions: list[str], archs: list[str], h: float) -> list[Case]:
     """Every combination that means something: explicit methods choose their own step, tolerances go with "safe"."""
     out = []
+    for name in integrators:
+        check_choice("integrator", name, INTEGRATORS)
     for arch in archs:
         for precision in precisions:
             for name in integrators:
                 for step in steps[:1] if name in EXPLICIT else steps:
                     for cg in [None] if name in EXPLICIT else cg_tols:
-                        out.append(Case(name, step, None, cg, precision, arch))
-            out += [Case("safe", h, tolerance, None, precision, arch) for tolerance in tolerances]
+                        out.append(Case(name, step, None, cg, precision=precision, arch=arch))
+            out += [Case("safe", h, tolerance, precision=precision, arch=arch) for tolerance in tolerances]
     return out

@@ -47,11 +47,12 @@ class Membrane:
         # energy of strains that are but a rounding of positions by 1 m, see `rounding_energy`
         self._unit_energy = float(np.sum(area * table[material][:, :K_S + 1].max(axis=1) * np.sum(inverse**2, axis=1)) / 2)
         self._fields = fields
-        # bounds on the squared frequency [1/s^2] and the damping rate [1/s] of any mode, element by element
+        # bounds on the squared frequency [1/s^2] and the damping rate [1/s] of any mode, element by element; warp and weft
+        # pull at right angles while shear is small
         density = np.array([c.fabric.density for _, c in cloths])[material]
         u, v = (inverse[:, k] ** 2 + inverse[:, k + 2] ** 2 + (inverse[:, k] + inverse[:, k + 2]) ** 2 for k in (0, 1))
         k = table[material]
-        self.rates = tuple(float(np.max(3 / density * (k[:, a] * u + k[:, b] * v + k[:, c] * (u + v))))
+        self.rates = tuple(float(np.max(3 / density * (np.maximum(k[:, a] * u, k[:, b] * v) + k[:, c] * (u + v))))
                            for a, b, c in ((K_U, K_V, K_S), (D_U, D_V, D_S)))
 
     def rounding_energy(self, d: float) -> float:

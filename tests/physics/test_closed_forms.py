@@ -68,7 +68,7 @@ def swing(h, integrator="backward_euler", t=0.2):
     cloth = scene.add_cloth(tc.grid(1.0, 4), tc.Fabric(0.3, tc.Stretch(20, 0.3), tc.Shear(5, 0.1), tc.Bend(1e-2, 1e-3)))
     scene.pin(cloth, "left")
     K = "gauss_newton" if integrator == "backward_euler" else "projected"
-    sim = tc.Simulation(scene, h=h, integrator=integrator, cg_tol=1e-12, adaptive=False, K=K, newton_tol=1e-9,
+    sim = tc.Simulation(scene, h=h, integrator=integrator, cg_tol=1e-12, adaptive=False, K=K, newton_tol=1e-8,
                         newton_max=300)
     sim.run(t, 1 / t)
     x = sim.positions()

@@ -1,0 +1,41 @@
+"""The commands study and verify."""
+
+import csv
+import json
+
+from test_cli import call
+
+
+def test_study_writes_tables(tmp_path):
+    done = call("study", "swing", "--small", "--duration", "0.2", "--h", "1/30,1/60", "--integrators", "verlet,backward_euler",
+                "--tolerances", "1e-2", "--out", tmp_path / "s")
+    assert done.returncode == 0, done.stderr
+    data = json.loads((tmp_path / "s" / "study.json").read_text())
+    rows = data["rows"]
+    assert [(r["integrator"], r["tolerance"]) for r in rows] == [("verlet", None), ("backward_euler", None),
+                                                                 ("backward_euler", None), ("safe", 0.01)]
+    assert rows[1]["error"] > rows[2]["error"] > rows[3]["error"] > rows[0]["error"] and all(r["wall"] > 0 for r in rows)
+    assert any(r["best"] for r in rows) and rows[1]["steps"] < rows[2]["steps"] == 12
+    with open(tmp_path / "s" / "study.csv", newline="") as file:
+        assert [float(r["error"]) for r in csv.DictReader(file)] == [r["error"] for r in rows]
+    svg = (tmp_path / "s" / "study.svg").read_text()
+    assert svg.startswith("<svg xmlns") and svg.count("<circle") == 4
+    assert "RMS error of positions at t = 0.2 s" in done.stdout and done.stdout.count("\n* ") == sum(r["best"] for r in rows)
+
+
+def test_verify_passes_on_a_scene_and_sees_what_is_wrong(tmp_path):
+    done = call("verify", "trampoline", "--small", "--time", "0.1")
+    assert done.returncode == 0, done.stdout + done.stderr
+    for words in ("pins drift", "force against differences", "stiffness product", "symmetric", "add up to", "falls with g",
+                  "direct solve"):
+        assert words in done.stdout, words
+    assert "FAILED" not in done.stdout
+
+
+def test_bad_requests_are_named(tmp_path):
+    for args, words in ((("study", "swing", "--h", "x"), "needs numbers"),
+                        (("study", "swing", "--h", ","), "at least one step"),
+                        (("study", "swing", "--integrators", "rk4"), "unknown integrator 'rk4'"),
+                        (("verify", "nothing"), "nothing")):
+        done = call(*args)
+        assert done.returncode == 2 and words in done.stderr, (args, done.stderr)
