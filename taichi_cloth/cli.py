@@ -198,7 +198,7 @@ def _simulation_flags(parser: argparse.ArgumentParser) -> None:
     add("--arch", help="cpu, cuda, vulkan or metal")
     add("--precision", help="f32 or f64")
     add("--threads", type=int, metavar="N", help="CPU threads (all)")
-    add("--integrator", help="safe, tr_bdf2, backward_euler, newton_euler or verlet")
+    add("--integrator", help="auto, safe, tr_bdf2, backward_euler, newton_euler or verlet")
     add("--K", help="projected, gauss_newton or paper")
     add("--preconditioner", help="auto, multilevel, block_jacobi, jacobi or none")
     add("--cg-tol", dest="cg_tol", type=number_of, metavar="X", help="relative residual of the linear solve")

@@ -198,6 +198,7 @@ def summary(sim: Simulation) -> dict:
             "worst_residual": max((r.residual for r in sim.log), default=None),
             "not_converged": sum(r.status not in ("CONVERGED", "EXPLICIT") for r in sim.log),
             "cg_iterations": sum(r.iterations for r in sim.log), "solves": sum(r.solves for r in sim.log),
+            "fell_back": sum(bool(r.fell_back) for r in sim.log),
             "contacts": max((r.contacts for r in sim.log), default=0),
             "crossings": max((r.crossings for r in sim.log), default=0),
             "largest_stretch": max((r.stretch for r in sim.log), default=None),
@@ -213,8 +214,8 @@ def describe(sim: Simulation, wall: float) -> str:
     faces = sum(c.mesh.face_count for c in cloths)
     model = f"{sim.model.n} vertices, {faces} triangles, {len(sim.scene.solids)} solids, at most {s['contacts']} contacts"
     return (f"model: {model}\n"
-            f"trouble: rejected steps: {bad}; smallest h {s['smallest_h'] * 1e3:.3g} ms, worst residual "
-            f"{s['worst_residual']:.1g}, crossings {s['crossings']}, largest stretch {s['largest_stretch']:.3f}\n"
+            f"trouble: rejected steps: {bad}; taken by backward Euler instead: {s['fell_back']}; smallest h "
+            f"{s['smallest_h'] * 1e3:.3g} ms, worst residual {s['worst_residual']:.1g}, crossings {s['crossings']}, largest stretch {s['largest_stretch']:.3f}\n"
             f"cost: {sim.time:g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}: {s['steps']} "
             f"steps, {s['cg_iterations']} CG iterations; {parts}")
 

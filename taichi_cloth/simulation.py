@@ -38,7 +38,8 @@ class Simulation:
         arch: "cpu", "cuda", "vulkan", "metal".
         precision: "f32" or "f64".
         integrator: "safe" (TR-BDF2; steps that it cannot take, and those in contact, by backward Euler), "tr_bdf2",
-            "backward_euler" (the paper's single solve), "newton_euler" (nonlinear backward Euler), "verlet" (explicit).
+            "backward_euler" (the paper's single solve), "newton_euler" (nonlinear backward Euler), "verlet" (explicit), or
+            "auto": "safe" or "verlet", by stiffness, mesh, solids and tolerance; `notes` say why.
         K: stiffness matrix, "projected" (positive semidefinite), "gauss_newton" or "paper" (exact).
         cg_tol: relative residual of a linear solve; where None 1e-4 for backward Euler, 1e-2 for a Newton iteration.
         newton_tol: RMS of the last change of position [m] at which Newton's method stops.
@@ -85,7 +86,7 @@ class Simulation:
         for name, value in given.items():
             if value is not None:
                 _check_positive(name, value)
-        if tolerance is not None and (integrator not in ("safe", "tr_bdf2") or not adaptive):
+        if tolerance is not None and (integrator not in ("auto", "safe", "tr_bdf2") or not adaptive):
             raise SceneError(f"tolerance = {tolerance:g} m: error control needs integrator 'safe' or 'tr_bdf2' and adaptive "
                              f"steps, not {integrator!r}")
         self.scene, self.time, self._h = scene, 0.0, h
@@ -104,7 +105,8 @@ class Simulation:
             raise
         if self.integrator.system is None:
             self.integrator.subcycles = adaptive
-        self.notes = [f"{c.name}: {note}" for c in scene.cloths for note in c.mesh.notes]
+        self.notes = [self._why] if self._why else []
+        self.notes += [f"{c.name}: {note}" for c in scene.cloths for note in c.mesh.notes]
         if self.contacts is not None:
             self.notes += self.contacts.inspect()
         self.stepper = Stepper(self.model, self.integrator, self.meter, self.control)
@@ -122,6 +124,12 @@ class Simulation:
         fields = self._fields
         self.model = Model(fields, scene, self.runtime)
         self._forces = build_forces(fields, self.model, scene, self.options.K)
+        self._why = ""
+        if self.integrator_name == "auto":
+            tolerance = self.options.tolerance
+            self.integrator_name, why = integrators.choose(self._forces, bool(scene.solids), h, tolerance,
+                                                            self.control.adaptive)
+            self._why = f"integrator {self.integrator_name}: {why}"
         self.meter = Meter(self.model, self._forces, self.runtime)
         self.contacts = _contacts(fields, self.model, scene, h)
         self.integrator = integrators.build(self.integrator_name, fields, self.model, self._forces, self.meter,

@@ -14,6 +14,7 @@ An integrator is built once for a model and has
 Methods with stages solved by Newton use the operator with their own c in M - c D - c^2 K.
 """
 
+import math
 from dataclasses import dataclass
 
 from ..errors import SceneError
@@ -84,8 +85,33 @@ class Attempt:
     fell_back: str = ""
 
 
-INTEGRATORS = ("safe", "tr_bdf2", "backward_euler", "newton_euler", "verlet")
+INTEGRATORS = ("auto", "safe", "tr_bdf2", "backward_euler", "newton_euler", "verlet")
 EXPLICIT = ("verlet",)
+SUBSTEPS = 120  # in a step, up to which explicit ones cost less than TR-BDF2's solves (swing, 26 to 101 squared)
+ACCURATE = 4  # times as many where the error asked for is small: explicit ones have it without asking
+EXPLICIT_ERROR = 1e-3  # m: and so is this small
+FINEST = 1e-4  # m: explicit steps estimate no error, so that a smaller one is not theirs to promise
+
+
+def choose(forces: list, solids: bool, h: float, tolerance: float | None, adaptive: bool) -> tuple[str, str]:
+    """(the method that "auto" stands for, why): explicit where it is stable at no more substeps than a solve costs.
+
+    Args:
+        h: step asked for [s]; tolerance: error asked for [m], or None.
+    """
+    if solids:
+        return "safe", "the scene has solids, which explicit methods do not know"
+    if not adaptive:
+        return "safe", "fixed steps are too large to be explicit ones"
+    if tolerance is not None and tolerance < FINEST:
+        return "safe", f"an error of {tolerance:g} m needs an estimate, which explicit steps do not make"
+    omega2, damping = (sum(force.rates[k] for force in forces) for k in (0, 1))
+    root = math.sqrt(damping**2 + 4 * omega2)
+    count = h * (root + damping) / 4 if root else 0.0  # h over the stable step, as in `verlet.stable_step`
+    most = SUBSTEPS * (ACCURATE if tolerance is not None and tolerance <= EXPLICIT_ERROR else 1)
+    if count <= most:
+        return "verlet", f"{math.ceil(count)} explicit substeps in a step of {h:.3g} s are stable, and cheaper than solves"
+    return "safe", f"explicit steps would need {math.ceil(count)} substeps in {h:.3g} s; from {most} on solves are cheaper"
 
 
 def build(name: str, fields: Fields, model: Model, forces: list, meter: Meter, options: Options, runtime: Runtime,

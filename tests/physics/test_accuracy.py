@@ -43,3 +43,13 @@ def test_energy_never_grows_by_much_and_the_step_says_why_it_fell_back():
     total = np.array([start, *(sum(r.energies.values()) for r in sim.log)])
     assert np.diff(total).max() < 0.01 * 0.2 * 9.81
     assert {r.fell_back for r in sim.log} <= {"", "ENERGY", "NEWTON", "SOLVER"}
+
+
+@pytest.mark.parametrize("settings, tolerance, wanted", [
+    ({"n": 11}, None, "verlet"), ({"n": 26, "stretch": 1e5}, None, "safe"),
+    ({"n": 26, "stretch": 1e5}, 1e-3, "verlet"), ({"n": 11}, 1e-5, "safe")])
+def test_auto_picks_by_stiffness_and_tolerance_and_says_why(settings, tolerance, wanted):
+    sim = tc.Simulation(SWING.make(settings), h=1 / 60, integrator="auto", tolerance=tolerance)
+    assert sim.integrator_name == wanted and sim.notes[0].startswith(f"integrator {wanted}: ")
+    sim.step()
+    sim.close()

@@ -121,3 +121,42 @@ def test_bad_constraints(rng):
             sim.solve(0.01, constraints)
     with pytest.raises(tc.SceneError, match="z needs three finite"):
         tc.Constraint(0, z=(0, np.nan, 0))
+
+
+def test_mass_modification_gives_the_same_answer(rng):
+    """[BW98 (14)]: (I - h W D - h^2 W K) dv = W b + z with W = S/m, not symmetric, by GMRES, against the filtered CG."""
+    sim = build(rng)
+    n, h = sim.vertex_count, 0.02
+    normal = rng.normal(size=3)
+    normal /= np.linalg.norm(normal)
+    held = [tc.Constraint(0, z=rng.normal(size=3)), tc.Constraint(5, [normal], z=0.3 * normal)]
+    dv = sim.solve(h, held)
+    mass, W, z = np.zeros((n, 1)), np.zeros((n, 3, 3)), np.zeros((n, 3))
+    mass[sim.model.user, 0] = sim.model.mass
+    for i in range(n):
+        W[i] = np.eye(3) / mass[i]
+    for c in held:
+        projector = c.basis.T @ c.basis
+        W[c.vertex] = (np.eye(3) - projector) / mass[c.vertex]
+        z[c.vertex] = projector @ c.z
+
+    def modified(p):
+        p = p.reshape(n, 3)
+        return (p + np.einsum("nij,nj->ni", W, sim.product(p, h) - mass * p)).ravel()
+
+    b = (np.einsum("nij,nj->ni", W, sim.right_hand_side(h)) + z).ravel()
+    Q, H = [b / np.linalg.norm(b)], np.zeros((3 * n + 2, 3 * n + 1))
+    for k in range(3 * n):  # Arnoldi
+        w = modified(Q[k])
+        for j, q in enumerate(Q):
+            H[j, k] = q @ w
+            w = w - H[j, k] * q
+        H[k + 1, k] = np.linalg.norm(w)
+        e = np.zeros(k + 2)
+        e[0] = np.linalg.norm(b)
+        y, rest, *_ = np.linalg.lstsq(H[: k + 2, : k + 1], e, rcond=None)
+        if np.linalg.norm(H[: k + 2, : k + 1] @ y - e) < 1e-12 * e[0]:
+            break
+        Q.append(w / H[k + 1, k])
+    answer = (np.array(Q[: len(y)]).T @ y).reshape(n, 3)
+    assert np.abs(answer - dv).max() < 1e-8 * np.abs(dv).max()
