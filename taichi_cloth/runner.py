@@ -215,7 +215,8 @@ def describe(sim: Simulation, wall: float) -> str:
     model = f"{sim.model.n} vertices, {faces} triangles, {len(sim.scene.solids)} solids, at most {s['contacts']} contacts"
     return (f"model: {model}\n"
             f"trouble: rejected steps: {bad}; taken by backward Euler instead: {s['fell_back']}; smallest h "
-            f"{s['smallest_h'] * 1e3:.3g} ms, worst residual {s['worst_residual']:.1g}, crossings {s['crossings']}, largest stretch {s['largest_stretch']:.3f}\n"
+            f"{s['smallest_h'] * 1e3:.3g} ms, worst residual {s['worst_residual']:.1g}, "
+            f"crossings {s['crossings']}, largest stretch {s['largest_stretch']:.3f}\n"
             f"cost: {sim.time:g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}: {s['steps']} "
             f"steps, {s['cg_iterations']} CG iterations; {parts}")
 
