@@ -51,20 +51,23 @@ class Shear:
 
 @dataclass(frozen=True)
 class Bend:
-    """Bending over a hinge: C = theta - theta_0, stiffness D |e|^2 / (A_1 + A_2).
+    """Bending, over hinges (C = theta - theta_0, stiffness D |e|^2 / (A_1 + A_2)) or by curvatures.
 
     Args:
         D: bending rigidity [N m]; a number or (for curvature along warp, along weft).
         k_d: damping [N m s], weighted over the mesh like D.
         rest: "flat" (theta_0 = 0) or "given" (theta_0 from the mesh's given shape); None takes "given" where
             the mesh came without material coordinates and "flat" elsewhere.
+        model: "hinge", or "curvature": its rigidity is D on any triangulation, its rest shape flat, its cost higher.
     """
 
     D: Pair
     k_d: Pair = 0.0
     rest: str | None = None
+    model: str = "hinge"
 
     def __post_init__(self) -> None:
+        check_choice("bend model", self.model, ("hinge", "curvature"))
         _check("bend", "D", self.D, "N m", zero=False)
         _check("bend", "k_d", self.k_d, "N m s", zero=True)
         if self.rest is not None:

@@ -19,6 +19,7 @@ from ..fields import Fields
 from ..model import Model
 from ..scene import Scene
 from .bend import Bend
+from .curvature_bend import CurvatureBend
 from .external import Drag, Gravity
 from .membrane import Membrane
 
@@ -29,9 +30,11 @@ def build_forces(fields: Fields, model: Model, scene: Scene, mode: str) -> list:
     Args:
         mode: K of the conditions, one of `conditions.K_MODES`.
     """
+    bends = [c.fabric.bend.model for c in scene.cloths if c.fabric.bend and c.mesh.has_hinges]
     wanted = (
         (Membrane, any(c.fabric.stretch or c.fabric.shear for c in scene.cloths)),
-        (Bend, any(c.fabric.bend and c.mesh.has_hinges for c in scene.cloths)),
+        (Bend, any(bend == "hinge" for bend in bends)),
+        (CurvatureBend, any(bend == "curvature" for bend in bends)),
         (Gravity, bool(scene.gravity.any())),
         (Drag, scene.air is not None),
     )

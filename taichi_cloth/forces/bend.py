@@ -31,7 +31,7 @@ class Bend:
 
     def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
         self.model, self.exact = model, mode == "paper"
-        parts = [(c, hinges(c.mesh)) for c in scene.cloths if c.fabric.bend]
+        parts = [(c, hinges(c.mesh)) for c in scene.cloths if c.fabric.bend and c.fabric.bend.model == "hinge"]
         vertices = np.concatenate([model.particle[h.vertices + c.start] for c, h in parts])
         self.elements = Elements(fields, model.blocks, vertices)
         rest = np.concatenate([_rest(c, h) for c, h in parts])

@@ -14,6 +14,7 @@ import taichi as ti
 from ..constraints import Held, project, row
 from ..fields import Fields
 from ..forces.bend import Bend
+from ..forces.curvature_bend import CurvatureBend
 from ..measure import Measures, Meter
 from ..model import Model
 from ..runtime import Runtime
@@ -41,8 +42,8 @@ class Verlet:
 
     def __init__(self, fields: Fields, model: Model, forces: list, meter: Meter, runtime: Runtime, scene: Scene) -> None:
         self.model, self.meter, self.blocks = model, meter, model.blocks
-        self.fast = [f for f in forces if not isinstance(f, Bend)]
-        self.slow = [f for f in forces if isinstance(f, Bend)]
+        self.fast = [f for f in forces if not isinstance(f, (Bend, CurvatureBend))]
+        self.slow = [f for f in forces if isinstance(f, (Bend, CurvatureBend))]
         self.f, self.f_slow = fields.real(model.n, 3), fields.real(model.n if self.slow else 1, 3)
         self.u = fields.real(model.n, 3)  # velocity half a substep ahead or behind
         self.stable_step, bending = (stable_step(sum(f.rates[0] for f in of), sum(f.rates[1] for f in of))

@@ -15,6 +15,7 @@ from ..contact.touch import Touch
 from ..fields import Fields
 from ..forces.bend import Bend
 from ..forces.conditions import sym, sym_outer, sym_scaled_identity, sym_times, sym_unpack
+from ..forces.curvature_bend import CurvatureBend
 from ..forces.membrane import Membrane
 from ..mesh import face_edges
 from ..operator import Operator
@@ -75,6 +76,10 @@ class Multilevel:
         self.membrane = next((f for f in operator.forces if isinstance(f, Membrane)), None)
         self.bend = next((f for f in operator.forces if isinstance(f, Bend)), None)
         self.stretches, self.bends = self.membrane is not None, self.bend is not None
+        self.curving = next((f for f in operator.forces if isinstance(f, CurvatureBend)), None)
+        self.curves = self.curving is not None
+        if self.curving is not None:
+            self.patches = self._met(fields, self.curving, self.curving.width)
         if self.membrane is not None:
             self.triangles = self._met(fields, self.membrane, 3)
         if self.bend is not None:
@@ -146,6 +151,9 @@ class Multilevel:
             if ti.static(self.bends):
                 for k in range(self.hinges.first[n], self.hinges.first[n + 1]):
                     D += sym_outer(self.of_hinge(self.hinges.source[k], self.hinges.weight[k]))
+            if ti.static(self.curves):
+                for k in range(self.patches.first[n], self.patches.first[n + 1]):
+                    D += sym_scaled_identity(self.of_patch(self.patches.source[k], k))
             size = D[0] + D[3] + D[5]
             self.inverse_l[n] = ti.Vector.zero(float, 6)
             if size > NOTHING:  # else all that it meets is held
@@ -205,6 +213,18 @@ class Multilevel:
         both = ti.Vector([2 * A[6], A[7] + A[9], A[8] + A[12], 2 * A[10], A[11] + A[13], 2 * A[14]])
         return (x * x * ti.Vector([A[0], A[1], A[2], A[3], A[4], A[5]]) + x * y * both
                 + y * y * ti.Vector([A[15], A[16], A[17], A[18], A[19], A[20]]))
+
+    @ti.func
+    def of_patch(self, e, k):
+        """Block of a hat with the values of row k at the vertices, the same number in all directions; without damping."""
+        out = 0.0
+        for m in ti.static(range(3)):
+            second = 0.0
+            for a in range(self.curving.width):
+                second += (self.curving.weight[e][self.curving.width * m + a] * self.patches.weight[k][a]
+                           * self.free(self.curving.elements.vertices[e][a]))
+            out += self.curving.A[e][m] * second * second
+        return out
 
     @ti.func
     def of_hinge(self, e, w):

@@ -10,6 +10,7 @@ PARTS = {
     "stretch": tc.Fabric(0.2, stretch=tc.Stretch((800, 600), (0.8, 0.6), (1.0, 0.98))),
     "shear": tc.Fabric(0.2, shear=tc.Shear(200, 0.2)),
     "bend": tc.Fabric(0.2, bend=tc.Bend((2e-2, 3e-2), 2e-4)),
+    "curvature": tc.Fabric(0.2, bend=tc.Bend((2e-2, 3e-2), 2e-4, model="curvature")),
     "all": FULL,
 }
 

@@ -1,0 +1,91 @@
+"""Bending by curvatures: exact for quadratics, and in balance under constant curvature, on any triangulation."""
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth.forces.curvature_bend import curvatures
+
+
+def jittered(rng, n=8, seam=False):
+    """A square whose inner vertices are moved and whose diagonals are random; with `seam`, each triangle's material
+    coordinates are turned and moved on their own."""
+    grid = tc.grid(1.0, n)
+    uv = np.array(grid.uv)
+    inner = (uv > 1e-9).all(axis=1) & (uv < 1 - 1e-9).all(axis=1)
+    uv[inner] += 0.25 / n * rng.uniform(-1, 1, (int(inner.sum()), 2))
+    faces = np.array(grid.faces)
+    corner = uv[faces]
+    if seam:
+        angle = rng.uniform(0, 6, len(faces))
+        turn = np.stack([np.stack([np.cos(angle), -np.sin(angle)], 1), np.stack([np.sin(angle), np.cos(angle)], 1)], 1)
+        corner = np.einsum("kij,kaj->kai", turn, corner) + rng.uniform(-3, 3, (len(faces), 1, 2))
+    return uv, tc.TriMesh(np.column_stack([uv[:, 0], 0 * uv[:, 0], uv[:, 1]]), faces, corner)
+
+
+@pytest.mark.parametrize("seam", [False, True])
+def test_quadratics_are_exact(rng, seam):
+    uv, mesh = jittered(rng, 12, seam)
+    vertices, B, area = curvatures(mesh)
+    field = 0.7 * uv[:, 0] ** 2 - 0.4 * uv[:, 0] * uv[:, 1] + 0.9 * uv[:, 1] ** 2 + uv @ [3.0, -2.0] + 5
+    q = np.einsum("kma,ka->km", B, field[vertices])
+    density = q[:, 0] ** 2 + 2 * q[:, 1] ** 2 + q[:, 2] ** 2  # the same in any frame
+    exact = 1.4**2 + 2 * 0.4**2 + 1.8**2
+    assert (np.abs(density / exact - 1) < 1e-8).sum() > len(density) - 4  # all but single triangles in corners
+    plane = np.einsum("kma,ka->km", B, (uv @ [3.0, -2.0] + 5)[vertices])
+    assert np.abs(plane).max() < 1e-9
+    if not seam:
+        good = np.abs(density / exact - 1) < 1e-8
+        assert np.abs(q[good] - [1.4, -0.4, 1.8]).max() < 1e-7
+        force = np.zeros((3, len(uv)))  # of a constant curvature, on each vertex
+        for m in range(3):
+            np.add.at(force[m], vertices, area[:, None] * B[:, m])
+        inner = (np.abs(uv - 0.5) < 0.5 - 3.4 / 12).all(axis=1)
+        assert inner.sum() >= 1 and np.abs(force[:, inner]).max() < 1e-9
+
+
+def test_an_irregular_cantilever_has_its_rigidity(rng):
+    """Tip of a clamped strip under its weight, q L^4 / 8 D at small slopes; the clamp is half a cell uncertain."""
+    n, rows = 40, 4
+    grid = tc.grid((1.0, rows / n), (n, rows))
+    uv = np.array(grid.uv)
+    inner = (uv > uv.min(axis=0) + 1e-9).all(axis=1) & (uv < uv.max(axis=0) - 1e-9).all(axis=1)
+    uv[inner] += 0.2 / n * rng.uniform(-1, 1, (int(inner.sum()), 2))
+    mesh = tc.TriMesh(np.column_stack([uv[:, 0], 0 * uv[:, 0], -uv[:, 1]]), grid.faces, uv)
+    vertices, B, area = curvatures(mesh)
+    K = np.zeros((len(uv), len(uv)))
+    for v, b, a in zip(vertices, B, area):
+        np.add.at(K, (v[:, None], v[None]), a * (b.T * [1, 2, 1]) @ b)
+    weight = np.zeros(len(uv))
+    np.add.at(weight, mesh.faces.ravel(), np.repeat(mesh.material_areas / 3, 3))
+    free = uv[:, 0] > uv[:, 0].min() + 1 / n + 1e-9
+    w = np.zeros(len(uv))
+    w[free] = np.linalg.solve(K[np.ix_(free, free)], weight[free])
+    tip = w[uv[:, 0] > uv[:, 0].max() - 1e-9].mean()
+    assert (1 - 1 / n) ** 4 / 8 < tip * 1.03 and tip < 1.03 * (1 - 0.5 / n) ** 4 / 8
+    assert (np.linalg.eigvalsh(K)[:3] < 1e-6).all() and np.linalg.eigvalsh(K)[3] > 0.1  # only planes cost nothing
+
+
+def test_rigidity_does_not_depend_on_the_triangulation(rng):
+    """A cylinder of curvature 1: energy D/2 an area, on a jittered mesh, bent along any direction; hinges are off."""
+    uv, mesh = jittered(rng, 16)
+    found: dict[str, list[float]] = {"curvature": [], "hinge": []}
+    for angle in (0.0, 0.4, 0.8, 2.0):
+        s = uv @ [np.cos(angle), np.sin(angle)] - 0.6
+        across = uv @ [-np.sin(angle), np.cos(angle)]
+        x = np.column_stack([np.sin(s), 1 - np.cos(s), across])
+        for model, energies in found.items():
+            scene = tc.Scene(gravity=None)
+            scene.add_cloth(mesh, tc.Fabric(0.2, bend=tc.Bend(1e-3, model=model)), x)
+            sim = tc.Simulation(scene, preconditioner="block_jacobi")
+            energies.append(sim.energy()["bend"] / 0.5e-3)
+            sim.close()
+    assert np.abs(np.array(found["curvature"]) - 1).max() < 0.02, found
+    assert np.ptp(found["hinge"]) > 5 * np.ptp(found["curvature"]), found
+
+
+def test_a_given_rest_shape_is_refused():
+    scene = tc.Scene()
+    scene.add_cloth(tc.grid(1.0, 3), tc.Fabric(0.2, bend=tc.Bend(1e-3, rest="given", model="curvature")), name="dress")
+    with pytest.raises(tc.SceneError, match="dress.*flat rest shape.*hinge"):
+        tc.Simulation(scene)
