@@ -54,33 +54,90 @@ def jittered(mesh: tc.TriMesh, size: float, keep: np.ndarray) -> tc.TriMesh:
     return tc.TriMesh(x, mesh.faces, uv)
 
 
-def cantilever_sheet(gamma: float, n: int) -> float:
-    """Height over width of a clamped strip of length 1 under its weight."""
+def clamped_strip(n: int) -> tuple[tc.TriMesh, np.ndarray]:
+    """A strip of length 1 from x = 0 of equilateral triangles, n cells, two rows; and its held vertices.
+
+    A narrow held column before x = 0 doubles the hinges on the clamp line, as a clamp there must.
+    """
     mesh = tc.equilateral_strip(1.0, 2, n)
-    x, clamp = np.array(mesh.x), 1e-3 / n  # a narrow held column doubles the hinges on the clamp line
-    base = x[:, 0].min()
-    left = np.flatnonzero(x[:, 0] < base + 1e-9)
+    x, clamp = np.array(mesh.x) - [mesh.x[:, 0].min(), 0, 0], 1e-3 / n
+    left = np.flatnonzero(x[:, 0] < 1e-9)
     order = left[np.argsort(x[left, 2])]
     column = len(x) + np.arange(len(order))
     pairs = [(column[k], order[k], order[k + 1]) for k in range(len(order) - 1)]
     pairs += [(column[k], order[k + 1], column[k + 1]) for k in range(len(order) - 1)]
     points = np.concatenate([x, x[order] - [clamp, 0, 0]])
     faces = np.concatenate([mesh.faces, np.array(pairs)])
-    mesh = tc.TriMesh(points, faces, np.column_stack([points[:, 0], -points[:, 2]]))
+    return tc.TriMesh(points, faces, np.column_stack([points[:, 0], -points[:, 2]])), np.flatnonzero(points[:, 0] < 1e-9)
+
+
+def heavy_strip(mesh: tc.TriMesh, held: np.ndarray, gamma: float, positions: np.ndarray, k: float = 2e4,
+                flat: bool = True) -> tc.Simulation:
+    """The strip under its weight at Gamma = sigma g L^3 / D, with `flat` moving in a vertical plane only."""
     density = 0.2
     D = density * G / gamma / (1 - 1 / 9)  # such hinges are a plate with nu = -1/3: a narrow strip has D (1 - nu^2)
     scene = tc.Scene()
-    k = 2e4 * max(1.0, D)
-    cloth = scene.add_cloth(mesh, tc.Fabric(density, tc.Stretch(k), tc.Shear(k / 10), tc.Bend(D)))
-    held = points[:, 0] < base + 1e-9
-    scene.pin(cloth, np.flatnonzero(held))
-    scene.pin(cloth, np.flatnonzero(~held), directions=[[0, 0, 1]])
-    sim = tc.Simulation(scene, h=0.1, integrator="newton_euler", newton_tol=1e-8, newton_max=60, stretch_limit=1e9,
-                        cg_tol=1e-6)
+    k *= max(1.0, D)
+    fabric = tc.Fabric(density, tc.Stretch(k), tc.Shear(k / 10 if flat else k / 2), tc.Bend(D))
+    cloth = scene.add_cloth(mesh, fabric, positions)
+    scene.pin(cloth, held)
+    if flat:
+        scene.pin(cloth, np.setdiff1d(np.arange(len(mesh.x)), held), directions=[[0, 0, 1]])
+    return tc.Simulation(scene, h=0.1, integrator="newton_euler", newton_tol=1e-8, newton_max=60, stretch_limit=1e9,
+                         cg_tol=1e-6)
+
+
+def cantilever_sheet(gamma: float, n: int) -> float:
+    """Height over width of a clamped strip of length 1 under its weight."""
+    mesh, held = clamped_strip(n)
+    sim = heavy_strip(mesh, held, gamma, np.array(mesh.x))
     x = settle(sim, 0.1, 1e-6)
-    tip = x[points[:, 0] > points[:, 0].max() - 1e-9]
+    tip = x[mesh.x[:, 0] > 1 - 1e-9]
     sim.close()
-    return float(-tip[:, 1].mean() / (tip[:, 0].mean() - base))
+    return float(-tip[:, 1].mean() / tip[:, 0].mean())
+
+
+def critical(grows: Callable[[float], bool], low: float, high: float, steps: int = 6) -> float:
+    """By bisection, from where a disturbance dies away to where it grows."""
+    for _ in range(steps):
+        middle = (low + high) / 2
+        low, high = (low, middle) if grows(middle) else (middle, high)
+    return (low + high) / 2
+
+
+def standing() -> Iterator[Line]:
+    """A strip that stands upright topples at Gamma = 7.83735 (Greenhill)."""
+    def grows(gamma: float) -> bool:
+        mesh, held = clamped_strip(30)
+        s, lean = mesh.x[:, 0], 1e-3
+        x = np.column_stack([lean * np.maximum(s, 0) ** 2, s, mesh.x[:, 2]])
+        sim = heavy_strip(mesh, held, gamma, x)
+        tip = s > 1 - 1e-9
+        for _ in range(12):
+            sim.step(0.5)
+        out = float(np.abs(sim.positions()[tip, 0]).mean()) > lean
+        sim.close()
+        return out
+
+    yield "Gamma at which it topples, 30 cells", critical(grows, 7.0, 8.8), 7.83735, 0.02
+
+
+def buckling() -> Iterator[Line]:
+    """A strip on its edge, clamped at one end, turns sideways at Gamma = 12.8538 (1 - nu) sqrt(2 (1 + nu)), nu = -1/3."""
+    def grows(gamma: float) -> bool:
+        mesh, held = clamped_strip(40)
+        s, lean = mesh.x[:, 0], 1e-3
+        x = np.column_stack([s, mesh.x[:, 2], lean * np.maximum(s, 0) ** 2])
+        sim = heavy_strip(mesh, held, gamma, x, k=2e6, flat=False)
+        tip = s > 1 - 1e-9
+        for _ in range(12):
+            sim.step(0.5)
+        out = float(np.abs(sim.positions()[tip, 2]).mean()) > lean
+        sim.close()
+        return out
+
+    exact = 12.8538 * (4 / 3) * math.sqrt(2 * 2 / 3) / (1 - 1 / 9)  # of D; ours is scaled by D (1 - nu^2)
+    yield "Gamma at which it turns, 40 cells", critical(grows, 0.8 * exact, 1.2 * exact), exact, 0.05
 
 
 def irregular_cantilever(gamma: float, n: int) -> float:
@@ -198,7 +255,8 @@ def swing() -> Iterator[Line]:
 
 
 CASES: dict[str, Callable[[], Iterator[Line]]] = {
-    "hanging": hanging, "swing": swing, "cantilever": cantilever, "strings": strings, "spin": spin}
+    "hanging": hanging, "swing": swing, "cantilever": cantilever, "standing": standing, "buckling": buckling,
+    "strings": strings, "spin": spin}
 
 
 def main() -> None:
