@@ -34,7 +34,7 @@ def hanging() -> Iterator[Line]:
     """A strip under its own weight stretches by sigma g L^2 / 2k (closed form)."""
     for n in (5, 10, 20, 40):
         scene = tc.Scene()
-        cloth = scene.add_cloth(tc.grid((0.1, 1.0), (2, n), plane="xy"), tc.Fabric(0.2, tc.Stretch(500.0)))
+        cloth = scene.add_cloth(tc.grid((0.1, 1.0), (2, n), plane="xy"), tc.Fabric(0.2, tc.Stretch(500.0), tc.Shear(100.0)))
         scene.pin(cloth, "top")
         sim = tc.Simulation(scene, h=0.5, integrator="backward_euler", cg_tol=1e-10, stretch_limit=1e9)
         x = settle(sim, 0.5, 1e-10)

@@ -95,7 +95,7 @@ class Simulation:
         self._generation, self._open = runtime.generation(), True
         self.control = Control(h, h_min, adaptive, stretch_limit)
         self.options = Options(K, cg_tol, int(cg_max_iterations), int(newton_max), preconditioner, newton_tol,
-                               tolerance)
+                               tolerance, adaptive)
         self.integrator_name = integrator
         self._fields = Fields(self.runtime.exchange)
         try:

@@ -42,6 +42,7 @@ class Options:
         newton_max: Newton iterations of a stage; further solves of a step that fails the energy test.
         newton_tol: RMS of the last change of position [m] at which Newton's method stops.
         tolerance: RMS error of positions [m] that the run may gather, or None for steps as they are asked for.
+        adaptive: whether a step that is rejected is tried smaller.
     """
 
     K: str = "projected"
@@ -51,6 +52,7 @@ class Options:
     preconditioner: str = "block_jacobi"
     newton_tol: float = 1e-4
     tolerance: float | None = None
+    adaptive: bool = True
 
 
 @dataclass(frozen=True)

@@ -81,14 +81,18 @@ class Newton:
         return Stage(NEWTON, f"{most} iterations, the last by {moved:.2g} m", measures)
 
     def _advance(self, c: float, before: Measures, led: bool) -> tuple[float, Measures]:
-        """Along dv as far as Phi does not grow: (part taken, measures there)."""
+        """Along dv as far as Phi does not grow: (part taken, measures there).
+
+        R depends on x too, which the forces rightly know nothing of: by as much as it changes, Phi may grow.
+        """
         limit = phi(before, c) + self.system.rounding(c, before)
         alpha, taken = 1.0, 0.0
         while True:
             self._shift(c, alpha - taken)
             taken = alpha
             measures = self.system.meter.measure()
-            if led or phi(measures, c) <= limit + self.system.rounding(c, measures) or alpha < 0.5**HALVINGS:
+            slack = self.system.rounding(c, measures) + c * abs(measures.dissipation - before.dissipation)
+            if led or phi(measures, c) <= limit + slack or alpha < 0.5**HALVINGS:
                 return alpha, measures
             alpha /= 2
 

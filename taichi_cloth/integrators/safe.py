@@ -1,7 +1,7 @@
 """The default: TR-BDF2, and backward Euler for the steps that it cannot take.
 
 A step that gains energy or whose Newton iteration fails is redone by backward Euler with its energy test, which loses
-accuracy but not the run. So are steps in which cloth touches solids: contact is settled in backward Euler's solve.
+accuracy but not the run; one whose Newton iteration is slow is first tried smaller, twice. So are steps in which cloth touches solids: contact is settled in backward Euler's solve.
 """
 
 import math
@@ -19,6 +19,7 @@ from .tr_bdf2 import HORIZON, TRBDF2
 
 REDONE = (ENERGY, NEWTON, NOT_FINITE, SOLVER)
 STUBBORN = 64  # with error control, a step that fails is tried smaller until it is so much smaller than the largest
+SLOW = 4  # and without, one whose Newton iteration is slow: smaller steps are faster, and far more accurate
 TOUCH = "TOUCH"
 
 
@@ -49,7 +50,8 @@ class Safe:
             if self.contacts is not None and (made.rejection is None or made.rejection == ACCURACY) and self._touches(
                     h, held_at(h)):
                 reason = TOUCH
-            patient = self.only_contact or (self.tolerance is not None and h > self.largest / STUBBORN)
+            stubborn = STUBBORN if self.tolerance is not None else SLOW if reason == NEWTON else 1
+            patient = self.only_contact or (self.system.options.adaptive and h > self.largest / stubborn)
             if reason != TOUCH and (reason not in REDONE or patient):
                 return made
             self.model.restore()

@@ -34,7 +34,9 @@ C = 1 - math.sqrt(0.5)
 GAMMA = 2 - math.sqrt(2)
 A, B = (math.sqrt(2) + 1) / 2, (math.sqrt(2) - 1) / 2
 E_0, E_GAMMA, E_1 = (math.sqrt(2) - 1) / 3, -1 / 3, 2 * C / 3  # weights less those of the third-order formula
+WEIGHT = math.sqrt(2) / 4  # of the beginning and of the first stage in a step; C is the end's
 GAIN = 0.01  # part of the motion's scale by which energy may grow in a step
+WORK = 0.05  # part of the constraints' work in a step by which that may be misjudged
 FALL = 0.1  # m/s: and so is the work of gravity at this speed
 CG_TOL = 1e-2  # relative residual of a Newton iteration's solve, where none is asked for
 SHARE = 0.1  # of the error allowed in a step that Newton's method may leave
@@ -55,6 +57,8 @@ class TRBDF2:
         self.v_g, self.a_g, self.x_p, self.v_p = (fields.real(n, 3) for _ in range(4))
         self.known = False  # whether a_0 is
         self.pins: tuple = ()
+        self.power: float | None = None  # of the constraints [W] at the end of the last step
+        self.power_1 = 0.0
         self.weight = float(np.linalg.norm(gravity) * self.model.mass.sum())  # [N]
 
     def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
@@ -79,12 +83,14 @@ class TRBDF2:
             return self._failed(stage, "second stage", solutions, clock)
         with clock.part("EVAL"):
             self._leave(c)
-            work = (power + self._reaction_power(held, c)) / 2 * h
+            self.power_1 = self._reaction_power(held, c)
+            before = power if self.power is None else self.power
+            work = h * (WEIGHT * (before + power) + C * self.power_1)  # by the method's own quadrature
             self.system.settle(held)
         measures = stage.measures
-        gained = measures.total - start.total - abs(work)
+        gained = measures.total - start.total - work
         wind = h * max(0.0, -start.dissipation, -measures.dissipation)
-        allowed = GAIN * (start.energies["kinetic"] + self.weight * FALL * h) + 2 * wind
+        allowed = GAIN * (start.energies["kinetic"] + self.weight * FALL * h) + WORK * abs(work) + 2 * wind
         if gained > allowed + self.system.rounding(h, start, measures):
             return Attempt(ENERGY, f"{gained:.2g} J gained", measures, tuple(solutions), clock.seconds)
         error = None
@@ -100,21 +106,24 @@ class TRBDF2:
     def commit(self) -> None:
         """The last attempt was accepted."""
         self._keep()
-        self.known = True
+        self.known, self.power = True, self.power_1
 
     def reset(self) -> None:
         """The state was changed by hand, or by another method."""
-        self.known = False
+        self.known, self.power = False, None
 
     def checkpoint(self) -> dict[str, np.ndarray]:
         """The force implied by the last step."""
         index, projector = self.pins if self.pins else (np.zeros(0, np.int32), np.zeros((0, 3, 3)))
-        return {"a_0": self.a_0.to_numpy(), "known": np.array(self.known), "pins": index, "directions": projector}
+        power = np.array(np.nan if self.power is None else self.power)
+        return {"a_0": self.a_0.to_numpy(), "power": power, "known": np.array(self.known), "pins": index,
+                "directions": projector}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
         """Goes on from what `checkpoint` gave."""
         self.a_0.from_numpy(state["a_0"])
         self.known = bool(state["known"])
+        self.power = None if np.isnan(state["power"]) else float(state["power"])
         self.pins = (state["pins"], state["directions"]) if len(state["pins"]) else ()
 
     def _tolerances(self, h: float) -> tuple[float, float]:
