@@ -1,7 +1,8 @@
 """The default: TR-BDF2, and backward Euler for the steps that it cannot take.
 
 A step that gains energy or whose Newton iteration fails is redone by backward Euler with its energy test, which loses
-accuracy but not the run; one whose Newton iteration is slow is first tried smaller, twice. So are steps in which cloth touches solids: contact is settled in backward Euler's solve.
+accuracy but not the run; one whose Newton iteration is slow is first tried smaller, twice. Steps in which cloth touches
+solids are backward Euler's too: contact is settled in its solve.
 """
 
 import math
