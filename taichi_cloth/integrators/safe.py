@@ -1,8 +1,8 @@
 """The default: TR-BDF2, and backward Euler for the steps that it cannot take.
 
 A step that gains energy or whose Newton iteration fails is redone by backward Euler with its energy test, which loses
-accuracy but not the run; one whose Newton iteration is slow is first tried smaller, twice. Steps in which cloth touches
-solids are backward Euler's too: contact is settled in its solve.
+accuracy but not the run; without solids, one whose Newton iteration is slow is first tried smaller, twice. Steps in which
+cloth touches solids are backward Euler's too: contact is settled in its solve.
 """
 
 import math
@@ -51,7 +51,8 @@ class Safe:
             if self.contacts is not None and (made.rejection is None or made.rejection == ACCURACY) and self._touches(
                     h, held_at(h)):
                 reason = TOUCH
-            stubborn = STUBBORN if self.tolerance is not None else SLOW if reason == NEWTON else 1
+            slow = SLOW if reason == NEWTON and self.contacts is None else 1
+            stubborn = STUBBORN if self.tolerance is not None else slow
             patient = self.only_contact or (self.system.options.adaptive and h > self.largest / stubborn)
             if reason != TOUCH and (reason not in REDONE or patient):
                 return made
