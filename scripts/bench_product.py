@@ -15,7 +15,7 @@ import scipy
 import scipy.sparse
 
 import taichi_cloth as tc
-from taichi_cloth.simulation import Probe
+from taichi_cloth.operator import Probe
 
 H = 1 / 60
 REPEAT = 20  # calls a timing: a solve makes hundreds in a row

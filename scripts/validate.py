@@ -97,47 +97,40 @@ def cantilever_sheet(gamma: float, n: int) -> float:
     return float(-tip[:, 1].mean() / tip[:, 0].mean())
 
 
-def critical(grows: Callable[[float], bool], low: float, high: float, steps: int = 6) -> float:
-    """By bisection, from where a disturbance dies away to where it grows."""
-    for _ in range(steps):
-        middle = (low + high) / 2
-        low, high = (low, middle) if grows(middle) else (middle, high)
+def critical(n: int, axis: int, low: float, high: float, place: Callable[[np.ndarray, np.ndarray], np.ndarray],
+             **strip: float) -> float:
+    """Gamma from which on a disturbance grows, by bisection.
+
+    Args:
+        n: cells; axis: in which the tip is disturbed.
+        place: (points in the pattern's plane, disturbance [m]) to positions.
+    """
+    mesh, held = clamped_strip(n)
+    s, lean = mesh.x[:, 0], 1e-3
+    tip, x = s > 1 - 1e-9, place(mesh.x, lean * np.maximum(s, 0) ** 2)
+    for _ in range(6):
+        gamma = (low + high) / 2
+        sim = heavy_strip(mesh, held, gamma, x, **strip)  # type: ignore[arg-type]
+        for _ in range(12):
+            sim.step(0.5)
+        grown = np.abs(sim.positions()[tip, axis]).mean() > lean
+        sim.close()
+        low, high = (low, gamma) if grown else (gamma, high)
     return (low + high) / 2
 
 
 def standing() -> Iterator[Line]:
     """A strip that stands upright topples at Gamma = 7.83735 (Greenhill)."""
-    def grows(gamma: float) -> bool:
-        mesh, held = clamped_strip(30)
-        s, lean = mesh.x[:, 0], 1e-3
-        x = np.column_stack([lean * np.maximum(s, 0) ** 2, s, mesh.x[:, 2]])
-        sim = heavy_strip(mesh, held, gamma, x)
-        tip = s > 1 - 1e-9
-        for _ in range(12):
-            sim.step(0.5)
-        out = float(np.abs(sim.positions()[tip, 0]).mean()) > lean
-        sim.close()
-        return out
-
-    yield "Gamma at which it topples, 30 cells", critical(grows, 7.0, 8.8), 7.83735, 0.02
+    found = critical(30, 0, 7.0, 8.8, lambda p, lean: np.column_stack([lean, p[:, 0], p[:, 2]]))
+    yield "Gamma at which it topples, 30 cells", found, 7.83735, 0.02
 
 
 def buckling() -> Iterator[Line]:
     """A strip on its edge, clamped at one end, turns sideways at Gamma = 12.8538 (1 - nu) sqrt(2 (1 + nu)), nu = -1/3."""
-    def grows(gamma: float) -> bool:
-        mesh, held = clamped_strip(40)
-        s, lean = mesh.x[:, 0], 1e-3
-        x = np.column_stack([s, mesh.x[:, 2], lean * np.maximum(s, 0) ** 2])
-        sim = heavy_strip(mesh, held, gamma, x, k=2e6, flat=False)
-        tip = s > 1 - 1e-9
-        for _ in range(12):
-            sim.step(0.5)
-        out = float(np.abs(sim.positions()[tip, 2]).mean()) > lean
-        sim.close()
-        return out
-
     exact = 12.8538 * (4 / 3) * math.sqrt(2 * 2 / 3) / (1 - 1 / 9)  # of D; ours is scaled by D (1 - nu^2)
-    yield "Gamma at which it turns, 40 cells", critical(grows, 0.8 * exact, 1.2 * exact), exact, 0.05
+    found = critical(40, 2, 0.8 * exact, 1.2 * exact, lambda p, lean: np.column_stack([p[:, 0], p[:, 2], lean]),
+                     k=2e6, flat=False)
+    yield "Gamma at which it turns, 40 cells", found, exact, 0.05
 
 
 def irregular_cantilever(gamma: float, n: int) -> float:

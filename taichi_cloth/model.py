@@ -86,18 +86,18 @@ class Model:
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         """(positions [m], velocities [m/s]), each (user's n, 3) float64; vertices without a face stay put."""
-        x, v = self._pack(self._read)
+        x, v = self._pack(self.x, self.v)
         positions, velocities = self.start_positions.copy(), np.zeros_like(self.start_velocities)
         positions[self.user], velocities[self.user] = x + self.origin, v
         return positions, velocities
 
     def read_particles(self) -> tuple[np.ndarray, np.ndarray]:
         """(x [m] from the local origin, v [m/s]), each (n, 3) float64 in particle order."""
-        return self._pack(self._read)
+        return self._pack(self.x, self.v)
 
     def read_saved(self) -> tuple[np.ndarray, np.ndarray]:
         """The same of the saved state."""
-        return self._pack(self._read_saved)
+        return self._pack(self.x_saved, self.v_saved)
 
     def write(self, positions: np.ndarray, velocities: np.ndarray) -> None:
         """Sets the state from arrays in the user's order."""
@@ -118,25 +118,18 @@ class Model:
         """Rows of per-vertex data in particle order, in the type that kernels take."""
         return np.ascontiguousarray(np.asarray(values)[self.user].astype(self.exchange))
 
-    def _pack(self, kernel) -> tuple[np.ndarray, np.ndarray]:
+    def _pack(self, x_of, v_of) -> tuple[np.ndarray, np.ndarray]:
         x: np.ndarray = np.empty((self.n, 3), dtype=self.exchange)
         v = np.empty_like(x)
-        kernel(x, v)
+        self._read(x_of, v_of, x, v)
         return x.astype(np.float64), v.astype(np.float64)
 
     @ti.kernel
-    def _read(self, x: ti.types.ndarray(), v: ti.types.ndarray()):
+    def _read(self, x_of: ti.template(), v_of: ti.template(), x: ti.types.ndarray(), v: ti.types.ndarray()):
         for i in range(self.n):
             for c in ti.static(range(3)):
-                x[i, c] = self.x[i][c]
-                v[i, c] = self.v[i][c]
-
-    @ti.kernel
-    def _read_saved(self, x: ti.types.ndarray(), v: ti.types.ndarray()):
-        for i in range(self.n):
-            for c in ti.static(range(3)):
-                x[i, c] = self.x_saved[i][c]
-                v[i, c] = self.v_saved[i][c]
+                x[i, c] = x_of[i][c]
+                v[i, c] = v_of[i][c]
 
     @ti.kernel
     def _write(self, x: ti.types.ndarray(), v: ti.types.ndarray()):

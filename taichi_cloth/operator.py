@@ -3,6 +3,7 @@
 `c` is h for backward Euler (18); methods with stages use their own.
 """
 
+import numpy as np
 import taichi as ti
 
 from .fields import Fields
@@ -87,3 +88,23 @@ class ForceField:
                     self.forces[k].add_force(block, self.f)
 
 
+@ti.data_oriented
+class Probe:
+    """q = A p for a p from outside."""
+
+    def __init__(self, fields: Fields, model: Model, forces: list, operator: Operator) -> None:
+        self.operator, self.blocks = operator, model.blocks
+        self.p, self.q = fields.real(model.n, 3), fields.real(model.n, 3)
+
+    def product(self, p: np.ndarray) -> np.ndarray:
+        """(n, 3) A p, in particle order."""
+        self.p.from_numpy(p)
+        self.apply()
+        return self.q.to_numpy()
+
+    @ti.kernel
+    def apply(self):
+        """q = A p."""
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                self.operator.product(t // self.blocks.grain, self.p, self.q)

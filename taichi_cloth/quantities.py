@@ -77,6 +77,10 @@ def evaluate(name: str, geometry: dict[str, np.ndarray], frame: dict[str, np.nda
         energy = geometry["hinge_k"] * turn**2 / 2
         own = np.bincount(faces.ravel(), np.repeat(area / 3, 3), minlength=n)
         total = np.bincount(vertices.ravel(), np.repeat(energy / 4, 4), minlength=n)
+        if "patches" in geometry:
+            second = np.einsum("kma,kac->kmc", geometry["patch_weight"], x[geometry["patches"]])
+            energy = np.sum(geometry["patch_factor"] * np.sum(second**2, axis=2), axis=1) / 2
+            total = total + np.bincount(geometry["patch_faces"].ravel(), np.repeat(energy / 3, 3), minlength=n)
         return total / np.where(own > 0, own, 1)
     w = deformation(x, faces, uv)
     if name == "stretch":

@@ -3,6 +3,7 @@
 import numpy as np
 
 from .forces.bend import Bend
+from .forces.curvature_bend import CurvatureBend
 from .simulation import Simulation
 from .solids import Plane, Solid
 
@@ -12,7 +13,8 @@ def geometry(sim: Simulation) -> dict[str, np.ndarray]:
 
     Faces and uv of all cloths in one, `cloth_start` (first vertex of each and the end), `cloth_names`, `cloth_colors`
     (NaN where left to the renderer); the same for solids (`solid_*`, without those drawn as ground); hinges with
-    stiffness [N m] and rest angle; `camera` (eye, target, fov, up; NaN where fitted), `ground` height, `reach` [m].
+    stiffness [N m] and rest angle; where bending goes by curvatures `patches` of vertices round triangles,
+    their weights and stiffness; `camera` (eye, target, fov, up; NaN where fitted), `ground` height, `reach` [m].
     """
     scene = sim.scene
     cloths, solids = scene.cloths, [s for s in scene.solids if not is_ground(s)]
@@ -45,6 +47,11 @@ def geometry(sim: Simulation) -> dict[str, np.ndarray]:
         out |= {"hinges": sim.model.user[bend.elements.host_vertices[rows]], "hinge_k": rest[:, 0], "hinge_rest": rest[:, 2]}
     else:
         out |= {"hinges": np.zeros((0, 4), dtype=np.int64), "hinge_k": np.zeros(0), "hinge_rest": np.zeros(0)}
+    curving = next((f for f in sim._forces if isinstance(f, CurvatureBend)), None)
+    if curving is not None:
+        bent = [c for c in cloths if c.fabric.bend is not None and c.fabric.bend.model == "curvature"]
+        out |= {"patches": sim.model.user[curving.host_corners], "patch_weight": curving.host_weight,
+                "patch_factor": curving.host_factor, "patch_faces": np.concatenate([c.mesh.faces + c.start for c in bent])}
     return out
 
 

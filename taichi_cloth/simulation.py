@@ -17,7 +17,7 @@ from .forces.external import Drag
 from .integrators import CG_TOL, INTEGRATORS, SOLVER, Options
 from .measure import Meter
 from .model import Model
-from .operator import ForceField, Operator
+from .operator import ForceField, Probe
 from .quantities import deformation, principal_stretches
 from .scene import Scene
 from .solver.pcg import CONVERGED, Solution
@@ -396,28 +396,6 @@ class Simulation:
             raise BackendError("this simulation ended when another was started with a different arch, precision or "
                                "number of threads: use one of them at a time")
         return self
-
-
-@ti.data_oriented
-class Probe:
-    """q = A p for a p from outside."""
-
-    def __init__(self, fields: Fields, model: Model, forces: list, operator: Operator) -> None:
-        self.operator, self.blocks = operator, model.blocks
-        self.p, self.q = fields.real(model.n, 3), fields.real(model.n, 3)
-
-    def product(self, p: np.ndarray) -> np.ndarray:
-        """(n, 3) A p, in particle order."""
-        self.p.from_numpy(p)
-        self.apply()
-        return self.q.to_numpy()
-
-    @ti.kernel
-    def apply(self):
-        """q = A p."""
-        for t in range(self.blocks.count * self.blocks.grain):
-            if t % self.blocks.grain == 0:
-                self.operator.product(t // self.blocks.grain, self.p, self.q)
 
 
 def _contacts(fields: Fields, model: Model, scene: Scene, h: float):

@@ -8,8 +8,9 @@ import numpy as np
 import taichi as ti
 
 from ..model import Model
+from .heap import LEAF
 from .mesh_detection import PairDetector
-from .tree import LEAF, TriangleTree
+from .tree import TriangleTree
 
 
 @ti.data_oriented
@@ -34,18 +35,18 @@ class CrossingCounter:
             low, high = ti.min(a, b, c), ti.max(a, b, c)
             node = 1
             while True:
-                if self.tree.meets(node, low, high):
-                    if node < self.tree.first_leaf:
+                if self.tree.boxes.meets(node, low, high):
+                    if node < self.tree.boxes.first_leaf:
                         node *= 2
                         continue
-                    leaf = (node - self.tree.first_leaf) * LEAF
+                    leaf = (node - self.tree.boxes.first_leaf) * LEAF
                     for t in range(leaf, ti.min(leaf + LEAF, self.tree.count)):
                         d, e, g = self.tree.corner(t, 0, 1.0), self.tree.corner(t, 1, 1.0), self.tree.corner(t, 2, 1.0)
                         p, q = ti.min(d, e, g), ti.max(d, e, g)
                         if (p <= high).all() and (q >= low).all():
                             if through(a, b, c, d, e, g) + through(d, e, g, a, b, c) > 0:
                                 found[0] += 1
-                node = self.tree.following(node)
+                node = self.tree.boxes.following(node)
                 if node == 1:
                     break
 

@@ -14,8 +14,9 @@ from ..model import Model
 from ..scene import Scene
 from .closest import EDGE_EDGE, VERTEX_FACE, of_pair, on_triangle
 from .detection import HIT, KEEP, SAME_SIDE, SLOTS, WIDTH, carry
+from .heap import LEAF
 from .pairs import PAIR, Pairs
-from .tree import LEAF, TriangleTree
+from .tree import TriangleTree
 
 STRIDES = 24
 FORWARD = 0.8  # cosine between a pair's directions when it comes near and at the end for the end's to be taken
@@ -72,11 +73,11 @@ class SurfaceDetector:
         closed = 0
         node = 1
         while True:
-            if self.tree.meets(node, low, high):
-                if node < self.tree.first_leaf:
+            if self.tree.boxes.meets(node, low, high):
+                if node < self.tree.boxes.first_leaf:
                     node *= 2
                     continue
-                leaf = (node - self.tree.first_leaf) * LEAF
+                leaf = (node - self.tree.boxes.first_leaf) * LEAF
                 for t in range(leaf, ti.min(leaf + LEAF, self.tree.count)):
                     info = self.tree.info[t]
                     if info[1] == 1:
@@ -106,7 +107,7 @@ class SurfaceDetector:
                             n_hit = side * normal_1
                             w_s, gone, normal_s = self.at(t, a + s * (b - a), s)
                             at_hit = self.point(t, w_s, 1.0) + thick * n_hit
-            node = self.tree.following(node)
+            node = self.tree.boxes.following(node)
             if node == 1:
                 break
         solid, n, at = -1, n_1, b
@@ -216,14 +217,14 @@ class PairDetector:
             low, high = low - self.margin, high + self.margin
             node = 1
             while True:
-                if self.tree.meets(node, low, high):
-                    if node < self.tree.first_leaf:
+                if self.tree.boxes.meets(node, low, high):
+                    if node < self.tree.boxes.first_leaf:
                         node *= 2
                         continue
-                    leaf = (node - self.tree.first_leaf) * LEAF
+                    leaf = (node - self.tree.boxes.first_leaf) * LEAF
                     for t in range(leaf, ti.min(leaf + LEAF, self.tree.count)):
                         self.against(f, t, poses, found, rows)
-                node = self.tree.following(node)
+                node = self.tree.boxes.following(node)
                 if node == 1:
                     break
 

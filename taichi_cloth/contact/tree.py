@@ -1,7 +1,6 @@
 """Triangles of mesh solids, and the cores of the others, in one bounding-volume tree that is refitted every step.
 
-The tree is a complete binary heap over the triangles in Morton order, LEAF of them a leaf: node i has the children
-2 i and 2 i + 1. Its boxes hold the triangles at the start and at the end of a step, and so on all the way between.
+Its boxes hold the triangles at the start and at the end of a step, and so on all the way between.
 """
 
 import numpy as np
@@ -11,8 +10,8 @@ from ..fields import Fields
 from ..mesh import face_edges
 from ..scene import Scene
 from ..solids import MESH, Cylinder, SolidMesh
+from .heap import LEAF, BoxHeap, morton
 
-LEAF = 4
 FLAT, RIM = 0.01, 0.5  # angles [rad] that an edge must have to be one, on any solid and on a smooth cylinder
 
 
@@ -49,18 +48,15 @@ class TriangleTree:
             start += len(x)
         self.local = np.concatenate(locals_)
         all_corners, all_info = np.concatenate(corners), np.concatenate(info)
-        order = _morton(np.concatenate([s.pose(0.0)[1] + x @ s.pose(0.0)[0].T
+        order = morton(np.concatenate([s.pose(0.0)[1] + x @ s.pose(0.0)[0].T
                                         for (_, s), x in zip(self.solids, locals_)])[all_corners].mean(axis=1))
         self.vertex_count = start
         self.count = len(order)
-        leaves = -(-self.count // LEAF)
-        self.levels = max(1, int(np.ceil(np.log2(max(leaves, 1)))))
-        self.first_leaf = 2**self.levels
+        self.boxes = BoxHeap(fields, self.count)
         self.x = fields.real(start, 6)
         self.normal = fields.real(start, 3)
         self.corners = fields.integer(self.count, 3, all_corners[order])
         self.info = fields.integer(self.count, 4, all_info[order])
-        self.low, self.high = fields.real(2 * self.first_leaf, 3), fields.real(2 * self.first_leaf, 3)
         self.still = all(not s.moves for _, s in self.solids)
         self.placed = False
         self._normals = [_normals(x, s.shape.core()[1]) for (_, s), x in zip(self.solids, locals_)]
@@ -87,7 +83,7 @@ class TriangleTree:
                 self.x[i][c] = x[i, c]
             for c in ti.static(range(3)):
                 self.normal[i][c] = normal[i, c]
-        for leaf in range(self.first_leaf):
+        for leaf in range(self.boxes.first_leaf):
             low, high = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30])
             for t in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.count)):
                 for k in range(3):
@@ -95,27 +91,9 @@ class TriangleTree:
                     for c in ti.static(range(3)):
                         low[c] = ti.min(low[c], both[c], both[c + 3])
                         high[c] = ti.max(high[c], both[c], both[c + 3])
-            self.low[self.first_leaf + leaf], self.high[self.first_leaf + leaf] = low, high
+            self.boxes.low[self.boxes.first_leaf + leaf], self.boxes.high[self.boxes.first_leaf + leaf] = low, high
         for _ in range(1):
-            for back in range(self.first_leaf - 1):
-                i = self.first_leaf - 1 - back
-                self.low[i] = ti.min(self.low[2 * i], self.low[2 * i + 1])
-                self.high[i] = ti.max(self.high[2 * i], self.high[2 * i + 1])
-
-    @ti.func
-    def meets(self, node, low, high):
-        """Whether a node's box meets another."""
-        a, b = self.low[node], self.high[node]
-        return (a[0] <= high[0] and low[0] <= b[0] and a[1] <= high[1] and low[1] <= b[1]
-                and a[2] <= high[2] and low[2] <= b[2])
-
-    @ti.func
-    def following(self, node):
-        """The next node of a walk that does not go below this one; 1 at its end."""
-        node += 1
-        while node % 2 == 0:
-            node //= 2
-        return node
+            self.boxes.merge()
 
     @ti.func
     def corner(self, triangle, k, s):
@@ -192,14 +170,3 @@ def _normals(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
             out[:, d] += np.bincount(faces[:, k], angle * normal[:, d], minlength=len(x))
     length = np.linalg.norm(out, axis=1, keepdims=True)
     return np.where(length > 0, out / np.where(length > 0, length, 1), 0.0)
-
-
-def _morton(points: np.ndarray) -> np.ndarray:
-    """Order of points (n, 3) along a space-filling curve."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    cell = ((points - low) / np.maximum((high - low).max(), 1e-30) * 1023).astype(np.int64)
-    code = np.zeros(len(points), dtype=np.int64)
-    for bit in range(10):
-        for axis in range(3):
-            code |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
-    return np.argsort(code, kind="stable")

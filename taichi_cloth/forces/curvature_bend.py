@@ -63,6 +63,7 @@ class CurvatureBend:
         self.factor = fields.real(self.elements.count, 6, self.elements.per_entry(factor))  # of k, then of k_d
         self.damps = bool(factor[:, 3:].any())
         self.rates = tuple(_largest(corners, B, factor[:, first:first + 3], model.mass) for first in (0, 3))
+        self.host_corners, self.host_weight, self.host_factor = corners, B, factor[:, :3]  # a triangle each
         self._unit_energy = float(np.sum(factor[:, :3] * np.sum(B**2, axis=2)) / 2)
 
     def rounding_energy(self, d: float) -> float:

@@ -108,12 +108,22 @@ def choose(forces: list, solids: bool, h: float, tolerance: float | None, adapti
     if tolerance is not None and tolerance < FINEST:
         return "safe", f"an error of {tolerance:g} m needs an estimate, which explicit steps do not make"
     omega2, damping = (sum(force.rates[k] for force in forces) for k in (0, 1))
-    root = math.sqrt(damping**2 + 4 * omega2)
-    count = h * (root + damping) / 4 if root else 0.0  # h over the stable step, as in `verlet.stable_step`
+    count = h / stable_step(omega2, damping)
     most = SUBSTEPS * (ACCURATE if tolerance is not None and tolerance <= EXPLICIT_ERROR else 1)
     if count <= most:
         return "verlet", f"{math.ceil(count)} explicit substeps in a step of {h:.3g} s are stable, and cheaper than solves"
     return "safe", f"explicit steps would need {math.ceil(count)} substeps in {h:.3g} s; from {most} on solves are cheaper"
+
+
+def stable_step(omega2: float, damping: float) -> float:
+    """The step [s] up to which h^2 omega^2 + 2 h damping <= 4, the limit of stability at rest.
+
+    Args:
+        omega2: largest squared frequency [1/s^2]; damping: largest damping rate [1/s].
+    """
+    if omega2 == 0:
+        return 2 / damping if damping else math.inf
+    return (math.sqrt(damping**2 + 4 * omega2) - damping) / omega2
 
 
 def build(name: str, fields: Fields, model: Model, forces: list, meter: Meter, options: Options, runtime: Runtime,

@@ -34,17 +34,16 @@ class Newton:
     """Solves stages on a system.
 
     Attributes:
-        x_base, v_base: of the stage: [m], [m/s].
+        x_base: of the stage [m]; its v_base is the model's.
     """
 
     def __init__(self, fields: Fields, system: System) -> None:
         self.system, self.model = system, system.model
         self.x_base = fields.real(self.model.n, 3)
-        self.v_base = system.model.v_base
 
     def solve(self, c: float, held: Held | None, tolerance: float, cg_tol: float, most: int, clock: Clock,
               solutions: list[Solution], fresh: bool) -> Stage:
-        """From the guess that the model's v is, with x_base and v_base set, to the stage's v and x = x_base + c v.
+        """From the guess that the model's v is, with x_base and the model's v_base set, to the stage's v and x = x_base + c v.
 
         Args:
             held: at the end of the stage; those directions are led there in the first iteration.

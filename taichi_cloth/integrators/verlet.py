@@ -20,7 +20,7 @@ from ..model import Model
 from ..runtime import Runtime
 from ..scene import Scene
 from ..timing import Clock
-from . import ENERGY, NOT_FINITE, Attempt
+from . import ENERGY, NOT_FINITE, Attempt, stable_step
 
 SAFETY = 0.9  # part of the stable step that substeps take
 SLOW = 8  # substeps between two evaluations of bending, at most
@@ -199,14 +199,3 @@ class Verlet:
             along = (b - a) / (steps * h)
             self.model.v[i] += project(projector, k, along - self.model.v[i])
             self.u[i] += project(projector, k, along - self.u[i])
-
-
-def stable_step(omega2: float, damping: float) -> float:
-    """The step [s] up to which h^2 omega^2 + 2 h damping <= 4, the limit of stability at rest.
-
-    Args:
-        omega2: largest squared frequency [1/s^2]; damping: largest damping rate [1/s].
-    """
-    if omega2 == 0:
-        return 2 / damping if damping else math.inf
-    return (math.sqrt(damping**2 + 4 * omega2) - damping) / omega2

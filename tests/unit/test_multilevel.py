@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.simulation import Probe
+from taichi_cloth.operator import Probe
 from taichi_cloth.solver import pcg
 from taichi_cloth.solver.lattice import levels
 

@@ -8,11 +8,11 @@ from taichi_cloth import record, runtime
 from taichi_cloth.quantities import QUANTITIES, deformation, evaluate, principal_stretches
 
 
-@pytest.fixture
-def crumpled(rng):
+@pytest.fixture(params=["hinge", "curvature"])
+def crumpled(rng, request):
     mesh = tc.grid(0.5, 6)
     scene = tc.Scene()
-    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(1e-3)),
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(1e-3, model=request.param)),
                     positions=mesh.x + 0.01 * rng.normal(size=mesh.x.shape), velocities=rng.normal(size=mesh.x.shape))
     return tc.Simulation(scene)
 

@@ -1,0 +1,425 @@
+"""Cloth near cloth: which vertices and faces, edges and edges come near each other on a path, how near, and how far
+everything may go along it.
+
+The broad phase walks a tree of swept boxes and writes candidates down, thread by thread, in lists that grow; it is
+done again only when a path leaves what it has covered. Distances and the way that is free are taken pair by pair.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import taichi as ti
+
+from ..fields import Fields
+from ..mesh import face_edges
+from ..model import Model
+from ..scene import Scene
+from .closest import EDGE_EDGE, VERTEX_FACE, of_segments, on_triangle
+from .heap import LEAF, BoxHeap, morton
+
+CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
+FACES_A_CHUNK = 8
+STRIDES = 48
+KEEP = 0.1  # of a pair's distance that a path must leave
+NEAR_END = 0.05  # of it: a path may end so much before it must
+TURNED = 0.5  # cosine between a pair's directions when it came near and at the end for the end's to be taken
+PARALLEL = 1e-3  # squared sine of the angle below which edges count less and less, as parallel ones have no closest points
+RAMP = 0.05  # part of an edge's length near its ends over which edge pairs fade: there vertices take over
+COLUMNS = 12
+
+
+@dataclass(frozen=True)
+class Near:
+    """Pairs on a path.
+
+    Attributes:
+        pair: (k, 3) ids: vertex and face, or two edges; and which of the two it is.
+        vertices: (k, 4) particles; weights: (k, 4), positive on one side, negative on the other: w . x is from the
+            second to the first.
+        start: (k,) distance where the path begins [m].
+        end: (k,) the same at its end, along `normal`; negative has passed through.
+        normal: (k, 3) from the second to the first.
+        factor: (k,) part of a full pair that this one counts: less near the ends of edges and for parallel ones.
+        radius: (k,) distance [m] that the two should keep.
+    """
+
+    pair: np.ndarray
+    vertices: np.ndarray
+    weights: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    normal: np.ndarray
+    factor: np.ndarray
+    radius: np.ndarray
+
+    def take(self, which: np.ndarray) -> "Near":
+        """Some of them."""
+        return Near(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
+
+    @property
+    def key(self) -> np.ndarray:
+        """(k,) one number each."""
+        return (self.pair[:, 0] << 32) + self.pair[:, 1] * 2 + self.pair[:, 2]
+
+    def of(self, rows: np.ndarray) -> np.ndarray:
+        """(k, 3) the same difference of other values (n, 3) of the particles."""
+        return np.einsum("ka,kai->ki", self.weights, rows[self.vertices])
+
+
+@ti.data_oriented
+class LayerDetector:
+    """Cloth against cloth, for the cloths of a scene that have a `contact`.
+
+    Attributes:
+        edges: (e, 2) particles; faces: (m, 3); both in the detector's order.
+        start: (n, 3) where the path that is looked at begins; it ends where the model is.
+    """
+
+    def __init__(self, fields: Fields, model: Model, scene: Scene, cpu: bool) -> None:
+        self.model, self.exchange = model, fields.exchange
+        meeting = [k for k, c in enumerate(scene.cloths) if c.contact is not None]
+        faces = np.concatenate([model.particle[scene.cloths[k].mesh.faces + scene.cloths[k].start] for k in meeting])
+        cloth = np.repeat(meeting, [scene.cloths[k].mesh.face_count for k in meeting])
+        given = np.concatenate([c.mesh.x for c in scene.cloths])[model.user]
+        order = morton(given[faces].mean(axis=1))
+        order = order[np.argsort(cloth[order], kind="stable")]  # each cloth by itself
+        self.faces, cloth = faces[order], cloth[order]
+        m = len(self.faces)
+        ends = np.sort(face_edges(self.faces), axis=1)
+        code, first, edge = np.unique(ends @ np.array([model.n, 1]), return_index=True, return_inverse=True)
+        self.edges = np.stack([code // model.n, code % model.n], axis=1)
+        owned = np.zeros((6, m), dtype=np.int64)  # corners, edges
+        owned[3:].ravel()[first] = 1
+        _, first = np.unique(self.faces.T.ravel(), return_index=True)
+        owned[:3].ravel()[first] = 1
+        self.boxes = BoxHeap(fields, m)
+        self.count = m
+        self.face = fields.integer(m, 3, self.faces)
+        self.face_edge = fields.integer(m, 3, edge.reshape(3, m).T)
+        self.owned = fields.integer(m, data=owned.T @ (1 << np.arange(6)))
+        self.cloth = fields.integer(m, data=cloth)
+        self.edge = fields.integer(len(self.edges), 2, self.edges)
+        cloths = len(scene.cloths)
+        self.meets = fields.integer(cloths * cloths, data=_meeting(scene))
+        half = np.concatenate([np.full(c.mesh.vertex_count, c.contact.thickness / 2 if c.contact else 0.0)
+                               for c in scene.cloths])[model.user]
+        self.half = fields.real(model.n, data=half)  # thickness [m]
+        owner = np.concatenate([np.full(c.mesh.vertex_count, k) for k, c in enumerate(scene.cloths)])[model.user]
+        self.owner = fields.integer(model.n, data=owner)
+        self.rest = fields.real(model.n, 3, given)
+        self.skin = float(half[half > 0].min())  # [m] that a path may stray from the one that was walked
+        self.start, self.walked = fields.real(model.n, 3), fields.real(model.n, 3)
+        self.chunks = CHUNKS if cpu else -(-m // FACES_A_CHUNK)
+        self.grain = 512 if cpu else 1
+        self.tangled = fields.integer(model.n, data=np.zeros(model.n))  # particles whose pairs rest
+        self._rows: np.ndarray = np.zeros((self.chunks, -(-4 * m // self.chunks), 3), dtype=np.int32)
+        self._found: np.ndarray = np.zeros(self.chunks, dtype=np.int32)
+        self.candidates: np.ndarray = np.zeros((0, 3), dtype=np.int32)
+
+    def begin(self) -> None:
+        """Paths begin where the model is saved; what the last walk covered is forgotten."""
+        self._from_saved()
+        self.fresh = False
+
+    def cover(self) -> None:
+        """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model."""
+        if self.fresh and self._strayed() <= self.skin / 2:
+            return
+        self._refit()
+        while True:
+            self._walk(self._rows, self._found)
+            if self._found.max(initial=0) <= self._rows.shape[1]:
+                break
+            self._rows = np.zeros((self.chunks, int(self._found.max()) * 3 // 2, 3), dtype=np.int32)
+        pick = np.arange(self._rows.shape[1])[None, :] < self._found[:, None]
+        self.candidates, self.fresh = self._rows[pick], True
+
+    def free_way(self) -> tuple[float, np.ndarray]:
+        """(part of the path that nothing passes through another on, the pairs (k, 3) that allow no more than that)."""
+        if not len(self.candidates):
+            return 1.0, self.candidates
+        part: np.ndarray = np.ones(len(self.candidates), dtype=self.exchange)
+        self._free(self.candidates, part)
+        least = float(part.min())
+        return least, self.candidates[part <= least] if least < 1 else self.candidates[:0]
+
+    def look(self) -> Near:
+        """Pairs that are in reach of each other on the path, or at its end."""
+        c = self.candidates
+        rows: np.ndarray = np.zeros((max(len(c), 1), COLUMNS), dtype=self.exchange)
+        if len(c):
+            self._look(c, rows)
+        near = np.flatnonzero(rows[: len(c), 11] > 0)
+        c, r = c[near].astype(np.int64), rows[near].astype(np.float64)
+        face = c[:, 2] == VERTEX_FACE
+        vertices = np.empty((len(c), 4), dtype=np.int64)
+        vertices[face, 0], vertices[face, 1:] = c[face, 0], self.faces[c[face, 1]]
+        vertices[~face, :2], vertices[~face, 2:] = self.edges[c[~face, 0]], self.edges[c[~face, 1]]
+        return Near(c, vertices, r[:, 5:9], r[:, 0], r[:, 1], r[:, 2:5], r[:, 9], r[:, 10])
+
+    @ti.kernel
+    def _from_saved(self):
+        for i in range(self.model.n):
+            self.start[i] = self.model.x_saved[i]
+
+    @ti.kernel
+    def arrive(self):
+        """The model is where the next path begins."""
+        for i in range(self.model.n):
+            self.start[i] = self.model.x[i]
+
+    @ti.kernel
+    def cut(self, part: float):
+        """The model goes back to a part of the path."""
+        for i in range(self.model.n):
+            self.model.x[i] = self.start[i] + part * (self.model.x[i] - self.start[i])
+
+    @ti.kernel
+    def _strayed(self) -> float:
+        """How far any particle ends from where the path that was walked ends [m]."""
+        worst = 0.0
+        for _ in range(1):
+            for i in range(self.model.n):
+                worst = ti.max(worst, (self.model.x[i] - self.walked[i]).norm())
+        return worst
+
+    @ti.kernel
+    def _refit(self):
+        for i in range(self.model.n):
+            self.walked[i] = self.model.x[i]
+        for leaf in range(self.boxes.first_leaf):
+            low, high = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30])
+            for f in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.count)):
+                low_f, high_f = self.box(f)
+                low, high = ti.min(low, low_f), ti.max(high, high_f)
+            self.boxes.low[self.boxes.first_leaf + leaf] = low
+            self.boxes.high[self.boxes.first_leaf + leaf] = high
+        for _ in range(1):
+            self.boxes.merge()
+
+    @ti.func
+    def box(self, f):
+        """Swept box of a face, with what belongs to it round it."""
+        v = self.face[f]
+        low, high = self.start[v[0]], self.start[v[0]]
+        for k in ti.static(range(3)):
+            low = ti.min(low, self.start[v[k]], self.model.x[v[k]])
+            high = ti.max(high, self.start[v[k]], self.model.x[v[k]])
+        margin = self.half[v[0]] + self.skin
+        return low - margin, high + margin
+
+    @ti.kernel
+    def _walk(self, rows: ti.types.ndarray(), found: ti.types.ndarray()):
+        for t in range(self.chunks * self.grain):
+            if t % self.grain == 0:
+                chunk = t // self.grain
+                count = 0
+                for f in range(chunk * self.count // self.chunks, (chunk + 1) * self.count // self.chunks):
+                    low, high = self.box(f)
+                    node = self.boxes.first_leaf + f // LEAF  # leaves before it have met this one already
+                    while True:
+                        if self.boxes.meets(node, low, high):
+                            if node < self.boxes.first_leaf:
+                                node *= 2
+                                continue
+                            leaf = (node - self.boxes.first_leaf) * LEAF
+                            for g in range(ti.max(leaf, f + 1), ti.min(leaf + LEAF, self.count)):
+                                count = self.against(f, g, chunk, count, rows)
+                        node = self.boxes.following(node)
+                        if node == 1:
+                            break
+                found[chunk] = count
+
+    @ti.func
+    def against(self, f, g, chunk, count, rows: ti.template()):
+        """Writes down the pairs of two faces that may come near; returns how many the chunk now has."""
+        cloths = ti.static(int(self.meets.shape[0] ** 0.5 + 0.5))
+        if self.meets[self.cloth[f] * cloths + self.cloth[g]] == 1:
+            a, b = self.face[f], self.face[g]
+            reach = self.half[a[0]] + self.half[b[0]] + 2 * self.skin
+            lo_a, hi_a, lo_a1, hi_a1 = self.hull(a[0], a[1], a[2])
+            lo_b, hi_b, lo_b1, hi_b1 = self.hull(b[0], b[1], b[2])
+            if apart(lo_a, hi_a, lo_a1, hi_a1, lo_b, hi_b, lo_b1, hi_b1, reach) == 0:
+                bits_a, bits_b = self.owned[f], self.owned[g]
+                for k in range(3):
+                    if (bits_a >> k) & 1:
+                        v = a[k]
+                        if v != b[0] and v != b[1] and v != b[2]:
+                            if apart(self.start[v], self.start[v], self.model.x[v], self.model.x[v],
+                                     lo_b, hi_b, lo_b1, hi_b1, reach) == 0:
+                                self.put(v, g, VERTEX_FACE, chunk, count, rows)
+                                count += 1
+                    if (bits_b >> k) & 1:
+                        v = b[k]
+                        if v != a[0] and v != a[1] and v != a[2]:
+                            if apart(self.start[v], self.start[v], self.model.x[v], self.model.x[v],
+                                     lo_a, hi_a, lo_a1, hi_a1, reach) == 0:
+                                self.put(v, f, VERTEX_FACE, chunk, count, rows)
+                                count += 1
+                for j in range(3):
+                    if (bits_a >> (3 + j)) & 1:
+                        p, q = a[j], a[(j + 1) % 3]
+                        lo_e, hi_e, lo_e1, hi_e1 = self.hull(p, q, q)
+                        for k in range(3):
+                            if (bits_b >> (3 + k)) & 1:
+                                c, d = b[k], b[(k + 1) % 3]
+                                if p != c and p != d and q != c and q != d:
+                                    lo_k, hi_k, lo_k1, hi_k1 = self.hull(c, d, d)
+                                    if apart(lo_e, hi_e, lo_e1, hi_e1, lo_k, hi_k, lo_k1, hi_k1, reach) == 0:
+                                        self.put(self.face_edge[f][j], self.face_edge[g][k], EDGE_EDGE, chunk, count, rows)
+                                        count += 1
+        return count
+
+    @ti.func
+    def hull(self, p, q, r):
+        """Boxes of three particles where the path begins, and where it ends."""
+        a, b = ti.static(self.start), ti.static(self.model.x)
+        return (ti.min(a[p], a[q], a[r]), ti.max(a[p], a[q], a[r]), ti.min(b[p], b[q], b[r]), ti.max(b[p], b[q], b[r]))
+
+    @ti.func
+    def put(self, i, j, kind, chunk, count, rows: ti.template()):
+        """Writes a candidate down if there is room; there will be."""
+        if count < rows.shape[1]:
+            rows[chunk, count, 0] = i
+            rows[chunk, count, 1] = j
+            rows[chunk, count, 2] = kind
+
+    @ti.func
+    def corners(self, i, j, kind):
+        """The four particles of a candidate."""
+        v = ti.Vector([i, 0, 0, 0])
+        if kind == VERTEX_FACE:
+            f = self.face[j]
+            v = ti.Vector([i, f[0], f[1], f[2]])
+        else:
+            e, g = self.edge[i], self.edge[j]
+            v = ti.Vector([e[0], e[1], g[0], g[1]])
+        return v
+
+    @ti.func
+    def rests(self, v):
+        """Whether a pair is left alone, as its cloth is tangled there."""
+        return (self.tangled[v[0]] + self.tangled[v[1]] > 0) and (self.tangled[v[2]] + self.tangled[v[3]] > 0)
+
+    @ti.kernel
+    def _free(self, rows: ti.types.ndarray(), part: ti.types.ndarray()):
+        a = ti.static(self.start)
+        b = ti.static(self.model.x)
+        for k in range(rows.shape[0]):
+            kind = rows[k, 2]
+            v = self.corners(rows[k, 0], rows[k, 1], kind)
+            p, q, r, s = a[v[0]], a[v[1]], a[v[2]], a[v[3]]
+            dp, dq, dr, ds = b[v[0]] - p, b[v[1]] - q, b[v[2]] - r, b[v[3]] - s
+            part[k] = 1.0
+            speed = closing(kind, dp, dq, dr, ds)
+            difference, w = between(kind, p, q, r, s)
+            d = difference.norm()
+            if not self.rests(v) and d > 0 and (1 - KEEP) * d < speed:
+                left = KEEP * d
+                done = 0.0
+                for _ in range(STRIDES):
+                    if done < 1 and (d - left > NEAR_END * left or done == 0.0):
+                        done = ti.min(done + (d - left) / speed, 1.0)
+                        difference, w = between(kind, p + done * dp, q + done * dq, r + done * dr, s + done * ds)
+                        d = difference.norm()
+                part[k] = done
+
+    @ti.kernel
+    def _look(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):
+        a = ti.static(self.start)
+        b = ti.static(self.model.x)
+        for k in range(rows.shape[0]):
+            kind = rows[k, 2]
+            v = self.corners(rows[k, 0], rows[k, 1], kind)
+            p, q, r, s = a[v[0]], a[v[1]], a[v[2]], a[v[3]]
+            dp, dq, dr, ds = b[v[0]] - p, b[v[1]] - q, b[v[2]] - r, b[v[3]] - s
+            radius = self.half[v[0]] + self.half[v[3]]
+            speed = closing(kind, dp, dq, dr, ds)
+            first, w_0 = between(kind, p, q, r, s)
+            d_0 = first.norm()
+            out[k, 11] = 0.0
+            if d_0 - radius < speed + 1e-12 and not self.rests(v):
+                if self.owner[v[0]] == self.owner[v[3]]:  # what is near in the cloth's own shape may stay so
+                    rest, w_rest = between(kind, self.rest[v[0]], self.rest[v[1]], self.rest[v[2]], self.rest[v[3]])
+                    radius = ti.min(radius, 0.5 * rest.norm())
+                d, difference, w, done = d_0, first, w_0, 0.0
+                for _ in range(STRIDES):
+                    if d > radius * 1.001 and done < 1:
+                        done = ti.min(done + ti.max(d - radius, 1e-3 * radius) / speed, 1.0)
+                        difference, w = between(kind, p + done * dp, q + done * dq, r + done * dr, s + done * ds)
+                        d = difference.norm()
+                n = difference / ti.max(d, 1e-20)
+                last, w_1 = between(kind, p + dp, q + dq, r + dr, s + ds)
+                d_1 = last.norm()
+                n_1 = last / ti.max(d_1, 1e-20)
+                if n_1.dot(n) > TURNED or done >= 1:
+                    n, w = n_1, w_1
+                here = w[0] * (p + dp) + w[1] * (q + dq) + w[2] * (r + dr) + w[3] * (s + ds)
+                end = n.dot(here)
+                if end < radius:
+                    out[k, 0], out[k, 1] = d_0, end
+                    for c in ti.static(range(3)):
+                        out[k, 2 + c] = n[c]
+                    for c in ti.static(range(4)):
+                        out[k, 5 + c] = w[c]
+                    out[k, 9] = fading(kind, w, p + dp, q + dq, r + dr, s + ds)
+                    out[k, 10] = radius
+                    out[k, 11] = 1.0
+
+
+@ti.func
+def apart(lo_a, hi_a, lo_a1, hi_a1, lo_b, hi_b, lo_b1, hi_b1, reach):
+    """1 if two things, given by boxes at both ends of their paths, stay out of reach of each other along some axis."""
+    out = 0
+    low, high = ti.min(lo_a - hi_b, lo_a1 - hi_b1), ti.max(hi_a - lo_b, hi_a1 - lo_b1)
+    if (low > reach).any() or (high < -reach).any():
+        out = 1
+    return out
+
+
+@ti.func
+def between(kind, p, q, r, s):
+    """The shortest difference from the second to the first of a pair, and its weights (4)."""
+    w = ti.Vector([1.0, 0.0, 0.0, 0.0])
+    if kind == VERTEX_FACE:
+        u = on_triangle(p, q, r, s)
+        w = ti.Vector([1.0, -u[0], -u[1], -u[2]])
+    else:
+        along, t = of_segments(p, q, r, s)
+        w = ti.Vector([1 - along, along, t - 1, -t])
+    return w[0] * p + w[1] * q + w[2] * r + w[3] * s, w
+
+
+@ti.func
+def closing(kind, dp, dq, dr, ds):
+    """By how much [m] a pair's distance can shrink on paths dp to ds. [Li et al. 2021, additive CCD]"""
+    mean = (dp + dq + dr + ds) / 4
+    p, q, r, s = (dp - mean).norm(), (dq - mean).norm(), (dr - mean).norm(), (ds - mean).norm()
+    out = ti.max(p, q) + ti.max(r, s)
+    if kind == VERTEX_FACE:
+        out = p + ti.max(q, r, s)
+    return out
+
+
+@ti.func
+def fading(kind, w, p, q, r, s):
+    """Part that an edge pair counts."""
+    out = 1.0
+    if kind == EDGE_EDGE:
+        out = ti.min(1.0, w[0] / RAMP) * ti.min(1.0, w[1] / RAMP) * ti.min(1.0, -w[2] / RAMP) * ti.min(1.0, -w[3] / RAMP)
+        e, g = q - p, s - r
+        c = e.cross(g).norm_sqr() / ti.max(PARALLEL * e.norm_sqr() * g.norm_sqr(), 1e-30)
+        if c < 1:
+            out *= c * (2 - c)
+    return out
+
+
+def _meeting(scene: Scene) -> np.ndarray:
+    """(cloths^2,) 1 where two cloths meet, or one meets itself."""
+    k = len(scene.cloths)
+    out = np.zeros((k, k), dtype=np.int64)
+    for i, a in enumerate(scene.cloths):
+        for j, b in enumerate(scene.cloths):
+            if a.contact is not None and b.contact is not None:
+                out[i, j] = int(a.contact.itself if i == j else (a, b) not in scene.apart and (b, a) not in scene.apart)
+    return out.ravel()
