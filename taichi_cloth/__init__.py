@@ -15,6 +15,7 @@ _WHERE = {
     "grid": "shapes", "strip": "shapes", "equilateral_strip": "shapes", "disk": "shapes", "cylinder": "shapes",
     "load": "io", "load_solid": "io.solid",
     "Stretch": "fabric", "Shear": "fabric", "Bend": "fabric", "Fabric": "fabric",
+    "ClothContact": "fabric",
     "Scene": "scene", "Cloth": "scene", "Air": "scene",
     "Plane": "solids", "Sphere": "solids", "Capsule": "solids", "Box": "solids", "Cylinder": "solids",
     "SolidMesh": "solids", "Solid": "solids",

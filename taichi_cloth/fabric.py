@@ -75,6 +75,25 @@ class Bend:
 
 
 @dataclass(frozen=True)
+class ClothContact:
+    """How a piece of cloth meets other cloth, and itself.
+
+    Args:
+        thickness: distance [m] that its middle surface keeps from that of a like cloth; two keep the mean of theirs.
+        friction: Coulomb's coefficient; between two cloths it is the geometric mean of theirs.
+        itself: whether it meets itself too.
+    """
+
+    thickness: float
+    friction: float = 0.3
+    itself: bool = True
+
+    def __post_init__(self) -> None:
+        _check("cloth contact", "thickness", self.thickness, "m", zero=False, pair=False)
+        _check("cloth contact", "friction", self.friction, "", zero=True, pair=False)
+
+
+@dataclass(frozen=True)
 class Fabric:
     """A fabric.
 

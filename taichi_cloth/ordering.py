@@ -68,6 +68,9 @@ def block_bounds(n: int, count: int) -> np.ndarray:
     return np.linspace(0, n, min(count, n) + 1).round().astype(np.int64)
 
 
+FEW = 32  # blocks that are gone through one by one
+
+
 @dataclass(frozen=True)
 class Entries:
     """Elements as the blocks store them: `element[first[b]:first[b + 1]]` are those that touch block b.
@@ -83,11 +86,19 @@ class Entries:
     primary: np.ndarray
 
 
-def partition(vertices: np.ndarray, bounds: np.ndarray) -> Entries:
-    """Entries of elements with vertices (m, k), already renumbered, for blocks with the given bounds."""
+def partition(vertices: np.ndarray, bounds: np.ndarray, ordered: bool = True) -> Entries:
+    """Entries of elements with vertices (m, k), already renumbered, for blocks with the given bounds.
+
+    Args:
+        ordered: whether a block's elements are put in the order of their vertices; else they stay in theirs.
+    """
     blocks = len(bounds) - 1
     owner = np.searchsorted(bounds, vertices, side="right") - 1
     m = len(vertices)
+    if not ordered and blocks <= FEW:
+        parts = [np.flatnonzero((owner == b).any(axis=1)) for b in range(blocks)]
+        block, element = np.repeat(np.arange(blocks), [len(p) for p in parts]), np.concatenate(parts)
+        return Entries(element, np.searchsorted(block, np.arange(blocks + 1)), owner[element].min(axis=1) == block)
     code = np.unique((owner * m + np.arange(m)[:, None]).ravel())
     block, element = code // m, code % m
     order = np.lexsort((vertices[element].max(axis=1), vertices[element].min(axis=1), block))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .errors import SceneError, check_choice, did_you_mean
-from .fabric import Fabric
+from .fabric import ClothContact, Fabric
 from .mesh import TriMesh
 from .solids import Shape, Solid, Value
 from .view import View
@@ -26,6 +26,7 @@ class Cloth:
     Attributes:
         start: index of its first vertex in the simulation's arrays.
         positions, velocities: (n, 3) at time 0 [m], [m/s].
+        contact: how it meets other cloth; None passes through.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Cloth:
     velocities: np.ndarray
     start: int
     color: tuple[float, float, float] | None = None
+    contact: ClothContact | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,24 +161,28 @@ class Scene:
         self.view = view or View()
         self.cloths: list[Cloth] = []
         self.solids: list[Solid] = []
+        self.apart: list[tuple[Cloth, Cloth]] = []  # pairs that pass through each other
         self.masses: list[tuple[Cloth, np.ndarray, float]] = []
         self.script = Script()
         self._key = itertools.count()
 
     def add_cloth(self, mesh: TriMesh, fabric: Fabric, positions: ArrayLike | None = None,
                   velocities: ArrayLike | None = None, name: str | None = None,
-                  color: tuple[float, float, float] | None = None) -> Cloth:
+                  color: tuple[float, float, float] | None = None, contact: ClothContact | None = None) -> Cloth:
         """Adds a piece of cloth.
 
         Args:
             positions: (n, 3) at time 0 [m]; the mesh's own where None.
             velocities: (n, 3) or (3,) at time 0 [m/s]; zero where None.
             color: (3,) linear RGB in 0..1 for pictures.
+            contact: how it meets itself and other cloth that has a contact; None passes through, and costs nothing.
         """
         if not isinstance(mesh, TriMesh):
             raise SceneError(f"add_cloth needs a TriMesh, not {type(mesh).__name__}")
         if not isinstance(fabric, Fabric):
             raise SceneError(f"add_cloth needs a Fabric, not {type(fabric).__name__}")
+        if contact is not None and not isinstance(contact, ClothContact):
+            raise SceneError(f"add_cloth: contact needs a ClothContact or None, not {contact!r:.60}")
         name = name or f"cloth{len(self.cloths)}"
         if name in (c.name for c in self.cloths):
             raise SceneError(f"there is a cloth named {name!r} already")
@@ -185,9 +191,17 @@ class Scene:
         v = np.zeros((n, 3)) if velocities is None else _rows(
             np.broadcast_to(velocities, (n, 3)) if np.shape(velocities) == (3,) else velocities, n,
             f"velocities of {name!r}")
-        cloth = Cloth(name, mesh, fabric, x, v, self.vertex_count, color)
+        cloth = Cloth(name, mesh, fabric, x, v, self.vertex_count, color, contact)
         self.cloths.append(cloth)
         return cloth
+
+    def pass_through(self, a: Cloth, b: Cloth) -> None:
+        """Lets two cloths that have a contact pass through each other."""
+        for cloth in (a, b):
+            self._own(cloth)
+        if a is b:
+            raise SceneError(f"pass_through: {a.name!r} twice; for a cloth and itself use ClothContact(itself=False)")
+        self.apart.append((a, b))
 
     def add_solid(self, shape: Shape, friction: float, thickness: float, position: Value = (0.0, 0.0, 0.0),
                   rotation: Value = (0.0, 0.0, 0.0), name: str | None = None,
@@ -215,6 +229,11 @@ class Scene:
         solid.pose(0.0)
         self.solids.append(solid)
         return solid
+
+    @property
+    def touches(self) -> bool:
+        """Whether cloth can meet anything: solids, other cloth or itself."""
+        return bool(self.solids) or any(c.contact is not None for c in self.cloths)
 
     @property
     def vertex_count(self) -> int:

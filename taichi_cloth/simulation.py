@@ -127,11 +127,11 @@ class Simulation:
         self._why = ""
         if self.integrator_name == "auto":
             tolerance = self.options.tolerance
-            self.integrator_name, why = integrators.choose(self._forces, bool(scene.solids), h, tolerance,
+            self.integrator_name, why = integrators.choose(self._forces, scene.touches, h, tolerance,
                                                             self.control.adaptive)
             self._why = f"integrator {self.integrator_name}: {why}"
         self.meter = Meter(self.model, self._forces, self.runtime)
-        self.contacts = _contacts(fields, self.model, scene, h)
+        self.contacts = _contacts(fields, self.model, scene, h, self.runtime.arch == "cpu")
         self.integrator = integrators.build(self.integrator_name, fields, self.model, self._forces, self.meter,
                                             self.options, self.runtime, scene, self.contacts)
         fields.allocate()
@@ -398,13 +398,13 @@ class Simulation:
         return self
 
 
-def _contacts(fields: Fields, model: Model, scene: Scene, h: float):
-    """The contacts of a scene with solids; nothing of them is imported without."""
-    if not scene.solids:
+def _contacts(fields: Fields, model: Model, scene: Scene, h: float, cpu: bool):
+    """The contacts of a scene with solids, or with cloth that meets cloth; nothing of them is imported without."""
+    if not scene.touches:
         return None
     from .contact.response import Contacts
 
-    return Contacts(fields, model, scene, h)
+    return Contacts(fields, model, scene, h, cpu)
 
 
 def _check_positive(name: str, value: float) -> None:

@@ -64,6 +64,7 @@ class StepRecord:
         contacts: number of contacts with solids at its end.
         unsettled: how many of them had not agreed on sticking, sliding or releasing when it was accepted.
         crossings: pairs of triangles of cloth and of solids with edges or corners that pass through each other.
+        layers: pairs of cloth in contact with cloth; least: the smallest distance of any over what it should keep.
         evaluations: of the forces, by an explicit method.
         error: estimated, over what the tolerance allows in this step; 0 where none is asked for.
         fell_back: why the default method redid the step by backward Euler; "" where it did not.
@@ -85,6 +86,8 @@ class StepRecord:
     evaluations: int = 0
     error: float = 0.0
     fell_back: str = ""
+    layers: int = 0
+    least: float = 1.0
 
 
 class Stepper:
@@ -169,7 +172,7 @@ class Stepper:
         return StepRecord(t + h, h, sum(s.iterations for s in attempt.solutions), len(attempt.solutions),
                           worst.residual if worst else 0.0, status, rejections, measures.energies, measures.stretch,
                           seconds, attempt.contacts, attempt.unsettled, attempt.crossings, attempt.evaluations,
-                          attempt.error or 0.0, attempt.fell_back)
+                          attempt.error or 0.0, attempt.fell_back, attempt.layers, attempt.least)
 
     def _gave_up(self, t: float, h: float, rejection: str, attempt: Attempt, rejections: dict[str, int]) -> str:
         detail = f" ({attempt.detail})" if attempt.detail else ""

@@ -195,7 +195,7 @@ def _flat(row: Row) -> dict:
 def _references(make: Callable[[], Scene], samples: int, h: float, say: Callable[[str], None]) -> tuple[Track, Track, str]:
     """(the rougher, the finer, how they were made): explicit where it knows the scene and is stable, else TR-BDF2."""
     scene = make()
-    if not scene.solids:
+    if not scene.touches:
         tracks = []
         for part in REFERENCE_PARTS:
             sim = Simulation(make(), h=1 / SAMPLES, integrator="verlet")

@@ -99,8 +99,8 @@ class LayerDetector:
         self.owned = fields.integer(m, data=owned.T @ (1 << np.arange(6)))
         self.cloth = fields.integer(m, data=cloth)
         self.edge = fields.integer(len(self.edges), 2, self.edges)
-        cloths = len(scene.cloths)
-        self.meets = fields.integer(cloths * cloths, data=_meeting(scene))
+        self.cloths = len(scene.cloths)
+        self.meets = fields.integer(self.cloths**2, data=_meeting(scene))
         half = np.concatenate([np.full(c.mesh.vertex_count, c.contact.thickness / 2 if c.contact else 0.0)
                                for c in scene.cloths])[model.user]
         self.half = fields.real(model.n, data=half)  # thickness [m]
@@ -233,8 +233,7 @@ class LayerDetector:
     @ti.func
     def against(self, f, g, chunk, count, rows: ti.template()):
         """Writes down the pairs of two faces that may come near; returns how many the chunk now has."""
-        cloths = ti.static(int(self.meets.shape[0] ** 0.5 + 0.5))
-        if self.meets[self.cloth[f] * cloths + self.cloth[g]] == 1:
+        if self.meets[self.cloth[f] * self.cloths + self.cloth[g]] == 1:
             a, b = self.face[f], self.face[g]
             reach = self.half[a[0]] + self.half[b[0]] + 2 * self.skin
             lo_a, hi_a, lo_a1, hi_a1 = self.hull(a[0], a[1], a[2])
@@ -273,7 +272,8 @@ class LayerDetector:
     @ti.func
     def hull(self, p, q, r):
         """Boxes of three particles where the path begins, and where it ends."""
-        a, b = ti.static(self.start), ti.static(self.model.x)
+        a = ti.static(self.start)
+        b = ti.static(self.model.x)
         return (ti.min(a[p], a[q], a[r]), ti.max(a[p], a[q], a[r]), ti.min(b[p], b[q], b[r]), ti.max(b[p], b[q], b[r]))
 
     @ti.func

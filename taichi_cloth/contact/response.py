@@ -23,7 +23,7 @@ from ..fields import Fields
 from ..model import Model
 from ..scene import Scene
 from .detection import Found
-from .pairs import Pairs, Step, left, press
+from .pairs import Pairs, Points, Step, left, press
 from .scan import Scanner
 from .states import States, rows_of, tangential, unit
 from .touch import Touch
@@ -65,11 +65,16 @@ class Contacts:
 
     ROUNDS = 6
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene, h: float) -> None:
+    def __init__(self, fields: Fields, model: Model, scene: Scene, h: float, cpu: bool) -> None:
         self.h_usual = h  # the stiffness of pairs goes with it, and stays when steps get smaller
         self.model, self.solids, self.exchange = model, scene.solids, model.exchange
         self.gravity = scene.gravity
-        self.touch = Touch(fields, model)
+        self.layers = None
+        if any(c.contact is not None for c in scene.cloths):
+            from .layers import Layers
+
+            self.layers = Layers(fields, model, scene, h, cpu)
+        self.touch = Touch(fields, model, self.layers is not None)
         self.friction = np.array([s.friction for s in self.solids])
         self.thickness = np.array([s.thickness for s in self.solids])
         self.scan = Scanner(fields, model, scene)
@@ -88,37 +93,48 @@ class Contacts:
         self.trial, self.released = self.accepted, np.zeros(0, dtype=np.int64)
         self.round, self.warm = 0, False
         self._look()
+        if self.layers is not None:
+            self.layers.begin(h, x, v)
 
     def commit(self) -> None:
         """The step was accepted: the next begins from its contacts."""
         self.accepted, self.warm, self.crossings_before = self.trial, True, self.crossings
+        if self.layers is not None:
+            self.layers.commit()
 
     def meets(self, h: float, held: Held | None, x: np.ndarray, v: np.ndarray) -> bool:
         """Whether cloth that went from the saved state (n, 3) to where the model now is meets a solid on its way."""
         self.begin(h, held, x, v)
-        return bool((self.found.gap < 0).any()) or (self.near is not None and len(self.near.key) > 0)
+        layered = self.layers is not None and len(self.layers.near.end) > 0
+        return bool((self.found.gap < 0).any()) or (self.near is not None and len(self.near.key) > 0) or layered
 
     def pass_by(self) -> None:
         """A step without contact was accepted."""
         self.accepted = self.trial = self.state = States()
         self.active, self.total, self.pressed = Found.none(), np.zeros((0, 3)), None
         self.warm, self.count, self.unsettled = False, 0, 0
+        if self.layers is not None:
+            self.layers.pass_by()
 
     @property
     def touching(self) -> bool:
         """Whether the last step had contacts."""
-        return self.count > 0 or (self.near is not None and len(self.near.key) > 0)
+        layered = self.layers is not None and self.layers.count > 0
+        return self.count > 0 or (self.near is not None and len(self.near.key) > 0) or layered
 
     def checkpoint(self) -> dict[str, np.ndarray]:
         """What is remembered from step to step, as arrays by name."""
         states = {name: getattr(self.accepted, name) for name in ("key", "stick", "force", "push")}
-        return {**states, "warm": np.array(self.warm), "crossings": np.array(self.crossings_before)}
+        layers = {} if self.layers is None else {f"layer_{k}": a for k, a in self.layers.checkpoint().items()}
+        return {**states, "warm": np.array(self.warm), "crossings": np.array(self.crossings_before), **layers}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
         """Goes on from what `checkpoint` gave."""
         self.accepted = States(*(state[name] for name in ("key", "stick", "force", "push")))
         self.warm, self.crossings = bool(state["warm"]), int(state["crossings"])
         self.crossings_before = self.crossings
+        if self.layers is not None:
+            self.layers.resume({k[6:]: a for k, a in state.items() if k.startswith("layer_")})
 
     def inspect(self) -> list[str]:
         """As `Scanner.inspect`, at the beginning."""
@@ -130,6 +146,8 @@ class Contacts:
         """Forgets all contacts: the state was changed from outside."""
         self.accepted, self.warm = States(), False
         self.crossings = self.crossings_before = self.scan.count_crossings()
+        if self.layers is not None:
+            self.layers.clear()
 
     def _look(self) -> None:
         """What the particles meet on their way to where they now are, and how fast they slip there."""
@@ -274,12 +292,15 @@ class Contacts:
         block = (h * size / speed)[:, None, None] * across
         start = self.base[1][f.index] - (f.carried - self.x[f.index]) / h  # slip with which the solve begins
         rhs = h * size[:, None] * push - np.einsum("kij,kj->ki", block, start)
-        points = [(np.repeat(f.index[:, None], 3, axis=1), np.tile([1.0, 0, 0], (len(u), 1)), block, rhs)]
+        points = [(np.repeat(f.index[:, None], 4, axis=1), np.tile([1.0, 0, 0, 0], (len(u), 1)), block, rhs)]
         if self.near is not None:
             self.pressed, which = self.near, self.near.solid
-            points.append(press(self.near, Step(h, self.h_usual, self.x, *self.base), self.model.mass, self.thickness[which],
-                                self.friction[which]))
+            points.append(_padded(press(self.near, Step(h, self.h_usual, self.x, *self.base), self.model.mass, self.thickness[which],
+                                self.friction[which])))
         self.points = vertices, weights, block, rhs = tuple(np.concatenate(parts) for parts in zip(*points))
+        if self.layers is not None:
+            more = self.layers.points(self.base[0])
+            vertices, weights, block, rhs = (np.concatenate(parts) for parts in zip(self.points, more))
         self.crowded = not self.touch.set(vertices, weights, np.stack([block[:, a, b] for a, b in SYM], axis=1), rhs)
 
     def judge(self, reaction: np.ndarray) -> Verdict:
@@ -302,6 +323,8 @@ class Contacts:
             first = len(force) - len(self.pressed.key)
             self.places = force[first:], place[first:]
         self._look()
+        if self.layers is not None:
+            self.layers.follow()
         here = rows_of(self.found.key, f.key)
         slip_now = np.where((here >= 0)[:, None], self.slip[here] if len(self.slip) else 0.0, 0.0)
         speed = np.linalg.norm(slip_now, axis=1)
@@ -366,7 +389,7 @@ class Contacts:
         if self.pressed is not None:
             p = self.pressed
             np.add.at(out, p.vertices, p.weights[:, :, None] * self.places[0][:, None, :])
-        return out
+        return out if self.layers is None else out + self.layers.forces()
 
     def loads(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """(force [N], torque [N m] about the origin) on each solid, by name."""
@@ -380,3 +403,9 @@ class Contacts:
             arm = at[mine] - solid.pose(self.scan.time)[1] + self.model.origin
             out[solid.name] = (-force[mine].sum(axis=0), -np.cross(arm, force[mine]).sum(axis=0))
         return out
+
+
+def _padded(points: Points) -> Points:
+    """Points of three particles as points of four."""
+    vertices, weights, block, rhs = points
+    return np.column_stack([vertices, vertices[:, 0]]), np.column_stack([weights, np.zeros(len(weights))]), block, rhs

@@ -67,6 +67,7 @@ class Attempt:
         seconds: wall time by part, EVAL, CG and C-S.
         contacts: number of contacts with solids; unsettled: how many of them had not settled their state.
         crossings: triangles of cloth and solids that pass through each other.
+        layers: pairs of cloth in contact with cloth; least: their smallest distance over what they should keep.
         evaluations: of the forces, by explicit methods.
         error: estimated, over what the tolerance allows in this step; None where it was not estimated.
         order: of the method, which says how the error goes with the step.
@@ -81,6 +82,8 @@ class Attempt:
     contacts: int = 0
     unsettled: int = 0
     crossings: int = 0
+    layers: int = 0
+    least: float = 1.0
     evaluations: int = 0
     error: float | None = None
     order: int = 1
@@ -95,14 +98,14 @@ EXPLICIT_ERROR = 1e-3  # m: and so is this small
 FINEST = 1e-4  # m: explicit steps estimate no error, so that a smaller one is not theirs to promise
 
 
-def choose(forces: list, solids: bool, h: float, tolerance: float | None, adaptive: bool) -> tuple[str, str]:
+def choose(forces: list, touches: bool, h: float, tolerance: float | None, adaptive: bool) -> tuple[str, str]:
     """(the method that "auto" stands for, why): explicit where it is stable at no more substeps than a solve costs.
 
     Args:
         h: step asked for [s]; tolerance: error asked for [m], or None.
     """
-    if solids:
-        return "safe", "the scene has solids, which explicit methods do not know"
+    if touches:
+        return "safe", "the scene has contact, which explicit methods do not know"
     if not adaptive:
         return "safe", "fixed steps are too large to be explicit ones"
     if tolerance is not None and tolerance < FINEST:
@@ -138,7 +141,7 @@ def build(name: str, fields: Fields, model: Model, forces: list, meter: Meter, o
     """
     if name in EXPLICIT:
         if contacts is not None:
-            raise SceneError(f"integrator {name!r} has no contact with solids: use 'safe' or 'backward_euler'")
+            raise SceneError(f"integrator {name!r} knows no contact, with solids or between layers of cloth: use 'safe' or 'backward_euler'")
         from .verlet import Verlet
 
         return Verlet(fields, model, forces, meter, runtime, scene)

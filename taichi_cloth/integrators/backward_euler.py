@@ -36,6 +36,7 @@ class BackwardEuler:
     def __init__(self, system: System, options: Options, converge: bool = False) -> None:
         self.system, self.options, self.converge = system, options, converge
         self.model, self.meter, self.contacts = system.model, system.meter, system.contacts
+        self.layers = self.contacts.layers if self.contacts is not None else None
         self.operator, self.solver = system.operator, system.solver
         self.cg_tol = options.cg_tol or CG_TOL
 
@@ -44,7 +45,13 @@ class BackwardEuler:
 
     def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
         """One step; see the package."""
-        made, c = self._attempt(h, held_at(h), start), self.contacts
+        c, layers = self.contacts, self.layers
+        before = layers.seconds if layers is not None else 0.0
+        made = self._attempt(h, held_at(h), start)
+        if layers is not None:
+            spent = layers.seconds - before
+            made = replace(made, layers=layers.count, least=layers.least, seconds={
+                **made.seconds, "C-C": spent, "C-S": max(made.seconds.get("C-S", 0.0) - spent, 0.0)})
         return made if c is None else replace(made, contacts=c.count, unsettled=c.unsettled, crossings=c.crossings)
 
     def _attempt(self, h: float, held: Held | None, start: Measures) -> Attempt:
@@ -55,8 +62,15 @@ class BackwardEuler:
             rejection = None
         else:
             held, rejection = self._in_contact(h, held, clock, solutions)
+        part = 1.0
+        if self.layers is not None and rejection is None and solutions[-1].status == CONVERGED:
+            with clock.part("C-S"):
+                part = self.layers.advance()
+                if part < 1:
+                    self._place(h, part)
+                self.layers.look()
         with clock.part("EVAL"):
-            measures = self.meter.measure()
+            measures = self._measure()
             # work of the constraints that move, which the energy may grow by
             work = self._reaction_power(h) if held is not None and held.moving else 0.0
             work += self.contacts.work() if self.contacts is not None and solutions else 0.0
@@ -67,9 +81,12 @@ class BackwardEuler:
         if rejection:
             return Attempt(*rejection, measures, tuple(solutions), clock.seconds)
         limit = start.energies["kinetic"] + start.potential + work + self.system.rounding(h, start, measures)
-        if phi(measures, h) <= limit and not self.converge:
+        if self.layers is not None:
+            with clock.part("C-S"):
+                apart = part == 1 and self.layers.settled()
+        if phi(measures, h) <= limit and not self.converge and (self.layers is None or apart):
             return Attempt(None, "", measures, tuple(solutions), clock.seconds)
-        return self._newton(h, held, limit, measures, clock, solutions)
+        return self._newton(h, held, limit, measures, clock, solutions, part)
 
     def commit(self) -> None:
         """The last attempt was accepted."""
@@ -130,46 +147,74 @@ class BackwardEuler:
                 return held, (CONTACT, f"{contacts.crossings} crossings") if contacts.went_through() else None
 
     def _newton(self, h: float, held: Held | None, limit: float, measures: Measures, clock: Clock,
-                solutions: list[Solution]) -> Attempt:
-        """Goes on from a first solve that Phi does not accept."""
+                solutions: list[Solution], part: float) -> Attempt:
+        """Goes on from a first solve that Phi does not accept, or that leads only a part of the way."""
         with clock.part("EVAL"):
-            alpha = 1.0
+            alpha, led = part, part == 1
             if held is None or not held.moving:  # else a shorter first step would leave the constraints behind
                 while phi(measures, h) > limit and alpha > 0.5**HALVINGS:
                     alpha /= 2
                     self._place(h, alpha)
-                    measures = self.meter.measure()
-        for _ in range(self.options.newton_max):
+                    measures = self._measure()
+        layers, most = self.layers, self.options.newton_max
+        for _ in range(most if layers is None else max(most, layers.ROUNDS)):
             with clock.part("EVAL"):
                 self.operator.set_motion(0.0)
-                if self.contacts is not None:
+            if self.contacts is not None:
+                with clock.part("C-S"):
+                    if layers is not None:
+                        layers.arrive()
                     self.contacts.rebase()
+            with clock.part("EVAL"):
                 self.system.linearize(h)
+                z = None if led else self.system.to_go(held, h)
             with clock.part("CG"):
-                solutions.append(self.system.solve(self.cg_tol, held))
+                solutions.append(self.system.solve(self.cg_tol, held, z=z))
             if solutions[-1].status != CONVERGED:
                 return Attempt(SOLVER, solutions[-1].status, measures, tuple(solutions), clock.seconds)
             with clock.part("EVAL"):
-                before, alpha, taken = phi(measures, h), 1.0, 0.0
+                before, alpha, taken = phi(measures, h) + self._friction(), 1.0, 0.0
                 while alpha > 0.5**HALVINGS:
                     self._shift(h, alpha - taken)
                     taken = alpha
-                    measures = self.meter.measure()
-                    if phi(measures, h) <= before + self.system.rounding(h, measures):
+                    if layers is not None and alpha == 1:
+                        alpha = layers.advance()
+                        self._shift(h, alpha - taken)
+                        taken = alpha
+                    measures = self._measure()
+                    if not led or phi(measures, h) + self._friction() <= before + self.system.rounding(h, measures):
                         break
                     alpha /= 2
+                led = led or alpha == 1
             settled = phi(measures, h) <= limit or (held is not None and held.moving)
             if self.converge:
                 with clock.part("EVAL"):
                     moved = h * self.system.rms_change()
                 settled = settled and moved <= self.options.newton_tol
+            if layers is not None:
+                with clock.part("C-S"):
+                    settled = (layers.settled() or not self.contacts.may_shrink) and settled
             if alpha == 1.0 and settled and measures.finite:
                 self.system.settle(held)
                 if self.contacts is not None and self.contacts.went_in():
                     return Attempt(CONTACT, "after further solves", measures, tuple(solutions), clock.seconds)
                 return Attempt(None, "", measures, tuple(solutions), clock.seconds)
+        if layers is not None and measures.finite:
+            return Attempt(CONTACT, f"cloth against cloth after {len(solutions)} solves: {alpha:.2g} of the way free, "
+                           f"{layers.off} pairs unsettled", measures, tuple(solutions), clock.seconds)
         reason = NOT_FINITE if not measures.finite else NEWTON if self.converge and phi(measures, h) <= limit else ENERGY
         return Attempt(reason, f"{len(solutions)} solves", measures, tuple(solutions), clock.seconds)
+
+    def _measure(self) -> Measures:
+        """Of the state as it now is, with the repulsion of layers."""
+        measures = self.meter.measure()
+        if self.layers is None:
+            return measures
+        self.layers.look()
+        return replace(measures, energies={**measures.energies, "contact": self.layers.energy})
+
+    def _friction(self) -> float:
+        return self.layers.friction_work() if self.layers is not None else 0.0
 
     @ti.kernel
     def _place(self, h: float, alpha: float):

@@ -62,7 +62,7 @@ class Newton:
             with clock.part("EVAL"):
                 system.linearize(c)
             with clock.part("CG"):
-                z = self._to_go(held, c) if iteration == 0 else None
+                z = system.to_go(held, c) if iteration == 0 else None
                 solution = system.solve(cg_tol, held, z=z, fresh=fresh and iteration == 0)
             solutions.append(solution)
             if solution.status != CONVERGED:
@@ -94,21 +94,6 @@ class Newton:
             if led or phi(measures, c) <= limit + slack or alpha < 0.5**HALVINGS:
                 return alpha, measures
             alpha /= 2
-
-    def _to_go(self, held: Held | None, c: float) -> np.ndarray | None:
-        """(k, 3) velocity [m/s] by which held directions are still short of their targets."""
-        if held is None:
-            return None
-        z = np.empty_like(held.target)
-        self._short(held.index, held.target, c, z)
-        return z
-
-    @ti.kernel
-    def _short(self, index: ti.types.ndarray(), target: ti.types.ndarray(), c: float, z: ti.types.ndarray()):
-        """z = (target - x) / c"""
-        for k in range(index.shape[0]):
-            for d in ti.static(range(3)):
-                z[k, d] = (target[k, d] - self.model.x[index[k]][d]) / c
 
     @ti.kernel
     def _place(self, c: float):

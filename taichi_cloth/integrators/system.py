@@ -99,6 +99,21 @@ class System:
         self._gather_reaction(held.index, rows)
         return np.einsum("kij,kj->ki", held.projector.astype(np.float64), rows.astype(np.float64))
 
+    def to_go(self, held: Held | None, c: float) -> np.ndarray | None:
+        """(k, 3) velocity [m/s] by which held directions are still short of their targets."""
+        if held is None:
+            return None
+        z = np.empty_like(held.target)
+        self._short(held.index, held.target, c, z)
+        return z
+
+    @ti.kernel
+    def _short(self, index: ti.types.ndarray(), target: ti.types.ndarray(), c: float, z: ti.types.ndarray()):
+        """z = (target - x) / c"""
+        for k in range(index.shape[0]):
+            for d in ti.static(range(3)):
+                z[k, d] = (target[k, d] - self.model.x[index[k]][d]) / c
+
     def settle(self, held: Held | None) -> None:
         """Held directions exactly at their targets."""
         if held is not None:
