@@ -203,6 +203,10 @@ class Scene:
             raise SceneError(f"pass_through: {a.name!r} twice; for a cloth and itself use ClothContact(itself=False)")
         self.apart.append((a, b))
 
+    def passes(self, a: Cloth, b: Cloth) -> bool:
+        """Whether two cloths pass through each other."""
+        return (a, b) in self.apart or (b, a) in self.apart or a.contact is None or b.contact is None
+
     def add_solid(self, shape: Shape, friction: float, thickness: float, position: Value = (0.0, 0.0, 0.0),
                   rotation: Value = (0.0, 0.0, 0.0), name: str | None = None,
                   color: tuple[float, float, float] | None = None) -> Solid:

@@ -15,6 +15,7 @@ from .forces import build_forces
 from .forces.conditions import K_MODES
 from .forces.external import Drag
 from .integrators import CG_TOL, INTEGRATORS, SOLVER, Options
+from .intersections import count_crossings, count_self_crossings
 from .measure import Meter
 from .model import Model
 from .operator import ForceField, Probe
@@ -240,6 +241,20 @@ class Simulation:
         if self.contacts is None:
             return np.zeros((self.vertex_count, 3))
         return self.model.to_user(self.contacts.forces_on_particles())
+
+    def intersections(self) -> int:
+        """Pairs of an edge and a triangle of cloth that pass through each other now, counted exactly, among cloths that
+        are to meet (`contact`)."""
+        x = self.positions()
+        cloths = [c for c in self.scene.cloths if c.contact is not None]
+        total = 0
+        for k, a in enumerate(cloths):
+            if a.contact.itself:  # type: ignore[union-attr]
+                total += count_self_crossings(x, a.mesh.faces + a.start)
+            for b in cloths[:k]:
+                if not self.scene.passes(a, b):
+                    total += count_crossings(x, a.mesh.faces + a.start, x, b.mesh.faces + b.start)
+        return total
 
     def solid_loads(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Force (3,) [N] of the cloth on each solid in the last step, and torque (3,) [N m] about its origin, by name."""

@@ -143,12 +143,12 @@ class LayerDetector:
         least = float(part.min())
         return least, self.candidates[part <= least] if least < 1 else self.candidates[:0]
 
-    def look(self) -> Near:
-        """Pairs that are in reach of each other on the path, or at its end."""
+    def look(self, swept: bool = False) -> Near:
+        """Pairs that are in reach of each other where the model is; with `swept` also those that went through on the path."""
         c = self.candidates
         rows: np.ndarray = np.zeros((max(len(c), 1), COLUMNS), dtype=self.exchange)
         if len(c):
-            self._look(c, rows)
+            self._look(c, int(swept), rows)
         near = np.flatnonzero(rows[: len(c), 11] > 0)
         c, r = c[near].astype(np.int64), rows[near].astype(np.float64)
         face = c[:, 2] == VERTEX_FACE
@@ -325,13 +325,15 @@ class LayerDetector:
                 part[k] = done
 
     @ti.kernel
-    def _look(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):
+    def _look(self, rows: ti.types.ndarray(), swept: int, out: ti.types.ndarray()):
         a = ti.static(self.start)
         b = ti.static(self.model.x)
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
             v = self.corners(rows[k, 0], rows[k, 1], kind)
-            p, q, r, s = a[v[0]], a[v[1]], a[v[2]], a[v[3]]
+            p, q, r, s = b[v[0]], b[v[1]], b[v[2]], b[v[3]]
+            if swept:
+                p, q, r, s = a[v[0]], a[v[1]], a[v[2]], a[v[3]]
             dp, dq, dr, ds = b[v[0]] - p, b[v[1]] - q, b[v[2]] - r, b[v[3]] - s
             radius = self.half[v[0]] + self.half[v[3]]
             speed = closing(kind, dp, dq, dr, ds)
@@ -420,6 +422,6 @@ def _meeting(scene: Scene) -> np.ndarray:
     out = np.zeros((k, k), dtype=np.int64)
     for i, a in enumerate(scene.cloths):
         for j, b in enumerate(scene.cloths):
-            if a.contact is not None and b.contact is not None:
-                out[i, j] = int(a.contact.itself if i == j else (a, b) not in scene.apart and (b, a) not in scene.apart)
+            itself = a.contact is not None and a.contact.itself
+            out[i, j] = int(itself if a is b else not scene.passes(a, b))
     return out.ravel()

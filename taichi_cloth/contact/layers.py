@@ -23,10 +23,14 @@ from .layer_detection import LayerDetector, Near
 from .pairs import Points
 from .states import rows_of, tangential
 
-PRESS = 100.0  # stiffness of a pair over mass / h^2, h the largest step
+PRESS = 12.0  # stiffness of a pair over mass / h^2, h the largest step
+STOP = 30.0  # the same of what stops an approach, h this step
 SHALLOW = 0.02  # of a pair's distance: nearer, the force grows no more
 CREEP = 2e-5  # slip [m/s] below which friction between layers is viscous
-LOOSE = 0.5  # of gravity: what the forces of pairs may be off by, over the mass they act on
+CONE = 1.02  # times the most that friction can be, above which what it damps slides
+PATIENCE = 3  # solves after which friction that still changes does so in the next step
+AGREED = 0.05  # part of all friction by which what solves take it to be may be off
+LOOSE = 2.0  # of gravity: what the forces of pairs may be off by, over the mass they act on
 GIVE = 0.01  # of a pair's distance over h^2: the same where gravity is small
 CLOSE, WIDE = 0.3, 0.7  # of a pair's distance: what ends nearer gets stiffer, further softer again
 STIFFER, SOFTER, STIFFEST = 4.0, 0.8, 1e6  # factors from step to step, and their product at most
@@ -57,7 +61,9 @@ class Pressed:
         near: the pairs.
         stiff: (k,) stiffness [N/m]; own: (k,) mass that the pair's distance has [kg].
         force: (k,) [N] and slope: (k,) [N/m] where they were linearised, at distance `at` [m].
-        drag: (k,) friction over slip [N s/m].
+        bears: (k,) the most that friction can be [N].
+        way: (k, 3) direction of the slip of what slides, 0 for what sticks.
+        drag: (k,) friction over slip [N s/m], of what slides across its way.
     """
 
     near: Near
@@ -66,7 +72,14 @@ class Pressed:
     force: np.ndarray
     slope: np.ndarray
     at: np.ndarray
+    bears: np.ndarray
+    way: np.ndarray
     drag: np.ndarray
+
+    def friction(self, slip: np.ndarray) -> np.ndarray:
+        """(k, 3) [N] at a slip (k, 3) [m/s], as the solve takes it."""
+        across = slip - np.einsum("ki,ki->k", slip, self.way)[:, None] * self.way
+        return -self.bears[:, None] * self.way - self.drag[:, None] * across
 
 
 class Layers:
@@ -98,35 +111,77 @@ class Layers:
     def begin(self, h: float, x: np.ndarray, v: np.ndarray) -> None:
         """A new attempt from the saved state (n, 3); the model is at its predicted end."""
         self.h, self.x, self.v = h, x, v
-        self.first = True
+        self.round, self.there = 0, self.model.read_particles()[0]
         self.detector.begin()
         self.detector.cover()
-        self.near = self.detector.look()
+        self.near = self.detector.look(swept=True)
 
     @timed
     def points(self, base: np.ndarray) -> Points:
         """Pairs as points of `touch`, for a solve from positions base (n, 3)."""
         p, h = self.near, self.h
         stiff, own = self._stiffness(p)
-        at = np.clip(p.end, np.minimum(p.start, p.radius / 2) if self.first else SHALLOW * p.radius, p.radius)
-        force, slope = _law(at, p.radius)
-        force, slope = stiff * force, stiff * slope
+        at = np.clip(p.end, (SHALLOW if self.round else 0.5) * p.radius, p.radius)
+        force, slope = self._pull(p, at, stiff, own)
         now = np.einsum("ki,ki->k", p.normal, p.of(base))
-        bears = force
-        if self.first:  # a force that has not been known before stops no more than what comes
-            where = rows_of(self.known["key"], p.key)
-            freely = own / h**2 * np.maximum(p.radius - np.einsum(
-                "ki,ki->k", p.normal, p.of(self.x + h * self.v + h**2 * self.gravity)), 0)
-            bears = np.where(where >= 0, self.known["force"][where] if len(self.known["force"]) else 0.0,
-                             np.minimum(force, freely))
-        slip = np.linalg.norm(tangential(p.of(self.model.read_particles()[0] - self.x) / h, p.normal), axis=1)
-        drag = self.friction[p.vertices[:, 0]] * self.friction[p.vertices[:, 3]] * bears / np.maximum(slip, CREEP)
-        self.pressed = Pressed(p, stiff, own, force, slope, at, drag)
+        slip = self._slip(p)
+        speed = np.linalg.norm(slip, axis=1)
+        mu = self.friction[p.vertices[:, 0]] * self.friction[p.vertices[:, 3]]
+        bears = mu * (force if self.round else self._expected(p, own, force))
+        slides = self._slides(p, slip) & (bears > 0)
+        way = np.where(slides[:, None], slip / np.maximum(speed, 1e-300)[:, None], 0.0)
+        drag = bears / np.maximum(speed, CREEP)
+        self.pressed = Pressed(p, stiff, own, force, slope, at, bears, way, drag)
+        self.round += 1
         normal = np.einsum("ki,kj->kij", p.normal, p.normal)
-        block = (h * drag)[:, None, None] * (np.eye(3) - normal)
+        block = (h * drag)[:, None, None] * (np.eye(3) - normal - np.einsum("ki,kj->kij", way, way))
         rhs = (h * (force + slope * (at - now)))[:, None] * p.normal - np.einsum(
-            "kij,kj->ki", block, p.of(base - self.x) / h)
+            "kij,kj->ki", block, p.of(base - self.x) / h) - (h * bears)[:, None] * way
         return p.vertices, p.weights, block + (h**2 * slope)[:, None, None] * normal, rhs
+
+    def _pull(self, p: Near, d: np.ndarray, stiff: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(force [N], slope [N/m]) of pairs at distances d: repulsion, and what stops their approach.
+
+        What comes nearer than at the start of the step, and than it should, is stopped by a stiffness that goes with this
+        step's own h. It acts within the step alone, and so gives no speed back.
+        """
+        force, slope = _law(d, p.radius)
+        limit = self._limit(p)
+        stop = np.where(d < limit, STOP * own * p.factor / self.h**2, 0.0)
+        return stiff * force + stop * (limit - d), stiff * slope + stop
+
+    def _limit(self, p: Near) -> np.ndarray:
+        """(k,) distance [m] below which pairs are stopped."""
+        return np.clip(np.einsum("ki,ki->k", p.normal, p.of(self.x)), 2 * SHALLOW * p.radius, p.radius)
+
+    def _slides(self, p: Near, slip: np.ndarray) -> np.ndarray:
+        """(k,) whether friction is taken as its full size against the slip, and not as a damping.
+
+        A damping, by the slip that was last seen, never pushes backwards, and bounds friction's work from above. What was
+        damped by more than friction can do slides, until it turns round.
+        """
+        q = self.pressed
+        if not self.round or q is None or not len(q.bears):
+            return np.zeros(len(p.end), dtype=bool)
+        order = np.argsort(q.near.key)
+        row = rows_of(q.near.key[order], p.key)
+        where, known = order[row], row >= 0
+        slid = q.way[where].any(axis=1)
+        forward = np.einsum("ki,ki->k", slip, q.way[where]) > 0
+        over = q.drag[where] * np.linalg.norm(slip, axis=1) > CONE * q.bears[where]
+        return known & np.where(slid, forward, over)
+
+    def _expected(self, p: Near, own: np.ndarray, force: np.ndarray) -> np.ndarray:
+        """(k,) [N] what pairs will bear: what they bore, or what stops those that are new, and no more."""
+        where = rows_of(self.known["key"], p.key)
+        freely = np.einsum("ki,ki->k", p.normal, p.of(self.x + self.h * self.v + self.h**2 * self.gravity))
+        stops = np.minimum(force, own / self.h**2 * np.maximum(p.radius - freely, 0))
+        return np.where(where >= 0, self.known["force"][where], stops) if len(self.known["force"]) else stops
+
+    def _slip(self, p: Near) -> np.ndarray:
+        """(k, 3) [m/s] of pairs over the step, as the model now is; before the first solve, as it is expected to be."""
+        there = self.there if self.round == 0 else self.model.read_particles()[0]
+        return tangential(p.of(there - self.x) / self.h, p.normal)
 
     @timed
     def advance(self) -> float:
@@ -136,21 +191,8 @@ class Layers:
         return part
 
     @timed
-    def follow(self) -> None:
-        """Pairs on the way from the start of the step to where the model now is."""
-        self.detector.cover()
-        self.near = self.detector.look()
-
-    @timed
-    def arrive(self) -> None:
-        """The model is where the next solve begins: pairs as they are there."""
-        self.detector.arrive()
-        self.look()
-        self.first = False
-
-    @timed
     def look(self) -> None:
-        """Pairs as they are where the model now is, on a path that was covered."""
+        """Pairs as they are where the model now is."""
         self.near = p = self.detector.look()
         stiff, _ = self._stiffness(p)
         self.energy = float(np.sum(stiff * _potential(p.end, p.radius)))
@@ -164,32 +206,34 @@ class Layers:
         assert q is not None
         x = self.model.read_particles()[0]
         keys = np.union1d(p.key, q.near.key)
-        force, slip_force, own, radius = (np.zeros(len(keys)) for _ in range(4))
+        force, own, radius = (np.zeros(len(keys)) for _ in range(3))
         here, there = np.searchsorted(keys, p.key), np.searchsorted(keys, q.near.key)
         stiff, mass = self._stiffness(p)
-        now = stiff * _law(p.end, p.radius)[0]
-        slip = np.linalg.norm(tangential(p.of(x - self.x) / self.h, p.normal), axis=1)
-        mu = self.friction[p.vertices[:, 0]] * self.friction[p.vertices[:, 3]]
-        force[here], own[here], radius[here] = now, mass, p.radius
-        slip_force[here] = mu * now * np.minimum(1.0, slip / CREEP)
-        taken = q.force + q.slope * (q.at - np.einsum("ki,ki->k", q.near.normal, q.near.of(x)))
-        slid = np.linalg.norm(tangential(q.near.of(x - self.x) / self.h, q.near.normal), axis=1)
-        force[there] -= taken
-        slip_force[there] -= q.drag * slid
+        force[here], own[here], radius[here] = self._pull(p, p.end, stiff, mass)[0], mass, p.radius
+        force[there] -= q.force + q.slope * (q.at - np.einsum("ki,ki->k", q.near.normal, q.near.of(x)))
         own[there], radius[there] = q.own, q.near.radius
         allowed = own * np.maximum(LOOSE * np.linalg.norm(self.gravity), GIVE * radius / self.h**2)
-        off = np.abs(force) + np.abs(slip_force) > allowed
-        self.off = int(np.sum(off))
-        return not off.any() and self.least > CLOSE / 3
+        total = float(np.sum(self._pull(p, p.end, stiff, mass)[0]))
+        wrong = np.where(np.abs(force) > allowed, np.abs(force), 0.0)
+        self.off = int(np.sum(wrong > 0)) if np.sum(wrong) > AGREED * total else 0
+        slip = self._slip(q.near)
+        taken = np.linalg.norm(q.friction(slip), axis=1)
+        back = np.einsum("ki,ki->k", slip, q.way) < 0  # pushed the wrong way
+        self.slack = float(np.sum(np.maximum(taken - CONE * q.bears, 0) + back * q.bears))
+        rubs = self.slack > AGREED * float(np.sum(q.bears)) and self.round <= PATIENCE
+        return not self.off and not rubs and self.least > CLOSE / 3
 
     @timed
-    def friction_work(self) -> float:
-        """Lagged friction's part of the incremental potential [J], where the model now is."""
+    def lagged(self) -> float:
+        """What friction and the stop of approaches add to the incremental potential [J], where the model now is."""
         q = self.pressed
         if q is None or not len(q.drag):
             return 0.0
-        slip = tangential(q.near.of(self.model.read_particles()[0] - self.x) / self.h, q.near.normal)
-        return float(self.h / 2 * np.sum(q.drag * np.sum(slip**2, axis=1)))
+        speed = np.linalg.norm(self._slip(q.near), axis=1)
+        rub = float(self.h * np.sum(q.bears * np.where(speed < CREEP, speed**2 / (2 * CREEP), speed - CREEP / 2)))
+        p = self.near
+        _, own = self._stiffness(p)
+        return rub + float(np.sum(STOP * own * p.factor / self.h**2 * np.maximum(self._limit(p) - p.end, 0) ** 2) / 2)
 
     @timed
     def commit(self) -> None:
@@ -216,7 +260,7 @@ class Layers:
             x = self.model.read_particles()[0]
             p = q.near
             taken = q.force + q.slope * (q.at - np.einsum("ki,ki->k", p.normal, p.of(x)))
-            pull = taken[:, None] * p.normal - q.drag[:, None] * tangential(p.of(x - self.x) / self.h, p.normal)
+            pull = taken[:, None] * p.normal + q.friction(self._slip(p))
             np.add.at(out, p.vertices, p.weights[:, :, None] * pull[:, None, :])
         return out
 

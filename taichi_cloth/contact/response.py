@@ -192,13 +192,14 @@ class Contacts:
         self.base = self.x + self.h * self.v, self.v  # where the solve begins
         if held is not None:
             self.base[0][held.index] += held.y
-        self._set_touch()
+        if self.layers is None:
+            self.set_touch()
         return held, float(np.max(-lift, initial=0.0))
 
     def rebase(self) -> None:
         """The same contacts for a further solve that begins where the model now is."""
         self.base = self.model.read_particles()
-        self._set_touch()
+        self.set_touch()
 
     def work(self) -> float:
         """What the points of touch do in the step [J]."""
@@ -206,6 +207,13 @@ class Contacts:
         force, end = self._point_forces()
         start = np.einsum("ka,kai->ki", weights, self.x[vertices])
         return float(np.einsum("ki,ki->", force, end - start))
+
+    def lagged(self, h: float) -> float:
+        """What friction and pairs add to the incremental potential [J] where the model now is, as the last solve took them."""
+        vertices, weights, block, rhs = self.points
+        dv = np.einsum("ka,kai->ki", weights, self.end()[vertices] - self.base[0][vertices]) / h
+        own = float(np.einsum("ki,kij,kj->", dv, block, dv) / 2 - np.sum(rhs * dv))
+        return own + self.layers.lagged()
 
     def _point_forces(self) -> tuple[np.ndarray, np.ndarray]:
         """(forces [N] (k, 3) on the points of touch at the end of the step, the points)."""
@@ -273,7 +281,7 @@ class Contacts:
         projector = sum(np.outer(q, q) for q, _, _ in basis)
         return (i, projector, sum(value * q for q, value, _ in basis), sum(y * q for q, _, y in basis))
 
-    def _set_touch(self) -> None:
+    def set_touch(self) -> None:
         """Friction of what slides, and pairs, as points of `touch`."""
         f, s, h = self.active, self.state, self.h
         mu = self.friction[f.solid]
@@ -323,8 +331,6 @@ class Contacts:
             first = len(force) - len(self.pressed.key)
             self.places = force[first:], place[first:]
         self._look()
-        if self.layers is not None:
-            self.layers.follow()
         here = rows_of(self.found.key, f.key)
         slip_now = np.where((here >= 0)[:, None], self.slip[here] if len(self.slip) else 0.0, 0.0)
         speed = np.linalg.norm(slip_now, axis=1)

@@ -25,6 +25,7 @@ from . import APPROACH, CG_TOL, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, Att
 from .system import System, phi
 
 HALVINGS = 10
+BOLD = 4  # solves of a step with layers before the potential has a say in how far they go
 
 
 @ti.data_oriented
@@ -46,9 +47,11 @@ class BackwardEuler:
     def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
         """One step; see the package."""
         c, layers = self.contacts, self.layers
-        before = layers.seconds if layers is not None else 0.0
-        made = self._attempt(h, held_at(h), start)
-        if layers is not None:
+        if layers is None:
+            made = self._attempt(h, held_at(h), start)
+        else:
+            before = layers.seconds
+            made = self._layered(h, held_at(h), start)
             spent = layers.seconds - before
             made = replace(made, layers=layers.count, least=layers.least, seconds={
                 **made.seconds, "C-C": spent, "C-S": max(made.seconds.get("C-S", 0.0) - spent, 0.0)})
@@ -62,15 +65,8 @@ class BackwardEuler:
             rejection = None
         else:
             held, rejection = self._in_contact(h, held, clock, solutions)
-        part = 1.0
-        if self.layers is not None and rejection is None and solutions[-1].status == CONVERGED:
-            with clock.part("C-S"):
-                part = self.layers.advance()
-                if part < 1:
-                    self._place(h, part)
-                self.layers.look()
         with clock.part("EVAL"):
-            measures = self._measure()
+            measures = self.meter.measure()
             # work of the constraints that move, which the energy may grow by
             work = self._reaction_power(h) if held is not None and held.moving else 0.0
             work += self.contacts.work() if self.contacts is not None and solutions else 0.0
@@ -81,12 +77,9 @@ class BackwardEuler:
         if rejection:
             return Attempt(*rejection, measures, tuple(solutions), clock.seconds)
         limit = start.energies["kinetic"] + start.potential + work + self.system.rounding(h, start, measures)
-        if self.layers is not None:
-            with clock.part("C-S"):
-                apart = part == 1 and self.layers.settled()
-        if phi(measures, h) <= limit and not self.converge and (self.layers is None or apart):
+        if phi(measures, h) <= limit and not self.converge:
             return Attempt(None, "", measures, tuple(solutions), clock.seconds)
-        return self._newton(h, held, limit, measures, clock, solutions, part)
+        return self._newton(h, held, limit, measures, clock, solutions)
 
     def commit(self) -> None:
         """The last attempt was accepted."""
@@ -119,13 +112,7 @@ class BackwardEuler:
         """Solves until the states of all contacts agree with the answer: (what was held, what is wrong)."""
         contacts = self.contacts
         with clock.part("C-S"):
-            x, v = self.model.read_particles()
-            self.operator.set_motion(h)
-            if not contacts.warm:
-                self._fall(h, *contacts.gravity)
-            self._place(h, 1.0)  # where the last step's change of velocity would lead
-            self.system.settle(pins)
-            contacts.begin(h, pins, x, v)
+            self._predict(h, pins)
         while True:
             with clock.part("C-S"):
                 held, closing = contacts.hold()
@@ -146,75 +133,139 @@ class BackwardEuler:
             with clock.part("C-S"):
                 return held, (CONTACT, f"{contacts.crossings} crossings") if contacts.went_through() else None
 
+    def _predict(self, h: float, pins: Held | None) -> None:
+        """The model goes where the last step's change of velocity would lead it, and contacts are looked for on the way."""
+        x, v = self.model.read_particles()
+        self.operator.set_motion(h)
+        if not self.contacts.warm:
+            self._fall(h, *self.contacts.gravity)
+        self._place(h, 1.0)
+        self.system.settle(pins)
+        self.contacts.begin(h, pins, x, v)
+
+    def _layered(self, h: float, pins: Held | None, start: Measures) -> Attempt:
+        """A step in which cloth may meet cloth: solves from where the last one could lead to, until contacts agree.
+
+        The first is (18); each goes as far as nothing passes through anything. After a few, they go only so far that the
+        incremental potential falls, that of repulsion and friction included.
+        """
+        clock, contacts, layers = Clock(), self.contacts, self.layers
+        solutions: list[Solution] = []
+        with clock.part("C-S"):
+            self._predict(h, pins)
+            self.model.restore()
+        part, led, limit = 1.0, False, math.inf
+        measures = start
+        for k in range(layers.ROUNDS):
+            with clock.part("C-S"):
+                held, closing = contacts.hold()
+                layers.detector.arrive()
+                if k:
+                    contacts.rebase()
+                else:
+                    contacts.set_touch()
+            if contacts.crowded:
+                return Attempt(CONTACT, f"more than {contacts.touch.capacity} points of contact", measures, tuple(solutions),
+                               clock.seconds)
+            if closing > contacts.reach:
+                return Attempt(APPROACH, f"{closing:.3g} m in one step", measures, tuple(solutions), clock.seconds)
+            with clock.part("EVAL"):
+                self.operator.set_motion(0.0 if k else h)
+                if not k and held is not None:
+                    self.operator.alter_motion(held.index, held.y)
+                self.system.linearize(h)
+            with clock.part("CG"):
+                z = self.system.to_go(held, h) if k else None
+                solutions.append(self.system.solve(self.cg_tol, held, h, z=z))
+            if solutions[-1].status != CONVERGED:
+                return Attempt(SOLVER, solutions[-1].status, measures, tuple(solutions), clock.seconds)
+            before = phi(measures, h) + contacts.lagged(h) if k else math.inf
+            with clock.part("EVAL"):
+                self._shift(h, 1.0) if k else self._place(h, 1.0)
+                self.system.settle(held)
+            with clock.part("C-S"):
+                verdict = contacts.judge(self.system.reaction_rows())
+                part = layers.advance()
+            taken = 1.0
+            while True:
+                with clock.part("EVAL"):
+                    if part < taken:
+                        self._shift(h, part - taken) if k else self._place(h, part)
+                        taken = part
+                    measures = self._measure()
+                    after = phi(measures, h) + contacts.lagged(h)
+                if k < BOLD or not led or after <= before + self.system.rounding(h, measures) or part < 0.5**HALVINGS:
+                    break
+                part /= 2
+            if not measures.finite:
+                return Attempt(NOT_FINITE, f"after {k + 1} solves", measures, tuple(solutions), clock.seconds)
+            led = led or part == 1
+            with clock.part("C-S"):
+                agreed = part == 1 and layers.settled() and not (verdict.changes and k < contacts.ROUNDS)
+            if agreed:
+                work = self._reaction_power(h) if held is not None and held.moving else 0.0
+                work += contacts.work()
+                limit = start.energies["kinetic"] + start.potential + work + self.system.rounding(h, start, measures)
+                if phi(measures, h) <= limit:
+                    break
+        else:
+            if part < 1 or contacts.may_shrink:
+                return Attempt(CONTACT, f"layers after {len(solutions)} solves: {part:.2g} of the way free, {layers.off} pairs "
+                               f"off, energy {phi(measures, h) - limit:.2g} J too high", measures, tuple(solutions), clock.seconds)
+        with clock.part("C-S"):
+            if verdict.changes and verdict.bad and contacts.may_shrink:
+                return Attempt(CONTACT, f"{verdict.deepest:.2g} thicknesses inside", measures, tuple(solutions), clock.seconds)
+            if contacts.went_through():
+                return Attempt(CONTACT, f"{contacts.crossings} crossings", measures, tuple(solutions), clock.seconds)
+        return Attempt(None, "", measures, tuple(solutions), clock.seconds)
+
     def _newton(self, h: float, held: Held | None, limit: float, measures: Measures, clock: Clock,
-                solutions: list[Solution], part: float) -> Attempt:
-        """Goes on from a first solve that Phi does not accept, or that leads only a part of the way."""
+                solutions: list[Solution]) -> Attempt:
+        """Goes on from a first solve that Phi does not accept."""
         with clock.part("EVAL"):
-            alpha, led = part, part == 1
+            alpha = 1.0
             if held is None or not held.moving:  # else a shorter first step would leave the constraints behind
                 while phi(measures, h) > limit and alpha > 0.5**HALVINGS:
                     alpha /= 2
                     self._place(h, alpha)
-                    measures = self._measure()
-        layers, most = self.layers, self.options.newton_max
-        for _ in range(most if layers is None else max(most, layers.ROUNDS)):
+                    measures = self.meter.measure()
+        for _ in range(self.options.newton_max):
             with clock.part("EVAL"):
                 self.operator.set_motion(0.0)
-            if self.contacts is not None:
-                with clock.part("C-S"):
-                    if layers is not None:
-                        layers.arrive()
+                if self.contacts is not None:
                     self.contacts.rebase()
-            with clock.part("EVAL"):
                 self.system.linearize(h)
-                z = None if led else self.system.to_go(held, h)
             with clock.part("CG"):
-                solutions.append(self.system.solve(self.cg_tol, held, z=z))
+                solutions.append(self.system.solve(self.cg_tol, held))
             if solutions[-1].status != CONVERGED:
                 return Attempt(SOLVER, solutions[-1].status, measures, tuple(solutions), clock.seconds)
             with clock.part("EVAL"):
-                before, alpha, taken = phi(measures, h) + self._friction(), 1.0, 0.0
+                before, alpha, taken = phi(measures, h), 1.0, 0.0
                 while alpha > 0.5**HALVINGS:
                     self._shift(h, alpha - taken)
                     taken = alpha
-                    if layers is not None and alpha == 1:
-                        alpha = layers.advance()
-                        self._shift(h, alpha - taken)
-                        taken = alpha
-                    measures = self._measure()
-                    if not led or phi(measures, h) + self._friction() <= before + self.system.rounding(h, measures):
+                    measures = self.meter.measure()
+                    if phi(measures, h) <= before + self.system.rounding(h, measures):
                         break
                     alpha /= 2
-                led = led or alpha == 1
             settled = phi(measures, h) <= limit or (held is not None and held.moving)
             if self.converge:
                 with clock.part("EVAL"):
                     moved = h * self.system.rms_change()
                 settled = settled and moved <= self.options.newton_tol
-            if layers is not None:
-                with clock.part("C-S"):
-                    settled = (layers.settled() or not self.contacts.may_shrink) and settled
             if alpha == 1.0 and settled and measures.finite:
                 self.system.settle(held)
                 if self.contacts is not None and self.contacts.went_in():
                     return Attempt(CONTACT, "after further solves", measures, tuple(solutions), clock.seconds)
                 return Attempt(None, "", measures, tuple(solutions), clock.seconds)
-        if layers is not None and measures.finite:
-            return Attempt(CONTACT, f"cloth against cloth after {len(solutions)} solves: {alpha:.2g} of the way free, "
-                           f"{layers.off} pairs unsettled", measures, tuple(solutions), clock.seconds)
         reason = NOT_FINITE if not measures.finite else NEWTON if self.converge and phi(measures, h) <= limit else ENERGY
         return Attempt(reason, f"{len(solutions)} solves", measures, tuple(solutions), clock.seconds)
 
     def _measure(self) -> Measures:
         """Of the state as it now is, with the repulsion of layers."""
-        measures = self.meter.measure()
-        if self.layers is None:
-            return measures
         self.layers.look()
+        measures = self.meter.measure()
         return replace(measures, energies={**measures.energies, "contact": self.layers.energy})
-
-    def _friction(self) -> float:
-        return self.layers.friction_work() if self.layers is not None else 0.0
 
     @ti.kernel
     def _place(self, h: float, alpha: float):

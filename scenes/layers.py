@@ -1,0 +1,41 @@
+"""Three sheets fall on a ball, one on the other, and keep their order."""
+
+import numpy as np
+
+import taichi_cloth as tc
+
+RUN = {"duration": 1.5, "fps": 30, "h": 1 / 60, "cg_tol": 1e-3, "integrator": "backward_euler"}
+SMALL = {"cells": 14}
+RADIUS, THICKNESS = 0.3, 0.006
+
+
+def build(cells: int = 50, sheets: int = 3, friction: float = 0.3) -> tc.Scene:
+    """Sheets of 1 m x 1 m, each turned a little against the last."""
+    mesh = tc.grid(1.0, cells)
+    scene = tc.Scene(view=tc.View(ground=-1.0, camera=tc.Camera((1.3, 0.7, 1.9), (0, -0.12, 0), 38)))
+    colors = ((0.05, 0.16, 0.42), (0.55, 0.1, 0.08), (0.6, 0.45, 0.1), (0.1, 0.35, 0.15))
+    for k in range(sheets):
+        c, s = np.cos(0.35 * k), np.sin(0.35 * k)
+        x = (mesh.x + [-0.5, 0, 0.5]) @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
+        scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5)), color=colors[k % 4],
+                        positions=x + [0, RADIUS + 0.05 + 0.03 * k, 0], contact=tc.ClothContact(THICKNESS, friction))
+    scene.add_solid(tc.Sphere(RADIUS), friction=friction, thickness=0.005, name="ball")
+    return scene
+
+
+def check(sim: tc.Simulation):
+    """What must hold after any run of at least a second."""
+    x, cloths = sim.positions(), sim.scene.cloths
+    n = cloths[0].mesh.vertex_count
+    middle = np.argmin(np.abs(cloths[0].mesh.x - cloths[0].mesh.x.mean(axis=0)).sum(axis=1))
+    tops = x[middle::n, 1]
+    gaps = np.diff(tops) / THICKNESS
+    yield f"the sheets lie on each other: gaps at the top {np.round(gaps, 2).tolist()} thicknesses", bool((gaps > 0.2).all())
+    crossed = sim.intersections()
+    yield f"{crossed} intersections", crossed == 0
+    nearest = min(r.least for r in sim.log)
+    yield f"the smallest gap was {nearest:.2f} thicknesses", nearest > 0.1
+
+
+if __name__ == "__main__":
+    tc.run(build)
