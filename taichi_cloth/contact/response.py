@@ -36,6 +36,7 @@ CONE = 1e-4  # relative excess over mu lambda before a contact slides
 WEAK = 0.5  # of the cone: friction must be below it for what slides slowly to stick
 SLOW = 5e-5  # slip [m/s] below which friction holds
 PATIENCE = 2  # rounds after which states that still change do so in the next step
+RELEASES = 4  # rounds in which contacts are released, where layers of cloth press on each other
 AGREED, AGREED_SHEAR = 3e-3, 3e-2  # part of all normal forces by which contacts may pull, and shear beyond the cone,
 # in a step: their states change in the next
 SMALLER = 64  # times smaller than the usual, a step is taken though cloth ends inside or across: it may be pinched
@@ -166,6 +167,8 @@ class Contacts:
         active = known | (f.gap < 0)
         again = np.isin(f.key, self.released)
         active &= ~again | (f.gap < -PENETRATION * self.thickness[f.solid])
+        if self.layers is not None:  # solves go on from each other: what had to be held again stays held
+            self.released = np.setdiff1d(self.released, f.key[active])
         f, slip, known, where = f.take(active), self.slip[active], known[active], where[active]
         k, mu, mass = len(f.index), self.friction[f.solid], self.model.mass[f.index]
         stick, force, push = np.zeros(k, dtype=bool), np.zeros(k), np.zeros((k, 3))
@@ -325,6 +328,8 @@ class Contacts:
         mu = self.friction[f.solid]
         pulls = normal < -PULL * np.maximum(self.model.mass[f.index] * np.linalg.norm(self.gravity),
                                             np.mean(np.abs(normal)) if len(normal) else 0.0)
+        if self.layers is not None and self.round >= RELEASES:
+            pulls[:] = False  # what layers press in again and again stays held until the next step
         breaks = s.stick & ~pulls & (shear > mu * np.maximum(normal, 0) * (1 + CONE))
         if self.pressed is not None:
             force, place = self._point_forces()
