@@ -123,7 +123,7 @@ class LayerDetector:
 
     def cover(self) -> None:
         """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model."""
-        if self.fresh and self._strayed() <= self.skin / 2:
+        if self.fresh and self._strayed() <= self.skin:
             return
         self._refit()
         while True:
@@ -146,10 +146,14 @@ class LayerDetector:
     def look(self, swept: bool = False) -> Near:
         """Pairs that are in reach of each other where the model is; with `swept` also those that went through on the path."""
         c = self.candidates
-        rows: np.ndarray = np.zeros((max(len(c), 1), COLUMNS), dtype=self.exchange)
+        if len(c):
+            flag: np.ndarray = np.empty(len(c), dtype=np.int32)
+            self._reach(c, int(swept), flag)
+            c = c[np.flatnonzero(flag)]
+        rows: np.ndarray = np.zeros((len(c), COLUMNS), dtype=self.exchange)
         if len(c):
             self._look(c, int(swept), rows)
-        near = np.flatnonzero(rows[: len(c), 11] > 0)
+        near = np.flatnonzero(rows[:, 11])
         c, r = c[near].astype(np.int64), rows[near].astype(np.float64)
         face = c[:, 2] == VERTEX_FACE
         vertices = np.empty((len(c), 4), dtype=np.int64)
@@ -325,6 +329,22 @@ class LayerDetector:
                 part[k] = done
 
     @ti.kernel
+    def _reach(self, rows: ti.types.ndarray(), swept: int, flag: ti.types.ndarray()):
+        """Which candidates may be in reach at all."""
+        a = ti.static(self.start)
+        b = ti.static(self.model.x)
+        for k in range(rows.shape[0]):
+            kind = rows[k, 2]
+            v = self.corners(rows[k, 0], rows[k, 1], kind)
+            p, q, r, s = b[v[0]], b[v[1]], b[v[2]], b[v[3]]
+            reach = self.half[v[0]] + self.half[v[3]] + 1e-12
+            if swept:
+                p, q, r, s = a[v[0]], a[v[1]], a[v[2]], a[v[3]]
+                reach += closing(kind, b[v[0]] - p, b[v[1]] - q, b[v[2]] - r, b[v[3]] - s)
+            difference, w = between(kind, p, q, r, s)
+            flag[k] = ti.cast(difference.norm() < reach and not self.rests(v), ti.i32)
+
+    @ti.kernel
     def _look(self, rows: ti.types.ndarray(), swept: int, out: ti.types.ndarray()):
         a = ti.static(self.start)
         b = ti.static(self.model.x)
@@ -339,8 +359,7 @@ class LayerDetector:
             speed = closing(kind, dp, dq, dr, ds)
             first, w_0 = between(kind, p, q, r, s)
             d_0 = first.norm()
-            out[k, 11] = 0.0
-            if d_0 - radius < speed + 1e-12 and not self.rests(v):
+            if d_0 - radius < speed + 1e-12:
                 if self.owner[v[0]] == self.owner[v[3]]:  # what is near in the cloth's own shape may stay so
                     rest, w_rest = between(kind, self.rest[v[0]], self.rest[v[1]], self.rest[v[2]], self.rest[v[3]])
                     radius = ti.min(radius, 0.5 * rest.norm())

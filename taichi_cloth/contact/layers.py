@@ -113,8 +113,14 @@ class Layers:
         self.h, self.x, self.v = h, x, v
         self.round, self.there = 0, self.model.read_particles()[0]
         self.detector.begin()
+        self.near = self.detector.look(swept=True)  # of those that were candidates before: a guess
+
+    @timed
+    def meet(self) -> bool:
+        """Whether anything is in reach of anything where the model now is, or passes through it on the way there."""
         self.detector.cover()
         self.near = self.detector.look(swept=True)
+        return len(self.near.end) > 0
 
     @timed
     def points(self, base: np.ndarray) -> Points:

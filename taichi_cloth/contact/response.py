@@ -106,7 +106,7 @@ class Contacts:
     def meets(self, h: float, held: Held | None, x: np.ndarray, v: np.ndarray) -> bool:
         """Whether cloth that went from the saved state (n, 3) to where the model now is meets a solid on its way."""
         self.begin(h, held, x, v)
-        layered = self.layers is not None and len(self.layers.near.end) > 0
+        layered = self.layers is not None and self.layers.meet()
         return bool((self.found.gap < 0).any()) or (self.near is not None and len(self.near.key) > 0) or layered
 
     def pass_by(self) -> None:
