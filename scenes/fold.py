@@ -12,7 +12,7 @@ SIDE, THICKNESS, LIFT = 0.5, 0.005, 0.9  # m, m, s that a fold takes
 
 
 def build(cells: int = 50, friction: float = 0.3) -> tc.Scene:
-    """A corner pair is led over to the other side and let go; then a corner of the folded edge."""
+    """One edge is led over to the opposite one and let go; then half of a third, with what lies on it."""
     mesh = tc.grid(SIDE, cells)
     scene = tc.Scene(view=tc.View(camera=tc.Camera((0.35, 0.55, 0.75), (0.2, 0.02, -0.2), 42), ground=-0.005))
     cloth = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, k_d=0.5), tc.Shear(100, k_d=0.05), tc.Bend(5e-5, k_d=1e-6)),
@@ -22,9 +22,9 @@ def build(cells: int = 50, friction: float = 0.3) -> tc.Scene:
     edge = np.arange(n) * n + cells  # x = SIDE
     hand(scene, cloth, edge, np.array([-(SIDE - 0.02), 2.2 * THICKNESS, 0.0]), 0.0)
     scene.at(LIFT, lambda: scene.unpin(cloth, edge))
-    corners = np.array([cells * n])  # the corner that stayed below, at the far end
-    scene.at(1.2, lambda: hand(scene, cloth, corners, np.array([0.0, 4.5 * THICKNESS, SIDE - 0.03]), 1.2))
-    scene.at(1.2 + LIFT, lambda: scene.unpin(cloth, corners))
+    far = cells * n + np.arange(n // 2)  # the half of the far edge that stayed below
+    scene.at(1.2, lambda: hand(scene, cloth, far, np.array([0.0, 4.5 * THICKNESS, SIDE - 0.05]), 1.2))
+    scene.at(1.2 + LIFT, lambda: scene.unpin(cloth, far))
     return scene
 
 

@@ -26,6 +26,7 @@ TURNED = 0.5  # cosine between a pair's directions when it came near and at the 
 PARALLEL = 1e-3  # squared sine of the angle below which edges count less and less, as parallel ones have no closest points
 RAMP = 0.05  # part of an edge's length near its ends over which edge pairs fade: there vertices take over
 COLUMNS = 12
+TINY = 1e-12  # least factor of a pair
 
 
 @dataclass(frozen=True)
@@ -383,7 +384,7 @@ class LayerDetector:
                         out[k, 2 + c] = n[c]
                     for c in ti.static(range(4)):
                         out[k, 5 + c] = w[c]
-                    out[k, 9] = fading(kind, w, p + dp, q + dq, r + dr, s + ds)
+                    out[k, 9] = TINY + fading(kind, w, p + dp, q + dq, r + dr, s + ds)
                     out[k, 10] = radius
                     out[k, 11] = 1.0
 

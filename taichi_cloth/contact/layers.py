@@ -19,7 +19,7 @@ import numpy as np
 from ..fields import Fields
 from ..model import Model
 from ..scene import Scene
-from .layer_detection import LayerDetector, Near
+from .layer_detection import TINY, LayerDetector, Near
 from .pairs import Points
 from .states import rows_of, tangential
 
@@ -33,7 +33,7 @@ AGREED = 0.05  # part of all friction by which what solves take it to be may be 
 LOOSE = 2.0  # of gravity: what the forces of pairs may be off by, over the mass they act on
 GIVE = 0.01  # of a pair's distance over h^2: the same where gravity is small
 CLOSE, WIDE = 0.3, 0.7  # of a pair's distance: what ends nearer gets stiffer, further softer again
-STIFFER, SOFTER, STIFFEST = 4.0, 0.8, 1e6  # factors from step to step, and their product at most
+STIFFER, SOFTER, STIFFEST = 4.0, 0.8, 1e6  # factors from usual step to usual step, and their product at most
 
 
 def timed(method):
@@ -93,6 +93,7 @@ class Layers:
     """
 
     ROUNDS = 12
+    agreed = AGREED
 
     def __init__(self, fields: Fields, model: Model, scene: Scene, h: float, cpu: bool) -> None:
         self.model, self.h_usual = model, h
@@ -104,7 +105,7 @@ class Layers:
         self.boost = np.ones(model.n)
         self.known: dict[str, np.ndarray] = {"key": np.zeros(0, dtype=np.int64), "force": np.zeros(0)}
         self.pressed: Pressed | None = None
-        self.count, self.energy, self.least, self.off = 0, 0.0, 1.0, 0
+        self.count, self.energy, self.least, self.was, self.off = 0, 0.0, 1.0, 1.0, 0
         self.seconds, self.inside = 0.0, False
 
     @timed
@@ -227,19 +228,27 @@ class Layers:
         back = np.einsum("ki,ki->k", slip, q.way) < 0  # pushed the wrong way
         self.slack = float(np.sum(np.maximum(taken - CONE * q.bears, 0) + back * q.bears))
         rubs = self.slack > AGREED * float(np.sum(q.bears)) and self.round <= PATIENCE
-        return not self.off and not rubs and self.least > CLOSE / 3
+        return not self.off and not rubs and self.least > min(CLOSE / 3, self.was / 2)
 
     @timed
     def lagged(self) -> float:
-        """What friction and the stop of approaches add to the incremental potential [J], where the model now is."""
-        q = self.pressed
-        if q is None or not len(q.drag):
+        """What layers add to the incremental potential [J] besides `energy`, where the model now is, as the last solve took it.
+
+        Friction, and the stop of approaches, of the pairs of that solve; and what repulsion would be with their factors:
+        factors change from place to place and have no force.
+        """
+        q, p = self.pressed, self.near
+        if q is None or not len(q.own):
             return 0.0
         speed = np.linalg.norm(self._slip(q.near), axis=1)
         rub = float(self.h * np.sum(q.bears * np.where(speed < CREEP, speed**2 / (2 * CREEP), speed - CREEP / 2)))
-        p = self.near
-        _, own = self._stiffness(p)
-        return rub + float(np.sum(STOP * own * p.factor / self.h**2 * np.maximum(self._limit(p) - p.end, 0) ** 2) / 2)
+        d = np.einsum("ki,ki->k", q.near.normal, q.near.of(self.model.read_particles()[0]))
+        stop = STOP * q.own * q.near.factor / self.h**2 * np.maximum(self._limit(q.near) - d, 0) ** 2 / 2
+        order = np.argsort(q.near.key)
+        row = rows_of(q.near.key[order], p.key)
+        stiff, _ = self._stiffness(p)
+        change = np.where(row >= 0, q.near.factor[order][row] / np.maximum(p.factor, TINY) - 1, 0.0)
+        return rub + float(np.sum(stop)) + float(np.sum(change * stiff * _potential(p.end, p.radius)))
 
     @timed
     def commit(self) -> None:
@@ -250,8 +259,11 @@ class Layers:
         self.known = {"key": p.key[order], "force": (stiff * _law(p.end, p.radius)[0])[order]}
         part = np.full(self.model.n, np.inf)
         np.minimum.at(part, p.vertices, np.broadcast_to((p.end / p.radius)[:, None], p.vertices.shape))
-        self.boost = np.where(part < CLOSE, np.minimum(STIFFER * self.boost, STIFFEST),
-                              np.where(part > WIDE, np.maximum(SOFTER * self.boost, 1.0), self.boost))
+        self.was = self.least
+        share = min(self.h / self.h_usual, 1.0)
+        self.boost = np.where(part < CLOSE, np.minimum(STIFFER**share * self.boost, STIFFEST),
+                              np.where(part > WIDE, np.maximum(SOFTER**share * self.boost, 1.0), self.boost))
+        self.energy = float(np.sum(self._stiffness(p)[0] * _potential(p.end, p.radius)))  # what the next step begins with
 
     def pass_by(self) -> None:
         """A step in which nothing met was accepted."""

@@ -25,6 +25,8 @@ from . import APPROACH, CG_TOL, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, Att
 from .system import System, phi
 
 HALVINGS = 10
+SLACK = 0.01  # of kinetic energy by which a step in which layers meet may be off
+MEMORY = 3  # of the last potentials one must not be passed
 BOLD = 4  # solves of a step with layers before the potential has a say in how far they go
 
 
@@ -154,7 +156,8 @@ class BackwardEuler:
         with clock.part("C-S"):
             self._predict(h, pins)
             self.model.restore()
-        part, led, limit = 1.0, False, math.inf
+        part, led, limit, seen = 1.0, False, math.inf, []
+        begins = start.energies["kinetic"] + start.potential - start.energies.get("contact", 0.0) + layers.energy
         measures = start
         for k in range(layers.ROUNDS):
             with clock.part("C-S"):
@@ -179,7 +182,7 @@ class BackwardEuler:
                 solutions.append(self.system.solve(self.cg_tol, held, h, z=z))
             if solutions[-1].status != CONVERGED:
                 return Attempt(SOLVER, solutions[-1].status, measures, tuple(solutions), clock.seconds)
-            before = phi(measures, h) + contacts.lagged(h) if k else math.inf
+            seen.append(phi(measures, h) + contacts.lagged(h) if k else math.inf)
             with clock.part("EVAL"):
                 self._shift(h, 1.0) if k else self._place(h, 1.0)
                 self.system.settle(held)
@@ -194,7 +197,7 @@ class BackwardEuler:
                         taken = part
                     measures = self._measure()
                     after = phi(measures, h) + contacts.lagged(h)
-                if k < BOLD or not led or after <= before + self.system.rounding(h, measures) or part < 0.5**HALVINGS:
+                if k < BOLD or not led or after <= max(seen[-MEMORY:]) + self.system.rounding(h, measures) or part < 0.5**HALVINGS:
                     break
                 part /= 2
             if not measures.finite:
@@ -205,7 +208,8 @@ class BackwardEuler:
             if agreed:
                 work = self._reaction_power(h) if held is not None and held.moving else 0.0
                 work += contacts.work()
-                limit = start.energies["kinetic"] + start.potential + work + self.system.rounding(h, start, measures)
+                slack = layers.agreed * max(start.energies.get("contact", 0.0), layers.energy) + SLACK * start.energies["kinetic"]
+                limit = begins + work + slack + self.system.rounding(h, start, measures)
                 if phi(measures, h) <= limit:
                     break
         else:
@@ -289,11 +293,12 @@ class BackwardEuler:
 
     @ti.kernel
     def _reaction_power(self, h: float) -> float:
-        """J . v + (J - M dv) . y/h [J], J = A dv - b: work of the constraints in the step, y moved against forces."""
+        """J . (x - x_0)/h - M (v - v_0) . y/h [J], J = A dv - b: work of the constraints, y moved against forces."""
         total = ti.cast(0, self.solver.sum_type)
         for _ in range(1):
             for i in range(self.model.n):
                 J = self.solver.As[i] - self.operator.b[i]
-                y = self.operator.motion[i] - h * self.model.v_saved[i]
-                total += J.dot(self.model.v[i]) + (J - self.model.m[i] * self.solver.dv[i]).dot(y) / h
+                way = self.model.x[i] - self.model.x_saved[i]
+                y = way - h * self.model.v[i]
+                total += (J.dot(way) - self.model.m[i] * (self.model.v[i] - self.model.v_saved[i]).dot(y)) / h
         return total
