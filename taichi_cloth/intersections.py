@@ -31,25 +31,39 @@ def count_self_crossings(x: np.ndarray, faces: np.ndarray) -> int:
     return _through(x, _edges(faces), x, faces, same=True)
 
 
+def self_crossings(x: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The pairs that `count_self_crossings` counts: ends of edges (k, 2), and rows of `faces` (k,)."""
+    edges = _edges(faces)
+    e, t = _pairs_through(x, edges, x, faces, same=True)
+    return edges[e], t
+
+
 def _edges(faces: np.ndarray) -> np.ndarray:
     edges = np.unique(np.sort(face_edges(faces), axis=1), axis=0)
     return edges[edges[:, 0] != edges[:, 1]]
 
 
 def _through(x: np.ndarray, edges: np.ndarray, y: np.ndarray, faces: np.ndarray, same: bool = False) -> int:
-    """Edges of x through triangles of y; with `same` they are one mesh."""
+    """Number of edges of x through triangles of y; with `same` they are one mesh."""
+    return len(_pairs_through(x, edges, y, faces, same)[0])
+
+
+def _pairs_through(x: np.ndarray, edges: np.ndarray, y: np.ndarray, faces: np.ndarray,
+                   same: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of edges and of faces that cross."""
     e, t = _near(x[edges], y[faces])
     if same:
         apart = ~(edges[e][:, :, None] == faces[t][:, None, :]).any(axis=(1, 2))
         e, t = e[apart], t[apart]
     if not len(e):
-        return 0
+        return e, t
     p, q = x[edges[e, 0]], x[edges[e, 1]]
     a, b, c = (y[faces[t, k]] for k in range(3))
     sides = _sign(p, a, b, c) * _sign(q, a, b, c) < 0
-    p, q, a, b, c = (v[sides] for v in (p, q, a, b, c))
+    e, t, p, q, a, b, c = (v[sides] for v in (e, t, p, q, a, b, c))
     turns = np.stack([_sign(p, q, a, b), _sign(p, q, b, c), _sign(p, q, c, a)])
-    return int(np.sum((turns > 0).all(axis=0) | (turns < 0).all(axis=0)))
+    through = (turns > 0).all(axis=0) | (turns < 0).all(axis=0)
+    return e[through], t[through]
 
 
 def _sign(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:

@@ -26,6 +26,7 @@ from .solver.preconditioner import PRECONDITIONERS
 from .stepper import ADVICE, Control, Stepper, StepRecord
 
 ROUND_TIME = 1e-9  # part of a step below which two times are the same
+TANGLES = ("untangle", "ignore", "abort")
 H_MIN_FACTOR = 4096.0  # h_min is h over this, where it is not given
 
 
@@ -53,6 +54,8 @@ class Simulation:
         preconditioner: "multilevel", "block_jacobi", "jacobi" or "none" (masses); "auto" takes the first from 500 particles
             on, else the second, and always for K="paper".
         cg_max_iterations: of one solve.
+        tangles: what to do with cloth that passes through cloth where it should not: "untangle" pulls it apart, "ignore"
+            leaves it until it is apart, "abort" refuses such a start.
         threads: CPU threads, all where None.
         quiet: no messages of Taichi's own.
         debug: bounds checks in kernels (slow).
@@ -73,12 +76,13 @@ class Simulation:
                  adaptive: bool = True, h_min: float | None = None, stretch_limit: float = 0.5,
                  newton_max: int = 8, preconditioner: str = "auto", cg_max_iterations: int = 10_000,
                  threads: int | None = None, quiet: bool = True, debug: bool = False, newton_tol: float = 1e-4,
-                 tolerance: float | None = None) -> None:
+                 tolerance: float | None = None, tangles: str = "untangle") -> None:
         if not isinstance(scene, Scene) or not scene.cloths:
             raise SceneError("a simulation needs a Scene with at least one cloth")
         check_choice("integrator", integrator, INTEGRATORS)
         check_choice("K", K, K_MODES)
         check_choice("preconditioner", preconditioner, PRECONDITIONERS)
+        check_choice("tangles", tangles, TANGLES)
         if preconditioner == "auto" and K == "paper":
             preconditioner = "block_jacobi"  # an indefinite matrix has indefinite levels
         h_min = h / H_MIN_FACTOR if h_min is None else h_min
@@ -90,7 +94,7 @@ class Simulation:
         if tolerance is not None and (integrator not in ("auto", "safe", "tr_bdf2") or not adaptive):
             raise SceneError(f"tolerance = {tolerance:g} m: error control needs integrator 'safe' or 'tr_bdf2' and adaptive "
                              f"steps, not {integrator!r}")
-        self.scene, self.time, self._h = scene, 0.0, h
+        self.scene, self.time, self._h, self._tangles = scene, 0.0, h, tangles
         self.log: list[StepRecord] = []
         self.runtime = runtime.start(arch, precision, threads, quiet, debug)
         self._generation, self._open = runtime.generation(), True
@@ -132,7 +136,7 @@ class Simulation:
                                                             self.control.adaptive)
             self._why = f"integrator {self.integrator_name}: {why}"
         self.meter = Meter(self.model, self._forces, self.runtime)
-        self.contacts = _contacts(fields, self.model, scene, h, self.runtime.arch == "cpu")
+        self.contacts = _contacts(fields, self.model, scene, h, self.runtime.arch == "cpu", self._tangles)
         self.integrator = integrators.build(self.integrator_name, fields, self.model, self._forces, self.meter,
                                             self.options, self.runtime, scene, self.contacts)
         fields.allocate()
@@ -413,13 +417,13 @@ class Simulation:
         return self
 
 
-def _contacts(fields: Fields, model: Model, scene: Scene, h: float, cpu: bool):
+def _contacts(fields: Fields, model: Model, scene: Scene, h: float, cpu: bool, tangles: str):
     """The contacts of a scene with solids, or with cloth that meets cloth; nothing of them is imported without."""
     if not scene.touches:
         return None
     from .contact.response import Contacts
 
-    return Contacts(fields, model, scene, h, cpu)
+    return Contacts(fields, model, scene, h, cpu, tangles)
 
 
 def _check_positive(name: str, value: float) -> None:

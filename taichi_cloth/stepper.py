@@ -65,6 +65,8 @@ class StepRecord:
         unsettled: how many of them had not agreed on sticking, sliding or releasing when it was accepted.
         crossings: pairs of triangles of cloth and of solids with edges or corners that pass through each other.
         layers: pairs of cloth in contact with cloth; least: the smallest distance of any over what it should keep.
+        tangled: pairs of an edge and a triangle of cloth that are known to pass through each other; they rest.
+        pinched: particles between which solids left cloth no room; they were let go.
         evaluations: of the forces, by an explicit method.
         error: estimated, over what the tolerance allows in this step; 0 where none is asked for.
         fell_back: why the default method redid the step by backward Euler; "" where it did not.
@@ -88,6 +90,8 @@ class StepRecord:
     fell_back: str = ""
     layers: int = 0
     least: float = 1.0
+    tangled: int = 0
+    pinched: int = 0
 
 
 class Stepper:
@@ -172,7 +176,8 @@ class Stepper:
         return StepRecord(t + h, h, sum(s.iterations for s in attempt.solutions), len(attempt.solutions),
                           worst.residual if worst else 0.0, status, rejections, measures.energies, measures.stretch,
                           seconds, attempt.contacts, attempt.unsettled, attempt.crossings, attempt.evaluations,
-                          attempt.error or 0.0, attempt.fell_back, attempt.layers, attempt.least)
+                          attempt.error or 0.0, attempt.fell_back, attempt.layers, attempt.least, attempt.tangled,
+                          attempt.pinched)
 
     def _gave_up(self, t: float, h: float, rejection: str, attempt: Attempt, rejections: dict[str, int]) -> str:
         detail = f" ({attempt.detail})" if attempt.detail else ""

@@ -104,6 +104,7 @@ class LayerDetector:
         self.meets = fields.integer(self.cloths**2, data=_meeting(scene))
         half = np.concatenate([np.full(c.mesh.vertex_count, c.contact.thickness / 2 if c.contact else 0.0)
                                for c in scene.cloths])[model.user]
+        self.host_half, self._cloth_of, self._may = half, cloth, _meeting(scene)
         self.half = fields.real(model.n, data=half)  # thickness [m]
         owner = np.concatenate([np.full(c.mesh.vertex_count, k) for k, c in enumerate(scene.cloths)])[model.user]
         self.owner = fields.integer(model.n, data=owner)
@@ -113,9 +114,20 @@ class LayerDetector:
         self.chunks = CHUNKS if cpu else -(-m // FACES_A_CHUNK)
         self.grain = 512 if cpu else 1
         self.tangled = fields.integer(model.n, data=np.zeros(model.n))  # particles whose pairs rest
+        self.resting = False
         self._rows: np.ndarray = np.zeros((self.chunks, -(-4 * m // self.chunks), 3), dtype=np.int32)
         self._found: np.ndarray = np.zeros(self.chunks, dtype=np.int32)
         self.candidates: np.ndarray = np.zeros((0, 3), dtype=np.int32)
+
+    def may_meet(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """(k,) whether faces a and b (k,) are of cloths that meet."""
+        return self._may[self._cloth_of[a] * self.cloths + self._cloth_of[b]] == 1
+
+    def let_rest(self, resting: np.ndarray) -> None:
+        """Particles (n,) whose pairs with other such particles are left alone."""
+        if self.resting or resting.any():
+            self.tangled.from_numpy(resting.astype(np.int32))
+        self.resting = bool(resting.any())
 
     def begin(self) -> None:
         """Paths begin where the model is saved; what the last walk covered is forgotten."""

@@ -16,12 +16,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import SceneError
 from ..fields import Fields
 from ..model import Model
 from ..scene import Scene
+from .closest import VERTEX_FACE
 from .layer_detection import TINY, LayerDetector, Near
 from .pairs import Points
 from .states import rows_of, tangential
+from .tangles import Tangles
 
 PRESS = 12.0  # stiffness of a pair over mass / h^2, h the largest step
 STOP = 30.0  # the same of what stops an approach, h this step
@@ -95,9 +98,10 @@ class Layers:
     ROUNDS = 12
     agreed = AGREED
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene, h: float, cpu: bool) -> None:
+    def __init__(self, fields: Fields, model: Model, scene: Scene, h: float, cpu: bool, tangles: str) -> None:
         self.model, self.h_usual = model, h
         self.detector = LayerDetector(fields, model, scene, cpu)
+        self.tangles = Tangles(model.n, self.detector.faces, self.detector.host_half, self.detector.may_meet, tangles)
         mu = np.concatenate([np.full(c.mesh.vertex_count, c.contact.friction if c.contact else 0.0)
                              for c in scene.cloths])
         self.friction = np.sqrt(mu)[model.user]
@@ -144,7 +148,12 @@ class Layers:
         block = (h * drag)[:, None, None] * (np.eye(3) - normal - np.einsum("ki,kj->kij", way, way))
         rhs = (h * (force + slope * (at - now)))[:, None] * p.normal - np.einsum(
             "kij,kj->ki", block, p.of(base - self.x) / h) - (h * bears)[:, None] * way
-        return p.vertices, p.weights, block + (h**2 * slope)[:, None, None] * normal, rhs
+        points = p.vertices, p.weights, block + (h**2 * slope)[:, None, None] * normal, rhs
+        if not self.tangles.active:
+            return points
+        more = self.tangles.points(self.x, base, self.model.mass, h, self.h_usual)
+        vertices, weights, block, rhs = (np.concatenate(parts) for parts in zip(points, more))
+        return vertices, weights, block, rhs
 
     def _pull(self, p: Near, d: np.ndarray, stiff: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(force [N], slope [N/m]) of pairs at distances d: repulsion, and what stops their approach.
@@ -259,11 +268,21 @@ class Layers:
         self.known = {"key": p.key[order], "force": (stiff * _law(p.end, p.radius)[0])[order]}
         part = np.full(self.model.n, np.inf)
         np.minimum.at(part, p.vertices, np.broadcast_to((p.end / p.radius)[:, None], p.vertices.shape))
+        if self.tangles.active:
+            self.tangles.find(self.model.read_particles()[0], self.h)
+            self.detector.let_rest(self.tangles.resting)
         self.was = self.least
         share = min(self.h / self.h_usual, 1.0)
         self.boost = np.where(part < CLOSE, np.minimum(STIFFER**share * self.boost, STIFFEST),
                               np.where(part > WIDE, np.maximum(SOFTER**share * self.boost, 1.0), self.boost))
         self.energy = float(np.sum(self._stiffness(p)[0] * _potential(p.end, p.radius)))  # what the next step begins with
+
+    def let_go(self) -> None:
+        """What leaves no way free is pinched, and rests for a while."""
+        for i, j, kind in self.blocking.tolist():
+            both = [i, *self.detector.faces[j]] if kind == VERTEX_FACE else [*self.detector.edges[i], *self.detector.edges[j]]
+            self.tangles.let_go(np.array(both))
+        self.detector.let_rest(self.tangles.resting)
 
     def pass_by(self) -> None:
         """A step in which nothing met was accepted."""
@@ -287,18 +306,40 @@ class Layers:
         self.known = {"key": np.zeros(0, dtype=np.int64), "force": np.zeros(0)}
         self.boost[:] = 1.0
         self.model.save()
+        self.tangles.until[:] = 0
+        self.tangles.find(self.model.read_particles()[0])
+        self.detector.let_rest(self.tangles.resting)
         self.detector.begin()
         self.detector.cover()
         self.look()
 
+    def inspect(self) -> list[str]:
+        """What is wrong from the start, in words.
+
+        Raises:
+            SceneError: cloth passes through cloth, and the policy is "abort".
+        """
+        count = self.tangles.count
+        if not count:
+            return []
+        what = f"{count} pairs of an edge and a triangle of cloth pass through each other at the start"
+        if self.tangles.policy == "abort":
+            raise SceneError(f"{what}; tangles='untangle' pulls them apart, 'ignore' leaves them")
+        return [f"{what}: they are " + ("pulled apart" if self.tangles.policy == "untangle" else "left alone until apart")]
+
     def checkpoint(self) -> dict[str, np.ndarray]:
         """What is remembered from step to step, as arrays by name."""
-        return {**self.known, "boost": self.boost, "energy": np.array(self.energy)}
+        return {**self.known, "boost": self.boost, "energy": np.array(self.energy), "was": np.array(self.was),
+                "until": self.tangles.until, "tangled": np.array(self.tangles.active)}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
         """Goes on from what `checkpoint` gave."""
         self.known = {name: state[name] for name in ("key", "force")}
-        self.boost, self.energy = state["boost"].copy(), float(state["energy"])
+        self.boost, self.energy, self.was = state["boost"].copy(), float(state["energy"]), float(state["was"])
+        self.tangles.until = state["until"].copy()
+        if state["tangled"]:
+            self.tangles.find(self.model.read_particles()[0])
+        self.detector.let_rest(self.tangles.resting)
 
     def _stiffness(self, p: Near) -> tuple[np.ndarray, np.ndarray]:
         """(stiffness [N/m], mass [kg]) of pairs."""

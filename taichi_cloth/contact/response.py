@@ -66,7 +66,8 @@ class Contacts:
 
     ROUNDS = 6
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene, h: float, cpu: bool) -> None:
+    def __init__(self, fields: Fields, model: Model, scene: Scene, h: float, cpu: bool,
+                 tangles: str = "untangle") -> None:
         self.h_usual = h  # the stiffness of pairs goes with it, and stays when steps get smaller
         self.model, self.solids, self.exchange = model, scene.solids, model.exchange
         self.gravity = scene.gravity
@@ -74,7 +75,7 @@ class Contacts:
         if any(c.contact is not None for c in scene.cloths):
             from .layers import Layers
 
-            self.layers = Layers(fields, model, scene, h, cpu)
+            self.layers = Layers(fields, model, scene, h, cpu, tangles)
         self.touch = Touch(fields, model, self.layers is not None)
         self.friction = np.array([s.friction for s in self.solids])
         self.thickness = np.array([s.thickness for s in self.solids])
@@ -141,7 +142,7 @@ class Contacts:
         """As `Scanner.inspect`, at the beginning."""
         notes = self.scan.inspect(self.h_usual)
         self.clear()
-        return notes
+        return notes + (self.layers.inspect() if self.layers is not None else [])
 
     def clear(self) -> None:
         """Forgets all contacts: the state was changed from outside."""

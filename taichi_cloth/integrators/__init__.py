@@ -68,6 +68,7 @@ class Attempt:
         contacts: number of contacts with solids; unsettled: how many of them had not settled their state.
         crossings: triangles of cloth and solids that pass through each other.
         layers: pairs of cloth in contact with cloth; least: their smallest distance over what they should keep.
+        tangled: pairs of an edge and a triangle of cloth that pass through each other; pinched: particles that were let go.
         evaluations: of the forces, by explicit methods.
         error: estimated, over what the tolerance allows in this step; None where it was not estimated.
         order: of the method, which says how the error goes with the step.
@@ -84,6 +85,8 @@ class Attempt:
     crossings: int = 0
     layers: int = 0
     least: float = 1.0
+    tangled: int = 0
+    pinched: int = 0
     evaluations: int = 0
     error: float | None = None
     order: int = 1

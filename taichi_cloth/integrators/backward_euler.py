@@ -55,7 +55,8 @@ class BackwardEuler:
             before = layers.seconds
             made = self._layered(h, held_at(h), start)
             spent = layers.seconds - before
-            made = replace(made, layers=layers.count, least=layers.least, seconds={
+            made = replace(made, layers=layers.count, least=layers.least, tangled=layers.tangles.count,
+                           pinched=layers.tangles.pinched, seconds={
                 **made.seconds, "C-C": spent, "C-S": max(made.seconds.get("C-S", 0.0) - spent, 0.0)})
         return made if c is None else replace(made, contacts=c.count, unsettled=c.unsettled, crossings=c.crossings)
 
@@ -214,6 +215,8 @@ class BackwardEuler:
                     break
         else:
             if part < 1 or contacts.may_shrink:
+                if not contacts.may_shrink:
+                    layers.let_go()
                 return Attempt(CONTACT, f"layers after {len(solutions)} solves: {part:.2g} of the way free, {layers.off} pairs "
                                f"off, energy {phi(measures, h) - limit:.2g} J too high", measures, tuple(solutions), clock.seconds)
         with clock.part("C-S"):

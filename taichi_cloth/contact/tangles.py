@@ -1,0 +1,132 @@
+"""Cloth that passes through cloth where it should not: found, left alone by contact, and pulled apart. numpy only.
+
+A scene may start with crossings, and solids may press layers through each other. What crosses, and what is near it, is
+left out of repulsion and of the free way, until it is apart. Meanwhile each crossing edge is led out of its triangle, along the
+direction in which the contour that the two surfaces have in common gets shorter. [Volino, Magnenat-Thalmann 2006]
+"""
+
+import numpy as np
+
+from ..intersections import self_crossings
+from ..mesh import face_edges
+from .pairs import Points
+from .states import unit
+
+RINGS = 2  # of neighbours round a crossing that rest with it
+PULL = 1.0  # of a thickness that a crossing is moved in a usual step
+PULL_STIFF = 10.0  # stiffness of that over mass / h^2
+LET_GO = 0.1  # s for which what was pinched rests
+
+
+class Tangles:
+    """The crossings of a model's cloths.
+
+    Args:
+        n: particles; faces: (m, 3) of cloth that meets cloth; meets: function of two arrays of rows of faces, whether they
+            meet at all.
+        policy: "untangle", "ignore" or "abort".
+
+    Attributes:
+        count: crossing (edge, triangle) pairs now; pinched: particles that were let go, as no way was free for them.
+        resting: (n,) whether pairs of a particle with another such rest.
+    """
+
+    def __init__(self, n: int, faces: np.ndarray, half: np.ndarray, meets, policy: str) -> None:
+        self.n, self.faces, self.half, self.meets, self.policy = n, faces, half, meets, policy
+        ends = np.sort(face_edges(faces), axis=1)
+        code = ends @ np.array([n, 1])
+        self.order = np.argsort(code, kind="stable")
+        self.code = code[self.order]
+        self.until = np.zeros(n)
+        self.count, self.resting = 0, np.zeros(n, dtype=bool)
+        self.edges, self.rows = np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64)
+
+    @property
+    def active(self) -> bool:
+        """Whether anything rests."""
+        return bool(self.resting.any())
+
+    @property
+    def pinched(self) -> int:
+        """Particles that were let go and still rest."""
+        return int(np.sum(self.until > 0))
+
+    def find(self, x: np.ndarray, h: float = 0.0) -> None:
+        """Crossings at positions (n, 3), h [s] later."""
+        edges, rows = self_crossings(x, self.faces)
+        keep = self.meets(self._faces_of(edges)[:, 0], rows)
+        self.edges, self.rows = edges[keep], rows[keep]
+        self.count = len(self.rows)
+        self.until = np.maximum(self.until - h, 0)
+        near = np.zeros(self.n, dtype=bool)
+        near[self.edges.ravel()] = True
+        near[self.faces[self.rows].ravel()] = True
+        for _ in range(RINGS):
+            near[self.faces[near[self.faces].any(axis=1)].ravel()] = True
+        self.resting = near | (self.until > 0)
+
+    def let_go(self, particles: np.ndarray) -> None:
+        """Lets pairs of particles rest for a while."""
+        self.until[particles] = LET_GO
+        self.resting |= self.until > 0
+
+    def points(self, x_0: np.ndarray, base: np.ndarray, mass: np.ndarray, h: float, h_usual: float) -> Points:
+        """What leads edges and triangles apart, as points of `touch`."""
+        k = len(self.rows)
+        if not k or self.policy != "untangle":
+            return np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 3, 3)), np.zeros((0, 3))
+        face = self.faces[self.rows]
+        p, q = x_0[self.edges[:, 0]], x_0[self.edges[:, 1]]
+        a, b, c = (x_0[face[:, j]] for j in range(3))
+        normal = unit(np.cross(b - a, c - a))
+        s = np.einsum("ki,ki->k", a - p, normal) / np.einsum("ki,ki->k", q - p, normal)
+        w = _barycentric(p + s[:, None] * (q - p), a, b, c)
+        way = self._shorter(x_0, normal, unit(q - p))
+        zero = np.zeros(k)
+        vertices = np.concatenate([np.column_stack([self.edges, self.edges[:, :1], self.edges[:, :1]]),
+                                   np.column_stack([face, face[:, 0]])])
+        weights = np.concatenate([np.column_stack([1 - s, s, zero, zero]), np.column_stack([w, zero])])
+        way = np.concatenate([way, -way])
+        step = 2 * PULL * np.tile(self.half[face[:, 0]], 2) * min(h / h_usual, 1.0)
+        own = 1 / np.maximum((weights**2 / mass[vertices]).sum(axis=1), 1e-300)
+        block = (PULL_STIFF * own)[:, None, None] * np.einsum("ki,kj->kij", way, way)
+        gone = np.einsum("ka,kai->ki", weights, (base - x_0)[vertices])
+        rhs = np.einsum("kij,kj->ki", block, (step[:, None] * way - gone) / h)
+        return vertices, weights, block, rhs
+
+    def _shorter(self, x: np.ndarray, normal: np.ndarray, along: np.ndarray) -> np.ndarray:
+        """(k, 3) unit directions for edges along which their triangles' contours with the faces get shorter."""
+        total = np.zeros_like(normal)
+        of = self._faces_of(self.edges)
+        for side in range(2):
+            f = of[:, side]
+            corner = self.faces[np.maximum(f, 0)]
+            third = corner[np.arange(len(f)), np.argmin((corner == self.edges[:, :1]) | (corner == self.edges[:, 1:]), axis=1)]
+            other = np.cross(x[corner[:, 1]] - x[corner[:, 0]], x[corner[:, 2]] - x[corner[:, 0]])
+            contour = unit(np.cross(normal, other))
+            inward = x[third] - x[self.edges[:, 0]]
+            inward = inward - np.einsum("ki,ki->k", inward, along)[:, None] * along
+            contour *= np.sign(np.einsum("ki,ki->k", contour, inward))[:, None]
+            across = np.einsum("ki,ki->k", along, normal)
+            across = np.where(np.abs(across) < 0.05, np.copysign(0.05, across), across)
+            part = contour - 2 * (np.einsum("ki,ki->k", along, contour) / across)[:, None] * normal
+            total += np.where((f >= 0)[:, None], part, 0.0)
+        return unit(total)
+
+    def _faces_of(self, edges: np.ndarray) -> np.ndarray:
+        """(k, 2) the one or two faces at edges, -1 where there is no second."""
+        code = edges @ np.array([self.n, 1])
+        first = np.searchsorted(self.code, code)
+        second = np.minimum(first + 1, len(self.code) - 1)
+        m = len(self.faces)
+        return np.stack([self.order[first] % m, np.where((self.code[second] == code) & (second > first),
+                                                         self.order[second] % m, -1)], axis=1)
+
+
+def _barycentric(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """(k, 3) weights of points in the planes of triangles."""
+    n = np.cross(b - a, c - a)
+    size = np.maximum(np.einsum("ki,ki->k", n, n), 1e-300)
+    u = np.einsum("ki,ki->k", np.cross(p - a, c - a), n) / size
+    v = np.einsum("ki,ki->k", np.cross(b - a, p - a), n) / size
+    return np.stack([1 - u - v, u, v], axis=1)
