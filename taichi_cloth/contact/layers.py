@@ -36,7 +36,7 @@ AGREED = 0.05  # part of all friction by which what solves take it to be may be 
 LOOSE = 2.0  # of gravity: what the forces of pairs may be off by, over the mass they act on
 GIVE = 0.01  # of a pair's distance over h^2: the same where gravity is small
 CLOSE, WIDE = 0.3, 0.7  # of a pair's distance: what ends nearer gets stiffer, further softer again
-STIFFER, SOFTER, STIFFEST = 4.0, 0.8, 1e6  # factors from usual step to usual step, and their product at most
+STIFFER, SOFTER, STIFFEST = 4.0, 0.8, 64.0  # factors from usual step to usual step, and their product at most
 
 
 def timed(method):

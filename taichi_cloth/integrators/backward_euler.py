@@ -26,7 +26,10 @@ from .system import System, phi
 
 HALVINGS = 10
 SLACK = 0.01  # of kinetic energy by which a step in which layers meet may be off
+SMOOTH = 1e-3  # part of the repulsion's energy that is not worth a shorter way
 MEMORY = 3  # of the last potentials one must not be passed
+NEARLY = 1e-7  # m that a held direction may be off its target
+TIMID = 0.2  # part of a solve's way below which it is not taken shorter for their sake
 BOLD = 4  # solves of a step with layers before the potential has a say in how far they go
 
 
@@ -157,7 +160,7 @@ class BackwardEuler:
         with clock.part("C-S"):
             self._predict(h, pins)
             self.model.restore()
-        part, led, limit, seen = 1.0, False, math.inf, []
+        part, limit, seen = 1.0, math.inf, []
         begins = start.energies["kinetic"] + start.potential - start.energies.get("contact", 0.0) + layers.energy
         measures = start
         for k in range(layers.ROUNDS):
@@ -180,6 +183,7 @@ class BackwardEuler:
                 self.system.linearize(h)
             with clock.part("CG"):
                 z = self.system.to_go(held, h) if k else None
+                leads = k == 0 or self._leads(held, z, h)
                 solutions.append(self.system.solve(self.cg_tol, held, h, z=z))
             if solutions[-1].status != CONVERGED:
                 return Attempt(SOLVER, solutions[-1].status, measures, tuple(solutions), clock.seconds)
@@ -198,12 +202,12 @@ class BackwardEuler:
                         taken = part
                     measures = self._measure()
                     after = phi(measures, h) + contacts.lagged(h)
-                if k < BOLD or not led or after <= max(seen[-MEMORY:]) + self.system.rounding(h, measures) or part < 0.5**HALVINGS:
+                if k < BOLD or leads or after <= max(seen[-MEMORY:]) + SMOOTH * layers.energy + (
+                        self.system.rounding(h, measures)) or part < TIMID:
                     break
                 part /= 2
             if not measures.finite:
                 return Attempt(NOT_FINITE, f"after {k + 1} solves", measures, tuple(solutions), clock.seconds)
-            led = led or part == 1
             with clock.part("C-S"):
                 agreed = part == 1 and layers.settled() and not (verdict.changes and k < contacts.ROUNDS)
             if agreed:
@@ -267,6 +271,12 @@ class BackwardEuler:
                 return Attempt(None, "", measures, tuple(solutions), clock.seconds)
         reason = NOT_FINITE if not measures.finite else NEWTON if self.converge and phi(measures, h) <= limit else ENERGY
         return Attempt(reason, f"{len(solutions)} solves", measures, tuple(solutions), clock.seconds)
+
+    def _leads(self, held: Held | None, z: np.ndarray | None, h: float) -> bool:
+        """Whether held directions are still on their way to their targets: the potential may then have to grow."""
+        if held is None or z is None or not len(z):
+            return False
+        return bool(np.abs(np.einsum("kij,kj->ki", held.projector, z)).max() * h > NEARLY)
 
     def _measure(self) -> Measures:
         """Of the state as it now is, with the repulsion of layers."""
