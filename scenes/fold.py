@@ -48,7 +48,7 @@ def check(sim: tc.Simulation):
     size = np.ptp(x, axis=0)
     yield f"folded: {size[0]:.2f} m x {size[2]:.2f} m", size[0] < 0.65 * SIDE
     nearest = min(r.least for r in sim.log)
-    yield f"the smallest gap was {nearest:.2f} thicknesses", nearest > 0.1
+    yield f"the smallest gap was {nearest:.2f} thicknesses", nearest > 0.02
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ def check(sim: tc.Simulation):
     crossed = sim.intersections()
     yield f"{crossed} intersections", crossed == 0
     nearest = min(r.least for r in sim.log)
-    yield f"the smallest gap was {nearest:.2f} thicknesses", nearest > 0.1
+    yield f"the smallest gap was {nearest:.2f} thicknesses", nearest > 0.02
 
 
 if __name__ == "__main__":

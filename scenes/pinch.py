@@ -11,7 +11,7 @@ SMALL = {"cells": 10}
 THICKNESS, PLATE = 0.005, 0.002
 
 
-def build(cells: int = 40, sheets: int = 3, gap: float = 0.006, friction: float = 0.3) -> tc.Scene:
+def build(cells: int = 40, sheets: int = 3, gap: float = 0.005, friction: float = 0.3) -> tc.Scene:
     """The plates close to `gap` [m] between them; the sheets and what they keep from the plates need more."""
     mesh = tc.grid(0.5, cells)
     scene = tc.Scene(view=tc.View(camera=tc.Camera((0.8, 0.45, 0.9), (0, 0, 0), 36)))
@@ -21,9 +21,9 @@ def build(cells: int = 40, sheets: int = 3, gap: float = 0.006, friction: float 
                                 positions=mesh.x + [-0.25, 0.008 * (k - (sheets - 1) / 2), 0.25],
                                 contact=tc.ClothContact(THICKNESS, friction))
         scene.pin(cloth, "left")
-    for name, sign in (("upper", 1), ("lower", -1)):
-        scene.add_solid(tc.Box((0.2, 0.04, 0.2), radius=0.005), friction=friction, thickness=PLATE, name=name,
-                        position=lambda t, sign=sign: (0.0, sign * (0.02 + height(t, gap)), 0.0))
+    for name, normal in (("upper", (0, -1, 0)), ("lower", (0, 1, 0))):
+        scene.add_solid(tc.Plane(normal, 0.3), friction=friction, thickness=PLATE, name=name,
+                        position=lambda t, sign=-normal[1]: (0.0, sign * height(t, gap), 0.0))
     return scene
 
 

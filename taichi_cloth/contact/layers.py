@@ -32,11 +32,15 @@ SHALLOW = 0.02  # of a pair's distance: nearer, the force grows no more
 CREEP = 2e-5  # slip [m/s] below which friction between layers is viscous
 CONE = 1.02  # times the most that friction can be, above which what it damps slides
 PATIENCE = 3  # solves after which friction that still changes does so in the next step
+LAGGED = 0.1  # relative error of all friction that a first solve may leave
 AGREED = 0.05  # part of all friction by which what solves take it to be may be off
 LOOSE = 2.0  # of gravity: what the forces of pairs may be off by, over the mass they act on
 GIVE = 0.01  # of a pair's distance over h^2: the same where gravity is small
 CLOSE, WIDE = 0.3, 0.7  # of a pair's distance: what ends nearer gets stiffer, further softer again
 STIFFER, SOFTER, STIFFEST = 4.0, 0.8, 64.0  # factors from usual step to usual step, and their product at most
+
+
+NOTHING: dict[str, np.ndarray] = {"key": np.zeros(0, dtype=np.int64), "force": np.zeros(0)}
 
 
 def timed(method):
@@ -107,7 +111,7 @@ class Layers:
         self.friction = np.sqrt(mu)[model.user]
         self.gravity = scene.gravity
         self.boost = np.ones(model.n)
-        self.known: dict[str, np.ndarray] = {"key": np.zeros(0, dtype=np.int64), "force": np.zeros(0)}
+        self.known = self.kept = NOTHING  # what pairs bore in the last solve, and in the last accepted step
         self.pressed: Pressed | None = None
         self.count, self.energy, self.least, self.was, self.off = 0, 0.0, 1.0, 1.0, 0
         self.seconds, self.inside = 0.0, False
@@ -115,7 +119,7 @@ class Layers:
     @timed
     def begin(self, h: float, x: np.ndarray, v: np.ndarray) -> None:
         """A new attempt from the saved state (n, 3); the model is at its predicted end."""
-        self.h, self.x, self.v = h, x, v
+        self.h, self.x, self.v, self.known = h, x, v, self.kept
         self.round, self.there = 0, self.model.read_particles()[0]
         self.detector.begin()
         self.near = self.detector.look(swept=True)  # of those that were candidates before: a guess
@@ -138,7 +142,7 @@ class Layers:
         slip = self._slip(p)
         speed = np.linalg.norm(slip, axis=1)
         mu = self.friction[p.vertices[:, 0]] * self.friction[p.vertices[:, 3]]
-        bears = mu * (force if self.round else self._expected(p, own, force))
+        bears = mu * self._expected(p, own, stiff * _law(at, p.radius)[0])
         slides = self._slides(p, slip) & (bears > 0)
         way = np.where(slides[:, None], slip / np.maximum(speed, 1e-300)[:, None], 0.0)
         drag = bears / np.maximum(speed, CREEP)
@@ -188,7 +192,7 @@ class Layers:
         return known & np.where(slid, forward, over)
 
     def _expected(self, p: Near, own: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """(k,) [N] what pairs will bear: what they bore, or what stops those that are new, and no more."""
+        """(k,) [N] what pairs will bear: what they bore in the last solve, or what stops those that are new, and no more."""
         where = rows_of(self.known["key"], p.key)
         freely = np.einsum("ki,ki->k", p.normal, p.of(self.x + self.h * self.v + self.h**2 * self.gravity))
         stops = np.minimum(force, own / self.h**2 * np.maximum(p.radius - freely, 0))
@@ -216,6 +220,15 @@ class Layers:
         self.least = float(np.min(p.end / p.radius, initial=1.0))
 
     @timed
+    def bore(self) -> None:
+        """Remembers what pairs bore in the last solve, which the model now shows the end of."""
+        q = self.pressed
+        assert q is not None
+        d = np.einsum("ki,ki->k", q.near.normal, q.near.of(self.model.read_particles()[0]))
+        order = np.argsort(q.near.key)
+        self.known = {"key": q.near.key[order], "force": np.maximum(q.force + q.slope * (q.at - d), 0.0)[order]}
+
+    @timed
     def settled(self) -> bool:
         """Whether forces are what the last solve took them to be, and nothing has come too near by it."""
         p, q = self.near, self.pressed
@@ -231,17 +244,20 @@ class Layers:
         allowed = own * np.maximum(LOOSE * np.linalg.norm(self.gravity), GIVE * radius / self.h**2)
         total = float(np.sum(self._pull(p, p.end, stiff, mass)[0]))
         wrong = np.where(np.abs(force) > allowed, np.abs(force), 0.0)
+        mu = self.friction[p.vertices[:, 0]] * self.friction[p.vertices[:, 3]]
         self.off = int(np.sum(wrong > 0)) if np.sum(wrong) > AGREED * total else 0
+        lag = abs(float(np.sum(mu * self._pull(p, p.end, stiff, mass)[0])) - float(np.sum(q.bears)))
+        late = lag > LAGGED * float(np.sum(q.bears)) and self.round <= PATIENCE
         slip = self._slip(q.near)
         taken = np.linalg.norm(q.friction(slip), axis=1)
         back = np.einsum("ki,ki->k", slip, q.way) < 0  # pushed the wrong way
         self.slack = float(np.sum(np.maximum(taken - CONE * q.bears, 0) + back * q.bears))
         rubs = self.slack > AGREED * float(np.sum(q.bears)) and self.round <= PATIENCE
-        return not self.off and not rubs and self.least > min(CLOSE / 3, self.was / 2)
+        return not self.off and not rubs and not late and self.least > min(CLOSE / 3, self.was / 2)
 
     @timed
     def lagged(self) -> float:
-        """What layers add to the incremental potential [J] besides `energy`, where the model now is, as the last solve took it.
+        """What layers add to the incremental potential [J] besides `energy`, now, as the last solve took it.
 
         Friction, and the stop of approaches, of the pairs of that solve; and what repulsion would be with their factors:
         factors change from place to place and have no force.
@@ -263,15 +279,12 @@ class Layers:
     def commit(self) -> None:
         """The step was accepted."""
         p = self.near
-        stiff, _ = self._stiffness(p)
-        order = np.argsort(p.key)
-        self.known = {"key": p.key[order], "force": (stiff * _law(p.end, p.radius)[0])[order]}
         part = np.full(self.model.n, np.inf)
         np.minimum.at(part, p.vertices, np.broadcast_to((p.end / p.radius)[:, None], p.vertices.shape))
         if self.tangles.active:
             self.tangles.find(self.model.read_particles()[0], self.h)
             self.detector.let_rest(self.tangles.resting)
-        self.was = self.least
+        self.was, self.kept = self.least, self.known
         share = min(self.h / self.h_usual, 1.0)
         self.boost = np.where(part < CLOSE, np.minimum(STIFFER**share * self.boost, STIFFEST),
                               np.where(part > WIDE, np.maximum(SOFTER**share * self.boost, 1.0), self.boost))
@@ -287,6 +300,7 @@ class Layers:
     def pass_by(self) -> None:
         """A step in which nothing met was accepted."""
         self.energy, self.count, self.least, self.pressed = 0.0, 0, 1.0, None
+        self.known = NOTHING
         self.commit()
 
     def forces(self) -> np.ndarray:
@@ -303,7 +317,7 @@ class Layers:
 
     def clear(self) -> None:
         """The state was changed from outside."""
-        self.known = {"key": np.zeros(0, dtype=np.int64), "force": np.zeros(0)}
+        self.known = self.kept = NOTHING
         self.boost[:] = 1.0
         self.model.save()
         self.tangles.until[:] = 0
@@ -329,12 +343,12 @@ class Layers:
 
     def checkpoint(self) -> dict[str, np.ndarray]:
         """What is remembered from step to step, as arrays by name."""
-        return {**self.known, "boost": self.boost, "energy": np.array(self.energy), "was": np.array(self.was),
+        return {**self.kept, "boost": self.boost, "energy": np.array(self.energy), "was": np.array(self.was),
                 "until": self.tangles.until, "tangled": np.array(self.tangles.active)}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
         """Goes on from what `checkpoint` gave."""
-        self.known = {name: state[name] for name in ("key", "force")}
+        self.kept = {name: state[name] for name in ("key", "force")}
         self.boost, self.energy, self.was = state["boost"].copy(), float(state["energy"]), float(state["was"])
         self.tangles.until = state["until"].copy()
         if state["tangled"]:

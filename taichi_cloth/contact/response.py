@@ -217,7 +217,7 @@ class Contacts:
         vertices, weights, block, rhs = self.points
         dv = np.einsum("ka,kai->ki", weights, self.end()[vertices] - self.base[0][vertices]) / h
         own = float(np.einsum("ki,kij,kj->", dv, block, dv) / 2 - np.sum(rhs * dv))
-        return own + self.layers.lagged()
+        return own + (self.layers.lagged() if self.layers is not None else 0.0)
 
     def _point_forces(self) -> tuple[np.ndarray, np.ndarray]:
         """(forces [N] (k, 3) on the points of touch at the end of the step, the points)."""
@@ -307,8 +307,8 @@ class Contacts:
         points = [(np.repeat(f.index[:, None], 4, axis=1), np.tile([1.0, 0, 0, 0], (len(u), 1)), block, rhs)]
         if self.near is not None:
             self.pressed, which = self.near, self.near.solid
-            points.append(_padded(press(self.near, Step(h, self.h_usual, self.x, *self.base), self.model.mass, self.thickness[which],
-                                self.friction[which])))
+            step = Step(h, self.h_usual, self.x, *self.base)
+            points.append(_padded(press(self.near, step, self.model.mass, self.thickness[which], self.friction[which])))
         self.points = vertices, weights, block, rhs = tuple(np.concatenate(parts) for parts in zip(*points))
         if self.layers is not None:
             more = self.layers.points(self.base[0])

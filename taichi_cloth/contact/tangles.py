@@ -1,8 +1,9 @@
 """Cloth that passes through cloth where it should not: found, left alone by contact, and pulled apart. numpy only.
 
-A scene may start with crossings, and solids may press layers through each other. What crosses, and what is near it, is
-left out of repulsion and of the free way, until it is apart. Meanwhile each crossing edge is led out of its triangle, along the
-direction in which the contour that the two surfaces have in common gets shorter. [Volino, Magnenat-Thalmann 2006]
+A scene may start with crossings, and solids may press layers through each other. What crosses, and what is near it,
+is left out of repulsion and of the free way, until it is apart. Meanwhile each crossing edge is led out of its triangle,
+along the direction in which the contour that the two surfaces have in common gets shorter. [Volino,
+Magnenat-Thalmann 2006]
 """
 
 import numpy as np

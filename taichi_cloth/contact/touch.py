@@ -1,8 +1,8 @@
 """What contacts add to the system of a step besides held directions: points of cloth with a 3x3 block each.
 
-A point is a weighted sum of up to four particles: a particle that slides under friction, the place on a cloth edge
-or face that a solid's edge or corner presses, the difference of two places on cloth. Its block and right-hand side are worked out on the host, a few
-numbers a contact, and added to A and b like any force's.
+A point is a weighted sum of up to four particles: a particle that slides under friction, the place on a cloth edge or
+face that a solid's edge or corner presses, the difference of two places on cloth. Its block and right-hand side are
+worked out on the host, a few numbers a contact, and added to A and b like any force's.
 """
 
 import numpy as np

@@ -144,7 +144,8 @@ def build(name: str, fields: Fields, model: Model, forces: list, meter: Meter, o
     """
     if name in EXPLICIT:
         if contacts is not None:
-            raise SceneError(f"integrator {name!r} knows no contact, with solids or between layers of cloth: use 'safe' or 'backward_euler'")
+            raise SceneError(f"integrator {name!r} knows no contact, with solids or between layers of cloth: use 'safe' or "
+                             "'backward_euler'")
         from .verlet import Verlet
 
         return Verlet(fields, model, forces, meter, runtime, scene)

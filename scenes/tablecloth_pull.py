@@ -1,0 +1,45 @@
+"""A cloth is pulled from under another that lies on it: friction drags the upper one along, and lets it go."""
+
+import numpy as np
+
+import taichi_cloth as tc
+
+RUN = {"duration": 1.2, "fps": 30, "h": 1 / 60, "cg_tol": 1e-3, "integrator": "backward_euler"}
+SMALL = {"cells": 12}
+THICKNESS, REST, SPEED = 0.005, 0.3, 1.5  # m, s before the pull, m/s
+
+
+def build(cells: int = 50, friction: float = 0.25, acceleration: float = 8.0) -> tc.Scene:
+    """The lower cloth is 0.8 m x 0.6 m, the upper 0.3 m square."""
+
+    def pull(t: float) -> tuple[float, float, float]:
+        s, up = max(t - REST, 0.0), SPEED / acceleration
+        return (acceleration * min(s, up) ** 2 / 2 + SPEED * max(s - up, 0.0), 0.0, 0.0)
+
+    scene = tc.Scene(view=tc.View(camera=tc.Camera((0.75, 0.7, 1.1), (0.55, 0, 0.0), 42), ground=-0.005))
+    fabric = tc.Fabric(0.2, tc.Stretch(1000, k_d=0.5), tc.Shear(100, k_d=0.05), tc.Bend(5e-5, k_d=1e-6))
+    lower = tc.grid((0.8, 0.6), (cells, 3 * cells // 4))
+    upper = tc.grid(0.3, 3 * cells // 8)
+    cloth = scene.add_cloth(lower, fabric, positions=lower.x + [0, 0, 0.3], color=(0.5, 0.08, 0.07), name="lower",
+                            contact=tc.ClothContact(THICKNESS, friction))
+    scene.add_cloth(upper, fabric, positions=upper.x + [0.25, THICKNESS, 0.15], color=(0.75, 0.72, 0.62), name="upper",
+                    contact=tc.ClothContact(THICKNESS, friction))
+    scene.add_solid(tc.Plane(), friction=0.1, thickness=0.005, name="table", position=(0, -0.005, 0))
+    scene.move(cloth, "right", pull, relative=True)
+    return scene
+
+
+def check(sim: tc.Simulation):
+    """What must hold after a whole run."""
+    x, lower = sim.positions(), sim.scene.cloths[0].mesh.vertex_count
+    crossed = sim.intersections()
+    yield f"{crossed} intersections", crossed == 0
+    moved = float((x[lower:] - sim.scene.cloths[1].positions)[:, 0].mean())
+    pulled = float((x[:lower] - sim.scene.cloths[0].positions)[:, 0].mean())
+    yield f"the lower cloth went {pulled:.2f} m, the upper {moved:.2f} m", 0.02 < moved < 0.75 * pulled
+    flat = np.ptp(x[lower:, 1])
+    yield f"the upper one stays flat within {flat * 1e3:.1f} mm", flat < 0.05
+
+
+if __name__ == "__main__":
+    tc.run(build)

@@ -1,0 +1,79 @@
+"""Layers of cloth against closed forms: lifting, gliding, falling, resting and sliding under friction."""
+
+import math
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+
+FABRIC = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
+THICKNESS = 0.005
+
+
+def sheet_on_sheet(friction: float, gravity, gap: float = THICKNESS, v=(0.0, 0.0, 0.0)) -> tuple[tc.Simulation, np.ndarray]:
+    """A sheet of 0.3 m over a larger one that is pinned everywhere; and which vertices are the upper one's."""
+    scene, contact = tc.Scene(gravity=gravity), tc.ClothContact(THICKNESS, friction)
+    lower, upper = tc.grid(0.8, 16), tc.grid(0.3, 7)
+    a = scene.add_cloth(lower, FABRIC, contact=contact)
+    b = scene.add_cloth(upper, FABRIC, positions=upper.x + [0.1, gap, -0.25], velocities=v, contact=contact)
+    scene.pin(a, np.arange(lower.vertex_count))
+    return tc.Simulation(scene, h=1 / 60, integrator="backward_euler"), np.arange(upper.vertex_count) + b.start
+
+
+def test_pressed_sheets_lift_apart_freely():
+    sim, upper = sheet_on_sheet(0.3, (0, -9.81, 0))
+    for _ in range(20):
+        sim.step()
+    x, v = sim.positions(), sim.velocities()
+    v[upper] += [0, 1, 0]
+    sim.set_state(x, v)
+    sim.step()
+    expected = 1 - 9.81 / 60
+    assert sim.velocities()[upper, 1].mean() > 0.99 * expected
+    sim.close()
+
+
+def test_smooth_sheets_glide():
+    sim, upper = sheet_on_sheet(0.0, (0, -9.81, 0), v=(1.0, 0, 0))
+    for _ in range(12):
+        sim.step()
+    v = sim.velocities()[upper].mean(axis=0)
+    assert v[0] > 0.99 and np.abs(v[1:]).max() < 0.02 and sim.log[-1].layers > 20
+    sim.close()
+
+
+def test_the_upper_sheet_falls_freely():
+    sim, upper = sheet_on_sheet(0.3, (0, -9.81, 0), gap=0.5)
+    for _ in range(15):
+        sim.step()
+    assert sim.velocities()[upper, 1].mean() == pytest.approx(-9.81 * sim.time, rel=1e-3)
+    sim.close()
+
+
+def test_what_rests_does_not_creep():
+    sim, upper = sheet_on_sheet(0.3, (0, -9.81, 0))
+    for _ in range(30):
+        sim.step()
+    x = sim.positions()
+    for _ in range(60):
+        sim.step()
+    assert np.abs(sim.velocities()).max() < 1e-4 and np.abs(sim.positions() - x).max() < 1e-4
+    assert np.mean([r.solves for r in sim.log]) < 2.5
+    sim.close()
+
+
+@pytest.mark.parametrize("degrees", [12, 25])
+def test_a_sheet_slides_on_a_sheet_as_coulomb_says(degrees):
+    mu, angle = 0.3, math.radians(degrees)
+    sim, upper = sheet_on_sheet(mu, 9.81 * np.array([math.sin(angle), -math.cos(angle), 0]))
+    for _ in range(4):
+        sim.step()
+    v = sim.velocities()[upper, 0].mean()
+    for _ in range(12):
+        sim.step()
+    gained = (sim.velocities()[upper, 0].mean() - v) * 60 / 12
+    expected = 9.81 * max(math.sin(angle) - mu * math.cos(angle), 0.0)
+    # within 5 % of the friction that acts; below the angle of friction it stays
+    assert abs(gained - expected) < (0.05 * mu * 9.81 * math.cos(angle) if expected else 2e-3)
+    sim.close()

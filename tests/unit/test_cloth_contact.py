@@ -1,0 +1,262 @@
+"""Cloth against cloth: what is found, how far the way is free, the law, tangles, and what costs nothing."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth import runtime
+from taichi_cloth.contact.closest import VERTEX_FACE
+from taichi_cloth.contact.layer_detection import LayerDetector
+from taichi_cloth.contact.layers import SHALLOW, _law, _potential
+from taichi_cloth.fields import Fields
+from taichi_cloth.intersections import self_crossings
+from taichi_cloth.model import Model
+
+FABRIC = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
+THICKNESS = 0.05
+
+
+def soup(rng, count: int, spread: float = 10.0) -> tc.Scene:
+    """Triangles of 0.2 m thrown into a box of 1 m, `spread` times as large at rest."""
+    x = (rng.uniform(size=(count, 1, 3)) + 0.1 * rng.normal(size=(count, 3, 3))).reshape(-1, 3)
+    mesh = tc.TriMesh(spread * x, np.arange(3 * count).reshape(-1, 3))
+    scene = tc.Scene()
+    scene.add_cloth(mesh, FABRIC, positions=x, contact=tc.ClothContact(THICKNESS))
+    return scene
+
+
+def detector(scene: tc.Scene, precision: str = "f64") -> LayerDetector:
+    run = runtime.start("cpu", precision)
+    fields = Fields(run.exchange)
+    model = Model(fields, scene, run)
+    made = LayerDetector(fields, model, scene, True)
+    fields.allocate()
+    made.model.save()
+    return made
+
+
+def boxes_meet(p: np.ndarray, q: np.ndarray) -> bool:
+    """Whether two sets of points come within the thickness along every axis."""
+    return bool(((p.min(axis=0) - q.max(axis=0)).max() < THICKNESS) and ((q.min(axis=0) - p.max(axis=0)).max() < THICKNESS))
+
+
+def segment_distance(a, b, c, d) -> float:
+    """By clamped minimisation on each side in turn, from many starts: slow and independent of the kernels."""
+    best = np.inf
+    for s in (0.0, 0.5, 1.0):
+        for _ in range(200):
+            p = a + s * (b - a)
+            t = np.clip((p - c) @ (d - c) / ((d - c) @ (d - c)), 0, 1)
+            q = c + t * (d - c)
+            s = np.clip((q - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+        best = min(best, float(np.linalg.norm(a + s * (b - a) - q)))
+    return best
+
+
+def triangle_distance(p, a, b, c) -> float:
+    """Inside by solving, else the nearest edge."""
+    e, f = b - a, c - a
+    u, v = np.linalg.lstsq(np.stack([e, f], axis=1), p - a, rcond=None)[0]
+    if u >= 0 and v >= 0 and u + v <= 1:
+        return float(np.linalg.norm(a + u * e + v * f - p))
+    return min(segment_distance(p, p + 1e-12, *ends) for ends in ((a, b), (b, c), (c, a)))
+
+
+def test_all_near_pairs_are_found_once(rng):
+    d = detector(soup(rng, 60))
+    d.begin()
+    d.cover()
+    found = [tuple(row) for row in d.candidates.tolist()]
+    assert len(found) == len(set(found))
+    near = {tuple(row) for row in d.look().pair.tolist()}
+    x, expected = d.model.read_particles()[0], set()
+    for v in range(len(x)):
+        for f, face in enumerate(d.faces):
+            if v not in face and boxes_meet(x[[v]], x[face]) and triangle_distance(x[v], *x[face]) < THICKNESS * (1 - 1e-9):
+                expected.add((v, f, VERTEX_FACE))
+    for i, (a, b) in enumerate(d.edges):
+        for j, (p, q) in enumerate(d.edges):
+            apart = j <= i or len({a, b, p, q}) < 4 or not boxes_meet(x[[a, b]], x[[p, q]])
+            if not apart and segment_distance(x[a], x[b], x[p], x[q]) < THICKNESS * (1 - 1e-6):
+                expected.add((i, j, 1))
+    assert len(expected) > 100
+    assert {row if row[2] == VERTEX_FACE else (min(row[:2]), max(row[:2]), 1) for row in near} == expected
+
+
+def test_what_is_near_at_rest_keeps_half_of_that(rng):
+    scene = soup(rng, 60, spread=1.0)
+    d = detector(scene)
+    d.begin()
+    d.cover()
+    assert not len(d.look().end)  # everything is where it rests
+    x = d.model.read_particles()[0]
+    d.model.write_particles(0.4 * x, np.zeros_like(x))
+    d.cover()
+    p = d.look()
+    assert len(p.end) > 20 and (p.end < p.radius).all() and (p.radius <= THICKNESS).all()
+
+
+@pytest.mark.parametrize("precision", ["f64", "f32"])
+def test_the_free_way_is_free_and_not_too_short(rng, precision):
+    scene = soup(rng, 80)
+    d = detector(scene, precision)
+    x_0 = d.model.read_particles()[0]
+    crossed_before = len(self_crossings(x_0, d.faces)[0])
+    taken = 0
+    for _ in range(20):
+        way = 0.05 * rng.normal(size=x_0.shape)
+        d.model.write_particles(x_0, np.zeros_like(x_0))
+        d.model.save()
+        d.begin()
+        d.model.write_particles(x_0 + way, np.zeros_like(x_0))
+        d.cover()
+        part, blocking = d.free_way()
+        assert 0 < part <= 1 and (len(blocking) > 0) == (part < 1)
+        end = x_0 + part * way
+        edges, rows = self_crossings(end, d.faces)
+        before = {tuple(sorted(e)) + (int(r),) for e, r in zip(*self_crossings(x_0, d.faces))}
+        after = {tuple(sorted(e)) + (int(r),) for e, r in zip(edges, rows)}
+        assert after == before  # neither through anything, nor out of it
+        taken += part
+    assert crossed_before > 0 and taken / 20 > 0.01
+
+
+def test_the_law_is_the_slope_of_its_potential_and_joins_smoothly():
+    r = np.full(2001, 0.01)
+    d = np.linspace(SHALLOW * 0.01, 0.0105, 2001)
+    force, slope = _law(d, r)
+    e = 1e-8
+    assert np.abs((_potential(d - e, r) - _potential(d + e, r)) / (2 * e) - force).max() < 1e-4 * force.max()
+    inner = (d > SHALLOW * 0.0101) & (np.abs(d - 0.01) > 1e-6)
+    assert np.abs((_law(d - e, r)[0] - _law(d + e, r)[0]) / (2 * e) - slope)[inner].max() < 1e-4 * slope.max()
+    at = np.array([0.005 - 1e-12, 0.005 + 1e-12])
+    for values in (_potential(at, r[:2]), *_law(at, r[:2])):
+        assert abs(values[0] - values[1]) < 1e-9 * max(abs(values[0]), 1e-3)
+
+
+def two_sheets(gap: float, v=(0.0, 0.0, 0.0), friction: float = 0.0, cells: int = 8, gravity=None, **kwargs):
+    scene = tc.Scene(gravity=gravity)
+    mesh = tc.grid(0.3, cells)
+    contact = tc.ClothContact(0.005, friction)
+    a = scene.add_cloth(mesh, FABRIC, contact=contact)
+    scene.add_cloth(mesh, FABRIC, positions=mesh.x + [0.003, gap, 0.002], velocities=v, contact=contact)
+    return scene, a, tc.Simulation(scene, **{"h": 1 / 60, "integrator": "backward_euler", **kwargs})
+
+
+def test_forces_of_layers_add_up_to_nothing():
+    scene, a, sim = two_sheets(0.03, (0.3, -2.0, 0.0))
+    n = a.mesh.vertex_count
+    momentum = sim.velocities()[n:].sum(axis=0)
+    met = 0
+    for _ in range(4):
+        sim.step()
+        f, x = sim.contact_forces(), sim.positions()
+        size = np.abs(f).sum()
+        met += size > 0
+        assert np.abs(f.sum(axis=0)).max() <= 1e-10 * size
+        assert np.abs(np.cross(x, f).sum(axis=0)).max() <= 0.05 * size * 0.005  # normals are those of where the last solve began
+    m = sim.model.mass[sim.model.particle]
+    after = (m[:, None] * sim.velocities()).sum(axis=0) / m.mean()
+    assert met > 0 and np.abs(after - momentum).max() < 1e-3 * np.abs(momentum).max()
+    sim.close()
+
+
+@pytest.mark.parametrize("precision", ["f64", "f32"])
+def test_what_hits_does_not_pass(precision):
+    scene, a, sim = two_sheets(0.05, (0.0, -6.0, 0.0), 0.2, precision=precision)
+    for _ in range(8):
+        sim.step()
+        assert sim.intersections() == 0
+    n = a.mesh.vertex_count
+    x, v = sim.positions(), sim.velocities()
+    assert (x[n:, 1] > x[:n, 1]).all()
+    assert v[:n, 1].mean() < -2.5 and max(r.layers for r in sim.log) > 50
+    sim.close()
+
+
+def test_the_same_twice_and_resumed():
+    scene, a, sim = two_sheets(0.02, (0.2, -1.0, 0.0), 0.3, gravity=(0, -9.81, 0))
+    for _ in range(4):
+        sim.step()
+    state = sim.checkpoint()
+    for _ in range(4):
+        sim.step()
+    end = sim.positions()
+    sim.close()
+    scene, a, again = two_sheets(0.02, (0.2, -1.0, 0.0), 0.3, gravity=(0, -9.81, 0))
+    again.resume(state)
+    for _ in range(4):
+        again.step()
+    assert np.array_equal(again.positions(), end)
+    again.close()
+
+
+def crossing_scene() -> tc.Scene:
+    mesh, contact, tilt = tc.grid(0.3, 12), tc.ClothContact(0.005, 0.2), np.radians(25)
+    turn = np.array([[np.cos(tilt), -np.sin(tilt), 0], [np.sin(tilt), np.cos(tilt), 0], [0, 0, 1]])
+    scene = tc.Scene(gravity=None)
+    damped = tc.Fabric(0.2, tc.Stretch(1000, k_d=0.5), tc.Shear(100, k_d=0.05), tc.Bend(5e-5, k_d=1e-6))
+    scene.add_cloth(mesh, damped, contact=contact)
+    scene.add_cloth(mesh, damped, positions=(mesh.x - [0.08, 0, -0.15]) @ turn.T + [0.12, 0.003, -0.16], contact=contact)
+    return scene
+
+
+def test_what_starts_crossed_is_counted_named_and_pulled_apart():
+    sim = tc.Simulation(crossing_scene(), h=1 / 60, integrator="backward_euler")
+    before = sim.intersections()
+    assert before > 30 and any("pass through each other at the start" in note for note in sim.notes)
+    speeds = []
+    for _ in range(60):
+        sim.step()
+        speeds.append(np.abs(sim.velocities()).max())
+    assert sim.intersections() == 0 and max(speeds) < 2
+    assert max(r.tangled for r in sim.log) > 0 and sim.log[-1].tangled == 0
+    sim.close()
+
+
+def test_tangles_can_be_left_alone_or_refused():
+    with pytest.raises(tc.SceneError, match="pass through each other at the start"):
+        tc.Simulation(crossing_scene(), tangles="abort")
+    with pytest.raises(tc.SceneError, match="did you mean 'ignore'"):
+        tc.Simulation(crossing_scene(), tangles="ignroe")
+    sim = tc.Simulation(crossing_scene(), h=1 / 60, integrator="backward_euler", tangles="ignore")
+    before = sim.intersections()
+    for _ in range(5):
+        sim.step()
+    assert abs(sim.intersections() - before) < 0.1 * before and np.abs(sim.velocities()).max() < 0.3
+    sim.close()
+
+
+def test_cloths_can_pass_through_each_other():
+    scene, mesh, contact = tc.Scene(gravity=None), tc.grid(0.2, 4), tc.ClothContact(0.005)
+    a = scene.add_cloth(mesh, FABRIC, contact=contact)
+    b = scene.add_cloth(mesh, FABRIC, positions=mesh.x + [0, 0.02, 0], velocities=(0, -1, 0), contact=contact)
+    scene.pass_through(a, b)
+    sim = tc.Simulation(scene, h=1 / 60, integrator="backward_euler")
+    for _ in range(4):
+        sim.step()
+    assert np.allclose(sim.velocities()[25:], [0, -1, 0], atol=1e-9) and sim.positions()[25:, 1].max() < 0
+    with pytest.raises(tc.SceneError, match="twice"):
+        scene.pass_through(a, a)
+    sim.close()
+
+
+def test_explicit_steps_refuse_it_and_bad_values_are_named():
+    scene = tc.Scene()
+    scene.add_cloth(tc.grid(1.0, 2), FABRIC, contact=tc.ClothContact(0.01))
+    with pytest.raises(tc.SceneError, match="knows no contact"):
+        tc.Simulation(scene, integrator="verlet")
+    with pytest.raises(tc.SceneError, match="thickness = -1"):
+        tc.ClothContact(-1)
+    with pytest.raises(tc.SceneError, match="needs a ClothContact"):
+        scene.add_cloth(tc.grid(1.0, 2), FABRIC, contact=0.01)
+
+
+def test_without_contact_none_of_it_is_imported():
+    code = ("import sys, taichi_cloth as tc; s = tc.Scene(); "
+            "s.add_cloth(tc.grid(1.0, 3), tc.Fabric(0.2, tc.Stretch(100))); sim = tc.Simulation(s); sim.step(); "
+            "assert not [m for m in sys.modules if 'layer' in m and 'taichi_cloth' in m], sys.modules")
+    subprocess.run([sys.executable, "-c", code], check=True)
