@@ -13,7 +13,7 @@ from .cli_recorded import look_flags, number_of, size_of
 
 DEFAULTS: dict = {"duration": 2.0, "fps": 30.0, "h": 1 / 60, "arch": "cpu", "precision": "f64",
             "integrator": "safe", "K": "projected", "preconditioner": "auto", "stretch_limit": 0.5,
-            "cg_tol": None, "newton_tol": 1e-4, "tolerance": None}
+            "cg_tol": None, "newton_tol": 1e-4, "tolerance": None, "tangles": "untangle"}
 OK, FAILED, BAD_USAGE, GAVE_UP, INTERRUPTED = 0, 1, 2, 3, 130
 
 
@@ -141,7 +141,8 @@ def _options(args: argparse.Namespace, scene):
         if not values[name] > 0:
             raise SceneError(f"--{name} {values[name]:g}: must be positive")
     duration, fps = values.pop("duration"), values.pop("fps")
-    simulation = {**values, "adaptive": not args.fixed_step, "threads": args.threads, "debug": args.debug}
+    simulation = {**values, "adaptive": not args.fixed_step, "threads": args.threads, "debug": args.debug,
+                  "count_intersections": args.count_intersections}
     size = None if getattr(args, "no_images", True) else args.size
     options = RunOptions(getattr(args, "out", None), duration, fps, size, getattr(args, "overwrite", False), settings,
                          simulation)
@@ -206,5 +207,8 @@ def _simulation_flags(parser: argparse.ArgumentParser) -> None:
     add("--tolerance", type=number_of, metavar="M", help="error of positions to keep to [m], which drives the step")
     add("--stretch-limit", dest="stretch_limit", type=number_of, metavar="X",
         help="largest change of a triangle's stretch in a step")
+    add("--tangles", help="cloth that passes through cloth: untangle, ignore or abort")
+    add("--count-intersections", action="store_true", 
+        help="count exactly, after every step, where cloth passes through cloth")
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the scene")
     add("--debug", action="store_true", help="bounds checks in kernels (slow)")

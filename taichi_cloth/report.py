@@ -65,6 +65,8 @@ def _trouble(log: list[dict]) -> str:
             ("worst residual of a solve", f"{max(r['residual'] for r in log):.2g}"),
             ("solves not converged", str(sum(r["status"] not in ("CONVERGED", "EXPLICIT") for r in log))),
             ("crossings with solids, most in a step", str(max(r.get("crossings", 0) for r in log))),
+            ("pairs of cloth in contact, most in a step", str(max(r.get("layers", 0) for r in log))),
+            ("smallest gap between layers [thicknesses]", f"{min(r.get('least', 1.0) for r in log):.2f}"),
             ("largest stretch", f"{max(r['stretch'] for r in log):.4f}")]
     return "<h2>How often did it go wrong?</h2>" + _table([("step control", ""), *rows])
 

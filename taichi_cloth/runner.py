@@ -201,6 +201,10 @@ def summary(sim: Simulation) -> dict:
             "fell_back": sum(bool(r.fell_back) for r in sim.log),
             "contacts": max((r.contacts for r in sim.log), default=0),
             "crossings": max((r.crossings for r in sim.log), default=0),
+            "layers": max((r.layers for r in sim.log), default=0),
+            "least_gap": min((r.least for r in sim.log), default=1.0),
+            "tangled": max((r.tangled for r in sim.log), default=0), "pinched": max((r.pinched for r in sim.log), default=0),
+            "intersections": max((r.intersections for r in sim.log if r.intersections is not None), default=None),
             "largest_stretch": max((r.stretch for r in sim.log), default=None),
             "seconds": {k: round(v, 4) for k, v in seconds.items()}}
 
@@ -213,7 +217,12 @@ def describe(sim: Simulation, wall: float) -> str:
     parts = ", ".join(f"{n} {v:.2f} s" for n, v in s["seconds"].items() if v)
     faces = sum(c.mesh.face_count for c in cloths)
     model = f"{sim.model.n} vertices, {faces} triangles, {len(sim.scene.solids)} solids, at most {s['contacts']} contacts"
-    return (f"model: {model}\n"
+    layers = ""
+    if sim.contacts is not None and sim.contacts.layers is not None:
+        counted = "not counted" if s["intersections"] is None else s["intersections"]
+        layers = (f"layers: at most {s['layers']} pairs of cloth in contact, smallest gap {s['least_gap']:.2f} thicknesses; "
+                  f"intersections {counted}, tangled at most {s['tangled']}, pinched {s['pinched']}\n")
+    return (f"model: {model}\n{layers}"
             f"trouble: rejected steps: {bad}; taken by backward Euler instead: {s['fell_back']}; smallest h "
             f"{s['smallest_h'] * 1e3:.3g} ms, worst residual {s['worst_residual']:.1g}, "
             f"crossings {s['crossings']}, largest stretch {s['largest_stretch']:.3f}\n"

@@ -56,6 +56,7 @@ class Simulation:
         cg_max_iterations: of one solve.
         tangles: what to do with cloth that passes through cloth where it should not: "untangle" pulls it apart, "ignore"
             leaves it until it is apart, "abort" refuses such a start.
+        count_intersections: whether `intersections()` is called after every step, for the log.
         threads: CPU threads, all where None.
         quiet: no messages of Taichi's own.
         debug: bounds checks in kernels (slow).
@@ -76,7 +77,8 @@ class Simulation:
                  adaptive: bool = True, h_min: float | None = None, stretch_limit: float = 0.5,
                  newton_max: int = 8, preconditioner: str = "auto", cg_max_iterations: int = 10_000,
                  threads: int | None = None, quiet: bool = True, debug: bool = False, newton_tol: float = 1e-4,
-                 tolerance: float | None = None, tangles: str = "untangle") -> None:
+                 tolerance: float | None = None, tangles: str = "untangle",
+                 count_intersections: bool = False) -> None:
         if not isinstance(scene, Scene) or not scene.cloths:
             raise SceneError("a simulation needs a Scene with at least one cloth")
         check_choice("integrator", integrator, INTEGRATORS)
@@ -94,7 +96,7 @@ class Simulation:
         if tolerance is not None and (integrator not in ("auto", "safe", "tr_bdf2") or not adaptive):
             raise SceneError(f"tolerance = {tolerance:g} m: error control needs integrator 'safe' or 'tr_bdf2' and adaptive "
                              f"steps, not {integrator!r}")
-        self.scene, self.time, self._h, self._tangles = scene, 0.0, h, tangles
+        self.scene, self.time, self._h, self._tangles, self._counts = scene, 0.0, h, tangles, count_intersections
         self.log: list[StepRecord] = []
         self.runtime = runtime.start(arch, precision, threads, quiet, debug)
         self._generation, self._open = runtime.generation(), True
@@ -354,6 +356,8 @@ class Simulation:
             record = self.stepper.step(self.time, remaining / steps, self._held_at)
             self.time = stop if steps == 1 and abs(record.t - stop) <= ROUND_TIME * record.h else record.t
             record.t = self.time
+            if self._counts:
+                record.intersections = self.intersections()
             self.log.append(record)
         self._fire_events()
         return record

@@ -22,7 +22,7 @@ ADVICE = {
             "'f64'",
     NEWTON: "Newton's method does not converge: raise newton_max or newton_tol, or use the integrator 'safe'",
     ACCURACY: "no step is as accurate as asked for: raise tolerance, or h_min is too large; f32 has no digits to spare",
-    CONTACT: "contacts with solids do not settle: is the cloth pinched between solids, or pinned inside one?",
+    CONTACT: "contacts do not settle: is the cloth pinched between solids, pinned inside one, or pressed through itself?",
     APPROACH: "cloth meets a solid faster than its mesh can follow: slow the motion down, or use a coarser mesh",
     NOT_FINITE: "numbers overflow: a stiffness, mass or prescribed motion is out of scale; try precision 'f64'",
 }
@@ -67,6 +67,8 @@ class StepRecord:
         layers: pairs of cloth in contact with cloth; least: the smallest distance of any over what it should keep.
         tangled: pairs of an edge and a triangle of cloth that are known to pass through each other; they rest.
         pinched: particles between which solids left cloth no room; they were let go.
+        intersections: pairs of an edge and a triangle of cloth that pass through each other at its end, counted exactly; None
+            where that was not asked for.
         evaluations: of the forces, by an explicit method.
         error: estimated, over what the tolerance allows in this step; 0 where none is asked for.
         fell_back: why the default method redid the step by backward Euler; "" where it did not.
@@ -92,6 +94,7 @@ class StepRecord:
     least: float = 1.0
     tangled: int = 0
     pinched: int = 0
+    intersections: int | None = None
 
 
 class Stepper:
