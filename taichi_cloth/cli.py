@@ -208,7 +208,7 @@ def _simulation_flags(parser: argparse.ArgumentParser) -> None:
     add("--stretch-limit", dest="stretch_limit", type=number_of, metavar="X",
         help="largest change of a triangle's stretch in a step")
     add("--tangles", help="cloth that passes through cloth: untangle, ignore or abort")
-    add("--count-intersections", action="store_true", 
+    add("--count-intersections", action="store_true",
         help="count exactly, after every step, where cloth passes through cloth")
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the scene")
     add("--debug", action="store_true", help="bounds checks in kernels (slow)")
