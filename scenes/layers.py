@@ -5,7 +5,7 @@ import numpy as np
 import taichi_cloth as tc
 
 RUN = {"duration": 1.5, "fps": 30, "h": 1 / 60, "cg_tol": 1e-3, "integrator": "backward_euler"}
-SMALL = {"cells": 14}
+SMALL = {"cells": 10}
 RADIUS, THICKNESS = 0.3, 0.006
 
 

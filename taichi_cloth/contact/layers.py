@@ -1,15 +1,16 @@
 """Cloth against cloth: repulsion within a thickness and Coulomb friction between layers, inside the solve.
 
-Pairs of vertex and face, edge and edge repel each other with the potential phi(d), phi'' = k from the thickness r down
-to r/2 and k r^2 / 4 d^2 below: joined with two continuous derivatives, convex, growing without bound. Each is a point of
-`touch`: linearised along its normal, semidefinite, in the matrix-free product and the preconditioner. The first solve of a
-step linearises them where the last motion would lead; further solves, where the cloth then is. No solve is taken further than the way is free, so that what was apart stays apart.
+Pairs of vertex and face, edge and edge repel each other with the potential phi(d), phi'' = k from the thickness r
+down to r/2 and k r^2 / 4 d^2 below: joined with two continuous derivatives, convex, growing without bound. Each is a
+point of `touch`: linearised along its normal, semidefinite, in the matrix-free product and the preconditioner. The
+first solve of a step linearises them where the last motion would lead; further solves, where the cloth then is. No
+solve is taken further than the way is free, so that what was apart stays apart.
 
-What comes nearer than at the start of the step, and than it should, is stopped by a stiffness of the step's own h, which
-gives no speed back. Friction is a damping by the slip that was last seen, or, where that would be more than Coulomb's cone, its
-full size against the slip; the normal force is what the pair bore in the last solve.
+What comes nearer than at the start of the step, and than it should, is stopped by a stiffness of the step's own h,
+which gives no speed back. Friction is a damping by the slip that was last seen, or, where that would be more than
+Coulomb's cone, its full size against the slip; the normal force is what the pair bore in the last solve.
 
-Differs from [BW98 §6]: the paper's damped springs act on what is near at the beginning of a step, and trust in coherence.
+Differs from [BW98 §6]: the paper's damped springs act on what is near at the start of a step, and trust in coherence.
 """
 
 import functools
