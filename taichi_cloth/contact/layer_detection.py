@@ -53,10 +53,6 @@ class Near:
     factor: np.ndarray
     radius: np.ndarray
 
-    def take(self, which: np.ndarray) -> "Near":
-        """Some of them."""
-        return Near(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
-
     @property
     def key(self) -> np.ndarray:
         """(k,) one number each."""
@@ -144,8 +140,8 @@ class LayerDetector:
             if self._found.max(initial=0) <= self._rows.shape[1]:
                 break
             self._rows = np.zeros((self.chunks, int(self._found.max()) * 3 // 2, 3), dtype=np.int32)
-        pick = np.arange(self._rows.shape[1])[None, :] < self._found[:, None]
-        self.candidates, self.fresh = self._rows[pick], True
+        self.candidates = np.concatenate([rows[:k] for rows, k in zip(self._rows, self._found.tolist())])
+        self.fresh = True
 
     def free_way(self) -> tuple[float, np.ndarray]:
         """(part of the path that nothing passes through another on, the pairs (k, 3) that allow no more than that)."""
@@ -184,12 +180,6 @@ class LayerDetector:
         """The model is where the next path begins."""
         for i in range(self.model.n):
             self.start[i] = self.model.x[i]
-
-    @ti.kernel
-    def cut(self, part: float):
-        """The model goes back to a part of the path."""
-        for i in range(self.model.n):
-            self.model.x[i] = self.start[i] + part * (self.model.x[i] - self.start[i])
 
     @ti.kernel
     def _strayed(self) -> float:
@@ -233,6 +223,8 @@ class LayerDetector:
                 count = 0
                 for f in range(chunk * self.count // self.chunks, (chunk + 1) * self.count // self.chunks):
                     low, high = self.box(f)
+                    a = self.face[f]
+                    lo_a, hi_a, lo_a1, hi_a1 = self.hull(a[0], a[1], a[2])
                     node = self.boxes.first_leaf + f // LEAF  # leaves before it have met this one already
                     while True:
                         if self.boxes.meets(node, low, high):
@@ -241,7 +233,11 @@ class LayerDetector:
                                 continue
                             leaf = (node - self.boxes.first_leaf) * LEAF
                             for g in range(ti.max(leaf, f + 1), ti.min(leaf + LEAF, self.count)):
-                                count = self.against(f, g, chunk, count, rows)
+                                b = self.face[g]
+                                reach = self.half[a[0]] + self.half[b[0]] + 2 * self.skin
+                                lo_b, hi_b, lo_b1, hi_b1 = self.hull(b[0], b[1], b[2])
+                                if apart(lo_a, hi_a, lo_a1, hi_a1, lo_b, hi_b, lo_b1, hi_b1, reach) == 0:
+                                    count = self.against(f, g, chunk, count, rows)
                         node = self.boxes.following(node)
                         if node == 1:
                             break
@@ -255,35 +251,34 @@ class LayerDetector:
             reach = self.half[a[0]] + self.half[b[0]] + 2 * self.skin
             lo_a, hi_a, lo_a1, hi_a1 = self.hull(a[0], a[1], a[2])
             lo_b, hi_b, lo_b1, hi_b1 = self.hull(b[0], b[1], b[2])
-            if apart(lo_a, hi_a, lo_a1, hi_a1, lo_b, hi_b, lo_b1, hi_b1, reach) == 0:
-                bits_a, bits_b = self.owned[f], self.owned[g]
-                for k in range(3):
-                    if (bits_a >> k) & 1:
-                        v = a[k]
-                        if v != b[0] and v != b[1] and v != b[2]:
-                            if apart(self.start[v], self.start[v], self.model.x[v], self.model.x[v],
-                                     lo_b, hi_b, lo_b1, hi_b1, reach) == 0:
-                                self.put(v, g, VERTEX_FACE, chunk, count, rows)
-                                count += 1
-                    if (bits_b >> k) & 1:
-                        v = b[k]
-                        if v != a[0] and v != a[1] and v != a[2]:
-                            if apart(self.start[v], self.start[v], self.model.x[v], self.model.x[v],
-                                     lo_a, hi_a, lo_a1, hi_a1, reach) == 0:
-                                self.put(v, f, VERTEX_FACE, chunk, count, rows)
-                                count += 1
-                for j in range(3):
-                    if (bits_a >> (3 + j)) & 1:
-                        p, q = a[j], a[(j + 1) % 3]
-                        lo_e, hi_e, lo_e1, hi_e1 = self.hull(p, q, q)
-                        for k in range(3):
-                            if (bits_b >> (3 + k)) & 1:
-                                c, d = b[k], b[(k + 1) % 3]
-                                if p != c and p != d and q != c and q != d:
-                                    lo_k, hi_k, lo_k1, hi_k1 = self.hull(c, d, d)
-                                    if apart(lo_e, hi_e, lo_e1, hi_e1, lo_k, hi_k, lo_k1, hi_k1, reach) == 0:
-                                        self.put(self.face_edge[f][j], self.face_edge[g][k], EDGE_EDGE, chunk, count, rows)
-                                        count += 1
+            bits_a, bits_b = self.owned[f], self.owned[g]
+            for k in range(3):
+                if (bits_a >> k) & 1:
+                    v = a[k]
+                    if v != b[0] and v != b[1] and v != b[2]:
+                        if apart(self.start[v], self.start[v], self.model.x[v], self.model.x[v],
+                                 lo_b, hi_b, lo_b1, hi_b1, reach) == 0:
+                            self.put(v, g, VERTEX_FACE, chunk, count, rows)
+                            count += 1
+                if (bits_b >> k) & 1:
+                    v = b[k]
+                    if v != a[0] and v != a[1] and v != a[2]:
+                        if apart(self.start[v], self.start[v], self.model.x[v], self.model.x[v],
+                                 lo_a, hi_a, lo_a1, hi_a1, reach) == 0:
+                            self.put(v, f, VERTEX_FACE, chunk, count, rows)
+                            count += 1
+            for j in range(3):
+                if (bits_a >> (3 + j)) & 1:
+                    p, q = a[j], a[(j + 1) % 3]
+                    lo_e, hi_e, lo_e1, hi_e1 = self.hull(p, q, q)
+                    for k in range(3):
+                        if (bits_b >> (3 + k)) & 1:
+                            c, d = b[k], b[(k + 1) % 3]
+                            if p != c and p != d and q != c and q != d:
+                                lo_k, hi_k, lo_k1, hi_k1 = self.hull(c, d, d)
+                                if apart(lo_e, hi_e, lo_e1, hi_e1, lo_k, hi_k, lo_k1, hi_k1, reach) == 0:
+                                    self.put(self.face_edge[f][j], self.face_edge[g][k], EDGE_EDGE, chunk, count, rows)
+                                    count += 1
         return count
 
     @ti.func
@@ -329,17 +324,18 @@ class LayerDetector:
             dp, dq, dr, ds = b[v[0]] - p, b[v[1]] - q, b[v[2]] - r, b[v[3]] - s
             part[k] = 1.0
             speed = closing(kind, dp, dq, dr, ds)
-            difference, w = between(kind, p, q, r, s)
-            d = difference.norm()
-            if not self.rests(v) and d > 0 and (1 - KEEP) * d < speed:
-                left = KEEP * d
-                done = 0.0
-                for _ in range(STRIDES):
-                    if done < 1 and (d - left > NEAR_END * left or done == 0.0):
-                        done = ti.min(done + (d - left) / speed, 1.0)
-                        difference, w = between(kind, p + done * dp, q + done * dq, r + done * dr, s + done * ds)
-                        d = difference.norm()
-                part[k] = done
+            if (1 - KEEP) * gap(kind, p, q, r, s) < speed and not self.rests(v):
+                difference, w = between(kind, p, q, r, s)
+                d = difference.norm()
+                if d > 0 and (1 - KEEP) * d < speed:
+                    left = KEEP * d
+                    done = 0.0
+                    for _ in range(STRIDES):
+                        if done < 1 and (d - left > NEAR_END * left or done == 0.0):
+                            done = ti.min(done + (d - left) / speed, 1.0)
+                            difference, w = between(kind, p + done * dp, q + done * dq, r + done * dr, s + done * ds)
+                            d = difference.norm()
+                    part[k] = done
 
     @ti.kernel
     def _reach(self, rows: ti.types.ndarray(), swept: int, flag: ti.types.ndarray()):
@@ -354,8 +350,10 @@ class LayerDetector:
             if swept:
                 p, q, r, s = a[v[0]], a[v[1]], a[v[2]], a[v[3]]
                 reach += closing(kind, b[v[0]] - p, b[v[1]] - q, b[v[2]] - r, b[v[3]] - s)
-            difference, w = between(kind, p, q, r, s)
-            flag[k] = ti.cast(difference.norm() < reach and not self.rests(v), ti.i32)
+            flag[k] = 0
+            if gap(kind, p, q, r, s) < reach and not self.rests(v):
+                difference, w = between(kind, p, q, r, s)
+                flag[k] = ti.cast(difference.norm() < reach, ti.i32)
 
     @ti.kernel
     def _look(self, rows: ti.types.ndarray(), swept: int, out: ti.types.ndarray()):
@@ -409,6 +407,17 @@ def apart(lo_a, hi_a, lo_a1, hi_a1, lo_b, hi_b, lo_b1, hi_b1, reach):
     if (low > reach).any() or (high < -reach).any():
         out = 1
     return out
+
+
+@ti.func
+def gap(kind, p, q, r, s):
+    """A lower bound of a pair's distance, from boxes."""
+    lo_a, hi_a, lo_b, hi_b = p, p, ti.min(r, s), ti.max(r, s)
+    if kind == VERTEX_FACE:
+        lo_b, hi_b = ti.min(lo_b, q), ti.max(hi_b, q)
+    else:
+        lo_a, hi_a = ti.min(p, q), ti.max(p, q)
+    return ti.max(lo_b - hi_a, lo_a - hi_b).max()
 
 
 @ti.func

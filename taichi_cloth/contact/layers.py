@@ -69,7 +69,7 @@ class Pressed:
 
     Attributes:
         near: the pairs.
-        stiff: (k,) stiffness [N/m]; own: (k,) mass that the pair's distance has [kg].
+        own: (k,) mass that the pair's distance has [kg].
         force: (k,) [N] and slope: (k,) [N/m] where they were linearised, at distance `at` [m].
         bears: (k,) the most that friction can be [N].
         way: (k, 3) direction of the slip of what slides, 0 for what sticks.
@@ -77,7 +77,6 @@ class Pressed:
     """
 
     near: Near
-    stiff: np.ndarray
     own: np.ndarray
     force: np.ndarray
     slope: np.ndarray
@@ -149,7 +148,7 @@ class Layers:
         slides = self._slides(p, slip) & (bears > 0)
         way = np.where(slides[:, None], slip / np.maximum(speed, 1e-300)[:, None], 0.0)
         drag = bears / np.maximum(speed, CREEP)
-        self.pressed = Pressed(p, stiff, own, force, slope, at, bears, way, drag)
+        self.pressed = Pressed(p, own, force, slope, at, bears, way, drag)
         self.round += 1
         normal = np.einsum("ki,kj->kij", p.normal, p.normal)
         block = (h * drag)[:, None, None] * (np.eye(3) - normal - np.einsum("ki,kj->kij", way, way))
@@ -241,21 +240,22 @@ class Layers:
         force, own, radius = (np.zeros(len(keys)) for _ in range(3))
         here, there = np.searchsorted(keys, p.key), np.searchsorted(keys, q.near.key)
         stiff, mass = self._stiffness(p)
-        force[here], own[here], radius[here] = self._pull(p, p.end, stiff, mass)[0], mass, p.radius
+        now = self._pull(p, p.end, stiff, mass)[0]
+        force[here], own[here], radius[here] = now, mass, p.radius
         force[there] -= q.force + q.slope * (q.at - np.einsum("ki,ki->k", q.near.normal, q.near.of(x)))
         own[there], radius[there] = q.own, q.near.radius
         allowed = own * np.maximum(LOOSE * np.linalg.norm(self.gravity), GIVE * radius / self.h**2)
-        total = float(np.sum(self._pull(p, p.end, stiff, mass)[0]))
+        total = float(np.sum(now))
         wrong = np.where(np.abs(force) > allowed, np.abs(force), 0.0)
         mu = self.friction[p.vertices[:, 0]] * self.friction[p.vertices[:, 3]]
         self.off = int(np.sum(wrong > 0)) if np.sum(wrong) > AGREED * total else 0
-        lag = abs(float(np.sum(mu * self._pull(p, p.end, stiff, mass)[0])) - float(np.sum(q.bears)))
+        lag = abs(float(np.sum(mu * now)) - float(np.sum(q.bears)))
         late = lag > LAGGED * float(np.sum(q.bears)) and self.round <= PATIENCE
         slip = self._slip(q.near)
         taken = np.linalg.norm(q.friction(slip), axis=1)
         back = np.einsum("ki,ki->k", slip, q.way) < 0  # pushed the wrong way
-        self.slack = float(np.sum(np.maximum(taken - CONE * q.bears, 0) + back * q.bears))
-        rubs = self.slack > AGREED * float(np.sum(q.bears)) and self.round <= PATIENCE
+        over = float(np.sum(np.maximum(taken - CONE * q.bears, 0) + back * q.bears))
+        rubs = over > AGREED * float(np.sum(q.bears)) and self.round <= PATIENCE
         return not self.off and not rubs and not late and self.least > min(CLOSE / 3, self.was / 2)
 
     @timed
@@ -347,12 +347,13 @@ class Layers:
     def checkpoint(self) -> dict[str, np.ndarray]:
         """What is remembered from step to step, as arrays by name."""
         return {**self.kept, "boost": self.boost, "energy": np.array(self.energy), "was": np.array(self.was),
-                "until": self.tangles.until, "tangled": np.array(self.tangles.active)}
+                "candidates": self.detector.candidates, "until": self.tangles.until, "tangled": np.array(self.tangles.active)}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
         """Goes on from what `checkpoint` gave."""
         self.kept = {name: state[name] for name in ("key", "force")}
         self.boost, self.energy, self.was = state["boost"].copy(), float(state["energy"]), float(state["was"])
+        self.detector.candidates = state["candidates"]
         self.tangles.until = state["until"].copy()
         if state["tangled"]:
             self.tangles.find(self.model.read_particles()[0])
