@@ -119,12 +119,13 @@ class Layers:
         self.seconds, self.inside = 0.0, False
 
     @timed
-    def begin(self, h: float, x: np.ndarray, v: np.ndarray) -> None:
-        """A new attempt from the saved state (n, 3); the model is at its predicted end."""
+    def begin(self, h: float, x: np.ndarray, v: np.ndarray, guess: bool) -> None:
+        """A new attempt from the saved state (n, 3); the model is at its predicted end, and with `guess` looked at there."""
         self.h, self.x, self.v, self.known = h, x, v, self.kept
         self.round, self.there = 0, self.model.read_particles()[0]
         self.detector.begin()
-        self.near = self.detector.look(swept=True)  # of those that were candidates before: a guess
+        if guess:
+            self.near = self.detector.look(swept=True)  # of those that were candidates before
 
     @timed
     def meet(self) -> bool:
@@ -300,10 +301,13 @@ class Layers:
             self.tangles.let_go(np.array(both))
         self.detector.let_rest(self.tangles.resting)
 
+    def pass_without(self) -> None:
+        """Nothing met in the step as it was made."""
+        self.energy, self.count, self.least, self.pressed, self.known = 0.0, 0, 1.0, None, NOTHING
+
     def pass_by(self) -> None:
         """A step in which nothing met was accepted."""
-        self.energy, self.count, self.least, self.pressed = 0.0, 0, 1.0, None
-        self.known = NOTHING
+        self.pass_without()
         self.commit()
 
     def forces(self) -> np.ndarray:

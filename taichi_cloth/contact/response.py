@@ -71,7 +71,7 @@ class Contacts:
         self.h_usual = h  # the stiffness of pairs goes with it, and stays when steps get smaller
         self.model, self.solids, self.exchange = model, scene.solids, model.exchange
         self.gravity = scene.gravity
-        self.layers = None
+        self.layers, self.layered = None, False  # the latter: whether the step is made with layers in mind
         if any(c.contact is not None for c in scene.cloths):
             from .layers import Layers
 
@@ -96,7 +96,7 @@ class Contacts:
         self.round, self.warm = 0, False
         self._look()
         if self.layers is not None:
-            self.layers.begin(h, x, v)
+            self.layers.begin(h, x, v, self.layered)
 
     def commit(self) -> None:
         """The step was accepted: the next begins from its contacts."""
@@ -168,7 +168,7 @@ class Contacts:
         active = known | (f.gap < 0)
         again = np.isin(f.key, self.released)
         active &= ~again | (f.gap < -PENETRATION * self.thickness[f.solid])
-        if self.layers is not None:  # solves go on from each other: what had to be held again stays held
+        if self.layered:  # solves go on from each other: what had to be held again stays held
             self.released = np.setdiff1d(self.released, f.key[active])
         f, slip, known, where = f.take(active), self.slip[active], known[active], where[active]
         k, mu, mass = len(f.index), self.friction[f.solid], self.model.mass[f.index]
@@ -196,7 +196,7 @@ class Contacts:
         self.base = self.x + self.h * self.v, self.v  # where the solve begins
         if held is not None:
             self.base[0][held.index] += held.y
-        if self.layers is None:
+        if not self.layered:
             self.set_touch()
         return held, float(np.max(-lift, initial=0.0))
 
@@ -310,7 +310,7 @@ class Contacts:
             step = Step(h, self.h_usual, self.x, *self.base)
             points.append(_padded(press(self.near, step, self.model.mass, self.thickness[which], self.friction[which])))
         self.points = vertices, weights, block, rhs = tuple(np.concatenate(parts) for parts in zip(*points))
-        if self.layers is not None:
+        if self.layers is not None and self.layered:
             more = self.layers.points(self.base[0])
             vertices, weights, block, rhs = (np.concatenate(parts) for parts in zip(self.points, more))
         self.crowded = not self.touch.set(vertices, weights, np.stack([block[:, a, b] for a, b in SYM], axis=1), rhs)
@@ -329,7 +329,7 @@ class Contacts:
         mu = self.friction[f.solid]
         pulls = normal < -PULL * np.maximum(self.model.mass[f.index] * np.linalg.norm(self.gravity),
                                             np.mean(np.abs(normal)) if len(normal) else 0.0)
-        if self.layers is not None and self.round >= RELEASES:
+        if self.layered and self.round >= RELEASES:
             pulls[:] = False  # what layers press in again and again stays held until the next step
         breaks = s.stick & ~pulls & (shear > mu * np.maximum(normal, 0) * (1 + CONE))
         if self.pressed is not None:

@@ -50,10 +50,13 @@ class BackwardEuler:
     def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
         """One step; see the package."""
         c = self.contacts
-        if self.layered is not None:
-            made = self.layered.attempt(h, held_at(h), start)
+        held = held_at(h)
+        if self.layered is not None and self.layered.meets:
+            made = self.layered.attempt(h, held, start)
         else:
-            made = self._attempt(h, held_at(h), start)
+            made = self._attempt(h, held, start)
+            if self.layered is not None:
+                made = self.layered.after(h, held, start, made)
         return made if c is None else replace(made, contacts=c.count, unsettled=c.unsettled, crossings=c.crossings)
 
     def _attempt(self, h: float, held: Held | None, start: Measures) -> Attempt:

@@ -34,11 +34,32 @@ class Layered:
         self.euler, self.system, self.model = euler, euler.system, euler.model
         self.contacts, self.layers = euler.contacts, euler.contacts.layers
 
+    @property
+    def meets(self) -> bool:
+        """Whether layers met at the end of the last step, or cross: then they are reckoned with from the first solve on."""
+        return self.layers.count > 0 or self.layers.tangles.active
+
+    def after(self, h: float, pins: Held | None, start: Measures, made: Attempt) -> Attempt:
+        """A step that was made as if layers could not meet: it holds if they do not, else it is made again."""
+        if made.rejection is not None:
+            return made
+        before = self.layers.seconds
+        met = self.layers.meet()
+        seconds = {**made.seconds, "C-C": self.layers.seconds - before}
+        if not met:
+            self.layers.pass_without()
+            return replace(made, seconds=seconds)
+        self.model.restore()
+        again = self.attempt(h, pins, start)
+        both = {k: seconds.get(k, 0.0) + again.seconds.get(k, 0.0) for k in seconds | again.seconds}
+        return replace(again, seconds=both, solutions=made.solutions + again.solutions)
+
     def attempt(self, h: float, pins: Held | None, start: Measures) -> Attempt:
         """One step; see the package."""
         clock, layers, before = Clock(), self.layers, self.layers.seconds
         solutions: list[Solution] = []
         rejection, measures = self._attempt(h, pins, start, clock, solutions)
+        self.contacts.layered = False
         spent = layers.seconds - before
         seconds = {**clock.seconds, "C-C": spent, "C-S": max(clock.seconds.get("C-S", 0.0) - spent, 0.0)}
         name, detail = rejection or (None, "")
@@ -49,6 +70,7 @@ class Layered:
                  solutions: list[Solution]) -> tuple[tuple[str, str] | None, Measures]:
         """(what is wrong with the step or None, measures of the state that it ends in)."""
         contacts, layers = self.contacts, self.layers
+        contacts.layered = True
         begins = start.energies["kinetic"] + start.potential - start.energies.get("contact", 0.0) + layers.energy
         with clock.part("C-S"):
             self.euler.predict(h, pins)
