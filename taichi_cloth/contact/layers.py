@@ -350,12 +350,14 @@ class Layers:
 
     def checkpoint(self) -> dict[str, np.ndarray]:
         """What is remembered from step to step, as arrays by name."""
-        return {**self.kept, "boost": self.boost, "energy": np.array(self.energy), "was": np.array(self.was),
-                "candidates": self.detector.candidates, "until": self.tangles.until, "tangled": np.array(self.tangles.active)}
+        numbers = {name: np.array(getattr(self, name)) for name in ("count", "energy", "was")}
+        return {**self.kept, **numbers, "boost": self.boost, "candidates": self.detector.candidates,
+                "until": self.tangles.until, "tangled": np.array(self.tangles.active)}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
         """Goes on from what `checkpoint` gave."""
         self.kept = {name: state[name] for name in ("key", "force")}
+        self.count = int(state["count"])
         self.boost, self.energy, self.was = state["boost"].copy(), float(state["energy"]), float(state["was"])
         self.detector.candidates = state["candidates"]
         self.tangles.until = state["until"].copy()
