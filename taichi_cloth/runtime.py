@@ -95,7 +95,7 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
             # fast_math would let the compiler assume that there is no NaN, and drop the tests for it
             ti.init(arch=getattr(ti, arch), default_fp=fp, cpu_max_num_threads=wanted.threads, debug=debug,
                     enable_fallback=False, offline_cache=not debug, log_level=ti.ERROR if quiet else ti.INFO,
-                    fast_math=False)
+                    fast_math=False, unrolling_limit=0)
     except RuntimeError as error:
         raise BackendError(f"arch {arch!r} does not start: {error}") from None
     _current, _generation = wanted, _generation + 1
