@@ -12,7 +12,8 @@ from taichi_cloth.output.picture import Artist, Look, contact_sheet
 from taichi_cloth.output.png import encode_png
 
 SKIPPED = ("hang_mesh",)  # needs a file
-WHEN = {"swing": 0.55, "explicit_vs_implicit": 0.4, "flag": 0.8, "incline": 0.6, "trampoline": 0.3}  # part of the duration
+WHEN = {"swing": 0.55, "explicit_vs_implicit": 0.4, "flag": 0.8, "incline": 0.6, "trampoline": 0.3, "funnel": 0.6,
+        "tablecloth_pull": 0.55}  # part of the duration
 
 
 def picture(name: str, settings: dict, size: tuple[int, int], quality: str):
