@@ -97,10 +97,11 @@ class LayerDetector:
         self.cloth = fields.integer(m, data=cloth)
         self.edge = fields.integer(len(self.edges), 2, self.edges)
         self.cloths = len(scene.cloths)
-        self.meets = fields.integer(self.cloths**2, data=_meeting(scene))
+        self._may = _meeting(scene)
+        self.meets = fields.integer(self.cloths**2, data=self._may)
         half = np.concatenate([np.full(c.mesh.vertex_count, c.contact.thickness / 2 if c.contact else 0.0)
                                for c in scene.cloths])[model.user]
-        self.host_half, self._cloth_of, self._may = half, cloth, _meeting(scene)
+        self.host_half, self._cloth_of = half, cloth
         self.half = fields.real(model.n, data=half)  # thickness [m]
         owner = np.concatenate([np.full(c.mesh.vertex_count, k) for k, c in enumerate(scene.cloths)])[model.user]
         self.owner = fields.integer(model.n, data=owner)

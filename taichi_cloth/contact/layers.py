@@ -132,7 +132,7 @@ class Layers:
         """Whether anything is in reach of anything where the model now is, or passes through it on the way there."""
         self.detector.cover()
         self.near = self.detector.look(swept=True)
-        return len(self.near.end) > 0
+        return len(self.near.end) > 0 or self.detector.free_way()[0] < 1  # the free way misses nothing
 
     @timed
     def points(self, base: np.ndarray) -> Points:
