@@ -62,7 +62,8 @@ class StepRecord:
         stretch: largest |w|/b.
         seconds: wall time by part: EVAL, CG, C-C, C-S, and total, rejected attempts included.
         contacts: number of contacts with solids at its end.
-        unsettled: how many of them had not agreed on sticking, sliding or releasing when it was accepted.
+        unsettled: how many of them had not agreed on sticking, sliding or releasing when it was accepted, and how
+            many pairs of cloth not on their forces.
         crossings: pairs of triangles of cloth and of solids with edges or corners that pass through each other.
         layers: pairs of cloth in contact with cloth; least: the smallest distance of any over what it should keep.
         tangled: pairs of an edge and a triangle of cloth that are known to pass through each other; they rest.

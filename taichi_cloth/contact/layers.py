@@ -214,11 +214,18 @@ class Layers:
         return part
 
     @timed
+    def energy_here(self) -> float:
+        """Of the repulsion [J] where the model now is, for an attempt at a state that no step led to."""
+        return self._energy(self.detector.look())
+
+    def _energy(self, p: Near) -> float:
+        return float(np.sum(self._stiffness(p)[0] * _potential(p.end, p.radius)))
+
+    @timed
     def look(self) -> None:
         """Pairs as they are where the model now is."""
         self.near = p = self.detector.look()
-        stiff, _ = self._stiffness(p)
-        self.energy = float(np.sum(stiff * _potential(p.end, p.radius)))
+        self.energy = self._energy(p)
         self.count = len(p.end)
         self.least = float(np.min(p.end / p.radius, initial=1.0))
 
@@ -292,7 +299,7 @@ class Layers:
         share = min(self.h / self.h_usual, 1.0)
         self.boost = np.where(part < CLOSE, np.minimum(STIFFER**share * self.boost, STIFFEST),
                               np.where(part > WIDE, np.maximum(SOFTER**share * self.boost, 1.0), self.boost))
-        self.energy = float(np.sum(self._stiffness(p)[0] * _potential(p.end, p.radius)))  # what the next step begins with
+        self.energy = self._energy(p)  # what the next step begins with
 
     def let_go(self) -> None:
         """What leaves no way free is pinched, and rests for a while."""

@@ -33,6 +33,8 @@ class Layered:
     def __init__(self, euler) -> None:
         self.euler, self.system, self.model = euler, euler.system, euler.model
         self.contacts, self.layers = euler.contacts, euler.contacts.layers
+        self.begins = 0.0  # potential [J] where the step began
+        self.unsettled = 0  # pairs whose forces did not agree, in a step too small to be tried smaller
 
     @property
     def meets(self) -> bool:
@@ -63,19 +65,21 @@ class Layered:
         spent = layers.seconds - before
         seconds = {**clock.seconds, "C-C": spent, "C-S": max(clock.seconds.get("C-S", 0.0) - spent, 0.0)}
         name, detail = rejection or (None, "")
-        return Attempt(name, detail, measures, tuple(solutions), seconds, layers=layers.count,
+        return Attempt(name, detail, measures, tuple(solutions), seconds, unsettled=self.unsettled, layers=layers.count,
                        least=layers.least, tangled=layers.tangles.count, pinched=layers.tangles.pinched)
 
     def _attempt(self, h: float, pins: Held | None, start: Measures, clock: Clock,
                  solutions: list[Solution]) -> tuple[tuple[str, str] | None, Measures]:
         """(what is wrong with the step or None, measures of the state that it ends in)."""
         contacts, layers = self.contacts, self.layers
-        contacts.layered = True
-        begins = start.energies["kinetic"] + start.potential - start.energies.get("contact", 0.0) + layers.energy
+        contacts.layered, self.unsettled = True, 0
         with clock.part("C-S"):
+            known = contacts.warm
             self.euler.predict(h, pins)
             self.model.restore()
-        measures, over, seen = start, math.inf, []
+            energy = layers.energy if known else layers.energy_here()
+        self.begins = start.energies["kinetic"] + start.potential - start.energies.get("contact", 0.0) + energy
+        measures, seen = start, []
         for k in range(layers.ROUNDS):
             with clock.part("C-S"):
                 held, closing = contacts.hold()
@@ -99,24 +103,32 @@ class Layered:
             with clock.part("C-S"):
                 agreed = part == 1 and layers.settled() and not (verdict.changes and k < contacts.ROUNDS)
             if agreed:
-                work = self.euler.reaction_power(h) if held is not None and held.moving else 0.0
-                kept = layers.agreed * max(start.energies.get("contact", 0.0), layers.energy)
-                over = phi(measures, h) - begins - work - contacts.work() - kept - SLACK * start.energies["kinetic"]
-                if over <= self.system.rounding(h, start, measures):
+                over = self._excess(h, held, start, measures)
+                if over <= 0:
                     break
         else:
-            if part < 1 or contacts.may_shrink:
-                if not contacts.may_shrink:
+            over = self._excess(h, held, start, measures) if part == 1 else 0.0
+            gains = over > 0 and not layers.tangles.active  # what is pulled apart is given energy
+            if gains or part < 1 or contacts.may_shrink:
+                if part < 1 and not contacts.may_shrink:
                     layers.let_go()
-                why = f"energy {over:.2g} J too high" if agreed else f"{layers.off} pairs unsettled"
+                why = f"energy {over:.2g} J too high" if gains else f"{layers.off} pairs unsettled"
                 return (CONTACT, f"between layers of cloth, after {len(solutions)} solves: {part:.2g} of the way free, "
                         f"{why}"), measures
+            self.unsettled = layers.off
         with clock.part("C-S"):
             if verdict.changes and verdict.bad and contacts.may_shrink:
                 return (CONTACT, f"{verdict.deepest:.2g} thicknesses inside a solid"), measures
             if contacts.went_through():
                 return (CONTACT, f"{contacts.crossings} crossings with solids"), measures
         return None, measures
+
+    def _excess(self, h: float, held: Held | None, start: Measures, measures: Measures) -> float:
+        """By how much [J] the potential is higher than where the step began, beyond what was put in and rounding."""
+        work = self.euler.reaction_power(h) if held is not None and held.moving else 0.0
+        kept = self.layers.agreed * max(start.energies.get("contact", 0.0), self.layers.energy)
+        over = phi(measures, h) - self.begins - work - self.contacts.work() - kept - SLACK * start.energies["kinetic"]
+        return over - self.system.rounding(h, start, measures)
 
     def _solve(self, h: float, held: Held | None, first: bool, clock: Clock, solutions: list[Solution]) -> bool:
         """One solve from where the model is; whether held directions are still on their way to their targets."""
