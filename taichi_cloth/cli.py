@@ -13,7 +13,7 @@ from .cli_recorded import look_flags, number_of, size_of
 
 DEFAULTS: dict = {"duration": 2.0, "fps": 30.0, "h": 1 / 60, "arch": "cpu", "precision": "f64",
             "integrator": "safe", "K": "projected", "preconditioner": "auto", "stretch_limit": 0.5,
-            "cg_tol": None, "newton_tol": 1e-4, "tolerance": None, "tangles": "untangle"}
+            "cg_tol": None, "newton_tol": None, "tolerance": None, "tangles": "untangle"}
 OK, FAILED, BAD_USAGE, GAVE_UP, INTERRUPTED = 0, 1, 2, 3, 130
 
 

@@ -156,23 +156,35 @@ class Filter:
         self.model, self.dv = model, dv
 
     @ti.kernel
-    def clear(self):
-        """dv = 0"""
-        for i in range(self.model.n):
-            self.dv[i] = ti.Vector.zero(float, 3)
-
-    @ti.kernel
     def prescribe(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), target: ti.types.ndarray(),
-                  y: ti.types.ndarray(), h: float):
-        """dv = S dv + (I - S) z so that held directions reach their target in a step h: z = (target - y - x)/h - v."""
+                  y: ti.types.ndarray(), h: float, zero: int):
+        """dv = S dv + (I - S) z so that held directions reach their target in a step h: z = (target - y - x)/h - v.
+
+        With `zero`, S dv = 0.
+        """
+        for i in range(self.model.n):
+            if zero == 1:
+                self.dv[i] = ti.Vector.zero(float, 3)
         for k in range(index.shape[0]):
             i = index[k]
             z = (row(target, k) - row(y, k) - self.model.x[i]) / h - self.model.v[i]
             self.dv[i] += project(projector, k, z - self.dv[i])
 
     @ti.kernel
-    def impose(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), z: ti.types.ndarray()):
-        """dv = S dv + (I - S) z"""
+    def lead(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), target: ti.types.ndarray(), c: float):
+        """dv = (I - S) (target - x)/c"""
+        for i in range(self.model.n):
+            self.dv[i] = ti.Vector.zero(float, 3)
+        for k in range(index.shape[0]):
+            i = index[k]
+            self.dv[i] = project(projector, k, (row(target, k) - self.model.x[i]) / c)
+
+    @ti.kernel
+    def impose(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), z: ti.types.ndarray(), zero: int):
+        """dv = S dv + (I - S) z, with `zero` S dv = 0."""
+        for i in range(self.model.n):
+            if zero == 1:
+                self.dv[i] = ti.Vector.zero(float, 3)
         for k in range(index.shape[0]):
             i = index[k]
             self.dv[i] += project(projector, k, row(z, k) - self.dv[i])

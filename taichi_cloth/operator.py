@@ -34,12 +34,6 @@ class Operator:
             self.motion[i] = h * self.model.v[i]
 
     @ti.kernel
-    def still(self):
-        """motion = 0"""
-        for i in range(self.model.n):
-            self.motion[i] = ti.Vector.zero(float, 3)
-
-    @ti.kernel
     def alter_motion(self, index: ti.types.ndarray(), y: ti.types.ndarray()):
         """motion += y on particles index[k]"""
         for k in range(index.shape[0]):

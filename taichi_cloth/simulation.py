@@ -43,8 +43,10 @@ class Simulation:
             "backward_euler" (the paper's single solve), "newton_euler" (nonlinear backward Euler), "verlet" (explicit), or
             "auto": "safe" or "verlet", by stiffness, mesh, solids and tolerance; `notes` say why.
         K: stiffness matrix, "projected" (positive semidefinite), "gauss_newton" or "paper" (exact).
-        cg_tol: relative residual of a linear solve; where None 1e-4 for backward Euler, 1e-2 for a Newton iteration.
-        newton_tol: RMS of the last change of position [m] at which Newton's method stops.
+        cg_tol: relative residual of a linear solve; where None 1e-4 for backward Euler, and .01 to .1 for an iteration of
+            Newton's method, as fast as that converges.
+        newton_tol: RMS of the last change of position [m] at which Newton's method stops; where None 1e-4, and TR-BDF2
+            stops as well where an iteration lowers its potential by .3 % of the motion's energy.
         tolerance: RMS error of positions [m] that half a second may add, as estimated; it drives h. None takes the
             steps asked for. Needs "safe" or "tr_bdf2".
         adaptive: whether a step that goes bad is retried smaller; False does exactly the steps asked for.
@@ -76,7 +78,7 @@ class Simulation:
                  integrator: str = "safe", K: str = "projected", cg_tol: float | None = None,
                  adaptive: bool = True, h_min: float | None = None, stretch_limit: float = 0.5,
                  newton_max: int = 8, preconditioner: str = "auto", cg_max_iterations: int = 10_000,
-                 threads: int | None = None, quiet: bool = True, debug: bool = False, newton_tol: float = 1e-4,
+                 threads: int | None = None, quiet: bool = True, debug: bool = False, newton_tol: float | None = None,
                  tolerance: float | None = None, tangles: str = "untangle",
                  count_intersections: bool = False) -> None:
         if not isinstance(scene, Scene) or not scene.cloths:

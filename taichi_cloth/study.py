@@ -34,14 +34,14 @@ class Case:
     Attributes:
         integrator, precision, arch: as of `Simulation`.
         h: step [s]; tolerance: error asked for instead [m], with h as the largest step.
-        cg_tol: None is the method's own; newton_tol: [m].
+        cg_tol, newton_tol [m]: None is the method's own.
     """
 
     integrator: str
     h: float
     tolerance: float | None = None
     cg_tol: float | None = None
-    newton_tol: float = 1e-4
+    newton_tol: float | None = None
     precision: str = "f64"
     arch: str = "cpu"
 

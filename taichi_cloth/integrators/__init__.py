@@ -26,6 +26,7 @@ from ..scene import Scene
 from ..solver.pcg import Solution
 
 CG_TOL = 1e-4  # relative residual of the paper's single solve, where none is asked for
+NEWTON_TOL = 1e-4  # m, where none is asked for
 STRETCH, ENERGY, SOLVER, NOT_FINITE = "STRETCH", "ENERGY", "SOLVER", "NOT_FINITE"
 CONTACT, APPROACH, NEWTON, ACCURACY = "CONTACT", "APPROACH", "NEWTON", "ACCURACY"
 
@@ -40,7 +41,7 @@ class Options:
         cg_max_iterations: of one solve.
         preconditioner: "block_jacobi" or "multilevel".
         newton_max: Newton iterations of a stage; further solves of a step that fails the energy test.
-        newton_tol: RMS of the last change of position [m] at which Newton's method stops.
+        newton_tol: RMS of the last change of position [m] at which Newton's method stops; None is the method's own choice.
         tolerance: RMS error of positions [m] that the run may gather, or None for steps as they are asked for.
         adaptive: whether a step that is rejected is tried smaller.
     """
@@ -50,7 +51,7 @@ class Options:
     cg_max_iterations: int = 10_000
     newton_max: int = 8
     preconditioner: str = "block_jacobi"
-    newton_tol: float = 1e-4
+    newton_tol: float | None = None
     tolerance: float | None = None
     adaptive: bool = True
 
@@ -65,7 +66,7 @@ class Attempt:
         measures: of the proposed state; None where it was not reached.
         solutions: of its linear solves, in order.
         seconds: wall time by part, EVAL, CG and C-S.
-        contacts: number of contacts with solids; unsettled: how many of them had not settled their state.
+        contacts: number of contacts with solids; unsettled: how many of them, and of pairs of cloth, had not settled.
         crossings: triangles of cloth and solids that pass through each other.
         layers: pairs of cloth in contact with cloth; least: their smallest distance over what they should keep.
         tangled: pairs of an edge and a triangle of cloth that pass through each other; pinched: particles that were let go.

@@ -21,7 +21,7 @@ from ..constraints import Held
 from ..measure import Measures
 from ..solver.pcg import CONVERGED, Solution
 from ..timing import Clock
-from . import APPROACH, CG_TOL, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, Attempt, Options
+from . import APPROACH, CG_TOL, CONTACT, ENERGY, NEWTON, NEWTON_TOL, NOT_FINITE, SOLVER, Attempt, Options
 from .system import System, phi
 
 HALVINGS = 10
@@ -57,7 +57,8 @@ class BackwardEuler:
             made = self._attempt(h, held, start)
             if self.layered is not None:
                 made = self.layered.after(h, held, start, made)
-        return made if c is None else replace(made, contacts=c.count, unsettled=c.unsettled, crossings=c.crossings)
+        return made if c is None else replace(made, contacts=c.count, unsettled=c.unsettled + made.unsettled,
+                                              crossings=c.crossings)
 
     def _attempt(self, h: float, held: Held | None, start: Measures) -> Attempt:
         clock = Clock()
@@ -178,7 +179,7 @@ class BackwardEuler:
             if self.converge:
                 with clock.part("EVAL"):
                     moved = h * self.system.rms_change()
-                settled = settled and moved <= self.options.newton_tol
+                settled = settled and moved <= (self.options.newton_tol or NEWTON_TOL)
             if alpha == 1.0 and settled and measures.finite:
                 self.system.settle(held)
                 if self.contacts is not None and self.contacts.went_in():

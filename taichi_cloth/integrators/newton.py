@@ -18,6 +18,26 @@ from . import NEWTON, NOT_FINITE, SOLVER
 from .system import System, phi
 
 HALVINGS = 12
+FIRST, TIGHT, LOOSE = 0.03, 0.01, 0.1  # relative residuals of a stage's first solve, and between which the others' are
+SHARE = 0.1  # of the last iteration's reduction of the residual that the next solve is asked for
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What a stage is worth.
+
+    Attributes:
+        moved: RMS of the last change of position [m] that is small enough.
+        lowered: or by how much Phi [J] is lowered by an iteration that is the last one.
+        cg_tol: relative residual of each linear solve; None lets it follow from how fast Newton's method converges
+            [Eisenstat & Walker 1996]: a solve need not be more exact than the linearization.
+        most: iterations.
+    """
+
+    moved: float
+    lowered: float
+    cg_tol: float | None
+    most: int
 
 
 @dataclass
@@ -41,43 +61,43 @@ class Newton:
         self.system, self.model = system, system.model
         self.x_base = fields.real(self.model.n, 3)
 
-    def solve(self, c: float, held: Held | None, tolerance: float, cg_tol: float, most: int, clock: Clock,
-              solutions: list[Solution], fresh: bool) -> Stage:
-        """From the guess that the model's v is, with x_base and the model's v_base set, to the stage's v and x = x_base + c v.
+    def solve(self, c: float, held: Held | None, effort: Effort, clock: Clock, solutions: list[Solution],
+              fresh: bool) -> Stage:
+        """From a guess that was `put` for all particles, with the model's v_base set, to the stage's v and x = x_base + c v.
 
         Args:
             held: at the end of the stage; those directions are led there in the first iteration.
-            tolerance: RMS of the last change of position [m].
-            cg_tol: relative residual of each linear solve.
-            most: iterations.
             fresh: whether the preconditioner is made anew in the first of them.
         """
         system, meter = self.system, self.system.meter
         with clock.part("EVAL"):
-            self._place(c)
-            system.operator.still()
             measures = meter.measure()
-        moved = np.inf
-        for iteration in range(max(most, 1)):
+        moved, residual, cg_tol = np.inf, 0.0, effort.cg_tol or FIRST
+        for iteration in range(max(effort.most, 1)):
             with clock.part("EVAL"):
                 system.linearize(c)
             with clock.part("CG"):
-                z = system.to_go(held, c) if iteration == 0 else None
-                solution = system.solve(cg_tol, held, z=z, fresh=fresh and iteration == 0)
+                solution = system.solve(cg_tol, held, lead=0.0 if iteration else c, fresh=fresh and iteration == 0)
             solutions.append(solution)
             if solution.status != CONVERGED:
                 return Stage(SOLVER, solution.status, measures)
             with clock.part("EVAL"):
                 led = iteration == 0 and held is not None and held.moving
-                alpha, measures = self._advance(c, measures, led)
+                before = measures
+                alpha, measures = self._advance(c, before, led)
                 moved = c * system.rms_change()
             if not measures.finite:
                 return Stage(NOT_FINITE, f"Newton iteration {iteration + 1}", measures)
-            if moved <= tolerance:
+            gone = alpha == 1 and not led and phi(before, c) - phi(measures, c) <= effort.lowered
+            if moved <= effort.moved or gone:
                 return Stage(None, "", measures)
             if alpha < 0.5**HALVINGS:
                 return Stage(NEWTON, "no way down", measures)
-        return Stage(NEWTON, f"{most} iterations, the last by {moved:.2g} m", measures)
+            if effort.cg_tol is None:
+                now = system.solver.reference
+                cg_tol = min(max(SHARE * now / residual, TIGHT), LOOSE) if residual > 0 else LOOSE
+                residual = now
+        return Stage(NEWTON, f"{effort.most} iterations, the last by {moved:.2g} m", measures)
 
     def _advance(self, c: float, before: Measures, led: bool) -> tuple[float, Measures]:
         """Along dv as far as Phi does not grow: (part taken, measures there).
@@ -95,11 +115,13 @@ class Newton:
                 return alpha, measures
             alpha /= 2
 
-    @ti.kernel
-    def _place(self, c: float):
-        """x = x_base + c v"""
-        for i in range(self.model.n):
-            self.model.x[i] = self.x_base[i] + c * self.model.v[i]
+    @ti.func
+    def put(self, i, c, x_base, v):
+        """Base and guess of a stage for particle i."""
+        self.x_base[i] = x_base
+        self.model.v[i] = v
+        self.model.x[i] = x_base + c * v
+        self.system.operator.motion[i] = ti.Vector.zero(float, 3)
 
     @ti.kernel
     def _shift(self, c: float, alpha: float):

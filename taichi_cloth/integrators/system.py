@@ -53,7 +53,7 @@ class System:
         self.operator.linearize(c)
 
     def solve(self, tolerance: float, held: Held | None, h: float = 0.0, z: np.ndarray | None = None,
-              warm: bool = False, fresh: bool = True) -> Solution:
+              warm: bool = False, fresh: bool = True, lead: float = 0.0) -> Solution:
         """Solves the system as linearized.
 
         Args:
@@ -62,22 +62,23 @@ class System:
             h: step [s] in which they must reach their targets; with 0 they are there and dv = 0 in them.
             z: (k, 3) dv in them [m/s], instead.
             warm: starts from the last solve's dv.
+            lead: span [s] in which positions x + lead dv get to the targets, instead of h.
             fresh: False keeps the preconditioner of the last solve, of a similar system with the same directions held.
         """
         self.held, self._kept = held, None
-        if not warm:
-            self.filter.clear()
-        if held is not None:
-            if z is not None:
-                self.filter.impose(held.index, held.projector, z)
-            elif h > 0:
-                self.filter.prescribe(held.index, held.projector, held.target, held.y, h)
+        zero = not warm and (held is None or (z is None and not h > 0 and not lead > 0))
+        if held is not None and z is not None:
+            self.filter.impose(held.index, held.projector, z, int(not warm))
+        elif held is not None and h > 0:
+            self.filter.prescribe(held.index, held.projector, held.target, held.y, h, int(not warm))
+        elif held is not None and lead > 0:
+            self.filter.lead(held.index, held.projector, held.target, lead)
         if fresh:
             self.preconditioner.build()
             if held is not None:
                 self.preconditioner.hold(held.index, held.projector)
             self.preconditioner.finish()
-        return self.solver.solve(tolerance, free=held is None and not warm, warm=warm)
+        return self.solver.solve(tolerance, held is None and not warm, warm, zero)
 
     def reaction(self) -> np.ndarray:
         """(n, 3) force [N] in particle order that keeps the held directions, by the last solve."""
@@ -133,18 +134,8 @@ class System:
                 rows[k, c] = self.solver.As[i][c] - self.operator.b[i][c]
 
     def rms_change(self) -> float:
-        """RMS of dv over the particles [m/s]."""
-        return float(np.sqrt(self._square() / self.model.n))
-
-    @ti.kernel
-    def _square(self) -> float:
-        """dv . dv"""
-        total = ti.cast(0, self.solver.sum_type)
-        for _ in range(1):
-            for i in range(self.model.n):
-                total += self.solver.dv[i].norm_sqr()
-        return total
-
+        """RMS of the last solve's dv over the particles [m/s]."""
+        return self.solver.rms
 
 
 def phi(measures: Measures, c: float) -> float:

@@ -26,8 +26,8 @@ from ..fields import Fields
 from ..measure import Measures
 from ..solver.pcg import CONVERGED, Solution
 from ..timing import Clock
-from . import ACCURACY, ENERGY, SOLVER, Attempt, Options
-from .newton import Newton, Stage
+from . import ACCURACY, ENERGY, NEWTON_TOL, SOLVER, Attempt, Options
+from .newton import TIGHT, Effort, Newton, Stage
 from .system import System
 
 C = 1 - math.sqrt(0.5)
@@ -38,7 +38,7 @@ WEIGHT = math.sqrt(2) / 4  # of the beginning and of the first stage in a step; 
 GAIN = 0.01  # part of the motion's scale by which energy may grow in a step
 WORK = 0.05  # part of the constraints' work in a step by which that may be misjudged
 FALL = 0.1  # m/s: and so is the work of gravity at this speed
-CG_TOL = 1e-2  # relative residual of a Newton iteration's solve, where none is asked for
+ENOUGH = 3e-3  # part of the motion's scale by which a stage's last iteration may still lower its potential
 SHARE = 0.1  # of the error allowed in a step that Newton's method may leave
 HORIZON = 0.5  # s: time in which a run may gather the error asked for
 
@@ -53,9 +53,10 @@ class TRBDF2:
         self.system, self.options, self.model = system, options, system.model
         self.newton = Newton(fields, system)
         n = self.model.n
-        self.a_0, self.a_1 = fields.real(n, 3), fields.real(n, 3)  # F_0/M now, and as the step leaves it
-        self.v_g, self.a_g, self.x_p, self.v_p = (fields.real(n, 3) for _ in range(4))
-        self.known = False  # whether a_0 is
+        self.a_0, self.v_g, self.a_g, self.v_p = (fields.real(n, 3) for _ in range(4))  # a_0 = F_0/M
+        self.known = False  # whether a_0 is, or follows from the last step
+        self.c = 0.0  # of the last step [s], while a_0 is still to be taken from it: (v_1 - v_p)/c
+        self.tried = 0.0  # of the last attempt
         self.pins: tuple = ()
         self.power: float | None = None  # of the constraints [W] at the end of the last step
         self.power_1 = 0.0
@@ -65,24 +66,24 @@ class TRBDF2:
         """One step; see the package."""
         clock, c = Clock(), C * h
         solutions: list[Solution] = []
-        tolerance, cg_tol = self._tolerances(h)
+        effort = self._effort(h, start)
         pins = held_at(0.0)
         self._remember(pins, c, clock)
         middle = held_at(GAMMA * h)
         with clock.part("EVAL"):
-            self._first(c)
-        stage = self._solve(c, middle, tolerance, cg_tol, clock, solutions, True)
+            self._first(c, self.c)
+            self.c, self.tried = 0.0, c
+        stage = self.newton.solve(c, middle, effort, clock, solutions, True)
         if stage.rejection:
             return replace(self._failed(stage, "first stage", solutions, clock), measures=None)  # not at the step's end
         power = self._reaction_power(middle, c)
         with clock.part("EVAL"):
             self._second(c)
         held = held_at(h)
-        stage = self._solve(c, held, tolerance, cg_tol, clock, solutions, False)
+        stage = self.newton.solve(c, held, effort, clock, solutions, False)
         if stage.rejection:
             return self._failed(stage, "second stage", solutions, clock)
         with clock.part("EVAL"):
-            self._leave(c)
             self.power_1 = self._reaction_power(held, c)
             before = power if self.power is None else self.power
             work = h * (WEIGHT * (before + power) + C * self.power_1)  # by the method's own quadrature
@@ -90,7 +91,7 @@ class TRBDF2:
         measures = stage.measures
         gained = measures.total - start.total - work
         wind = h * max(0.0, -start.dissipation, -measures.dissipation)
-        allowed = GAIN * (start.energies["kinetic"] + self.weight * FALL * h) + WORK * abs(work) + 2 * wind
+        allowed = GAIN * self._scale(h, start) + WORK * abs(work) + 2 * wind
         if gained > allowed + self.system.rounding(h, start, measures):
             return Attempt(ENERGY, f"{gained:.2g} J gained", measures, tuple(solutions), clock.seconds)
         error = None
@@ -105,33 +106,41 @@ class TRBDF2:
 
     def commit(self) -> None:
         """The last attempt was accepted."""
-        self._keep()
-        self.known, self.power = True, self.power_1
+        self.known, self.power, self.c = True, self.power_1, self.tried
 
     def reset(self) -> None:
         """The state was changed by hand, or by another method."""
-        self.known, self.power = False, None
+        self.known, self.power, self.c = False, None, 0.0
 
     def checkpoint(self) -> dict[str, np.ndarray]:
         """The force implied by the last step."""
         index, projector = self.pins if self.pins else (np.zeros(0, np.int32), np.zeros((0, 3, 3)))
         power = np.array(np.nan if self.power is None else self.power)
-        return {"a_0": self.a_0.to_numpy(), "power": power, "known": np.array(self.known), "pins": index,
-                "directions": projector}
+        return {"a_0": self.a_0.to_numpy(), "v_p": self.v_p.to_numpy(), "c": np.array(self.c), "power": power,
+                "known": np.array(self.known), "pins": index, "directions": projector}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
         """Goes on from what `checkpoint` gave."""
         self.a_0.from_numpy(state["a_0"])
+        self.v_p.from_numpy(state["v_p"])
+        self.c = float(state["c"])
         self.known = bool(state["known"])
         self.power = None if np.isnan(state["power"]) else float(state["power"])
         self.pins = (state["pins"], state["directions"]) if len(state["pins"]) else ()
 
-    def _tolerances(self, h: float) -> tuple[float, float]:
-        """(Newton's tolerance [m], relative residual of its solves): no digit that the error asked for does not need."""
-        newton, cg = self.options.newton_tol, self.options.cg_tol or CG_TOL
-        if self.options.tolerance is not None:
-            newton = min(newton, SHARE * self.options.tolerance * h / HORIZON)
-        return newton, cg
+    def _scale(self, h: float, start: Measures) -> float:
+        """Energy [J] that counts in a step: of the motion, and of a slow fall."""
+        return start.energies["kinetic"] + self.weight * FALL * h
+
+    def _effort(self, h: float, start: Measures) -> Effort:
+        """What a stage is worth: no digit that neither the step nor the error asked for needs."""
+        options, lowered = self.options, 0.0
+        moved = NEWTON_TOL if options.newton_tol is None else options.newton_tol
+        if options.tolerance is not None:
+            moved = min(moved, SHARE * options.tolerance * h / HORIZON)
+        elif options.newton_tol is None:
+            lowered = ENOUGH * self._scale(h, start)
+        return Effort(moved, lowered, options.cg_tol, options.newton_max)
 
     def _remember(self, held: Held | None, c: float, clock: Clock) -> None:
         """a_0 = f(x_0, v_0)/M where no step implies it: at the start, and when pins have come or gone."""
@@ -141,14 +150,10 @@ class TRBDF2:
             return
         self.pins = pins
         with clock.part("EVAL"):
-            self.system.operator.still()
+            self.system.operator.set_motion(0.0)
             self.system.linearize(c)
             self._begin(c)
-        self.known = True
-
-    def _solve(self, c: float, held: Held | None, tolerance: float, cg_tol: float, clock: Clock,
-               solutions: list[Solution], fresh: bool) -> Stage:
-        return self.newton.solve(c, held, tolerance, cg_tol, self.options.newton_max, clock, solutions, fresh)
+        self.known, self.c = True, 0.0
 
     def _failed(self, stage: Stage, which: str, solutions: list[Solution], clock: Clock) -> Attempt:
         return Attempt(stage.rejection, f"{which}: {stage.detail}", stage.measures, tuple(solutions), clock.seconds)
@@ -168,7 +173,7 @@ class TRBDF2:
             self.system.linearize(c)
         with clock.part("CG"):
             z = None if held is None else np.zeros_like(held.target)
-            solutions.append(self.system.solve(CG_TOL, held, z=z, fresh=False))
+            solutions.append(self.system.solve(TIGHT, held, z=z, fresh=False))
         self.system.keep_reaction(reaction)
         return float(np.sqrt(self._error_square(c) / self.model.n))
 
@@ -179,36 +184,27 @@ class TRBDF2:
             self.a_0[i] = self.system.operator.b[i] / (c * self.model.m[i])
 
     @ti.kernel
-    def _first(self, c: float):
-        """Bases of the first stage; the guess is v_0."""
+    def _first(self, c: float, before: float):
+        """Base of the first stage; the guess is v_0. With `before`, c of the last step, a_0 is the one that it implies."""
         for i in range(self.model.n):
-            self.newton.x_base[i] = self.model.x_saved[i] + c * self.model.v_saved[i]
-            self.model.v_base[i] = self.model.v_saved[i] + c * self.a_0[i]
+            v_0 = self.model.v_saved[i]
+            if before > 0:
+                self.a_0[i] = (v_0 - self.v_p[i]) / before
+            self.model.v_base[i] = v_0 + c * self.a_0[i]
+            self.newton.put(i, c, self.model.x_saved[i] + c * v_0, v_0)
 
     @ti.kernel
     def _second(self, c: float):
-        """Bases of the second stage; the guess goes on as the first stage went."""
+        """Base of the second stage; the guess goes on as the first stage went."""
         for i in range(self.model.n):
             x_0, v_0, v_g = self.model.x_saved[i], self.model.v_saved[i], self.model.v[i]
             self.v_g[i] = v_g
             self.a_g[i] = (v_g - v_0) / c - self.a_0[i]
             # as differences, which lose no digits
-            self.newton.x_base[i] = x_0 + ti.static(A) * (self.model.x[i] - x_0)
-            self.v_p[i] = v_0 + ti.static(A) * (v_g - v_0)
-            self.model.v_base[i] = self.v_p[i]
-            self.model.v[i] = v_0 + (v_g - v_0) / ti.static(GAMMA)
-
-    @ti.kernel
-    def _leave(self, c: float):
-        """a_1 = (v_1 - v_p) / c"""
-        for i in range(self.model.n):
-            self.a_1[i] = (self.model.v[i] - self.v_p[i]) / c
-
-    @ti.kernel
-    def _keep(self):
-        """a_0 = a_1"""
-        for i in range(self.model.n):
-            self.a_0[i] = self.a_1[i]
+            v_p = v_0 + ti.static(A) * (v_g - v_0)
+            self.v_p[i] = v_p
+            self.model.v_base[i] = v_p
+            self.newton.put(i, c, x_0 + ti.static(A) * (self.model.x[i] - x_0), v_0 + (v_g - v_0) / ti.static(GAMMA))
 
     @ti.kernel
     def _estimate(self, h: float):
@@ -216,7 +212,8 @@ class TRBDF2:
         for i in range(self.model.n):
             e_x = h * (ti.static(E_0) * self.model.v_saved[i] + ti.static(E_GAMMA) * self.v_g[i]
                        + ti.static(E_1) * self.model.v[i])
-            e_v = h * (ti.static(E_0) * self.a_0[i] + ti.static(E_GAMMA) * self.a_g[i] + ti.static(E_1) * self.a_1[i])
+            a_1 = (self.model.v[i] - self.v_p[i]) / (ti.static(C) * h)
+            e_v = h * (ti.static(E_0) * self.a_0[i] + ti.static(E_GAMMA) * self.a_g[i] + ti.static(E_1) * a_1)
             self.system.operator.motion[i] = e_x
             self.model.v_base[i] = self.v_p[i] + e_v
 

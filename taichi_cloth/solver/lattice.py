@@ -24,12 +24,12 @@ class Gather:
     Attributes:
         first: (rows + 1,).
         source: (entries,) index of what is taken.
-        weight: (entries, w).
+        weight: (entries,) where sums are weighted.
     """
 
     first: np.ndarray
     source: np.ndarray
-    weight: np.ndarray
+    weight: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -156,24 +156,16 @@ def gather(node: np.ndarray, weight: np.ndarray, count: int) -> Gather:
     source = np.repeat(np.arange(len(node)), used.sum(axis=1))
     target, value = node[used], weight[used]
     order = np.argsort(target, kind="stable")
-    return Gather(np.searchsorted(target[order], np.arange(count + 1)), source[order], value[order][:, None])
+    return Gather(np.searchsorted(target[order], np.arange(count + 1)), source[order], value[order])
 
 
 def meeting(level: Level, vertices: np.ndarray) -> Gather:
-    """For each node the elements (m, k) that its hat meets, with its values at their corners (f32)."""
-    m, k = vertices.shape
-    c = level.node.shape[1]
-    node = np.where(level.weight > 0, level.node, -1).astype(np.int32)[vertices].reshape(m, k * c)
-    order = np.argsort(node, axis=1, kind="stable")
-    node = np.take_along_axis(node, order, axis=1)
+    """For each node the elements (m, k) that its hat meets."""
+    node = np.where(level.weight > 0, level.node, -1).astype(np.int32)[vertices].reshape(len(vertices), -1)
+    node.sort(axis=1)
     new = node >= 0
     new[:, 1:] &= node[:, 1:] != node[:, :-1]
-    row = (np.cumsum(new.ravel(), dtype=np.int64) - 1).reshape(node.shape)  # of each place: which (element, node) it is
-    used = node >= 0
-    values = np.zeros((int(row[-1, -1]) + 1, k), dtype=np.float32)
-    weight = np.take_along_axis(level.weight.astype(np.float32)[vertices].reshape(m, k * c), order, axis=1)
-    values[row[used], (order // c)[used]] = weight[used]
     of = node[new]
-    by_node = np.argsort(of, kind="stable")
-    element = np.repeat(np.arange(m, dtype=np.int32), new.sum(axis=1))
-    return Gather(np.searchsorted(of[by_node], np.arange(level.count + 1)), element[by_node], values[by_node])
+    element = np.repeat(np.arange(len(vertices), dtype=np.int32), new.sum(axis=1))
+    order = np.argsort(of, kind="stable")
+    return Gather(np.searchsorted(of, np.arange(level.count + 1), sorter=order), element[order])

@@ -20,7 +20,7 @@ from ..forces.membrane import Membrane
 from ..mesh import face_edges
 from ..operator import Operator
 from ..scene import Scene
-from .lattice import Gather, coordinates, gather, levels, meeting
+from .lattice import Gather, Level, coordinates, gather, levels, meeting
 from .preconditioner import Pointwise
 
 NOTHING = 1e-24  # trace [kg] of a node's block below which it says nothing
@@ -31,12 +31,11 @@ PARALLEL = 4096  # nodes of a level from which on its sums are worth a second th
 class Rows:
     """A `Gather` of several levels in fields."""
 
-    def __init__(self, fields: Fields, parts: list[Gather], width: int) -> None:
+    def __init__(self, fields: Fields, parts: list[Gather]) -> None:
         starts = np.cumsum([0] + [len(p.source) for p in parts])
         first = np.concatenate([p.first[:-1] + s for p, s in zip(parts, starts)] + [starts[-1:]])
         self.first = fields.integer(len(first), data=first)
         self.source = fields.integer(int(starts[-1]), data=np.concatenate([p.source for p in parts]))
-        self.weight = fields.real(int(starts[-1]), width, np.concatenate([p.weight for p in parts]))
 
 
 @ti.data_oriented
@@ -49,26 +48,27 @@ class Multilevel:
         self.jacobi, self.operator = Pointwise(fields, operator), operator
         model = operator.model
         edges = np.concatenate([np.linalg.norm(np.diff(c.mesh.corner_uv, axis=1), axis=2).ravel() for c in scene.cloths])
-        self.levels = levels(*_material(scene, model), float(np.median(edges)), _links(scene, model))
-        count = [level.count for level in self.levels]
-        self.start = np.cumsum([0] + count).tolist()
+        made = levels(*_material(scene, model), float(np.median(edges)), _links(scene, model))
+        self.start = np.cumsum([0] + [level.count for level in made]).tolist()
         self.nodes = self.start[-1]
-        width = max(level.node.shape[1] for level in self.levels)
-        self.width = width
+        self.width = width = made[0].node.shape[1]
         self.r, self.z = fields.real(self.nodes, 3), fields.real(self.nodes, 3)
         self.inverse_l = fields.real(self.nodes, 6)
-        first = self.levels[0]
-        self.node = fields.integer(model.n, width, first.node)
-        self.weight = fields.real(model.n, width, first.weight)
-        self.takes = Rows(fields, [gather(first.node, first.weight, first.count)] + [
-            _shifted(gather(a.parent, a.parent_weight, b.count), s)  # type: ignore[arg-type]
-            for a, b, s in zip(self.levels[:-1], self.levels[1:], self.start)], 1)
-        parents = [a.parent + s for a, s in zip(self.levels[:-1], self.start[1:])]  # type: ignore[operator]
+        # row l n + i: the nodes of level l around particle i, and their hats there
+        self.node = fields.integer(len(made) * model.n, width, np.concatenate([v.node + s for v, s in zip(made, self.start)]))
+        self.weight = fields.real(len(made) * model.n, width, np.concatenate([v.weight for v in made]))
+        self.row = fields.integer(self.nodes, data=np.repeat(
+            model.n * np.arange(len(made)), [level.count for level in made]))  # of particle 0 at the level of each node
+        takes = [gather(made[0].node, made[0].weight, made[0].count)] + [
+            gather(a.parent, a.parent_weight, b.count) for a, b in zip(made[:-1], made[1:])]  # type: ignore[arg-type]
+        self.takes = Rows(fields, [Gather(t.first, t.source + s) for t, s in zip(takes, [0, *self.start])])
+        self.take_weight = fields.real(sum(len(t.source) for t in takes), data=np.concatenate([t.weight for t in takes]))
+        parents = [a.parent + s for a, s in zip(made[:-1], self.start[1:])]  # type: ignore[operator]
         inner = self.start[-2]
         self.parent = fields.integer(max(inner, 1), width, np.concatenate(parents) if parents else np.zeros((1, width)))
         self.parent_weight = fields.real(max(inner, 1), width, np.concatenate(
-            [a.parent_weight for a in self.levels[:-1]]) if parents else np.zeros((1, width)))
-        self.particles = Rows(fields, [gather(v.node, v.weight, v.count) for v in self.levels], 1)
+            [a.parent_weight for a in made[:-1]]) if parents else np.zeros((1, width)))
+        self.particles = Rows(fields, [gather(v.node, v.weight, v.count) for v in made])
         self.touch = next((f for f in operator.forces if isinstance(f, Touch)), None)
         self.touches = self.touch is not None
         if self.touches:
@@ -79,19 +79,18 @@ class Multilevel:
         self.curving = next((f for f in operator.forces if isinstance(f, CurvatureBend)), None)
         self.curves = self.curving is not None
         if self.curving is not None:
-            self.patches = self._met(fields, self.curving, self.curving.width)
+            self.patches = self._met(fields, made, self.curving)
         if self.membrane is not None:
-            self.triangles = self._met(fields, self.membrane, 3)
+            self.triangles = self._met(fields, made, self.membrane)
         if self.bend is not None:
-            self.hinges = self._met(fields, self.bend, 4)
+            self.hinges = self._met(fields, made, self.bend)
 
-    def _met(self, fields: Fields, force, width: int) -> Rows:
+    def _met(self, fields: Fields, made: list[Level], force) -> Rows:
         """Elements of a force that each node's hat meets."""
-        vertices = force.elements.host_vertices
-        primary = np.flatnonzero(force.elements.entries.primary)
-        vertices, primary = vertices[primary], primary.astype(np.int32)
-        parts = [meeting(level, vertices) for level in self.levels]
-        return Rows(fields, [Gather(p.first, primary[p.source], p.weight) for p in parts], width)
+        primary = np.flatnonzero(force.elements.entries.primary).astype(np.int32)
+        vertices = force.elements.host_vertices[primary]
+        parts = [meeting(level, vertices) for level in made]
+        return Rows(fields, [Gather(p.first, primary[p.source]) for p in parts])
 
     def build(self) -> None:
         """Inverts the particles' diagonal blocks."""
@@ -136,7 +135,8 @@ class Multilevel:
         for n in range(self.nodes):
             D = ti.Vector.zero(float, 6)
             for k in range(self.particles.first[n], self.particles.first[n + 1]):
-                w, i = self.particles.weight[k], self.particles.source[k]
+                i = self.particles.source[k]
+                w = self.hat(n, i)
                 w *= w * self.free(i)
                 own = sym_scaled_identity(self.operator.model.m[i])
                 if ti.static(self.touches):
@@ -147,18 +147,27 @@ class Multilevel:
                 D += w * own
             if ti.static(self.stretches):
                 for k in range(self.triangles.first[n], self.triangles.first[n + 1]):
-                    D += self.of_triangle(self.triangles.source[k], self.triangles.weight[k])
+                    D += self.of_triangle(self.triangles.source[k], n)
             if ti.static(self.bends):
                 for k in range(self.hinges.first[n], self.hinges.first[n + 1]):
-                    D += sym_outer(self.of_hinge(self.hinges.source[k], self.hinges.weight[k]))
+                    D += sym_outer(self.of_hinge(self.hinges.source[k], n))
             if ti.static(self.curves):
                 for k in range(self.patches.first[n], self.patches.first[n + 1]):
-                    D += sym_scaled_identity(self.of_patch(self.patches.source[k], k))
+                    D += sym_scaled_identity(self.of_patch(self.patches.source[k], n))
             size = D[0] + D[3] + D[5]
             self.inverse_l[n] = ti.Vector.zero(float, 6)
             if size > NOTHING:  # else all that it meets is held
                 D = D / size + sym_scaled_identity(1e-6)  # of size 1: its determinant is no rounding in f32 either
                 self.inverse_l[n] = sym(sym_unpack(D).inverse()) / size
+
+    @ti.func
+    def hat(self, n, i):
+        """The hat of node n at particle i."""
+        out, row = 0.0, self.row[n] + i
+        for k in ti.static(range(self.width)):
+            if self.node[row][k] == n:
+                out += self.weight[row][k]
+        return out
 
     @ti.func
     def free(self, i):
@@ -188,9 +197,10 @@ class Multilevel:
         return sym_unpack(out)
 
     @ti.func
-    def of_triangle(self, e, w):
-        """Block of a hat with values w at the corners, 6 numbers."""
+    def of_triangle(self, e, n):
+        """Block of node n's hat, 6 numbers."""
         v = self.membrane.elements.vertices[e]
+        w = ti.Vector([self.hat(n, v[0]), self.hat(n, v[1]), self.hat(n, v[2])])
         out = self.of_free_triangle(e, w)
         if ti.static(self.touches):
             if self.partly(v[0]) or self.partly(v[1]) or self.partly(v[2]):
@@ -206,7 +216,7 @@ class Multilevel:
 
     @ti.func
     def of_free_triangle(self, e, w):
-        """The same where each corner is held in all directions or in none."""
+        """The same for a hat with values w at the corners, each held in all directions or in none."""
         A, v = self.membrane.A[e], self.membrane.elements.vertices[e]
         w_0 = w[0] * self.free(v[0])
         x, y = w[1] * self.free(v[1]) - w_0, w[2] * self.free(v[2]) - w_0
@@ -215,22 +225,23 @@ class Multilevel:
                 + y * y * ti.Vector([A[15], A[16], A[17], A[18], A[19], A[20]]))
 
     @ti.func
-    def of_patch(self, e, k):
-        """Block of a hat with the values of row k at the vertices, the same number in all directions; without damping."""
+    def of_patch(self, e, n):
+        """Block of node n's hat, the same number in all directions; without damping."""
         out = 0.0
         for m in ti.static(range(3)):
             second = 0.0
             for a in range(self.curving.width):
-                second += (self.curving.weight[e][self.curving.width * m + a] * self.patches.weight[k][a]
-                           * self.free(self.curving.elements.vertices[e][a]))
+                i = self.curving.elements.vertices[e][a]
+                second += self.curving.weight[e][self.curving.width * m + a] * self.hat(n, i) * self.free(i)
             out += self.curving.A[e][m] * second * second
         return out
 
     @ti.func
-    def of_hinge(self, e, w):
-        """Root of the block of a hat with values w at the corners: the hinge's gradient along it."""
+    def of_hinge(self, e, n):
+        """Root of the block of node n's hat: the hinge's gradient along it."""
         g_e, g_a, g_b = self.bend.gradient(e)
         v = self.bend.elements.vertices[e]
+        w = ti.Vector([self.hat(n, v[0]), self.hat(n, v[1]), self.hat(n, v[2]), self.hat(n, v[3])])
         w_0 = w[0] * self.free(v[0])
         out = ((w[1] * self.free(v[1]) - w_0) * g_e + (w[2] * self.free(v[2]) - w_0) * g_a
                + (w[3] * self.free(v[3]) - w_0) * g_b)
@@ -275,7 +286,7 @@ class Multilevel:
         """A node's sum of values below it."""
         total = ti.Vector.zero(float, 3)
         for k in range(self.takes.first[n], self.takes.first[n + 1]):
-            total += self.takes.weight[k] * values[self.takes.source[k]]
+            total += self.take_weight[k] * values[self.takes.source[k]]
         self.r[n] = total
 
     @ti.func
@@ -309,7 +320,3 @@ def _links(scene: Scene, model) -> np.ndarray:
     """(e, 2) particles at the ends of the mesh's edges."""
     ends = np.concatenate([model.particle[face_edges(c.mesh.faces) + c.start] for c in scene.cloths])
     return np.unique(np.sort(ends, axis=1), axis=0)
-
-
-def _shifted(part: Gather, by: int) -> Gather:
-    return Gather(part.first, part.source + by, part.weight)

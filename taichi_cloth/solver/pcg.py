@@ -19,7 +19,9 @@ from ..runtime import Runtime
 
 CONVERGED, MAX_ITERATIONS, BREAKDOWN, NOT_FINITE = "CONVERGED", "MAX_ITERATIONS", "BREAKDOWN", "NOT_FINITE"
 GO_ON, DONE, BROKEN, BAD = range(4)
+BEGIN, TRANSLATED, ITERATE, CHECK, END = range(5)
 RESTARTS = 5
+FUTILE = 0.75  # of a residual that a restart must get below to be followed by another
 ROUNDING = 8.0  # roundings of A dv that a residual may have and no iteration takes away
 UNROLLED = 32
 SERIAL = 6000  # particles up to which one thread is as fast as several, without a launch an iteration
@@ -60,77 +62,81 @@ class PCG:
         self.sum_type = ti.f32 if runtime.sums == "f32" else ti.f64
         self.dv, self.r, self.s = fields.real(n, 3), fields.real(n, 3), fields.real(n, 3)  # s = P^-1 r
         self.c, self.Ac, self.As = fields.real(n, 3), fields.real(n, 3), fields.real(n, 3)
-        self.partial = fields.real(self.blocks.count, 3, dtype=self.sum_type)
-        # r.s now, r.s before, alpha before, |dv|_P^2, iterations
+        self.partial = fields.real(self.blocks.count, 4, dtype=self.sum_type)
+        # r.s now, r.s before, alpha before, |dv|_P^2, |dv|^2
         self.scalar = fields.real(5, dtype=self.sum_type)
         self.serial = runtime.arch == "cpu" and n <= SERIAL
         self.history = fields.real(max_iterations + 1, dtype=self.sum_type)
         self.last = 0
         self.reference = 0.0  # residual norm that the last solve's tolerance was relative to
+        self.rms = 0.0  # of the last solve's dv over the particles [m/s]
 
-    def solve(self, tolerance: float, free: bool = False, warm: bool = False) -> Solution:
+    def solve(self, tolerance: float, free: bool = False, warm: bool = False, zero: bool = False) -> Solution:
         """From dv = z (already in place) to dv; A dv is left in As.
 
         Args:
             tolerance: on the filtered residual, relative to that of dv = z.
-            warm: dv is not z but what a solve of nearly the same system gave, and its reference is that solve's.
             free: nothing is held: start from the translation that has all of b's momentum, which is the answer
                 where cloth falls freely.
+            warm: dv is not z but what a solve of nearly the same system gave, and its reference is that solve's.
+            zero: starts from dv = 0, whatever is in place.
         """
-        first = norm = self._restart()
-        if warm and self.reference > 0:
-            first = self.reference
-        self.reference = first
-        if free and norm > 0:
-            self._translate()
-            norm = self._restart()
-        status, done = CONVERGED, 0
-        for _ in range(RESTARTS):
-            if not norm > SLACK * tolerance * first:  # also where norm is NaN
-                break
-            before = norm
-            status, done = self._iterate(tolerance * first, done)
-            norm = self._restart()
-            if status != CONVERGED or norm > 0.75 * before:
-                break
-        self.last = done
-        if not np.isfinite(norm):
+        solve = self._serial if self.serial else self._parallel
+        ended = solve(tolerance, self.reference if warm else 0.0, int(free), int(zero), self.max_iterations)
+        state, done = int(ended[0]), int(ended[1])
+        norm, first, size, square = (float(ended[k]) for k in range(2, 6))
+        self.last, self.reference = done, first
+        self.rms = math.sqrt(square / self.operator.model.n) if square >= 0 else math.nan
+        if not math.isfinite(norm):
             return Solution(NOT_FINITE, done, float("nan"), tolerance)
         if norm < 0 or first < 0:
             return Solution(BREAKDOWN, done, abs(norm / first), tolerance)
         if first == 0:
             return Solution(CONVERGED, done, 0.0, tolerance)
-        allowed = max(tolerance, ROUNDING * self.epsilon * self._size() / first)
+        allowed = max(tolerance, ROUNDING * self.epsilon * math.sqrt(max(size, 0.0)) / first)
         if norm <= SLACK * allowed * first:
-            status = CONVERGED
-        elif status == CONVERGED:
-            status = MAX_ITERATIONS  # the recurrence says so, the answer does not
-        return Solution(status, done, norm / first, allowed)
+            name = CONVERGED
+        else:  # where the recurrence says that it is, the answer does not
+            name = {BROKEN: BREAKDOWN, BAD: NOT_FINITE}.get(state, MAX_ITERATIONS)
+        return Solution(name, done, norm / first, allowed)
 
     def residual_history(self) -> np.ndarray:
         """Filtered residual norms of the last solve, one an iteration, as the recurrence has them."""
         return np.sqrt(np.maximum(self.history.to_numpy()[: self.last], 0))
 
-    def _iterate(self, target: float, done: int) -> tuple[str, int]:
-        if self.serial and done < self.max_iterations:
-            state = self._steps(target * target, done, self.max_iterations, 0)
-            done = int(self.scalar[4])
-            return {GO_ON: MAX_ITERATIONS, DONE: CONVERGED, BROKEN: BREAKDOWN, BAD: NOT_FINITE}[state], done
-        while done < self.max_iterations:
-            state = self._step(target * target, done)
-            done += 1
-            if state != GO_ON:
-                return {DONE: CONVERGED, BROKEN: BREAKDOWN, BAD: NOT_FINITE}[state], done
-        return MAX_ITERATIONS, done
+    def _parallel(self, tolerance: float, reference: float, free: int, zero: int, most: int) -> tuple:
+        """(state, iterations, norm of the residual computed afresh, norm that it is relative to, |dv|_P^2, |dv|^2)."""
+        norm = self._restart(zero)
+        first = reference if reference > 0 else norm
+        if free and norm > 0:
+            self._translate()
+            norm = self._restart(0)
+        state, done = DONE, 0
+        for _ in range(RESTARTS):
+            if not norm > SLACK * tolerance * first:  # also where norm is NaN
+                break
+            before, state = norm, GO_ON
+            while state == GO_ON and done < most:
+                state = self._step((tolerance * first) ** 2, done)
+                done += 1
+            norm = self._restart(0)
+            if state != DONE or norm > FUTILE * before:
+                break
+        return state, done, norm, first, self.scalar[3], self.scalar[4]
 
-    def _restart(self) -> float:
+    def _restart(self, zero: int) -> float:
         """Residual norm of dv, computed afresh; negative where P is indefinite."""
-        self._residual()
+        self._residual(zero)
         value = float(self.scalar[0])
         return math.copysign(math.sqrt(abs(value)), value)
 
     @ti.kernel
     def _translate(self):
+        for _ in range(1):
+            self.translate()
+
+    @ti.func
+    def translate(self):
         """dv = sum of b / sum of m"""
         for _ in range(1):
             b, m = ti.Vector.zero(self.sum_type, 3), ti.cast(0, self.sum_type)
@@ -140,20 +146,12 @@ class PCG:
             for i in range(self.operator.model.n):
                 self.dv[i] = ti.cast(b / m, float)
 
-    def _size(self) -> float:
-        return float(np.sqrt(max(self.scalar[3], 0)))
-
-    def _residual(self) -> None:
-        """r = b - A dv, s = P^-1 r, r.s; A dv is left in As."""
-        if self.serial:
-            self._steps(0.0, 0, 1, 1)
-        else:
-            self._residual_parallel()
-
     @ti.kernel
-    def _residual_parallel(self):
-        """The same on all threads."""
+    def _residual(self, zero: int):
+        """r = b - A dv, s = P^-1 r, r.s; A dv is left in As."""
         for i in range(self.operator.model.n):
+            if zero == 1:
+                self.dv[i] = ti.Vector.zero(float, 3)
             self.s[i] = self.dv[i]
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
@@ -168,7 +166,7 @@ class PCG:
     @ti.func
     def restart(self, block):
         """r = b - As, the particles' own part of s, and the block's parts of r.s and |dv|_P^2"""
-        rs, size = ti.cast(0, self.sum_type), ti.cast(0, self.sum_type)
+        rs, size, square = ti.cast(0, self.sum_type), ti.cast(0, self.sum_type), ti.cast(0, self.sum_type)
         for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
             r = self.preconditioner.filter(i, self.operator.b[i] - self.As[i])
             s = self.preconditioner.apply(i, r)
@@ -176,13 +174,15 @@ class PCG:
             self.c[i], self.Ac[i] = ti.Vector.zero(float, 3), ti.Vector.zero(float, 3)
             rs += r.dot(s)
             size += self.preconditioner.norm_sqr(i, self.dv[i])
-        self.partial[block] = ti.Vector([0 * rs, rs, size])
+            square += self.dv[i].norm_sqr()
+        self.partial[block] = ti.Vector([0 * rs, rs, size, square])
 
     @ti.func
     def begin(self):
         """Sums as the first iteration takes them."""
         self.scalar[0] = self.total(1)
         self.scalar[3] = self.total(2)
+        self.scalar[4] = self.total(3)
         self.scalar[1] = 0
         self.scalar[2] = 1
 
@@ -200,20 +200,23 @@ class PCG:
         return self.conclude(target, iteration)
 
     @ti.kernel
-    def _steps(self, target: float, first: int, most: int, fresh: int) -> int:
-        """All iterations, on one thread: where a hand-over costs more than it saves. State of the last; `scalar[4]`
-        has how many there were. With `fresh`, only the residual of dv."""
-        state = GO_ON
+    def _serial(self, tolerance: ti.f64, reference: ti.f64, free: int, zero: int, most: int) -> ti.types.vector(6, ti.f64):
+        """`_parallel` in one launch and on one thread: where a hand-over costs more than it saves."""
+        state, iteration, rounds = DONE, 0, 0
+        first, norm, before = ti.cast(0, ti.f64), ti.cast(0, ti.f64), ti.cast(0, ti.f64)
         for _ in range(1):
-            iteration = first
-            if fresh == 1:
+            if zero == 1:
                 for i in range(self.operator.model.n):
-                    self.s[i] = self.dv[i]
-            while state == GO_ON and iteration < most:
+                    self.dv[i] = ti.Vector.zero(float, 3)
+            phase = BEGIN
+            while phase != END:
+                if phase != ITERATE:
+                    for i in range(self.operator.model.n):
+                        self.s[i] = self.dv[i]
                 for block in range(self.blocks.count):
                     self.multiply(block)
                 for block in range(self.blocks.count):
-                    if fresh == 1:
+                    if phase != ITERATE:
                         self.restart(block)
                     else:
                         self.update(block)
@@ -221,13 +224,31 @@ class PCG:
                     self.preconditioner.sweep(self.r)
                     for block in range(self.blocks.count):
                         self.correct(block, 1)
-                if fresh == 1:
-                    self.begin()
+                if phase == ITERATE:
+                    state = self.conclude((tolerance * first) ** 2, iteration)
+                    iteration += 1
+                    if state != GO_ON or iteration >= most:
+                        phase = CHECK
                 else:
-                    state = self.conclude(target, iteration)
-                iteration += 1
-            self.scalar[4] = iteration
-        return state
+                    self.begin()
+                    norm = ti.sqrt(ti.abs(self.scalar[0]))
+                    if self.scalar[0] < 0:
+                        norm = -norm
+                    going = phase != CHECK or (state == DONE and not norm > FUTILE * before)
+                    if phase == BEGIN:
+                        first = norm
+                        if reference > 0:
+                            first = reference
+                    if phase == BEGIN and free == 1 and norm > 0:
+                        self.translate()
+                        phase = TRANSLATED
+                    elif going and rounds < RESTARTS and norm > SLACK * tolerance * first:
+                        before, rounds, state, phase = norm, rounds + 1, GO_ON, ITERATE
+                        if iteration >= most:
+                            phase = END
+                    else:
+                        phase = END
+        return ti.Vector([ti.cast(state, ti.f64), ti.cast(iteration, ti.f64), norm, first, self.scalar[3], self.scalar[4]])
 
     @ti.func
     def multiply(self, block):
