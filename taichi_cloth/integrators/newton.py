@@ -28,7 +28,7 @@ class Effort:
 
     Attributes:
         moved: RMS of the last change of position [m] that is small enough.
-        lowered: or by how much Phi [J] is lowered by an iteration that is the last one.
+        lowered: or part of what the first iteration lowered Phi by, by which another is the last one.
         cg_tol: relative residual of each linear solve; None lets it follow from how fast Newton's method converges
             [Eisenstat & Walker 1996]: a solve need not be more exact than the linearization.
         most: iterations.
@@ -73,6 +73,7 @@ class Newton:
         with clock.part("EVAL"):
             measures = meter.measure()
         moved, residual, cg_tol = np.inf, 0.0, effort.cg_tol or FIRST
+        lowered: list[float] = []
         for iteration in range(max(effort.most, 1)):
             with clock.part("EVAL"):
                 system.linearize(c)
@@ -88,8 +89,9 @@ class Newton:
                 moved = c * system.rms_change()
             if not measures.finite:
                 return Stage(NOT_FINITE, f"Newton iteration {iteration + 1}", measures)
-            gone = alpha == 1 and not led and phi(before, c) - phi(measures, c) <= effort.lowered
-            if moved <= effort.moved or gone:
+            lowered.append(phi(before, c) - phi(measures, c))
+            last = iteration > 0 and alpha == 1 and lowered[-1] <= effort.lowered * abs(lowered[0])
+            if moved <= effort.moved or last:
                 return Stage(None, "", measures)
             if alpha < 0.5**HALVINGS:
                 return Stage(NEWTON, "no way down", measures)

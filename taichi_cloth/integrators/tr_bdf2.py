@@ -38,7 +38,7 @@ WEIGHT = math.sqrt(2) / 4  # of the beginning and of the first stage in a step; 
 GAIN = 0.01  # part of the motion's scale by which energy may grow in a step
 WORK = 0.05  # part of the constraints' work in a step by which that may be misjudged
 FALL = 0.1  # m/s: and so is the work of gravity at this speed
-ENOUGH = 3e-3  # part of the motion's scale by which a stage's last iteration may still lower its potential
+ENOUGH = 3e-3  # part of what a stage's first iteration lowers its potential by, by which the last one still may
 SHARE = 0.1  # of the error allowed in a step that Newton's method may leave
 HORIZON = 0.5  # s: time in which a run may gather the error asked for
 
@@ -66,7 +66,7 @@ class TRBDF2:
         """One step; see the package."""
         clock, c = Clock(), C * h
         solutions: list[Solution] = []
-        effort = self._effort(h, start)
+        effort = self._effort(h)
         pins = held_at(0.0)
         self._remember(pins, c, clock)
         middle = held_at(GAMMA * h)
@@ -132,14 +132,14 @@ class TRBDF2:
         """Energy [J] that counts in a step: of the motion, and of a slow fall."""
         return start.energies["kinetic"] + self.weight * FALL * h
 
-    def _effort(self, h: float, start: Measures) -> Effort:
+    def _effort(self, h: float) -> Effort:
         """What a stage is worth: no digit that neither the step nor the error asked for needs."""
         options, lowered = self.options, 0.0
         moved = NEWTON_TOL if options.newton_tol is None else options.newton_tol
         if options.tolerance is not None:
             moved = min(moved, SHARE * options.tolerance * h / HORIZON)
         elif options.newton_tol is None:
-            lowered = ENOUGH * self._scale(h, start)
+            lowered = ENOUGH
         return Effort(moved, lowered, options.cg_tol, options.newton_max)
 
     def _remember(self, held: Held | None, c: float, clock: Clock) -> None:

@@ -23,7 +23,7 @@ def test_free_fall_is_exact(integrator, precision, tolerance):
     ahead = 1 if "euler" in integrator else 0  # backward Euler falls by g t h / 2 too far, second order not
     expected = cloth.mesh.x + n * h * v_0 + g * h * h * n * (n + ahead) / 2
     assert np.abs(sim.positions() - expected).max() < tolerance
-    assert np.abs(sim.velocities() - (v_0 + n * h * g)).max() < 10 * tolerance
+    assert np.abs(sim.velocities() - (v_0 + n * h * g)).max() < 20 * tolerance
 
 
 @pytest.mark.parametrize("cells", [5, 10, 20, 40])
