@@ -310,6 +310,8 @@ class Simulation:
         out = {"x": x, "v": v, "time": np.array(self.time), "records": np.array(len(self.log))}
         out |= {f"step_{k}": a for k, a in self.stepper.checkpoint().items()}
         out |= {f"integrator_{k}": a for k, a in self.integrator.checkpoint().items()}
+        if self.integrator.system is not None:
+            out |= {f"levels_{k}": a for k, a in self.integrator.system.preconditioner.checkpoint().items()}
         if self.contacts is not None:
             out |= {f"contact_{k}": a for k, a in self.contacts.checkpoint().items()}
         out |= {f"anchor_{k}": a for k, a in self._attachments.anchors.items()}
@@ -334,6 +336,8 @@ class Simulation:
         self.time = float(state["time"])
         self.stepper.resume(part("step_"))
         self.integrator.resume(part("integrator_"))
+        if self.integrator.system is not None:
+            self.integrator.system.preconditioner.resume(part("levels_"))
         if self.contacts is not None:
             self.contacts.resume(part("contact_"))
         self._fire_events()

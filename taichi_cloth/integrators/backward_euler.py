@@ -105,7 +105,7 @@ class BackwardEuler:
                 self.operator.alter_motion(held.index, held.y)
             self.system.linearize(h)
         with clock.part("CG"):
-            solutions.append(self.system.solve(self.cg_tol, held, h, warm=warm))
+            solutions.append(self.system.solve(self.cg_tol, held, h, warm=warm, lasting=True))
         with clock.part("EVAL"):
             self.place(h, 1.0)
             self.system.settle(held)
@@ -163,7 +163,7 @@ class BackwardEuler:
                     self.contacts.rebase()
                 self.system.linearize(h)
             with clock.part("CG"):
-                solutions.append(self.system.solve(self.cg_tol, held))
+                solutions.append(self.system.solve(self.cg_tol, held, lasting=True))
             if solutions[-1].status != CONVERGED:
                 return Attempt(SOLVER, solutions[-1].status, measures, tuple(solutions), clock.seconds)
             with clock.part("EVAL"):

@@ -53,7 +53,7 @@ class System:
         self.operator.linearize(c)
 
     def solve(self, tolerance: float, held: Held | None, h: float = 0.0, z: np.ndarray | None = None,
-              warm: bool = False, fresh: bool = True, lead: float = 0.0) -> Solution:
+              warm: bool = False, fresh: bool = True, lead: float = 0.0, lasting: bool = False) -> Solution:
         """Solves the system as linearized.
 
         Args:
@@ -63,7 +63,8 @@ class System:
             z: (k, 3) dv in them [m/s], instead.
             warm: starts from the last solve's dv.
             lead: span [s] in which positions x + lead dv get to the targets, instead of h.
-            fresh: False keeps the preconditioner of the last solve, of a similar system with the same directions held.
+            lasting: coarse levels made for an earlier system may do.
+            fresh: False keeps all of the preconditioner of the last solve, of a similar system with the same directions held.
         """
         self.held, self._kept = held, None
         zero = not warm and (held is None or (z is None and not h > 0 and not lead > 0))
@@ -74,11 +75,11 @@ class System:
         elif held is not None and lead > 0:
             self.filter.lead(held.index, held.projector, held.target, lead)
         if fresh:
-            self.preconditioner.build()
-            if held is not None:
-                self.preconditioner.hold(held.index, held.projector)
-            self.preconditioner.finish()
-        return self.solver.solve(tolerance, held is None and not warm, warm, zero)
+            self.preconditioner.make(self.span, held, lasting)
+        solution = self.solver.solve(tolerance, held is None and not warm, warm, zero)
+        if fresh and not warm:
+            self.preconditioner.took(solution.iterations)
+        return solution
 
     def reaction(self) -> np.ndarray:
         """(n, 3) force [N] in particle order that keeps the held directions, by the last solve."""

@@ -2,7 +2,7 @@
 
 Bending is so much softer than the membrane that it need not be evaluated as often: its force acts every few substeps
 with as many times its weight (an impulse method [Tuckerman, Berne, Martyna 1992]), which keeps the order.
-On small meshes all substeps are one kernel on one thread; on large ones each substep is a launch on all threads.
+On the CPU all substeps of a step are one launch, by a team.
 """
 
 import math
@@ -19,14 +19,15 @@ from ..measure import Measures, Meter
 from ..model import Model
 from ..runtime import Runtime
 from ..scene import Scene
+from ..team import END, TASK, Team
 from ..timing import Clock
 from . import ENERGY, NOT_FINITE, Attempt, stable_step
 
 SAFETY = 0.9  # part of the stable step that substeps take
 SLOW = 8  # substeps between two evaluations of bending, at most
 SLOW_SAFETY = 0.5  # part of bending's own stable step that these take together
-SERIAL = 4000  # particles up to which one thread is as fast as several
 STRAIGHT = 8  # substeps in which held particles that are led go along a line
+FORCE, MOVE = 1, 2  # kinds of a team's phases
 GAIN = 0.02  # part of the motion's scale by which energy may grow in a step
 
 
@@ -53,7 +54,8 @@ class Verlet:
         self.every = int(min(SLOW, max(1, SLOW_SAFETY * bending / self.stable_step))) if self.slow else 1
         if self.every == 1:
             self.stable_step = stable_step(sum(f.rates[0] for f in forces), sum(f.rates[1] for f in forces))
-        self.serial = runtime.arch == "cpu" and model.n <= SERIAL
+        self.together = runtime.arch == "cpu"  # a team, or a launch for each substep
+        self.team = Team(fields, self.blocks.count if self.together else 1)
         self.subcycles = True
         self.part = SAFETY
         self.weight = float(np.linalg.norm(scene.gravity) * model.mass.sum())
@@ -114,23 +116,38 @@ class Verlet:
         if held is not None:
             x = self.model.read_particles()[0][held.index].astype(self.exchange)
             pins = (held.index, held.projector, x, held.target)
-        if self.serial:
-            self._advance(h, steps, every, *pins)
+        if self.together:
+            self._together(h, steps, every, *pins)
             return
         for s in range(steps + 1):
             self._substep(h, s, steps, every, *pins)
 
     @ti.kernel
-    def _advance(self, h: float, steps: int, every: int, index: ti.types.ndarray(), projector: ti.types.ndarray(),
-                 start: ti.types.ndarray(), target: ti.types.ndarray()):
-        """All substeps on one thread."""
+    def _together(self, h: float, steps: int, every: int, index: ti.types.ndarray(), projector: ti.types.ndarray(),
+                  start: ti.types.ndarray(), target: ti.types.ndarray()):
+        """All substeps, by a team."""
         for _ in range(1):
-            for s in range(steps + 1):
-                for block in range(self.blocks.count):
-                    self.compute(block, s, every)
-                for block in range(self.blocks.count):
-                    self.move(block, h, s, steps, every)
-                self.lead(h, s, steps, index, projector, start, target)
+            self.team.start(FORCE)
+        for t in range(self.team.tasks):
+            if t % TASK == 0:
+                phase, kind, block, waited = 0, FORCE, 0, 0
+                while kind != END:
+                    phase, kind = self.team.phase(), self.team.kind()
+                    if kind != END:
+                        block, waited = self.team.claim(t // TASK, phase, waited)
+                        if block >= 0:
+                            s, following = phase // 2, MOVE
+                            if kind == FORCE:
+                                self.compute(block, s, every)
+                            else:
+                                self.move(block, h, s, steps, every)
+                            if self.team.last(phase):
+                                if kind == MOVE:
+                                    self.lead(h, s, steps, index, projector, start, target)
+                                    following = FORCE
+                                    if s == steps:
+                                        following = END
+                                self.team.turn(following)
 
     @ti.kernel
     def _substep(self, h: float, s: int, steps: int, every: int, index: ti.types.ndarray(),

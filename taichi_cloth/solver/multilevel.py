@@ -11,6 +11,7 @@ more than the finest one.
 import numpy as np
 import taichi as ti
 
+from ..constraints import Held
 from ..contact.touch import Touch
 from ..fields import Fields
 from ..forces.bend import Bend
@@ -23,8 +24,8 @@ from ..scene import Scene
 from .lattice import Gather, Level, coordinates, gather, levels, meeting
 from .preconditioner import Pointwise
 
+WORTH = 15  # iterations that making the levels costs: they are made anew when age has cost as many
 NOTHING = 1e-24  # trace [kg] of a node's block below which it says nothing
-PARALLEL = 4096  # nodes of a level from which on its sums are worth a second thread
 
 
 @ti.data_oriented
@@ -52,6 +53,7 @@ class Multilevel:
         self.start = np.cumsum([0] + [level.count for level in made]).tolist()
         self.nodes = self.start[-1]
         self.width = width = made[0].node.shape[1]
+        self.blocks = model.blocks.count
         self.r, self.z = fields.real(self.nodes, 3), fields.real(self.nodes, 3)
         self.inverse_l = fields.real(self.nodes, 6)
         # row l n + i: the nodes of level l around particle i, and their hats there
@@ -69,6 +71,7 @@ class Multilevel:
         self.parent_weight = fields.real(max(inner, 1), width, np.concatenate(
             [a.parent_weight for a in made[:-1]]) if parents else np.zeros((1, width)))
         self.particles = Rows(fields, [gather(v.node, v.weight, v.count) for v in made])
+        self.made_for, self.cost, self.excess = np.zeros(0), 0, 0
         self.touch = next((f for f in operator.forces if isinstance(f, Touch)), None)
         self.touches = self.touch is not None
         if self.touches:
@@ -92,13 +95,28 @@ class Multilevel:
         parts = [meeting(level, vertices) for level in made]
         return Rows(fields, [Gather(p.first, primary[p.source]) for p in parts])
 
-    def build(self) -> None:
-        """Inverts the particles' diagonal blocks."""
-        self.jacobi.build()
+    def make(self, span: float, held: Held | None, lasting: bool = False) -> None:
+        """For a system as linearized with c = span [s]; the levels, if they are lasting, not before they have aged."""
+        self.jacobi.make(span, held)
+        rows = np.zeros((0, 10)) if held is None else np.column_stack([held.index, held.projector.reshape(-1, 9)])
+        made_for = np.append(rows.ravel().astype(np.float64), span)
+        if not lasting or self.touches or self.excess > WORTH or not np.array_equal(made_for, self.made_for):
+            self.finish()
+            self.made_for, self.cost, self.excess = made_for, 0, 0
 
-    def hold(self, index: np.ndarray, held: np.ndarray) -> None:
-        """As `Pointwise.hold`; the levels are filtered before and after instead."""
-        self.jacobi.hold(index, held)
+    def took(self, iterations: int) -> None:
+        """Iterations of the first solve after `make`: how well the levels still do."""
+        self.cost = self.cost or iterations
+        self.excess += max(iterations - self.cost, 0)
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """The levels as they were made, and how well they did."""
+        return {"inverse": self.inverse_l.to_numpy(), "made_for": self.made_for, "cost": np.array([self.cost, self.excess])}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Goes on from what `checkpoint` gave."""
+        self.inverse_l.from_numpy(state["inverse"])
+        self.made_for, (self.cost, self.excess) = state["made_for"], state["cost"].tolist()
 
     @ti.func
     def filter(self, i, r):
@@ -116,7 +134,7 @@ class Multilevel:
         return self.jacobi.norm_sqr(i, x)
 
     def finish(self) -> None:
-        """Inverts the nodes' diagonal blocks, of what is free."""
+        """Inverts the nodes' diagonal blocks, of what is free; `make` has been called."""
         if self.touches:
             self._touch_diagonal()
         self._build_levels()
@@ -254,31 +272,31 @@ class Multilevel:
     @ti.func
     def sweep(self, r: ti.template()):
         """The levels' part for a filtered r: afterwards `correction(i)` has it for every particle."""
-        if ti.static(self.start[1] >= PARALLEL):
-            for n in range(self.start[1]):
-                self.take(n, r)
-            for _ in range(1):
-                self.down(1)
-                self.up(1)
-            for n in range(self.start[1]):
-                self.give(n)
-        else:
-            for _ in range(1):
-                for n in range(self.start[1]):
-                    self.take(n, r)
-                self.down(1)
-                self.up(0)
+        for n in range(self.start[1]):
+            self.take(n, r)
+        for _ in range(1):
+            self.coarse()
+        for n in range(self.start[1]):
+            self.give(n)
 
     @ti.func
-    def down(self, first: ti.template()):
-        """Sums of the levels from `first` on, each from the one below."""
-        for n in range(self.start[first], self.nodes):
+    def take_block(self, block, r: ti.template()):
+        """The finest level's sums, a block's share."""
+        for n in range(self.start[1] * block // self.blocks, self.start[1] * (block + 1) // self.blocks):
+            self.take(n, r)
+
+    @ti.func
+    def give_block(self, block):
+        """The finest level's values, a block's share."""
+        for n in range(self.start[1] * block // self.blocks, self.start[1] * (block + 1) // self.blocks):
+            self.give(n)
+
+    @ti.func
+    def coarse(self):
+        """Sums of all levels but the finest, each from the one below, and their values from the coarsest down."""
+        for n in range(self.start[1], self.nodes):
             self.take(n, self.r)
-
-    @ti.func
-    def up(self, last: ti.template()):
-        """Values of the levels from the coarsest down to `last`."""
-        for back in range(self.nodes - self.start[last]):
+        for back in range(self.nodes - self.start[1]):
             self.give(self.nodes - 1 - back)
 
     @ti.func

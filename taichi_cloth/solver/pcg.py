@@ -16,15 +16,18 @@ import taichi as ti
 from ..fields import Fields
 from ..operator import Operator
 from ..runtime import Runtime
+from ..team import END, TASK, Team
 
 CONVERGED, MAX_ITERATIONS, BREAKDOWN, NOT_FINITE = "CONVERGED", "MAX_ITERATIONS", "BREAKDOWN", "NOT_FINITE"
 GO_ON, DONE, BROKEN, BAD = range(4)
-BEGIN, TRANSLATED, ITERATE, CHECK, END = range(5)
+BEGIN, TRANSLATED, ITERATE, CHECK = range(4)  # stages of a team's solve
+COPY, MULTIPLY, RESTART, UPDATE, TAKE, GIVE, CORRECT = range(1, 8)  # kinds of its phases
+STAGE, STATE, DID, ROUND = range(4)  # what it counts
+FIRST, LAST = range(2)  # residual norms that it keeps
 RESTARTS = 5
 FUTILE = 0.75  # of a residual that a restart must get below to be followed by another
 ROUNDING = 8.0  # roundings of A dv that a residual may have and no iteration takes away
 UNROLLED = 32
-SERIAL = 6000  # particles up to which one thread is as fast as several, without a launch an iteration
 SLACK = 2.0  # a fresh residual within this factor of the tolerance counts as converged
 
 
@@ -65,7 +68,9 @@ class PCG:
         self.partial = fields.real(self.blocks.count, 4, dtype=self.sum_type)
         # r.s now, r.s before, alpha before, |dv|_P^2, |dv|^2
         self.scalar = fields.real(5, dtype=self.sum_type)
-        self.serial = runtime.arch == "cpu" and n <= SERIAL
+        self.together = runtime.arch == "cpu"  # a team, or a launch for each iteration
+        self.team = Team(fields, self.blocks.count if self.together else 1)
+        self.count, self.norm = fields.integer(4), fields.real(2, dtype=self.sum_type)
         self.history = fields.real(max_iterations + 1, dtype=self.sum_type)
         self.last = 0
         self.reference = 0.0  # residual norm that the last solve's tolerance was relative to
@@ -81,7 +86,7 @@ class PCG:
             warm: dv is not z but what a solve of nearly the same system gave, and its reference is that solve's.
             zero: starts from dv = 0, whatever is in place.
         """
-        solve = self._serial if self.serial else self._parallel
+        solve = self._together if self.together else self._apart
         ended = solve(tolerance, self.reference if warm else 0.0, int(free), int(zero), self.max_iterations)
         state, done = int(ended[0]), int(ended[1])
         norm, first, size, square = (float(ended[k]) for k in range(2, 6))
@@ -104,7 +109,7 @@ class PCG:
         """Filtered residual norms of the last solve, one an iteration, as the recurrence has them."""
         return np.sqrt(np.maximum(self.history.to_numpy()[: self.last], 0))
 
-    def _parallel(self, tolerance: float, reference: float, free: int, zero: int, most: int) -> tuple:
+    def _apart(self, tolerance: float, reference: float, free: int, zero: int, most: int) -> tuple:
         """(state, iterations, norm of the residual computed afresh, norm that it is relative to, |dv|_P^2, |dv|^2)."""
         norm = self._restart(zero)
         first = reference if reference > 0 else norm
@@ -200,55 +205,93 @@ class PCG:
         return self.conclude(target, iteration)
 
     @ti.kernel
-    def _serial(self, tolerance: ti.f64, reference: ti.f64, free: int, zero: int, most: int) -> ti.types.vector(6, ti.f64):
-        """`_parallel` in one launch and on one thread: where a hand-over costs more than it saves."""
-        state, iteration, rounds = DONE, 0, 0
-        first, norm, before = ti.cast(0, ti.f64), ti.cast(0, ti.f64), ti.cast(0, ti.f64)
+    def _together(self, tolerance: ti.f64, reference: ti.f64, free: int, zero: int, most: int) -> ti.types.vector(6, ti.f64):
+        """`_apart` in one launch, by a team."""
         for _ in range(1):
-            if zero == 1:
-                for i in range(self.operator.model.n):
-                    self.dv[i] = ti.Vector.zero(float, 3)
-            phase = BEGIN
-            while phase != END:
-                if phase != ITERATE:
-                    for i in range(self.operator.model.n):
-                        self.s[i] = self.dv[i]
-                for block in range(self.blocks.count):
-                    self.multiply(block)
-                for block in range(self.blocks.count):
-                    if phase != ITERATE:
-                        self.restart(block)
-                    else:
-                        self.update(block)
-                if ti.static(not self.preconditioner.pointwise):
-                    self.preconditioner.sweep(self.r)
-                    for block in range(self.blocks.count):
-                        self.correct(block, 1)
-                if phase == ITERATE:
-                    state = self.conclude((tolerance * first) ** 2, iteration)
-                    iteration += 1
-                    if state != GO_ON or iteration >= most:
-                        phase = CHECK
-                else:
-                    self.begin()
-                    norm = ti.sqrt(ti.abs(self.scalar[0]))
-                    if self.scalar[0] < 0:
-                        norm = -norm
-                    going = phase != CHECK or (state == DONE and not norm > FUTILE * before)
-                    if phase == BEGIN:
-                        first = norm
-                        if reference > 0:
-                            first = reference
-                    if phase == BEGIN and free == 1 and norm > 0:
-                        self.translate()
-                        phase = TRANSLATED
-                    elif going and rounds < RESTARTS and norm > SLACK * tolerance * first:
-                        before, rounds, state, phase = norm, rounds + 1, GO_ON, ITERATE
-                        if iteration >= most:
-                            phase = END
-                    else:
-                        phase = END
-        return ti.Vector([ti.cast(state, ti.f64), ti.cast(iteration, ti.f64), norm, first, self.scalar[3], self.scalar[4]])
+            self.team.start(COPY)
+            self.count[STAGE], self.count[STATE], self.count[DID], self.count[ROUND] = BEGIN, DONE, 0, 0
+        for t in range(self.team.tasks):
+            if t % TASK == 0:
+                phase, kind, block, waited = 0, COPY, 0, 0
+                while kind != END:
+                    phase, kind = self.team.phase(), self.team.kind()
+                    if kind != END:
+                        block, waited = self.team.claim(t // TASK, phase, waited)
+                        if block >= 0:
+                            if kind == COPY:
+                                for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+                                    if zero == 1 and self.count[STAGE] == BEGIN:
+                                        self.dv[i] = ti.Vector.zero(float, 3)
+                                    self.s[i] = self.dv[i]
+                            elif kind == MULTIPLY:
+                                self.multiply(block)
+                            elif kind == RESTART:
+                                self.restart(block)
+                            elif kind == UPDATE:
+                                self.update(block)
+                            if ti.static(not self.preconditioner.pointwise):
+                                if kind == TAKE:
+                                    self.preconditioner.take_block(block, self.r)
+                                elif kind == GIVE:
+                                    self.preconditioner.give_block(block)
+                                elif kind == CORRECT:
+                                    self.correct(block, 1)
+                            if self.team.last(phase):
+                                following = MULTIPLY
+                                if kind == MULTIPLY:
+                                    following = UPDATE
+                                    if self.count[STAGE] != ITERATE:
+                                        following = RESTART
+                                elif ti.static(not self.preconditioner.pointwise) and (kind == RESTART or kind == UPDATE):
+                                    following = TAKE
+                                elif kind == TAKE:
+                                    if ti.static(not self.preconditioner.pointwise):
+                                        self.preconditioner.coarse()
+                                    following = GIVE
+                                elif kind == GIVE:
+                                    following = CORRECT
+                                elif kind != COPY:
+                                    following = self.decide(tolerance, reference, free, most)
+                                self.team.turn(following)
+        return ti.Vector([ti.cast(self.count[STATE], ti.f64), ti.cast(self.count[DID], ti.f64), self.norm[LAST],
+                          self.norm[FIRST], self.scalar[3], self.scalar[4]])
+
+    @ti.func
+    def decide(self, tolerance, reference, free, most):
+        """What a team does after a residual or an iteration."""
+        following = MULTIPLY
+        if self.count[STAGE] == ITERATE:
+            state = self.conclude((tolerance * self.norm[FIRST]) ** 2, self.count[DID])
+            self.count[STATE] = state
+            self.count[DID] += 1
+            if state != GO_ON or self.count[DID] >= most:
+                self.count[STAGE] = CHECK
+                following = COPY
+        else:
+            self.begin()
+            rs = self.scalar[0]
+            norm, stage = ti.sqrt(ti.abs(rs)), self.count[STAGE]
+            if rs < 0:
+                norm = -norm
+            first = self.norm[FIRST]
+            if stage == BEGIN:
+                first = norm
+                if reference > 0:
+                    first = reference
+            going = self.count[ROUND] < RESTARTS and norm > SLACK * tolerance * first and self.count[DID] < most
+            if stage == CHECK and (self.count[STATE] != DONE or norm > FUTILE * self.norm[LAST]):
+                going = False
+            if stage == BEGIN and free == 1 and norm > 0:
+                self.translate()
+                self.count[STAGE] = TRANSLATED
+                following = COPY
+            elif going:
+                self.count[STAGE], self.count[STATE] = ITERATE, GO_ON
+                self.count[ROUND] += 1
+            else:
+                following = END
+            self.norm[FIRST], self.norm[LAST] = first, norm
+        return following
 
     @ti.func
     def multiply(self, block):

@@ -3,6 +3,7 @@
 import numpy as np
 import taichi as ti
 
+from ..constraints import Held
 from ..fields import Fields
 from ..forces.conditions import sym, sym_scaled_identity, sym_times, sym_unpack
 from ..operator import Operator
@@ -64,8 +65,21 @@ class Pointwise:
         if not full.all():  # compiled only for scenes with 1 or 2 held directions
             self._hold_partly(index[~full], held[~full])
 
-    def finish(self) -> None:
-        """Nothing more to do when all is held that will be."""
+    def make(self, span: float, held: Held | None, lasting: bool = False) -> None:
+        """For a system as linearized with c = span [s]."""
+        self.build()
+        if held is not None:
+            self.hold(held.index, held.projector)
+
+    def took(self, iterations: int) -> None:
+        """Iterations of the first solve after `make`."""
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """Nothing is kept from step to step."""
+        return {}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Nothing to go on from."""
 
     @ti.kernel
     def _hold_fully(self, index: ti.types.ndarray()):

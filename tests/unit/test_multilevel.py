@@ -5,7 +5,6 @@ import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.operator import Probe
-from taichi_cloth.solver import pcg
 from taichi_cloth.solver.lattice import levels
 
 FABRIC = tc.Fabric(0.15, tc.Stretch(5000), tc.Shear(500), tc.Bend(5e-5))
@@ -36,12 +35,12 @@ def simulation(meshes, **kwargs) -> tc.Simulation:
 
 
 @pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("serial", [True, False])
-def test_it_is_symmetric_and_positive_on_what_is_free(name, serial, monkeypatch):
-    monkeypatch.setattr(pcg, "SERIAL", 6000 if serial else 0)
+@pytest.mark.parametrize("together", [True, False])
+def test_it_is_symmetric_and_positive_on_what_is_free(name, together):
     sim = simulation(MESHES[name])
     sim.solve(1 / 60)
     solver, n = sim.integrator.system.solver, sim.model.n
+    solver.together = together
     P = np.empty((3 * n, 3 * n))
     for k, e in enumerate(np.eye(3 * n)):  # s = P^-1 S (b - A 0)
         sim.integrator.system.operator.b.from_numpy(e.reshape(n, 3))
@@ -91,16 +90,30 @@ def test_in_f32_at_sizes_whose_spacing_is_no_binary_number(n):
     sim.close()
 
 
-def test_serial_and_parallel_agree(monkeypatch):
+def test_a_team_and_launch_by_launch_agree():
     answers = []
-    for limit in (0, 6000):
-        monkeypatch.setattr(pcg, "SERIAL", limit)
-        sim = simulation(MESHES["sheet"], cg_tol=1e-12)
-        assert sim.integrator.system.solver.serial == (limit > 0)
+    for threads, together in ((2, True), (2, False), (3, True), (1, True)):
+        sim = simulation(MESHES["sheet"], cg_tol=1e-12, threads=threads)
+        sim.integrator.system.solver.together = together
         for _ in range(3):
             sim.step()
-        answers.append(sim.positions())
-    assert np.abs(answers[0] - answers[1]).max() < 1e-10
+        answers.append((sim.positions(), [r.iterations for r in sim.log]))
+        sim.close()
+    assert (answers[0][0] == answers[1][0]).all() and answers[0][1] == answers[1][1]
+    assert max(np.abs(x - answers[0][0]).max() for x, _ in answers) < 1e-10
+
+
+def test_levels_that_last_are_made_anew_when_they_have_aged():
+    sim = simulation(MESHES["sheet"], integrator="backward_euler")
+    levels, made = sim.integrator.system.preconditioner, []
+    finish = levels.finish
+    levels.finish = lambda: (made.append(len(sim.log)), finish())
+    h = 1 / 60
+    for excess, step, anew in ((0, h, True), (0, h, False), (1000, h, True), (0, h, False), (0, h / 2, True)):
+        levels.excess = excess  # the last one has another matrix
+        before = len(made)
+        sim.step(step)
+        assert len(made) == before + anew
 
 
 def test_hats_add_up_and_nest(rng):

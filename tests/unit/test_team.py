@@ -1,0 +1,68 @@
+"""Threads that go through phases together: every block once a phase, in order, also where a thread is late."""
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from taichi_cloth import runtime
+from taichi_cloth.fields import Fields
+from taichi_cloth.team import END, PATIENT, TASK, Team
+
+WORK = 1
+
+
+@ti.data_oriented
+class Sums:
+    """Each phase adds what the blocks' neighbours had after the phase before."""
+
+    def __init__(self, blocks: int, lazy: int) -> None:
+        self.fields, self.blocks, self.lazy = Fields(np.float64), blocks, lazy
+        self.team = Team(self.fields, blocks)
+        self.x, self.y, self.times = self.fields.integer(blocks), self.fields.integer(blocks), self.fields.integer(blocks)
+        self.fields.allocate()
+
+    @ti.kernel
+    def run(self, phases: int):
+        for _ in range(1):
+            self.team.start(WORK)
+            for b in range(self.blocks):
+                self.x[b], self.y[b], self.times[b] = b + 1, 0, 0
+        for t in range(self.team.tasks):
+            if t % TASK == 0:
+                phase, kind, block, waited = 0, WORK, 0, 0
+                if t // TASK < self.lazy:
+                    kind = END  # this thread never comes
+                while kind != END:
+                    phase, kind = self.team.phase(), self.team.kind()
+                    if kind != END:
+                        block, waited = self.team.claim(t // TASK, phase, waited)
+                        if block >= 0:
+                            if phase % 2 == 0:
+                                self.y[block] = (self.x[(block + 1) % self.blocks] * 3 + self.x[block]) % 1009
+                            else:
+                                self.x[block] = (self.y[(block + 1) % self.blocks] * 5 + self.y[block]) % 1009
+                            self.times[block] += 1
+                            if self.team.last(phase):
+                                following = WORK
+                                if phase + 1 == phases:
+                                    following = END
+                                self.team.turn(following)
+
+
+def expected(blocks: int, phases: int) -> np.ndarray:
+    x = np.arange(1, blocks + 1)
+    for _ in range(phases // 2):
+        y = (np.roll(x, -1) * 3 + x) % 1009
+        x = (np.roll(y, -1) * 5 + y) % 1009
+    return x
+
+
+@pytest.mark.parametrize("threads, lazy", [(1, 0), (2, 0), (2, 1), (4, 0), (4, 3)])
+def test_every_block_once_a_phase_in_order(threads, lazy):
+    runtime.start("cpu", "f64", threads)
+    sums = Sums(threads, lazy)
+    phases = 20 * PATIENT if lazy == 0 else 400
+    sums.run(phases)
+    assert (sums.times.to_numpy()[:threads] == phases).all()
+    assert (sums.x.to_numpy()[:threads] == expected(threads, phases)).all()
+    sums.fields.free()
