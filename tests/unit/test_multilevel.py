@@ -5,6 +5,7 @@ import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.operator import Probe
+from taichi_cloth.solver import multilevel
 from taichi_cloth.solver.lattice import levels
 
 FABRIC = tc.Fabric(0.15, tc.Stretch(5000), tc.Shear(500), tc.Bend(5e-5))
@@ -103,7 +104,8 @@ def test_a_team_and_launch_by_launch_agree():
     assert max(np.abs(x - answers[0][0]).max() for x, _ in answers) < 1e-10
 
 
-def test_levels_that_last_are_made_anew_when_they_have_aged():
+def test_levels_that_last_are_made_anew_when_they_have_aged(monkeypatch):
+    monkeypatch.setattr(multilevel, "WORTH", 500)
     sim = simulation(MESHES["sheet"], integrator="backward_euler")
     levels, made = sim.integrator.system.preconditioner, []
     finish = levels.finish
