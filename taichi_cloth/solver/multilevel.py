@@ -99,7 +99,7 @@ class Multilevel:
         """For a system as linearized with c = span [s]; the levels, if they are lasting, not before they have aged."""
         self.jacobi.make(span, held)
         rows = np.zeros((0, 10)) if held is None else np.column_stack([held.index, held.projector.reshape(-1, 9)])
-        made_for = np.append(rows.ravel().astype(np.float64), span)
+        made_for = np.append(rows.ravel().astype(np.float64), np.float32(span))  # without its last digits
         if not lasting or self.touches or self.excess > WORTH or not np.array_equal(made_for, self.made_for):
             self.finish()
             self.made_for, self.cost, self.excess = made_for, 0, 0
