@@ -1,0 +1,138 @@
+"""Work and error on `swing`, next to baselines that pip installs, in one run: compiled explicit Numba, and pyPBD (XPBD).
+
+Errors are RMS over the vertices at the end of half a second, each system against its own limit: they do not have the same
+material. Rounds are interleaved, medians of them and of their ratios reported. Baselines that are not installed are left
+out, with a line that says so: `pip install numba pypbd`.
+
+    python scripts/bench_peers.py --sizes 26 51 --json peers.json
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+import results
+
+import taichi_cloth as tc
+
+DENSITY, D, UNTIL = 0.2, 5e-5, 0.5
+METHODS = {"verlet": {"integrator": "verlet"}, "safe, h = 1/60": {"h": 1 / 60}, "safe, h = 1/240": {"h": 1 / 240},
+           "safe, tolerance 1e-2": {"tolerance": 1e-2}, "backward_euler, h = 1/60": {"integrator": "backward_euler"}}
+
+
+def ours(n: int, stretch: float, **options: object) -> Callable[[], np.ndarray]:
+    """A function that runs half a second from rest and gives positions."""
+    scene = tc.Scene()
+    cloth = scene.add_cloth(tc.grid(1.0, n - 1), tc.Fabric(DENSITY, tc.Stretch(stretch), tc.Shear(stretch / 10), tc.Bend(D)))
+    scene.pin(cloth, "top_left")
+    scene.pin(cloth, "top_right")
+    sim = tc.Simulation(scene, **{"h": 1 / 60, **options})  # type: ignore[arg-type]
+    begin = sim.checkpoint()
+
+    def go() -> np.ndarray:
+        sim.resume(begin)
+        sim.log.clear()
+        sim.run(UNTIL, 10)
+        return sim.positions()
+
+    return go
+
+
+def numba(n: int, stretch: float, part: float) -> Callable[[], np.ndarray]:
+    """The compiled explicit loop at a part of its stable step, bending as often as ours evaluates it."""
+    from baselines import explicit
+
+    mesh = tc.grid(1.0, n - 1)
+    pins = np.concatenate([mesh.select("top_left"), mesh.select("top_right")])
+    go = explicit.sheet(mesh, DENSITY, stretch, stretch / 10, D, pins)
+    scene = tc.Scene()
+    scene.add_cloth(mesh, tc.Fabric(DENSITY, tc.Stretch(stretch), tc.Shear(stretch / 10), tc.Bend(D)))
+    sim = tc.Simulation(scene, integrator="verlet")
+    step, every = sim.integrator.stable_step, sim.integrator.every
+    sim.close()
+    return lambda: go(UNTIL, part * step, every)
+
+
+def pypbd(n: int, stretch: float, substeps: int) -> Callable[[], np.ndarray]:
+    """XPBD with distance and dihedral constraints, one iteration a substep, 1/60 s a step."""
+    import pypbd as pbd
+
+    def go() -> np.ndarray:
+        simulation = pbd.Simulation.getCurrent()
+        simulation.initDefault()
+        model = simulation.getModel()
+        model.cleanup()
+        turned = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], dtype=float)
+        triangles = model.addRegularTriangleModel(n, n, rotation=turned, scale=np.ones(2))
+        particles = model.getParticles()
+        x = np.array([particles.getPosition(i) for i in range(n * n)])
+        for i in range(n * n):
+            particles.setMass(i, DENSITY / (n - 1) ** 2)
+        for corner in np.argsort(x @ [0, 0, 1.0] + 1e-6 * np.abs(x[:, 0] - x[:, 0].mean()) * -1)[:2]:
+            particles.setMass(int(corner), 0.0)
+        model.addClothConstraints(triangles, 4, stretch, stretch, stretch / 10, stretch / 10, 0.3, 0.3, False, False)
+        model.addBendingConstraints(triangles, 3, D)
+        stepper = simulation.getTimeStep()
+        stepper.setValueUInt(pbd.TimeStepController.NUM_SUB_STEPS, substeps)
+        stepper.setValueUInt(pbd.TimeStepController.MAX_ITERATIONS, 1)
+        pbd.TimeManager.getCurrent().setTimeStepSize(1 / 60)
+        for _ in range(round(60 * UNTIL)):
+            stepper.step(model)
+        return np.array([particles.getPosition(i) for i in range(n * n)])
+
+    return go
+
+
+def measure(n: int, stretch: float, rounds: int) -> list[dict]:
+    """Rows of one sheet."""
+    runs: dict[str, tuple[Callable[[], np.ndarray], Callable[[], np.ndarray]]] = {}  # what is timed, and its limit
+    fine = ours(n, stretch, integrator="safe", h=1 / 1920, newton_tol=1e-7, cg_tol=1e-4)
+    for name, options in METHODS.items():
+        runs[name] = ours(n, stretch, **options), fine
+    for name, make in (("Numba, explicit, one thread", lambda: (numba(n, stretch, 0.9), numba(n, stretch, 0.2))),
+                       ("pyPBD, 20 x 1", lambda: (pypbd(n, stretch, 20), pypbd(n, stretch, 400))),
+                       ("pyPBD, 100 x 1", lambda: (pypbd(n, stretch, 100), pypbd(n, stretch, 400)))):
+        try:
+            runs[name] = make()
+        except ImportError as missing:
+            print(f"{name}: left out, {missing}", file=sys.stderr)
+    limits: dict[int, np.ndarray] = {}
+    errors, times = {}, {name: [] for name in runs}
+    for name, (go, limit) in runs.items():  # the first run compiles
+        key = id(limit) if name in METHODS else hash(name.split(",")[0])
+        if key not in limits:
+            limits[key] = limit()
+        errors[name] = float(np.sqrt(np.mean(np.sum((go() - limits[key]) ** 2, axis=1))))
+    for _ in range(rounds):
+        for name, (go, _) in runs.items():
+            start = time.perf_counter()
+            go()
+            times[name].append((time.perf_counter() - start) / UNTIL)
+    base = np.array(times.get("Numba, explicit, one thread", [np.nan] * rounds))
+    return [{"n": n, "stretch": stretch, "method": name, "wall": float(np.median(t)), "error": errors[name],
+             "to_numba": float(np.median(np.array(t) / base))} for name, t in times.items()]
+
+
+def main() -> None:
+    """Prints the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--sizes", type=int, nargs="+", default=[26, 51], help="vertices a side")
+    parser.add_argument("--stretch", type=float, nargs="+", default=[1000.0], help="N/m; shear is a tenth of it")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--json", help="file to write")
+    args = parser.parse_args()
+    rows = []
+    print(f"{'sheet':>8} {'stretch':>8} {'method':<30} {'wall s / s':>10} {'RMS error m':>12} {'over Numba':>10}")
+    for stretch in args.stretch:
+        for n in args.sizes:
+            for r in measure(n, stretch, args.rounds):
+                rows.append(r)
+                print(f"{n:5}^2 {r['stretch']:8g} {r['method']:<30} {r['wall']:10.3f} {r['error']:12.1e} {r['to_numba']:10.2f}",
+                      flush=True)
+    results.write(args.json, rows)
+
+
+if __name__ == "__main__":
+    main()
