@@ -129,7 +129,7 @@ def main() -> None:
         for n in args.sizes:
             for r in measure(n, stretch, args.rounds):
                 rows.append(r)
-                print(f"{n:5}^2 {r['stretch']:8g} {r['method']:<30} {r['wall']:10.3f} {r['error']:12.1e} {r['to_numba']:10.2f}",
+                print(f"{n:5}^2 {stretch:8g} {r['method']:<30} {r['wall']:10.3f} {r['error']:12.1e} {r['to_numba']:10.2f}",
                       flush=True)
     results.write(args.json, rows)
 

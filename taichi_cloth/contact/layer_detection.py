@@ -14,8 +14,9 @@ from ..fields import Fields
 from ..mesh import face_edges
 from ..model import Model
 from ..scene import Scene
-from .closest import EDGE_EDGE, VERTEX_FACE, of_segments, on_triangle
+from .closest import EDGE_EDGE, VERTEX_FACE
 from .heap import LEAF, BoxHeap, morton
+from .pair_geometry import apart, between, closing, fading, gap
 
 CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
 FACES_A_CHUNK = 8
@@ -23,8 +24,6 @@ STRIDES = 48
 KEEP = 0.1  # of a pair's distance that a path must leave
 NEAR_END = 0.05  # of it: a path may end so much before it must
 TURNED = 0.5  # cosine between a pair's directions when it came near and at the end for the end's to be taken
-PARALLEL = 1e-3  # squared sine of the angle below which edges count less and less, as parallel ones have no closest points
-RAMP = 0.05  # part of an edge's length near its ends over which edge pairs fade: there vertices take over
 COLUMNS = 12
 TINY = 1e-12  # least factor of a pair
 
@@ -310,19 +309,26 @@ class LayerDetector:
         return v
 
     @ti.func
+    def path(self, v, swept):
+        """Where four particles' path begins and how far it leads; where it is not swept, its end and nowhere."""
+        p, q, r, s = self.model.x[v[0]], self.model.x[v[1]], self.model.x[v[2]], self.model.x[v[3]]
+        dp, dq, dr, ds = 0 * p, 0 * q, 0 * r, 0 * s
+        if swept:
+            dp, dq, dr, ds = p - self.start[v[0]], q - self.start[v[1]], r - self.start[v[2]], s - self.start[v[3]]
+            p, q, r, s = self.start[v[0]], self.start[v[1]], self.start[v[2]], self.start[v[3]]
+        return p, q, r, s, dp, dq, dr, ds
+
+    @ti.func
     def rests(self, v):
         """Whether a pair is left alone, as its cloth is tangled there."""
         return (self.tangled[v[0]] + self.tangled[v[1]] > 0) and (self.tangled[v[2]] + self.tangled[v[3]] > 0)
 
     @ti.kernel
     def _free(self, rows: ti.types.ndarray(), part: ti.types.ndarray()):
-        a = ti.static(self.start)
-        b = ti.static(self.model.x)
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
             v = self.corners(rows[k, 0], rows[k, 1], kind)
-            p, q, r, s = a[v[0]], a[v[1]], a[v[2]], a[v[3]]
-            dp, dq, dr, ds = b[v[0]] - p, b[v[1]] - q, b[v[2]] - r, b[v[3]] - s
+            p, q, r, s, dp, dq, dr, ds = self.path(v, 1)
             part[k] = 1.0
             speed = closing(kind, dp, dq, dr, ds)
             if (1 - KEEP) * gap(kind, p, q, r, s) < speed and not self.rests(v):
@@ -341,16 +347,11 @@ class LayerDetector:
     @ti.kernel
     def _reach(self, rows: ti.types.ndarray(), swept: int, flag: ti.types.ndarray()):
         """Which candidates may be in reach at all."""
-        a = ti.static(self.start)
-        b = ti.static(self.model.x)
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
             v = self.corners(rows[k, 0], rows[k, 1], kind)
-            p, q, r, s = b[v[0]], b[v[1]], b[v[2]], b[v[3]]
-            reach = self.half[v[0]] + self.half[v[3]] + 1e-12
-            if swept:
-                p, q, r, s = a[v[0]], a[v[1]], a[v[2]], a[v[3]]
-                reach += closing(kind, b[v[0]] - p, b[v[1]] - q, b[v[2]] - r, b[v[3]] - s)
+            p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
+            reach = self.half[v[0]] + self.half[v[3]] + 1e-12 + closing(kind, dp, dq, dr, ds)
             flag[k] = 0
             if gap(kind, p, q, r, s) < reach and not self.rests(v):
                 difference, w = between(kind, p, q, r, s)
@@ -358,15 +359,10 @@ class LayerDetector:
 
     @ti.kernel
     def _look(self, rows: ti.types.ndarray(), swept: int, out: ti.types.ndarray()):
-        a = ti.static(self.start)
-        b = ti.static(self.model.x)
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
             v = self.corners(rows[k, 0], rows[k, 1], kind)
-            p, q, r, s = b[v[0]], b[v[1]], b[v[2]], b[v[3]]
-            if swept:
-                p, q, r, s = a[v[0]], a[v[1]], a[v[2]], a[v[3]]
-            dp, dq, dr, ds = b[v[0]] - p, b[v[1]] - q, b[v[2]] - r, b[v[3]] - s
+            p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
             radius = self.half[v[0]] + self.half[v[3]]
             speed = closing(kind, dp, dq, dr, ds)
             first, w_0 = between(kind, p, q, r, s)
@@ -398,64 +394,6 @@ class LayerDetector:
                     out[k, 9] = TINY + fading(kind, w, p + dp, q + dq, r + dr, s + ds)
                     out[k, 10] = radius
                     out[k, 11] = 1.0
-
-
-@ti.func
-def apart(lo_a, hi_a, lo_a1, hi_a1, lo_b, hi_b, lo_b1, hi_b1, reach):
-    """1 if two things, given by boxes at both ends of their paths, stay out of reach of each other along some axis."""
-    out = 0
-    low, high = ti.min(lo_a - hi_b, lo_a1 - hi_b1), ti.max(hi_a - lo_b, hi_a1 - lo_b1)
-    if (low > reach).any() or (high < -reach).any():
-        out = 1
-    return out
-
-
-@ti.func
-def gap(kind, p, q, r, s):
-    """A lower bound of a pair's distance, from boxes."""
-    lo_a, hi_a, lo_b, hi_b = p, p, ti.min(r, s), ti.max(r, s)
-    if kind == VERTEX_FACE:
-        lo_b, hi_b = ti.min(lo_b, q), ti.max(hi_b, q)
-    else:
-        lo_a, hi_a = ti.min(p, q), ti.max(p, q)
-    return ti.max(lo_b - hi_a, lo_a - hi_b).max()
-
-
-@ti.func
-def between(kind, p, q, r, s):
-    """The shortest difference from the second to the first of a pair, and its weights (4)."""
-    w = ti.Vector([1.0, 0.0, 0.0, 0.0])
-    if kind == VERTEX_FACE:
-        u = on_triangle(p, q, r, s)
-        w = ti.Vector([1.0, -u[0], -u[1], -u[2]])
-    else:
-        along, t = of_segments(p, q, r, s)
-        w = ti.Vector([1 - along, along, t - 1, -t])
-    return w[0] * p + w[1] * q + w[2] * r + w[3] * s, w
-
-
-@ti.func
-def closing(kind, dp, dq, dr, ds):
-    """By how much [m] a pair's distance can shrink on paths dp to ds. [Li et al. 2021, additive CCD]"""
-    mean = (dp + dq + dr + ds) / 4
-    p, q, r, s = (dp - mean).norm(), (dq - mean).norm(), (dr - mean).norm(), (ds - mean).norm()
-    out = ti.max(p, q) + ti.max(r, s)
-    if kind == VERTEX_FACE:
-        out = p + ti.max(q, r, s)
-    return out
-
-
-@ti.func
-def fading(kind, w, p, q, r, s):
-    """Part that an edge pair counts."""
-    out = 1.0
-    if kind == EDGE_EDGE:
-        out = ti.min(1.0, w[0] / RAMP) * ti.min(1.0, w[1] / RAMP) * ti.min(1.0, -w[2] / RAMP) * ti.min(1.0, -w[3] / RAMP)
-        e, g = q - p, s - r
-        c = e.cross(g).norm_sqr() / ti.max(PARALLEL * e.norm_sqr() * g.norm_sqr(), 1e-30)
-        if c < 1:
-            out *= c * (2 - c)
-    return out
 
 
 def _meeting(scene: Scene) -> np.ndarray:

@@ -71,7 +71,8 @@ class Multilevel:
         self.parent_weight = fields.real(max(inner, 1), width, np.concatenate(
             [a.parent_weight for a in made[:-1]]) if parents else np.zeros((1, width)))
         self.particles = Rows(fields, [gather(v.node, v.weight, v.count) for v in made])
-        self.made_for, self.cost, self.excess = np.zeros(0), 0, 0
+        self.cost, self.excess = 0, 0
+        self.made_for: np.ndarray = np.zeros(0)
         self.touch = next((f for f in operator.forces if isinstance(f, Touch)), None)
         self.touches = self.touch is not None
         if self.touches:
