@@ -7,7 +7,8 @@ Each case is a small sheet in a situation that breaks solvers. It passes if
  - mechanical energy never exceeds what it began with plus the work put in, by more than 2 % of the case's scale;
  - held vertices are where they must be, to rounding;
  - the motion has the right speed: free cloth falls with g (a frozen sheet is a failure);
- - where the case says so, the state at rest is that of a run with small steps, to 1 %.
+ - where the case says so, the state at rest is that of a run with small steps, to 1 %, or another of the same energy to .1 %
+   (wrinkles may settle this way or that).
 """
 
 import argparse
@@ -150,7 +151,7 @@ CASES = {
     "tenth": Case(started(lambda x: 0.1 * x), free=True, t=0.3),
     "inverted": Case(started(lambda x: x * [-1, 1, 1] + [1, 0, 0]), free=True, t=0.3),
     "random": Case(started(scattered), free=True, t=0.3),
-    "large step": Case(airy, t=3.0, h=1 / 10, rest=True),
+    "large step": Case(airy, t=8.0, h=1 / 10, rest=True),
     "fast pins": Case(fast, driven=True),
     "jerked": Case(jerked, driven=True),
     "gusts": Case(gusts, driven=True),
@@ -179,8 +180,9 @@ def run(case: Case, integrator: str, precision: str = "f64", **more) -> dict:
             small = tc.Simulation(case.make()[0], h=case.h / 10, precision=precision)
             small.run(case.t, 1 / case.t)
             off = np.sqrt(np.mean(np.sum((small.positions() - sim.positions()) ** 2, axis=1)))
-            if off > 0.01:
-                faults.append(f"rests {off:.2g} m from where small steps end")
+            higher = sum(sim.energy().values()) - sum(small.energy().values())
+            if off > 0.01 and abs(higher) > 1e-3 * scale:
+                faults.append(f"rests {off:.2g} m from where small steps end, {higher:.2g} J higher")
             small.close()
     except tc.SimulationError as error:
         faults = [] if error.reason in case.refused else [f"{error.reason} at t = {error.time:.3g} s"]
@@ -202,7 +204,7 @@ def _faults(case: Case, sim: tc.Simulation, first: dict, x_0: np.ndarray, scale:
     if case.driven and largest > 5:
         faults.append(f"stretch {largest:.2g}")
     if case.free:
-        fallen = -np.mean((x - x_0)[:, 1])
+        fallen = -float(sim.model.mass @ (x - x_0)[sim.model.user, 1]) / sim.model.mass.sum()
         slack = G * case.t * case.h / 2 + 0.01 * G * case.t**2  # backward Euler falls ahead by g t h / 2
         if abs(fallen - G * case.t**2 / 2) > slack:
             faults.append(f"falls {fallen:.3g} m and not {G * case.t**2 / 2:.3g}")

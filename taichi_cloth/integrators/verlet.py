@@ -28,7 +28,8 @@ SLOW = 8  # substeps between two evaluations of bending, at most
 SLOW_SAFETY = 0.5  # part of bending's own stable step that these take together
 STRAIGHT = 8  # substeps in which held particles that are led go along a line
 FORCE, MOVE = 1, 2  # kinds of a team's phases
-GAIN = 0.02  # part of the motion's scale by which energy may grow in a step
+ROUNDING = 64  # roundings of its terms by which energy may grow, and of positions
+GAIN = 0.001  # part of the motion's scale by which energy may grow in a step
 
 
 @ti.data_oriented
@@ -59,6 +60,9 @@ class Verlet:
         self.subcycles = True
         self.part = SAFETY
         self.weight = float(np.linalg.norm(scene.gravity) * model.mass.sum())
+        self.epsilon = runtime.epsilon
+        extent = float(np.abs(model.start_positions[model.user] - model.origin).max())
+        self.floor = ROUNDING * sum(force.rounding_energy(runtime.epsilon * extent) for force in forces)  # [J]
         self.exchange = model.exchange
         self.waiting = False
         nothing: np.ndarray = np.zeros((0, 3), dtype=self.exchange)
@@ -90,7 +94,8 @@ class Verlet:
         rejection, detail = None if measures.finite else NOT_FINITE, f"{count} substeps of {small:.3g} s"
         wind = h * max(0.0, -start.dissipation, -measures.dissipation)
         scale = start.energies["kinetic"] + measures.energies["kinetic"] + self.weight * 0.1 * h + start.size
-        if measures.finite and not moving and self.subcycles and measures.total - start.total > GAIN * scale + 2 * wind:
+        allowed = GAIN * scale + 2 * wind + self.floor + ROUNDING * self.epsilon * (start.size + measures.size)
+        if measures.finite and not moving and self.subcycles and measures.total - start.total > allowed:
             rejection = ENERGY
         return Attempt(rejection, detail, measures, (), clock.seconds, evaluations=evaluations, order=2)
 

@@ -127,6 +127,8 @@ class PCG:
             norm = self._restart(0)
             if state != DONE or norm > FUTILE * before:
                 break
+        if free:
+            self._balance()
         return state, done, norm, first, self.scalar[3], self.scalar[4]
 
     def _restart(self, zero: int) -> float:
@@ -167,6 +169,23 @@ class PCG:
         if ti.static(not self.preconditioner.pointwise):
             self.precondition(1)
         self.begin()
+
+    @ti.kernel
+    def _balance(self):
+        for _ in range(1):
+            self.balance()
+
+    @ti.func
+    def balance(self):
+        """Adds the translation whose momentum the answer lacks: however rough a solve, what is free falls as it should."""
+        r, m = ti.Vector.zero(self.sum_type, 3), ti.cast(0, self.sum_type)
+        for _ in range(1):
+            for i in range(self.operator.model.n):
+                r += self.r[i]
+                m += self.operator.model.m[i]
+            for i in range(self.operator.model.n):
+                self.dv[i] += ti.cast(r / m, float)
+                self.As[i] += self.operator.model.m[i] * ti.cast(r / m, float)
 
     @ti.func
     def restart(self, block):
@@ -290,6 +309,8 @@ class PCG:
                 self.count[ROUND] += 1
             else:
                 following = END
+                if free == 1:
+                    self.balance()
             self.norm[FIRST], self.norm[LAST] = first, norm
         return following
 

@@ -1,0 +1,15 @@
+"""Drape by Cusick's geometry: stiffer cloth shades more, on any mesh about as much."""
+
+import importlib.util
+import pathlib
+
+_spec = importlib.util.spec_from_file_location("validate", pathlib.Path(__file__).parents[2] / "scripts" / "validate.py")
+assert _spec is not None and _spec.loader is not None
+validate = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(validate)
+
+
+def test_drape_coefficient_grows_with_rigidity_and_converges():
+    soft, stiff, plate = (validate.drape_coefficient(D, 10, t=1.5) for D in (2e-5, 1e-4, 1e-3))
+    assert 0.5 < soft < stiff - 0.05 < plate - 0.05 < 0.96
+    assert abs(validate.drape_coefficient(1e-4, 15, t=1.5) / stiff - 1) < 0.03
