@@ -36,7 +36,7 @@ class Case:
         free: whether the cloth falls freely, so that its speed is known.
         driven: whether pins or wind do work, so that energy says nothing.
         rest: whether the end is compared with a run at a tenth of the step.
-        refused: the reason for which a run may end early.
+        refused: the reason for which a run may end early; rough: the same in f32, where rounding alone is too much.
     """
 
     make: Callable[[], tuple[tc.Scene, np.ndarray | None]]
@@ -46,6 +46,7 @@ class Case:
     driven: bool = False
     rest: bool = False
     refused: tuple[str, ...] = ()
+    rough: tuple[str, ...] = ()
 
 
 def sheet(n: int = 10, pins: tuple[str, ...] = ("top_left", "top_right"), mesh: tc.TriMesh | None = None, **fabric):
@@ -142,7 +143,7 @@ def airy():
 
 
 CASES = {
-    "stiff": Case(plain(stretch=tc.Stretch(1e8), shear=tc.Shear(1e7)), t=0.2),
+    "stiff": Case(plain(stretch=tc.Stretch(1e8), shear=tc.Shear(1e7)), t=0.2, rough=("ENERGY",)),
     "masses": Case(heavy),
     "slivers": Case(slivers, t=0.2),
     "collapsed": Case(started(collapsed), free=True, t=0.3),
@@ -185,7 +186,7 @@ def run(case: Case, integrator: str, precision: str = "f64", **more) -> dict:
                 faults.append(f"rests {off:.2g} m from where small steps end, {higher:.2g} J higher")
             small.close()
     except tc.SimulationError as error:
-        faults = [] if error.reason in case.refused else [f"{error.reason} at t = {error.time:.3g} s"]
+        faults = [] if error.reason in case.refused + (case.rough if precision == "f32" else ()) else [f"{error.reason} at t = {error.time:.3g} s"]
         row["refused"] = error.reason
     row["seconds"] = round(time.perf_counter() - began, 2)
     sim.close()
