@@ -25,6 +25,7 @@ from .lattice import Gather, Level, coordinates, gather, levels, meeting
 from .preconditioner import Pointwise
 
 WORTH = 15  # iterations that making the levels costs: they are made anew when age has cost as many
+LONGEST = 31  # steps in which levels are made anew every time, after they have not lasted
 NOTHING = 1e-24  # trace [kg] of a node's block below which it says nothing
 
 
@@ -71,7 +72,8 @@ class Multilevel:
         self.parent_weight = fields.real(max(inner, 1), width, np.concatenate(
             [a.parent_weight for a in made[:-1]]) if parents else np.zeros((1, width)))
         self.particles = Rows(fields, [gather(v.node, v.weight, v.count) for v in made])
-        self.cost, self.excess = 0, 0
+        self.cost, self.excess, self.kept = 0, 0, 0  # iterations when made, those beyond, steps since
+        self.wait, self.pause = 0, 0  # steps until levels may last again, and the last such pause
         self.made_for: np.ndarray = np.zeros(0)
         self.touch = next((f for f in operator.forces if isinstance(f, Touch)), None)
         self.touches = self.touch is not None
@@ -101,9 +103,17 @@ class Multilevel:
         self.jacobi.make(span, held)
         rows = np.zeros((0, 10)) if held is None else np.column_stack([held.index, held.projector.reshape(-1, 9)])
         made_for = np.append(rows.ravel().astype(np.float64), np.float32(span))  # without its last digits
-        if not lasting or self.touches or self.excess > WORTH or not np.array_equal(made_for, self.made_for):
-            self.finish()
-            self.made_for, self.cost, self.excess = made_for, 0, 0
+        if lasting and not self.touches and np.array_equal(made_for, self.made_for):
+            if not self.wait and self.excess <= WORTH:
+                self.kept += 1
+                return
+            if self.wait:
+                self.wait -= 1
+            else:  # what did not last for two steps is not tried again at once
+                self.pause = min(2 * self.pause + 1, LONGEST) if self.kept < 2 else 0
+                self.wait = self.pause
+        self.finish()
+        self.made_for, self.cost, self.excess, self.kept = made_for, 0, 0, 0
 
     def took(self, iterations: int) -> None:
         """Iterations of the first solve after `make`: how well the levels still do."""
@@ -112,12 +122,13 @@ class Multilevel:
 
     def checkpoint(self) -> dict[str, np.ndarray]:
         """The levels as they were made, and how well they did."""
-        return {"inverse": self.inverse_l.to_numpy(), "made_for": self.made_for, "cost": np.array([self.cost, self.excess])}
+        return {"inverse": self.inverse_l.to_numpy(), "made_for": self.made_for, "age": np.array([self.cost, self.excess, self.kept, self.wait, self.pause])}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
         """Goes on from what `checkpoint` gave."""
         self.inverse_l.from_numpy(state["inverse"])
-        self.made_for, (self.cost, self.excess) = state["made_for"], state["cost"].tolist()
+        self.made_for = state["made_for"]
+        self.cost, self.excess, self.kept, self.wait, self.pause = state["age"].tolist()
 
     @ti.func
     def filter(self, i, r):

@@ -112,10 +112,16 @@ def test_levels_that_last_are_made_anew_when_they_have_aged(monkeypatch):
     levels.finish = lambda: (made.append(len(sim.log)), finish())
     h = 1 / 60
     for excess, step, anew in ((0, h, True), (0, h, False), (1000, h, True), (0, h, False), (0, h / 2, True)):
-        levels.excess = excess  # the last one has another matrix
+        levels.excess, levels.wait = excess, 0  # the last one has another matrix
         before = len(made)
         sim.step(step)
         assert len(made) == before + anew
+    levels.excess, levels.kept, levels.wait = 1000, 1, 0
+    before = len(made)
+    for _ in range(3):
+        sim.step(h / 2)
+        levels.excess = 0
+    assert len(made) >= before + 2 and levels.pause > 0  # they did not last: not tried again at once
 
 
 def test_hats_add_up_and_nest(rng):
