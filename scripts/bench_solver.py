@@ -90,7 +90,7 @@ def measure(kind: str, n: int, args: argparse.Namespace) -> dict:
         held = sim._held_at(t, H)
 
         def solve(method=method, held=held, name=name):
-            solution = method.solve(held, H)
+            solution = method.solve(1e-4, held, H)
             assert solution.status == "CONVERGED", solution
             iterations[name] = solution.iterations
 

@@ -122,7 +122,8 @@ class Multilevel:
 
     def checkpoint(self) -> dict[str, np.ndarray]:
         """The levels as they were made, and how well they did."""
-        return {"inverse": self.inverse_l.to_numpy(), "made_for": self.made_for, "age": np.array([self.cost, self.excess, self.kept, self.wait, self.pause])}
+        age = np.array([self.cost, self.excess, self.kept, self.wait, self.pause])
+        return {"inverse": self.inverse_l.to_numpy(), "made_for": self.made_for, "age": age}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
         """Goes on from what `checkpoint` gave."""
