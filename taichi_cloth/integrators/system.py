@@ -37,7 +37,8 @@ class System:
         self.model, self.meter, self.options, self.contacts = model, meter, options, contacts
         self.operator = Operator(fields, model, forces + ([contacts.touch] if contacts else []))
         self.preconditioner = build_preconditioner(options.preconditioner, fields, self.operator, scene)
-        self.solver = PCG(fields, self.operator, self.preconditioner, runtime, options.cg_max_iterations)
+        alone = not scene.solids and scene.air is None
+        self.solver = PCG(fields, self.operator, self.preconditioner, runtime, options.cg_max_iterations, alone)
         self.filter = Filter(fields, model, self.solver.dv)
         self.held: Held | None = None
         self.span = 0.0

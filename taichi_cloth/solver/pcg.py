@@ -1,4 +1,4 @@
-"""Preconditioned conjugate gradients with the filter of [BW98 §5.3], one launch an iteration.
+"""Preconditioned conjugate gradients with the filter of [BW98 §5.3]; on the CPU one launch a solve, by a team of threads.
 
 Differs from [BW98 §5.2]: the preconditioner is the inverse of S P S on the free directions, and r and s are
 filtered where they are made, so that a constrained component never leaves z by more than rounding; the
@@ -55,10 +55,11 @@ class PCG:
     Args:
         preconditioner: Pointwise or Multilevel.
         max_iterations: of one solve.
+        balanced: whether what is free has no other forces from outside than b has: its momentum is then made exact.
     """
 
     def __init__(self, fields: Fields, operator: Operator, preconditioner, runtime: Runtime,
-                 max_iterations: int) -> None:
+                 max_iterations: int, balanced: bool) -> None:
         n = operator.model.n
         self.operator, self.preconditioner, self.blocks = operator, preconditioner, operator.blocks
         self.max_iterations, self.epsilon = max_iterations, runtime.epsilon
@@ -72,7 +73,7 @@ class PCG:
         self.team = Team(fields, self.blocks.count if self.together else 1)
         self.count, self.norm = fields.integer(4), fields.real(2, dtype=self.sum_type)
         self.history = fields.real(max_iterations + 1, dtype=self.sum_type)
-        self.last = 0
+        self.last, self.balanced = 0, balanced
         self.reference = 0.0  # residual norm that the last solve's tolerance was relative to
         self.rms = 0.0  # of the last solve's dv over the particles [m/s]
 
@@ -127,7 +128,7 @@ class PCG:
             norm = self._restart(0)
             if state != DONE or norm > FUTILE * before:
                 break
-        if free:
+        if free and self.balanced:
             self._balance()
         return state, done, norm, first, self.scalar[3], self.scalar[4]
 
@@ -237,43 +238,53 @@ class PCG:
                     if kind != END:
                         block, waited = self.team.claim(t // TASK, phase, waited)
                         if block >= 0:
-                            if kind == COPY:
-                                for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
-                                    if zero == 1 and self.count[STAGE] == BEGIN:
-                                        self.dv[i] = ti.Vector.zero(float, 3)
-                                    self.s[i] = self.dv[i]
-                            elif kind == MULTIPLY:
-                                self.multiply(block)
-                            elif kind == RESTART:
-                                self.restart(block)
-                            elif kind == UPDATE:
-                                self.update(block)
-                            if ti.static(not self.preconditioner.pointwise):
-                                if kind == TAKE:
-                                    self.preconditioner.take_block(block, self.r)
-                                elif kind == GIVE:
-                                    self.preconditioner.give_block(block)
-                                elif kind == CORRECT:
-                                    self.correct(block, 1)
+                            self.work(kind, block, zero)
                             if self.team.last(phase):
-                                following = MULTIPLY
-                                if kind == MULTIPLY:
-                                    following = UPDATE
-                                    if self.count[STAGE] != ITERATE:
-                                        following = RESTART
-                                elif ti.static(not self.preconditioner.pointwise) and (kind == RESTART or kind == UPDATE):
-                                    following = TAKE
-                                elif kind == TAKE:
-                                    if ti.static(not self.preconditioner.pointwise):
-                                        self.preconditioner.coarse()
-                                    following = GIVE
-                                elif kind == GIVE:
-                                    following = CORRECT
-                                elif kind != COPY:
-                                    following = self.decide(tolerance, reference, free, most)
-                                self.team.turn(following)
+                                self.team.turn(self.after(kind, tolerance, reference, free, most))
         return ti.Vector([ti.cast(self.count[STATE], ti.f64), ti.cast(self.count[DID], ti.f64), self.norm[LAST],
                           self.norm[FIRST], self.scalar[3], self.scalar[4]])
+
+    @ti.func
+    def work(self, kind, block, zero):
+        """A block's part of a phase."""
+        if kind == COPY:
+            for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+                if zero == 1 and self.count[STAGE] == BEGIN:
+                    self.dv[i] = ti.Vector.zero(float, 3)
+                self.s[i] = self.dv[i]
+        elif kind == MULTIPLY:
+            self.multiply(block)
+        elif kind == RESTART:
+            self.restart(block)
+        elif kind == UPDATE:
+            self.update(block)
+        if ti.static(not self.preconditioner.pointwise):
+            if kind == TAKE:
+                self.preconditioner.take_block(block, self.r)
+            elif kind == GIVE:
+                self.preconditioner.give_block(block)
+            elif kind == CORRECT:
+                self.correct(block, 1)
+
+    @ti.func
+    def after(self, kind, tolerance, reference, free, most):
+        """The kind of phase that follows."""
+        following = MULTIPLY
+        if kind == MULTIPLY:
+            following = UPDATE
+            if self.count[STAGE] != ITERATE:
+                following = RESTART
+        elif ti.static(not self.preconditioner.pointwise) and (kind == RESTART or kind == UPDATE):
+            following = TAKE
+        elif kind == TAKE:
+            if ti.static(not self.preconditioner.pointwise):
+                self.preconditioner.coarse()
+            following = GIVE
+        elif kind == GIVE:
+            following = CORRECT
+        elif kind != COPY:
+            following = self.decide(tolerance, reference, free, most)
+        return following
 
     @ti.func
     def decide(self, tolerance, reference, free, most):
@@ -309,8 +320,9 @@ class PCG:
                 self.count[ROUND] += 1
             else:
                 following = END
-                if free == 1:
-                    self.balance()
+                if ti.static(self.balanced):
+                    if free == 1:
+                        self.balance()
             self.norm[FIRST], self.norm[LAST] = first, norm
         return following
 
