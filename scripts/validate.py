@@ -7,6 +7,7 @@ whose source is named in the case's first line.
 """
 
 import argparse
+import inspect
 import math
 import pathlib
 from collections.abc import Callable, Iterator
@@ -300,7 +301,7 @@ def main() -> None:
     text = ["# Validation", "", "Made by `python scripts/validate.py --to docs/validation.md`; f64, CPU.", ""]
     failed = 0
     for name in args.cases:
-        text += [f"## {name}", "", CASES[name].__doc__ or "", "", "| case | ours | reference | difference | allowed |",
+        text += [f"## {name}", "", inspect.getdoc(CASES[name]) or "", "", "| case | ours | reference | difference | allowed |",
                  "|---|---|---|---|---|"]
         for what, ours, reference, allowed in CASES[name]():
             off = abs(ours / reference - 1)
