@@ -11,6 +11,7 @@ from .runtime import Runtime
 from .scene import Scene
 
 FAR = 8.0  # further from the origin than this many times its size, a scene gets a local origin
+ROWS = 300  # vertices of a block from which on a CPU thread of its own pays
 GPU_BLOCK = 16  # vertices a block on a GPU, one thread each
 
 
@@ -23,7 +24,7 @@ class Blocks:
 
     def __init__(self, fields: Fields, n: int, runtime: Runtime) -> None:
         cpu = runtime.arch == "cpu"
-        self.bounds = block_bounds(n, runtime.threads if cpu else max(1, n // GPU_BLOCK))
+        self.bounds = block_bounds(n, min(runtime.threads, max(1, n // ROWS)) if cpu else max(1, n // GPU_BLOCK))
         self.count = len(self.bounds) - 1
         self.grain = 512 if cpu else 1
         self.row = fields.integer(self.count + 1, data=self.bounds)

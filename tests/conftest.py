@@ -25,6 +25,14 @@ def shared() -> pathlib.Path:
     return folder
 
 
+@pytest.fixture(scope="session", autouse=True)
+def many_blocks() -> None:
+    """Small meshes in as many blocks as there are threads, as large ones are."""
+    from taichi_cloth import model
+
+    model.ROWS = 1
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     """Random numbers, the same in every run."""

@@ -98,6 +98,7 @@ def test_a_team_and_launch_by_launch_agree():
         sim.integrator.system.solver.together = together
         for _ in range(3):
             sim.step()
+        assert sim.model.blocks.count == threads
         answers.append((sim.positions(), [r.iterations for r in sim.log]))
         sim.close()
     assert (answers[0][0] == answers[1][0]).all() and answers[0][1] == answers[1][1]
