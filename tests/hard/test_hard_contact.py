@@ -35,7 +35,8 @@ def test_a_fast_thin_solid_does_not_tunnel(shape, precision):
     sim = tc.Simulation(scene, h=1 / 60, precision=precision)
     for _ in range(7):
         sim.step()
-    middle = np.abs(sim.positions()[:, :2]).max(axis=1) < 0.04
+    inner = np.abs(scene.cloths[0].positions[:, :2]).max(axis=1) < 0.2  # a free corner may flap round it to its back
+    middle = inner & (np.abs(sim.positions()[:, :2]).max(axis=1) < 0.04)
     assert (sim.positions()[middle, 2] > -0.3 + 5 * sim.time).all()  # in front of it
     assert crossings(sim) == 0
 

@@ -61,7 +61,7 @@ def expected(blocks: int, phases: int) -> np.ndarray:
 def test_every_block_once_a_phase_in_order(threads, lazy):
     runtime.start("cpu", "f64", threads)
     sums = Sums(threads, lazy)
-    phases = 20 * PATIENT if lazy == 0 else 400
+    phases = 5 * PATIENT if lazy == 0 else 400
     sums.run(phases)
     assert (sums.times.to_numpy()[:threads] == phases).all()
     assert (sums.x.to_numpy()[:threads] == expected(threads, phases)).all()
