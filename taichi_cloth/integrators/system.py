@@ -37,7 +37,7 @@ class System:
         self.model, self.meter, self.options, self.contacts = model, meter, options, contacts
         self.operator = Operator(fields, model, forces + ([contacts.touch] if contacts else []))
         self.preconditioner = build_preconditioner(options.preconditioner, fields, self.operator, scene)
-        alone = not scene.solids and scene.air is None
+        alone = len(scene.cloths) == 1 and not scene.solids and scene.air is None
         self.solver = PCG(fields, self.operator, self.preconditioner, runtime, options.cg_max_iterations, alone)
         self.filter = Filter(fields, model, self.solver.dv)
         self.held: Held | None = None

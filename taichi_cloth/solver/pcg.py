@@ -55,7 +55,8 @@ class PCG:
     Args:
         preconditioner: Pointwise or Multilevel.
         max_iterations: of one solve.
-        balanced: whether what is free has no other forces from outside than b has: its momentum is then made exact.
+        balanced: whether one cloth is all there is, so that no force from outside is in A: where it is free, its momentum is
+            then made exact.
     """
 
     def __init__(self, fields: Fields, operator: Operator, preconditioner, runtime: Runtime,
