@@ -13,7 +13,7 @@ from .cli_recorded import look_flags, number_of, size_of
 
 DEFAULTS: dict = {"duration": 2.0, "fps": 30.0, "h": 1 / 60, "arch": "cpu", "precision": "f64",
             "integrator": "safe", "K": "projected", "preconditioner": "auto", "stretch_limit": 0.5,
-            "cg_tol": None, "newton_tol": None, "tolerance": None, "tangles": "untangle"}
+            "cg_tol": None, "newton_tol": None, "tolerance": None, "tangles": "untangle", "contact": "repulsion"}
 OK, FAILED, BAD_USAGE, GAVE_UP, INTERRUPTED = 0, 1, 2, 3, 130
 
 
@@ -208,6 +208,7 @@ def _simulation_flags(parser: argparse.ArgumentParser) -> None:
     add("--stretch-limit", dest="stretch_limit", type=number_of, metavar="X",
         help="largest change of a triangle's stretch in a step")
     add("--tangles", help="cloth that passes through cloth: untangle, ignore or abort")
+    add("--contact", help="by what cloth is kept from cloth: repulsion, or the paper's springs, for comparison")
     add("--count-intersections", action="store_true",
         help="count exactly, after every step, where cloth passes through cloth")
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the scene")

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import taichi as ti
 
+from . import runtime
+
 CHUNK = 1 << 22  # numbers that are handed to a kernel at once
 
 
@@ -28,6 +30,7 @@ class Fields:
 
     def __init__(self, exchange: type) -> None:
         self.exchange = exchange
+        runtime.hold(self)
         self._builder = ti.FieldsBuilder()
         self._tree = None
         self._reals: list[Filled] = []
@@ -60,6 +63,7 @@ class Fields:
         if self._tree is not None:
             self._tree.destroy()
         self._builder, self._tree = None, None
+        runtime.let_go(self)
 
     def _place(self, field, n: int, width: int, data: np.ndarray | None, filled: list[Filled]):
         self._builder.dense(ti.i, max(n, 1)).place(field)

@@ -5,7 +5,9 @@ import datetime
 import hashlib
 import pathlib
 import platform
+import signal
 import sys
+import threading
 import time
 from collections import Counter
 from dataclasses import asdict, dataclass, field
@@ -74,7 +76,7 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
     folder = RunFolder(options.out, options.overwrite, resumed is not None) if options.out else None
     outcome, writer = "interrupted", None
     try:
-        with progress(options) as show:
+        with progress(options) as show, _interrupts() as interrupted:
             writer = _Writer(folder, sim, options, resumed) if folder else None
             if folder:
                 folder.write_manifest({**manifest, "status": "running"})
@@ -83,6 +85,8 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
                 if writer:
                     writer.write(frame)
                 show(sim, frame)
+                if interrupted():
+                    raise KeyboardInterrupt
 
             sim.run(options.duration, options.fps, on_frame, resumed)
         outcome = "finished"
@@ -101,6 +105,30 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
                                        "wall_s": round(time.perf_counter() - started, 3), "summary": summary(sim),
                                        "output_seconds": writer.seconds if writer else {}})
     return sim
+
+
+@contextlib.contextmanager
+def _interrupts():
+    """Whether Ctrl-C was pressed: it ends a run after its frame, and at once where pressed again.
+
+    Raised wherever it arrives, a KeyboardInterrupt is lost inside callbacks that may not raise.
+    """
+    pressed: list[int] = []
+
+    def press(number: int, frame: object) -> None:
+        if pressed:
+            raise KeyboardInterrupt
+        pressed.append(number)
+        print("interrupted: ends after this frame; press again to end at once", file=sys.stderr, flush=True)
+
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+    before = signal.signal(signal.SIGINT, press)
+    try:
+        yield lambda: bool(pressed)
+    finally:
+        signal.signal(signal.SIGINT, before or signal.default_int_handler)
 
 
 class _Writer:

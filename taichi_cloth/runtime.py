@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import weakref
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -56,13 +57,15 @@ class Runtime:
 
 _current: Runtime | None = None
 _generation = 0
+_holders: weakref.WeakSet = weakref.WeakSet()  # of fields
 
 
 def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None, quiet: bool = True,
           debug: bool = False) -> Runtime:
-    """Starts Taichi, or goes on with it where the same is running already.
+    """Starts Taichi, or goes on with it where the same is running already and something still holds fields.
 
-    A start with other settings ends the simulations made before it; they say so when used.
+    A start with other settings ends the simulations made before it; they say so when used. Where nothing holds fields
+    any more Taichi starts anew: it numbers fields afresh, and so finds in its cache what it compiled for the same ones.
 
     Args:
         threads: CPU threads; None takes all that the process may use.
@@ -84,22 +87,45 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
         there = [a for a in ARCHS if a == "cpu" or (a != arch and available(a))]
         raise BackendError(f"arch {arch!r} does not run here; what does: {', '.join(there)}")
     import taichi as ti
+    from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
     wanted = Runtime(arch, precision, int(threads or cores), debug, ".".join(map(str, ti.__version__)))
-    if wanted == _current:
+    if wanted == _current and len(_holders):
         return wanted
     fp = ti.f32 if precision == "f32" else ti.f64
     words = io.StringIO() if quiet else sys.stdout
     try:
         with contextlib.redirect_stdout(words):
-            # fast_math would let the compiler assume that there is no NaN, and drop the tests for it
+            # fast_math would let the compiler assume that there is no NaN, and drop the tests for it; what the other two
+            # passes do, LLVM does again, and they take a third of the time to compile
             ti.init(arch=getattr(ti, arch), default_fp=fp, cpu_max_num_threads=wanted.threads, debug=debug,
                     enable_fallback=False, offline_cache=not debug, log_level=ti.ERROR if quiet else ti.INFO,
-                    fast_math=False, unrolling_limit=0)
+                    fast_math=False, unrolling_limit=0, cfg_optimization=False, simplify_after_lower_access=False)
     except RuntimeError as error:
         raise BackendError(f"arch {arch!r} does not start: {error}") from None
+    if not debug:
+        ASTTransformerContext.get_pos_info = _position  # type: ignore[method-assign]
+    _holders.clear()
     _current, _generation = wanted, _generation + 1
     return wanted
+
+
+def _position(context, node) -> str:
+    """Where in a kernel's source a node is, for Taichi's messages.
+
+    Taichi's own draws each node's line and underlines it, which takes four tenths of the time to read a kernel.
+    """
+    return f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}:\n'
+
+
+def hold(thing: object) -> None:
+    """Taichi goes on as it is while a thing with fields lives, or until `let_go`."""
+    _holders.add(thing)
+
+
+def let_go(thing: object) -> None:
+    """A thing has given its fields back."""
+    _holders.discard(thing)
 
 
 def generation() -> int:

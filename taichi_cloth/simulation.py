@@ -27,6 +27,7 @@ from .stepper import ADVICE, Control, Stepper, StepRecord
 
 ROUND_TIME = 1e-9  # part of a step below which two times are the same
 TANGLES = ("untangle", "ignore", "abort")
+CONTACT = ("repulsion", "springs")
 H_MIN_FACTOR = 4096.0  # h_min is h over this, where it is not given
 
 
@@ -58,6 +59,8 @@ class Simulation:
         cg_max_iterations: of one solve.
         tangles: what to do with cloth that passes through cloth where it should not: "untangle" pulls it apart, "ignore"
             leaves it until it is apart, "abort" refuses such a start.
+        contact: by what cloth is kept from cloth: "repulsion", or the paper's damped "springs", one solve a step, for
+            comparison.
         count_intersections: whether `intersections()` is called after every step, for the log.
         threads: CPU threads, all where None.
         quiet: no messages of Taichi's own.
@@ -79,7 +82,7 @@ class Simulation:
                  adaptive: bool = True, h_min: float | None = None, stretch_limit: float = 0.5,
                  newton_max: int = 8, preconditioner: str = "auto", cg_max_iterations: int = 10_000,
                  threads: int | None = None, quiet: bool = True, debug: bool = False, newton_tol: float | None = None,
-                 tolerance: float | None = None, tangles: str = "untangle",
+                 tolerance: float | None = None, tangles: str = "untangle", contact: str = "repulsion",
                  count_intersections: bool = False) -> None:
         if not isinstance(scene, Scene) or not scene.cloths:
             raise SceneError("a simulation needs a Scene with at least one cloth")
@@ -87,6 +90,7 @@ class Simulation:
         check_choice("K", K, K_MODES)
         check_choice("preconditioner", preconditioner, PRECONDITIONERS)
         check_choice("tangles", tangles, TANGLES)
+        check_choice("contact", contact, CONTACT)
         if preconditioner == "auto" and K == "paper":
             preconditioner = "block_jacobi"  # an indefinite matrix has indefinite levels
         h_min = h / H_MIN_FACTOR if h_min is None else h_min
@@ -98,13 +102,13 @@ class Simulation:
         if tolerance is not None and (integrator not in ("auto", "safe", "tr_bdf2") or not adaptive):
             raise SceneError(f"tolerance = {tolerance:g} m: error control needs integrator 'safe' or 'tr_bdf2' and adaptive "
                              f"steps, not {integrator!r}")
-        self.scene, self.time, self._h, self._tangles, self._counts = scene, 0.0, h, tangles, count_intersections
+        self.scene, self.time, self._h, self._counts = scene, 0.0, h, count_intersections
         self.log: list[StepRecord] = []
         self.runtime = runtime.start(arch, precision, threads, quiet, debug)
         self._generation, self._open = runtime.generation(), True
         self.control = Control(h, h_min, adaptive, stretch_limit)
         self.options = Options(K, cg_tol, int(cg_max_iterations), int(newton_max), preconditioner, newton_tol,
-                               tolerance, adaptive)
+                               tolerance, adaptive, tangles, contact)
         self.integrator_name = integrator
         self._fields = Fields(self.runtime.exchange)
         try:
@@ -140,7 +144,7 @@ class Simulation:
                                                             self.control.adaptive)
             self._why = f"integrator {self.integrator_name}: {why}"
         self.meter = Meter(self.model, self._forces, self.runtime)
-        self.contacts = _contacts(fields, self.model, scene, h, self.runtime.arch == "cpu", self._tangles)
+        self.contacts = _contacts(fields, self.model, scene, h, self.runtime.arch == "cpu", self.options)
         self.integrator = integrators.build(self.integrator_name, fields, self.model, self._forces, self.meter,
                                             self.options, self.runtime, scene, self.contacts)
         fields.allocate()
@@ -427,13 +431,13 @@ class Simulation:
         return self
 
 
-def _contacts(fields: Fields, model: Model, scene: Scene, h: float, cpu: bool, tangles: str):
+def _contacts(fields: Fields, model: Model, scene: Scene, h: float, cpu: bool, options: Options):
     """The contacts of a scene with solids, or with cloth that meets cloth; nothing of them is imported without."""
     if not scene.touches:
         return None
     from .contact.response import Contacts
 
-    return Contacts(fields, model, scene, h, cpu, tangles)
+    return Contacts(fields, model, scene, h, cpu, options.tangles, options.contact)
 
 
 def _check_positive(name: str, value: float) -> None:

@@ -10,7 +10,8 @@ What comes nearer than at the start of the step, and than it should, is stopped 
 which gives no speed back. Friction is a damping by the slip that was last seen, or, where that would be more than
 Coulomb's cone, its full size against the slip; the normal force is what the pair bore in the last solve.
 
-Differs from [BW98 §6]: the paper's damped springs act on what is near at the start of a step, and trust in coherence.
+Differs from [BW98 §6]: the paper's damped springs act on what is near at the start of a step, and trust in coherence:
+`springs`.
 """
 
 import functools
@@ -139,7 +140,7 @@ class Layers:
         """Pairs as points of `touch`, for a solve from positions base (n, 3)."""
         p, h = self.near, self.h
         stiff, own = self._stiffness(p)
-        at = np.clip(p.end, (SHALLOW if self.round else 0.5) * p.radius, p.radius)
+        at = self._where(p)
         force, slope = self._pull(p, at, stiff, own)
         now = np.einsum("ki,ki->k", p.normal, p.of(base))
         slip = self._slip(p)
@@ -161,6 +162,10 @@ class Layers:
         more = self.tangles.points(self.x, base, self.model.mass, h, self.h_usual)
         vertices, weights, block, rhs = (np.concatenate(parts) for parts in zip(points, more))
         return vertices, weights, block, rhs
+
+    def _where(self, p: Near) -> np.ndarray:
+        """(k,) distances [m] at which pairs are linearised."""
+        return np.clip(p.end, (SHALLOW if self.round else 0.5) * p.radius, p.radius)
 
     def _pull(self, p: Near, d: np.ndarray, stiff: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(force [N], slope [N/m]) of pairs at distances d: repulsion, and what stops their approach.

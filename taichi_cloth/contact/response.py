@@ -67,15 +67,18 @@ class Contacts:
     ROUNDS = 6
 
     def __init__(self, fields: Fields, model: Model, scene: Scene, h: float, cpu: bool,
-                 tangles: str = "untangle") -> None:
+                 tangles: str = "untangle", law: str = "repulsion") -> None:
         self.h_usual = h  # the stiffness of pairs goes with it, and stays when steps get smaller
         self.model, self.solids, self.exchange = model, scene.solids, model.exchange
         self.gravity = scene.gravity
-        self.layers, self.layered = None, False  # the latter: whether the step is made with layers in mind
+        self.layers, self.sprung = None, False  # the latter: whether cloth is kept from cloth by springs
+        self.layered = False  # whether the step is made with layers in mind
         if any(c.contact is not None for c in scene.cloths):
             from .layers import Layers
+            from .springs import Springs
 
-            self.layers = Layers(fields, model, scene, h, cpu, tangles)
+            self.layers = (Springs if law == "springs" else Layers)(fields, model, scene, h, cpu, tangles)
+            self.sprung = law == "springs"
         self.touch = Touch(fields, model, self.layers is not None)
         self.friction = np.array([s.friction for s in self.solids])
         self.thickness = np.array([s.thickness for s in self.solids])
@@ -304,7 +307,8 @@ class Contacts:
         block = (h * size / speed)[:, None, None] * across
         start = self.base[1][f.index] - (f.carried - self.x[f.index]) / h  # slip with which the solve begins
         rhs = h * size[:, None] * push - np.einsum("kij,kj->ki", block, start)
-        points = [(np.repeat(f.index[:, None], 4, axis=1), np.tile([1.0, 0, 0, 0], (len(u), 1)), block, rhs)]
+        points = [self.layers.points(self.base[0])] if self.sprung and self.layers is not None else []
+        points += [(np.repeat(f.index[:, None], 4, axis=1), np.tile([1.0, 0, 0, 0], (len(u), 1)), block, rhs)]
         if self.near is not None:
             self.pressed, which = self.near, self.near.solid
             step = Step(h, self.h_usual, self.x, *self.base)

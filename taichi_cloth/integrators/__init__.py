@@ -44,6 +44,8 @@ class Options:
         newton_tol: RMS of the last change of position [m] at which Newton's method stops; None is the method's own choice.
         tolerance: RMS error of positions [m] that the run may gather, or None for steps as they are asked for.
         adaptive: whether a step that is rejected is tried smaller.
+        tangles: what to do with cloth that passes through cloth.
+        contact: by what cloth is kept from cloth.
     """
 
     K: str = "projected"
@@ -54,6 +56,8 @@ class Options:
     newton_tol: float | None = None
     tolerance: float | None = None
     adaptive: bool = True
+    tangles: str = "untangle"
+    contact: str = "repulsion"
 
 
 @dataclass(frozen=True)

@@ -41,8 +41,9 @@ class BackwardEuler:
         self.layered = None
         if self.contacts is not None and self.contacts.layers is not None:
             from .layered import Layered
+            from .sprung import Sprung
 
-            self.layered = Layered(self)
+            self.layered = (Sprung if self.contacts.sprung else Layered)(self)
 
     def reset(self) -> None:
         """The state was changed by hand: nothing is remembered."""
@@ -51,16 +52,12 @@ class BackwardEuler:
         """One step; see the package."""
         c = self.contacts
         held = held_at(h)
-        if self.layered is not None and self.layered.meets:
-            made = self.layered.attempt(h, held, start)
-        else:
-            made = self._attempt(h, held, start)
-            if self.layered is not None:
-                made = self.layered.after(h, held, start, made)
+        made = self.solve_once(h, held, start) if self.layered is None else self.layered.attempt(h, held, start)
         return made if c is None else replace(made, contacts=c.count, unsettled=c.unsettled + made.unsettled,
                                               crossings=c.crossings)
 
-    def _attempt(self, h: float, held: Held | None, start: Measures) -> Attempt:
+    def solve_once(self, h: float, held: Held | None, start: Measures) -> Attempt:
+        """A step without regard to cloth that meets cloth: one solve, more for contact with solids or for its energy."""
         clock = Clock()
         solutions: list[Solution] = []
         if self.contacts is None:

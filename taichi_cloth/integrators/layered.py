@@ -41,8 +41,12 @@ class Layered:
         """Whether layers met at the end of the last step, or cross: then they are reckoned with from the first solve on."""
         return self.layers.count > 0 or self.layers.tangles.active
 
-    def after(self, h: float, pins: Held | None, start: Measures, made: Attempt) -> Attempt:
-        """A step that was made as if layers could not meet: it holds if they do not, else it is made again."""
+    def attempt(self, h: float, pins: Held | None, start: Measures) -> Attempt:
+        """One step; see the package. After one in which layers did not meet it is made as if they could not, and again if
+        they do."""
+        if self.meets:
+            return self._together(h, pins, start)
+        made = self.euler.solve_once(h, pins, start)
         if made.rejection is not None:
             return made
         before = self.layers.seconds
@@ -52,12 +56,11 @@ class Layered:
             self.layers.pass_without()
             return replace(made, seconds=seconds)
         self.model.restore()
-        again = self.attempt(h, pins, start)
+        again = self._together(h, pins, start)
         both = {k: seconds.get(k, 0.0) + again.seconds.get(k, 0.0) for k in seconds | again.seconds}
         return replace(again, seconds=both, solutions=made.solutions + again.solutions)
 
-    def attempt(self, h: float, pins: Held | None, start: Measures) -> Attempt:
-        """One step; see the package."""
+    def _together(self, h: float, pins: Held | None, start: Measures) -> Attempt:
         clock, layers, before = Clock(), self.layers, self.layers.seconds
         solutions: list[Solution] = []
         rejection, measures = self._attempt(h, pins, start, clock, solutions)

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from ..errors import check_choice
+from .. import runtime
+from ..errors import BackendError, check_choice
 from ..view import Camera, View
 from .camera import fit, frame, ground_height
 from .rays import RayTree
@@ -65,6 +66,8 @@ class Renderer:
         self.tree: Any = RayTree(len(faces)) if self.traces else None
         self.wide = ti.cfg.arch not in (ti.x64, ti.arm64)
         self._no_values: np.ndarray = np.zeros((1, 3), dtype=np.float32)
+        runtime.hold(self)
+        self.generation = runtime.generation()
         # nearest 1/depth and the face that has it: picture first, shadow map behind it
         pixels = self.w * self.h + (0 if self.traces else SHADOW * SHADOW)
         self.depth, self.face = ti.field(ti.i32, pixels), ti.field(ti.i32, pixels)  # depth: bits of an f32 from 0 up
@@ -82,7 +85,13 @@ class Renderer:
         Args:
             colors: (k, 3) linear RGB of the first k vertices, cloth's, instead of the fabric's.
             wire: draws the triangles' edges.
+
+        Raises:
+            BackendError: Taichi was started anew since.
         """
+        if self.generation != runtime.generation():
+            raise BackendError("this renderer ended when a simulation was started with a different arch, precision or number "
+                               "of threads: make another")
         screen = self.camera.project(x, self.w, self.h).astype(np.float32)
         self._clear()
         seen = pieces(screen, self.faces, self.w, self.h, 1 / self.camera.near)

@@ -18,9 +18,13 @@ QUICK = ["--set", "n=9", "--duration", "0.1", "--fps", "20", "--size", "64x48"]
 
 
 def call(*args, cwd=None, **kwargs):
+    return call_script("-m", "taichi_cloth", *args, cwd=cwd, **kwargs)
+
+
+def call_script(*args, cwd=None, **kwargs):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run([sys.executable, "-m", "taichi_cloth", *map(str, args)], capture_output=True, text=True,
-                          cwd=cwd or ROOT, env=environment, timeout=300, **kwargs)
+    return subprocess.run([sys.executable, *map(str, args)], capture_output=True, text=True, cwd=cwd or ROOT,
+                          env=environment, timeout=300, **kwargs)
 
 
 def read_png(path: pathlib.Path) -> np.ndarray:

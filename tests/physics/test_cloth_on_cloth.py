@@ -11,14 +11,16 @@ FABRIC = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
 THICKNESS = 0.005
 
 
-def sheet_on_sheet(friction: float, gravity, gap: float = THICKNESS, v=(0.0, 0.0, 0.0)) -> tuple[tc.Simulation, np.ndarray]:
+def sheet_on_sheet(friction: float, gravity, gap: float = THICKNESS, v=(0.0, 0.0, 0.0),
+                   contact: str = "repulsion") -> tuple[tc.Simulation, np.ndarray]:
     """A sheet of 0.3 m over a larger one that is pinned everywhere; and which vertices are the upper one's."""
-    scene, contact = tc.Scene(gravity=gravity), tc.ClothContact(THICKNESS, friction)
+    scene, meets = tc.Scene(gravity=gravity), tc.ClothContact(THICKNESS, friction)
     lower, upper = tc.grid(0.8, 16), tc.grid(0.3, 7)
-    a = scene.add_cloth(lower, FABRIC, contact=contact)
-    b = scene.add_cloth(upper, FABRIC, positions=upper.x + [0.1, gap, -0.25], velocities=v, contact=contact)
+    a = scene.add_cloth(lower, FABRIC, contact=meets)
+    b = scene.add_cloth(upper, FABRIC, positions=upper.x + [0.1, gap, -0.25], velocities=v, contact=meets)
     scene.pin(a, np.arange(lower.vertex_count))
-    return tc.Simulation(scene, h=1 / 60, integrator="backward_euler"), np.arange(upper.vertex_count) + b.start
+    sim = tc.Simulation(scene, h=1 / 60, integrator="backward_euler", contact=contact)
+    return sim, np.arange(upper.vertex_count) + b.start
 
 
 def test_pressed_sheets_lift_apart_freely():
@@ -79,4 +81,32 @@ def test_a_sheet_slides_on_a_sheet_as_coulomb_says(degrees):
         assert abs(gained - expected) < 0.05 * mu * 9.81 * math.cos(angle)
     else:
         assert np.abs(sim.velocities()).max() < 2e-4
+    sim.close()
+
+
+def test_springs_of_the_paper_carry_a_sheet_with_one_solve_a_step():
+    """They hold what falls on them apart, by forces that add up to nothing, and know nothing of what is not near yet."""
+    sim, upper = sheet_on_sheet(0.3, (0, -9.81, 0), gap=1.05 * THICKNESS, contact="springs")
+    for _ in range(60):
+        sim.step()
+    assert sim.intersections() == 0 and all(r.solves == 1 and not r.rejections for r in sim.log)
+    weight = 9.81 * sim.model.mass[sim.model.particle[upper]].sum()
+    forces = sim.model.to_user(sim.contacts.layers.forces())
+    assert np.abs(forces.sum(axis=0)).max() < 1e-12 and forces[upper, 1].sum() == pytest.approx(weight, rel=0.01)
+    sim.close()
+
+
+def test_springs_let_nothing_through_that_comes_fast():
+    sim, upper = sheet_on_sheet(0.3, (0, 0, 0), gap=0.2, v=(0, -5.0, 0), contact="springs")
+    while sim.time < 0.07:
+        sim.step()
+    assert sim.intersections() == 0 and sum(r.rejections.get("CONTACT", 0) for r in sim.log) > 0
+    assert sim.velocities()[upper, 1].mean() > -0.5
+    state = sim.checkpoint()
+    again, _ = sheet_on_sheet(0.3, (0, 0, 0), gap=0.2, v=(0, -5.0, 0), contact="springs")
+    again.resume(state)
+    for one in (sim, again):
+        one.step()
+    assert np.array_equal(sim.positions(), again.positions())
+    again.close()
     sim.close()
