@@ -1,6 +1,7 @@
 """The only place that starts Taichi: arch, precision, threads; what runs is recorded, nothing falls back silently."""
 
 import contextlib
+import functools
 import io
 import os
 import subprocess
@@ -15,6 +16,7 @@ from .errors import BackendError, check_choice
 
 ARCHS = ("cpu", "cuda", "vulkan", "metal")
 PRECISIONS = ("f32", "f64")
+CACHE = 1 << 29  # bytes of compiled kernels that are kept: some hundred scenes
 NO_DOUBLE = ("vulkan", "metal")  # f64 there is absent, or lacks atan2
 
 
@@ -87,7 +89,6 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
         there = [a for a in ARCHS if a == "cpu" or (a != arch and available(a))]
         raise BackendError(f"arch {arch!r} does not run here; what does: {', '.join(there)}")
     import taichi as ti
-    from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
     wanted = Runtime(arch, precision, int(threads or cores), debug, ".".join(map(str, ti.__version__)))
     if wanted == _current and len(_holders):
@@ -99,23 +100,30 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
             # fast_math would let the compiler assume that there is no NaN, and drop the tests for it; what the other two
             # passes do, LLVM does again, and they take a third of the time to compile
             ti.init(arch=getattr(ti, arch), default_fp=fp, cpu_max_num_threads=wanted.threads, debug=debug,
-                    enable_fallback=False, offline_cache=not debug, log_level=ti.ERROR if quiet else ti.INFO,
-                    fast_math=False, unrolling_limit=0, cfg_optimization=False, simplify_after_lower_access=False)
+                    enable_fallback=False, offline_cache=not debug, offline_cache_max_size_of_files=CACHE,
+                    log_level=ti.ERROR if quiet else ti.INFO, fast_math=False, unrolling_limit=0,
+                    cfg_optimization=False, simplify_after_lower_access=False)
     except RuntimeError as error:
         raise BackendError(f"arch {arch!r} does not start: {error}") from None
     if not debug:
-        ASTTransformerContext.get_pos_info = _position  # type: ignore[method-assign]
+        _read_faster()
     _holders.clear()
     _current, _generation = wanted, _generation + 1
     return wanted
 
 
-def _position(context, node) -> str:
-    """Where in a kernel's source a node is, for Taichi's messages.
+def _read_faster() -> None:
+    """Halves the time in which Taichi reads kernels: for its messages it draws the line of each node and underlines it, and
+    it looks a function's source up again wherever that is called."""
+    from taichi.lang import kernel_impl
+    from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
-    Taichi's own draws each node's line and underlines it, which takes four tenths of the time to read a kernel.
-    """
-    return f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}:\n'
+    def position(context, node) -> str:
+        return f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}:\n'
+
+    ASTTransformerContext.get_pos_info = position  # type: ignore[method-assign]
+    if not hasattr(kernel_impl.getsourcelines, "cache_info"):
+        kernel_impl.getsourcelines = functools.lru_cache(None)(kernel_impl.getsourcelines)
 
 
 def hold(thing: object) -> None:
