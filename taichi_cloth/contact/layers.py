@@ -35,9 +35,10 @@ STOP = 30.0  # the same of what stops an approach, h this step
 SHALLOW = 0.02  # of a pair's distance: nearer, the force grows no more
 CREEP = 2e-5  # slip [m/s] below which friction between layers is viscous
 CONE = 1.02  # times the most that friction can be, above which what it damps slides
-PATIENCE = 3  # solves after which friction that still changes does so in the next step
+PATIENCE = 3  # solves after which normal forces that friction goes by, and that still change, do so in the next step
 LAGGED = 0.1  # relative error of all friction that a first solve may leave
-AGREED = 0.05  # part of all friction by which what solves take it to be may be off
+AGREED = 0.1  # part of all forces of pairs by which what solves take them to be may be off
+RUBBED = 0.05  # the same of friction beyond its cone
 LOOSE = 2.0  # of gravity: what the forces of pairs may be off by, over the mass they act on
 GIVE = 0.01  # of a pair's distance over h^2: the same where gravity is small
 CLOSE, WIDE = 0.3, 0.7  # of a pair's distance: what ends nearer gets stiffer, further softer again
@@ -268,7 +269,7 @@ class Layers:
         taken = np.linalg.norm(q.friction(slip), axis=1)
         back = np.einsum("ki,ki->k", slip, q.way) < 0  # pushed the wrong way
         over = float(np.sum(np.maximum(taken - CONE * q.bears, 0) + back * q.bears))
-        rubs = over > AGREED * float(np.sum(q.bears)) and self.round <= PATIENCE
+        rubs = over > RUBBED * float(np.sum(q.bears)) and self.round == 1  # what it still is then, it is in the next step
         return not self.off and not rubs and not late and self.least > min(CLOSE / 3, self.was / 2)
 
     @timed

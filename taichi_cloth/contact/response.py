@@ -29,13 +29,13 @@ from .states import States, rows_of, tangential, unit
 from .touch import Touch
 
 PENETRATION = 1e-2  # of the thickness that a particle may end inside it without a further round
-TOLERATED = 0.3  # of the thickness: the same after two rounds; the next step brings it out
+TOLERATED = 0.3  # of the thickness: the same after further rounds; the next step brings it out
 DEEP = 0.5  # of the thickness: what ends deeper is not accepted
 PULL = 1e-3  # of a particle's weight (or of the mean contact force) that a contact may pull before it is released
 CONE = 1e-4  # relative excess over mu lambda before a contact slides
 WEAK = 0.5  # of the cone: friction must be below it for what slides slowly to stick
 SLOW = 5e-5  # slip [m/s] below which friction holds
-PATIENCE = 2  # rounds after which states that still change do so in the next step
+PATIENCE = 1  # rounds after which states that still change do so in the next step
 RELEASES = 4  # rounds in which contacts are released, where layers of cloth press on each other
 AGREED, AGREED_SHEAR = 3e-3, 3e-2  # part of all normal forces by which contacts may pull, and shear beyond the cone,
 # in a step: their states change in the next
@@ -359,7 +359,7 @@ class Contacts:
         held = np.where(s.stick[:, None], F, normal[:, None] * f.normal)
         self.total = held + friction
         depth = self._depth()
-        entered = int(np.sum(depth > (PENETRATION if self.round < 2 else TOLERATED)))
+        entered = int(np.sum(depth > (PENETRATION if self.round == 0 else TOLERATED)))
         self.round += 1
         changes = int(pulls.sum() + breaks.sum() + turns.sum()) + entered
         self.unsettled = changes
