@@ -59,7 +59,7 @@ class Near:
 
     def of(self, rows: np.ndarray) -> np.ndarray:
         """(k, 3) the same difference of other values (n, 3) of the particles."""
-        return np.einsum("ka,kai->ki", self.weights, rows[self.vertices])
+        return np.einsum("ka,kai->ki", self.weights, rows.take(self.vertices, axis=0))
 
 
 @ti.data_oriented
@@ -110,7 +110,7 @@ class LayerDetector:
         self.chunks = CHUNKS if cpu else -(-m // FACES_A_CHUNK)
         self.grain = 512 if cpu else 1
         self.tangled = fields.integer(model.n, data=np.zeros(model.n))  # particles whose pairs rest
-        self.resting = False
+        self.resting = self.fresh = False  # the latter: whether the candidates cover paths near the last one that was walked
         self._rows: np.ndarray = np.zeros((self.chunks, -(-4 * m // self.chunks), 3), dtype=np.int32)
         self._found: np.ndarray = np.zeros(self.chunks, dtype=np.int32)
         self.candidates: np.ndarray = np.zeros((0, 3), dtype=np.int32)
@@ -126,13 +126,12 @@ class LayerDetector:
         self.resting = bool(resting.any())
 
     def begin(self) -> None:
-        """Paths begin where the model is saved; what the last walk covered is forgotten."""
+        """Paths begin where the model is saved."""
         self._from_saved()
-        self.fresh = False
 
     def cover(self) -> None:
         """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model."""
-        if self.fresh and self._strayed() <= self.skin:
+        if self.fresh and self._strayed() <= self.skin:  # of two that end so near, neither leaves what was walked
             return
         self._refit()
         while True:
@@ -183,11 +182,11 @@ class LayerDetector:
 
     @ti.kernel
     def _strayed(self) -> float:
-        """How far any particle ends from where the path that was walked ends [m]."""
+        """How far any particle begins and ends from where the path that was walked ends [m]."""
         worst = 0.0
         for _ in range(1):
             for i in range(self.model.n):
-                worst = ti.max(worst, (self.model.x[i] - self.walked[i]).norm())
+                worst = ti.max(worst, (self.model.x[i] - self.walked[i]).norm(), (self.start[i] - self.walked[i]).norm())
         return worst
 
     @ti.kernel
