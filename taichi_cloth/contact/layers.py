@@ -365,6 +365,7 @@ class Layers:
         """What is remembered from step to step, as arrays by name."""
         numbers = {name: np.array(getattr(self, name)) for name in ("count", "energy", "was")}
         return {**self.kept, **numbers, "boost": self.boost, "candidates": self.detector.candidates,
+                "walked": self.detector.walked.to_numpy(), "fresh": np.array(self.detector.fresh),
                 "until": self.tangles.until, "tangled": np.array(self.tangles.active)}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
@@ -372,7 +373,8 @@ class Layers:
         self.kept = {name: state[name] for name in ("key", "force")}
         self.count = int(state["count"])
         self.boost, self.energy, self.was = state["boost"].copy(), float(state["energy"]), float(state["was"])
-        self.detector.candidates = state["candidates"]
+        self.detector.candidates, self.detector.fresh = state["candidates"], bool(state["fresh"])
+        self.detector.walked.from_numpy(state["walked"])
         self.tangles.until = state["until"].copy()
         if state["tangled"]:
             self.tangles.find(self.model.read_particles()[0])
