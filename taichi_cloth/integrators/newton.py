@@ -18,8 +18,7 @@ from . import NEWTON, NOT_FINITE, SOLVER
 from .system import System, phi
 
 HALVINGS = 12
-FIRST, TIGHT, LOOSE = 0.03, 0.01, 0.1  # relative residuals of a stage's first solve, and between which the others' are
-SHARE = 0.1  # of the last iteration's reduction of the residual that the next solve is asked for
+FIRST, OTHERS = 0.03, 0.1  # relative residuals of a stage's solves: they need not be more exact than the linearization
 
 
 @dataclass(frozen=True)
@@ -27,15 +26,14 @@ class Effort:
     """What a stage is worth.
 
     Attributes:
-        moved: RMS of the last change of position [m] that is small enough.
-        lowered: or part of what the first iteration lowered Phi by, by which another is the last one.
-        cg_tol: relative residual of each linear solve; None lets it follow from how fast Newton's method converges
-            [Eisenstat & Walker 1996]: a solve need not be more exact than the linearization.
+        left: RMS of what positions may still be wrong by [m], estimated from how fast Newton's method converges.
+        part: or part of the first iteration's change that this may be.
+        cg_tol: relative residual of each linear solve; None is Newton's own choice.
         most: iterations.
     """
 
-    moved: float
-    lowered: float
+    left: float
+    part: float
     cg_tol: float | None
     most: int
 
@@ -72,33 +70,29 @@ class Newton:
         system, meter = self.system, self.system.meter
         with clock.part("EVAL"):
             measures = meter.measure()
-        moved, residual, cg_tol = np.inf, 0.0, effort.cg_tol or FIRST
-        lowered: list[float] = []
+        first = moved = np.inf
         for iteration in range(max(effort.most, 1)):
             with clock.part("EVAL"):
                 system.linearize(c)
             with clock.part("CG"):
+                cg_tol = effort.cg_tol or (OTHERS if iteration else FIRST)
                 solution = system.solve(cg_tol, held, lead=0.0 if iteration else c, fresh=fresh and iteration == 0)
             solutions.append(solution)
             if solution.status != CONVERGED:
                 return Stage(SOLVER, solution.status, measures)
             with clock.part("EVAL"):
-                led = iteration == 0 and held is not None and held.moving
-                before = measures
-                alpha, measures = self._advance(c, before, led)
-                moved = c * system.rms_change()
+                alpha, measures = self._advance(c, measures, iteration == 0 and held is not None and held.moving)
             if not measures.finite:
                 return Stage(NOT_FINITE, f"Newton iteration {iteration + 1}", measures)
-            lowered.append(phi(before, c) - phi(measures, c))
-            last = iteration > 0 and alpha == 1 and lowered[-1] <= effort.lowered * abs(lowered[0])
-            if moved <= effort.moved or last:
+            moved, before = c * system.rms_change(), moved
+            if iteration == 0:
+                first, small, left = moved, effort.left, moved
+            else:
+                small, left = max(effort.left, effort.part * first), moved * (_rest(moved / before) + 1 - alpha)
+            if left <= small:
                 return Stage(None, "", measures)
             if alpha < 0.5**HALVINGS:
                 return Stage(NEWTON, "no way down", measures)
-            if effort.cg_tol is None:
-                now = system.solver.reference
-                cg_tol = min(max(SHARE * now / residual, TIGHT), LOOSE) if residual > 0 else LOOSE
-                residual = now
         return Stage(NEWTON, f"{effort.most} iterations, the last by {moved:.2g} m", measures)
 
     def _advance(self, c: float, before: Measures, led: bool) -> tuple[float, Measures]:
@@ -131,3 +125,8 @@ class Newton:
         for i in range(self.model.n):
             self.model.v[i] += alpha * self.system.solver.dv[i]
             self.model.x[i] += alpha * c * self.system.solver.dv[i]
+
+
+def _rest(rate: float) -> float:
+    """Sum of the changes to come, in units of the last one, when each is `rate` times the one before."""
+    return rate / (1 - rate) if rate < 1 else np.inf

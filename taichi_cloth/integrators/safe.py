@@ -1,7 +1,7 @@
 """The default: TR-BDF2, and backward Euler for the steps that it cannot take.
 
 A step that gains energy or whose Newton iteration fails is redone by backward Euler with its energy test, which loses
-accuracy but not the run; without solids, one whose Newton iteration is slow is first tried smaller, twice. Steps in which
+accuracy but not the run; without solids it is first tried smaller, twice. Steps in which
 cloth touches solids are backward Euler's too: contact is settled in its solve.
 """
 
@@ -20,7 +20,7 @@ from .tr_bdf2 import HORIZON, TRBDF2
 
 REDONE = (ENERGY, NEWTON, NOT_FINITE, SOLVER)
 STUBBORN = 64  # with error control, a step that fails is tried smaller until it is so much smaller than the largest
-SLOW = 4  # and without, one whose Newton iteration is slow: smaller steps are faster, and far more accurate
+SLOW = 4  # and without, until it is so much smaller: two small steps are far more accurate than backward Euler's one
 TOUCH = "TOUCH"
 
 
@@ -51,7 +51,7 @@ class Safe:
             if self.contacts is not None and (made.rejection is None or made.rejection == ACCURACY) and self._touches(
                     h, held_at(h)):
                 reason = TOUCH
-            slow = SLOW if reason == NEWTON and self.contacts is None else 1
+            slow = SLOW if reason in (NEWTON, ENERGY) and self.contacts is None else 1
             stubborn = STUBBORN if self.tolerance is not None else slow
             patient = self.only_contact or (self.system.options.adaptive and h > self.largest / stubborn)
             if reason != TOUCH and (reason not in REDONE or patient):

@@ -26,8 +26,8 @@ from ..fields import Fields
 from ..measure import Measures
 from ..solver.pcg import CONVERGED, Solution
 from ..timing import Clock
-from . import ACCURACY, ENERGY, NEWTON_TOL, SOLVER, Attempt, Options
-from .newton import TIGHT, Effort, Newton, Stage
+from . import ACCURACY, ENERGY, SOLVER, Attempt, Options
+from .newton import Effort, Newton, Stage
 from .system import System
 
 C = 1 - math.sqrt(0.5)
@@ -38,9 +38,11 @@ WEIGHT = math.sqrt(2) / 4  # of the beginning and of the first stage in a step; 
 GAIN = 0.01  # part of the motion's scale by which energy may grow in a step
 WORK = 0.05  # part of the constraints' work in a step by which that may be misjudged
 FALL = 0.1  # m/s: and so is the work of gravity at this speed
-ENOUGH = 3e-3  # part of what a stage's first iteration lowers its potential by, by which the last one still may
+CALM = 1e-4  # m/s: a correction of velocities that is too small for another iteration
+PART = 0.5  # part of a stage's first correction that may be left to do
 SHARE = 0.1  # of the error allowed in a step that Newton's method may leave
 HORIZON = 0.5  # s: time in which a run may gather the error asked for
+FILTER = 0.01  # relative residual of the solve that filters the error estimate
 
 
 @ti.data_oriented
@@ -134,13 +136,13 @@ class TRBDF2:
 
     def _effort(self, h: float) -> Effort:
         """What a stage is worth: no digit that neither the step nor the error asked for needs."""
-        options, lowered = self.options, 0.0
-        moved = NEWTON_TOL if options.newton_tol is None else options.newton_tol
+        options = self.options
+        left, part = options.newton_tol, 0.0
         if options.tolerance is not None:
-            moved = min(moved, SHARE * options.tolerance * h / HORIZON)
-        elif options.newton_tol is None:
-            lowered = ENOUGH
-        return Effort(moved, lowered, options.cg_tol, options.newton_max)
+            left = min(left or math.inf, SHARE * options.tolerance * h / HORIZON)
+        elif left is None:
+            left, part = CALM * C * h, PART
+        return Effort(left, part, options.cg_tol, options.newton_max)
 
     def _remember(self, held: Held | None, c: float, clock: Clock) -> None:
         """a_0 = f(x_0, v_0)/M where no step implies it: at the start, and when pins have come or gone."""
@@ -173,7 +175,7 @@ class TRBDF2:
             self.system.linearize(c)
         with clock.part("CG"):
             z = None if held is None else np.zeros_like(held.target)
-            solutions.append(self.system.solve(TIGHT, held, z=z, fresh=False))
+            solutions.append(self.system.solve(FILTER, held, z=z, fresh=False))
         self.system.keep_reaction(reaction)
         return float(np.sqrt(self._error_square(c) / self.model.n))
 

@@ -15,7 +15,7 @@ from ..constraints import Held
 from ..contact.touch import Touch
 from ..fields import Fields
 from ..forces.bend import Bend
-from ..forces.conditions import sym, sym_outer, sym_scaled_identity, sym_times, sym_unpack
+from ..forces.conditions import sym, sym_scaled_identity, sym_times, sym_unpack
 from ..forces.curvature_bend import CurvatureBend
 from ..forces.membrane import Membrane
 from ..mesh import face_edges
@@ -74,7 +74,7 @@ class Multilevel:
         self.particles = Rows(fields, [gather(v.node, v.weight, v.count) for v in made])
         self.cost, self.excess, self.kept = 0, 0, 0  # iterations when made, those beyond, steps since
         self.wait, self.pause = 0, 0  # steps until levels may last again, and the last such pause
-        self.made_for: np.ndarray = np.zeros(0)
+        self.made_for = self.bent_for = np.zeros(0)
         self.touch = next((f for f in operator.forces if isinstance(f, Touch)), None)
         self.touches = self.touch is not None
         if self.touches:
@@ -90,6 +90,7 @@ class Multilevel:
             self.triangles = self._met(fields, made, self.membrane)
         if self.bend is not None:
             self.hinges = self._met(fields, made, self.bend)
+            self.bent = fields.real(self.nodes)
 
     def _met(self, fields: Fields, made: list[Level], force) -> Rows:
         """Elements of a force that each node's hat meets."""
@@ -103,6 +104,9 @@ class Multilevel:
         self.jacobi.make(span, held)
         rows = np.zeros((0, 10)) if held is None else np.column_stack([held.index, held.projector.reshape(-1, 9)])
         made_for = np.append(rows.ravel().astype(np.float64), np.float32(span))  # without its last digits
+        if self.bend is not None and not np.array_equal(made_for, self.bent_for):
+            self._build_bent()
+            self.bent_for = made_for
         if lasting and not self.touches and np.array_equal(made_for, self.made_for):
             if not self.wait and self.excess <= WORTH:
                 self.kept += 1
@@ -123,12 +127,16 @@ class Multilevel:
     def checkpoint(self) -> dict[str, np.ndarray]:
         """The levels as they were made, and how well they did."""
         age = np.array([self.cost, self.excess, self.kept, self.wait, self.pause])
-        return {"inverse": self.inverse_l.to_numpy(), "made_for": self.made_for, "age": age}
+        bent = {} if self.bend is None else {"bent": self.bent.to_numpy(), "bent_for": self.bent_for}
+        return {"inverse": self.inverse_l.to_numpy(), "made_for": self.made_for, "age": age, **bent}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
         """Goes on from what `checkpoint` gave."""
         self.inverse_l.from_numpy(state["inverse"])
         self.made_for = state["made_for"]
+        if self.bend is not None:
+            self.bent.from_numpy(state["bent"])
+            self.bent_for = state["bent_for"]
         self.cost, self.excess, self.kept, self.wait, self.pause = state["age"].tolist()
 
     @ti.func
@@ -180,8 +188,7 @@ class Multilevel:
                 for k in range(self.triangles.first[n], self.triangles.first[n + 1]):
                     D += self.of_triangle(self.triangles.source[k], n)
             if ti.static(self.bends):
-                for k in range(self.hinges.first[n], self.hinges.first[n + 1]):
-                    D += sym_outer(self.of_hinge(self.hinges.source[k], n))
+                D += sym_scaled_identity(self.bent[n])
             if ti.static(self.curves):
                 for k in range(self.patches.first[n], self.patches.first[n + 1]):
                     D += sym_scaled_identity(self.of_patch(self.patches.source[k], n))
@@ -190,6 +197,15 @@ class Multilevel:
             if size > NOTHING:  # else all that it meets is held
                 D = D / size + sym_scaled_identity(1e-6)  # of size 1: its determinant is no rounding in f32 either
                 self.inverse_l[n] = sym(sym_unpack(D).inverse()) / size
+
+    @ti.kernel
+    def _build_bent(self):
+        """What hinges give to the nodes' blocks, the same in all directions: it hardly changes as cloth moves."""
+        for n in range(self.nodes):
+            total = 0.0
+            for k in range(self.hinges.first[n], self.hinges.first[n + 1]):
+                total += self.of_hinge(self.hinges.source[k], n).norm_sqr()
+            self.bent[n] = total
 
     @ti.func
     def hat(self, n, i):
