@@ -26,13 +26,13 @@ class Effort:
     """What a stage is worth.
 
     Attributes:
-        left: RMS of what positions may still be wrong by [m], estimated from how fast Newton's method converges.
-        part: or part of the first iteration's change that this may be.
+        moved: RMS of the last change of position [m] that is small enough.
+        part: or part of the first change that may still be to come, estimated from how fast the changes shrink.
         cg_tol: relative residual of each linear solve; None is Newton's own choice.
         most: iterations.
     """
 
-    left: float
+    moved: float
     part: float
     cg_tol: float | None
     most: int
@@ -86,10 +86,10 @@ class Newton:
                 return Stage(NOT_FINITE, f"Newton iteration {iteration + 1}", measures)
             moved, before = c * system.rms_change(), moved
             if iteration == 0:
-                first, small, left = moved, effort.left, moved
+                first, left = moved, np.inf
             else:
-                small, left = max(effort.left, effort.part * first), moved * (_rest(moved / before) + 1 - alpha)
-            if left <= small:
+                left = moved * (_rest(moved / before) + 1 - alpha)
+            if moved <= effort.moved or left < effort.part * first:
                 return Stage(None, "", measures)
             if alpha < 0.5**HALVINGS:
                 return Stage(NEWTON, "no way down", measures)

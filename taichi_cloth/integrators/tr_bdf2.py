@@ -27,7 +27,7 @@ from ..measure import Measures
 from ..solver.pcg import CONVERGED, Solution
 from ..timing import Clock
 from . import ACCURACY, ENERGY, SOLVER, Attempt, Options
-from .newton import Effort, Newton, Stage
+from .newton import FIRST, Effort, Newton, Stage
 from .system import System
 
 C = 1 - math.sqrt(0.5)
@@ -137,12 +137,13 @@ class TRBDF2:
     def _effort(self, h: float) -> Effort:
         """What a stage is worth: no digit that neither the step nor the error asked for needs."""
         options = self.options
-        left, part = options.newton_tol, 0.0
+        moved, part, cg_tol = options.newton_tol, 0.0, options.cg_tol
         if options.tolerance is not None:
-            left = min(left or math.inf, SHARE * options.tolerance * h / HORIZON)
-        elif left is None:
-            left, part = CALM * C * h, PART
-        return Effort(left, part, options.cg_tol, options.newton_max)
+            moved = min(moved or math.inf, SHARE * options.tolerance * h / HORIZON)
+            cg_tol = cg_tol or FIRST
+        elif moved is None:
+            moved, part = CALM * C * h, PART
+        return Effort(moved, part, cg_tol, options.newton_max)
 
     def _remember(self, held: Held | None, c: float, clock: Clock) -> None:
         """a_0 = f(x_0, v_0)/M where no step implies it: at the start, and when pins have come or gone."""
