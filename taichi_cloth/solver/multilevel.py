@@ -74,7 +74,8 @@ class Multilevel:
         self.particles = Rows(fields, [gather(v.node, v.weight, v.count) for v in made])
         self.cost, self.excess, self.kept = 0, 0, 0  # iterations when made, those beyond, steps since
         self.wait, self.pause = 0, 0  # steps until levels may last again, and the last such pause
-        self.made_for = self.bent_for = np.zeros(0)
+        self.made_for: np.ndarray = np.zeros(0)
+        self.bent_for: np.ndarray = np.zeros(0)
         self.touch = next((f for f in operator.forces if isinstance(f, Touch)), None)
         self.touches = self.touch is not None
         if self.touches:

@@ -172,8 +172,8 @@ def test_levels_have_the_diagonal_of_what_is_free():
     count with their trace in all directions."""
     mesh = tc.grid(0.5, 7)
     scene = tc.Scene()
-    scene.add_cloth(mesh, replace(FABRIC, bend=tc.Bend(1e-2)), positions=mesh.x + np.outer(mesh.x[:, 0] + mesh.x[:, 2], [0, 0.1, 0]) + [0, 0.06, 0],
-                    velocities=(0.5, 0, 0))
+    scene.add_cloth(mesh, replace(FABRIC, bend=tc.Bend(1e-2)), velocities=(0.5, 0, 0),
+                    positions=mesh.x + np.outer(mesh.x[:, 0] + mesh.x[:, 2], [0, 0.1, 0]) + [0, 0.06, 0])
     scene.add_solid(tc.Plane((0.3, 1, 0)), friction=0.1, thickness=0.005)
     scene.pin(scene.cloths[0], [0])
     sim = tc.Simulation(scene, h=1 / 60, preconditioner="multilevel", cg_tol=1e-8)
