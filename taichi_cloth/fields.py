@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import taichi as ti
 
-from . import runtime
+from . import quicken, runtime  # noqa: F401  (before any kernel is read)
 
 CHUNK = 1 << 22  # numbers that are handed to a kernel at once
 

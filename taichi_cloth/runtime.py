@@ -1,7 +1,6 @@
 """The only place that starts Taichi: arch, precision, threads; what runs is recorded, nothing falls back silently."""
 
 import contextlib
-import functools
 import io
 import os
 import subprocess
@@ -105,25 +104,9 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
                     cfg_optimization=False, simplify_after_lower_access=False)
     except RuntimeError as error:
         raise BackendError(f"arch {arch!r} does not start: {error}") from None
-    if not debug:
-        _read_faster()
     _holders.clear()
     _current, _generation = wanted, _generation + 1
     return wanted
-
-
-def _read_faster() -> None:
-    """Halves the time in which Taichi reads kernels: for its messages it draws the line of each node and underlines it, and
-    it looks a function's source up again wherever that is called."""
-    from taichi.lang import kernel_impl
-    from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
-
-    def position(context, node) -> str:
-        return f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}:\n'
-
-    ASTTransformerContext.get_pos_info = position  # type: ignore[method-assign]
-    if not hasattr(kernel_impl.getsourcelines, "cache_info"):
-        kernel_impl.getsourcelines = functools.lru_cache(None)(kernel_impl.getsourcelines)
 
 
 def hold(thing: object) -> None:

@@ -20,7 +20,7 @@ from ..team import END, TASK, Team
 
 CONVERGED, MAX_ITERATIONS, BREAKDOWN, NOT_FINITE = "CONVERGED", "MAX_ITERATIONS", "BREAKDOWN", "NOT_FINITE"
 GO_ON, DONE, BROKEN, BAD = range(4)
-BEGIN, TRANSLATED, ITERATE, CHECK = range(4)  # stages of a team's solve
+BEGIN, ITERATE, CHECK = range(3)  # stages of a team's solve
 COPY, MULTIPLY, RESTART, UPDATE, TAKE, GIVE, CORRECT = range(1, 8)  # kinds of its phases
 STAGE, STATE, DID, ROUND = range(4)  # what it counts
 FIRST, LAST = range(2)  # residual norms that it keeps
@@ -89,7 +89,12 @@ class PCG:
             zero: starts from dv = 0, whatever is in place.
         """
         solve = self._together if self.together else self._apart
-        ended = solve(tolerance, self.reference if warm else 0.0, int(free), int(zero), self.max_iterations)
+        ended = solve(tolerance, self.reference if warm else 0.0, int(zero), 0 if free else self.max_iterations)
+        if free and float(ended[3]) > 0:
+            self._translate()
+            ended = solve(tolerance, float(ended[3]), 0, self.max_iterations)
+            if self.balanced:
+                self._balance()
         state, done = int(ended[0]), int(ended[1])
         norm, first, size, square = (float(ended[k]) for k in range(2, 6))
         self.last, self.reference = done, first
@@ -111,13 +116,10 @@ class PCG:
         """Filtered residual norms of the last solve, one an iteration, as the recurrence has them."""
         return np.sqrt(np.maximum(self.history.to_numpy()[: self.last], 0))
 
-    def _apart(self, tolerance: float, reference: float, free: int, zero: int, most: int) -> tuple:
+    def _apart(self, tolerance: float, reference: float, zero: int, most: int) -> tuple:
         """(state, iterations, norm of the residual computed afresh, norm that it is relative to, |dv|_P^2, |dv|^2)."""
         norm = self._restart(zero)
         first = reference if reference > 0 else norm
-        if free and norm > 0:
-            self._translate()
-            norm = self._restart(0)
         state, done = DONE, 0
         for _ in range(RESTARTS):
             if not norm > SLACK * tolerance * first:  # also where norm is NaN
@@ -129,8 +131,6 @@ class PCG:
             norm = self._restart(0)
             if state != DONE or norm > FUTILE * before:
                 break
-        if free and self.balanced:
-            self._balance()
         return state, done, norm, first, self.scalar[3], self.scalar[4]
 
     def _restart(self, zero: int) -> float:
@@ -141,11 +141,6 @@ class PCG:
 
     @ti.kernel
     def _translate(self):
-        for _ in range(1):
-            self.translate()
-
-    @ti.func
-    def translate(self):
         """dv = sum of b / sum of m"""
         for _ in range(1):
             b, m = ti.Vector.zero(self.sum_type, 3), ti.cast(0, self.sum_type)
@@ -174,14 +169,9 @@ class PCG:
 
     @ti.kernel
     def _balance(self):
-        for _ in range(1):
-            self.balance()
-
-    @ti.func
-    def balance(self):
         """Adds the translation whose momentum the answer lacks: however rough a solve, what is free falls as it should."""
-        r, m = ti.Vector.zero(self.sum_type, 3), ti.cast(0, self.sum_type)
         for _ in range(1):
+            r, m = ti.Vector.zero(self.sum_type, 3), ti.cast(0, self.sum_type)
             for i in range(self.operator.model.n):
                 r += self.r[i]
                 m += self.operator.model.m[i]
@@ -226,7 +216,7 @@ class PCG:
         return self.conclude(target, iteration)
 
     @ti.kernel
-    def _together(self, tolerance: ti.f64, reference: ti.f64, free: int, zero: int, most: int) -> ti.types.vector(6, ti.f64):
+    def _together(self, tolerance: ti.f64, reference: ti.f64, zero: int, most: int) -> ti.types.vector(6, ti.f64):
         """`_apart` in one launch, by a team."""
         for _ in range(1):
             self.team.start(COPY)
@@ -241,7 +231,7 @@ class PCG:
                         if block >= 0:
                             self.work(kind, block, zero)
                             if self.team.last(phase):
-                                self.team.turn(self.after(kind, tolerance, reference, free, most))
+                                self.team.turn(self.after(kind, tolerance, reference, most))
         return ti.Vector([ti.cast(self.count[STATE], ti.f64), ti.cast(self.count[DID], ti.f64), self.norm[LAST],
                           self.norm[FIRST], self.scalar[3], self.scalar[4]])
 
@@ -268,7 +258,7 @@ class PCG:
                 self.correct(block, 1)
 
     @ti.func
-    def after(self, kind, tolerance, reference, free, most):
+    def after(self, kind, tolerance, reference, most):
         """The kind of phase that follows."""
         following = MULTIPLY
         if kind == MULTIPLY:
@@ -284,11 +274,11 @@ class PCG:
         elif kind == GIVE:
             following = CORRECT
         elif kind != COPY:
-            following = self.decide(tolerance, reference, free, most)
+            following = self.decide(tolerance, reference, most)
         return following
 
     @ti.func
-    def decide(self, tolerance, reference, free, most):
+    def decide(self, tolerance, reference, most):
         """What a team does after a residual or an iteration."""
         following = MULTIPLY
         if self.count[STAGE] == ITERATE:
@@ -312,18 +302,11 @@ class PCG:
             going = self.count[ROUND] < RESTARTS and norm > SLACK * tolerance * first and self.count[DID] < most
             if stage == CHECK and (self.count[STATE] != DONE or norm > FUTILE * self.norm[LAST]):
                 going = False
-            if stage == BEGIN and free == 1 and norm > 0:
-                self.translate()
-                self.count[STAGE] = TRANSLATED
-                following = COPY
-            elif going:
+            if going:
                 self.count[STAGE], self.count[STATE] = ITERATE, GO_ON
                 self.count[ROUND] += 1
             else:
                 following = END
-                if ti.static(self.balanced):
-                    if free == 1:
-                        self.balance()
             self.norm[FIRST], self.norm[LAST] = first, norm
         return following
 
