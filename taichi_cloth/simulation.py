@@ -389,7 +389,7 @@ class Simulation:
 
     def _set_wind(self, t: float) -> None:
         if self._drag is not None:
-            self._drag.set_wind(*map(float, self.scene.air.wind_at(t)))  # type: ignore[union-attr]
+            self._drag.set_wind(self.scene.air.wind_at(t))  # type: ignore[union-attr]
 
     def _linearized(self, h: float, held: Held | None = None):
         """The system, linearized at the current state for a step h, with y of the held particles."""

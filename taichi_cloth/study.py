@@ -198,7 +198,7 @@ def _references(make: Callable[[], Scene], samples: int, h: float, say: Callable
     if not scene.touches:
         tracks = []
         for part in REFERENCE_PARTS:
-            sim = Simulation(make(), h=1 / SAMPLES, integrator="verlet")
+            sim = Simulation(make(), h=part / (4 * SAMPLES), integrator="verlet")
             sim.integrator.part, sim.integrator.every = part, 1
             say(f"reference: verlet at {part:g} of its stable step, {sim.integrator.stable_step:.3g} s")
             tracks.append(_track(sim, samples))

@@ -75,7 +75,9 @@ class Drag:
         self.normal, self.tangential = float(air.normal), float(air.tangential)
         density = min(c.fabric.density for c in scene.cloths)
         self.rates = (0.0, max(self.normal, self.tangential) / density)
-        self.wind = fields.real(1, 3, air.wind_at(0.0))
+        self.gusty = callable(air.wind)
+        self.now = air.wind_at(0.0)
+        self.wind = fields.real(1, 3, self.now)
         self._fields = fields
 
     def rounding_energy(self, d: float) -> float:
@@ -86,9 +88,13 @@ class Drag:
         """Allocates what only an implicit step needs."""
         self.A = self._fields.real(self.elements.count, 6)
 
-    @ti.kernel
-    def set_wind(self, x: float, y: float, z: float):
+    def set_wind(self, now: np.ndarray) -> None:
         """Velocity of the air [m/s]."""
+        self.now = now
+        self._set(*map(float, now))
+
+    @ti.kernel
+    def _set(self, x: float, y: float, z: float):
         self.wind[0] = ti.Vector([x, y, z])
 
     @ti.func

@@ -15,6 +15,7 @@ from ..constraints import Held, project, row
 from ..fields import Fields
 from ..forces.bend import Bend
 from ..forces.curvature_bend import CurvatureBend
+from ..forces.external import Drag
 from ..measure import Measures, Meter
 from ..model import Model
 from ..runtime import Runtime
@@ -48,6 +49,8 @@ class Verlet:
         self.slow = [f for f in forces if isinstance(f, (Bend, CurvatureBend))]
         self.f, self.f_slow = fields.real(model.n, 3), fields.real(model.n if self.slow else 1, 3)
         self.u = fields.real(model.n, 3)  # velocity half a substep ahead or behind
+        self.drag = next((f for f in forces if isinstance(f, Drag) and f.gusty), None)
+        self.gusty = self.drag is not None
         self.stable_step, bending = (stable_step(sum(f.rates[0] for f in of), sum(f.rates[1] for f in of))
                                      for of in (self.fast, self.slow))
         if self.stable_step == math.inf:
@@ -80,6 +83,9 @@ class Verlet:
         every = self.every if count % self.every == 0 else 1
         small, done = h / count, 0
         with clock.part("EVAL"):
+            if self.gusty:
+                held_at(0.0)
+            wind = self._wind()
             held = held_at(h)
             moving = held is not None and held.moving
             chunk = count if not moving else max(every, STRAIGHT // every * every)
@@ -87,14 +93,14 @@ class Verlet:
                 steps = min(chunk, count - done)
                 if moving:
                     held = held_at((done + steps) * small)
-                self._go(small, steps, every, held)
-                done += steps
+                self._go(small, steps, every, held, wind)
+                done, wind = done + steps, self._wind()
             measures = self.meter.measure()
         evaluations = count + math.ceil(count / chunk)
         rejection, detail = None if measures.finite else NOT_FINITE, f"{count} substeps of {small:.3g} s"
-        wind = h * max(0.0, -start.dissipation, -measures.dissipation)
+        blown = h * max(0.0, -start.dissipation, -measures.dissipation)
         scale = start.energies["kinetic"] + measures.energies["kinetic"] + self.weight * 0.1 * h + start.size
-        allowed = GAIN * scale + 2 * wind + self.floor + ROUNDING * self.epsilon * (start.size + measures.size)
+        allowed = GAIN * scale + 2 * blown + self.floor + ROUNDING * self.epsilon * (start.size + measures.size)
         if measures.finite and not moving and self.subcycles and measures.total - start.total > allowed:
             rejection = ENERGY
         return Attempt(rejection, detail, measures, (), clock.seconds, evaluations=evaluations, order=2)
@@ -115,21 +121,30 @@ class Verlet:
         """Goes on from what `checkpoint` gave."""
         self.part = float(state["part"])
 
-    def _go(self, h: float, steps: int, every: int, held: Held | None) -> None:
-        """Substeps, in which held particles go along lines to their targets; they arrive with the lines' velocity."""
-        pins = self.free
+    def _wind(self) -> np.ndarray:
+        """Of the time that constraints were last asked for [m/s]."""
+        return np.zeros(3) if self.drag is None else self.drag.now
+
+    def _go(self, h: float, steps: int, every: int, held: Held | None, wind: np.ndarray) -> None:
+        """Substeps, in which held particles go along lines to their targets and arrive with the lines' velocity; the wind
+        changes evenly from what it was."""
+        pins, gust = self.free, (self._wind() - wind) / steps
         if held is not None:
             x = self.model.read_particles()[0][held.index].astype(self.exchange)
             pins = (held.index, held.projector, x, held.target)
+        if self.drag is not None:
+            self.drag.set_wind(wind)
+            self.drag.now = wind + steps * gust
         if self.together:
-            self._together(h, steps, every, *pins)
+            self._together(h, steps, every, *gust, *pins)
             return
         for s in range(steps + 1):
-            self._substep(h, s, steps, every, *pins)
+            self._substep(h, s, steps, every, *gust, *pins)
 
     @ti.kernel
-    def _together(self, h: float, steps: int, every: int, index: ti.types.ndarray(), projector: ti.types.ndarray(),
-                  start: ti.types.ndarray(), target: ti.types.ndarray()):
+    def _together(self, h: float, steps: int, every: int, gust_x: float, gust_y: float, gust_z: float,
+                  index: ti.types.ndarray(), projector: ti.types.ndarray(), start: ti.types.ndarray(),
+                  target: ti.types.ndarray()):
         """All substeps, by a team."""
         for _ in range(1):
             self.team.start(FORCE)
@@ -149,14 +164,16 @@ class Verlet:
                             if self.team.last(phase):
                                 if kind == MOVE:
                                     self.lead(h, s, steps, index, projector, start, target)
+                                    self.blow(s, steps, gust_x, gust_y, gust_z)
                                     following = FORCE
                                     if s == steps:
                                         following = END
                                 self.team.turn(following)
 
     @ti.kernel
-    def _substep(self, h: float, s: int, steps: int, every: int, index: ti.types.ndarray(),
-                 projector: ti.types.ndarray(), start: ti.types.ndarray(), target: ti.types.ndarray()):
+    def _substep(self, h: float, s: int, steps: int, every: int, gust_x: float, gust_y: float, gust_z: float,
+                 index: ti.types.ndarray(), projector: ti.types.ndarray(), start: ti.types.ndarray(),
+                 target: ti.types.ndarray()):
         """Substep s on all threads."""
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
@@ -166,6 +183,7 @@ class Verlet:
                 self.move(t // self.blocks.grain, h, s, steps, every)
         for _ in range(1):
             self.lead(h, s, steps, index, projector, start, target)
+            self.blow(s, steps, gust_x, gust_y, gust_z)
 
     @ti.func
     def compute(self, block, s, every):
@@ -221,3 +239,10 @@ class Verlet:
             along = (b - a) / (steps * h)
             self.model.v[i] += project(projector, k, along - self.model.v[i])
             self.u[i] += project(projector, k, along - self.u[i])
+
+    @ti.func
+    def blow(self, s, steps, x, y, z):
+        """The wind after substep s."""
+        if ti.static(self.gusty):
+            if s < steps:
+                self.drag.wind[0] += ti.Vector([x, y, z])
