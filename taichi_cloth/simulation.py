@@ -44,10 +44,10 @@ class Simulation:
             "backward_euler" (the paper's single solve), "newton_euler" (nonlinear backward Euler), "verlet" (explicit), or
             "auto": "safe" or "verlet", by stiffness, mesh, solids and tolerance; `notes` say why.
         K: stiffness matrix, "projected" (positive semidefinite), "gauss_newton" or "paper" (exact).
-        cg_tol: relative residual of a linear solve; where None 1e-4 for backward Euler, and .01 to .1 for an iteration of
-            Newton's method, as fast as that converges.
-        newton_tol: RMS of the last change of position [m] at which Newton's method stops; where None 1e-4, and TR-BDF2
-            stops as well where an iteration lowers its potential by .3 % of what the first one did.
+        cg_tol: relative residual of a linear solve; where None 1e-4 for backward Euler, .03 and then .1 for the iterations
+            of Newton's method.
+        newton_tol: RMS of the last change of position [m] at which Newton's method stops; where None 1e-4 for backward Euler,
+            and for TR-BDF2 what is left may be half of a stage's first change.
         tolerance: RMS error of positions [m] that half a second may add, as estimated; it drives h. None takes the
             steps asked for. Needs "safe" or "tr_bdf2".
         adaptive: whether a step that goes bad is retried smaller; False does exactly the steps asked for.

@@ -20,7 +20,7 @@ def rms(x: np.ndarray) -> float:
 
 @pytest.fixture(scope="module")
 def swung():
-    cases = [Case("backward_euler", 1 / 60), Case("tr_bdf2", 1 / 60, newton_tol=1e-3, cg_tol=3e-2), Case("verlet", 1 / 60),
+    cases = [Case("backward_euler", 1 / 60), Case("tr_bdf2", 1 / 60), Case("verlet", 1 / 60),
              *(Case("safe", 1 / 30, tolerance) for tolerance in (1e-2, 1e-3, 1e-4))]
     made = study("swing", lambda: SWING.make({"n": 26}), cases, 0.5, 1 / 1000)
     return made, {(r.case.integrator, r.case.tolerance): r for r in made.rows}
