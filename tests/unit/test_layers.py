@@ -7,7 +7,7 @@ PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
 
 ROOMS = [
     ["errors"], ["view"], ["mesh"], ["shapes", "fabric", "intersections"], ["solids"], ["scene"], ["io"],  # description
-    ["ordering", "elements", "runtime", "timing"], ["quantities"], ["fields"], ["model", "team"],  # fields
+    ["ordering", "elements", "quicken", "runtime", "timing"], ["quantities"], ["fields"], ["model", "team"],  # fields
     ["forces"], ["measure", "operator", "constraints"], ["contact"], ["solver"], ["integrators"], ["stepper"], ["simulation"],
     ["output"], ["record", "playback"], ["report", "scenefile"], ["study", "verify"], ["runner"],
     ["cli_recorded"], ["cli_study"], ["cli"],
@@ -16,7 +16,7 @@ ROOMS = [
 ROOM = {name: k for k, names in enumerate(ROOMS) for name in names}
 NUMPY_ONLY = {"errors", "view", "mesh", "shapes", "fabric", "solids", "intersections", "scene", "io",
               "ordering", "elements", "quantities", "scenefile", "cli_recorded", "cli_study", "cli"}
-OUTPUT_MAY = {"output", "errors", "view", "runtime"}
+OUTPUT_MAY = {"output", "errors", "view", "quicken", "runtime"}
 
 
 def imports(path: pathlib.Path):
