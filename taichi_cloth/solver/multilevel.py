@@ -8,6 +8,8 @@ Symmetric positive definite by its form, for any mesh. Values pass from level to
 more than the finest one.
 """
 
+import math
+
 import numpy as np
 import taichi as ti
 
@@ -75,7 +77,7 @@ class Multilevel:
         self.cost, self.excess, self.kept = 0, 0, 0  # iterations when made, those beyond, steps since
         self.wait, self.pause = 0, 0  # steps until levels may last again, and the last such pause
         self.made_for: np.ndarray = np.zeros(0)
-        self.bent_for: np.ndarray = np.zeros(0)
+        self.bent_for = math.nan  # span [s]
         self.touch = next((f for f in operator.forces if isinstance(f, Touch)), None)
         self.touches = self.touch is not None
         if self.touches:
@@ -105,9 +107,9 @@ class Multilevel:
         self.jacobi.make(span, held)
         rows = np.zeros((0, 10)) if held is None else np.column_stack([held.index, held.projector.reshape(-1, 9)])
         made_for = np.append(rows.ravel().astype(np.float64), np.float32(span))  # without its last digits
-        if self.bend is not None and not np.array_equal(made_for, self.bent_for):
+        if self.bend is not None and made_for[-1] != self.bent_for:
             self._build_bent()
-            self.bent_for = made_for
+            self.bent_for = made_for[-1]
         if lasting and not self.touches and np.array_equal(made_for, self.made_for):
             if not self.wait and self.excess <= WORTH:
                 self.kept += 1
@@ -128,7 +130,7 @@ class Multilevel:
     def checkpoint(self) -> dict[str, np.ndarray]:
         """The levels as they were made, and how well they did."""
         age = np.array([self.cost, self.excess, self.kept, self.wait, self.pause])
-        bent = {} if self.bend is None else {"bent": self.bent.to_numpy(), "bent_for": self.bent_for}
+        bent = {} if self.bend is None else {"bent": self.bent.to_numpy(), "bent_for": np.array(self.bent_for)}
         return {"inverse": self.inverse_l.to_numpy(), "made_for": self.made_for, "age": age, **bent}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
@@ -137,7 +139,7 @@ class Multilevel:
         self.made_for = state["made_for"]
         if self.bend is not None:
             self.bent.from_numpy(state["bent"])
-            self.bent_for = state["bent_for"]
+            self.bent_for = float(state["bent_for"])
         self.cost, self.excess, self.kept, self.wait, self.pause = state["age"].tolist()
 
     @ti.func
@@ -286,18 +288,11 @@ class Multilevel:
 
     @ti.func
     def of_hinge(self, e, n):
-        """Root of the block of node n's hat: the hinge's gradient along it."""
+        """Root of the block of node n's hat: the hinge's gradient along it, as if nothing were held."""
         g_e, g_a, g_b = self.bend.gradient(e)
         v = self.bend.elements.vertices[e]
-        w = ti.Vector([self.hat(n, v[0]), self.hat(n, v[1]), self.hat(n, v[2]), self.hat(n, v[3])])
-        w_0 = w[0] * self.free(v[0])
-        out = ((w[1] * self.free(v[1]) - w_0) * g_e + (w[2] * self.free(v[2]) - w_0) * g_a
-               + (w[3] * self.free(v[3]) - w_0) * g_b)
-        if ti.static(self.touches):
-            if self.partly(v[0]) or self.partly(v[1]) or self.partly(v[2]) or self.partly(v[3]):
-                out = (self.shape(v[1], w[1]) @ g_e + self.shape(v[2], w[2]) @ g_a + self.shape(v[3], w[3]) @ g_b
-                       - self.shape(v[0], w[0]) @ (g_e + g_a + g_b))
-        return out
+        w = self.hat(n, v[0])
+        return (self.hat(n, v[1]) - w) * g_e + (self.hat(n, v[2]) - w) * g_a + (self.hat(n, v[3]) - w) * g_b
 
     @ti.func
     def sweep(self, r: ti.template()):

@@ -16,7 +16,7 @@ ROOMS = [
 ROOM = {name: k for k, names in enumerate(ROOMS) for name in names}
 NUMPY_ONLY = {"errors", "view", "mesh", "shapes", "fabric", "solids", "intersections", "scene", "io",
               "ordering", "elements", "quantities", "scenefile", "cli_recorded", "cli_study", "cli"}
-OUTPUT_MAY = {"output", "errors", "view", "quicken", "runtime"}
+OUTPUT_MAY = {"output", "errors", "view", "runtime"}
 
 
 def imports(path: pathlib.Path):
