@@ -6,6 +6,7 @@ done again only when a path leaves what it has covered. Distances and the way th
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import taichi as ti
@@ -17,6 +18,7 @@ from ..scene import Scene
 from .closest import EDGE_EDGE, VERTEX_FACE
 from .heap import LEAF, BoxHeap, morton
 from .pair_geometry import apart, between, closing, fading, gap
+from .states import rows_of
 
 CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
 FACES_A_CHUNK = 8
@@ -52,10 +54,20 @@ class Near:
     factor: np.ndarray
     radius: np.ndarray
 
-    @property
+    @cached_property
     def key(self) -> np.ndarray:
         """(k,) one number each."""
         return (self.pair[:, 0] << 32) + self.pair[:, 1] * 2 + self.pair[:, 2]
+
+    @cached_property
+    def order(self) -> np.ndarray:
+        """(k,) rows sorted by key."""
+        return np.argsort(self.key)
+
+    def rows_of(self, others: "Near") -> np.ndarray:
+        """(k,) where each of other pairs is among these, or -1."""
+        row = rows_of(self.key[self.order], others.key)
+        return np.where(row >= 0, self.order[row], -1) if len(self.order) else row
 
     def of(self, rows: np.ndarray) -> np.ndarray:
         """(k, 3) the same difference of other values (n, 3) of the particles."""

@@ -27,7 +27,7 @@ from ..scene import Scene
 from .closest import VERTEX_FACE
 from .layer_detection import TINY, LayerDetector, Near
 from .pairs import Points
-from .states import rows_of, tangential
+from .states import length, rows_of, tangential
 from .tangles import Tangles
 
 PRESS = 12.0  # stiffness of a pair over mass / h^2, h the largest step
@@ -145,7 +145,7 @@ class Layers:
         force, slope = self._pull(p, at, stiff, own)
         now = np.einsum("ki,ki->k", p.normal, p.of(base))
         slip = self._slip(p)
-        speed = np.linalg.norm(slip, axis=1)
+        speed = length(slip)
         mu = self.friction[p.vertices[:, 0]] * self.friction[p.vertices[:, 3]]
         bears = mu * self._expected(p, own, stiff * _law(at, p.radius)[0])
         slides = self._slides(p, slip) & (bears > 0)
@@ -192,12 +192,11 @@ class Layers:
         q = self.pressed
         if not self.round or q is None or not len(q.bears):
             return np.zeros(len(p.end), dtype=bool)
-        order = np.argsort(q.near.key)
-        row = rows_of(q.near.key[order], p.key)
-        where, known = order[row], row >= 0
+        where = q.near.rows_of(p)
+        known = where >= 0
         slid = q.way[where].any(axis=1)
         forward = np.einsum("ki,ki->k", slip, q.way[where]) > 0
-        over = q.drag[where] * np.linalg.norm(slip, axis=1) > CONE * q.bears[where]
+        over = q.drag[where] * length(slip) > CONE * q.bears[where]
         return known & np.where(slid, forward, over)
 
     def _expected(self, p: Near, own: np.ndarray, force: np.ndarray) -> np.ndarray:
@@ -241,7 +240,7 @@ class Layers:
         q = self.pressed
         assert q is not None
         d = np.einsum("ki,ki->k", q.near.normal, q.near.of(self.model.read_particles()[0]))
-        order = np.argsort(q.near.key)
+        order = q.near.order
         self.known = {"key": q.near.key[order], "force": np.maximum(q.force + q.slope * (q.at - d), 0.0)[order]}
 
     @timed
@@ -250,14 +249,14 @@ class Layers:
         p, q = self.near, self.pressed
         assert q is not None
         x = self.model.read_particles()[0]
-        keys = np.union1d(p.key, q.near.key)
-        force, own, radius = (np.zeros(len(keys)) for _ in range(3))
-        here, there = np.searchsorted(keys, p.key), np.searchsorted(keys, q.near.key)
-        stiff, mass = self._stiffness(p)
-        now = self._pull(p, p.end, stiff, mass)[0]
-        force[here], own[here], radius[here] = now, mass, p.radius
-        force[there] -= q.force + q.slope * (q.at - np.einsum("ki,ki->k", q.near.normal, q.near.of(x)))
-        own[there], radius[there] = q.own, q.near.radius
+        stiff, own = self._stiffness(p)
+        now = self._pull(p, p.end, stiff, own)[0]
+        taken = q.force + q.slope * (q.at - np.einsum("ki,ki->k", q.near.normal, q.near.of(x)))
+        row = q.near.rows_of(p)
+        gone = np.ones(len(taken), dtype=bool)
+        gone[row[row >= 0]] = False
+        force = np.concatenate([now - np.where(row >= 0, taken[row], 0.0) if len(taken) else now, taken[gone]])
+        own, radius = np.concatenate([own, q.own[gone]]), np.concatenate([p.radius, q.near.radius[gone]])
         allowed = own * np.maximum(LOOSE * np.linalg.norm(self.gravity), GIVE * radius / self.h**2)
         total = float(np.sum(now))
         wrong = np.where(np.abs(force) > allowed, np.abs(force), 0.0)
@@ -266,9 +265,9 @@ class Layers:
         lag = abs(float(np.sum(mu * now)) - float(np.sum(q.bears)))
         late = lag > LAGGED * float(np.sum(q.bears)) and self.round <= PATIENCE
         slip = self._slip(q.near)
-        taken = np.linalg.norm(q.friction(slip), axis=1)
+        rubbed = length(q.friction(slip))
         back = np.einsum("ki,ki->k", slip, q.way) < 0  # pushed the wrong way
-        over = float(np.sum(np.maximum(taken - CONE * q.bears, 0) + back * q.bears))
+        over = float(np.sum(np.maximum(rubbed - CONE * q.bears, 0) + back * q.bears))
         rubs = over > RUBBED * float(np.sum(q.bears)) and self.round == 1  # what it still is then, it is in the next step
         return not self.off and not rubs and not late and self.least > min(CLOSE / 3, self.was / 2)
 
@@ -282,14 +281,13 @@ class Layers:
         q, p = self.pressed, self.near
         if q is None or not len(q.own):
             return 0.0
-        speed = np.linalg.norm(self._slip(q.near), axis=1)
+        speed = length(self._slip(q.near))
         rub = float(self.h * np.sum(q.bears * np.where(speed < CREEP, speed**2 / (2 * CREEP), speed - CREEP / 2)))
         d = np.einsum("ki,ki->k", q.near.normal, q.near.of(self.model.read_particles()[0]))
         stop = STOP * q.own * q.near.factor / self.h**2 * np.maximum(self._limit(q.near) - d, 0) ** 2 / 2
-        order = np.argsort(q.near.key)
-        row = rows_of(q.near.key[order], p.key)
+        row = q.near.rows_of(p)
         stiff, _ = self._stiffness(p)
-        change = np.where(row >= 0, q.near.factor[order][row] / np.maximum(p.factor, TINY) - 1, 0.0)
+        change = np.where(row >= 0, q.near.factor[row] / np.maximum(p.factor, TINY) - 1, 0.0)
         return rub + float(np.sum(stop)) + float(np.sum(change * stiff * _potential(p.end, p.radius)))
 
     @timed
@@ -382,8 +380,9 @@ class Layers:
 
     def _stiffness(self, p: Near) -> tuple[np.ndarray, np.ndarray]:
         """(stiffness [N/m], mass [kg]) of pairs."""
-        own = 1 / np.maximum((p.weights**2 / self.model.mass[p.vertices]).sum(axis=1), 1e-300)
-        return PRESS * own / self.h_usual**2 * p.factor * self.boost[p.vertices].max(axis=1), own
+        own = 1 / np.maximum(np.einsum("ka,ka,ka->k", p.weights, p.weights, (1 / self.model.mass).take(p.vertices)), 1e-300)
+        a, b, c, d = self.boost.take(p.vertices.T)
+        return PRESS * own / self.h_usual**2 * p.factor * np.maximum(np.maximum(a, b), np.maximum(c, d)), own
 
 
 def _law(d: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
