@@ -5,9 +5,6 @@ The broad phase walks a tree of swept boxes and writes candidates down, thread b
 done again only when a path leaves what it has covered. Distances and the way that is free are taken pair by pair.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
-
 import numpy as np
 import taichi as ti
 
@@ -17,8 +14,8 @@ from ..model import Model
 from ..scene import Scene
 from .closest import EDGE_EDGE, VERTEX_FACE
 from .heap import LEAF, BoxHeap, morton
+from .near import Near
 from .pair_geometry import apart, between, closing, fading, gap
-from .states import rows_of
 
 CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
 FACES_A_CHUNK = 8
@@ -28,50 +25,6 @@ NEAR_END = 0.05  # of it: a path may end so much before it must
 TURNED = 0.5  # cosine between a pair's directions when it came near and at the end for the end's to be taken
 COLUMNS = 12
 TINY = 1e-12  # least factor of a pair
-
-
-@dataclass(frozen=True)
-class Near:
-    """Pairs on a path.
-
-    Attributes:
-        pair: (k, 3) ids: vertex and face, or two edges; and which of the two it is.
-        vertices: (k, 4) particles; weights: (k, 4), positive on one side, negative on the other: w . x is from the
-            second to the first.
-        start: (k,) distance where the path begins [m].
-        end: (k,) the same at its end, along `normal`; negative has passed through.
-        normal: (k, 3) from the second to the first.
-        factor: (k,) part of a full pair that this one counts: less near the ends of edges and for parallel ones.
-        radius: (k,) distance [m] that the two should keep.
-    """
-
-    pair: np.ndarray
-    vertices: np.ndarray
-    weights: np.ndarray
-    start: np.ndarray
-    end: np.ndarray
-    normal: np.ndarray
-    factor: np.ndarray
-    radius: np.ndarray
-
-    @cached_property
-    def key(self) -> np.ndarray:
-        """(k,) one number each."""
-        return (self.pair[:, 0] << 32) + self.pair[:, 1] * 2 + self.pair[:, 2]
-
-    @cached_property
-    def order(self) -> np.ndarray:
-        """(k,) rows sorted by key."""
-        return np.argsort(self.key)
-
-    def rows_of(self, others: "Near") -> np.ndarray:
-        """(k,) where each of other pairs is among these, or -1."""
-        row = rows_of(self.key[self.order], others.key)
-        return np.where(row >= 0, self.order[row], -1) if len(self.order) else row
-
-    def of(self, rows: np.ndarray) -> np.ndarray:
-        """(k, 3) the same difference of other values (n, 3) of the particles."""
-        return np.einsum("ka,kai->ki", self.weights, rows.take(self.vertices, axis=0))
 
 
 @ti.data_oriented

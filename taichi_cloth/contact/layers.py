@@ -25,7 +25,8 @@ from ..fields import Fields
 from ..model import Model
 from ..scene import Scene
 from .closest import VERTEX_FACE
-from .layer_detection import TINY, LayerDetector, Near
+from .layer_detection import TINY, LayerDetector
+from .near import Near
 from .pairs import Points
 from .states import length, rows_of, tangential
 from .tangles import Tangles

@@ -8,8 +8,8 @@ Differs from [BW98 §6]: a step on whose way cloth would pass through cloth is t
 
 import numpy as np
 
-from .layer_detection import Near
 from .layers import Layers
+from .near import Near
 
 STRONG = 25.0  # times as stiff as repulsion where cloth begins to touch
 DAMPING = 1.0  # of a spring, over critical
