@@ -38,9 +38,12 @@ class _Bound:
 def _data_oriented(cls, mark=ti.data_oriented):
     """`ti.data_oriented`, which asks of every attribute that is got from an instance whether it is a kernel.
 
-    Kernels that are properties or static are not bound.
+    It goes on doing so where a kernel is a property or static.
     """
     mark(cls)
+    inner = [getattr(member, "fget", getattr(member, "__func__", None)) for member in vars(cls).values()]
+    if any(hasattr(function, "_is_wrapped_kernel") for function in inner):
+        return cls
     del cls.__getattribute__
     for name, member in list(vars(cls).items()):
         if getattr(member, "_is_classkernel", False):
