@@ -198,6 +198,7 @@ def _references(make: Callable[[], Scene], samples: int, h: float, say: Callable
     if not scene.touches:
         tracks = []
         for part in REFERENCE_PARTS:
+            # wind and led particles go evenly within a step: the two must not have that error in common
             sim = Simulation(make(), h=part / (4 * SAMPLES), integrator="verlet")
             sim.integrator.part, sim.integrator.every = part, 1
             say(f"reference: verlet at {part:g} of its stable step, {sim.integrator.stable_step:.3g} s")

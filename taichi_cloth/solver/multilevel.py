@@ -3,7 +3,8 @@
     P^-1 = S (D^-1 + sum over levels of Q_l D_l^-1 Q_l^T) S
 
 Q_l interpolates from the nodes of level l to the particles, D_l is the block diagonal of Q_l^T A Q_l, summed up from
-the elements without assembling A. Hats end where particles are held in all directions; air drag is left out.
+the elements without assembling A. Hats end where particles are held in all directions; air drag is left out, and hinges
+count with their trace, as they were when the step size last changed and as if nothing were held.
 Symmetric positive definite by its form, for any mesh. Values pass from level to level, so that a cycle costs little
 more than the finest one.
 """
@@ -77,7 +78,7 @@ class Multilevel:
         self.cost, self.excess, self.kept = 0, 0, 0  # iterations when made, those beyond, steps since
         self.wait, self.pause = 0, 0  # steps until levels may last again, and the last such pause
         self.made_for: np.ndarray = np.zeros(0)
-        self.bent_for = math.nan  # span [s]
+        self.bent_for = math.nan  # span [s] that `bent` was made for
         self.touch = next((f for f in operator.forces if isinstance(f, Touch)), None)
         self.touches = self.touch is not None
         if self.touches:
