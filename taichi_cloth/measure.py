@@ -1,4 +1,5 @@
-"""One pass over the state: energies by term, the incremental potential, largest stretch, finiteness."""
+"""One pass over the state: energies by term, the incremental potential, largest stretch, finiteness, and where it is
+wanted the linear system there."""
 
 from dataclasses import dataclass
 
@@ -6,6 +7,7 @@ import numpy as np
 import taichi as ti
 
 from .model import Model
+from .operator import Operator
 from .runtime import Runtime
 
 
@@ -47,58 +49,74 @@ class Measures:
 
 @ti.data_oriented
 class Meter:
-    """Measures a model under its forces."""
+    """Measures a model under its forces, and linearizes them: both need the same strains.
 
-    def __init__(self, model: Model, forces: list, runtime: Runtime) -> None:
-        self.model, self.forces, self.blocks = model, forces, model.blocks
+    Args:
+        operator: what is linearized, or None where no step is implicit.
+    """
+
+    def __init__(self, model: Model, forces: list, runtime: Runtime, operator: Operator | None) -> None:
+        self.model, self.forces, self.blocks, self.operator = model, forces, model.blocks, operator
         self.sum_type = ti.f32 if runtime.sums == "f32" else ti.f64
+        self.linear = operator is not None
         self.base, column = [], 0
+        self.extremes: list[int] = []  # columns of the largest stretch and its change, where cloth has any
         for force in forces:
             self.base.append(column)
-            column += len(force.energies) + 1
-        self.column = column  # of kinetic energy; then change, stretch, its change, a sum over x and v
-        self.stretched = [f for f in forces if hasattr(f, "largest_stretch")]
-        self._report: np.ndarray = np.zeros((self.blocks.count, column + 5), dtype=runtime.exchange)
+            column += len(force.energies) + 1 + force.extremes
+            self.extremes += range(column - force.extremes, column)
+        self.column = column  # of kinetic energy; then change, a sum over x and v
+        self._report: np.ndarray = np.zeros((self.blocks.count, column + 3), dtype=runtime.exchange)
 
     def measure(self) -> Measures:
         """The model's current state, against its saved one."""
-        self._measure(self._report)
+        return self._look(0, 0, 0.0)
+
+    def linearize(self, c: float, moves: bool) -> Measures:
+        """The same; the operator becomes that of the current state.
+
+        b = M (v_base - v) + c f, with `moves` + c K motion.
+        """
+        return self._look(1, int(moves), c)
+
+    def _look(self, linearizes: int, moves: int, c: float) -> Measures:
+        self._evaluate(linearizes, moves, c, self._report)
         sums, peaks = self._report.sum(axis=0, dtype=np.float64), self._report.max(axis=0)
         energies: dict[str, float] = {}
         dissipation = 0.0
         for force, base in zip(self.forces, self.base):
             energies.update({name: float(sums[base + i]) for i, name in enumerate(force.energies)})
             dissipation += float(sums[base + len(force.energies)])
-        c = self.column
-        energies["kinetic"] = float(sums[c])
+        n = self.column
+        energies["kinetic"] = float(sums[n])
         finite = bool(np.isfinite(sums).all())
-        return Measures(energies, dissipation, float(sums[c + 1]), float(peaks[c + 2]), float(peaks[c + 3]), finite)
+        stretch, stretch_change = (float(peaks[k]) for k in self.extremes) if self.extremes else (0.0, 0.0)
+        return Measures(energies, dissipation, float(sums[n + 1]), stretch, stretch_change, finite)
 
     @ti.kernel
-    def _measure(self, report: ti.types.ndarray()):
+    def _evaluate(self, linearizes: int, moves: int, c: float, report: ti.types.ndarray()):
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
                 block = t // self.blocks.grain
+                self.evaluate_rows(block, linearizes, report)
                 for k in ti.static(range(len(self.forces))):
-                    self.forces[k].measure(block, self.base[k], report, self.sum_type)
-                self.measure_rows(block, report)
-                report[block, self.column + 2] = 0
-                report[block, self.column + 3] = 0
-                for k in ti.static(range(len(self.stretched))):
-                    largest, change = self.stretched[k].largest_stretch(block)
-                    report[block, self.column + 2] = largest
-                    report[block, self.column + 3] = change
+                    self.forces[k].evaluate(block, linearizes, moves, c, self.operator, self.base[k], report, self.sum_type)
 
     @ti.func
-    def measure_rows(self, block, report: ti.template()):
-        """Kinetic energy, change, and a sum that is finite if x and v are."""
+    def evaluate_rows(self, block, linearizes, report: ti.template()):
+        """Kinetic energy, change, and a sum that is finite if x and v are; the masses' part of the linear system."""
         kinetic, change = ti.cast(0, self.sum_type), ti.cast(0, self.sum_type)
         total = ti.cast(0, self.sum_type)
         for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
             v, m = self.model.v[i], self.model.m[i]
+            lag = self.model.v_base[i] - v
             kinetic += 0.5 * m * v.norm_sqr()
-            change += 0.5 * m * (v - self.model.v_base[i]).norm_sqr()
+            change += 0.5 * m * lag.norm_sqr()
             total += v.sum() + self.model.x[i].sum()
+            if ti.static(self.linear):
+                if linearizes == 1:
+                    self.operator.b[i] = m * lag
+                    self.operator.P[i] = ti.Vector([m, 0.0, 0.0, m, 0.0, m])
         report[block, self.column] = kinetic
         report[block, self.column + 1] = change
-        report[block, self.column + 4] = total
+        report[block, self.column + 2] = total

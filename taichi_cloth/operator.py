@@ -1,6 +1,6 @@
 """The linear system of a step: A = M - c D - c^2 K and its right-hand side, matrix-free.
 
-`c` is h for backward Euler (18); methods with stages use their own.
+`c` is h for backward Euler (18); methods with stages use their own. `measure.Meter` linearizes.
 """
 
 import numpy as np
@@ -39,19 +39,6 @@ class Operator:
         for k in range(index.shape[0]):
             i = index[k]
             self.motion[i] += ti.Vector([ti.cast(y[k, 0], float), ti.cast(y[k, 1], float), ti.cast(y[k, 2], float)])
-
-    @ti.kernel
-    def linearize(self, c: float):
-        """b = M (v_base - v) + c (f + K motion); keeps the blocks of A for `product`."""
-        for t in range(self.blocks.count * self.blocks.grain):
-            if t % self.blocks.grain == 0:
-                block = t // self.blocks.grain
-                for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
-                    m = self.model.m[i]
-                    self.b[i] = m * (self.model.v_base[i] - self.model.v[i])
-                    self.P[i] = ti.Vector([m, 0.0, 0.0, m, 0.0, m])
-                for k in ti.static(range(len(self.forces))):
-                    self.forces[k].linearize(block, c, self.motion, self.b, self.P)
 
     @ti.func
     def product(self, block, p: ti.template(), q: ti.template()):

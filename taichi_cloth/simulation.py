@@ -14,11 +14,11 @@ from .fields import Fields
 from .forces import build_forces
 from .forces.conditions import K_MODES
 from .forces.external import Drag
-from .integrators import CG_TOL, INTEGRATORS, SOLVER, Options
+from .integrators import CG_TOL, EXPLICIT, INTEGRATORS, SOLVER, Options
 from .intersections import count_crossings, count_self_crossings
 from .measure import Meter
 from .model import Model
-from .operator import ForceField, Probe
+from .operator import ForceField, Operator, Probe
 from .quantities import deformation, principal_stretches
 from .scene import Scene
 from .solver.pcg import CONVERGED, Solution
@@ -143,8 +143,12 @@ class Simulation:
             self.integrator_name, why = integrators.choose(self._forces, scene.touches, h, tolerance,
                                                             self.control.adaptive)
             self._why = f"integrator {self.integrator_name}: {why}"
-        self.meter = Meter(self.model, self._forces, self.runtime)
         self.contacts = _contacts(fields, self.model, scene, h, self.runtime.arch == "cpu", self.options)
+        operator, forces = None, list(self._forces)
+        if self.integrator_name not in EXPLICIT:
+            forces += [self.contacts.touch] if self.contacts else []
+            operator = Operator(fields, self.model, forces)
+        self.meter = Meter(self.model, forces, self.runtime, operator)
         self.integrator = integrators.build(self.integrator_name, fields, self.model, self._forces, self.meter,
                                             self.options, self.runtime, scene, self.contacts)
         fields.allocate()
@@ -400,7 +404,7 @@ class Simulation:
         system.operator.set_motion(h)
         if held is not None:
             system.operator.alter_motion(held.index, held.y)
-        system.linearize(h)
+        system.linearize(h, moves=True)
         self.integrator.reset()
         return system
 

@@ -22,7 +22,7 @@ CORNERS = 4
 class Touch:
     """Points of contact as a force of the operator; see `forces` for the contract."""
 
-    energies = ()
+    energies, extremes = (), 0
 
     def __init__(self, fields: Fields, model: Model, layered: bool = False) -> None:
         self.model, self._fields = model, fields
@@ -67,14 +67,17 @@ class Touch:
                 self.A[e][c] = A[e, c]
 
     @ti.func
-    def linearize(self, block, c, motion: ti.template(), b: ti.template(), P: ti.template()):
-        """Adds the right-hand sides to b and the blocks to P."""
-        lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
-        for e in range(self.first[block], self.first[block + 1]):
-            for k in ti.static(range(CORNERS)):
-                w, i = self.weights[e][k], self.vertices[e][k]
-                self.model.blocks.add(b, i, w * self.rhs[e], lo, hi)
-                self.model.blocks.add(P, i, w * w * self.A[e], lo, hi)
+    def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
+                 dtype: ti.template()):
+        """With `linearizes`, adds the right-hand sides to b and the blocks to P. No energy, no dissipation."""
+        if linearizes == 1:
+            lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
+            for e in range(self.first[block], self.first[block + 1]):
+                for k in ti.static(range(CORNERS)):
+                    w, i = self.weights[e][k], self.vertices[e][k]
+                    self.model.blocks.add(to.b, i, w * self.rhs[e], lo, hi)
+                    self.model.blocks.add(to.P, i, w * w * self.A[e], lo, hi)
+        report[block, base] = 0
 
     @ti.func
     def add_diagonal(self, block, P: ti.template()):

@@ -2,15 +2,15 @@
 
 A force is a data-oriented object whose functions work on one block of rows at a time:
 
-- `energies`: names of its energy terms.
+- `energies`: names of its energy terms; `extremes`: how many columns of the report after them are maxima.
 - `rates`: bounds at rest on the squared frequency [1/s^2] and the damping rate [1/s] of any mode, for explicit steps.
 - `rounding_energy(d)`: energy [J] that positions off by d [m] put into the rest shape.
-- `build_stiffness()`: allocates what only implicit steps need.
+- `build_stiffness()`: allocates what only implicit steps need; `stiff` says whether that was done.
 - `add_force(block, f)`: f += its force at the model's x and v.
-- `linearize(block, c, motion, b, P)`: b += c (f + K motion); keeps the block of -c D - c^2 K, adds its diagonal to P.
+- `evaluate(block, linearizes, moves, c, to, base, report, dtype)`: its energy terms [J], half the power it dissipates [W]
+  and its extremes into columns of the report, from column `base`. With `linearizes`, of an `Operator` `to`: b += c f, with
+  `moves` c (f + K motion); keeps the block of -c D - c^2 K, adds its diagonal to P.
 - `add_product(block, p, q)`: q += (-c D - c^2 K) p. Symmetric and linear in p.
-- `measure(block, base, report, dtype)`: its energy terms [J] and half the power it dissipates [W] into columns
-  of the report, from column `base`.
 
 A force that no cloth asks for is not in the list, so it has no fields, and no kernel contains it.
 """

@@ -27,7 +27,7 @@ class Bend:
     and the two arms from its first vertex; in K mode "paper" the symmetric 9x9 block itself.
     """
 
-    energies = ("bend",)
+    energies, extremes, stiff = ("bend",), 0, False
 
     def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
         self.model, self.exact = model, mode == "paper"
@@ -53,7 +53,7 @@ class Bend:
 
     def build_stiffness(self) -> None:
         """Allocates what only an implicit step needs."""
-        self.g = self._fields.real(self.elements.count, 9)
+        self.g, self.stiff = self._fields.real(self.elements.count, 9), True
         if self.exact:
             self.hessian = self._fields.real(self.elements.count, 81)
 
@@ -104,31 +104,50 @@ class Bend:
             self.scatter(e, s * g_e, s * g_a, s * g_b, f, lo, hi)
 
     @ti.func
-    def linearize(self, block, c, motion: ti.template(), b: ti.template(), P: ti.template()):
-        """b += c (f + K motion); stores the block of -c D - c^2 K and adds its diagonal to P."""
+    def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
+                 dtype: ti.template()):
+        """Energy [J] in column `base`, then dissipated power / 2 [W]. With `linearizes`, the linear system too."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
+        sums = ti.Vector.zero(dtype, 2)
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
             C, C_dot, g_e, g_a, g_b = self.strain(e)
-            m_e, m_a, m_b = self.arms(e, motion)
-            k, k_d = self.rest[e][0], self.rest[e][1]
-            s = -c * (k * C + k_d * C_dot + k * (g_e.dot(m_e) + g_a.dot(m_a) + g_b.dot(m_b)))
-            r_e, r_a, r_b = s * g_e, s * g_a, s * g_b
-            if ti.static(self.exact):
+            if self.elements.primary[e] == 1:
+                sums[0] += 0.5 * self.rest[e][0] * C * C
+                sums[1] += 0.5 * self.rest[e][1] * C_dot * C_dot
+            if ti.static(self.stiff):
+                if linearizes == 1:
+                    self.linearize(e, moves, c, C, C_dot, g_e, g_a, g_b, to, lo, hi)
+        if ti.static(self.stiff):
+            if linearizes == 1:
+                # a loop of its own: Taichi does not see that a load at a fixed index depends on a store at a running one
+                for e in range(self.elements.first[block], self.elements.first[block + 1]):
+                    self.add_diagonal(e, to.P, lo, hi)
+        report[block, base] = sums[0]
+        report[block, base + 1] = sums[1]
+
+    @ti.func
+    def linearize(self, e, moves, c, C, C_dot, g_e, g_a, g_b, to: ti.template(), lo, hi):
+        """b += c (f + K motion); stores the block of -c D - c^2 K."""
+        k, k_d = self.rest[e][0], self.rest[e][1]
+        s = k * C + k_d * C_dot
+        m_e, m_a, m_b = self.arms(e, to.motion)
+        if moves == 1:
+            s += k * (g_e.dot(m_e) + g_a.dot(m_a) + g_b.dot(m_b))
+        r_e, r_a, r_b = -c * s * g_e, -c * s * g_a, -c * s * g_b
+        if ti.static(self.exact):
+            if moves == 1:
                 e_x, a_x, b_x = self.arms(e, self.model.x)
                 d_e, d_a, d_b = hinge_gradient_change(e_x, a_x, b_x, m_e, m_a, m_b, self.rest[e][3])
                 r_e, r_a, r_b = r_e - c * k * C * d_e, r_a - c * k * C * d_a, r_b - c * k * C * d_b
-            self.scatter(e, r_e, r_a, r_b, b, lo, hi)
-            root = ti.sqrt(c * c * k + c * k_d)
-            g_e, g_a, g_b = root * g_e, root * g_a, root * g_b
-            for i in ti.static(range(3)):
-                self.g[e][i] = g_e[i]
-                self.g[e][3 + i] = g_a[i]
-                self.g[e][6 + i] = g_b[i]
-            if ti.static(self.exact):
-                self.store_exact(e, c * c * k * C)
-        # a loop of its own: Taichi does not see that a load at a fixed index depends on a store at a running one
-        for e in range(self.elements.first[block], self.elements.first[block + 1]):
-            self.add_diagonal(e, P, lo, hi)
+        self.scatter(e, r_e, r_a, r_b, to.b, lo, hi)
+        root = ti.sqrt(c * c * k + c * k_d)
+        g_e, g_a, g_b = root * g_e, root * g_a, root * g_b
+        for i in ti.static(range(3)):
+            self.g[e][i] = g_e[i]
+            self.g[e][3 + i] = g_a[i]
+            self.g[e][6 + i] = g_b[i]
+        if ti.static(self.exact):
+            self.store_exact(e, c * c * k * C)
 
     @ti.func
     def store_exact(self, e, factor):
@@ -206,18 +225,6 @@ class Bend:
             if column == 6 + i:
                 s = p_b[i]
         return s
-
-    @ti.func
-    def measure(self, block, base: ti.template(), report: ti.template(), dtype: ti.template()):
-        """Energy [J] in column `base`; then dissipated power / 2 [W]."""
-        sums = ti.Vector.zero(dtype, 2)
-        for e in range(self.elements.first[block], self.elements.first[block + 1]):
-            if self.elements.primary[e] == 1:
-                C, C_dot, g_e, g_a, g_b = self.strain(e)
-                sums[0] += 0.5 * self.rest[e][0] * C * C
-                sums[1] += 0.5 * self.rest[e][1] * C_dot * C_dot
-        report[block, base] = sums[0]
-        report[block, base + 1] = sums[1]
 
 
 def _rest(cloth, h: Hinges) -> np.ndarray:

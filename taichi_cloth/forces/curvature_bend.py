@@ -37,7 +37,7 @@ class CurvatureBend:
     damping.
     """
 
-    energies = ("bend",)
+    energies, extremes, stiff = ("bend",), 0, False
 
     def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
         self.model, self._fields = model, fields
@@ -72,7 +72,7 @@ class CurvatureBend:
 
     def build_stiffness(self) -> None:
         """Allocates what only an implicit step needs."""
-        self.A = self._fields.real(self.elements.count, 3)
+        self.A, self.stiff = self._fields.real(self.elements.count, 3), True
         if self.damps:
             self.way = self._fields.real(self.elements.count, 9)
 
@@ -126,31 +126,58 @@ class CurvatureBend:
             self.scatter(e, -self.pull(e, self.second(e, self.model.x)), f, lo, hi)
 
     @ti.func
-    def linearize(self, block, c, motion: ti.template(), b: ti.template(), P: ti.template()):
-        """b += c (f + K motion); keeps the factors of -c D - c^2 K and adds its diagonal to P."""
+    def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
+                 dtype: ti.template()):
+        """Energy [J] in column `base`, then dissipated power / 2 [W]. With `linearizes`, the linear system too."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
+        sums = ti.Vector.zero(dtype, 2)
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
-            q, moved = self.second(e, self.model.x), self.second(e, motion)
-            r = self.pull(e, q)
+            q = self.second(e, self.model.x)
+            if self.elements.primary[e] == 1:
+                for m, d in ti.static(ti.ndrange(3, 3)):
+                    sums[0] += 0.5 * self.factor[e][m] * q[m, d] ** 2
+                if ti.static(self.damps):
+                    u = self.along(q, self.second(e, self.model.v))
+                    for m, d in ti.static(ti.ndrange(3, 3)):
+                        sums[1] += 0.5 * self.factor[e][3 + m] * u[m, d] ** 2
+            if ti.static(self.stiff):
+                if linearizes == 1:
+                    self.linearize(e, moves, c, q, to, lo, hi)
+        if ti.static(self.stiff):
+            if linearizes == 1:
+                for e in range(self.elements.first[block], self.elements.first[block + 1]):
+                    self.add_diagonal(e, to.P, lo, hi)
+        report[block, base] = sums[0]
+        report[block, base + 1] = sums[1]
+
+    @ti.func
+    def linearize(self, e, moves, c, q, to: ti.template(), lo, hi):
+        """b += c (f + K motion); keeps the factors of -c D - c^2 K."""
+        r = self.pull(e, q)
+        if moves == 1:
+            moved = self.second(e, to.motion)
             for m, d in ti.static(ti.ndrange(3, 3)):
                 r[m, d] += self.factor[e][m] * moved[m, d]
-            self.scatter(e, -c * r, b, lo, hi)
+        self.scatter(e, -c * r, to.b, lo, hi)
+        for m in ti.static(range(3)):
+            self.A[e][m] = c * c * self.factor[e][m]
+        if ti.static(self.damps):
             for m in ti.static(range(3)):
-                self.A[e][m] = c * c * self.factor[e][m]
-            if ti.static(self.damps):
-                for m in ti.static(range(3)):
-                    way = ti.sqrt(c * self.factor[e][3 + m]) * unit(ti.Vector([q[m, 0], q[m, 1], q[m, 2]]))
-                    for d in ti.static(range(3)):
-                        self.way[e][3 * m + d] = way[d]
-        for e in range(self.elements.first[block], self.elements.first[block + 1]):
-            for a in range(self.width):
-                own = ti.Vector.zero(float, 6)
-                for m in ti.static(range(3)):
-                    square = self.weight[e][self.width * m + a] ** 2
-                    own += sym_scaled_identity(self.A[e][m] * square)
-                    if ti.static(self.damps):
-                        own += square * sym_outer(self.direction(e, m))
-                self.model.blocks.add(P, self.elements.vertices[e][a], own, lo, hi)
+                way = ti.sqrt(c * self.factor[e][3 + m]) * unit(ti.Vector([q[m, 0], q[m, 1], q[m, 2]]))
+                for d in ti.static(range(3)):
+                    self.way[e][3 * m + d] = way[d]
+
+    @ti.func
+    def add_diagonal(self, e, P: ti.template(), lo, hi):
+        """P += the diagonal 3x3 blocks."""
+        for a in range(self.width):
+            own = ti.Vector.zero(float, 6)
+            for m in ti.static(range(3)):
+                square = self.weight[e][self.width * m + a] ** 2
+                own += sym_scaled_identity(self.A[e][m] * square)
+                if ti.static(self.damps):
+                    own += square * sym_outer(self.direction(e, m))
+            self.model.blocks.add(P, self.elements.vertices[e][a], own, lo, hi)
 
     @ti.func
     def direction(self, e, m: ti.template()):
@@ -172,20 +199,6 @@ class CurvatureBend:
                 for c in ti.static(range(3)):
                     r[m, c] = out[c]
             self.scatter(e, r, q, lo, hi)
-
-    @ti.func
-    def measure(self, block, base: ti.template(), report: ti.template(), dtype: ti.template()):
-        """Energy [J] in column `base`; then dissipated power / 2 [W]."""
-        sums = ti.Vector.zero(dtype, 2)
-        for e in range(self.elements.first[block], self.elements.first[block + 1]):
-            if self.elements.primary[e] == 1:
-                q = self.second(e, self.model.x)
-                u = self.along(q, self.second(e, self.model.v))
-                for m, c in ti.static(ti.ndrange(3, 3)):
-                    sums[0] += 0.5 * self.factor[e][m] * q[m, c] ** 2
-                    sums[1] += 0.5 * self.factor[e][3 + m] * u[m, c] ** 2
-        report[block, base] = sums[0]
-        report[block, base + 1] = sums[1]
 
 
 def curvatures(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ from .conditions import sym_outer, sym_scaled_identity, sym_times
 class Gravity:
     """m g, with the potential -m g . x."""
 
-    energies = ("gravity",)
+    energies, extremes, stiff = ("gravity",), 0, False
     rates = (0.0, 0.0)
 
     def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
@@ -25,7 +25,8 @@ class Gravity:
         return float(np.linalg.norm(self.g) * self.model.mass.sum()) * d
 
     def build_stiffness(self) -> None:
-        """Nothing: gravity has no derivative."""
+        """Nothing but to be asked for: gravity has no derivative."""
+        self.stiff = True
 
     @ti.func
     def add_force(self, block, f: ti.template()):
@@ -35,25 +36,23 @@ class Gravity:
             f[i] = f[i] + self.model.m[i] * g
 
     @ti.func
-    def linearize(self, block, c, motion: ti.template(), b: ti.template(), P: ti.template()):
-        """b += c m g"""
+    def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
+                 dtype: ti.template()):
+        """Energy [J] in column `base`, no dissipation. With `linearizes`, b += c m g."""
         g = ti.Vector(self.g)
+        total = ti.cast(0, dtype)
         for i in range(self.model.blocks.row[block], self.model.blocks.row[block + 1]):
-            b[i] = b[i] + c * self.model.m[i] * g
+            weight = self.model.m[i] * g
+            total -= weight.dot(self.model.x[i])
+            if ti.static(self.stiff):
+                if linearizes == 1:
+                    to.b[i] = to.b[i] + c * weight
+        report[block, base] = total
+        report[block, base + 1] = 0
 
     @ti.func
     def add_product(self, block, p: ti.template(), q: ti.template()):
         """Nothing."""
-
-    @ti.func
-    def measure(self, block, base: ti.template(), report: ti.template(), dtype: ti.template()):
-        """Energy [J] in column `base`; no dissipation."""
-        g = ti.Vector(self.g)
-        total = ti.cast(0, dtype)
-        for i in range(self.model.blocks.row[block], self.model.blocks.row[block + 1]):
-            total -= self.model.m[i] * g.dot(self.model.x[i])
-        report[block, base] = total
-        report[block, base + 1] = 0
 
 
 @ti.data_oriented
@@ -64,7 +63,7 @@ class Drag:
     into the implicit solve; its derivative by position is left out of the matrix.
     """
 
-    energies = ()
+    energies, extremes, stiff = (), 0, False
 
     def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
         self.model = model
@@ -86,7 +85,7 @@ class Drag:
 
     def build_stiffness(self) -> None:
         """Allocates what only an implicit step needs."""
-        self.A = self._fields.real(self.elements.count, 6)
+        self.A, self.stiff = self._fields.real(self.elements.count, 6), True
 
     def set_wind(self, now: np.ndarray) -> None:
         """Velocity of the air [m/s]."""
@@ -128,14 +127,22 @@ class Drag:
             self.scatter(e, -sym_times(self.coefficient(e), self.slip(e)) / 3, f, lo, hi)
 
     @ti.func
-    def linearize(self, block, c, motion: ti.template(), b: ti.template(), P: ti.template()):
-        """b += c f; stores -c D and adds its diagonal to P."""
+    def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
+                 dtype: ti.template()):
+        """No energy; half the power that drag takes [W] beyond what it takes from cloth at rest, in column `base`. With
+        `linearizes`, b += c f; stores -c D and adds its diagonal to P."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
+        total = ti.cast(0, dtype)
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
-            B = self.coefficient(e)
-            self.scatter(e, -c * sym_times(B, self.slip(e)) / 3, b, lo, hi)
-            self.A[e] = c * B / 9
-            self.scatter(e, c * B / 9, P, lo, hi)
+            B, slip, wind = self.coefficient(e), self.slip(e), self.wind[0]
+            if self.elements.primary[e] == 1:
+                total += 0.5 * (slip + wind).dot(sym_times(B, slip - wind))
+            if ti.static(self.stiff):
+                if linearizes == 1:
+                    self.scatter(e, -c * sym_times(B, slip) / 3, to.b, lo, hi)
+                    self.A[e] = c * B / 9
+                    self.scatter(e, c * B / 9, to.P, lo, hi)
+        report[block, base] = total
 
     @ti.func
     def add_product(self, block, p: ti.template(), q: ti.template()):
@@ -144,15 +151,3 @@ class Drag:
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
             v = self.elements.vertices[e]
             self.scatter(e, sym_times(self.A[e], p[v[0]] + p[v[1]] + p[v[2]]), q, lo, hi)
-
-    @ti.func
-    def measure(self, block, base: ti.template(), report: ti.template(), dtype: ti.template()):
-        """No energy; half the power that drag takes [W] beyond what it takes from cloth at rest, in column `base`."""
-        total = ti.cast(0, dtype)
-        for e in range(self.elements.first[block], self.elements.first[block + 1]):
-            if self.elements.primary[e] == 1:
-                wind = self.wind[0]
-                u = self.slip(e)
-                total += 0.5 * (u + wind).dot(sym_times(self.coefficient(e), u - wind))
-        report[block, base] = total
-

@@ -25,6 +25,8 @@ class Membrane:
     Stored for an element and a step: the symmetric 6x6 block of A in the edges (x_1 - x_0, x_2 - x_0), 21 numbers.
     """
 
+    extremes, stiff = 2, False
+
     def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
         self.model, self.mode = model, mode
         cloths = [(k, c) for k, c in enumerate(scene.cloths) if c.fabric.stretch or c.fabric.shear]
@@ -61,7 +63,7 @@ class Membrane:
 
     def build_stiffness(self) -> None:
         """Allocates what only an implicit step needs."""
-        self.A = self._fields.real(self.elements.count, 21)
+        self.A, self.stiff = self._fields.real(self.elements.count, 21), True
 
     @ti.func
     def spread(self, e, q: ti.template()):
@@ -130,26 +132,60 @@ class Membrane:
             self.scatter(e, -self.area[e] * g_u, -self.area[e] * g_v, f, lo, hi)
 
     @ti.func
-    def linearize(self, block, c, motion: ti.template(), b: ti.template(), P: ti.template()):
-        """b += c (f + K motion); stores the block of -c D - c^2 K and adds its diagonal to P."""
+    def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
+                 dtype: ti.template()):
+        """Energies by term [J], from column `base`; dissipated power / 2 [W]; largest |w| / b, and its largest change since
+        the saved state. With `linearizes`, the linear system too."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
+        sums, largest, change = ti.Vector.zero(dtype, 4), 0.0, 0.0
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
+            k = self.table[self.material[e]]
             w_u, w_v = self.spread(e, self.model.x)
             v_u, v_v = self.spread(e, self.model.v)
-            m_u, m_v = self.spread(e, motion)
-            g_u, g_v = self.gradient(e, w_u, w_v, v_u, v_v)
-            uu, uv, vv = self.stiffness(e, w_u, w_v)
+            o_u, o_v = self.spread(e, self.model.x_saved)
+            u, v = w_u.norm(), w_v.norm()
+            largest = ti.max(largest, ti.max(u / k[B_U], v / k[B_V]))
+            change = ti.max(change, ti.max(ti.abs(u - o_u.norm()) / k[B_U], ti.abs(v - o_v.norm()) / k[B_V]))
+            if self.elements.primary[e] == 1:
+                half = 0.5 * self.area[e]
+                if ti.static(self.stretches):
+                    sums[0] += half * k[K_U] * (u - k[B_U]) ** 2
+                    sums[1] += half * k[K_V] * (v - k[B_V]) ** 2
+                if ti.static(self.shears):
+                    sums[2] += half * k[K_S] * w_u.dot(w_v) ** 2
+                if ti.static(self.damps):
+                    sums[3] += half * (k[D_U] * unit(w_u).dot(v_u) ** 2 + k[D_V] * unit(w_v).dot(v_v) ** 2
+                                       + k[D_S] * (v_u.dot(w_v) + v_v.dot(w_u)) ** 2)
+            if ti.static(self.stiff):
+                if linearizes == 1:
+                    self.linearize(e, moves, c, w_u, w_v, v_u, v_v, to, lo, hi)
+        if ti.static(self.stretches):
+            report[block, base] = sums[0]
+            report[block, base + 1] = sums[1]
+        if ti.static(self.shears):
+            report[block, base + 2 * self.stretches] = sums[2]
+        report[block, base + 2 * self.stretches + self.shears] = sums[3]
+        report[block, base + 2 * self.stretches + self.shears + 1] = largest
+        report[block, base + 2 * self.stretches + self.shears + 2] = change
+
+    @ti.func
+    def linearize(self, e, moves, c, w_u, w_v, v_u, v_v, to: ti.template(), lo, hi):
+        """b += c (f + K motion); stores the block of -c D - c^2 K and adds its diagonal to P."""
+        g_u, g_v = self.gradient(e, w_u, w_v, v_u, v_v)
+        uu, uv, vv = self.stiffness(e, w_u, w_v)
+        if moves == 1:
+            m_u, m_v = self.spread(e, to.motion)
             g_u += sym_times(uu, m_u) + uv @ m_v
             g_v += uv.transpose() @ m_u + sym_times(vv, m_v)
-            scale = c * self.area[e]
-            self.scatter(e, -scale * g_u, -scale * g_v, b, lo, hi)
-            uu, uv, vv = c * scale * uu, c * scale * uv, c * scale * vv
-            if ti.static(self.damps):
-                d_uu, d_uv, d_vv = self.damping(e, w_u, w_v)
-                uu += scale * d_uu
-                uv += scale * d_uv
-                vv += scale * d_vv
-            self.store(e, uu, uv, vv, P, lo, hi)
+        scale = c * self.area[e]
+        self.scatter(e, -scale * g_u, -scale * g_v, to.b, lo, hi)
+        uu, uv, vv = c * scale * uu, c * scale * uv, c * scale * vv
+        if ti.static(self.damps):
+            d_uu, d_uv, d_vv = self.damping(e, w_u, w_v)
+            uu += scale * d_uu
+            uv += scale * d_uv
+            vv += scale * d_vv
+        self.store(e, uu, uv, vv, to.P, lo, hi)
 
     @ti.func
     def store(self, e, uu, uv, vv, P: ti.template(), lo, hi):
@@ -188,44 +224,6 @@ class Membrane:
             self.model.blocks.add(q, vertices[0], -(q_1 + q_2), lo, hi)
             self.model.blocks.add(q, vertices[1], q_1, lo, hi)
             self.model.blocks.add(q, vertices[2], q_2, lo, hi)
-
-    @ti.func
-    def measure(self, block, base: ti.template(), report: ti.template(), dtype: ti.template()):
-        """Energies by term [J], from column `base`; then dissipated power / 2 [W]."""
-        sums = ti.Vector.zero(dtype, 4)
-        for e in range(self.elements.first[block], self.elements.first[block + 1]):
-            if self.elements.primary[e] == 1:
-                k = self.table[self.material[e]]
-                w_u, w_v = self.spread(e, self.model.x)
-                v_u, v_v = self.spread(e, self.model.v)
-                area = self.area[e]
-                if ti.static(self.stretches):
-                    sums[0] += 0.5 * area * k[K_U] * (w_u.norm() - k[B_U]) ** 2
-                    sums[1] += 0.5 * area * k[K_V] * (w_v.norm() - k[B_V]) ** 2
-                if ti.static(self.shears):
-                    sums[2] += 0.5 * area * k[K_S] * w_u.dot(w_v) ** 2
-                if ti.static(self.damps):
-                    sums[3] += 0.5 * area * (k[D_U] * unit(w_u).dot(v_u) ** 2 + k[D_V] * unit(w_v).dot(v_v) ** 2
-                                             + k[D_S] * (v_u.dot(w_v) + v_v.dot(w_u)) ** 2)
-        if ti.static(self.stretches):
-            report[block, base] = sums[0]
-            report[block, base + 1] = sums[1]
-        if ti.static(self.shears):
-            report[block, base + 2 * self.stretches] = sums[2]
-        report[block, base + 2 * self.stretches + self.shears] = sums[3]
-
-    @ti.func
-    def largest_stretch(self, block):
-        """(largest |w| / b, largest change of |w| / b since the saved state) over the block's elements."""
-        largest, change = 0.0, 0.0
-        for e in range(self.elements.first[block], self.elements.first[block + 1]):
-            k = self.table[self.material[e]]
-            w_u, w_v = self.spread(e, self.model.x)
-            o_u, o_v = self.spread(e, self.model.x_saved)
-            u, v = w_u.norm() / k[B_U], w_v.norm() / k[B_V]
-            largest = ti.max(largest, ti.max(u, v))
-            change = ti.max(change, ti.max(ti.abs(u - o_u.norm() / k[B_U]), ti.abs(v - o_v.norm() / k[B_V])))
-        return largest, change
 
 
 def _row(fabric) -> list[float]:

@@ -142,6 +142,7 @@ def build(name: str, fields: Fields, model: Model, forces: list, meter: Meter, o
     """The integrator of a name in `INTEGRATORS`; only what it needs is imported.
 
     Args:
+        meter: with an operator, unless the method is explicit.
         contacts: `contact.response.Contacts` with the scene's solids, or None.
 
     Raises:
@@ -156,7 +157,8 @@ def build(name: str, fields: Fields, model: Model, forces: list, meter: Meter, o
         return Verlet(fields, model, forces, meter, runtime, scene)
     from .system import System
 
-    system = System(fields, model, forces, meter, options, runtime, scene, contacts)
+    assert meter.operator is not None
+    system = System(fields, model, meter.operator, forces, meter, options, runtime, scene, contacts)
     if name in ("backward_euler", "newton_euler"):
         from .backward_euler import BackwardEuler
 

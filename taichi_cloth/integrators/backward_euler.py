@@ -100,7 +100,7 @@ class BackwardEuler:
             self.operator.set_motion(h)
             if self.contacts is not None and held is not None:
                 self.operator.alter_motion(held.index, held.y)
-            self.system.linearize(h)
+            self.system.linearize(h, moves=True)
         with clock.part("CG"):
             solutions.append(self.system.solve(self.cg_tol, held, h, warm=warm, lasting=True))
         with clock.part("EVAL"):
@@ -155,7 +155,6 @@ class BackwardEuler:
                     measures = self.meter.measure()
         for _ in range(self.options.newton_max):
             with clock.part("EVAL"):
-                self.operator.set_motion(0.0)
                 if self.contacts is not None:
                     self.contacts.rebase()
                 self.system.linearize(h)

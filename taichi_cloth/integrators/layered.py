@@ -137,10 +137,11 @@ class Layered:
         """One solve from where the model is; whether held directions are still on their way to their targets."""
         system = self.system
         with clock.part("EVAL"):
-            system.operator.set_motion(h if first else 0.0)
-            if first and held is not None:
-                system.operator.alter_motion(held.index, held.y)
-            system.linearize(h)
+            if first:
+                system.operator.set_motion(h)
+                if held is not None:
+                    system.operator.alter_motion(held.index, held.y)
+            system.linearize(h, moves=first)
         with clock.part("CG"):
             z = None if first else system.to_go(held, h)
             solutions.append(system.solve(self.euler.cg_tol, held, h, z=z))

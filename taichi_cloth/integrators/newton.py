@@ -67,36 +67,35 @@ class Newton:
             held: at the end of the stage; those directions are led there in the first iteration.
             fresh: whether the preconditioner is made anew in the first of them.
         """
-        system, meter = self.system, self.system.meter
-        with clock.part("EVAL"):
-            measures = meter.measure()
+        system, ready = self.system, False
         first = moved = np.inf
         for iteration in range(max(effort.most, 1)):
-            with clock.part("EVAL"):
-                system.linearize(c)
+            if not ready:
+                with clock.part("EVAL"):
+                    measures = system.linearize(c)
             with clock.part("CG"):
                 cg_tol = effort.cg_tol or (OTHERS if iteration else FIRST)
                 solution = system.solve(cg_tol, held, lead=0.0 if iteration else c, fresh=fresh and iteration == 0)
             solutions.append(solution)
             if solution.status != CONVERGED:
                 return Stage(SOLVER, solution.status, measures)
+            moved, before = c * system.rms_change(), moved
+            first = moved if iteration == 0 else first
+            rest = _rest(moved / before) if iteration else np.inf
+            ready = not (moved <= effort.moved or moved * rest < effort.part * first)
             with clock.part("EVAL"):
-                alpha, measures = self._advance(c, measures, iteration == 0 and held is not None and held.moving)
+                led = iteration == 0 and held is not None and held.moving
+                alpha, measures = self._advance(c, measures, led, ready)
             if not measures.finite:
                 return Stage(NOT_FINITE, f"Newton iteration {iteration + 1}", measures)
-            moved, before = c * system.rms_change(), moved
-            if iteration == 0:
-                first, left = moved, np.inf
-            else:
-                left = moved * (_rest(moved / before) + 1 - alpha)
-            if moved <= effort.moved or left < effort.part * first:
+            if moved <= effort.moved or moved * (rest + 1 - alpha) < effort.part * first:
                 return Stage(None, "", measures)
             if alpha < 0.5**HALVINGS:
                 return Stage(NEWTON, "no way down", measures)
         return Stage(NEWTON, f"{effort.most} iterations, the last by {moved:.2g} m", measures)
 
-    def _advance(self, c: float, before: Measures, led: bool) -> tuple[float, Measures]:
-        """Along dv as far as Phi does not grow: (part taken, measures there).
+    def _advance(self, c: float, before: Measures, led: bool, goes_on: bool) -> tuple[float, Measures]:
+        """Along dv as far as Phi does not grow: (part taken, measures there); linearized there too where it goes on.
 
         R depends on x too, which the forces rightly know nothing of: by as much as it changes, Phi may grow.
         """
@@ -105,7 +104,7 @@ class Newton:
         while True:
             self._shift(c, alpha - taken)
             taken = alpha
-            measures = self.system.meter.measure()
+            measures = self.system.linearize(c) if goes_on else self.system.meter.measure()
             slack = self.system.rounding(c, measures) + c * abs(measures.dissipation - before.dissipation)
             if led or phi(measures, c) <= limit + slack or alpha < 0.5**HALVINGS:
                 return alpha, measures
@@ -117,7 +116,6 @@ class Newton:
         self.x_base[i] = x_base
         self.model.v[i] = v
         self.model.x[i] = x_base + c * v
-        self.system.operator.motion[i] = ti.Vector.zero(float, 3)
 
     @ti.kernel
     def _shift(self, c: float, alpha: float):

@@ -32,10 +32,9 @@ class System:
         floor: energy [J] that this rounding amounts to.
     """
 
-    def __init__(self, fields: Fields, model: Model, forces: list, meter: Meter, options: Options, runtime: Runtime,
-                 scene: Scene, contacts=None) -> None:
-        self.model, self.meter, self.options, self.contacts = model, meter, options, contacts
-        self.operator = Operator(fields, model, forces + ([contacts.touch] if contacts else []))
+    def __init__(self, fields: Fields, model: Model, operator: Operator, forces: list, meter: Meter, options: Options,
+                 runtime: Runtime, scene: Scene, contacts=None) -> None:
+        self.model, self.operator, self.meter, self.options, self.contacts = model, operator, meter, options, contacts
         self.preconditioner = build_preconditioner(options.preconditioner, fields, self.operator, scene)
         alone = len(scene.cloths) == 1 and not scene.solids and scene.air is None
         self.solver = PCG(fields, self.operator, self.preconditioner, runtime, options.cg_max_iterations, alone)
@@ -48,10 +47,10 @@ class System:
         self.resolution = runtime.epsilon * extent
         self.floor = sum(force.rounding_energy(self.resolution) for force in forces)
 
-    def linearize(self, c: float) -> None:
-        """A and b at the model's state; see `Operator`."""
+    def linearize(self, c: float, moves: bool = False) -> Measures:
+        """A and b at the model's state, with `moves` b with the operator's motion; see `Meter`."""
         self.span = c
-        self.operator.linearize(c)
+        return self.meter.linearize(c, moves)
 
     def solve(self, tolerance: float, held: Held | None, h: float = 0.0, z: np.ndarray | None = None,
               warm: bool = False, fresh: bool = True, lead: float = 0.0, lasting: bool = False) -> Solution:

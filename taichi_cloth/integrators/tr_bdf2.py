@@ -70,10 +70,10 @@ class TRBDF2:
         solutions: list[Solution] = []
         effort = self._effort(h)
         pins = held_at(0.0)
-        self._remember(pins, c, clock)
+        fresh = self._remember(pins, c, clock)
         middle = held_at(GAMMA * h)
         with clock.part("EVAL"):
-            self._first(c, self.c)
+            self._first(c, self.c, int(fresh))
             self.c, self.tried = 0.0, c
         stage = self.newton.solve(c, middle, effort, clock, solutions, True)
         if stage.rejection:
@@ -145,18 +145,17 @@ class TRBDF2:
             moved, part = CALM * C * h, PART
         return Effort(moved, part, cg_tol, options.newton_max)
 
-    def _remember(self, held: Held | None, c: float, clock: Clock) -> None:
-        """a_0 = f(x_0, v_0)/M where no step implies it: at the start, and when pins have come or gone."""
+    def _remember(self, held: Held | None, c: float, clock: Clock) -> bool:
+        """Whether a_0 is f(x_0, v_0)/M, now in b, where no step implies it: at the start, and when pins have come or gone."""
         pins = () if held is None else (held.index, held.projector)
         same = len(pins) == len(self.pins) and all(np.array_equal(p, q) for p, q in zip(pins, self.pins))
         if self.known and same:
-            return
+            return False
         self.pins = pins
         with clock.part("EVAL"):
-            self.system.operator.set_motion(0.0)
             self.system.linearize(c)
-            self._begin(c)
         self.known, self.c = True, 0.0
+        return True
 
     def _failed(self, stage: Stage, which: str, solutions: list[Solution], clock: Clock) -> Attempt:
         return Attempt(stage.rejection, f"{which}: {stage.detail}", stage.measures, tuple(solutions), clock.seconds)
@@ -173,7 +172,7 @@ class TRBDF2:
         c, reaction = C * h, self.system.reaction_rows()
         with clock.part("EVAL"):
             self._estimate(h)
-            self.system.linearize(c)
+            self.system.linearize(c, moves=True)
         with clock.part("CG"):
             z = None if held is None else np.zeros_like(held.target)
             solutions.append(self.system.solve(FILTER, held, z=z, fresh=False))
@@ -181,18 +180,15 @@ class TRBDF2:
         return float(np.sqrt(self._error_square(c) / self.model.n))
 
     @ti.kernel
-    def _begin(self, c: float):
-        """a_0 = b / (c m), b as linearized at the saved state"""
-        for i in range(self.model.n):
-            self.a_0[i] = self.system.operator.b[i] / (c * self.model.m[i])
-
-    @ti.kernel
-    def _first(self, c: float, before: float):
-        """Base of the first stage; the guess is v_0. With `before`, c of the last step, a_0 is the one that it implies."""
+    def _first(self, c: float, before: float, fresh: int):
+        """Base of the first stage; the guess is v_0. With `before`, c of the last step, a_0 is the one that it implies; a
+        fresh one is b / (c m), linearized at the saved state."""
         for i in range(self.model.n):
             v_0 = self.model.v_saved[i]
             if before > 0:
                 self.a_0[i] = (v_0 - self.v_p[i]) / before
+            if fresh == 1:
+                self.a_0[i] = self.system.operator.b[i] / (c * self.model.m[i])
             self.model.v_base[i] = v_0 + c * self.a_0[i]
             self.newton.put(i, c, self.model.x_saved[i] + c * v_0, v_0)
 
