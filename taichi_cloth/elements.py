@@ -30,6 +30,7 @@ class Hinges:
         vertices: (k, 4) edge i, j and the opposite vertices of the two triangles.
         length2: (k,) squared length of the edge in the material plane [m^2], the mean of its two sides.
         areas: (k, 2) of the two triangles [m^2].
+        feet: (k, 2) where the perpendiculars from the opposite vertices meet the edge, in parts of it from i.
         across: (k, 2) squared components along u and v of the unit vector across the edge: the direction of
             curvature when the hinge bends, the mean of its two sides.
         angle: (k,) angle theta in the given shape.
@@ -38,6 +39,7 @@ class Hinges:
     vertices: np.ndarray
     length2: np.ndarray
     areas: np.ndarray
+    feet: np.ndarray
     across: np.ndarray
     angle: np.ndarray
 
@@ -64,7 +66,11 @@ def hinges(mesh: TriMesh) -> Hinges:
     length_a, length_b = (np.linalg.norm(along[s], axis=1) for s in (a, b))
     across = sum((along[s][:, ::-1] / np.linalg.norm(along[s], axis=1)[:, None]) ** 2 for s in (a, b)) / 2
     areas = mesh.material_areas[np.column_stack([a % m, b % m])]
-    return Hinges(vertices, ((length_a + length_b) / 2) ** 2, areas, across, hinge_angle(mesh.x[vertices]))
+    third = np.concatenate([corner[:, 2] - corner[:, 0], corner[:, 0] - corner[:, 1], corner[:, 1] - corner[:, 2]])
+    feet = np.column_stack([np.einsum("ij,ij->i", third[s], along[s]) for s in (a, b)])
+    feet /= np.column_stack([length_a, length_b]) ** 2
+    feet[:, 1] = np.where(edges[a, 0] == edges[b, 0], feet[:, 1], 1 - feet[:, 1])
+    return Hinges(vertices, ((length_a + length_b) / 2) ** 2, areas, feet, across, hinge_angle(mesh.x[vertices]))
 
 
 def hinge_angle(x: np.ndarray) -> np.ndarray:
@@ -73,6 +79,12 @@ def hinge_angle(x: np.ndarray) -> np.ndarray:
     n_a, n_b = np.cross(e, a), np.cross(b, e)
     sine = np.einsum("ij,ij->i", np.cross(n_a, n_b), e) / np.maximum(np.linalg.norm(e, axis=1), 1e-300)
     return np.arctan2(sine, np.einsum("ij,ij->i", n_a, n_b))
+
+
+def flat_turns(h: Hinges) -> np.ndarray:
+    """(k, 4) d theta / d height of a flat hinge's vertices [1/m]."""
+    per_height = np.sqrt(h.length2)[:, None] / (2 * h.areas)
+    return np.column_stack([-((1 - h.feet) * per_height).sum(axis=1), -(h.feet * per_height).sum(axis=1), per_height])
 
 
 def lumped_mass(mesh: TriMesh, density: float) -> np.ndarray:

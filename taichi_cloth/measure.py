@@ -55,8 +55,11 @@ class Meter:
         operator: what is linearized, or None where no step is implicit.
     """
 
+    operator: Operator
+
     def __init__(self, model: Model, forces: list, runtime: Runtime, operator: Operator | None) -> None:
-        self.model, self.forces, self.blocks, self.operator = model, forces, model.blocks, operator
+        self.model, self.forces, self.blocks = model, forces, model.blocks
+        self.operator = operator  # type: ignore[assignment]
         self.sum_type = ti.f32 if runtime.sums == "f32" else ti.f64
         self.linear = operator is not None
         self.base, column = [], 0

@@ -42,9 +42,8 @@ def geometry(sim: Simulation) -> dict[str, np.ndarray]:
     }
     bend = next((f for f in sim._forces if isinstance(f, Bend)), None)
     if bend is not None:
-        rows = np.flatnonzero(bend.elements.entries.primary)
-        rest = bend.elements.per_entry(bend.host_rest)[rows]
-        out |= {"hinges": sim.model.user[bend.elements.host_vertices[rows]], "hinge_k": rest[:, 0], "hinge_rest": rest[:, 2]}
+        rest = bend.host_rest
+        out |= {"hinges": sim.model.user[bend.host_hinges], "hinge_k": rest[:, 0], "hinge_rest": rest[:, 2]}
     else:
         out |= {"hinges": np.zeros((0, 4), dtype=np.int64), "hinge_k": np.zeros(0), "hinge_rest": np.zeros(0)}
     curving = next((f for f in sim._forces if isinstance(f, CurvatureBend)), None)

@@ -392,7 +392,7 @@ class Simulation:
         return self._attachments.at(self._script.attachments, t + h)
 
     def _set_wind(self, t: float) -> None:
-        if self._drag is not None:
+        if self._drag is not None and self._drag.gusty:
             self._drag.set_wind(self.scene.air.wind_at(t))  # type: ignore[union-attr]
 
     def _linearized(self, h: float, held: Held | None = None):

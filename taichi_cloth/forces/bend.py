@@ -9,7 +9,7 @@ import math
 import numpy as np
 import taichi as ti
 
-from ..elements import Hinges, hinges
+from ..elements import Hinges, flat_turns, hinges
 from ..fabric import pair
 from ..fields import Fields
 from ..model import Elements, Model
@@ -36,6 +36,7 @@ class Bend:
         self.elements = Elements(fields, model.blocks, vertices)
         rest = np.concatenate([_rest(c, h) for c, h in parts])
         self.host_rest = rest
+        self.host_hinges, self.host_turns = vertices, np.concatenate([flat_turns(h) for _, h in parts])
         self.damps = bool(rest[:, 1].any())
         self.rest = fields.real(self.elements.count, 4, self.elements.per_entry(rest))  # k, k_d, theta_0, floor^2
         heights2 = np.concatenate([(2 * h.areas).min(axis=1) ** 2 / h.length2 for _, h in parts])

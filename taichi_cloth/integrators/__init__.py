@@ -157,7 +157,6 @@ def build(name: str, fields: Fields, model: Model, forces: list, meter: Meter, o
         return Verlet(fields, model, forces, meter, runtime, scene)
     from .system import System
 
-    assert meter.operator is not None
     system = System(fields, model, meter.operator, forces, meter, options, runtime, scene, contacts)
     if name in ("backward_euler", "newton_euler"):
         from .backward_euler import BackwardEuler

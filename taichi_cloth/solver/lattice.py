@@ -15,6 +15,7 @@ from ..mesh import TriMesh
 SMALLEST = 12  # nodes of a level below which there is no coarser one
 DEEPEST = 12
 SNAP = 1e-3  # of a lattice's spacing
+PART = 1 << 15  # elements that are looked at together
 
 
 @dataclass(frozen=True)
@@ -157,6 +158,19 @@ def gather(node: np.ndarray, weight: np.ndarray, count: int) -> Gather:
     target, value = node[used], weight[used]
     order = np.argsort(target, kind="stable")
     return Gather(np.searchsorted(target[order], np.arange(count + 1)), source[order], value[order])
+
+
+def squares(level: Level, vertices: np.ndarray, weights: np.ndarray, factor: np.ndarray) -> np.ndarray:
+    """(count,) sums over elements (m, k) of factor (m,) times the square of the weighted sum (m, k) of a node's hat."""
+    out = np.zeros(level.count)
+    for first in range(0, len(vertices), PART):
+        here = slice(first, first + PART)
+        node = level.node[vertices[here]].reshape(len(vertices[here]), -1)
+        value = (level.weight[vertices[here]] * weights[here][:, :, None]).reshape(node.shape)
+        for p in range(node.shape[1]):
+            total = np.einsum("ij,ij->i", value, node == node[:, p:p + 1])
+            out += np.bincount(node[:, p], factor[here] * value[:, p] * total, level.count)
+    return out
 
 
 def meeting(level: Level, vertices: np.ndarray) -> Gather:

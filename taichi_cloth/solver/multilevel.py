@@ -4,12 +4,10 @@
 
 Q_l interpolates from the nodes of level l to the particles, D_l is the block diagonal of Q_l^T A Q_l, summed up from
 the elements without assembling A. Hats end where particles are held in all directions; air drag is left out, and hinges
-count with their trace, as they were when the step size last changed and as if nothing were held.
+count with their trace, as they are in flat cloth and as if nothing were held.
 Symmetric positive definite by its form, for any mesh. Values pass from level to level, so that a cycle costs little
 more than the finest one.
 """
-
-import math
 
 import numpy as np
 import taichi as ti
@@ -24,7 +22,7 @@ from ..forces.membrane import Membrane
 from ..mesh import face_edges
 from ..operator import Operator
 from ..scene import Scene
-from .lattice import Gather, Level, coordinates, gather, levels, meeting
+from .lattice import Gather, Level, coordinates, gather, levels, meeting, squares
 from .preconditioner import Pointwise
 
 WORTH = 15  # iterations that making the levels costs: they are made anew when age has cost as many
@@ -78,7 +76,6 @@ class Multilevel:
         self.cost, self.excess, self.kept = 0, 0, 0  # iterations when made, those beyond, steps since
         self.wait, self.pause = 0, 0  # steps until levels may last again, and the last such pause
         self.made_for: np.ndarray = np.zeros(0)
-        self.bent_for = math.nan  # span [s] that `bent` was made for
         self.touch = next((f for f in operator.forces if isinstance(f, Touch)), None)
         self.touches = self.touch is not None
         if self.touches:
@@ -93,8 +90,10 @@ class Multilevel:
         if self.membrane is not None:
             self.triangles = self._met(fields, made, self.membrane)
         if self.bend is not None:
-            self.hinges = self._met(fields, made, self.bend)
-            self.bent = fields.real(self.nodes)
+            k, k_d = self.bend.host_rest[:, 0], self.bend.host_rest[:, 1]
+            parts = [np.column_stack([squares(level, self.bend.host_hinges, self.bend.host_turns, factor)
+                                      for factor in (k, k_d)]) for level in made]
+            self.bent = fields.real(self.nodes, 2, np.concatenate(parts))
 
     def _met(self, fields: Fields, made: list[Level], force) -> Rows:
         """Elements of a force that each node's hat meets."""
@@ -108,9 +107,6 @@ class Multilevel:
         self.jacobi.make(span, held)
         rows = np.zeros((0, 10)) if held is None else np.column_stack([held.index, held.projector.reshape(-1, 9)])
         made_for = np.append(rows.ravel().astype(np.float64), np.float32(span))  # without its last digits
-        if self.bend is not None and made_for[-1] != self.bent_for:
-            self._build_bent()
-            self.bent_for = made_for[-1]
         if lasting and not self.touches and np.array_equal(made_for, self.made_for):
             if not self.wait and self.excess <= WORTH:
                 self.kept += 1
@@ -120,7 +116,7 @@ class Multilevel:
             else:  # what did not last for two steps is not tried again at once
                 self.pause = min(2 * self.pause + 1, LONGEST) if self.kept < 2 else 0
                 self.wait = self.pause
-        self.finish()
+        self.finish(span)
         self.made_for, self.cost, self.excess, self.kept = made_for, 0, 0, 0
 
     def took(self, iterations: int) -> None:
@@ -131,16 +127,12 @@ class Multilevel:
     def checkpoint(self) -> dict[str, np.ndarray]:
         """The levels as they were made, and how well they did."""
         age = np.array([self.cost, self.excess, self.kept, self.wait, self.pause])
-        bent = {} if self.bend is None else {"bent": self.bent.to_numpy(), "bent_for": np.array(self.bent_for)}
-        return {"inverse": self.inverse_l.to_numpy(), "made_for": self.made_for, "age": age, **bent}
+        return {"inverse": self.inverse_l.to_numpy(), "made_for": self.made_for, "age": age}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
         """Goes on from what `checkpoint` gave."""
         self.inverse_l.from_numpy(state["inverse"])
         self.made_for = state["made_for"]
-        if self.bend is not None:
-            self.bent.from_numpy(state["bent"])
-            self.bent_for = float(state["bent_for"])
         self.cost, self.excess, self.kept, self.wait, self.pause = state["age"].tolist()
 
     @ti.func
@@ -158,11 +150,11 @@ class Multilevel:
         """x_i . P_i x_i"""
         return self.jacobi.norm_sqr(i, x)
 
-    def finish(self) -> None:
+    def finish(self, span: float) -> None:
         """Inverts the nodes' diagonal blocks, of what is free; `make` has been called."""
         if self.touches:
             self._touch_diagonal()
-        self._build_levels()
+        self._build_levels(span)
 
     @ti.kernel
     def _touch_diagonal(self):
@@ -174,7 +166,7 @@ class Multilevel:
                 self.touch.add_diagonal(t // self.operator.blocks.grain, self.T)
 
     @ti.kernel
-    def _build_levels(self):
+    def _build_levels(self, c: float):
         for n in range(self.nodes):
             D = ti.Vector.zero(float, 6)
             for k in range(self.particles.first[n], self.particles.first[n + 1]):
@@ -192,7 +184,7 @@ class Multilevel:
                 for k in range(self.triangles.first[n], self.triangles.first[n + 1]):
                     D += self.of_triangle(self.triangles.source[k], n)
             if ti.static(self.bends):
-                D += sym_scaled_identity(self.bent[n])
+                D += sym_scaled_identity(c * (c * self.bent[n][0] + self.bent[n][1]))
             if ti.static(self.curves):
                 for k in range(self.patches.first[n], self.patches.first[n + 1]):
                     D += sym_scaled_identity(self.of_patch(self.patches.source[k], n))
@@ -201,15 +193,6 @@ class Multilevel:
             if size > NOTHING:  # else all that it meets is held
                 D = D / size + sym_scaled_identity(1e-6)  # of size 1: its determinant is no rounding in f32 either
                 self.inverse_l[n] = sym(sym_unpack(D).inverse()) / size
-
-    @ti.kernel
-    def _build_bent(self):
-        """What hinges give to the nodes' blocks, the same in all directions: it hardly changes as cloth moves."""
-        for n in range(self.nodes):
-            total = 0.0
-            for k in range(self.hinges.first[n], self.hinges.first[n + 1]):
-                total += self.of_hinge(self.hinges.source[k], n).norm_sqr()
-            self.bent[n] = total
 
     @ti.func
     def hat(self, n, i):
@@ -286,14 +269,6 @@ class Multilevel:
                 second += self.curving.weight[e][self.curving.width * m + a] * self.hat(n, i) * self.free(i)
             out += self.curving.A[e][m] * second * second
         return out
-
-    @ti.func
-    def of_hinge(self, e, n):
-        """Root of the block of node n's hat: the hinge's gradient along it, as if nothing were held."""
-        g_e, g_a, g_b = self.bend.gradient(e)
-        v = self.bend.elements.vertices[e]
-        w = self.hat(n, v[0])
-        return (self.hat(n, v[1]) - w) * g_e + (self.hat(n, v[2]) - w) * g_a + (self.hat(n, v[3]) - w) * g_b
 
     @ti.func
     def sweep(self, r: ti.template()):

@@ -50,26 +50,27 @@ class Pointwise:
             P = sym_scaled_identity(self.operator.model.m[i])
         return P
 
+    def make(self, span: float, held: Held | None, lasting: bool = False) -> None:
+        """For a system as linearized with c = span [s]."""
+        if held is None:
+            self.build(np.zeros(0, dtype=np.int32))
+            return
+        full = np.trace(held.projector, axis1=1, axis2=2) > 2.5
+        self.build(held.index[full])
+        if not full.all():  # compiled only for scenes with 1 or 2 held directions
+            self._hold_partly(held.index[~full], held.projector[~full])
+
     @ti.kernel
-    def build(self):
-        """Inverts every diagonal block as if its particle were free."""
+    def build(self, fully: ti.types.ndarray()):
+        """Inverts every diagonal block as if its particle were free, and takes particles that are held in all directions
+        out: S = 0."""
         for i in range(self.operator.model.n):
             self.is_held[i] = 0
             self.inverse[i] = sym(sym_unpack(self.block(i)).inverse())
-
-    def hold(self, index: np.ndarray, held: np.ndarray) -> None:
-        """Takes the held directions out: particles index[k], with I - S = held[k]."""
-        full = np.trace(held, axis1=1, axis2=2) > 2.5
-        if full.any():
-            self._hold_fully(index[full])
-        if not full.all():  # compiled only for scenes with 1 or 2 held directions
-            self._hold_partly(index[~full], held[~full])
-
-    def make(self, span: float, held: Held | None, lasting: bool = False) -> None:
-        """For a system as linearized with c = span [s]."""
-        self.build()
-        if held is not None:
-            self.hold(held.index, held.projector)
+        for k in range(fully.shape[0]):
+            self.is_held[fully[k]] = 1
+            self.S[fully[k]] = ti.Vector.zero(float, 6)
+            self.inverse[fully[k]] = ti.Vector.zero(float, 6)
 
     def took(self, iterations: int) -> None:
         """Iterations of the first solve after `make`."""
@@ -80,14 +81,6 @@ class Pointwise:
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
         """Nothing to go on from."""
-
-    @ti.kernel
-    def _hold_fully(self, index: ti.types.ndarray()):
-        """S = 0"""
-        for k in range(index.shape[0]):
-            self.is_held[index[k]] = 1
-            self.S[index[k]] = ti.Vector.zero(float, 6)
-            self.inverse[index[k]] = ti.Vector.zero(float, 6)
 
     @ti.kernel
     def _hold_partly(self, index: ti.types.ndarray(), held: ti.types.ndarray()):

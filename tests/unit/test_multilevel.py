@@ -112,7 +112,7 @@ def test_levels_that_last_are_made_anew_when_they_have_aged(monkeypatch):
     sim = simulation(MESHES["sheet"], integrator="backward_euler")
     levels, made = sim.integrator.system.preconditioner, []
     finish = levels.finish
-    levels.finish = lambda: (made.append(len(sim.log)), finish())
+    levels.finish = lambda span: (made.append(len(sim.log)), finish(span))
     h = 1 / 60
     for excess, step, anew in ((0, h, True), (0, h, False), (1000, h, True), (0, h, False), (0, h / 2, True)):
         levels.excess, levels.wait = excess, 0  # the last one has another matrix
@@ -168,8 +168,8 @@ def test_what_auto_takes():
 
 
 def test_levels_have_the_diagonal_of_what_is_free():
-    """D_l is the block diagonal of (S Q_l)^T A S Q_l, particles held by pins and by contacts taken into account; hinges
-    count as if nothing were held, with their trace in all directions."""
+    """D_l is the block diagonal of (S Q_l)^T A S Q_l, particles held by pins and by contacts taken into account, hinges
+    apart; see the next test for them."""
     mesh = tc.grid(0.5, 7)
     scene = tc.Scene()
     scene.add_cloth(mesh, replace(FABRIC, bend=tc.Bend(1e-2)), velocities=(0.5, 0, 0),
@@ -180,8 +180,7 @@ def test_levels_have_the_diagonal_of_what_is_free():
     for _ in range(9):
         sim.step()
     method, n = sim.integrator.system, sim.model.n
-    method.preconditioner._build_bent()
-    method.preconditioner.finish()
+    method.preconditioner.finish(1 / 60)
     multilevel, jacobi = method.preconditioner, method.preconditioner.jacobi
     probe = sim._later(Probe, method.operator)
     A = np.array([probe.product(e.reshape(n, 3)).ravel() for e in np.eye(3 * n)])
@@ -196,7 +195,7 @@ def test_levels_have_the_diagonal_of_what_is_free():
     traces = [np.trace(S[3 * i:3 * i + 3, 3 * i:3 * i + 3]) for i in range(n)]
     assert any(1.5 < t < 2.5 for t in traces) and any(t < 0.5 for t in traces)
     inverse, rows, first = multilevel.inverse_l.to_numpy(), multilevel.row.to_numpy(), multilevel.start
-    nodes, weights = multilevel.node.to_numpy(), multilevel.weight.to_numpy()
+    nodes, weights, bent = multilevel.node.to_numpy(), multilevel.weight.to_numpy(), multilevel.bent.to_numpy()
     for level, (start, end) in enumerate(zip(first, first[1:])):
         assert (rows[start:end] == level * n).all()
         here = slice(level * n, (level + 1) * n)
@@ -205,9 +204,41 @@ def test_levels_have_the_diagonal_of_what_is_free():
         assert np.allclose(Q.sum(axis=1), 1) and not Q[:, :start].any() and not Q[:, end:].any()
         for k in range(start, end):
             hat = S @ np.kron(Q[:, k:k + 1], np.eye(3))
-            free = np.kron(Q[:, k:k + 1], np.eye(3))
-            D = hat.T @ (A - bend) @ hat + np.trace(free.T @ bend @ free) * np.eye(3)
+            D = hat.T @ (A - bend) @ hat + bent[k] @ [1 / 60**2, 1 / 60] * np.eye(3)
             if np.trace(D) > 1e-12:
                 xx, xy, xz, yy, yz, zz = inverse[k]
                 mine = np.linalg.inv([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
                 assert np.abs(mine - D).max() < 1e-5 * np.abs(D).max()
+
+
+def test_levels_have_the_trace_of_hinges_in_flat_cloth(rng):
+    """`bent` of a node is the trace of Q_l^T A_bend Q_l of the flat sheet, whatever the mesh and its state now."""
+    sheet = slit(6)
+    inner = np.ones((sheet.vertex_count, 1))
+    uv = sheet.uv + inner * rng.uniform(-0.03, 0.03, sheet.uv.shape)
+    flat = np.column_stack([uv[:, 0], np.zeros(len(uv)), uv[:, 1]])
+    fabric, h = replace(FABRIC, bend=tc.Bend((1e-2, 3e-2), k_d=(1e-3, 2e-3))), 1 / 60
+    built = []
+    for x in (flat, rng.uniform(-0.5, 0.5, flat.shape)):
+        scene = tc.Scene()
+        scene.add_cloth(tc.TriMesh(flat, sheet.faces, uv), fabric, positions=x)
+        sim = tc.Simulation(scene, h=h, preconditioner="multilevel")
+        method, n = sim._linearized(h), sim.model.n
+        levels_ = method.preconditioner
+        built.append(levels_.bent.to_numpy()[:levels_.nodes])
+        if x is flat:
+            probe = sim._later(Probe, method.operator)
+            A = np.array([probe.product(e.reshape(n, 3)).ravel() for e in np.eye(3 * n)])
+            levels_.bend.g.fill(0)
+            bend = A - np.array([probe.product(e.reshape(n, 3)).ravel() for e in np.eye(3 * n)])
+            nodes, weights, width = levels_.node.to_numpy(), levels_.weight.to_numpy(), levels_.width
+            for level in range(len(levels_.start) - 1):
+                here = slice(level * n, (level + 1) * n)
+                Q = np.zeros((n, levels_.nodes))
+                np.add.at(Q, (np.repeat(np.arange(n), width), nodes[here].ravel()), weights[here].ravel())
+                for k in range(levels_.start[level], levels_.start[level + 1]):
+                    free = np.kron(Q[:, k:k + 1], np.eye(3))
+                    wanted = np.trace(free.T @ bend @ free)
+                    assert wanted > 0 and abs(built[0][k] @ [h * h, h] - wanted) < 1e-9 * wanted
+        sim.close()
+    assert np.array_equal(*built)
