@@ -20,8 +20,9 @@ from .pair_geometry import apart, between, closing, fading, gap
 CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
 FACES_A_CHUNK = 8
 STRIDES = 48
-KEEP = 0.1  # of a pair's distance that a path must leave
+KEEP = 0.1  # of a pair's distance above its floor that a path must leave
 NEAR_END = 0.05  # of it: a path may end so much before it must
+LOWER = 0.9  # of its distance that a pair keeps that is below its floor
 TURNED = 0.5  # cosine between a pair's directions when it came near and at the end for the end's to be taken
 COLUMNS = 12
 TINY = 1e-12  # least factor of a pair
@@ -31,13 +32,16 @@ TINY = 1e-12  # least factor of a pair
 class LayerDetector:
     """Cloth against cloth, for the cloths of a scene that have a `contact`.
 
+    Args:
+        floor: part of the distance that pairs should keep which nothing passes that was above it.
+
     Attributes:
         edges: (e, 2) particles; faces: (m, 3); both in the detector's order.
         start: (n, 3) where the path that is looked at begins; it ends where the model is.
     """
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene, cpu: bool) -> None:
-        self.model, self.exchange = model, fields.exchange
+    def __init__(self, fields: Fields, model: Model, scene: Scene, cpu: bool, floor: float) -> None:
+        self.model, self.exchange, self.floor = model, fields.exchange, floor
         meeting = [k for k, c in enumerate(scene.cloths) if c.contact is not None]
         faces = np.concatenate([model.particle[scene.cloths[k].mesh.faces + scene.cloths[k].start] for k in meeting])
         cloth = np.repeat(meeting, [scene.cloths[k].mesh.face_count for k in meeting])
@@ -283,6 +287,15 @@ class LayerDetector:
         return p, q, r, s, dp, dq, dr, ds
 
     @ti.func
+    def radius(self, kind, v):
+        """The distance that a pair should keep."""
+        out = self.half[v[0]] + self.half[v[3]]
+        if self.owner[v[0]] == self.owner[v[3]]:  # what is near in the cloth's own shape may stay so
+            rest, w = between(kind, self.rest[v[0]], self.rest[v[1]], self.rest[v[2]], self.rest[v[3]])
+            out = ti.min(out, 0.5 * rest.norm())
+        return out
+
+    @ti.func
     def rests(self, v):
         """Whether a pair is left alone, as its cloth is tangled there."""
         return (self.tangled[v[0]] + self.tangled[v[1]] > 0) and (self.tangled[v[2]] + self.tangled[v[3]] > 0)
@@ -295,14 +308,21 @@ class LayerDetector:
             p, q, r, s, dp, dq, dr, ds = self.path(v, 1)
             part[k] = 1.0
             speed = closing(kind, dp, dq, dr, ds)
-            if (1 - KEEP) * gap(kind, p, q, r, s) < speed and not self.rests(v):
+            floor = self.floor * (self.half[v[0]] + self.half[v[3]])
+            if (1 - KEEP) * (gap(kind, p, q, r, s) - floor) < speed and not self.rests(v):
                 difference, w = between(kind, p, q, r, s)
                 d = difference.norm()
-                if d > 0 and (1 - KEEP) * d < speed:
-                    left = KEEP * d
+                if d > 0 and (1 - KEEP) * (d - floor) < speed:
+                    floor = self.floor * self.radius(kind, v)
+                    if d <= floor:
+                        floor = LOWER * d
+                    keep = KEEP * (d - floor)
+                    left = floor + keep
                     done = 0.0
+                    if d - left >= speed:
+                        done = 1.0
                     for _ in range(STRIDES):
-                        if done < 1 and (d - left > NEAR_END * left or done == 0.0):
+                        if done < 1 and (d - left > NEAR_END * keep or done == 0.0):
                             done = ti.min(done + (d - left) / speed, 1.0)
                             difference, w = between(kind, p + done * dp, q + done * dq, r + done * dr, s + done * ds)
                             d = difference.norm()
@@ -332,9 +352,7 @@ class LayerDetector:
             first, w_0 = between(kind, p, q, r, s)
             d_0 = first.norm()
             if d_0 - radius < speed + 1e-12:
-                if self.owner[v[0]] == self.owner[v[3]]:  # what is near in the cloth's own shape may stay so
-                    rest, w_rest = between(kind, self.rest[v[0]], self.rest[v[1]], self.rest[v[2]], self.rest[v[3]])
-                    radius = ti.min(radius, 0.5 * rest.norm())
+                radius = self.radius(kind, v)
                 d, difference, w, done = d_0, first, w_0, 0.0
                 for _ in range(STRIDES):
                     if d > radius * 1.001 and done < 1:

@@ -1,10 +1,9 @@
 """Cloth against cloth: repulsion within a thickness and Coulomb friction between layers, inside the solve.
 
-Pairs of vertex and face, edge and edge repel each other with the potential phi(d), phi'' = k from the thickness r
-down to r/2 and k r^2 / 4 d^2 below: joined with two continuous derivatives, convex, growing without bound. Each is a
-point of `touch`: linearised along its normal, semidefinite, in the matrix-free product and the preconditioner. The
-first solve of a step linearises them where the last motion would lead; further solves, where the cloth then is. No
-solve is taken further than the way is free, so that what was apart stays apart.
+Pairs of vertex and face, edge and edge repel each other (`repulsion`). Each is a point of `touch`: linearised along its
+normal, semidefinite, in the matrix-free product and the preconditioner. The first solve of a step linearises them where
+the last motion would lead; further solves, where the cloth then is. No solve is taken further than the way is free, so
+that what was apart stays apart.
 
 What comes nearer than at the start of the step, and than it should, is stopped by a stiffness of the step's own h,
 which gives no speed back. Friction is a damping by the slip that was last seen, or, where that would be more than
@@ -28,12 +27,12 @@ from .closest import VERTEX_FACE
 from .layer_detection import TINY, LayerDetector
 from .near import Near
 from .pairs import Points
+from .repulsion import FLOOR, SHALLOW, height, law, potential, room
 from .states import length, rows_of, tangential
 from .tangles import Tangles
 
 PRESS = 12.0  # stiffness of a pair over mass / h^2, h the largest step
 STOP = 30.0  # the same of what stops an approach, h this step
-SHALLOW = 0.02  # of a pair's distance: nearer, the force grows no more
 CREEP = 2e-5  # slip [m/s] below which friction between layers is viscous
 CONE = 1.02  # times the most that friction can be, above which what it damps slides
 PATIENCE = 3  # solves after which normal forces that friction goes by, and that still change, do so in the next step
@@ -42,7 +41,7 @@ AGREED = 0.1  # part of all forces of pairs by which what solves take them to be
 RUBBED = 0.05  # the same of friction beyond its cone
 LOOSE = 2.0  # of gravity: what the forces of pairs may be off by, over the mass they act on
 GIVE = 0.01  # of a pair's distance over h^2: the same where gravity is small
-CLOSE, WIDE = 0.3, 0.7  # of a pair's distance: what ends nearer gets stiffer, further softer again
+CLOSE, WIDE = 0.3, 0.7  # of a pair's room: what ends with less gets stiffer, with more softer again
 STIFFER, SOFTER, STIFFEST = 4.0, 0.8, 64.0  # factors from usual step to usual step, and their product at most
 
 
@@ -105,11 +104,11 @@ class Layers:
     """
 
     ROUNDS = 12
-    agreed = AGREED
+    agreed, floor = AGREED, FLOOR
 
     def __init__(self, fields: Fields, model: Model, scene: Scene, h: float, cpu: bool, tangles: str) -> None:
         self.model, self.h_usual = model, h
-        self.detector = LayerDetector(fields, model, scene, cpu)
+        self.detector = LayerDetector(fields, model, scene, cpu, self.floor)
         self.tangles = Tangles(model.n, self.detector.faces, self.detector.host_half, self.detector.may_meet, tangles)
         mu = np.concatenate([np.full(c.mesh.vertex_count, c.contact.friction if c.contact else 0.0)
                              for c in scene.cloths])
@@ -148,7 +147,7 @@ class Layers:
         slip = self._slip(p)
         speed = length(slip)
         mu = self.friction[p.vertices[:, 0]] * self.friction[p.vertices[:, 3]]
-        bears = mu * self._expected(p, own, stiff * _law(at, p.radius)[0])
+        bears = mu * self._expected(p, own, stiff * law(at, p.radius)[0])
         slides = self._slides(p, slip) & (bears > 0)
         way = np.where(slides[:, None], slip / np.maximum(speed, 1e-300)[:, None], 0.0)
         drag = bears / np.maximum(speed, CREEP)
@@ -167,7 +166,7 @@ class Layers:
 
     def _where(self, p: Near) -> np.ndarray:
         """(k,) distances [m] at which pairs are linearised."""
-        return np.clip(p.end, (SHALLOW if self.round else 0.5) * p.radius, p.radius)
+        return np.clip(p.end, height(SHALLOW if self.round else 0.5, p.radius), p.radius)
 
     def _pull(self, p: Near, d: np.ndarray, stiff: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(force [N], slope [N/m]) of pairs at distances d: repulsion, and what stops their approach.
@@ -175,14 +174,14 @@ class Layers:
         What comes nearer than at the start of the step, and than it should, is stopped by a stiffness that goes with this
         step's own h. It acts within the step alone, and so gives no speed back.
         """
-        force, slope = _law(d, p.radius)
+        force, slope = law(d, p.radius)
         limit = self._limit(p)
         stop = np.where(d < limit, STOP * own * p.factor / self.h**2, 0.0)
         return stiff * force + stop * (limit - d), stiff * slope + stop
 
     def _limit(self, p: Near) -> np.ndarray:
         """(k,) distance [m] below which pairs are stopped."""
-        return np.clip(np.einsum("ki,ki->k", p.normal, p.of(self.x)), 2 * SHALLOW * p.radius, p.radius)
+        return np.clip(np.einsum("ki,ki->k", p.normal, p.of(self.x)), height(2 * SHALLOW, p.radius), p.radius)
 
     def _slides(self, p: Near, slip: np.ndarray) -> np.ndarray:
         """(k,) whether friction is taken as its full size against the slip, and not as a damping.
@@ -225,7 +224,7 @@ class Layers:
         return self._energy(self.detector.look())
 
     def _energy(self, p: Near) -> float:
-        return float(np.sum(self._stiffness(p)[0] * _potential(p.end, p.radius)))
+        return float(np.sum(self._stiffness(p)[0] * potential(p.end, p.radius)))
 
     @timed
     def look(self) -> None:
@@ -270,7 +269,8 @@ class Layers:
         back = np.einsum("ki,ki->k", slip, q.way) < 0  # pushed the wrong way
         over = float(np.sum(np.maximum(rubbed - CONE * q.bears, 0) + back * q.bears))
         rubs = over > RUBBED * float(np.sum(q.bears)) and self.round == 1  # what it still is then, it is in the next step
-        return not self.off and not rubs and not late and self.least > min(CLOSE / 3, self.was / 2)
+        left, was = room(np.array([self.least, self.was]), np.ones(2)).tolist()
+        return not self.off and not rubs and not late and left > min(CLOSE / 3, was / 2, 2 * was)
 
     @timed
     def lagged(self) -> float:
@@ -289,14 +289,14 @@ class Layers:
         row = q.near.rows_of(p)
         stiff, _ = self._stiffness(p)
         change = np.where(row >= 0, q.near.factor[row] / np.maximum(p.factor, TINY) - 1, 0.0)
-        return rub + float(np.sum(stop)) + float(np.sum(change * stiff * _potential(p.end, p.radius)))
+        return rub + float(np.sum(stop)) + float(np.sum(change * stiff * potential(p.end, p.radius)))
 
     @timed
     def commit(self) -> None:
         """The step was accepted."""
         p = self.near
         part = np.full(self.model.n, np.inf)
-        np.minimum.at(part, p.vertices, np.broadcast_to((p.end / p.radius)[:, None], p.vertices.shape))
+        np.minimum.at(part, p.vertices, np.broadcast_to(room(p.end, p.radius)[:, None], p.vertices.shape))
         if self.tangles.active:
             self.tangles.find(self.model.read_particles()[0], self.h)
             self.detector.let_rest(self.tangles.resting)
@@ -384,19 +384,3 @@ class Layers:
         own = 1 / np.maximum(np.einsum("ka,ka,ka->k", p.weights, p.weights, (1 / self.model.mass).take(p.vertices)), 1e-300)
         a, b, c, d = self.boost.take(p.vertices.T)
         return PRESS * own / self.h_usual**2 * p.factor * np.maximum(np.maximum(a, b), np.maximum(c, d)), own
-
-
-def _law(d: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(force, its slope) at distances d, over the stiffness."""
-    d = np.maximum(d, SHALLOW * r)
-    far = d >= r / 2
-    return (np.where(far, np.maximum(r - d, 0.0), r**2 / (4 * d)),
-            np.where(far, np.where(d <= r, 1.0, 0.0), r**2 / (4 * d**2)))
-
-
-def _potential(d: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Energy at distances d, over the stiffness [m^2]."""
-    shallow = SHALLOW * r
-    c = np.maximum(d, shallow)
-    energy = np.where(c >= r / 2, np.maximum(r - c, 0.0) ** 2 / 2, r**2 / 8 + r**2 / 4 * np.log(r / (2 * c)))
-    return energy + np.maximum(shallow - d, 0.0) * r**2 / (4 * shallow)

@@ -23,6 +23,7 @@ class Springs(Layers):
     """
 
     here: Near
+    floor = 0.0  # a spring keeps nothing from it
 
     def begin(self, h: float, x: np.ndarray, v: np.ndarray, guess: bool) -> None:
         """A new attempt from the saved state (n, 3), from where the pairs are known."""

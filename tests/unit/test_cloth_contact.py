@@ -10,7 +10,7 @@ import taichi_cloth as tc
 from taichi_cloth import runtime
 from taichi_cloth.contact.closest import VERTEX_FACE
 from taichi_cloth.contact.layer_detection import LayerDetector
-from taichi_cloth.contact.layers import SHALLOW, _law, _potential
+from taichi_cloth.contact.repulsion import FLOOR, SHALLOW, height, law, potential, room
 from taichi_cloth.fields import Fields
 from taichi_cloth.intersections import self_crossings
 from taichi_cloth.model import Model
@@ -32,7 +32,7 @@ def detector(scene: tc.Scene, precision: str = "f64") -> LayerDetector:
     run = runtime.start("cpu", precision)
     fields = Fields(run.exchange)
     model = Model(fields, scene, run)
-    made = LayerDetector(fields, model, scene, True)
+    made = LayerDetector(fields, model, scene, True, FLOOR)
     fields.allocate()
     made.model.save()
     return made
@@ -101,7 +101,7 @@ def test_what_is_near_at_rest_keeps_half_of_that(rng):
 
 @pytest.mark.parametrize("precision", ["f64", "f32"])
 def test_the_free_way_is_free_and_not_too_short(rng, precision):
-    scene = soup(rng, 80)
+    scene = soup(rng, 80, 2.5)
     d = detector(scene, precision)
     x_0 = d.model.read_particles()[0]
     crossed_before = len(self_crossings(x_0, d.faces)[0])
@@ -120,20 +120,28 @@ def test_the_free_way_is_free_and_not_too_short(rng, precision):
         before = {tuple(sorted(e)) + (int(r),) for e, r in zip(*self_crossings(x_0, d.faces))}
         after = {tuple(sorted(e)) + (int(r),) for e, r in zip(edges, rows)}
         assert after == before  # neither through anything, nor out of it
+        near = {}
+        for x in (x_0, end):
+            d.model.write_particles(x, np.zeros_like(x))
+            p = d.look()
+            near[x is end] = dict(zip(p.key.tolist(), (p.end / p.radius).tolist()))
+        lowest = [ratio for key, ratio in near[True].items() if near[False].get(key, 1.0) > FLOOR]
+        assert min(lowest, default=1.0) > FLOOR * (1 - 10 * np.finfo(precision.replace("f", "float")).eps / 1e-3)
         taken += part
-    assert crossed_before > 0 and taken / 20 > 0.01
+    assert crossed_before > 0 and taken / 20 > 0.005
 
 
 def test_the_law_is_the_slope_of_its_potential_and_joins_smoothly():
     r = np.full(2001, 0.01)
-    d = np.linspace(SHALLOW * 0.01, 0.0105, 2001)
-    force, slope = _law(d, r)
+    d = np.linspace(-0.001, 0.0105, 2001)
+    force, slope = law(d, r)
     e = 1e-8
-    assert np.abs((_potential(d - e, r) - _potential(d + e, r)) / (2 * e) - force).max() < 1e-4 * force.max()
-    inner = (d > SHALLOW * 0.0101) & (np.abs(d - 0.01) > 1e-6)
-    assert np.abs((_law(d - e, r)[0] - _law(d + e, r)[0]) / (2 * e) - slope)[inner].max() < 1e-4 * slope.max()
-    at = np.array([0.005 - 1e-12, 0.005 + 1e-12])
-    for values in (_potential(at, r[:2]), *_law(at, r[:2])):
+    assert np.abs((potential(d - e, r) - potential(d + e, r)) / (2 * e) - force).max() < 1e-4 * force.max()
+    inner = (d > height(1.01 * SHALLOW, r)) & (np.abs(d - 0.01) > 1e-6)
+    assert np.abs((law(d - e, r)[0] - law(d + e, r)[0]) / (2 * e) - slope)[inner].max() < 1e-4 * slope.max()
+    assert (np.diff(force) <= 0).all() and np.allclose(room(height(0.3, r), r), 0.3)
+    at = height(0.5, r[:2]) + [-1e-12, 1e-12]
+    for values in (potential(at, r[:2]), *law(at, r[:2])):
         assert abs(values[0] - values[1]) < 1e-9 * max(abs(values[0]), 1e-3)
 
 
