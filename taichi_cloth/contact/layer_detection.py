@@ -25,7 +25,9 @@ NEAR_END = 0.05  # of it: a path may end so much before it must
 LOWER = 0.9  # of its distance that a pair keeps that is below its floor
 TURNED = 0.5  # cosine between a pair's directions when it came near and at the end for the end's to be taken
 COLUMNS = 12
+SKIN = 0.5
 TINY = 1e-12  # least factor of a pair
+ROUNDING = 1e-4  # part by which distances may be off
 
 
 @ti.data_oriented
@@ -37,6 +39,7 @@ class LayerDetector:
 
     Attributes:
         edges: (e, 2) particles; faces: (m, 3); both in the detector's order.
+        fresh: whether the candidates cover paths near the last one that was walked.
         start: (n, 3) where the path that is looked at begins; it ends where the model is.
     """
 
@@ -58,7 +61,7 @@ class LayerDetector:
         _, first = np.unique(self.faces.T.ravel(), return_index=True)
         owned[:3].ravel()[first] = 1
         self.boxes = BoxHeap(fields, m)
-        self.count = m
+        self.count, self.leaves = m, -(-m // LEAF)
         self.face = fields.integer(m, 3, self.faces)
         self.face_edge = fields.integer(m, 3, edge.reshape(3, m).T)
         self.owned = fields.integer(m, data=owned.T @ (1 << np.arange(6)))
@@ -74,15 +77,23 @@ class LayerDetector:
         owner = np.concatenate([np.full(c.mesh.vertex_count, k) for k, c in enumerate(scene.cloths)])[model.user]
         self.owner = fields.integer(model.n, data=owner)
         self.rest = fields.real(model.n, 3, given)
-        self.skin = float(half[half > 0].min())  # [m] that a path may stray from the one that was walked
+        self.skin = SKIN * float(half[half > 0].min())  # [m] that a path may stray from the one that was walked
         self.start, self.walked = fields.real(model.n, 3), fields.real(model.n, 3)
         self.chunks = CHUNKS if cpu else -(-m // FACES_A_CHUNK)
         self.grain = 512 if cpu else 1
         self.tangled = fields.integer(model.n, data=np.zeros(model.n))  # particles whose pairs rest
-        self.resting = self.fresh = False  # the latter: whether the candidates cover paths near the last one that was walked
+        self.resting = False
         self._rows: np.ndarray = np.zeros((self.chunks, -(-4 * m // self.chunks), 3), dtype=np.int32)
         self._found: np.ndarray = np.zeros(self.chunks, dtype=np.int32)
+        self.reach = 2 * float(half.max())  # [m] of any pair
+        self._strays: np.ndarray = np.zeros(2, dtype=self.exchange)
+        self.forget()
+
+    def forget(self) -> None:
+        """No pair is known."""
         self.candidates: np.ndarray = np.zeros((0, 3), dtype=np.int32)
+        self.distances: np.ndarray = np.zeros(0, dtype=self.exchange)  # [m] of the candidates where they were walked for
+        self.fresh, self.furthest = False, 0.0
 
     def may_meet(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """(k,) whether faces a and b (k,) are of cloths that meet."""
@@ -100,7 +111,7 @@ class LayerDetector:
 
     def cover(self) -> None:
         """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model."""
-        if self.fresh and self._strayed() <= self.skin:  # of two that end so near, neither leaves what was walked
+        if self.fresh and max(self.strayed()) <= self.skin:  # of two that end so near, neither leaves what was walked
             return
         self._refit()
         while True:
@@ -108,21 +119,43 @@ class LayerDetector:
             if self._found.max(initial=0) <= self._rows.shape[1]:
                 break
             self._rows = np.zeros((self.chunks, int(self._found.max()) * 3 // 2, 3), dtype=np.int32)
-        self.candidates = np.concatenate([rows[:k] for rows, k in zip(self._rows, self._found.tolist())])
+        self.take(np.concatenate([rows[:k] for rows, k in zip(self._rows, self._found.tolist())]))
         self.fresh = True
+
+    def take(self, candidates: np.ndarray) -> None:
+        """Candidates (k, 3) as walked for where the model was."""
+        self.candidates, self.distances = candidates, np.empty(len(candidates), dtype=self.exchange)
+        if len(candidates):
+            self._distances(candidates, self.distances)
+        self.furthest = float(self.distances.max(initial=0.0))
+
+    def strayed(self) -> tuple[float, float]:
+        """How far [m] any particle is now, and where the path begins, from where the candidates were walked for."""
+        self._stray(self._strays)
+        return float(self._strays[0]), float(self._strays[1])
+
+    def _within(self, distance: float) -> np.ndarray:
+        """(k, 3) candidates that were nearer than this [m]."""
+        if distance > self.furthest:
+            return self.candidates
+        return self.candidates.take(np.flatnonzero(self.distances < distance * (1 + ROUNDING)), axis=0)
 
     def free_way(self) -> tuple[float, np.ndarray]:
         """(part of the path that nothing passes through another on, the pairs (k, 3) that allow no more than that)."""
-        if not len(self.candidates):
-            return 1.0, self.candidates
-        part: np.ndarray = np.ones(len(self.candidates), dtype=self.exchange)
-        self._free(self.candidates, part)
+        stray = max(self.strayed())
+        # no other begins so far away, by 2 stray at most, and ends so near
+        c = self._within((self.floor * self.reach + 2 * (1 + KEEP) * stray) / (1 - KEEP))
+        if not len(c):
+            return 1.0, c
+        part: np.ndarray = np.ones(len(c), dtype=self.exchange)
+        self._free(c, part)
         least = float(part.min())
-        return least, self.candidates[part <= least] if least < 1 else self.candidates[:0]
+        return least, c[part <= least] if least < 1 else c[:0]
 
     def look(self, swept: bool = False) -> Near:
         """Pairs that are in reach of each other where the model is; with `swept` also those that went through on the path."""
-        c = self.candidates
+        strayed = self.strayed()
+        c = self._within(self.reach + 2 * (max(strayed) if swept else strayed[0]))
         if len(c):
             flag: np.ndarray = np.empty(len(c), dtype=np.int32)
             self._reach(c, int(swept), flag)
@@ -150,13 +183,24 @@ class LayerDetector:
             self.start[i] = self.model.x[i]
 
     @ti.kernel
-    def _strayed(self) -> float:
-        """How far any particle begins and ends from where the path that was walked ends [m]."""
-        worst = 0.0
+    def _stray(self, out: ti.types.ndarray()):
+        """Furthest that any particle is, and begins, from where the path that was walked ends [m]."""
         for _ in range(1):
+            now, begins = 0.0, 0.0
             for i in range(self.model.n):
-                worst = ti.max(worst, (self.model.x[i] - self.walked[i]).norm(), (self.start[i] - self.walked[i]).norm())
-        return worst
+                now = ti.max(now, (self.model.x[i] - self.walked[i]).norm_sqr())
+                begins = ti.max(begins, (self.start[i] - self.walked[i]).norm_sqr())
+            out[0], out[1] = ti.sqrt(now), ti.sqrt(begins)
+
+    @ti.kernel
+    def _distances(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):
+        """Of candidates where the path that was walked ends."""
+        for k in range(rows.shape[0]):
+            kind = rows[k, 2]
+            v = self.corners(rows[k, 0], rows[k, 1], kind)
+            x = ti.static(self.walked)
+            difference, w = between(kind, x[v[0]], x[v[1]], x[v[2]], x[v[3]])
+            out[k] = difference.norm()
 
     @ti.kernel
     def _refit(self):
@@ -189,27 +233,36 @@ class LayerDetector:
             if t % self.grain == 0:
                 chunk = t // self.grain
                 count = 0
-                for f in range(chunk * self.count // self.chunks, (chunk + 1) * self.count // self.chunks):
-                    low, high = self.box(f)
-                    a = self.face[f]
-                    lo_a, hi_a, lo_a1, hi_a1 = self.hull(a[0], a[1], a[2])
-                    node = self.boxes.first_leaf + f // LEAF  # leaves before it have met this one already
+                for leaf in range(chunk * self.leaves // self.chunks, (chunk + 1) * self.leaves // self.chunks):
+                    node = self.boxes.first_leaf + leaf  # leaves before it have met this one already
+                    low, high = self.boxes.low[node], self.boxes.high[node]
                     while True:
                         if self.boxes.meets(node, low, high):
                             if node < self.boxes.first_leaf:
                                 node *= 2
                                 continue
-                            leaf = (node - self.boxes.first_leaf) * LEAF
-                            for g in range(ti.max(leaf, f + 1), ti.min(leaf + LEAF, self.count)):
-                                b = self.face[g]
-                                reach = self.half[a[0]] + self.half[b[0]] + 2 * self.skin
-                                lo_b, hi_b, lo_b1, hi_b1 = self.hull(b[0], b[1], b[2])
-                                if apart(lo_a, hi_a, lo_a1, hi_a1, lo_b, hi_b, lo_b1, hi_b1, reach) == 0:
-                                    count = self.against(f, g, chunk, count, rows)
+                            count = self.of_leaves(leaf, node, chunk, count, rows)
                         node = self.boxes.following(node)
                         if node == 1:
                             break
                 found[chunk] = count
+
+    @ti.func
+    def of_leaves(self, leaf, node, chunk, count, rows: ti.template()):
+        """The faces of a leaf against those of another, or its own; returns how many candidates the chunk now has."""
+        first = (node - self.boxes.first_leaf) * LEAF
+        for f in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.count)):
+            low, high = self.box(f)
+            if self.boxes.meets(node, low, high):
+                a = self.face[f]
+                lo_a, hi_a, lo_a1, hi_a1 = self.hull(a[0], a[1], a[2])
+                for g in range(ti.max(first, f + 1), ti.min(first + LEAF, self.count)):
+                    b = self.face[g]
+                    reach = self.half[a[0]] + self.half[b[0]] + 2 * self.skin
+                    lo_b, hi_b, lo_b1, hi_b1 = self.hull(b[0], b[1], b[2])
+                    if apart(lo_a, hi_a, lo_a1, hi_a1, lo_b, hi_b, lo_b1, hi_b1, reach) == 0:
+                        count = self.against(f, g, chunk, count, rows)
+        return count
 
     @ti.func
     def against(self, f, g, chunk, count, rows: ti.template()):
@@ -239,8 +292,9 @@ class LayerDetector:
                 if (bits_a >> (3 + j)) & 1:
                     p, q = a[j], a[(j + 1) % 3]
                     lo_e, hi_e, lo_e1, hi_e1 = self.hull(p, q, q)
+                    near = apart(lo_e, hi_e, lo_e1, hi_e1, lo_b, hi_b, lo_b1, hi_b1, reach) == 0
                     for k in range(3):
-                        if (bits_b >> (3 + k)) & 1:
+                        if near and (bits_b >> (3 + k)) & 1:
                             c, d = b[k], b[(k + 1) % 3]
                             if p != c and p != d and q != c and q != d:
                                 lo_k, hi_k, lo_k1, hi_k1 = self.hull(c, d, d)

@@ -15,7 +15,6 @@ Differs from [BW98 §6]: the paper's damped springs act on what is near at the s
 
 import functools
 import time
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,8 +26,9 @@ from .closest import VERTEX_FACE
 from .layer_detection import TINY, LayerDetector
 from .near import Near
 from .pairs import Points
+from .pressed import Met, Pressed
 from .repulsion import FLOOR, SHALLOW, height, law, potential, room
-from .states import length, rows_of, tangential
+from .states import length, rows_of
 from .tangles import Tangles
 
 PRESS = 12.0  # stiffness of a pair over mass / h^2, h the largest step
@@ -65,34 +65,6 @@ def timed(method):
     return inner
 
 
-@dataclass(frozen=True)
-class Pressed:
-    """Pairs as a solve took them.
-
-    Attributes:
-        near: the pairs.
-        own: (k,) mass that the pair's distance has [kg].
-        force: (k,) [N] and slope: (k,) [N/m] where they were linearised, at distance `at` [m].
-        bears: (k,) the most that friction can be [N].
-        way: (k, 3) direction of the slip of what slides, 0 for what sticks.
-        drag: (k,) friction over slip [N s/m], of what slides across its way.
-    """
-
-    near: Near
-    own: np.ndarray
-    force: np.ndarray
-    slope: np.ndarray
-    at: np.ndarray
-    bears: np.ndarray
-    way: np.ndarray
-    drag: np.ndarray
-
-    def friction(self, slip: np.ndarray) -> np.ndarray:
-        """(k, 3) [N] at a slip (k, 3) [m/s], as the solve takes it."""
-        across = slip - np.einsum("ki,ki->k", slip, self.way)[:, None] * self.way
-        return -self.bears[:, None] * self.way - self.drag[:, None] * across
-
-
 class Layers:
     """The contacts of a model's cloths with each other and with themselves.
 
@@ -115,8 +87,10 @@ class Layers:
         self.friction = np.sqrt(mu)[model.user]
         self.gravity = scene.gravity
         self.boost = np.ones(model.n)
+        self._stiff: tuple[Near, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for
         self.known = self.kept = NOTHING  # what pairs bore in the last solve, and in the last accepted step
         self.pressed: Pressed | None = None
+        self.met: Met | None = None  # the last pairs, and those that the last solve took
         self.count, self.energy, self.least, self.was, self.off = 0, 0.0, 1.0, 1.0, 0
         self.seconds, self.inside = 0.0, False
 
@@ -124,7 +98,7 @@ class Layers:
     def begin(self, h: float, x: np.ndarray, v: np.ndarray, guess: bool) -> None:
         """A new attempt from the saved state (n, 3); the model is at its predicted end, and with `guess` looked at there."""
         self.h, self.x, self.v, self.known = h, x, v, self.kept
-        self.round, self.there = 0, self.model.read_particles()[0]
+        self.round, self.there, self.met = 0, self.model.read_particles()[0], None
         self.detector.begin()
         if guess:
             self.near = self.detector.look(swept=True)  # of those that were candidates before
@@ -143,15 +117,17 @@ class Layers:
         stiff, own = self._stiffness(p)
         at = self._where(p)
         force, slope = self._pull(p, at, stiff, own)
-        now = np.einsum("ki,ki->k", p.normal, p.of(base))
-        slip = self._slip(p)
+        now = p.along(base)
+        there = self.met.x if self.met is not None else self.there
+        slip = p.slip(there - self.x, h)
         speed = length(slip)
-        mu = self.friction[p.vertices[:, 0]] * self.friction[p.vertices[:, 3]]
-        bears = mu * self._expected(p, own, stiff * law(at, p.radius)[0])
+        bears = self._mu(p) * self._expected(p, own, stiff * law(at, p.radius)[0])
         slides = self._slides(p, slip) & (bears > 0)
         way = np.where(slides[:, None], slip / np.maximum(speed, 1e-300)[:, None], 0.0)
         drag = bears / np.maximum(speed, CREEP)
         self.pressed = Pressed(p, own, force, slope, at, bears, way, drag)
+        if self.met is not None:
+            self.met = Met(self.pressed, p, there, self.x, h)
         self.round += 1
         normal = np.einsum("ki,kj->kij", p.normal, p.normal)
         block = (h * drag)[:, None, None] * (np.eye(3) - normal - np.einsum("ki,kj->kij", way, way))
@@ -181,7 +157,7 @@ class Layers:
 
     def _limit(self, p: Near) -> np.ndarray:
         """(k,) distance [m] below which pairs are stopped."""
-        return np.clip(np.einsum("ki,ki->k", p.normal, p.of(self.x)), height(2 * SHALLOW, p.radius), p.radius)
+        return np.clip(p.along(self.x), height(2 * SHALLOW, p.radius), p.radius)
 
     def _slides(self, p: Near, slip: np.ndarray) -> np.ndarray:
         """(k,) whether friction is taken as its full size against the slip, and not as a damping.
@@ -190,9 +166,9 @@ class Layers:
         damped by more than friction can do slides, until it turns round.
         """
         q = self.pressed
-        if not self.round or q is None or not len(q.bears):
+        if self.met is None or q is None or not len(q.bears):
             return np.zeros(len(p.end), dtype=bool)
-        where = q.near.rows_of(p)
+        where = self.met.rows
         known = where >= 0
         slid = q.way[where].any(axis=1)
         forward = np.einsum("ki,ki->k", slip, q.way[where]) > 0
@@ -202,14 +178,13 @@ class Layers:
     def _expected(self, p: Near, own: np.ndarray, force: np.ndarray) -> np.ndarray:
         """(k,) [N] what pairs will bear: what they bore in the last solve, or what stops those that are new, and no more."""
         where = rows_of(self.known["key"], p.key)
-        freely = np.einsum("ki,ki->k", p.normal, p.of(self.x + self.h * self.v + self.h**2 * self.gravity))
+        freely = p.along(self.x + self.h * self.v + self.h**2 * self.gravity)
         stops = np.minimum(force, own / self.h**2 * np.maximum(p.radius - freely, 0))
         return np.where(where >= 0, self.known["force"][where], stops) if len(self.known["force"]) else stops
 
-    def _slip(self, p: Near) -> np.ndarray:
-        """(k, 3) [m/s] of pairs over the step, as the model now is; before the first solve, as it is expected to be."""
-        there = self.there if self.round == 0 else self.model.read_particles()[0]
-        return tangential(p.of(there - self.x) / self.h, p.normal)
+    def _mu(self, p: Near) -> np.ndarray:
+        """(k,) coefficients of friction."""
+        return self.friction.take(p.vertices[:, 0]) * self.friction.take(p.vertices[:, 3])
 
     @timed
     def advance(self) -> float:
@@ -230,6 +205,7 @@ class Layers:
     def look(self) -> None:
         """Pairs as they are where the model now is."""
         self.near = p = self.detector.look()
+        self.met = None if self.pressed is None else Met(self.pressed, p, self.model.read_particles()[0], self.x, self.h)
         self.energy = self._energy(p)
         self.count = len(p.end)
         self.least = float(np.min(p.end / p.radius, initial=1.0))
@@ -239,20 +215,18 @@ class Layers:
         """Remembers what pairs bore in the last solve, which the model now shows the end of."""
         q = self.pressed
         assert q is not None
-        d = np.einsum("ki,ki->k", q.near.normal, q.near.of(self.model.read_particles()[0]))
+        d = q.near.along(self.model.read_particles()[0])
         order = q.near.order
         self.known = {"key": q.near.key[order], "force": np.maximum(q.force + q.slope * (q.at - d), 0.0)[order]}
 
     @timed
     def settled(self) -> bool:
         """Whether forces are what the last solve took them to be, and nothing has come too near by it."""
-        p, q = self.near, self.pressed
-        assert q is not None
-        x = self.model.read_particles()[0]
+        p, q, met = self.near, self.pressed, self.met
+        assert q is not None and met is not None
         stiff, own = self._stiffness(p)
         now = self._pull(p, p.end, stiff, own)[0]
-        taken = q.force + q.slope * (q.at - np.einsum("ki,ki->k", q.near.normal, q.near.of(x)))
-        row = q.near.rows_of(p)
+        taken, row = q.force + q.slope * (q.at - met.gap), met.rows
         gone = np.ones(len(taken), dtype=bool)
         gone[row[row >= 0]] = False
         force = np.concatenate([now - np.where(row >= 0, taken[row], 0.0) if len(taken) else now, taken[gone]])
@@ -260,13 +234,11 @@ class Layers:
         allowed = own * np.maximum(LOOSE * np.linalg.norm(self.gravity), GIVE * radius / self.h**2)
         total = float(np.sum(now))
         wrong = np.where(np.abs(force) > allowed, np.abs(force), 0.0)
-        mu = self.friction[p.vertices[:, 0]] * self.friction[p.vertices[:, 3]]
         self.off = int(np.sum(wrong > 0)) if np.sum(wrong) > AGREED * total else 0
-        lag = abs(float(np.sum(mu * now)) - float(np.sum(q.bears)))
+        lag = abs(float(np.sum(self._mu(p) * now)) - float(np.sum(q.bears)))
         late = lag > LAGGED * float(np.sum(q.bears)) and self.round <= PATIENCE
-        slip = self._slip(q.near)
-        rubbed = length(q.friction(slip))
-        back = np.einsum("ki,ki->k", slip, q.way) < 0  # pushed the wrong way
+        rubbed = length(q.friction(met.slip))
+        back = np.einsum("ki,ki->k", met.slip, q.way) < 0  # pushed the wrong way
         over = float(np.sum(np.maximum(rubbed - CONE * q.bears, 0) + back * q.bears))
         rubs = over > RUBBED * float(np.sum(q.bears)) and self.round == 1  # what it still is then, it is in the next step
         left, was = room(np.array([self.least, self.was]), np.ones(2)).tolist()
@@ -279,14 +251,13 @@ class Layers:
         Friction, and the stop of approaches, of the pairs of that solve; and what repulsion would be with their factors:
         factors change from place to place and have no force.
         """
-        q, p = self.pressed, self.near
-        if q is None or not len(q.own):
+        q, p, met = self.pressed, self.near, self.met
+        if q is None or met is None or not len(q.own):
             return 0.0
-        speed = length(self._slip(q.near))
+        speed = length(met.slip)
         rub = float(self.h * np.sum(q.bears * np.where(speed < CREEP, speed**2 / (2 * CREEP), speed - CREEP / 2)))
-        d = np.einsum("ki,ki->k", q.near.normal, q.near.of(self.model.read_particles()[0]))
-        stop = STOP * q.own * q.near.factor / self.h**2 * np.maximum(self._limit(q.near) - d, 0) ** 2 / 2
-        row = q.near.rows_of(p)
+        stop = STOP * q.own * q.near.factor / self.h**2 * np.maximum(self._limit(q.near) - met.gap, 0) ** 2 / 2
+        row = met.rows
         stiff, _ = self._stiffness(p)
         change = np.where(row >= 0, q.near.factor[row] / np.maximum(p.factor, TINY) - 1, 0.0)
         return rub + float(np.sum(stop)) + float(np.sum(change * stiff * potential(p.end, p.radius)))
@@ -304,6 +275,7 @@ class Layers:
         share = min(self.h / self.h_usual, 1.0)
         self.boost = np.where(part < CLOSE, np.minimum(STIFFER**share * self.boost, STIFFEST),
                               np.where(part > WIDE, np.maximum(SOFTER**share * self.boost, 1.0), self.boost))
+        self._stiff = None
         self.energy = self._energy(p)  # what the next step begins with
 
     def let_go(self) -> None:
@@ -315,7 +287,8 @@ class Layers:
 
     def pass_without(self) -> None:
         """Nothing met in the step as it was made."""
-        self.energy, self.count, self.least, self.pressed, self.known = 0.0, 0, 1.0, None, NOTHING
+        self.energy, self.count, self.least, self.known = 0.0, 0, 1.0, NOTHING
+        self.pressed = self.met = None
 
     def pass_by(self) -> None:
         """A step in which nothing met was accepted."""
@@ -329,15 +302,15 @@ class Layers:
         if q is not None:
             x = self.model.read_particles()[0]
             p = q.near
-            taken = q.force + q.slope * (q.at - np.einsum("ki,ki->k", p.normal, p.of(x)))
-            pull = taken[:, None] * p.normal + q.friction(self._slip(p))
+            taken = q.force + q.slope * (q.at - p.along(x))
+            pull = taken[:, None] * p.normal + q.friction(p.slip(x - self.x, self.h))
             np.add.at(out, p.vertices, p.weights[:, :, None] * pull[:, None, :])
         return out
 
     def clear(self) -> None:
         """The state was changed from outside."""
         self.known = self.kept = NOTHING
-        self.boost[:] = 1.0
+        self.boost[:], self._stiff = 1.0, None
         self.model.save()
         self.tangles.until[:] = 0
         self.tangles.find(self.model.read_particles()[0])
@@ -371,9 +344,11 @@ class Layers:
         """Goes on from what `checkpoint` gave."""
         self.kept = {name: state[name] for name in ("key", "force")}
         self.count = int(state["count"])
+        self._stiff = None
         self.boost, self.energy, self.was = state["boost"].copy(), float(state["energy"]), float(state["was"])
-        self.detector.candidates, self.detector.fresh = state["candidates"], bool(state["fresh"])
         self.detector.walked.from_numpy(state["walked"])
+        self.detector.take(state["candidates"])
+        self.detector.fresh = bool(state["fresh"])
         self.tangles.until = state["until"].copy()
         if state["tangled"]:
             self.tangles.find(self.model.read_particles()[0])
@@ -381,6 +356,10 @@ class Layers:
 
     def _stiffness(self, p: Near) -> tuple[np.ndarray, np.ndarray]:
         """(stiffness [N/m], mass [kg]) of pairs."""
-        own = 1 / np.maximum(np.einsum("ka,ka,ka->k", p.weights, p.weights, (1 / self.model.mass).take(p.vertices)), 1e-300)
-        a, b, c, d = self.boost.take(p.vertices.T)
-        return PRESS * own / self.h_usual**2 * p.factor * np.maximum(np.maximum(a, b), np.maximum(c, d)), own
+        if self._stiff is None or self._stiff[0] is not p:
+            light = (1 / self.model.mass).take(p.vertices)
+            own = 1 / np.maximum(np.einsum("ka,ka,ka->k", p.weights, p.weights, light), 1e-300)
+            a, b, c, d = self.boost.take(p.vertices.T)
+            stiff = PRESS * own / self.h_usual**2 * p.factor * np.maximum(np.maximum(a, b), np.maximum(c, d))
+            self._stiff = p, stiff, own
+        return self._stiff[1:]
