@@ -15,7 +15,7 @@ from ..scene import Scene
 from .closest import EDGE_EDGE, VERTEX_FACE
 from .heap import LEAF, BoxHeap, morton
 from .near import Near
-from .pair_geometry import apart, between, closing, fading, gap
+from .pair_geometry import apart, between, closing, corners_of, fading, gap
 
 CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
 FACES_A_CHUNK = 8
@@ -54,17 +54,16 @@ class LayerDetector:
         self.faces, cloth = faces[order], cloth[order]
         m = len(self.faces)
         ends = np.sort(face_edges(self.faces), axis=1)
-        code, first, edge = np.unique(ends @ np.array([model.n, 1]), return_index=True, return_inverse=True)
+        code, first = np.unique(ends @ np.array([model.n, 1]), return_index=True)
         self.edges = np.stack([code // model.n, code % model.n], axis=1)
-        owned = np.zeros((6, m), dtype=np.int64)  # corners, edges
-        owned[3:].ravel()[first] = 1
-        _, first = np.unique(self.faces.T.ravel(), return_index=True)
-        owned[:3].ravel()[first] = 1
+        # each edge and each vertex is spoken for by one face
+        self.own_edge, self.first_edge = _owned(fields, np.arange(len(self.edges)), first % m, m)
+        vertices, first = np.unique(self.faces.T.ravel(), return_index=True)
+        self.own_vertex, self.first_vertex = _owned(fields, vertices, first % m, m)
         self.boxes = BoxHeap(fields, m)
-        self.count, self.leaves = m, -(-m // LEAF)
+        self.count, self.edge_count, self.leaves = m, len(self.edges), -(-m // LEAF)
         self.face = fields.integer(m, 3, self.faces)
-        self.face_edge = fields.integer(m, 3, edge.reshape(3, m).T)
-        self.owned = fields.integer(m, data=owned.T @ (1 << np.arange(6)))
+        self.face_hull, self.edge_hull = fields.real(m, 12), fields.real(len(self.edges), 12)
         self.cloth = fields.integer(m, data=cloth)
         self.edge = fields.integer(len(self.edges), 2, self.edges)
         self.cloths = len(scene.cloths)
@@ -206,6 +205,12 @@ class LayerDetector:
     def _refit(self):
         for i in range(self.model.n):
             self.walked[i] = self.model.x[i]
+        for f in range(self.count):
+            v = self.face[f]
+            self.face_hull[f] = self.hull(v[0], v[1], v[2])
+        for e in range(self.edge_count):
+            v = self.edge[e]
+            self.edge_hull[e] = self.hull(v[0], v[1], v[1])
         for leaf in range(self.boxes.first_leaf):
             low, high = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30])
             for f in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.count)):
@@ -219,13 +224,9 @@ class LayerDetector:
     @ti.func
     def box(self, f):
         """Swept box of a face, with what belongs to it round it."""
-        v = self.face[f]
-        low, high = self.start[v[0]], self.start[v[0]]
-        for k in ti.static(range(3)):
-            low = ti.min(low, self.start[v[k]], self.model.x[v[k]])
-            high = ti.max(high, self.start[v[k]], self.model.x[v[k]])
-        margin = self.half[v[0]] + self.skin
-        return low - margin, high + margin
+        low, high, low_1, high_1 = corners_of(self.face_hull[f])
+        margin = self.half[self.face[f][0]] + self.skin
+        return ti.min(low, low_1) - margin, ti.max(high, high_1) + margin
 
     @ti.kernel
     def _walk(self, rows: ti.types.ndarray(), found: ti.types.ndarray()):
@@ -254,13 +255,8 @@ class LayerDetector:
         for f in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.count)):
             low, high = self.box(f)
             if self.boxes.meets(node, low, high):
-                a = self.face[f]
-                lo_a, hi_a, lo_a1, hi_a1 = self.hull(a[0], a[1], a[2])
                 for g in range(ti.max(first, f + 1), ti.min(first + LEAF, self.count)):
-                    b = self.face[g]
-                    reach = self.half[a[0]] + self.half[b[0]] + 2 * self.skin
-                    lo_b, hi_b, lo_b1, hi_b1 = self.hull(b[0], b[1], b[2])
-                    if apart(lo_a, hi_a, lo_a1, hi_a1, lo_b, hi_b, lo_b1, hi_b1, reach) == 0:
+                    if apart(self.face_hull[f], self.face_hull[g], self.reach_of(f, g)) == 0:
                         count = self.against(f, g, chunk, count, rows)
         return count
 
@@ -268,47 +264,41 @@ class LayerDetector:
     def against(self, f, g, chunk, count, rows: ti.template()):
         """Writes down the pairs of two faces that may come near; returns how many the chunk now has."""
         if self.meets[self.cloth[f] * self.cloths + self.cloth[g]] == 1:
-            a, b = self.face[f], self.face[g]
-            reach = self.half[a[0]] + self.half[b[0]] + 2 * self.skin
-            lo_a, hi_a, lo_a1, hi_a1 = self.hull(a[0], a[1], a[2])
-            lo_b, hi_b, lo_b1, hi_b1 = self.hull(b[0], b[1], b[2])
-            bits_a, bits_b = self.owned[f], self.owned[g]
-            for k in range(3):
-                if (bits_a >> k) & 1:
-                    v = a[k]
-                    if v != b[0] and v != b[1] and v != b[2]:
-                        if apart(self.start[v], self.start[v], self.model.x[v], self.model.x[v],
-                                 lo_b, hi_b, lo_b1, hi_b1, reach) == 0:
-                            self.put(v, g, VERTEX_FACE, chunk, count, rows)
+            reach = self.reach_of(f, g)
+            for way in range(2):
+                a, b = f, g
+                if way == 1:
+                    a, b = g, f
+                for k in range(self.first_vertex[a], self.first_vertex[a + 1]):
+                    v, c = self.own_vertex[k], self.face[b]
+                    if v != c[0] and v != c[1] and v != c[2]:
+                        if apart(self.hull(v, v, v), self.face_hull[b], reach) == 0:
+                            self.put(v, b, VERTEX_FACE, chunk, count, rows)
                             count += 1
-                if (bits_b >> k) & 1:
-                    v = b[k]
-                    if v != a[0] and v != a[1] and v != a[2]:
-                        if apart(self.start[v], self.start[v], self.model.x[v], self.model.x[v],
-                                 lo_a, hi_a, lo_a1, hi_a1, reach) == 0:
-                            self.put(v, f, VERTEX_FACE, chunk, count, rows)
+            for k in range(self.first_edge[f], self.first_edge[f + 1]):
+                for j in range(self.first_edge[g], self.first_edge[g + 1]):
+                    p, q = self.own_edge[k], self.own_edge[j]
+                    c, d = self.edge[p], self.edge[q]
+                    if c[0] != d[0] and c[0] != d[1] and c[1] != d[0] and c[1] != d[1]:
+                        if apart(self.edge_hull[p], self.edge_hull[q], reach) == 0:
+                            self.put(p, q, EDGE_EDGE, chunk, count, rows)
                             count += 1
-            for j in range(3):
-                if (bits_a >> (3 + j)) & 1:
-                    p, q = a[j], a[(j + 1) % 3]
-                    lo_e, hi_e, lo_e1, hi_e1 = self.hull(p, q, q)
-                    near = apart(lo_e, hi_e, lo_e1, hi_e1, lo_b, hi_b, lo_b1, hi_b1, reach) == 0
-                    for k in range(3):
-                        if near and (bits_b >> (3 + k)) & 1:
-                            c, d = b[k], b[(k + 1) % 3]
-                            if p != c and p != d and q != c and q != d:
-                                lo_k, hi_k, lo_k1, hi_k1 = self.hull(c, d, d)
-                                if apart(lo_e, hi_e, lo_e1, hi_e1, lo_k, hi_k, lo_k1, hi_k1, reach) == 0:
-                                    self.put(self.face_edge[f][j], self.face_edge[g][k], EDGE_EDGE, chunk, count, rows)
-                                    count += 1
         return count
 
     @ti.func
+    def reach_of(self, f, g):
+        """Within which pairs of two faces are candidates [m]."""
+        return self.half[self.face[f][0]] + self.half[self.face[g][0]] + 2 * self.skin
+
+    @ti.func
     def hull(self, p, q, r):
-        """Boxes of three particles where the path begins, and where it ends."""
+        """Boxes of three particles where the path begins, and where it ends, as 12 numbers."""
         a = ti.static(self.start)
         b = ti.static(self.model.x)
-        return (ti.min(a[p], a[q], a[r]), ti.max(a[p], a[q], a[r]), ti.min(b[p], b[q], b[r]), ti.max(b[p], b[q], b[r]))
+        low, high, low_1, high_1 = ti.min(a[p], a[q], a[r]), ti.max(a[p], a[q], a[r]), ti.min(b[p], b[q], b[r]), ti.max(
+            b[p], b[q], b[r])
+        return ti.Vector([low[0], low[1], low[2], high[0], high[1], high[2], low_1[0], low_1[1], low_1[2], high_1[0],
+                          high_1[1], high_1[2]])
 
     @ti.func
     def put(self, i, j, kind, chunk, count, rows: ti.template()):
@@ -430,6 +420,13 @@ class LayerDetector:
                     out[k, 9] = TINY + fading(kind, w, p + dp, q + dq, r + dr, s + ds)
                     out[k, 10] = radius
                     out[k, 11] = 1.0
+
+
+def _owned(fields: Fields, things: np.ndarray, owner: np.ndarray, count: int) -> tuple:
+    """Fields of things sorted by owner, and of where each owner's begin."""
+    order = np.argsort(owner, kind="stable")
+    first = np.searchsorted(owner[order], np.arange(count + 1))
+    return fields.integer(len(things), data=things[order]), fields.integer(count + 1, data=first)
 
 
 def _meeting(scene: Scene) -> np.ndarray:

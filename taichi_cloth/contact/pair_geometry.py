@@ -9,10 +9,19 @@ RAMP = 0.05  # part of an edge's length near its ends over which edge pairs fade
 
 
 @ti.func
-def apart(lo_a, hi_a, lo_a1, hi_a1, lo_b, hi_b, lo_b1, hi_b1, reach):
+def corners_of(hull):
+    """Low and high corner of a thing's box where its path begins, and where it ends, from 12 numbers."""
+    return (ti.Vector([hull[0], hull[1], hull[2]]), ti.Vector([hull[3], hull[4], hull[5]]),
+            ti.Vector([hull[6], hull[7], hull[8]]), ti.Vector([hull[9], hull[10], hull[11]]))
+
+
+@ti.func
+def apart(hull_a, hull_b, reach):
     """1 if two things, given by boxes at both ends of their paths, stay out of reach of each other along some axis."""
+    low_a, high_a, low_a1, high_a1 = corners_of(hull_a)
+    low_b, high_b, low_b1, high_b1 = corners_of(hull_b)
     out = 0
-    low, high = ti.min(lo_a - hi_b, lo_a1 - hi_b1), ti.max(hi_a - lo_b, hi_a1 - lo_b1)
+    low, high = ti.min(low_a - high_b, low_a1 - high_b1), ti.max(high_a - low_b, high_a1 - low_b1)
     if (low > reach).any() or (high < -reach).any():
         out = 1
     return out

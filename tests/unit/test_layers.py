@@ -8,7 +8,8 @@ PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
 ROOMS = [
     ["errors"], ["view"], ["mesh"], ["shapes", "fabric", "intersections"], ["solids"], ["scene"], ["io"],  # description
     ["ordering", "elements", "quicken", "runtime", "timing"], ["quantities"], ["fields"], ["model", "team"],  # fields
-    ["forces"], ["operator"], ["measure", "constraints"], ["contact"], ["solver"], ["integrators"], ["stepper"], ["simulation"],
+    ["forces"], ["operator"], ["measure", "constraints"], ["contact"], ["solver"], ["integrators"], ["stepper"],
+    ["simulation"],
     ["output"], ["record", "playback"], ["report", "scenefile"], ["study", "verify"], ["runner"],
     ["cli_recorded"], ["cli_study"], ["cli"],
     ["__main__", "__init__"],
