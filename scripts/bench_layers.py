@@ -45,13 +45,15 @@ def detection(cells: int, rounds: int) -> dict:
     x, v = sim.model.read_particles()
     sim.model.write_particles(x + thickness * np.random.default_rng(0).uniform(-0.2, 0.2, size=x.shape), v)
     for _ in range(rounds + 1):
+        layers.forget()
         start = time.perf_counter()
         layers.begin()
         layers.cover()
         layers.free_way()
         layers.look()
         times.append(time.perf_counter() - start)
-    row = {"vertices": sim.vertex_count, "candidates": len(layers.candidates), "detect_ms": 1e3 * float(np.median(times[1:]))}
+    row = {"vertices": sim.vertex_count, "candidates": len(layers.candidates), "detect_ms": 1e3 * float(np.median(times[1:])),
+           "candidate_mb": (layers.candidates.nbytes + layers.distances.nbytes + layers.rows.nbytes) / 1e6}
     sim.close()
     return row
 
@@ -76,7 +78,8 @@ def main() -> None:
               f"least gap {r['least_gap']:.2f}  {r['intersections']} crossings")
     growth = [detection(cells, args.rounds) for cells in args.cells]
     for r in growth:
-        print(f"detection        {r['vertices']:6} vertices  {r['candidates']:8} candidates  {r['detect_ms']:8.1f} ms")
+        print(f"detection        {r['vertices']:6} vertices  {r['candidates']:8} candidates  {r['detect_ms']:8.1f} ms  "
+              f"{r['candidate_mb']:.0f} MB")
     n, t = np.log([r["vertices"] for r in growth]), np.log([r["detect_ms"] for r in growth])
     exponent = float(np.polyfit(n, t, 1)[0]) if len(growth) > 1 else None
     print(f"growth of detection: vertices to the power of {exponent:.2f}" if exponent else "")

@@ -82,7 +82,7 @@ class LayerDetector:
         self.grain = 512 if cpu else 1
         self.tangled = fields.integer(model.n, data=np.zeros(model.n))  # particles whose pairs rest
         self.resting = False
-        self._rows: np.ndarray = np.zeros((self.chunks, -(-4 * m // self.chunks), 3), dtype=np.int32)
+        self.rows: np.ndarray = np.zeros((self.chunks, -(-4 * m // self.chunks), 3), dtype=np.int32)
         self._found: np.ndarray = np.zeros(self.chunks, dtype=np.int32)
         self.reach = 2 * float(half.max())  # [m] of any pair
         self._strays: np.ndarray = np.zeros(2, dtype=self.exchange)
@@ -114,11 +114,11 @@ class LayerDetector:
             return
         self._refit()
         while True:
-            self._walk(self._rows, self._found)
-            if self._found.max(initial=0) <= self._rows.shape[1]:
+            self._walk(self.rows, self._found)
+            if self._found.max(initial=0) <= self.rows.shape[1]:
                 break
-            self._rows = np.zeros((self.chunks, int(self._found.max()) * 3 // 2, 3), dtype=np.int32)
-        self.take(np.concatenate([rows[:k] for rows, k in zip(self._rows, self._found.tolist())]))
+            self.rows = np.zeros((self.chunks, int(self._found.max()) * 3 // 2, 3), dtype=np.int32)
+        self.take(np.concatenate([rows[:k] for rows, k in zip(self.rows, self._found.tolist())]))
         self.fresh = True
 
     def take(self, candidates: np.ndarray) -> None:

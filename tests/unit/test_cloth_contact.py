@@ -12,7 +12,7 @@ from taichi_cloth.contact.closest import VERTEX_FACE
 from taichi_cloth.contact.layer_detection import LayerDetector
 from taichi_cloth.contact.repulsion import FLOOR, SHALLOW, height, law, potential, room
 from taichi_cloth.fields import Fields
-from taichi_cloth.intersections import self_crossings
+from taichi_cloth.intersections import count_self_crossings, self_crossings
 from taichi_cloth.model import Model
 
 FABRIC = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
@@ -268,3 +268,31 @@ def test_without_contact_none_of_it_is_imported():
             "s.add_cloth(tc.grid(1.0, 3), tc.Fabric(0.2, tc.Stretch(100))); sim = tc.Simulation(s); sim.step(); "
             "assert not [m for m in sys.modules if 'layer' in m and 'taichi_cloth' in m], sys.modules")
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_ipctk_counts_the_same(rng):
+    """The exact count says that there is none, or some, where an independent one does."""
+    ipctk = pytest.importorskip("ipctk", reason="a second counter: pip install ipctk")
+    said = []
+    for _ in range(120):
+        x = (rng.uniform(size=(rng.integers(2, 12), 1, 3)) + 0.12 * rng.normal(size=(1, 3, 3))).reshape(-1, 3)
+        x += 0.1 * rng.normal(size=x.shape)
+        faces = np.arange(len(x)).reshape(-1, 3)
+        mesh = ipctk.CollisionMesh(x, ipctk.edges(faces), faces)
+        said.append((ipctk.has_intersections(mesh, x), count_self_crossings(x, faces) > 0))
+    assert all(a == b for a, b in said) and 10 < sum(a for a, _ in said) < 110
+
+
+def test_the_repulsion_of_a_pair_has_neither_force_nor_torque(rng):
+    """Weights add up to 0, and the normal is that of the shortest way: for any pair, f n on the one is -f n on the other along
+    the same line."""
+    d = detector(soup(rng, 60))
+    d.cover()
+    p = d.look()
+    assert len(p.end) > 50
+    x = d.model.read_particles()[0]
+    forces = p.weights[:, :, None] * p.normal[:, None, :]
+    assert np.abs(forces.sum(axis=1)).max() < 1e-12
+    torque = np.cross(x[p.vertices], forces).sum(axis=1)
+    assert np.abs(torque).max() < 1e-10
+    assert np.allclose(p.along(x), p.end, rtol=1e-12, atol=1e-15)
