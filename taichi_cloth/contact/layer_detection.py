@@ -26,7 +26,7 @@ LOWER = 0.9  # of its distance that a pair keeps that is below its floor
 TURNED = 0.5  # cosine between a pair's directions when it came near and at the end for the end's to be taken
 COLUMNS = 12
 SKIN = 0.5
-TINY = 1e-12  # least factor of a pair
+FAINT = 1e-6  # factor of a pair of edges that is not reckoned with: vertices are as near there
 ROUNDING = 1e-4  # part by which distances may be off
 
 
@@ -411,13 +411,14 @@ class LayerDetector:
                     n, w = n_1, w_1
                 here = w[0] * (p + dp) + w[1] * (q + dq) + w[2] * (r + dr) + w[3] * (s + ds)
                 end = n.dot(here)
-                if end < radius:
+                counts = fading(kind, w, p + dp, q + dq, r + dr, s + ds)
+                if end < radius and counts > FAINT:
                     out[k, 0], out[k, 1] = d_0, end
                     for c in ti.static(range(3)):
                         out[k, 2 + c] = n[c]
                     for c in ti.static(range(4)):
                         out[k, 5 + c] = w[c]
-                    out[k, 9] = TINY + fading(kind, w, p + dp, q + dq, r + dr, s + ds)
+                    out[k, 9] = counts
                     out[k, 10] = radius
                     out[k, 11] = 1.0
 

@@ -23,7 +23,7 @@ from ..fields import Fields
 from ..model import Model
 from ..scene import Scene
 from .closest import VERTEX_FACE
-from .layer_detection import TINY, LayerDetector
+from .layer_detection import LayerDetector
 from .near import Near
 from .pairs import Points
 from .pressed import Met, Pressed
@@ -259,7 +259,7 @@ class Layers:
         stop = STOP * q.own * q.near.factor / self.h**2 * np.maximum(self._limit(q.near) - met.gap, 0) ** 2 / 2
         row = met.rows
         stiff, _ = self._stiffness(p)
-        change = np.where(row >= 0, q.near.factor[row] / np.maximum(p.factor, TINY) - 1, 0.0)
+        change = np.where(row >= 0, q.near.factor[row] / p.factor - 1, 0.0)
         return rub + float(np.sum(stop)) + float(np.sum(change * stiff * potential(p.end, p.radius)))
 
     @timed
