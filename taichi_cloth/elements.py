@@ -87,6 +87,16 @@ def flat_turns(h: Hinges) -> np.ndarray:
     return np.column_stack([-((1 - h.feet) * per_height).sum(axis=1), -(h.feet * per_height).sum(axis=1), per_height])
 
 
+def row_sums(vertices: np.ndarray, sizes: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """(n,) row sums of the sizes of blocks of M^-1 K; the largest bounds its eigenvalues. [Gershgorin]
+
+    Args:
+        vertices: (m, k) of the elements; sizes: (m, k, k) of their blocks.
+        mass: (n,).
+    """
+    return np.bincount(vertices.ravel(), sizes.sum(axis=2).ravel(), len(mass)) / mass
+
+
 def lumped_mass(mesh: TriMesh, density: float) -> np.ndarray:
     """(n,) a third of the mass of each of a vertex's triangles [kg]."""
     mass = np.zeros(mesh.vertex_count)

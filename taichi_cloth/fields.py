@@ -33,6 +33,7 @@ class Fields:
         runtime.hold(self)
         self._builder = ti.FieldsBuilder()
         self._tree = None
+        self._aside: list = []  # trees of a field each
         self._reals: list[Filled] = []
         self._integers: list[Filled] = []
 
@@ -45,6 +46,13 @@ class Fields:
         """The same for 32-bit integers."""
         field = ti.Vector.field(width, ti.i32) if width > 1 else ti.field(ti.i32)
         return self._place(field, n, width, data, self._integers)
+
+    def aside(self, n: int, width: int):
+        """A field of n rows in a tree of its own: the compiler sees that what is written to it changes nothing else."""
+        field, builder = ti.Vector.field(width, float), ti.FieldsBuilder()
+        builder.dense(ti.i, n).place(field)
+        self._aside.append(builder.finalize())
+        return field
 
     def allocate(self) -> None:
         """Allocates and fills every field that was declared."""
@@ -62,9 +70,10 @@ class Fields:
         if self._builder is not None and self._tree is None:  # else Taichi compiles no further kernel
             self._tree = self._builder.finalize(raise_warning=False)
             ti.sync()  # Taichi looks at its new fields here, and would otherwise after they are gone
-        if self._tree is not None:
-            self._tree.destroy()
-        self._builder, self._tree = None, None
+        for tree in [self._tree, *self._aside]:
+            if tree is not None:
+                tree.destroy()
+        self._builder, self._tree, self._aside = None, None, []
         runtime.let_go(self)
 
     def _place(self, field, n: int, width: int, data: np.ndarray | None, filled: list[Filled]):

@@ -45,6 +45,7 @@ class Elements:
         self.host_vertices = vertices[self.entries.element]
         self.count = len(self.entries.element)
         self.first = fields.integer(blocks.count + 1, data=self.entries.first)
+        self.shared = fields.integer(blocks.count, data=self.entries.shared)
         self.vertices = fields.integer(self.count, vertices.shape[1], self.host_vertices)
         self.primary = fields.integer(self.count, data=self.entries.primary)
 

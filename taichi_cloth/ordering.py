@@ -73,16 +73,19 @@ FEW = 32  # blocks that are gone through one by one
 
 @dataclass(frozen=True)
 class Entries:
-    """Elements as the blocks store them: `element[first[b]:first[b + 1]]` are those that touch block b.
+    """Elements as the blocks store them: `element[first[b]:first[b + 1]]` are those that touch block b, from `shared[b]` on
+    those that touch another too.
 
     Attributes:
         element: (entries,) index of the element.
         first: (blocks + 1,).
+        shared: (blocks,), where they are ordered.
         primary: (entries,) whether the block is the one that counts the element in sums.
     """
 
     element: np.ndarray
     first: np.ndarray
+    shared: np.ndarray
     primary: np.ndarray
 
 
@@ -90,7 +93,8 @@ def partition(vertices: np.ndarray, bounds: np.ndarray, ordered: bool = True) ->
     """Entries of elements with vertices (m, k), already renumbered, for blocks with the given bounds.
 
     Args:
-        ordered: whether a block's elements are put in the order of their vertices; else they stay in theirs.
+        ordered: whether a block's elements are put in the order of their vertices, those that it shares last; else they stay
+            in theirs.
     """
     blocks = len(bounds) - 1
     owner = np.searchsorted(bounds, vertices, side="right") - 1
@@ -98,9 +102,13 @@ def partition(vertices: np.ndarray, bounds: np.ndarray, ordered: bool = True) ->
     if not ordered and blocks <= FEW:
         parts = [np.flatnonzero((owner == b).any(axis=1)) for b in range(blocks)]
         block, element = np.repeat(np.arange(blocks), [len(p) for p in parts]), np.concatenate(parts)
-        return Entries(element, np.searchsorted(block, np.arange(blocks + 1)), owner[element].min(axis=1) == block)
+        first = np.searchsorted(block, np.arange(blocks + 1))
+        return Entries(element, first, first[:-1], owner[element].min(axis=1) == block)
     code = np.unique((owner * m + np.arange(m)[:, None]).ravel())
     block, element = code // m, code % m
-    order = np.lexsort((vertices[element].max(axis=1), vertices[element].min(axis=1), block))
+    common = owner.min(axis=1) != owner.max(axis=1)
+    order = np.lexsort((vertices[element].max(axis=1), vertices[element].min(axis=1), common[element], block))
     block, element = block[order], element[order]
-    return Entries(element, np.searchsorted(block, np.arange(blocks + 1)), owner[element].min(axis=1) == block)
+    first = np.searchsorted(block, np.arange(blocks + 1))
+    shared = first[1:] - np.bincount(block, common[element], blocks).astype(np.int64)
+    return Entries(element, first, shared, owner[element].min(axis=1) == block)

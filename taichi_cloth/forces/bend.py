@@ -9,7 +9,7 @@ import math
 import numpy as np
 import taichi as ti
 
-from ..elements import Hinges, flat_turns, hinges
+from ..elements import Hinges, flat_turns, hinges, row_sums
 from ..fabric import pair
 from ..fields import Fields
 from ..model import Elements, Model
@@ -41,11 +41,9 @@ class Bend:
         self.rest = fields.real(self.elements.count, 4, self.elements.per_entry(rest))  # k, k_d, theta_0, floor^2
         heights2 = np.concatenate([(2 * h.areas).min(axis=1) ** 2 / h.length2 for _, h in parts])
         self._unit_energy = float(np.sum(rest[:, 0] / heights2) / 2)
-        # bounds on the squared frequency [1/s^2] and the damping rate [1/s] of any mode: |d theta / dx| of a vertex is
-        # at most 2 / height, and a vertex shares its mass among its hinges
-        share = np.bincount(vertices.ravel(), minlength=model.n) / model.mass
-        gradient2 = 4 / heights2 * share[vertices].sum(axis=1)
-        self.rates = (float(np.max(rest[:, 0] * gradient2)), float(np.max(rest[:, 1] * gradient2)))
+        # bounds on the squared frequency [1/s^2] and the damping rate [1/s] of any mode of flat cloth
+        sizes = np.abs(np.einsum("ei,ej->eij", self.host_turns, self.host_turns))
+        self.rates = tuple(float(row_sums(vertices, k[:, None, None] * sizes, model.mass).max()) for k in rest[:, :2].T)
         self._fields = fields
 
     def rounding_energy(self, d: float) -> float:

@@ -17,11 +17,11 @@ import math
 import numpy as np
 import taichi as ti
 
-from ..elements import face_edges
+from ..elements import row_sums
 from ..errors import SceneError
 from ..fabric import pair
 from ..fields import Fields
-from ..mesh import TriMesh
+from ..mesh import TriMesh, face_edges
 from ..model import Elements, Model
 from ..scene import Scene
 from .conditions import sym_outer, sym_scaled_identity, unit
@@ -62,7 +62,8 @@ class CurvatureBend:
             B.reshape(-1, 3 * self.width)))
         self.factor = fields.real(self.elements.count, 6, self.elements.per_entry(factor))  # of k, then of k_d
         self.damps = bool(factor[:, 3:].any())
-        self.rates = tuple(_largest(corners, B, factor[:, first:first + 3], model.mass) for first in (0, 3))
+        sizes = (np.abs(np.einsum("kma,km,kmb->kab", B, factor[:, first:first + 3], B)) for first in (0, 3))
+        self.rates = tuple(float(row_sums(corners, s, model.mass).max()) for s in sizes)
         self.host_corners, self.host_weight, self.host_factor = corners, B, factor[:, :3]  # a triangle each
         self._unit_energy = float(np.sum(factor[:, :3] * np.sum(B**2, axis=2)) / 2)
 
@@ -370,10 +371,3 @@ def _moduli(value) -> list[float]:
     """Of the terms |x_uu|^2, |x_uv|^2, |x_vv|^2, from (warp, weft)."""
     u, v = pair(value)
     return [u, 2 * math.sqrt(u * v), v]
-
-
-def _largest(vertices: np.ndarray, B: np.ndarray, factor: np.ndarray, mass: np.ndarray) -> float:
-    """A bound on the eigenvalues of M^-1 K [1/s^2] (or of M^-1 D): the largest row sum of absolute values."""
-    K = np.abs(np.einsum("kma,km,kmb->kab", B, factor, B)).sum(axis=2)
-    rows = np.bincount(vertices.ravel(), K.ravel(), minlength=len(mass))
-    return float(np.max(rows / mass))

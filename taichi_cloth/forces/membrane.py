@@ -7,15 +7,17 @@ stiffness; its derivative by position and the term C_dot ddC are left out of the
 import numpy as np
 import taichi as ti
 
-from ..elements import triangles
+from ..elements import row_sums, triangles
 from ..fabric import pair
 from ..fields import Fields
 from ..model import Elements, Model
 from ..scene import Scene
-from .conditions import shear_stiffness, stretch_stiffness, sym, sym_outer, sym_times, sym_unpack, unit
+from .conditions import TINY, shear_stiffness, stretch_stiffness, sym, sym_outer, sym_times, sym_unpack, unit
 
 # columns of the table of materials
 K_U, K_V, K_S, D_U, D_V, D_S, B_U, B_V = range(8)
+LANES = 4  # elements whose forces a CPU thread takes together
+APART = 8  # rows of `aside` between those of two threads
 
 
 @ti.data_oriented
@@ -42,6 +44,8 @@ class Membrane:
         self.area = fields.real(self.elements.count, data=per_entry(area))
         self.material = fields.integer(self.elements.count, data=per_entry(material))
         self.table = fields.real(len(table), 8, table)
+        self.lanes = LANES if model.blocks.grain > 1 else 1
+        self.aside = fields.aside(APART * model.blocks.count, 6 * self.lanes)
         self.stretches = bool(table[:, [K_U, K_V]].any())
         self.shears = bool(table[:, K_S].any())
         self.damps = bool(table[:, [D_U, D_V, D_S]].any())
@@ -49,13 +53,9 @@ class Membrane:
         # energy of strains that are but a rounding of positions by 1 m, see `rounding_energy`
         self._unit_energy = float(np.sum(area * table[material][:, :K_S + 1].max(axis=1) * np.sum(inverse**2, axis=1)) / 2)
         self._fields = fields
-        # bounds on the squared frequency [1/s^2] and the damping rate [1/s] of any mode, element by element; warp and weft
-        # pull at right angles while shear is small
-        density = np.array([c.fabric.density for _, c in cloths])[material]
-        u, v = (inverse[:, k] ** 2 + inverse[:, k + 2] ** 2 + (inverse[:, k] + inverse[:, k + 2]) ** 2 for k in (0, 1))
-        k = table[material]
-        self.rates = tuple(float(np.max(3 / density * (np.maximum(k[:, a] * u, k[:, b] * v) + k[:, c] * (u + v))))
-                           for a, b, c in ((K_U, K_V, K_S), (D_U, D_V, D_S)))
+        # bounds on the squared frequency [1/s^2] and the damping rate [1/s] of any mode, at rest
+        k = table[material] * area[:, None]
+        self.rates = tuple(_bound(vertices, inverse, model.mass, k[:, first:first + 3]) for first in (K_U, D_U))
 
     def rounding_energy(self, d: float) -> float:
         """Energy [J] that positions off by d [m] put into the rest shape."""
@@ -123,13 +123,66 @@ class Membrane:
 
     @ti.func
     def add_force(self, block, f: ti.template()):
-        """f += internal forces of the block's elements."""
+        """f += internal forces of the block's elements; of those that it owns whole, a few at a time."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
-        for e in range(self.elements.first[block], self.elements.first[block + 1]):
+        first = self.elements.first[block]
+        if ti.static(self.lanes > 1):
+            groups = (self.elements.shared[block] - first) // self.lanes
+            for group in range(groups):
+                self.add_forces(block, first + group * self.lanes, f)
+            first += groups * self.lanes
+        for e in range(first, self.elements.first[block + 1]):
             w_u, w_v = self.spread(e, self.model.x)
             v_u, v_v = self.spread(e, self.model.v)
             g_u, g_v = self.gradient(e, w_u, w_v, v_u, v_v)
             self.scatter(e, -self.area[e] * g_u, -self.area[e] * g_v, f, lo, hi)
+
+    @ti.func
+    def add_forces(self, block, e, f: ti.template()):
+        """f += forces of elements e, e + 1 ..., in `lanes`, of which the compiler makes vector instructions.
+
+        It does so where what they give is also written side by side, to `aside`, which nobody reads.
+        """
+        area = ti.Vector([self.area[e + j] for j in ti.static(range(self.lanes))])
+        k = [ti.Vector([self.table[self.material[e + j]][c] for j in ti.static(range(self.lanes))])
+             for c in ti.static(range(8))]
+        vertex = [ti.Vector([self.elements.vertices[e + j][a] for j in ti.static(range(self.lanes))])
+                  for a in ti.static(range(3))]
+        inverse = [ti.Vector([self.inverse[e + j][c] for j in ti.static(range(self.lanes))]) for c in ti.static(range(4))]
+        u, v = self.spread_lanes(vertex, inverse, self.model.x)
+        size_u, size_v = ti.sqrt(dot(u, u)), ti.sqrt(dot(v, v))
+        per_u, per_v = 1 / ti.max(size_u, TINY), 1 / ti.max(size_v, TINY)
+        pull_u, pull_v, s = k[K_U] * (size_u - k[B_U]), k[K_V] * (size_v - k[B_V]), k[K_S] * dot(u, v)
+        if ti.static(self.damps):
+            du, dv = self.spread_lanes(vertex, inverse, self.model.v)
+            pull_u += k[D_U] * dot(u, du) * per_u
+            pull_v += k[D_V] * dot(v, dv) * per_v
+            s += k[D_S] * (dot(du, v) + dot(dv, u))
+        along_u, along_v, across = area * per_u * pull_u, area * per_v * pull_v, area * s
+        q_1 = [(along_u * u[c] + across * v[c]) * inverse[0] + (along_v * v[c] + across * u[c]) * inverse[1]
+               for c in ti.static(range(3))]
+        q_2 = [(along_u * u[c] + across * v[c]) * inverse[2] + (along_v * v[c] + across * u[c]) * inverse[3]
+               for c in ti.static(range(3))]
+        for c in ti.static(range(3)):
+            for j in ti.static(range(self.lanes)):
+                self.aside[APART * block][2 * c * self.lanes + j] = q_1[c][j]
+            for j in ti.static(range(self.lanes)):
+                self.aside[APART * block][(2 * c + 1) * self.lanes + j] = q_2[c][j]
+        for j in ti.static(range(self.lanes)):
+            f[vertex[0][j]] = f[vertex[0][j]] + ti.Vector([q_1[c][j] + q_2[c][j] for c in ti.static(range(3))])
+            f[vertex[1][j]] = f[vertex[1][j]] - ti.Vector([q_1[c][j] for c in ti.static(range(3))])
+            f[vertex[2][j]] = f[vertex[2][j]] - ti.Vector([q_2[c][j] for c in ti.static(range(3))])
+
+    @ti.func
+    def spread_lanes(self, vertex: ti.template(), inverse: ti.template(), q: ti.template()):
+        """(w_u, w_v) of a per-vertex field on several elements, 3 vectors each of a number an element."""
+        corner = [[ti.Vector([q[vertex[a][j]][c] for j in ti.static(range(self.lanes))]) for c in ti.static(range(3))]
+                  for a in ti.static(range(3))]
+        u = [(corner[1][c] - corner[0][c]) * inverse[0] + (corner[2][c] - corner[0][c]) * inverse[2]
+             for c in ti.static(range(3))]
+        v = [(corner[1][c] - corner[0][c]) * inverse[1] + (corner[2][c] - corner[0][c]) * inverse[3]
+             for c in ti.static(range(3))]
+        return u, v
 
     @ti.func
     def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
@@ -226,7 +279,22 @@ class Membrane:
             self.model.blocks.add(q, vertices[2], q_2, lo, hi)
 
 
+@ti.func
+def dot(a: ti.template(), b: ti.template()):
+    """a . b of 3 vectors each, whose numbers belong to different elements."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
 def _row(fabric) -> list[float]:
     stretch, shear = fabric.stretch, fabric.shear
     k, k_d, b = (pair(stretch.k), pair(stretch.k_d), pair(stretch.b)) if stretch else ((0, 0), (0, 0), (1, 1))
     return [*k, shear.k if shear else 0, *k_d, shear.k_d if shear else 0, *b]
+
+
+def _bound(vertices: np.ndarray, inverse: np.ndarray, mass: np.ndarray, k: np.ndarray) -> float:
+    """On the eigenvalues of M^-1 K in the plane of flat cloth, for k (m, 3) of warp, weft and shear times the areas: these two
+    pull at right angles."""
+    u, v = (np.column_stack([-inverse[:, a] - inverse[:, a + 2], inverse[:, a], inverse[:, a + 2]]) for a in (0, 1))
+    u_rows, v_rows, s_rows = (row_sums(vertices, factor[:, None, None] * np.abs(np.einsum("ei,ej->eij", p, p)), mass)
+                              for p, factor in zip((u, v, np.hypot(u, v)), k.T))
+    return float(np.max(np.maximum(u_rows, v_rows) + s_rows))

@@ -60,6 +60,7 @@ class Verlet:
             self.stable_step = stable_step(sum(f.rates[0] for f in forces), sum(f.rates[1] for f in forces))
         self.together = runtime.arch == "cpu"  # a team, or a launch for each substep
         self.team = Team(fields, self.blocks.count if self.together else 1)
+        self.damps = any(force.rates[1] > 0 for force in forces)
         self.subcycles = True
         self.part = SAFETY
         self.weight = float(np.linalg.norm(scene.gravity) * model.mass.sum())
@@ -130,7 +131,7 @@ class Verlet:
         changes evenly from what it was."""
         pins, gust = self.free, (self._wind() - wind) / steps
         if held is not None:
-            x = self.model.read_particles()[0][held.index].astype(self.exchange)
+            x = self.model.read_particles()[0][held.index].astype(self.exchange) if held.moving else held.target
             pins = (held.index, held.projector, x, held.target)
         if self.drag is not None:
             self.drag.set_wind(wind)
@@ -187,9 +188,7 @@ class Verlet:
 
     @ti.func
     def compute(self, block, s, every):
-        """f, and every few substeps f_slow, on the rows of a block."""
-        for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
-            self.f[i] = ti.Vector.zero(float, 3)
+        """f from 0, and every few substeps f_slow, on the rows of a block."""
         for k in ti.static(range(len(self.fast))):
             self.fast[k].add_force(block, self.f)
         if ti.static(len(self.slow) > 0):
@@ -201,7 +200,7 @@ class Verlet:
 
     @ti.func
     def move(self, block, h, s, steps, every):
-        """u += h f/m, half of it at the two ends; x += h u; v, predicted for the next f, as u + h/2 f/m."""
+        """u += h f/m, half of it at the two ends; x += h u; v, predicted for the next f, as u + h/2 f/m; f = 0 again."""
         share, step = 1.0, h
         if s == 0 or s == steps:
             share = 0.5
@@ -212,17 +211,20 @@ class Verlet:
             bends = ti.cast(every, float)
         for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
             f, kick, u = self.f[i], self.f[i], self.u[i]
+            self.f[i] = ti.Vector.zero(float, 3)
             if s == 0:
                 u = self.model.v[i]
             if ti.static(len(self.slow) > 0):
                 kick += bends * self.f_slow[i]
                 f += self.f_slow[i]
-            u += share * h / self.model.m[i] * kick
+            a = h / self.model.m[i]
+            u += share * a * kick
             self.u[i] = u
-            self.model.x[i] += step * u
-            self.model.v[i] = u
-            if s < steps:
-                self.model.v[i] += 0.5 * h / self.model.m[i] * f
+            self.model.x[i] = self.model.x[i] + step * u
+            if s == steps:
+                self.model.v[i] = u
+            elif ti.static(self.damps):
+                self.model.v[i] = u + 0.5 * a * f
 
     @ti.func
     def lead(self, h, s, steps, index: ti.template(), projector: ti.template(), start: ti.template(),

@@ -176,8 +176,8 @@ class PCG:
                 r += self.r[i]
                 m += self.operator.model.m[i]
             for i in range(self.operator.model.n):
-                self.dv[i] += ti.cast(r / m, float)
-                self.As[i] += self.operator.model.m[i] * ti.cast(r / m, float)
+                self.dv[i] = self.dv[i] + ti.cast(r / m, float)
+                self.As[i] = self.As[i] + self.operator.model.m[i] * ti.cast(r / m, float)
 
     @ti.func
     def restart(self, block):
@@ -326,10 +326,10 @@ class PCG:
         a, b = ti.cast(alpha, float), ti.cast(beta, float)
         rs = ti.cast(0, self.sum_type)
         for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
-            self.c[i] = self.s[i] + b * self.c[i]
-            self.Ac[i] = self.As[i] + b * self.Ac[i]
-            self.dv[i] += a * self.c[i]
-            r = self.preconditioner.filter(i, self.r[i] - a * self.Ac[i])
+            c, Ac = self.s[i] + b * self.c[i], self.As[i] + b * self.Ac[i]
+            self.c[i], self.Ac[i] = c, Ac
+            self.dv[i] = self.dv[i] + a * c  # an += would be atomic
+            r = self.preconditioner.filter(i, self.r[i] - a * Ac)
             s = self.preconditioner.apply(i, r)
             self.r[i], self.s[i] = r, s
             rs += r.dot(s)

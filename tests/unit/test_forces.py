@@ -5,6 +5,7 @@ import pytest
 from conftest import FULL
 
 import taichi_cloth as tc
+from taichi_cloth.elements import lumped_mass
 
 PARTS = {
     "stretch": tc.Fabric(0.2, stretch=tc.Stretch((800, 600), (0.8, 0.6), (1.0, 0.98))),
@@ -205,3 +206,22 @@ def test_what_is_not_named_does_not_exist():
     sim = tc.Simulation(scene)
     sim.step()
     assert [type(f).__name__ for f in sim._forces] == ["Gravity"]
+
+
+@pytest.mark.parametrize("bend", ["hinge", "curvature"])
+@pytest.mark.parametrize("jitter", [0.0, 0.02])
+def test_rates_bound_the_fastest_mode_of_flat_cloth(bend, jitter, rng):
+    mesh = tc.grid(1.0, 9)
+    uv = mesh.uv + rng.uniform(-jitter, jitter, mesh.uv.shape)
+    mesh = tc.TriMesh(np.column_stack([uv[:, 0], 0 * uv[:, 0], uv[:, 1]]), mesh.faces, uv)
+    for parts in ({"stretch": tc.Stretch((1000, 600)), "shear": tc.Shear(100)}, {"bend": tc.Bend((1e-3, 2e-3), model=bend)}):
+        scene = tc.Scene(gravity=None)
+        scene.add_cloth(mesh, tc.Fabric(0.2, **parts))
+        sim, h = tc.Simulation(scene, preconditioner="none"), 1.0
+        n = 3 * sim.vertex_count
+        A = np.array([sim.product(e.reshape(-1, 3), h).ravel() for e in np.eye(n)])
+        mass = np.repeat(lumped_mass(mesh, 0.2), 3)
+        fastest = np.linalg.eigvalsh((A - np.diag(mass)) / np.sqrt(np.outer(mass, mass)) / h**2)[-1]
+        bound = sum(force.rates[0] for force in sim._forces)
+        assert fastest * (1 - 1e-9) < bound < 3 * fastest
+        sim.close()

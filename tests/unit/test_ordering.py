@@ -24,6 +24,8 @@ def test_every_block_has_the_elements_that_touch_it(rng):
     entries = partition(vertices, bounds)
     for b in range(4):
         mine = entries.element[entries.first[b]: entries.first[b + 1]]
+        whole = ((vertices[mine] >= bounds[b]) & (vertices[mine] < bounds[b + 1])).all(axis=1)
+        assert (whole == (np.arange(len(mine)) < entries.shared[b] - entries.first[b])).all()
         touches = ((vertices >= bounds[b]) & (vertices < bounds[b + 1])).any(axis=1)
         assert sorted(mine) == np.flatnonzero(touches).tolist()
     assert sorted(entries.element[entries.primary]) == list(range(70))
