@@ -172,12 +172,17 @@ class Filter:
 
     @ti.kernel
     def lead(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), target: ti.types.ndarray(), c: float):
-        """dv = (I - S) (target - x)/c"""
+        """dv = (I - S) (target - x)/c; with c = 0 x goes there, to where it must be without the last rounding of x + h v."""
         for i in range(self.model.n):
-            self.dv[i] = ti.Vector.zero(float, 3)
+            if c > 0:
+                self.dv[i] = ti.Vector.zero(float, 3)
         for k in range(index.shape[0]):
             i = index[k]
-            self.dv[i] = project(projector, k, (row(target, k) - self.model.x[i]) / c)
+            way = project(projector, k, row(target, k) - self.model.x[i])
+            if c > 0:
+                self.dv[i] = way / c
+            else:
+                self.model.x[i] = self.model.x[i] + way
 
     @ti.kernel
     def impose(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), z: ti.types.ndarray(), zero: int):
@@ -188,13 +193,6 @@ class Filter:
         for k in range(index.shape[0]):
             i = index[k]
             self.dv[i] += project(projector, k, row(z, k) - self.dv[i])
-
-    @ti.kernel
-    def settle(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), target: ti.types.ndarray()):
-        """Held directions exactly where they must be, without the last rounding of x + h v."""
-        for k in range(index.shape[0]):
-            i = index[k]
-            self.model.x[i] += project(projector, k, row(target, k) - self.model.x[i])
 
 
 @ti.func

@@ -25,7 +25,7 @@ NEAR_END = 0.05  # of it: a path may end so much before it must
 LOWER = 0.9  # of its distance that a pair keeps that is below its floor
 TURNED = 0.5  # cosine between a pair's directions when it came near and at the end for the end's to be taken
 COLUMNS = 12
-SKIN = 0.5
+SKIN = 0.75  # of half the thickness: how far paths may stray from the one that was walked
 FAINT = 1e-6  # factor of a pair of edges that is not reckoned with: vertices are as near there
 ROUNDING = 1e-4  # part by which distances may be off
 
@@ -78,13 +78,13 @@ class LayerDetector:
         self.rest = fields.real(model.n, 3, given)
         self.skin = SKIN * float(half[half > 0].min())  # [m] that a path may stray from the one that was walked
         self.start, self.walked = fields.real(model.n, 3), fields.real(model.n, 3)
+        self.stray_now, self.stray = fields.real(model.n), fields.real(model.n)  # [m] from `walked`; anywhere on the path
         self.chunks = CHUNKS if cpu else -(-m // FACES_A_CHUNK)
         self.grain = 512 if cpu else 1
         self.tangled = fields.integer(model.n, data=np.zeros(model.n))  # particles whose pairs rest
         self.resting = False
         self.rows: np.ndarray = np.zeros((self.chunks, -(-4 * m // self.chunks), 3), dtype=np.int32)
         self._found: np.ndarray = np.zeros(self.chunks, dtype=np.int32)
-        self.reach = 2 * float(half.max())  # [m] of any pair
         self._strays: np.ndarray = np.zeros(2, dtype=self.exchange)
         self.forget()
 
@@ -92,7 +92,7 @@ class LayerDetector:
         """No pair is known."""
         self.candidates: np.ndarray = np.zeros((0, 3), dtype=np.int32)
         self.distances: np.ndarray = np.zeros(0, dtype=self.exchange)  # [m] of the candidates where they were walked for
-        self.fresh, self.furthest = False, 0.0
+        self.fresh = False
 
     def may_meet(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """(k,) whether faces a and b (k,) are of cloths that meet."""
@@ -118,47 +118,37 @@ class LayerDetector:
             if self._found.max(initial=0) <= self.rows.shape[1]:
                 break
             self.rows = np.zeros((self.chunks, int(self._found.max()) * 3 // 2, 3), dtype=np.int32)
-        self.take(np.concatenate([rows[:k] for rows, k in zip(self.rows, self._found.tolist())]))
-        self.fresh = True
-
-    def take(self, candidates: np.ndarray) -> None:
-        """Candidates (k, 3) as walked for where the model was."""
-        self.candidates, self.distances = candidates, np.empty(len(candidates), dtype=self.exchange)
-        if len(candidates):
-            self._distances(candidates, self.distances)
-        self.furthest = float(self.distances.max(initial=0.0))
+        found = np.concatenate([rows[:k] for rows, k in zip(self.rows, self._found.tolist())])
+        distances: np.ndarray = np.empty(len(found), dtype=self.exchange)
+        if len(found):
+            self._distances(found, distances)
+        near = np.flatnonzero(distances >= 0)
+        self.candidates, self.distances, self.fresh = found.take(near, axis=0), distances.take(near), True
 
     def strayed(self) -> tuple[float, float]:
         """How far [m] any particle is now, and where the path begins, from where the candidates were walked for."""
         self._stray(self._strays)
         return float(self._strays[0]), float(self._strays[1])
 
-    def _within(self, distance: float) -> np.ndarray:
-        """(k, 3) candidates that were nearer than this [m]."""
-        if distance > self.furthest:
-            return self.candidates
-        return self.candidates.take(np.flatnonzero(self.distances < distance * (1 + ROUNDING)), axis=0)
-
     def free_way(self) -> tuple[float, np.ndarray]:
         """(part of the path that nothing passes through another on, the pairs (k, 3) that allow no more than that)."""
-        stray = max(self.strayed())
-        # no other begins so far away, by 2 stray at most, and ends so near
-        c = self._within((self.floor * self.reach + 2 * (1 + KEEP) * stray) / (1 - KEEP))
+        c = self.candidates
         if not len(c):
             return 1.0, c
-        part: np.ndarray = np.ones(len(c), dtype=self.exchange)
-        self._free(c, part)
+        self.strayed()
+        part: np.ndarray = np.empty(len(c), dtype=self.exchange)
+        self._free(c, self.distances, part)
         least = float(part.min())
         return least, c[part <= least] if least < 1 else c[:0]
 
     def look(self, swept: bool = False) -> Near:
         """Pairs that are in reach of each other where the model is; with `swept` also those that went through on the path."""
-        strayed = self.strayed()
-        c = self._within(self.reach + 2 * (max(strayed) if swept else strayed[0]))
+        c = self.candidates
         if len(c):
+            self.strayed()
             flag: np.ndarray = np.empty(len(c), dtype=np.int32)
-            self._reach(c, int(swept), flag)
-            c = c[np.flatnonzero(flag)]
+            self._reach(c, self.distances, int(swept), flag)
+            c = c.take(np.flatnonzero(flag), axis=0)
         rows: np.ndarray = np.zeros((len(c), COLUMNS), dtype=self.exchange)
         if len(c):
             self._look(c, int(swept), rows)
@@ -187,19 +177,25 @@ class LayerDetector:
         for _ in range(1):
             now, begins = 0.0, 0.0
             for i in range(self.model.n):
-                now = ti.max(now, (self.model.x[i] - self.walked[i]).norm_sqr())
-                begins = ti.max(begins, (self.start[i] - self.walked[i]).norm_sqr())
-            out[0], out[1] = ti.sqrt(now), ti.sqrt(begins)
+                here, there = (self.model.x[i] - self.walked[i]).norm(), (self.start[i] - self.walked[i]).norm()
+                self.stray_now[i], self.stray[i] = here, ti.max(here, there)
+                now, begins = ti.max(now, here), ti.max(begins, there)
+            out[0], out[1] = now, begins
 
     @ti.kernel
     def _distances(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):
-        """Of candidates where the path that was walked ends."""
+        """Of candidates at the path's end; -1 of those that come near nowhere on paths that keep to it."""
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
             v = self.corners(rows[k, 0], rows[k, 1], kind)
-            x = ti.static(self.walked)
+            x = ti.static(self.model.x)
             difference, w = between(kind, x[v[0]], x[v[1]], x[v[2]], x[v[3]])
-            out[k] = difference.norm()
+            d = difference.norm()
+            p, q, r, s, dp, dq, dr, ds = self.path(v, 1)
+            reach = self.half[v[0]] + self.half[v[3]] + 2 * self.skin + closing(kind, dp, dq, dr, ds)
+            out[k] = -1.0
+            if d < (1 + ROUNDING) * reach:
+                out[k] = d
 
     @ti.kernel
     def _refit(self):
@@ -331,6 +327,17 @@ class LayerDetector:
         return p, q, r, s, dp, dq, dr, ds
 
     @ti.func
+    def strays(self, kind, v, swept):
+        """By how much a pair's distance may differ from that where it was walked for, now or, swept, anywhere on the path."""
+        s = ti.Vector([self.stray_now[v[0]], self.stray_now[v[1]], self.stray_now[v[2]], self.stray_now[v[3]]])
+        if swept:
+            s = ti.Vector([self.stray[v[0]], self.stray[v[1]], self.stray[v[2]], self.stray[v[3]]])
+        out = ti.max(s[0], s[1]) + ti.max(s[2], s[3])
+        if kind == VERTEX_FACE:
+            out = s[0] + ti.max(s[1], s[2], s[3])
+        return out
+
+    @ti.func
     def radius(self, kind, v):
         """The distance that a pair should keep."""
         out = self.half[v[0]] + self.half[v[3]]
@@ -345,14 +352,16 @@ class LayerDetector:
         return (self.tangled[v[0]] + self.tangled[v[1]] > 0) and (self.tangled[v[2]] + self.tangled[v[3]] > 0)
 
     @ti.kernel
-    def _free(self, rows: ti.types.ndarray(), part: ti.types.ndarray()):
+    def _free(self, rows: ti.types.ndarray(), distances: ti.types.ndarray(), part: ti.types.ndarray()):
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
             v = self.corners(rows[k, 0], rows[k, 1], kind)
-            p, q, r, s, dp, dq, dr, ds = self.path(v, 1)
             part[k] = 1.0
+            floor, stray = self.floor * (self.half[v[0]] + self.half[v[3]]), self.strays(kind, v, 1)
+            if (1 - KEEP) * (distances[k] - floor) > (1 + KEEP) * (1 + ROUNDING) * stray + ROUNDING * floor:
+                continue  # it began no further away than by its stray, and ends no nearer
+            p, q, r, s, dp, dq, dr, ds = self.path(v, 1)
             speed = closing(kind, dp, dq, dr, ds)
-            floor = self.floor * (self.half[v[0]] + self.half[v[3]])
             if (1 - KEEP) * (gap(kind, p, q, r, s) - floor) < speed and not self.rests(v):
                 difference, w = between(kind, p, q, r, s)
                 d = difference.norm()
@@ -373,14 +382,17 @@ class LayerDetector:
                     part[k] = done
 
     @ti.kernel
-    def _reach(self, rows: ti.types.ndarray(), swept: int, flag: ti.types.ndarray()):
+    def _reach(self, rows: ti.types.ndarray(), distances: ti.types.ndarray(), swept: int, flag: ti.types.ndarray()):
         """Which candidates may be in reach at all."""
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
             v = self.corners(rows[k, 0], rows[k, 1], kind)
-            p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
-            reach = self.half[v[0]] + self.half[v[3]] + 1e-12 + closing(kind, dp, dq, dr, ds)
             flag[k] = 0
+            reach = self.half[v[0]] + self.half[v[3]] + 1e-12
+            if distances[k] - self.strays(kind, v, swept) > (1 + ROUNDING) * reach:
+                continue
+            p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
+            reach += closing(kind, dp, dq, dr, ds)
             if gap(kind, p, q, r, s) < reach and not self.rests(v):
                 difference, w = between(kind, p, q, r, s)
                 flag[k] = ti.cast(difference.norm() < reach, ti.i32)
@@ -398,17 +410,19 @@ class LayerDetector:
             if d_0 - radius < speed + 1e-12:
                 radius = self.radius(kind, v)
                 d, difference, w, done = d_0, first, w_0, 0.0
-                for _ in range(STRIDES):
-                    if d > radius * 1.001 and done < 1:
-                        done = ti.min(done + ti.max(d - radius, 1e-3 * radius) / speed, 1.0)
-                        difference, w = between(kind, p + done * dp, q + done * dq, r + done * dr, s + done * ds)
-                        d = difference.norm()
                 n = difference / ti.max(d, 1e-20)
-                last, w_1 = between(kind, p + dp, q + dq, r + dr, s + ds)
-                d_1 = last.norm()
-                n_1 = last / ti.max(d_1, 1e-20)
-                if n_1.dot(n) > TURNED or done >= 1:
-                    n, w = n_1, w_1
+                if swept == 1:
+                    for _ in range(STRIDES):
+                        if d > radius * 1.001 and done < 1:
+                            done = ti.min(done + ti.max(d - radius, 1e-3 * radius) / speed, 1.0)
+                            difference, w = between(kind, p + done * dp, q + done * dq, r + done * dr, s + done * ds)
+                            d = difference.norm()
+                    n = difference / ti.max(d, 1e-20)
+                    last, w_1 = between(kind, p + dp, q + dq, r + dr, s + ds)
+                    d_1 = last.norm()
+                    n_1 = last / ti.max(d_1, 1e-20)
+                    if n_1.dot(n) > TURNED or done >= 1:
+                        n, w = n_1, w_1
                 here = w[0] * (p + dp) + w[1] * (q + dq) + w[2] * (r + dr) + w[3] * (s + ds)
                 end = n.dot(here)
                 counts = fading(kind, w, p + dp, q + dq, r + dr, s + ds)

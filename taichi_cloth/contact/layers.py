@@ -88,6 +88,7 @@ class Layers:
         self.gravity = scene.gravity
         self.boost = np.ones(model.n)
         self._stiff: tuple[Near, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for
+        self._limited: tuple[Near, np.ndarray] | None = None
         self.known = self.kept = NOTHING  # what pairs bore in the last solve, and in the last accepted step
         self.pressed: Pressed | None = None
         self.met: Met | None = None  # the last pairs, and those that the last solve took
@@ -98,7 +99,7 @@ class Layers:
     def begin(self, h: float, x: np.ndarray, v: np.ndarray, guess: bool) -> None:
         """A new attempt from the saved state (n, 3); the model is at its predicted end, and with `guess` looked at there."""
         self.h, self.x, self.v, self.known = h, x, v, self.kept
-        self.round, self.there, self.met = 0, self.model.read_particles()[0], None
+        self.round, self.there, self.met, self._limited = 0, self.model.read_particles()[0], None, None
         self.detector.begin()
         if guess:
             self.near = self.detector.look(swept=True)  # of those that were candidates before
@@ -125,7 +126,7 @@ class Layers:
         slides = self._slides(p, slip) & (bears > 0)
         way = np.where(slides[:, None], slip / np.maximum(speed, 1e-300)[:, None], 0.0)
         drag = bears / np.maximum(speed, CREEP)
-        self.pressed = Pressed(p, own, force, slope, at, bears, way, drag)
+        self.pressed = Pressed(p, own, force, slope, at, self._limit(p), bears, way, drag)
         if self.met is not None:
             self.met = Met(self.pressed, p, there, self.x, h)
         self.round += 1
@@ -157,7 +158,9 @@ class Layers:
 
     def _limit(self, p: Near) -> np.ndarray:
         """(k,) distance [m] below which pairs are stopped."""
-        return np.clip(p.along(self.x), height(2 * SHALLOW, p.radius), p.radius)
+        if self._limited is None or self._limited[0] is not p:
+            self._limited = p, np.clip(p.along(self.x), height(2 * SHALLOW, p.radius), p.radius)
+        return self._limited[1]
 
     def _slides(self, p: Near, slip: np.ndarray) -> np.ndarray:
         """(k,) whether friction is taken as its full size against the slip, and not as a damping.
@@ -256,7 +259,7 @@ class Layers:
             return 0.0
         speed = length(met.slip)
         rub = float(self.h * np.sum(q.bears * np.where(speed < CREEP, speed**2 / (2 * CREEP), speed - CREEP / 2)))
-        stop = STOP * q.own * q.near.factor / self.h**2 * np.maximum(self._limit(q.near) - met.gap, 0) ** 2 / 2
+        stop = STOP * q.own * q.near.factor / self.h**2 * np.maximum(q.limit - met.gap, 0) ** 2 / 2
         row = met.rows
         stiff, _ = self._stiffness(p)
         change = np.where(row >= 0, q.near.factor[row] / p.factor - 1, 0.0)
@@ -336,8 +339,9 @@ class Layers:
     def checkpoint(self) -> dict[str, np.ndarray]:
         """What is remembered from step to step, as arrays by name."""
         numbers = {name: np.array(getattr(self, name)) for name in ("count", "energy", "was")}
-        return {**self.kept, **numbers, "boost": self.boost, "candidates": self.detector.candidates,
-                "walked": self.detector.walked.to_numpy(), "fresh": np.array(self.detector.fresh),
+        d = self.detector
+        return {**self.kept, **numbers, "boost": self.boost, "candidates": d.candidates, "distances": d.distances,
+                "walked": d.walked.to_numpy(), "fresh": np.array(d.fresh),
                 "until": self.tangles.until, "tangled": np.array(self.tangles.active)}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
@@ -347,7 +351,7 @@ class Layers:
         self._stiff = None
         self.boost, self.energy, self.was = state["boost"].copy(), float(state["energy"]), float(state["was"])
         self.detector.walked.from_numpy(state["walked"])
-        self.detector.take(state["candidates"])
+        self.detector.candidates, self.detector.distances = state["candidates"], state["distances"]
         self.detector.fresh = bool(state["fresh"])
         self.tangles.until = state["until"].copy()
         if state["tangled"]:

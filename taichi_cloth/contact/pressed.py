@@ -16,6 +16,7 @@ class Pressed:
         near: the pairs.
         own: (k,) mass that the pair's distance has [kg].
         force: (k,) [N] and slope: (k,) [N/m] where they were linearised, at distance `at` [m].
+        limit: (k,) distance [m] below which its approach is stopped.
         bears: (k,) the most that friction can be [N].
         way: (k, 3) direction of the slip of what slides, 0 for what sticks.
         drag: (k,) friction over slip [N s/m], of what slides across its way.
@@ -26,6 +27,7 @@ class Pressed:
     force: np.ndarray
     slope: np.ndarray
     at: np.ndarray
+    limit: np.ndarray
     bears: np.ndarray
     way: np.ndarray
     drag: np.ndarray

@@ -119,7 +119,7 @@ class System:
     def settle(self, held: Held | None) -> None:
         """Held directions exactly at their targets."""
         if held is not None:
-            self.filter.settle(held.index, held.projector, held.target)
+            self.filter.lead(held.index, held.projector, held.target, 0.0)
 
     def rounding(self, h: float, *measures: Measures) -> float:
         """How much of Phi [J] is rounding: of its terms, and of positions as they are stored."""

@@ -73,14 +73,14 @@ class TRBDF2:
         fresh = self._remember(pins, c, clock)
         middle = held_at(GAMMA * h)
         with clock.part("EVAL"):
-            self._first(c, self.c, int(fresh))
+            self._base(0, c, self.c, int(fresh))
             self.c, self.tried = 0.0, c
         stage = self.newton.solve(c, middle, effort, clock, solutions, True)
         if stage.rejection:
             return replace(self._failed(stage, "first stage", solutions, clock), measures=None)  # not at the step's end
         power = self._reaction_power(middle, c)
         with clock.part("EVAL"):
-            self._second(c)
+            self._base(1, c, 0.0, 0)
         held = held_at(h)
         stage = self.newton.solve(c, held, effort, clock, solutions, False)
         if stage.rejection:
@@ -180,30 +180,29 @@ class TRBDF2:
         return float(np.sqrt(self._error_square(c) / self.model.n))
 
     @ti.kernel
-    def _first(self, c: float, before: float, fresh: int):
-        """Base of the first stage; the guess is v_0. With `before`, c of the last step, a_0 is the one that it implies; a
-        fresh one is b / (c m), linearized at the saved state."""
-        for i in range(self.model.n):
-            v_0 = self.model.v_saved[i]
-            if before > 0:
-                self.a_0[i] = (v_0 - self.v_p[i]) / before
-            if fresh == 1:
-                self.a_0[i] = self.system.operator.b[i] / (c * self.model.m[i])
-            self.model.v_base[i] = v_0 + c * self.a_0[i]
-            self.newton.put(i, c, self.model.x_saved[i] + c * v_0, v_0)
+    def _base(self, stage: int, c: float, before: float, fresh: int):
+        """Base and guess of a stage.
 
-    @ti.kernel
-    def _second(self, c: float):
-        """Base of the second stage; the guess goes on as the first stage went."""
+        The first one's guess is v_0. With `before`, c of the last step, a_0 is the one that it implies; a fresh one is
+        b / (c m), linearized at the saved state. The second one's guess goes on as the first stage went.
+        """
         for i in range(self.model.n):
             x_0, v_0, v_g = self.model.x_saved[i], self.model.v_saved[i], self.model.v[i]
-            self.v_g[i] = v_g
-            self.a_g[i] = (v_g - v_0) / c - self.a_0[i]
-            # as differences, which lose no digits
-            v_p = v_0 + ti.static(A) * (v_g - v_0)
-            self.v_p[i] = v_p
-            self.model.v_base[i] = v_p
-            self.newton.put(i, c, x_0 + ti.static(A) * (self.model.x[i] - x_0), v_0 + (v_g - v_0) / ti.static(GAMMA))
+            v_base, x_base, guess = v_0, x_0 + c * v_0, v_0
+            if stage == 0:
+                if before > 0:
+                    self.a_0[i] = (v_0 - self.v_p[i]) / before
+                if fresh == 1:
+                    self.a_0[i] = self.system.operator.b[i] / (c * self.model.m[i])
+                v_base += c * self.a_0[i]
+            else:
+                self.v_g[i] = v_g
+                self.a_g[i] = (v_g - v_0) / c - self.a_0[i]
+                v_base += ti.static(A) * (v_g - v_0)  # as differences, which lose no digits
+                self.v_p[i] = v_base
+                x_base, guess = x_0 + ti.static(A) * (self.model.x[i] - x_0), v_0 + (v_g - v_0) / ti.static(GAMMA)
+            self.model.v_base[i] = v_base
+            self.newton.put(i, c, x_base, guess)
 
     @ti.kernel
     def _estimate(self, h: float):
