@@ -29,7 +29,7 @@ def knot(count: int) -> tuple[np.ndarray, np.ndarray, float]:
     return x, side, float(arc[-1])
 
 
-def build(along: int = 400, across: int = 5, pull: float = 0.3, friction: float = 0.1) -> tc.Scene:
+def build(along: int = 400, across: int = 5, pull: float = 0.43, friction: float = 0.1) -> tc.Scene:
     """Both ends are led outwards by `pull` [m] in 1.8 s."""
     x, side, length = knot(along + 1)
     mesh = tc.strip(length, WIDTH, (along, across))

@@ -28,7 +28,7 @@ def bending(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return h.vertices, weights, 3 / h.areas.sum(axis=1)
 
 
-@numba.njit(fastmath=True, cache=False)
+@numba.njit(fastmath=True, cache=False, error_model="numpy")
 def _forces(x, f, tri, inverse, area, k, k_s):
     for e in range(len(tri)):
         a, b, c = tri[e]
@@ -57,7 +57,7 @@ def _forces(x, f, tri, inverse, area, k, k_s):
         f[a, 2] += bz + cz
 
 
-@numba.njit(fastmath=True, cache=False)
+@numba.njit(fastmath=True, cache=False, error_model="numpy")
 def _bend(x, f, hinge, weight, stiff):
     for e in range(len(hinge)):
         for d in range(3):
@@ -68,7 +68,7 @@ def _bend(x, f, hinge, weight, stiff):
                 f[hinge[e, j], d] -= stiff[e] * weight[e, j] * curved
 
 
-@numba.njit(fastmath=True, cache=False)
+@numba.njit(fastmath=True, cache=False, error_model="numpy")
 def run(x, v, m, pins, tri, inverse, area, k, k_s, hinge, weight, stiff, dt, steps, every):
     """Steps from rest: kick, drift; bending every few steps with as many times its weight."""
     f = np.zeros_like(x)
