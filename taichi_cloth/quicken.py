@@ -1,17 +1,22 @@
 """Taichi reads kernels, declares fields and finds attributes faster once this is imported.
 
 What it draws for its messages and looks up again and again is replaced. Measured in DESIGN.md; what of it another version of
-Taichi lacks stays as it is there. Import it before any class with kernels is made.
+Taichi lacks stays as it is there. Import it before any class with kernels is made, best before Taichi itself.
 """
 
 import functools
+import inspect
 import sys
 import textwrap
 from types import SimpleNamespace
 
-import taichi as ti
-from taichi.lang import impl, kernel_impl
-from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+_getmodule, inspect.getmodule = inspect.getmodule, lambda *_, **__: None  # type: ignore[assignment]
+try:  # it would go through all modules for the source of each of its own kernels
+    import taichi as ti
+    from taichi.lang import impl, kernel_impl
+    from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+finally:
+    inspect.getmodule = _getmodule
 
 
 def _position(context, node) -> str:

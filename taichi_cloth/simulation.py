@@ -1,5 +1,8 @@
 """The composition root: a scene becomes fields, forces, an integrator and a stepper, and is run frame by frame."""
 
+from . import quicken  # noqa: F401  (before Taichi)
+
+# isort: split
 import math
 from collections.abc import Callable, Sequence
 

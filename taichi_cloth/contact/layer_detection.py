@@ -1,90 +1,52 @@
-"""Cloth near cloth: which vertices and faces, edges and edges come near each other on a path, how near, and how far
-everything may go along it.
+"""Cloth near cloth: how near vertices and faces, edges and edges come to each other on a path, and how far everything may go
+along it.
 
-The broad phase walks a tree of swept boxes and writes candidates down, thread by thread, in lists that grow; it is
-done again only when a path leaves what it has covered. Distances and the way that is free are taken pair by pair.
+Pairs are looked for (`candidates`) again only when a path leaves what was covered. Distances and the free way are taken
+pair by pair.
 """
 
 import numpy as np
 import taichi as ti
 
 from ..fields import Fields
-from ..mesh import face_edges
 from ..model import Model
 from ..scene import Scene
-from .closest import EDGE_EDGE, VERTEX_FACE
-from .heap import LEAF, BoxHeap, morton
+from .candidates import Candidates
+from .closest import VERTEX_FACE
 from .near import Near
-from .pair_geometry import apart, between, closing, corners_of, fading, gap
+from .pair_geometry import between, closing, fading, gap
 
-CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
-FACES_A_CHUNK = 8
 STRIDES = 48
 KEEP = 0.1  # of a pair's distance above its floor that a path must leave
 NEAR_END = 0.05  # of it: a path may end so much before it must
 LOWER = 0.9  # of its distance that a pair keeps that is below its floor
 TURNED = 0.5  # cosine between a pair's directions when it came near and at the end for the end's to be taken
 COLUMNS = 12
-SKIN = 0.75  # of half the thickness: how far paths may stray from the one that was walked
 FAINT = 1e-6  # factor of a pair of edges that is not reckoned with: vertices are as near there
 ROUNDING = 1e-4  # part by which distances may be off
 
 
 @ti.data_oriented
-class LayerDetector:
+class LayerDetector(Candidates):
     """Cloth against cloth, for the cloths of a scene that have a `contact`.
 
     Args:
         floor: part of the distance that pairs should keep which nothing passes that was above it.
 
     Attributes:
-        edges: (e, 2) particles; faces: (m, 3); both in the detector's order.
-        fresh: whether the candidates cover paths near the last one that was walked.
-        start: (n, 3) where the path that is looked at begins; it ends where the model is.
+        candidates: (k, 3) pairs that may be near; see `Near.pair`.
+        fresh: whether they cover paths near the last one that was walked.
     """
 
     def __init__(self, fields: Fields, model: Model, scene: Scene, cpu: bool, floor: float) -> None:
-        self.model, self.exchange, self.floor = model, fields.exchange, floor
-        meeting = [k for k, c in enumerate(scene.cloths) if c.contact is not None]
-        faces = np.concatenate([model.particle[scene.cloths[k].mesh.faces + scene.cloths[k].start] for k in meeting])
-        cloth = np.repeat(meeting, [scene.cloths[k].mesh.face_count for k in meeting])
-        given = np.concatenate([c.mesh.x for c in scene.cloths])[model.user]
-        order = morton(given[faces].mean(axis=1))
-        order = order[np.argsort(cloth[order], kind="stable")]  # each cloth by itself
-        self.faces, cloth = faces[order], cloth[order]
-        m = len(self.faces)
-        ends = np.sort(face_edges(self.faces), axis=1)
-        code, first = np.unique(ends @ np.array([model.n, 1]), return_index=True)
-        self.edges = np.stack([code // model.n, code % model.n], axis=1)
-        # each edge and each vertex is spoken for by one face
-        self.own_edge, self.first_edge = _owned(fields, np.arange(len(self.edges)), first % m, m)
-        vertices, first = np.unique(self.faces.T.ravel(), return_index=True)
-        self.own_vertex, self.first_vertex = _owned(fields, vertices, first % m, m)
-        self.boxes = BoxHeap(fields, m)
-        self.count, self.edge_count, self.leaves = m, len(self.edges), -(-m // LEAF)
-        self.face = fields.integer(m, 3, self.faces)
-        self.face_hull, self.edge_hull = fields.real(m, 12), fields.real(len(self.edges), 12)
-        self.cloth = fields.integer(m, data=cloth)
-        self.edge = fields.integer(len(self.edges), 2, self.edges)
-        self.cloths = len(scene.cloths)
-        self._may = _meeting(scene)
-        self.meets = fields.integer(self.cloths**2, data=self._may)
-        half = np.concatenate([np.full(c.mesh.vertex_count, c.contact.thickness / 2 if c.contact else 0.0)
-                               for c in scene.cloths])[model.user]
-        self.host_half, self._cloth_of = half, cloth
-        self.half = fields.real(model.n, data=half)  # thickness [m]
+        super().__init__(fields, model, scene, cpu)
+        self.floor = floor
         owner = np.concatenate([np.full(c.mesh.vertex_count, k) for k, c in enumerate(scene.cloths)])[model.user]
         self.owner = fields.integer(model.n, data=owner)
-        self.rest = fields.real(model.n, 3, given)
-        self.skin = SKIN * float(half[half > 0].min())  # [m] that a path may stray from the one that was walked
-        self.start, self.walked = fields.real(model.n, 3), fields.real(model.n, 3)
+        self.rest = fields.real(model.n, 3, np.concatenate([c.mesh.x for c in scene.cloths])[model.user])
         self.stray_now, self.stray = fields.real(model.n), fields.real(model.n)  # [m] from `walked`; anywhere on the path
-        self.chunks = CHUNKS if cpu else -(-m // FACES_A_CHUNK)
-        self.grain = 512 if cpu else 1
         self.tangled = fields.integer(model.n, data=np.zeros(model.n))  # particles whose pairs rest
         self.resting = False
-        self.rows: np.ndarray = np.zeros((self.chunks, -(-4 * m // self.chunks), 3), dtype=np.int32)
-        self._found: np.ndarray = np.zeros(self.chunks, dtype=np.int32)
         self._strays: np.ndarray = np.zeros(2, dtype=self.exchange)
         self.forget()
 
@@ -93,10 +55,6 @@ class LayerDetector:
         self.candidates: np.ndarray = np.zeros((0, 3), dtype=np.int32)
         self.distances: np.ndarray = np.zeros(0, dtype=self.exchange)  # [m] of the candidates where they were walked for
         self.fresh = False
-
-    def may_meet(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """(k,) whether faces a and b (k,) are of cloths that meet."""
-        return self._may[self._cloth_of[a] * self.cloths + self._cloth_of[b]] == 1
 
     def let_rest(self, resting: np.ndarray) -> None:
         """Particles (n,) whose pairs with other such particles are left alone."""
@@ -112,13 +70,7 @@ class LayerDetector:
         """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model."""
         if self.fresh and max(self.strayed()) <= self.skin:  # of two that end so near, neither leaves what was walked
             return
-        self._refit()
-        while True:
-            self._walk(self.rows, self._found)
-            if self._found.max(initial=0) <= self.rows.shape[1]:
-                break
-            self.rows = np.zeros((self.chunks, int(self._found.max()) * 3 // 2, 3), dtype=np.int32)
-        found = np.concatenate([rows[:k] for rows, k in zip(self.rows, self._found.tolist())])
+        found = self.walk()
         distances: np.ndarray = np.empty(len(found), dtype=self.exchange)
         if len(found):
             self._distances(found, distances)
@@ -196,113 +148,6 @@ class LayerDetector:
             out[k] = -1.0
             if d < (1 + ROUNDING) * reach:
                 out[k] = d
-
-    @ti.kernel
-    def _refit(self):
-        for i in range(self.model.n):
-            self.walked[i] = self.model.x[i]
-        for f in range(self.count):
-            v = self.face[f]
-            self.face_hull[f] = self.hull(v[0], v[1], v[2])
-        for e in range(self.edge_count):
-            v = self.edge[e]
-            self.edge_hull[e] = self.hull(v[0], v[1], v[1])
-        for leaf in range(self.boxes.first_leaf):
-            low, high = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30])
-            for f in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.count)):
-                low_f, high_f = self.box(f)
-                low, high = ti.min(low, low_f), ti.max(high, high_f)
-            self.boxes.low[self.boxes.first_leaf + leaf] = low
-            self.boxes.high[self.boxes.first_leaf + leaf] = high
-        for _ in range(1):
-            self.boxes.merge()
-
-    @ti.func
-    def box(self, f):
-        """Swept box of a face, with what belongs to it round it."""
-        low, high, low_1, high_1 = corners_of(self.face_hull[f])
-        margin = self.half[self.face[f][0]] + self.skin
-        return ti.min(low, low_1) - margin, ti.max(high, high_1) + margin
-
-    @ti.kernel
-    def _walk(self, rows: ti.types.ndarray(), found: ti.types.ndarray()):
-        for t in range(self.chunks * self.grain):
-            if t % self.grain == 0:
-                chunk = t // self.grain
-                count = 0
-                for leaf in range(chunk * self.leaves // self.chunks, (chunk + 1) * self.leaves // self.chunks):
-                    node = self.boxes.first_leaf + leaf  # leaves before it have met this one already
-                    low, high = self.boxes.low[node], self.boxes.high[node]
-                    while True:
-                        if self.boxes.meets(node, low, high):
-                            if node < self.boxes.first_leaf:
-                                node *= 2
-                                continue
-                            count = self.of_leaves(leaf, node, chunk, count, rows)
-                        node = self.boxes.following(node)
-                        if node == 1:
-                            break
-                found[chunk] = count
-
-    @ti.func
-    def of_leaves(self, leaf, node, chunk, count, rows: ti.template()):
-        """The faces of a leaf against those of another, or its own; returns how many candidates the chunk now has."""
-        first = (node - self.boxes.first_leaf) * LEAF
-        for f in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.count)):
-            low, high = self.box(f)
-            if self.boxes.meets(node, low, high):
-                for g in range(ti.max(first, f + 1), ti.min(first + LEAF, self.count)):
-                    if apart(self.face_hull[f], self.face_hull[g], self.reach_of(f, g)) == 0:
-                        count = self.against(f, g, chunk, count, rows)
-        return count
-
-    @ti.func
-    def against(self, f, g, chunk, count, rows: ti.template()):
-        """Writes down the pairs of two faces that may come near; returns how many the chunk now has."""
-        if self.meets[self.cloth[f] * self.cloths + self.cloth[g]] == 1:
-            reach = self.reach_of(f, g)
-            for way in range(2):
-                a, b = f, g
-                if way == 1:
-                    a, b = g, f
-                for k in range(self.first_vertex[a], self.first_vertex[a + 1]):
-                    v, c = self.own_vertex[k], self.face[b]
-                    if v != c[0] and v != c[1] and v != c[2]:
-                        if apart(self.hull(v, v, v), self.face_hull[b], reach) == 0:
-                            self.put(v, b, VERTEX_FACE, chunk, count, rows)
-                            count += 1
-            for k in range(self.first_edge[f], self.first_edge[f + 1]):
-                for j in range(self.first_edge[g], self.first_edge[g + 1]):
-                    p, q = self.own_edge[k], self.own_edge[j]
-                    c, d = self.edge[p], self.edge[q]
-                    if c[0] != d[0] and c[0] != d[1] and c[1] != d[0] and c[1] != d[1]:
-                        if apart(self.edge_hull[p], self.edge_hull[q], reach) == 0:
-                            self.put(p, q, EDGE_EDGE, chunk, count, rows)
-                            count += 1
-        return count
-
-    @ti.func
-    def reach_of(self, f, g):
-        """Within which pairs of two faces are candidates [m]."""
-        return self.half[self.face[f][0]] + self.half[self.face[g][0]] + 2 * self.skin
-
-    @ti.func
-    def hull(self, p, q, r):
-        """Boxes of three particles where the path begins, and where it ends, as 12 numbers."""
-        a = ti.static(self.start)
-        b = ti.static(self.model.x)
-        low, high, low_1, high_1 = ti.min(a[p], a[q], a[r]), ti.max(a[p], a[q], a[r]), ti.min(b[p], b[q], b[r]), ti.max(
-            b[p], b[q], b[r])
-        return ti.Vector([low[0], low[1], low[2], high[0], high[1], high[2], low_1[0], low_1[1], low_1[2], high_1[0],
-                          high_1[1], high_1[2]])
-
-    @ti.func
-    def put(self, i, j, kind, chunk, count, rows: ti.template()):
-        """Writes a candidate down if there is room; there will be."""
-        if count < rows.shape[1]:
-            rows[chunk, count, 0] = i
-            rows[chunk, count, 1] = j
-            rows[chunk, count, 2] = kind
 
     @ti.func
     def corners(self, i, j, kind):
@@ -435,21 +280,3 @@ class LayerDetector:
                     out[k, 9] = counts
                     out[k, 10] = radius
                     out[k, 11] = 1.0
-
-
-def _owned(fields: Fields, things: np.ndarray, owner: np.ndarray, count: int) -> tuple:
-    """Fields of things sorted by owner, and of where each owner's begin."""
-    order = np.argsort(owner, kind="stable")
-    first = np.searchsorted(owner[order], np.arange(count + 1))
-    return fields.integer(len(things), data=things[order]), fields.integer(count + 1, data=first)
-
-
-def _meeting(scene: Scene) -> np.ndarray:
-    """(cloths^2,) 1 where two cloths meet, or one meets itself."""
-    k = len(scene.cloths)
-    out = np.zeros((k, k), dtype=np.int64)
-    for i, a in enumerate(scene.cloths):
-        for j, b in enumerate(scene.cloths):
-            itself = a.contact is not None and a.contact.itself
-            out[i, j] = int(itself if a is b else not scene.passes(a, b))
-    return out.ravel()
