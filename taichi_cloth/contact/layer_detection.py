@@ -19,7 +19,7 @@ from .pair_geometry import between, closing, fading, gap
 STRIDES = 48
 KEEP = 0.1  # of a pair's distance above its floor that a path must leave
 NEAR_END = 0.05  # of it: a path may end so much before it must
-LOWER = 0.9  # of its distance that a pair keeps that is below its floor
+PINCHED = 1.02  # times its floor: what is so near is pressed by more than forces hold, and has no floor
 TURNED = 0.5  # cosine between a pair's directions when it came near and at the end for the end's to be taken
 COLUMNS = 12
 FAINT = 1e-6  # factor of a pair of edges that is not reckoned with: vertices are as near there
@@ -83,7 +83,7 @@ class LayerDetector(Candidates):
         return float(self._strays[0]), float(self._strays[1])
 
     def free_way(self) -> tuple[float, np.ndarray]:
-        """(part of the path that nothing passes through another on, the pairs (k, 3) that allow no more than that)."""
+        """(part of the path that nothing passes through another on, the pairs (k, 3) that do not allow all of it)."""
         c = self.candidates
         if not len(c):
             return 1.0, c
@@ -91,7 +91,7 @@ class LayerDetector(Candidates):
         part: np.ndarray = np.empty(len(c), dtype=self.exchange)
         self._free(c, self.distances, part)
         least = float(part.min())
-        return least, c[part <= least] if least < 1 else c[:0]
+        return least, c[part < 1]
 
     def look(self, swept: bool = False) -> Near:
         """Pairs that are in reach of each other where the model is; with `swept` also those that went through on the path."""
@@ -212,8 +212,8 @@ class LayerDetector(Candidates):
                 d = difference.norm()
                 if d > 0 and (1 - KEEP) * (d - floor) < speed:
                     floor = self.floor * self.radius(kind, v)
-                    if d <= floor:
-                        floor = LOWER * d
+                    if d <= PINCHED * floor:
+                        floor = 0.0
                     keep = KEEP * (d - floor)
                     left = floor + keep
                     done = 0.0

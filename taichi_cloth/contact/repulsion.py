@@ -1,14 +1,15 @@
 """The law by which two places of cloth repel each other. numpy only.
 
 Over the stiffness k of the pair, with s what its distance d is above a floor of a fifth of the distance r that it should
-keep, and R = r - floor: phi'' = 1 from R down to R/2, and phi = R^2 / 4 log s below: joined with two continuous
-derivatives, convex, growing without bound towards the floor, which nothing that was above it passes.
+keep, and R = r - floor: phi'' = 1 from R down to R/2, and phi = -R^2 / 4 log s below: joined with two continuous
+derivatives, convex, growing towards the floor. From just above the floor on, where only what solids press together gets to, it
+grows with -log d.
 """
 
 import numpy as np
 
 FLOOR = 0.2  # of a pair's distance
-SHALLOW = 0.02  # part of what is above the floor: nearer, the force grows no more
+SHALLOW = 0.02  # part of what is above the floor from which on downwards the force grows more slowly, and of r its end
 
 
 def height(part: float, r: np.ndarray) -> np.ndarray:
@@ -23,19 +24,18 @@ def room(d: np.ndarray, r: np.ndarray) -> np.ndarray:
 
 def law(d: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(force, its slope) at distances d, over the stiffness."""
-    s, top = _above(d, r)
-    far = s >= top / 2
-    return (np.where(far, np.maximum(top - s, 0.0), top**2 / (4 * s)),
-            np.where(far, np.where(s <= top, 1.0, 0.0), top**2 / (4 * s**2)))
+    low, top = height(SHALLOW, r), (1 - FLOOR) * r
+    s, b = np.maximum(d, low) - FLOOR * r, np.clip(d, SHALLOW * r, low)
+    far, most = s >= top / 2, top / (4 * SHALLOW)
+    force = np.where(far, np.maximum(top - s, 0.0), top**2 / (4 * s))
+    slope = np.where(far, np.where(s <= top, 1.0, 0.0), top**2 / (4 * s**2))
+    return np.where(d < low, most * low / b, force), np.where(d < low, most * low / b**2, slope)
 
 
 def potential(d: np.ndarray, r: np.ndarray) -> np.ndarray:
     """Energy at distances d, over the stiffness [m^2]."""
-    s, top = _above(d, r)
+    low, top = height(SHALLOW, r), (1 - FLOOR) * r
+    s, b = np.maximum(d, low) - FLOOR * r, np.clip(d, SHALLOW * r, low)
     energy = np.where(s >= top / 2, np.maximum(top - s, 0.0) ** 2 / 2, top**2 / 8 + top**2 / 4 * np.log(top / (2 * s)))
-    return energy + (s - (d - FLOOR * r)) * top / (4 * SHALLOW)
-
-
-def _above(d: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    top = (1 - FLOOR) * r
-    return np.maximum(d - FLOOR * r, SHALLOW * top), top
+    most = top / (4 * SHALLOW) * low
+    return energy + most * np.log(low / b) + np.maximum(SHALLOW * r - d, 0.0) * most / (SHALLOW * r)
