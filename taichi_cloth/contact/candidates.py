@@ -58,7 +58,7 @@ class Candidates:
         half = np.concatenate([np.full(c.mesh.vertex_count, c.contact.thickness / 2 if c.contact else 0.0)
                                for c in scene.cloths])[model.user]
         self.host_half, self._cloth_of = half, cloth
-        self.half = fields.real(model.n, data=half)  # thickness [m]
+        self.half = fields.real(model.n, data=half)  # of the thickness [m]
         self.skin = SKIN * float(half[half > 0].min())  # [m] that a path may stray from the one that was walked
         self.start, self.walked = fields.real(model.n, 3), fields.real(model.n, 3)
         self.chunks = CHUNKS if cpu else -(-m // FACES_A_CHUNK)

@@ -83,7 +83,7 @@ class LayerDetector(Candidates):
         return float(self._strays[0]), float(self._strays[1])
 
     def free_way(self) -> tuple[float, np.ndarray]:
-        """(part of the path that nothing passes through another on, the pairs (k, 3) that do not allow all of it)."""
+        """(part of the path that nothing passes through another on, the pairs (k, 3) that allow no more than that)."""
         c = self.candidates
         if not len(c):
             return 1.0, c
@@ -91,7 +91,7 @@ class LayerDetector(Candidates):
         part: np.ndarray = np.empty(len(c), dtype=self.exchange)
         self._free(c, self.distances, part)
         least = float(part.min())
-        return least, c[part < 1]
+        return least, c[part <= least] if least < 1 else c[:0]
 
     def look(self, swept: bool = False) -> Near:
         """Pairs that are in reach of each other where the model is; with `swept` also those that went through on the path."""
