@@ -21,6 +21,11 @@ def flat(row: dict, prefix: str = "") -> dict[str, float]:
     return out
 
 
+def label(row: dict, keys: tuple[str, ...]) -> tuple:
+    """Which case a row is of."""
+    return tuple((k, row[k]) for k in keys if k in row)
+
+
 def main() -> None:
     """Prints one table a file-independent case: a line a figure, a column a file, ratios to the first."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -30,7 +35,10 @@ def main() -> None:
     tables = []
     for file in args.files:
         data = json.loads(file.read_text())
-        tables.append({tuple((k, r[k]) for k in LABELS if k in r): flat(r) for r in data["rows"]})
+        rows = {label(r, LABELS): flat(r) for r in data["rows"]}
+        if len(rows) < len(data["rows"]):
+            rows = {label(r, (*LABELS, "threads")): flat(r) for r in data["rows"]}
+        tables.append(rows)
         print(f"{file.stem}: {data.get('machine', '?')}, Python {data.get('python', '?')}, "
               f"{', '.join(sorted({str(r.get('arch', '')) for r in data['rows']}))}")
     for case in tables[0]:

@@ -80,12 +80,13 @@ class Probe:
     def product(self, p: np.ndarray) -> np.ndarray:
         """(n, 3) A p, in particle order."""
         self.p.from_numpy(p)
-        self.apply()
+        self.apply(1)
         return self.q.to_numpy()
 
     @ti.kernel
-    def apply(self):
-        """q = A p."""
+    def apply(self, times: int):
+        """q = A p; several times over in one launch where that is to be timed."""
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
-                self.operator.product(t // self.blocks.grain, self.p, self.q)
+                for _ in range(times):
+                    self.operator.product(t // self.blocks.grain, self.p, self.q)
