@@ -1,6 +1,8 @@
 """Which vertices and faces, edges and edges of cloth may come near each other on a path at all.
 
-A tree of swept boxes is walked, and what may be near is written down, thread by thread, in lists that grow.
+A tree of swept boxes is walked, and what may be near is written down, thread by thread, in lists that grow. They hold every
+pair that comes near on paths within a skin of where the particles were walked for; where some leave it, the pairs of those
+are looked for again, and only theirs.
 """
 
 import numpy as np
@@ -12,10 +14,12 @@ from ..model import Model
 from ..scene import Scene
 from .closest import EDGE_EDGE, VERTEX_FACE
 from .heap import LEAF, BoxHeap, morton
-from .pair_geometry import apart, corners_of
+from .pair_geometry import apart, between, closing, corners_of
 
 CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
 FACES_A_CHUNK = 8
+ROUNDING = 1e-4  # part by which distances may be off
+MOST = 0.5  # of all particles: if more have strayed, all pairs are looked for
 SKIN = 0.75  # of half the thickness: how far paths may stray from the one that was walked
 
 
@@ -26,7 +30,9 @@ class Candidates:
     Attributes:
         edges: (e, 2) particles; faces: (m, 3); both in an order of their own.
         start: (n, 3) where the path that is looked at begins; it ends where the model is.
-        walked: (n, 3) where the one ended that was walked.
+        left, walked: (n, 3) where the paths began and ended that pairs were looked for on.
+        candidates: (k, 3) pairs that may be near, see `Near.pair`; distances: (k,) of them at `walked` [m].
+        fresh: whether they cover paths near that.
     """
 
     def __init__(self, fields: Fields, model: Model, scene: Scene, cpu: bool) -> None:
@@ -41,15 +47,18 @@ class Candidates:
         m = len(self.faces)
         ends = np.sort(face_edges(self.faces), axis=1)
         code, first = np.unique(ends @ np.array([model.n, 1]), return_index=True)
+        # each edge and each vertex is spoken for by one face; edges are in the order of theirs
+        code, self.first_edge = _owned(fields, code, first % m, m)
         self.edges = np.stack([code // model.n, code % model.n], axis=1)
-        # each edge and each vertex is spoken for by one face
-        self.own_edge, self.first_edge = _owned(fields, np.arange(len(self.edges)), first % m, m)
         vertices, first = np.unique(self.faces.T.ravel(), return_index=True)
-        self.own_vertex, self.first_vertex = _owned(fields, vertices, first % m, m)
+        vertices, self.first_vertex = _owned(fields, vertices, first % m, m)
+        self.own_vertex = fields.integer(len(vertices), data=vertices)
         self.boxes = BoxHeap(fields, m)
         self.count, self.edge_count, self.leaves = m, len(self.edges), -(-m // LEAF)
         self.face = fields.integer(m, 3, self.faces)
         self.face_hull, self.edge_hull = fields.real(m, 12), fields.real(len(self.edges), 12)
+        self.changed = fields.integer(2 * self.boxes.first_leaf)  # whether a box has faces with particles that strayed
+        self.face_low, self.face_high = fields.real(m, 3), fields.real(m, 3)  # swept box, with what belongs to it round it
         self.cloth = fields.integer(m, data=cloth)
         self.edge = fields.integer(len(self.edges), 2, self.edges)
         self.cloths = len(scene.cloths)
@@ -59,8 +68,14 @@ class Candidates:
                                for c in scene.cloths])[model.user]
         self.host_half, self._cloth_of = half, cloth
         self.half = fields.real(model.n, data=half)  # of the thickness [m]
-        self.skin = SKIN * float(half[half > 0].min())  # [m] that a path may stray from the one that was walked
-        self.start, self.walked = fields.real(model.n, 3), fields.real(model.n, 3)
+        self.skin = SKIN * float(half[half > 0].min())  # [m] that a path may stray from where it was walked for
+        self.start, self.left, self.walked = (fields.real(model.n, 3) for _ in range(3))
+        self.stray_now, self.stray = fields.real(model.n), fields.real(model.n)  # [m] from `walked`; anywhere on the path
+        self.moved = fields.integer(model.n)  # whether the particle's pairs are looked for
+        self._strays: np.ndarray = np.zeros(2, dtype=np.int32)
+        self.candidates: np.ndarray = np.zeros((0, 3), dtype=np.int32)
+        self.distances: np.ndarray = np.zeros(0, dtype=self.exchange)
+        self.fresh = False
         self.chunks = CHUNKS if cpu else -(-m // FACES_A_CHUNK)
         self.grain = 512 if cpu else 1
         self.rows: np.ndarray = np.zeros((self.chunks, -(-4 * m // self.chunks), 3), dtype=np.int32)
@@ -70,9 +85,34 @@ class Candidates:
         """(k,) whether faces a and b (k,) are of cloths that meet."""
         return self._may[self._cloth_of[a] * self.cloths + self._cloth_of[b]] == 1
 
-    def walk(self) -> np.ndarray:
-        """(k, 3) pairs that may come within reach, and twice the skin, on the path from `start` to the model."""
-        self._refit()
+    def cover(self) -> None:
+        """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model."""
+        strayed = self.strayed() if self.fresh else self.model.n
+        if not strayed:
+            return
+        everything = strayed > MOST * self.model.n
+        found = self._look_for(everything)
+        apart: np.ndarray = np.empty(len(found), dtype=self.exchange)
+        if len(found):
+            self._distances(found, apart)
+        near = np.flatnonzero(apart >= 0)
+        found, apart = found.take(near, axis=0), apart.take(near)
+        if not everything and len(self.candidates):
+            stays: np.ndarray = np.empty(len(self.candidates), dtype=np.int32)
+            self._stays(self.candidates, stays)
+            kept = np.flatnonzero(stays)
+            found = np.concatenate([self.candidates.take(kept, axis=0), found])
+            apart = np.concatenate([self.distances.take(kept), apart])
+        self.candidates, self.distances, self.fresh = found, apart, True
+
+    def strayed(self) -> int:
+        """How many particles, on their path, leave where the candidates were walked for by more than the skin."""
+        self._stray(self._strays)
+        return int(self._strays[0])
+
+    def _look_for(self, everything: bool) -> np.ndarray:
+        """(k, 3) pairs of what strayed, or all, that may come within reach, and twice the skin, on their paths."""
+        self._refit(int(everything))
         while True:
             self._walk(self.rows, self._found)
             if self._found.max(initial=0) <= self.rows.shape[1]:
@@ -81,9 +121,61 @@ class Candidates:
         return np.concatenate([rows[:k] for rows, k in zip(self.rows, self._found.tolist())])
 
     @ti.kernel
-    def _refit(self):
+    def _stray(self, count: ti.types.ndarray()):
+        """How far particles are, and begin, from where they were walked for."""
+        for _ in range(1):
+            far = 0
+            for i in range(self.model.n):
+                here, there = (self.model.x[i] - self.walked[i]).norm(), (self.start[i] - self.walked[i]).norm()
+                self.stray_now[i], self.stray[i] = here, ti.max(here, there)
+                far += ti.cast(self.stray[i] > self.skin, ti.i32)
+            count[0] = far
+
+    @ti.kernel
+    def _stays(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):
+        """Which candidates are of none that strayed."""
+        for k in range(rows.shape[0]):
+            out[k] = 1 - self.stirs(self.corners(rows[k, 0], rows[k, 1], rows[k, 2]))
+
+    @ti.kernel
+    def _distances(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):
+        """Of candidates where they were walked for; -1 of those that come near nowhere on paths that keep to it."""
+        for k in range(rows.shape[0]):
+            kind = rows[k, 2]
+            v = self.corners(rows[k, 0], rows[k, 1], kind)
+            p, q, r, s = self.walked[v[0]], self.walked[v[1]], self.walked[v[2]], self.walked[v[3]]
+            difference, w = between(kind, p, q, r, s)
+            d = difference.norm()
+            moves = closing(kind, p - self.left[v[0]], q - self.left[v[1]], r - self.left[v[2]], s - self.left[v[3]])
+            out[k] = -1.0
+            if d < (1 + ROUNDING) * (self.half[v[0]] + self.half[v[3]] + 2 * self.skin + moves):
+                out[k] = d
+
+    @ti.func
+    def stirs(self, v):
+        """1 if one of four particles strayed."""
+        return ti.min(self.moved[v[0]] + self.moved[v[1]] + self.moved[v[2]] + self.moved[v[3]], 1)
+
+    @ti.func
+    def corners(self, i, j, kind):
+        """The four particles of a candidate."""
+        v = ti.Vector([i, 0, 0, 0])
+        if kind == VERTEX_FACE:
+            f = self.face[j]
+            v = ti.Vector([i, f[0], f[1], f[2]])
+        else:
+            e, g = self.edge[i], self.edge[j]
+            v = ti.Vector([e[0], e[1], g[0], g[1]])
+        return v
+
+    @ti.kernel
+    def _refit(self, everything: int):
         for i in range(self.model.n):
-            self.walked[i] = self.model.x[i]
+            self.moved[i] = ti.max(everything, ti.cast(self.stray[i] > self.skin, ti.i32))
+            if self.moved[i] == 1:
+                self.left[i], self.walked[i] = self.start[i], self.model.x[i]
+            else:
+                self.left[i] = self.walked[i]
         for f in range(self.count):
             v = self.face[f]
             self.face_hull[f] = self.hull(v[0], v[1], v[2])
@@ -91,21 +183,22 @@ class Candidates:
             v = self.edge[e]
             self.edge_hull[e] = self.hull(v[0], v[1], v[1])
         for leaf in range(self.boxes.first_leaf):
-            low, high = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30])
+            low, high, changed = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30]), 0
             for f in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.count)):
-                low_f, high_f = self.box(f)
-                low, high = ti.min(low, low_f), ti.max(high, high_f)
+                low_f, high_f, low_1, high_1 = corners_of(self.face_hull[f])
+                margin = self.half[self.face[f][0]] + self.skin
+                self.face_low[f], self.face_high[f] = ti.min(low_f, low_1) - margin, ti.max(high_f, high_1) + margin
+                low, high = ti.min(low, self.face_low[f]), ti.max(high, self.face_high[f])
+                v = self.face[f]
+                changed = ti.max(changed, self.moved[v[0]], self.moved[v[1]], self.moved[v[2]])
+            self.changed[self.boxes.first_leaf + leaf] = changed
             self.boxes.low[self.boxes.first_leaf + leaf] = low
             self.boxes.high[self.boxes.first_leaf + leaf] = high
         for _ in range(1):
             self.boxes.merge()
-
-    @ti.func
-    def box(self, f):
-        """Swept box of a face, with what belongs to it round it."""
-        low, high, low_1, high_1 = corners_of(self.face_hull[f])
-        margin = self.half[self.face[f][0]] + self.skin
-        return ti.min(low, low_1) - margin, ti.max(high, high_1) + margin
+            for back in range(self.boxes.first_leaf - 1):
+                i = self.boxes.first_leaf - 1 - back
+                self.changed[i] = ti.max(self.changed[2 * i], self.changed[2 * i + 1])
 
     @ti.kernel
     def _walk(self, rows: ti.types.ndarray(), found: ti.types.ndarray()):
@@ -115,9 +208,9 @@ class Candidates:
                 count = 0
                 for leaf in range(chunk * self.leaves // self.chunks, (chunk + 1) * self.leaves // self.chunks):
                     node = self.boxes.first_leaf + leaf  # leaves before it have met this one already
-                    low, high = self.boxes.low[node], self.boxes.high[node]
+                    low, high, changed = self.boxes.low[node], self.boxes.high[node], self.changed[node]
                     while True:
-                        if self.boxes.meets(node, low, high):
+                        if changed + self.changed[node] > 0 and self.boxes.meets(node, low, high):
                             if node < self.boxes.first_leaf:
                                 node *= 2
                                 continue
@@ -132,8 +225,7 @@ class Candidates:
         """The faces of a leaf against those of another, or its own; returns how many candidates the chunk now has."""
         first = (node - self.boxes.first_leaf) * LEAF
         for f in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.count)):
-            low, high = self.box(f)
-            if self.boxes.meets(node, low, high):
+            if self.boxes.meets(node, self.face_low[f], self.face_high[f]):
                 for g in range(ti.max(first, f + 1), ti.min(first + LEAF, self.count)):
                     if apart(self.face_hull[f], self.face_hull[g], self.reach_of(f, g)) == 0:
                         count = self.against(f, g, chunk, count, rows)
@@ -150,15 +242,15 @@ class Candidates:
                     a, b = g, f
                 for k in range(self.first_vertex[a], self.first_vertex[a + 1]):
                     v, c = self.own_vertex[k], self.face[b]
-                    if v != c[0] and v != c[1] and v != c[2]:
+                    if v != c[0] and v != c[1] and v != c[2] and self.stirs(ti.Vector([v, c[0], c[1], c[2]])):
                         if apart(self.hull(v, v, v), self.face_hull[b], reach) == 0:
                             self.put(v, b, VERTEX_FACE, chunk, count, rows)
                             count += 1
-            for k in range(self.first_edge[f], self.first_edge[f + 1]):
-                for j in range(self.first_edge[g], self.first_edge[g + 1]):
-                    p, q = self.own_edge[k], self.own_edge[j]
+            for p in range(self.first_edge[f], self.first_edge[f + 1]):
+                for q in range(self.first_edge[g], self.first_edge[g + 1]):
                     c, d = self.edge[p], self.edge[q]
-                    if c[0] != d[0] and c[0] != d[1] and c[1] != d[0] and c[1] != d[1]:
+                    if c[0] != d[0] and c[0] != d[1] and c[1] != d[0] and c[1] != d[1] and self.stirs(
+                            ti.Vector([c[0], c[1], d[0], d[1]])):
                         if apart(self.edge_hull[p], self.edge_hull[q], reach) == 0:
                             self.put(p, q, EDGE_EDGE, chunk, count, rows)
                             count += 1
@@ -172,8 +264,7 @@ class Candidates:
     @ti.func
     def hull(self, p, q, r):
         """Boxes of three particles where the path begins, and where it ends, as 12 numbers."""
-        a = ti.static(self.start)
-        b = ti.static(self.model.x)
+        a, b = ti.static(self.left, self.walked)
         low, high, low_1, high_1 = ti.min(a[p], a[q], a[r]), ti.max(a[p], a[q], a[r]), ti.min(b[p], b[q], b[r]), ti.max(
             b[p], b[q], b[r])
         return ti.Vector([low[0], low[1], low[2], high[0], high[1], high[2], low_1[0], low_1[1], low_1[2], high_1[0],
@@ -189,10 +280,10 @@ class Candidates:
 
 
 def _owned(fields: Fields, things: np.ndarray, owner: np.ndarray, count: int) -> tuple:
-    """Fields of things sorted by owner, and of where each owner's begin."""
+    """Things sorted by owner, and a field of where each owner's begin."""
     order = np.argsort(owner, kind="stable")
     first = np.searchsorted(owner[order], np.arange(count + 1))
-    return fields.integer(len(things), data=things[order]), fields.integer(count + 1, data=first)
+    return things[order], fields.integer(count + 1, data=first)
 
 
 def _meeting(scene: Scene) -> np.ndarray:

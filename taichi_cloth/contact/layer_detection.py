@@ -1,8 +1,7 @@
 """Cloth near cloth: how near vertices and faces, edges and edges come to each other on a path, and how far everything may go
 along it.
 
-Pairs are looked for (`candidates`) again only when a path leaves what was covered. Distances and the free way are taken
-pair by pair.
+What may be near is known from `candidates`; distances and the free way are taken pair by pair.
 """
 
 import numpy as np
@@ -11,7 +10,7 @@ import taichi as ti
 from ..fields import Fields
 from ..model import Model
 from ..scene import Scene
-from .candidates import Candidates
+from .candidates import ROUNDING, Candidates
 from .closest import VERTEX_FACE
 from .near import Near
 from .pair_geometry import between, closing, fading, gap
@@ -23,7 +22,6 @@ PINCHED = 1.02  # times its floor: what is so near is pressed by more than force
 TURNED = 0.5  # cosine between a pair's directions when it came near and at the end for the end's to be taken
 COLUMNS = 12
 FAINT = 1e-6  # factor of a pair of edges that is not reckoned with: vertices are as near there
-ROUNDING = 1e-4  # part by which distances may be off
 
 
 @ti.data_oriented
@@ -32,10 +30,6 @@ class LayerDetector(Candidates):
 
     Args:
         floor: part of the distance that pairs should keep which nothing passes that was above it.
-
-    Attributes:
-        candidates: (k, 3) pairs that may be near; see `Near.pair`.
-        fresh: whether they cover paths near the last one that was walked.
     """
 
     def __init__(self, fields: Fields, model: Model, scene: Scene, cpu: bool, floor: float) -> None:
@@ -44,17 +38,8 @@ class LayerDetector(Candidates):
         owner = np.concatenate([np.full(c.mesh.vertex_count, k) for k, c in enumerate(scene.cloths)])[model.user]
         self.owner = fields.integer(model.n, data=owner)
         self.rest = fields.real(model.n, 3, np.concatenate([c.mesh.x for c in scene.cloths])[model.user])
-        self.stray_now, self.stray = fields.real(model.n), fields.real(model.n)  # [m] from `walked`; anywhere on the path
         self.tangled = fields.integer(model.n, data=np.zeros(model.n))  # particles whose pairs rest
         self.resting = False
-        self._strays: np.ndarray = np.zeros(2, dtype=self.exchange)
-        self.forget()
-
-    def forget(self) -> None:
-        """No pair is known."""
-        self.candidates: np.ndarray = np.zeros((0, 3), dtype=np.int32)
-        self.distances: np.ndarray = np.zeros(0, dtype=self.exchange)  # [m] of the candidates where they were walked for
-        self.fresh = False
 
     def let_rest(self, resting: np.ndarray) -> None:
         """Particles (n,) whose pairs with other such particles are left alone."""
@@ -65,22 +50,6 @@ class LayerDetector(Candidates):
     def begin(self) -> None:
         """Paths begin where the model is saved."""
         self._from_saved()
-
-    def cover(self) -> None:
-        """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model."""
-        if self.fresh and max(self.strayed()) <= self.skin:  # of two that end so near, neither leaves what was walked
-            return
-        found = self.walk()
-        distances: np.ndarray = np.empty(len(found), dtype=self.exchange)
-        if len(found):
-            self._distances(found, distances)
-        near = np.flatnonzero(distances >= 0)
-        self.candidates, self.distances, self.fresh = found.take(near, axis=0), distances.take(near), True
-
-    def strayed(self) -> tuple[float, float]:
-        """How far [m] any particle is now, and where the path begins, from where the candidates were walked for."""
-        self._stray(self._strays)
-        return float(self._strays[0]), float(self._strays[1])
 
     def free_way(self) -> tuple[float, np.ndarray]:
         """(part of the path that nothing passes through another on, the pairs (k, 3) that allow no more than that)."""
@@ -122,44 +91,6 @@ class LayerDetector(Candidates):
         """The model is where the next path begins."""
         for i in range(self.model.n):
             self.start[i] = self.model.x[i]
-
-    @ti.kernel
-    def _stray(self, out: ti.types.ndarray()):
-        """Furthest that any particle is, and begins, from where the path that was walked ends [m]."""
-        for _ in range(1):
-            now, begins = 0.0, 0.0
-            for i in range(self.model.n):
-                here, there = (self.model.x[i] - self.walked[i]).norm(), (self.start[i] - self.walked[i]).norm()
-                self.stray_now[i], self.stray[i] = here, ti.max(here, there)
-                now, begins = ti.max(now, here), ti.max(begins, there)
-            out[0], out[1] = now, begins
-
-    @ti.kernel
-    def _distances(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):
-        """Of candidates at the path's end; -1 of those that come near nowhere on paths that keep to it."""
-        for k in range(rows.shape[0]):
-            kind = rows[k, 2]
-            v = self.corners(rows[k, 0], rows[k, 1], kind)
-            x = ti.static(self.model.x)
-            difference, w = between(kind, x[v[0]], x[v[1]], x[v[2]], x[v[3]])
-            d = difference.norm()
-            p, q, r, s, dp, dq, dr, ds = self.path(v, 1)
-            reach = self.half[v[0]] + self.half[v[3]] + 2 * self.skin + closing(kind, dp, dq, dr, ds)
-            out[k] = -1.0
-            if d < (1 + ROUNDING) * reach:
-                out[k] = d
-
-    @ti.func
-    def corners(self, i, j, kind):
-        """The four particles of a candidate."""
-        v = ti.Vector([i, 0, 0, 0])
-        if kind == VERTEX_FACE:
-            f = self.face[j]
-            v = ti.Vector([i, f[0], f[1], f[2]])
-        else:
-            e, g = self.edge[i], self.edge[j]
-            v = ti.Vector([e[0], e[1], g[0], g[1]])
-        return v
 
     @ti.func
     def path(self, v, swept):

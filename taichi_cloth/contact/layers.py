@@ -27,8 +27,8 @@ from .layer_detection import LayerDetector
 from .near import Near
 from .pairs import Points
 from .pressed import Met, Pressed
-from .repulsion import FLOOR, SHALLOW, height, law, potential, room
-from .states import length, rows_of
+from .repulsion import FLOOR, SHALLOW, height, law, room
+from .states import EYE, length, rows_of, sym_outer, sym_times, tangential
 from .tangles import Tangles
 
 PRESS = 12.0  # stiffness of a pair over mass / h^2, h the largest step
@@ -88,9 +88,10 @@ class Layers:
         self.gravity = scene.gravity
         self.boost = np.ones(model.n)
         self._stiff: tuple[Near, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for
-        self._limited: tuple[Near, np.ndarray] | None = None
-        self.known = self.kept = NOTHING  # what pairs bore in the last solve, and in the last accepted step
+        self._gaps: tuple[Near, np.ndarray] | None = None
+        self.kept = NOTHING  # what pairs bore in the last accepted step
         self.pressed: Pressed | None = None
+        self.borne: np.ndarray = np.zeros(0)  # what they bore in the last solve [N]
         self.met: Met | None = None  # the last pairs, and those that the last solve took
         self.count, self.energy, self.least, self.was, self.off = 0, 0.0, 1.0, 1.0, 0
         self.seconds, self.inside = 0.0, False
@@ -98,8 +99,8 @@ class Layers:
     @timed
     def begin(self, h: float, x: np.ndarray, v: np.ndarray, guess: bool) -> None:
         """A new attempt from the saved state (n, 3); the model is at its predicted end, and with `guess` looked at there."""
-        self.h, self.x, self.v, self.known = h, x, v, self.kept
-        self.round, self.there, self.met, self._limited = 0, self.model.read_particles()[0], None, None
+        self.h, self.x, self.v = h, x, v
+        self.round, self.there, self.met, self._gaps = 0, self.model.read_particles()[0], None, None
         self.detector.begin()
         if guess:
             self.near = self.detector.look(swept=True)  # of those that were candidates before
@@ -118,9 +119,8 @@ class Layers:
         stiff, own = self._stiffness(p)
         at = self._where(p)
         force, slope = self._pull(p, at, stiff, own)
-        now = p.along(base)
-        there = self.met.x if self.met is not None else self.there
-        slip = p.slip(there - self.x, h)
+        moved = p.of(base - self.x)
+        slip = tangential(moved / h, p.normal) if self.met is not None else p.slip(self.there - self.x, h)
         speed = length(slip)
         bears = self._mu(p) * self._expected(p, own, stiff * law(at, p.radius)[0])
         slides = self._slides(p, slip) & (bears > 0)
@@ -128,13 +128,13 @@ class Layers:
         drag = bears / np.maximum(speed, CREEP)
         self.pressed = Pressed(p, own, force, slope, at, self._limit(p), bears, way, drag)
         if self.met is not None:
-            self.met = Met(self.pressed, p, there, self.x, h)
+            self.met = Met(self.pressed, p, self.met.x, self.x, h)
         self.round += 1
-        normal = np.einsum("ki,kj->kij", p.normal, p.normal)
-        block = (h * drag)[:, None, None] * (np.eye(3) - normal - np.einsum("ki,kj->kij", way, way))
-        rhs = (h * (force + slope * (at - now)))[:, None] * p.normal - np.einsum(
-            "kij,kj->ki", block, p.of(base - self.x) / h) - (h * bears)[:, None] * way
-        points = p.vertices, p.weights, block + (h**2 * slope)[:, None, None] * normal, rhs
+        normal, ahead = sym_outer(p.normal), np.einsum("ki,ki->k", moved, p.normal)
+        block = (h * drag)[:, None] * (EYE - normal - sym_outer(way))
+        pull = force + slope * (at - self._began(p) - ahead)
+        rhs = (h * pull)[:, None] * p.normal - sym_times(block, moved / h) - (h * bears)[:, None] * way
+        points = p.vertices, p.weights, block + (h**2 * slope)[:, None] * normal, rhs
         if not self.tangles.active:
             return points
         more = self.tangles.points(self.x, base, self.model.mass, h, self.h_usual)
@@ -158,9 +158,13 @@ class Layers:
 
     def _limit(self, p: Near) -> np.ndarray:
         """(k,) distance [m] below which pairs are stopped."""
-        if self._limited is None or self._limited[0] is not p:
-            self._limited = p, np.clip(p.along(self.x), height(2 * SHALLOW, p.radius), p.radius)
-        return self._limited[1]
+        return np.clip(self._began(p), height(2 * SHALLOW, p.radius), p.radius)
+
+    def _began(self, p: Near) -> np.ndarray:
+        """(k,) what their distances were where the step began, along their normals [m]."""
+        if self._gaps is None or self._gaps[0] is not p:
+            self._gaps = p, p.along(self.x)
+        return self._gaps[1]
 
     def _slides(self, p: Near, slip: np.ndarray) -> np.ndarray:
         """(k,) whether friction is taken as its full size against the slip, and not as a damping.
@@ -180,10 +184,13 @@ class Layers:
 
     def _expected(self, p: Near, own: np.ndarray, force: np.ndarray) -> np.ndarray:
         """(k,) [N] what pairs will bear: what they bore in the last solve, or what stops those that are new, and no more."""
-        where = rows_of(self.known["key"], p.key)
-        freely = p.along(self.x + self.h * self.v + self.h**2 * self.gravity)
+        if self.met is None:
+            where, bore = rows_of(self.kept["key"], p.key), self.kept["force"]
+        else:
+            where, bore = self.met.rows, self.borne
+        freely = self._began(p) + self.h * p.along(self.v)
         stops = np.minimum(force, own / self.h**2 * np.maximum(p.radius - freely, 0))
-        return np.where(where >= 0, self.known["force"][where], stops) if len(self.known["force"]) else stops
+        return np.where(where >= 0, bore[where], stops) if len(bore) else stops
 
     def _mu(self, p: Near) -> np.ndarray:
         """(k,) coefficients of friction."""
@@ -202,7 +209,7 @@ class Layers:
         return self._energy(self.detector.look())
 
     def _energy(self, p: Near) -> float:
-        return float(np.sum(self._stiffness(p)[0] * potential(p.end, p.radius)))
+        return float(np.sum(self._stiffness(p)[0] * p.potential))
 
     @timed
     def look(self) -> None:
@@ -219,8 +226,7 @@ class Layers:
         q = self.pressed
         assert q is not None
         d = q.near.along(self.model.read_particles()[0])
-        order = q.near.order
-        self.known = {"key": q.near.key[order], "force": np.maximum(q.force + q.slope * (q.at - d), 0.0)[order]}
+        self.borne = np.maximum(q.force + q.slope * (q.at - d), 0.0)
 
     @timed
     def settled(self) -> bool:
@@ -263,18 +269,19 @@ class Layers:
         row = met.rows
         stiff, _ = self._stiffness(p)
         change = np.where(row >= 0, q.near.factor[row] / p.factor - 1, 0.0)
-        return rub + float(np.sum(stop)) + float(np.sum(change * stiff * potential(p.end, p.radius)))
+        return rub + float(np.sum(stop)) + float(np.sum(change * stiff * p.potential))
 
     @timed
     def commit(self) -> None:
         """The step was accepted."""
-        p = self.near
+        p, q = self.near, self.pressed
         part = np.full(self.model.n, np.inf)
         np.minimum.at(part, p.vertices, np.broadcast_to(room(p.end, p.radius)[:, None], p.vertices.shape))
         if self.tangles.active:
             self.tangles.find(self.model.read_particles()[0], self.h)
             self.detector.let_rest(self.tangles.resting)
-        self.was, self.kept = self.least, self.known
+        self.was = self.least
+        self.kept = NOTHING if q is None else {"key": q.near.key[q.near.order], "force": self.borne[q.near.order]}
         share = min(self.h / self.h_usual, 1.0)
         self.boost = np.where(part < CLOSE, np.minimum(STIFFER**share * self.boost, STIFFEST),
                               np.where(part > WIDE, np.maximum(SOFTER**share * self.boost, 1.0), self.boost))
@@ -290,7 +297,7 @@ class Layers:
 
     def pass_without(self) -> None:
         """Nothing met in the step as it was made."""
-        self.energy, self.count, self.least, self.known = 0.0, 0, 1.0, NOTHING
+        self.energy, self.count, self.least = 0.0, 0, 1.0
         self.pressed = self.met = None
 
     def pass_by(self) -> None:
@@ -312,7 +319,7 @@ class Layers:
 
     def clear(self) -> None:
         """The state was changed from outside."""
-        self.known = self.kept = NOTHING
+        self.kept, self.pressed = NOTHING, None
         self.boost[:], self._stiff = 1.0, None
         self.model.save()
         self.tangles.until[:] = 0

@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .repulsion import potential
 from .states import rows_of, tangential
 
 
@@ -41,6 +42,11 @@ class Near:
     def order(self) -> np.ndarray:
         """(k,) rows sorted by key."""
         return np.argsort(self.key)
+
+    @cached_property
+    def potential(self) -> np.ndarray:
+        """(k,) of their repulsion at the end, over their stiffness [m^2]."""
+        return potential(self.end, self.radius)
 
     def rows_of(self, others: "Near") -> np.ndarray:
         """(k,) where each of other pairs is among these, or -1."""

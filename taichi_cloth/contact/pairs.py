@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .states import rows_of, tangential
+from .states import EYE, rows_of, sym_outer, sym_times, tangential
 
 PAIR = 0.5  # of the thickness (beyond the core's radius): what edges and faces of cloth keep
 PRESS = 100.0  # stiffness of a pair over mass / h^2, h the largest step
@@ -12,7 +12,7 @@ CLOSE, CREEP = 0.3, 0.05  # of a pair's range: what ends nearer than that, by so
 SHALLOW, LEAST = 0.05, 0.01  # of a pair's range: the law stiffens no further; nearer is not accepted
 DRAG_SLIP = 5e-4  # slip [m/s] below which a pair's friction is viscous
 
-Points = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # vertices, weights, blocks, right-hand sides: see `touch`
+Points = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # vertices, weights, blocks, right-hand sides: `Touch.set`
 
 
 @dataclass(frozen=True)
@@ -83,11 +83,11 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
     k = k + np.where(nearing, stop, 0.0)
     slip = np.linalg.norm(tangential((p.point - p.carried) / h, p.normal), axis=1)
     drag = h * friction * f / np.maximum(slip, DRAG_SLIP)
-    normal = np.einsum("ki,kj->kij", p.normal, p.normal)
-    block = drag[:, None, None] * (np.eye(3) - normal)
+    normal = sym_outer(p.normal)
+    block = drag[:, None] * (EYE - normal)
     start = _at(p, step.v) + (_at(p, step.x_0) - p.carried) / h
-    rhs = (h * f0)[:, None] * p.normal - np.einsum("kij,kj->ki", block, start)
-    return p.vertices, p.weights, block + (h**2 * k)[:, None, None] * normal, rhs
+    rhs = (h * f0)[:, None] * p.normal - sym_times(block, start)
+    return p.vertices, p.weights, block + (h**2 * k)[:, None] * normal, rhs
 
 
 def left(p: Pairs, before: Pairs | None, thickness: np.ndarray) -> tuple[int, bool]:

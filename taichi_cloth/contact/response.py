@@ -25,7 +25,7 @@ from ..scene import Scene
 from .detection import Found
 from .pairs import Pairs, Points, Step, left, press
 from .scan import Scanner
-from .states import States, rows_of, tangential, unit
+from .states import EYE, States, rows_of, sym_outer, sym_times, tangential, unit
 from .touch import Touch
 
 PENETRATION = 1e-2  # of the thickness that a particle may end inside it without a further round
@@ -43,7 +43,6 @@ SMALLER = 64  # times smaller than the usual, a step is taken though cloth ends 
 FALL = 0.5  # of the thickness: from higher than that and than its motion leads, nothing is brought down to a solid
 APART = 0.3  # sine of the angle between directions below which the second is no further constraint of a particle
 LAGGED = 0.1  # relative error of the friction forces that a first round may leave
-SYM = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 @dataclass(frozen=True)
@@ -219,7 +218,7 @@ class Contacts:
         """What friction and pairs add to the incremental potential [J] where the model now is, as the last solve took them."""
         vertices, weights, block, rhs = self.points
         dv = np.einsum("ka,kai->ki", weights, self.end()[vertices] - self.base[0][vertices]) / h
-        own = float(np.einsum("ki,kij,kj->", dv, block, dv) / 2 - np.sum(rhs * dv))
+        own = float(np.sum((sym_times(block, dv) / 2 - rhs) * dv))
         return own + (self.layers.lagged() if self.layers is not None else 0.0)
 
     def _point_forces(self) -> tuple[np.ndarray, np.ndarray]:
@@ -227,7 +226,7 @@ class Contacts:
         vertices, weights, block, rhs = self.points
         end = self.end()
         dv = np.einsum("ka,kai->ki", weights, end[vertices] - self.base[0][vertices]) / self.h
-        return (rhs - np.einsum("kij,kj->ki", block, dv)) / self.h, np.einsum("ka,kai->ki", weights, end[vertices])
+        return (rhs - sym_times(block, dv)) / self.h, np.einsum("ka,kai->ki", weights, end[vertices])
 
     def _held(self, lift: np.ndarray) -> Held | None:
         """Pins and contacts as one."""
@@ -303,10 +302,9 @@ class Contacts:
         speed = np.where(fresh, stopped, np.maximum(speed, SLOW))
         self.lag = np.full(len(slides), np.inf)  # slip at which friction was taken as a damping
         self.lag[np.flatnonzero(slides)[~fast & ~fresh]] = speed[~fast & ~fresh]
-        across = np.eye(3) - np.einsum("ki,kj->kij", f.normal, f.normal) - np.einsum("ki,kj->kij", push, push)
-        block = (h * size / speed)[:, None, None] * across
+        block = (h * size / speed)[:, None] * (EYE - sym_outer(f.normal) - sym_outer(push))
         start = self.base[1][f.index] - (f.carried - self.x[f.index]) / h  # slip with which the solve begins
-        rhs = h * size[:, None] * push - np.einsum("kij,kj->ki", block, start)
+        rhs = h * size[:, None] * push - sym_times(block, start)
         points = [self.layers.points(self.base[0])] if self.sprung and self.layers is not None else []
         points += [(np.repeat(f.index[:, None], 4, axis=1), np.tile([1.0, 0, 0, 0], (len(u), 1)), block, rhs)]
         if self.near is not None:
@@ -317,7 +315,7 @@ class Contacts:
         if self.layers is not None and self.layered:
             more = self.layers.points(self.base[0])
             vertices, weights, block, rhs = (np.concatenate(parts) for parts in zip(self.points, more))
-        self.crowded = not self.touch.set(vertices, weights, np.stack([block[:, a, b] for a, b in SYM], axis=1), rhs)
+        self.crowded = not self.touch.set(vertices, weights, block, rhs)
 
     def judge(self, reaction: np.ndarray) -> Verdict:
         """What must change after a solve; `reaction` (k, 3) [N s] on the held particles, in `hold`'s order."""

@@ -39,6 +39,20 @@ def length(rows: np.ndarray) -> np.ndarray:
     return np.sqrt(np.einsum("ki,ki->k", rows, rows))
 
 
+EYE = np.array([1.0, 0, 0, 1, 0, 1])  # as symmetric blocks are kept: xx xy xz yy yz zz
+
+
+def sym_outer(rows: np.ndarray) -> np.ndarray:
+    """(k, 6) symmetric blocks r r^T of rows (k, 3)."""
+    x, y, z = np.ascontiguousarray(rows.T)
+    return np.stack([x * x, x * y, x * z, y * y, y * z, z * z], axis=1)
+
+
+def sym_times(blocks: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(k, 3) symmetric blocks (k, 6) times rows (k, 3)."""
+    return np.einsum("kij,kj->ki", blocks[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3), rows)
+
+
 def unit(rows: np.ndarray) -> np.ndarray:
     """Rows (k, 3) of length 1, or 0 where they are 0."""
     return rows / np.maximum(length(rows), 1e-30)[:, None]

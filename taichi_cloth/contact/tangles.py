@@ -11,7 +11,7 @@ import numpy as np
 from ..intersections import self_crossings
 from ..mesh import face_edges
 from .pairs import Points
-from .states import unit
+from .states import sym_outer, sym_times, unit
 
 RINGS = 2  # of neighbours round a crossing that rest with it
 PULL = 1.0  # of a thickness that a crossing is moved in a usual step
@@ -75,7 +75,7 @@ class Tangles:
         """What leads edges and triangles apart, as points of `touch`."""
         k = len(self.rows)
         if not k or self.policy != "untangle":
-            return np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 3, 3)), np.zeros((0, 3))
+            return np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 6)), np.zeros((0, 3))
         face = self.faces[self.rows]
         p, q = x_0[self.edges[:, 0]], x_0[self.edges[:, 1]]
         a, b, c = (x_0[face[:, j]] for j in range(3))
@@ -90,9 +90,9 @@ class Tangles:
         way = np.concatenate([way, -way])
         step = 2 * PULL * np.tile(self.half[face[:, 0]], 2) * min(h / h_usual, 1.0)
         own = 1 / np.maximum((weights**2 / mass[vertices]).sum(axis=1), 1e-300)
-        block = (PULL_STIFF * own)[:, None, None] * np.einsum("ki,kj->kij", way, way)
+        block = (PULL_STIFF * own)[:, None] * sym_outer(way)
         gone = np.einsum("ka,kai->ki", weights, (base - x_0)[vertices])
-        rhs = np.einsum("kij,kj->ki", block, (step[:, None] * way - gone) / h)
+        rhs = sym_times(block, (step[:, None] * way - gone) / h)
         return vertices, weights, block, rhs
 
     def _shorter(self, x: np.ndarray, normal: np.ndarray, along: np.ndarray) -> np.ndarray:

@@ -168,7 +168,7 @@ class Layered:
                     taken = part
                 measures = self._measure()
                 allowed = limit + SMOOTH * layers.energy + self.system.rounding(h, measures)
-                if part < TIMID or self._potential(measures, h) <= allowed:
+                if part < TIMID or limit == math.inf or self._potential(measures, h) <= allowed:
                     return part, verdict, measures
             part /= 2
 

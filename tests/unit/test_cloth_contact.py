@@ -92,6 +92,33 @@ def test_all_near_pairs_are_found_once(rng):
         assert min(ends) < segment_distance(a, b, p, q) * (1 + 1e-6)
 
 
+@pytest.mark.parametrize("precision", ["f64", "f32"])
+def test_only_what_strays_is_looked_for_again(rng, precision):
+    scene = soup(rng, 150)
+    d, anew = detector(scene, precision), detector(scene, precision)
+    x = d.model.read_particles()[0]
+    again = 0
+    for k in range(15):
+        far = (rng.uniform(size=(len(x), 1)) < 0.1 * (k % 3)) * 0.1
+        way = (far + 0.3 * d.skin) * rng.normal(size=x.shape)
+        for each in (d, anew):
+            each.model.write_particles(x, np.zeros_like(x))
+            each.model.save()
+            each.begin()
+            each.model.write_particles(x + way, np.zeros_like(x))
+        again += 0 < d.strayed() < 0.3 * len(x) and d.fresh
+        anew.fresh = False
+        d.cover()
+        anew.cover()
+        assert len({tuple(row) for row in d.candidates.tolist()}) == len(d.candidates)
+        assert d.free_way()[0] == anew.free_way()[0]
+        for swept in (False, True):
+            p, q = d.look(swept), anew.look(swept)
+            assert (p.key[p.order] == q.key[q.order]).all() and (p.end[p.order] == q.end[q.order]).all() and len(p.end) > 100
+        x = x + 0.5 * way
+    assert again > 5
+
+
 def test_what_is_near_at_rest_keeps_half_of_that(rng):
     scene = soup(rng, 60, spread=1.0)
     d = detector(scene)
