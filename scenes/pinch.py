@@ -11,7 +11,7 @@ SMALL = {"cells": 6}
 THICKNESS, PLATE = 0.005, 0.002
 
 
-def build(cells: int = 40, sheets: int = 3, gap: float = 0.008, friction: float = 0.3) -> tc.Scene:
+def build(cells: int = 40, sheets: int = 3, gap: float = 0.005, friction: float = 0.3) -> tc.Scene:
     """The plates close to `gap` [m] between them; the sheets and what they keep from the plates need more."""
     mesh = tc.grid(0.5, cells)
     scene = tc.Scene(view=tc.View(camera=tc.Camera((0.8, 0.45, 0.9), (0, 0, 0), 36)))

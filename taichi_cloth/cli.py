@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from . import cli_recorded, cli_study
 from .cli_recorded import look_flags, number_of, size_of
 
-DEFAULTS: dict = {"duration": 2.0, "fps": 30.0, "h": 1 / 60, "arch": "cpu", "precision": "f64",
+DEFAULTS: dict = {"duration": 2.0, "fps": 30.0, "h": None, "arch": "cpu", "precision": "f64",
             "integrator": "safe", "K": "projected", "preconditioner": "auto", "stretch_limit": 0.5,
             "cg_tol": None, "newton_tol": None, "tolerance": None, "tangles": "untangle", "contact": "repulsion"}
 OK, FAILED, BAD_USAGE, GAVE_UP, INTERRUPTED = 0, 1, 2, 3, 130
@@ -138,7 +138,7 @@ def _options(args: argparse.Namespace, scene):
             raise SceneError(f"--set {item!r}: needs name=value")
         settings[name] = value
     for name in ("duration", "fps", "h"):
-        if not values[name] > 0:
+        if values[name] is not None and not values[name] > 0:
             raise SceneError(f"--{name} {values[name]:g}: must be positive")
     duration, fps = values.pop("duration"), values.pop("fps")
     simulation = {**values, "adaptive": not args.fixed_step, "threads": args.threads, "debug": args.debug,

@@ -79,7 +79,7 @@ class Entries:
     Attributes:
         element: (entries,) index of the element.
         first: (blocks + 1,).
-        shared: (blocks,), where they are ordered.
+        shared: (blocks,).
         primary: (entries,) whether the block is the one that counts the element in sums.
     """
 
@@ -89,26 +89,27 @@ class Entries:
     primary: np.ndarray
 
 
-def partition(vertices: np.ndarray, bounds: np.ndarray, ordered: bool = True) -> Entries:
+def touching(vertices: np.ndarray, bounds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(elements with vertices (m, k) that touch each of the blocks with the given bounds, one block's after the other's;
+    (blocks + 1,) where each block's begin)."""
+    if len(bounds) - 1 <= FEW:
+        parts = [np.flatnonzero(((vertices >= low) & (vertices < high)).any(axis=1)) for low, high in zip(bounds, bounds[1:])]
+        return np.concatenate(parts), np.cumsum([0, *(len(p) for p in parts)])
+    m = len(vertices)
+    owner = np.searchsorted(bounds, vertices, side="right") - 1
+    code = np.unique((owner * m + np.arange(m)[:, None]).ravel())
+    return code % m, np.searchsorted(code // m, np.arange(len(bounds)))
+
+
+def partition(vertices: np.ndarray, bounds: np.ndarray) -> Entries:
     """Entries of elements with vertices (m, k), already renumbered, for blocks with the given bounds.
 
-    Args:
-        ordered: whether a block's elements are put in the order of their vertices, those that it shares last; else they stay
-            in theirs.
+    A block's are in the order of their vertices, those that it shares last.
     """
     blocks = len(bounds) - 1
     owner = np.searchsorted(bounds, vertices, side="right") - 1
-    m = len(vertices)
-    if not ordered and blocks <= FEW:
-        parts = [np.flatnonzero((owner == b).any(axis=1)) for b in range(blocks)]
-        block, element = np.repeat(np.arange(blocks), [len(p) for p in parts]), np.concatenate(parts)
-        first = np.searchsorted(block, np.arange(blocks + 1))
-        return Entries(element, first, first[:-1], owner[element].min(axis=1) == block)
-    code = np.unique((owner * m + np.arange(m)[:, None]).ravel())
-    block, element = code // m, code % m
-    common = owner.min(axis=1) != owner.max(axis=1)
-    order = np.lexsort((vertices[element].max(axis=1), vertices[element].min(axis=1), common[element], block))
-    block, element = block[order], element[order]
-    first = np.searchsorted(block, np.arange(blocks + 1))
+    element, first = touching(vertices, bounds)
+    block, common = np.repeat(np.arange(blocks), np.diff(first)), owner.min(axis=1) != owner.max(axis=1)
+    element = element[np.lexsort((vertices[element].max(axis=1), vertices[element].min(axis=1), common[element], block))]
     shared = first[1:] - np.bincount(block, common[element], blocks).astype(np.int64)
     return Entries(element, first, shared, owner[element].min(axis=1) == block)

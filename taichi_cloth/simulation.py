@@ -5,6 +5,7 @@ from . import quicken  # noqa: F401  (before Taichi)
 # isort: split
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import taichi as ti
@@ -31,6 +32,7 @@ from .stepper import ADVICE, Control, Stepper, StepRecord
 ROUND_TIME = 1e-9  # part of a step below which two times are the same
 TANGLES = ("untangle", "ignore", "abort")
 CONTACT = ("repulsion", "springs")
+H, H_EXPLICIT = 1 / 60, 0.1  # s, where none is given; explicit methods need it only to look at what they did
 H_MIN_FACTOR = 4096.0  # h_min is h over this, where it is not given
 
 
@@ -40,7 +42,8 @@ class Simulation:
 
     Args:
         scene: what to simulate; it stays as it was built.
-        h: step size [s]; the largest one where steps adapt (an explicit method's stable step bounds it too).
+        h: step size [s]; the largest one where steps adapt (an explicit method's stable step bounds it too). None is 1/60, and
+            for explicit methods, where no wind changes, up to 1/10 at once.
         arch: "cpu", "cuda", "vulkan", "metal".
         precision: "f32" or "f64".
         integrator: "safe" (TR-BDF2; steps that it cannot take, and those in contact, by backward Euler), "tr_bdf2",
@@ -80,7 +83,7 @@ class Simulation:
         notes: what was found out about the meshes and solids, and done about it.
     """
 
-    def __init__(self, scene: Scene, h: float = 1 / 60, arch: str = "cpu", precision: str = "f64",
+    def __init__(self, scene: Scene, h: float | None = None, arch: str = "cpu", precision: str = "f64",
                  integrator: str = "safe", K: str = "projected", cg_tol: float | None = None,
                  adaptive: bool = True, h_min: float | None = None, stretch_limit: float = 0.5,
                  newton_max: int = 8, preconditioner: str = "auto", cg_max_iterations: int = 10_000,
@@ -96,6 +99,7 @@ class Simulation:
         check_choice("contact", contact, CONTACT)
         if preconditioner == "auto" and K == "paper":
             preconditioner = "block_jacobi"  # an indefinite matrix has indefinite levels
+        bound, h = h is not None, H if h is None else h
         h_min = h / H_MIN_FACTOR if h_min is None else h_min
         given = {"h": h, "h_min": h_min, "stretch_limit": stretch_limit, "newton_tol": newton_tol, "cg_tol": cg_tol,
                  "tolerance": tolerance}
@@ -121,6 +125,8 @@ class Simulation:
             raise
         if self.integrator.system is None:
             self.integrator.subcycles = adaptive
+            if adaptive and not bound and not self.integrator.gusty:
+                self.control = replace(self.control, h_max=H_EXPLICIT)
         self.notes = [self._why] if self._why else []
         self.notes += [f"{c.name}: {note}" for c in scene.cloths for note in c.mesh.notes]
         if self.contacts is not None:

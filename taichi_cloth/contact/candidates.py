@@ -20,7 +20,7 @@ CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
 FACES_A_CHUNK = 8
 ROUNDING = 1e-4  # part by which distances may be off
 MOST = 0.5  # of all particles: if more have strayed, all pairs are looked for
-SKIN = 0.75  # of half the thickness: how far paths may stray from the one that was walked
+SKIN = 0.4  # of half the thickness: how far paths may stray from the one that was walked
 
 
 @ti.data_oriented

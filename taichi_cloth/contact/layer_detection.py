@@ -16,7 +16,7 @@ from .near import Near
 from .pair_geometry import between, closing, fading, gap
 
 STRIDES = 48
-KEEP = 0.1  # of a pair's distance above its floor that a path must leave
+KEEP = 0.2  # of a pair's distance above its floor that a path must leave
 NEAR_END = 0.05  # of it: a path may end so much before it must
 PINCHED = 1.02  # times its floor: what is so near is pressed by more than forces hold, and has no floor
 TURNED = 0.5  # cosine between a pair's directions when it came near and at the end for the end's to be taken
@@ -60,7 +60,7 @@ class LayerDetector(Candidates):
         part: np.ndarray = np.empty(len(c), dtype=self.exchange)
         self._free(c, self.distances, part)
         least = float(part.min())
-        return least, c[part <= least] if least < 1 else c[:0]
+        return least, c[part < 1]
 
     def look(self, swept: bool = False) -> Near:
         """Pairs that are in reach of each other where the model is; with `swept` also those that went through on the path."""
@@ -71,15 +71,12 @@ class LayerDetector(Candidates):
             self._reach(c, self.distances, int(swept), flag)
             c = c.take(np.flatnonzero(flag), axis=0)
         rows: np.ndarray = np.zeros((len(c), COLUMNS), dtype=self.exchange)
+        vertices: np.ndarray = np.empty((len(c), 4), dtype=np.int32)
         if len(c):
-            self._look(c, int(swept), rows)
+            self._look(c, int(swept), rows, vertices)
         near = np.flatnonzero(rows[:, 11])
-        c, r = c[near].astype(np.int64), rows[near].astype(np.float64)
-        face = c[:, 2] == VERTEX_FACE
-        vertices = np.empty((len(c), 4), dtype=np.int64)
-        vertices[face, 0], vertices[face, 1:] = c[face, 0], self.faces[c[face, 1]]
-        vertices[~face, :2], vertices[~face, 2:] = self.edges[c[~face, 0]], self.edges[c[~face, 1]]
-        return Near(c, vertices, r[:, 5:9], r[:, 0], r[:, 1], r[:, 2:5], r[:, 9], r[:, 10])
+        c, v, r = (a.take(near, axis=0).astype(kind) for a, kind in ((c, np.int64), (vertices, np.int64), (rows, np.float64)))
+        return Near(c, v, r[:, 5:9], r[:, 0], r[:, 1], r[:, 2:5], r[:, 9], r[:, 10])
 
     @ti.kernel
     def _from_saved(self):
@@ -174,7 +171,7 @@ class LayerDetector(Candidates):
                 flag[k] = ti.cast(difference.norm() < reach, ti.i32)
 
     @ti.kernel
-    def _look(self, rows: ti.types.ndarray(), swept: int, out: ti.types.ndarray()):
+    def _look(self, rows: ti.types.ndarray(), swept: int, out: ti.types.ndarray(), vertices: ti.types.ndarray()):
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
             v = self.corners(rows[k, 0], rows[k, 1], kind)
@@ -208,6 +205,7 @@ class LayerDetector(Candidates):
                         out[k, 2 + c] = n[c]
                     for c in ti.static(range(4)):
                         out[k, 5 + c] = w[c]
+                        vertices[k, c] = v[c]
                     out[k, 9] = counts
                     out[k, 10] = radius
                     out[k, 11] = 1.0

@@ -143,7 +143,7 @@ class Layers:
 
     def _where(self, p: Near) -> np.ndarray:
         """(k,) distances [m] at which pairs are linearised."""
-        return np.clip(p.end, height(SHALLOW if self.round else 0.5, p.radius), p.radius)
+        return np.clip(p.end, SHALLOW * p.radius if self.round else height(0.5, p.radius), p.radius)
 
     def _pull(self, p: Near, d: np.ndarray, stiff: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(force [N], slope [N/m]) of pairs at distances d: repulsion, and what stops their approach.

@@ -11,7 +11,7 @@ import taichi as ti
 from ..fields import Fields
 from ..forces.conditions import sym_times
 from ..model import Model
-from ..ordering import partition
+from ..ordering import touching
 
 ROOM, LAYERED = 8, 40  # points a particle that there is room for, without and with cloth that meets cloth, and
 SPARE = 32768  # more
@@ -44,11 +44,10 @@ class Touch:
             vertices: (k, 4) particles; weights: (k, 4).
             A: (k, 6) symmetric blocks [kg]; rhs: (k, 3) [kg m/s].
         """
-        entries = partition(vertices, self.model.blocks.bounds, ordered=False)
-        e = entries.element
+        e, first = touching(vertices, self.model.blocks.bounds)
         if len(e) > self.capacity:
             return False
-        self._set(entries.first.astype(np.int32), np.ascontiguousarray(vertices[e], dtype=np.int32),
+        self._set(first.astype(np.int32), np.ascontiguousarray(vertices[e], dtype=np.int32),
                   *(np.ascontiguousarray(a[e], dtype=self.exchange) for a in (weights, A, rhs)))
         return True
 

@@ -23,6 +23,7 @@ BOLD = 4  # solves of a step before the potential has a say in how far they go
 MEMORY = 3  # of the last potentials one must not be passed
 TIMID = 0.2  # part of a solve's way below which it is not taken shorter for the potential's sake
 SMOOTH = 1e-3  # part of the repulsion's energy that is not worth a shorter way
+LETS = 10  # attempts at a small step, each without the pairs that left the last no way
 SLACK = 0.01  # of kinetic energy by which a step may be off
 NEARLY = 1e-7  # m that a held direction may be off its target
 
@@ -63,7 +64,12 @@ class Layered:
     def _together(self, h: float, pins: Held | None, start: Measures) -> Attempt:
         clock, layers, before = Clock(), self.layers, self.layers.seconds
         solutions: list[Solution] = []
-        rejection, measures = self._attempt(h, pins, start, clock, solutions)
+        for _ in range(LETS):
+            self.let_go = False
+            rejection, measures = self._attempt(h, pins, start, clock, solutions)
+            if not self.let_go:
+                break
+            self.model.restore()
         self.contacts.layered = False
         spent = layers.seconds - before
         seconds = {**clock.seconds, "C-C": spent, "C-S": max(clock.seconds.get("C-S", 0.0) - spent, 0.0)}
@@ -115,6 +121,7 @@ class Layered:
             if gains or part < 1 or contacts.may_shrink:
                 if part < 1 and not contacts.may_shrink:
                     layers.let_go()
+                    self.let_go = True
                 why = f"energy {over:.2g} J too high" if gains else f"{layers.off} pairs unsettled"
                 return (CONTACT, f"between layers of cloth, after {len(solutions)} solves: {part:.2g} of the way free, "
                         f"{why}"), measures

@@ -25,7 +25,7 @@ from ..timing import Clock
 from . import ENERGY, NOT_FINITE, Attempt, stable_step
 
 SAFETY = 0.9  # part of the stable step that substeps take
-SLOW = 8  # substeps between two evaluations of bending, at most
+SLOW = 16  # substeps between two evaluations of bending, at most
 SLOW_SAFETY = 0.5  # part of bending's own stable step that these take together
 STRAIGHT = 8  # substeps in which held particles that are led go along a line
 FORCE, MOVE = 1, 2  # kinds of a team's phases
@@ -68,14 +68,14 @@ class Verlet:
         extent = float(np.abs(model.start_positions[model.user] - model.origin).max())
         self.floor = ROUNDING * sum(force.rounding_energy(runtime.epsilon * extent) for force in forces)  # [J]
         self.exchange = model.exchange
-        self.waiting = False
+        self.waiting = self.gained = False  # whether the last attempt was not accepted yet, and gained energy
         nothing: np.ndarray = np.zeros((0, 3), dtype=self.exchange)
         self.free: tuple = (np.zeros(0, dtype=np.int32), np.zeros((0, 3, 3), dtype=self.exchange), nothing, nothing)
 
     def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
         """One step of as many substeps as stability needs; see the package."""
         clock = Clock()
-        if self.waiting:  # the last attempt was not accepted
+        if self.waiting and self.gained:  # the last attempt was not accepted
             self.part /= 2
         self.waiting = True
         count = 1
@@ -104,6 +104,7 @@ class Verlet:
         allowed = GAIN * scale + 2 * blown + self.floor + ROUNDING * self.epsilon * (start.size + measures.size)
         if measures.finite and not moving and self.subcycles and measures.total - start.total > allowed:
             rejection = ENERGY
+        self.gained = rejection is not None
         return Attempt(rejection, detail, measures, (), clock.seconds, evaluations=evaluations, order=2)
 
     def commit(self) -> None:

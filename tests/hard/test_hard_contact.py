@@ -1,11 +1,13 @@
 """Solids that are fast, thin, sharp, or in the wrong place from the start."""
 
 import math
+import pathlib
 
 import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth import scenefile
 from taichi_cloth.intersections import count_crossings
 
 FABRIC = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
@@ -82,3 +84,18 @@ def test_in_the_corner_of_two_planes(angle):
     x = sim.positions()
     assert x[:, 1].min() > 0.004 - 4e-5
     assert (x[:, 0] * math.cos(angle) + x[:, 1] * math.sin(angle)).min() > 0.004 - 4e-5
+
+
+@pytest.mark.parametrize("gap, named", [(0.005, False), (0.003, True)])
+def test_plates_that_close_on_layers(gap, named):
+    """.005 m leaves three sheets a tenth of what they should keep; .003 m is less than the plates keep from each other."""
+    path = pathlib.Path(__file__).parents[2] / "scenes" / "pinch.py"
+    sim = tc.Simulation(scenefile.read(str(path)).make({"cells": 4, "gap": gap}), h=1 / 60, cg_tol=1e-3,
+                        integrator="backward_euler")
+    while sim.time < 0.84:
+        sim.step()
+    x = sim.positions()
+    assert np.isfinite(x).all() and np.abs(x).max() < 1 and max(r.stretch for r in sim.log) < 1.5
+    assert (max(r.pinched for r in sim.log) > 0) == named
+    assert named or sim.intersections() == 0
+    sim.close()

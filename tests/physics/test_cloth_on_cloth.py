@@ -37,11 +37,11 @@ def test_pressed_sheets_lift_apart_freely():
 
 
 def test_smooth_sheets_glide():
-    sim, upper = sheet_on_sheet(0.0, (0, -9.81, 0), v=(1.0, 0, 0))
-    for _ in range(12):
+    sim, upper = sheet_on_sheet(0.0, (0, -9.81, 0), v=(2.0, 0, 0))
+    for _ in range(10):
         sim.step()
     v = sim.velocities()[upper].mean(axis=0)
-    assert v[0] > 0.99 and np.abs(v[1:]).max() < 0.02 and sim.log[-1].layers > 20
+    assert v[0] > 0.99 * 2 and np.abs(v[1:]).max() < 0.02 and sim.log[-1].layers > 20
     sim.close()
 
 
@@ -109,4 +109,30 @@ def test_springs_let_nothing_through_that_comes_fast():
         one.step()
     assert np.array_equal(sim.positions(), again.positions())
     again.close()
+    sim.close()
+
+
+@pytest.mark.parametrize("mu", [0.2, 0.5])
+def test_a_strip_between_plates_slips_at_the_force_of_both(mu):
+    """Drawn slowly from between the floor and a loaded sheet that can only rise and fall."""
+    scene, meets, speed = tc.Scene(), tc.ClothContact(THICKNESS, mu), 0.2
+    strip, plate = tc.grid((0.5, 0.1), (25, 5)), tc.grid(0.16, 6)
+    scene.add_solid(tc.Plane(), friction=mu, thickness=0.004, name="floor")
+    drawn = scene.add_cloth(strip, FABRIC, positions=strip.x - strip.x.mean(axis=0) + [0, 0.004, 0], contact=meets)
+    loaded = tc.Fabric(1.5, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-3))
+    upper = scene.add_cloth(plate, loaded, positions=plate.x - plate.x.mean(axis=0) + [0, 0.004 + THICKNESS, 0],
+                            contact=meets)
+    scene.pin(upper, np.arange(plate.vertex_count), "xz")
+    scene.move(drawn, np.flatnonzero(strip.x[:, 0] > 0.5 - 1e-6), lambda t: (speed * t, 0.0, 0.0), relative=True,
+               directions="xz")
+    sim = tc.Simulation(scene, h=1 / 60, integrator="backward_euler")
+    force = []
+    for k in range(36):
+        sim.step()
+        if k >= 18:
+            force.append(sim.contact_forces())
+    mean, weight = np.mean(force, axis=0), 9.81 * np.array([0.05 * 0.2, 0.16**2 * 1.5])
+    on_strip, on_plate = mean[: strip.vertex_count, 0].sum(), mean[strip.vertex_count:, 0].sum()
+    assert on_plate == pytest.approx(mu * weight[1], rel=0.05)
+    assert -on_strip == pytest.approx(mu * (weight[0] + 2 * weight[1]), rel=0.05)
     sim.close()
