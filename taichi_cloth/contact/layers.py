@@ -142,8 +142,12 @@ class Layers:
         return vertices, weights, block, rhs
 
     def _where(self, p: Near) -> np.ndarray:
-        """(k,) distances [m] at which pairs are linearised."""
-        return np.clip(p.end, SHALLOW * p.radius if self.round else height(0.5, p.radius), p.radius)
+        """(k,) distances [m] at which pairs are linearised: where they are, and in a first solve no nearer than they began, or
+        than half of what they should keep."""
+        least = SHALLOW * p.radius
+        if not self.round:
+            least = np.clip(self._began(p), height(SHALLOW, p.radius), height(0.5, p.radius))
+        return np.clip(p.end, least, p.radius)
 
     def _pull(self, p: Near, d: np.ndarray, stiff: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(force [N], slope [N/m]) of pairs at distances d: repulsion, and what stops their approach.
