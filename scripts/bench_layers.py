@@ -45,7 +45,7 @@ def detection(cells: int, rounds: int) -> dict:
     x, v = sim.model.read_particles()
     sim.model.write_particles(x + thickness * np.random.default_rng(0).uniform(-0.2, 0.2, size=x.shape), v)
     for _ in range(rounds + 1):
-        layers.forget()
+        layers.fresh = False
         start = time.perf_counter()
         layers.begin()
         layers.cover()

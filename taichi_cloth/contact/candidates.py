@@ -20,7 +20,7 @@ CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
 FACES_A_CHUNK = 8
 ROUNDING = 1e-4  # part by which distances may be off
 MOST = 0.5  # of all particles: if more have strayed, all pairs are looked for
-SKIN = 0.4  # of half the thickness: how far paths may stray from the one that was walked
+SKIN = 0.4  # of half the thickness: how far paths may stray from where they were walked for
 
 
 @ti.data_oriented
@@ -72,7 +72,7 @@ class Candidates:
         self.start, self.left, self.walked = (fields.real(model.n, 3) for _ in range(3))
         self.stray_now, self.stray = fields.real(model.n), fields.real(model.n)  # [m] from `walked`; anywhere on the path
         self.moved = fields.integer(model.n)  # whether the particle's pairs are looked for
-        self._strays: np.ndarray = np.zeros(2, dtype=np.int32)
+        self._strays: np.ndarray = np.zeros(1, dtype=np.int32)
         self.candidates: np.ndarray = np.zeros((0, 3), dtype=np.int32)
         self.distances: np.ndarray = np.zeros(0, dtype=self.exchange)
         self.fresh = False
