@@ -67,6 +67,8 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--json")
     args = parser.parse_args()
+    for itself in (False, True):  # compiles
+        of_scene("sphere_drape", {"cells": 50, "itself": itself}, 0.05)
     plain, own = (of_scene("sphere_drape", {"cells": 50, "itself": itself}, args.until or 1.5) for itself in (False, True))
     ratio = own["seconds_per_second"] / plain["seconds_per_second"]
     print(f"sphere_drape 51x51: {plain['seconds_per_second']:.2f} wall s a simulated second, with self-contact "
