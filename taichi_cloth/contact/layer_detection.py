@@ -52,7 +52,7 @@ class LayerDetector(Candidates):
         self._from_saved()
 
     def free_way(self) -> tuple[float, np.ndarray]:
-        """(part of the path that nothing passes through another on, the pairs (k, 3) that allow no more than that)."""
+        """(part of the path that nothing passes through another on, the pairs (k, 3) that do not allow all of it)."""
         c = self.candidates
         if not len(c):
             return 1.0, c

@@ -23,7 +23,7 @@ BOLD = 4  # solves of a step before the potential has a say in how far they go
 MEMORY = 3  # of the last potentials one must not be passed
 TIMID = 0.2  # part of a solve's way below which it is not taken shorter for the potential's sake
 SMOOTH = 1e-3  # part of the repulsion's energy that is not worth a shorter way
-LETS = 10  # attempts at a small step, each without the pairs that left the last no way
+LETS = 10  # attempts at a small step, each without the pairs that kept the last from going all of its way
 SLACK = 0.01  # of kinetic energy by which a step may be off
 NEARLY = 1e-7  # m that a held direction may be off its target
 
