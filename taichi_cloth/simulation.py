@@ -18,6 +18,7 @@ from .fields import Fields
 from .forces import build_forces
 from .forces.conditions import K_MODES
 from .forces.external import Drag
+from .forces.membrane import Membrane
 from .integrators import CG_TOL, EXPLICIT, INTEGRATORS, SOLVER, Options
 from .intersections import count_crossings, count_self_crossings
 from .measure import Meter
@@ -56,6 +57,8 @@ class Simulation:
             and for TR-BDF2 what is left may be half of a stage's first change.
         tolerance: RMS error of positions [m] that half a second may add, as estimated; it drives h. None takes the
             steps asked for. Needs "safe" or "tr_bdf2".
+        least_substep: [s] for "verlet": triangles so stiff that they would make substeps smaller give up as much of their
+            stretch and shear stiffness, and damping, as it takes; `notes` say how many and how much. None softens nothing.
         adaptive: whether a step that goes bad is retried smaller; False does exactly the steps asked for.
         h_min: smallest step [s]; h / 4096 where None.
         stretch_limit: largest change of |w|/b of a triangle in a step.
@@ -89,7 +92,7 @@ class Simulation:
                  newton_max: int = 8, preconditioner: str = "auto", cg_max_iterations: int = 10_000,
                  threads: int | None = None, quiet: bool = True, debug: bool = False, newton_tol: float | None = None,
                  tolerance: float | None = None, tangles: str = "untangle", contact: str = "repulsion",
-                 count_intersections: bool = False) -> None:
+                 count_intersections: bool = False, least_substep: float | None = None) -> None:
         if not isinstance(scene, Scene) or not scene.cloths:
             raise SceneError("a simulation needs a Scene with at least one cloth")
         check_choice("integrator", integrator, INTEGRATORS)
@@ -102,13 +105,15 @@ class Simulation:
         bound, h = h is not None, H if h is None else h
         h_min = h / H_MIN_FACTOR if h_min is None else h_min
         given = {"h": h, "h_min": h_min, "stretch_limit": stretch_limit, "newton_tol": newton_tol, "cg_tol": cg_tol,
-                 "tolerance": tolerance}
+                 "tolerance": tolerance, "least_substep": least_substep}
         for name, value in given.items():
             if value is not None:
                 _check_positive(name, value)
         if tolerance is not None and (integrator not in ("auto", "safe", "tr_bdf2") or not adaptive):
             raise SceneError(f"tolerance = {tolerance:g} m: error control needs integrator 'safe' or 'tr_bdf2' and adaptive "
                              f"steps, not {integrator!r}")
+        if least_substep is not None and integrator not in EXPLICIT:
+            raise SceneError(f"least_substep = {least_substep:g} s: is for the integrator 'verlet', not {integrator!r}")
         self.scene, self.time, self._h, self._counts = scene, 0.0, h, count_intersections
         self.log: list[StepRecord] = []
         self.runtime = runtime.start(arch, precision, threads, quiet, debug)
@@ -119,7 +124,7 @@ class Simulation:
         self.integrator_name = integrator
         self._fields = Fields(self.runtime.exchange)
         try:
-            self._build(scene, h)
+            self._build(scene, h, least_substep)
         except BaseException:
             self._fields.free()
             raise
@@ -127,7 +132,6 @@ class Simulation:
             self.integrator.subcycles = adaptive
             if adaptive and not bound and not self.integrator.gusty:
                 self.control = replace(self.control, h_max=H_EXPLICIT)
-        self.notes = [self._why] if self._why else []
         self.notes += [f"{c.name}: {note}" for c in scene.cloths for note in c.mesh.notes]
         if self.contacts is not None:
             self.notes += self.contacts.inspect()
@@ -141,17 +145,19 @@ class Simulation:
         self._probe: Probe | None = None
         self.solution: Solution | None = None
 
-    def _build(self, scene: Scene, h: float) -> None:
+    def _build(self, scene: Scene, h: float, least_substep: float | None) -> None:
         """Everything that lives in fields."""
         fields = self._fields
         self.model = Model(fields, scene, self.runtime)
-        self._forces = build_forces(fields, self.model, scene, self.options.K)
-        self._why = ""
+        self.notes: list[str] = []
+        self._forces = build_forces(fields, self.model, scene, self.options.K,
+                                    None if least_substep is None else least_substep / integrators.SAFETY)
+        self.notes += [note for force in self._forces if isinstance(force, Membrane) for note in force.notes]
         if self.integrator_name == "auto":
             tolerance = self.options.tolerance
             self.integrator_name, why = integrators.choose(self._forces, scene.touches, h, tolerance,
                                                             self.control.adaptive)
-            self._why = f"integrator {self.integrator_name}: {why}"
+            self.notes.append(f"integrator {self.integrator_name}: {why}")
         self.contacts = _contacts(fields, self.model, scene, h, self.runtime.arch == "cpu", self.options)
         operator, forces = None, list(self._forces)
         if self.integrator_name not in EXPLICIT:

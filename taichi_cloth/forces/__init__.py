@@ -15,6 +15,8 @@ A force is a data-oriented object whose functions work on one block of rows at a
 A force that no cloth asks for is not in the list, so it has no fields, and no kernel contains it.
 """
 
+from functools import partial
+
 from ..fields import Fields
 from ..model import Model
 from ..scene import Scene
@@ -24,15 +26,16 @@ from .external import Drag, Gravity
 from .membrane import Membrane
 
 
-def build_forces(fields: Fields, model: Model, scene: Scene, mode: str) -> list:
+def build_forces(fields: Fields, model: Model, scene: Scene, mode: str, least_substep: float | None = None) -> list:
     """The forces of a scene.
 
     Args:
         mode: K of the conditions, one of `conditions.K_MODES`.
+        least_substep: [s] for which triangles are softened, see `Membrane`; None leaves them as they are.
     """
     bends = [c.fabric.bend.model for c in scene.cloths if c.fabric.bend and c.mesh.has_hinges]
     wanted = (
-        (Membrane, any(c.fabric.stretch or c.fabric.shear for c in scene.cloths)),
+        (partial(Membrane, least_substep=least_substep), any(c.fabric.stretch or c.fabric.shear for c in scene.cloths)),
         (Bend, any(bend == "hinge" for bend in bends)),
         (CurvatureBend, any(bend == "curvature" for bend in bends)),
         (Gravity, bool(scene.gravity.any())),

@@ -25,11 +25,19 @@ class Membrane:
     """Stretch along warp and weft, and shear, with their damping.
 
     Stored for an element and a step: the symmetric 6x6 block of A in the edges (x_1 - x_0, x_2 - x_0), 21 numbers.
+
+    Args:
+        mode: K of the conditions.
+        least_substep: explicit step [s] that must be stable: triangles too stiff for it are softened as far as it takes, their
+            damping with them. None leaves all as they are.
+
+    Attributes:
+        notes: what was softened.
     """
 
     extremes, stiff = 2, False
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
+    def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str, least_substep: float | None = None) -> None:
         self.model, self.mode = model, mode
         cloths = [(k, c) for k, c in enumerate(scene.cloths) if c.fabric.stretch or c.fabric.shear]
         table = np.array([_row(c.fabric) for _, c in cloths])
@@ -40,6 +48,20 @@ class Membrane:
         inverse = np.concatenate([p.inverse for p in parts]).reshape(-1, 4)
         area = np.concatenate([p.area for p in parts])
         material = np.repeat(np.arange(len(parts)), [len(p.area) for p in parts])
+        # squared frequency [1/s^2] and damping rate [1/s] that no mode at rest exceeds, as each particle has them
+        k = table[material] * area[:, None]
+        rates = [_row_bounds(vertices, inverse, model.mass, k[:, first:first + 3]) for first in (K_U, D_U)]
+        self.notes: list[str] = []
+        if least_substep is not None:
+            omega2, damping = rates
+            over = (least_substep**2 * omega2 + 2 * least_substep * damping) / 4  # 1 where it is just stable
+            left = 1 / np.maximum(1, over[vertices].max(axis=1))
+            area, k = area * left, k * left[:, None]  # all that an element gives goes with its area
+            if (left < 1).any():
+                self.notes.append(f"for the least substep, {np.sum(left < 1)} of {len(left)} triangles keep but "
+                                  f"{100 * left.min():.2g} % or more of their stretch and shear stiffness")
+            rates = [_row_bounds(vertices, inverse, model.mass, k[:, first:first + 3]) for first in (K_U, D_U)]
+        self.rates = tuple(float(r.max()) for r in rates)
         self.inverse = fields.real(self.elements.count, 4, per_entry(inverse))
         self.area = fields.real(self.elements.count, data=per_entry(area))
         self.material = fields.integer(self.elements.count, data=per_entry(material))
@@ -53,9 +75,6 @@ class Membrane:
         # energy of strains that are but a rounding of positions by 1 m, see `rounding_energy`
         self._unit_energy = float(np.sum(area * table[material][:, :K_S + 1].max(axis=1) * np.sum(inverse**2, axis=1)) / 2)
         self._fields = fields
-        # bounds on the squared frequency [1/s^2] and the damping rate [1/s] of any mode, at rest
-        k = table[material] * area[:, None]
-        self.rates = tuple(_bound(vertices, inverse, model.mass, k[:, first:first + 3]) for first in (K_U, D_U))
 
     def rounding_energy(self, d: float) -> float:
         """Energy [J] that positions off by d [m] put into the rest shape."""
@@ -291,10 +310,10 @@ def _row(fabric) -> list[float]:
     return [*k, shear.k if shear else 0, *k_d, shear.k_d if shear else 0, *b]
 
 
-def _bound(vertices: np.ndarray, inverse: np.ndarray, mass: np.ndarray, k: np.ndarray) -> float:
-    """On the eigenvalues of M^-1 K in the plane of flat cloth, for k (m, 3) of warp, weft and shear times the areas: these two
-    pull at right angles."""
+def _row_bounds(vertices: np.ndarray, inverse: np.ndarray, mass: np.ndarray, k: np.ndarray) -> np.ndarray:
+    """(n,), the largest of which bounds the eigenvalues of M^-1 K in the plane of flat cloth, for k (m, 3) of warp, weft and
+    shear times the areas: these two pull at right angles."""
     u, v = (np.column_stack([-inverse[:, a] - inverse[:, a + 2], inverse[:, a], inverse[:, a + 2]]) for a in (0, 1))
     u_rows, v_rows, s_rows = (row_sums(vertices, factor[:, None, None] * np.abs(np.einsum("ei,ej->eij", p, p)), mass)
                               for p, factor in zip((u, v, np.hypot(u, v)), k.T))
-    return float(np.max(np.maximum(u_rows, v_rows) + s_rows))
+    return np.maximum(u_rows, v_rows) + s_rows

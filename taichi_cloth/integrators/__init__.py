@@ -100,6 +100,7 @@ class Attempt:
 
 INTEGRATORS = ("auto", "safe", "tr_bdf2", "backward_euler", "newton_euler", "verlet")
 EXPLICIT = ("verlet",)
+SAFETY = 0.9  # part of the stable step that explicit ones take
 SUBSTEPS = 150  # in a step, up to which explicit ones cost less than TR-BDF2's solves (swing, 26 to 101 squared: 133 to 213)
 ACCURATE = 4  # times as many where the error asked for is small: explicit ones have it without asking
 EXPLICIT_ERROR = 1e-3  # m: and so is this small

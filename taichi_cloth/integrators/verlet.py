@@ -22,9 +22,8 @@ from ..runtime import Runtime
 from ..scene import Scene
 from ..team import END, TASK, Team
 from ..timing import Clock
-from . import ENERGY, NOT_FINITE, Attempt, stable_step
+from . import ENERGY, NOT_FINITE, SAFETY, Attempt, stable_step
 
-SAFETY = 0.9  # part of the stable step that substeps take
 SLOW = 16  # substeps between two evaluations of bending, at most
 SLOW_SAFETY = 0.5  # part of bending's own stable step that these take together
 STRAIGHT = 8  # substeps in which held particles that are led go along a line
