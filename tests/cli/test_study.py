@@ -8,18 +8,21 @@ from test_cli import call
 
 def test_study_writes_tables(tmp_path):
     done = call("study", "swing", "--small", "--duration", "0.2", "--h", "1/30,1/60", "--integrators", "verlet,backward_euler",
-                "--tolerances", "1e-2", "--out", tmp_path / "s")
+                "--tolerances", "1e-2", "--coarser", "1,2", "--out", tmp_path / "s")
     assert done.returncode == 0, done.stderr
     data = json.loads((tmp_path / "s" / "study.json").read_text())
     rows = data["rows"]
-    assert [(r["integrator"], r["tolerance"]) for r in rows] == [("verlet", None), ("backward_euler", None),
-                                                                 ("backward_euler", None), ("safe", 0.01)]
+    assert [(r["integrator"], r["tolerance"], r["coarser"]) for r in rows] == [
+        ("verlet", None, 1), ("verlet", None, 2), ("backward_euler", None, 1), ("backward_euler", None, 1), ("safe", 0.01, 1)]
+    softened = rows.pop(1)
+    assert softened["error"] > rows[0]["error"] and softened["evaluations"] < 0.7 * rows[0]["evaluations"]
     assert rows[1]["error"] > rows[2]["error"] > rows[3]["error"] > rows[0]["error"] and all(r["wall"] > 0 for r in rows)
-    assert any(r["best"] for r in rows) and rows[1]["steps"] < rows[2]["steps"] == 12
+    rows.insert(1, softened)
+    assert any(r["best"] for r in rows) and rows[2]["steps"] < rows[3]["steps"] == 12
     with open(tmp_path / "s" / "study.csv", newline="") as file:
         assert [float(r["error"]) for r in csv.DictReader(file)] == [r["error"] for r in rows]
     svg = (tmp_path / "s" / "study.svg").read_text()
-    assert svg.startswith("<svg xmlns") and svg.count("<circle") == 4
+    assert svg.startswith("<svg xmlns") and svg.count("<circle") == 5
     assert "RMS error of positions at t = 0.2 s" in done.stdout and done.stdout.count("\n* ") == sum(r["best"] for r in rows)
 
 

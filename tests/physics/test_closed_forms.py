@@ -1,5 +1,7 @@
 """Closed forms: free fall, hanging strip, weights, momenta; and orders of convergence."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -101,6 +103,43 @@ def test_explicit_steps_are_stable_and_not_needlessly_small():
     wild = tc.Simulation(scene, h=10 * limit, integrator="verlet", adaptive=False)
     with pytest.raises(tc.SimulationError, match="NOT_FINITE"):
         wild.run(0.3, 10)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.5])
+def test_a_least_substep_is_kept_and_softens_only_what_it_must(damping):
+    mesh = tc.grid(1.0, 10)
+    uv = mesh.uv.copy()
+    uv[60] = uv[61] + [-0.001, 0]  # triangles a hundredth as high as the others
+    mesh = tc.TriMesh(np.column_stack([uv, 0 * uv[:, 0]]), mesh.faces, uv)
+    scene = tc.Scene(gravity=None)
+    x = mesh.x * [1.001, 1, 1]
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, damping), tc.Shear(100)), x)
+    as_it_is = tc.Simulation(scene, integrator="verlet")
+    plain, stable = as_it_is.forces(), as_it_is.integrator.stable_step
+    least = 3 * stable
+    sim = tc.Simulation(scene, integrator="verlet", least_substep=least)
+    assert least / 0.9 <= sim.integrator.stable_step * (1 + 1e-12) and sim.integrator.stable_step < 1.5 * least / 0.9
+    near = np.unique(mesh.faces[(mesh.faces[:, :, None] == [60, 61]).any(axis=(1, 2))])
+    touched = np.unique(mesh.faces[np.isin(mesh.faces, near).any(axis=1)])
+    far = np.setdiff1d(np.arange(len(x)), touched)
+    assert len(far) > 80 and np.array_equal(sim.forces()[far], plain[far])
+    left = sim.energy()["stretch_u"] / as_it_is.energy()["stretch_u"]  # of what the few softened triangles hold, little
+    assert 0.9 < left < 1
+    softened, of = (int(word) for word in re.findall(r"(\d+) of (\d+) triangles", sim.notes[0])[0])
+    assert 0 < softened < 20 and of == len(mesh.faces)
+    sim.run(0.2, 10)
+    assert sum(r.evaluations for r in sim.log) < 2.2 * 0.2 / least + 20 and sim.log[-1].stretch < 1.002
+
+
+def test_a_least_substep_finer_than_the_stable_one_changes_nothing():
+    scene = tc.Scene()
+    scene.add_cloth(tc.grid(1.0, 4), tc.Fabric(0.2, tc.Stretch(1000)))
+    sim = tc.Simulation(scene, integrator="verlet", least_substep=1e-6)
+    assert sim.notes == []
+    with pytest.raises(tc.SceneError, match="least_substep.*'verlet', not 'safe'"):
+        tc.Simulation(scene, least_substep=1e-4)
+    with pytest.raises(tc.SceneError, match="least_substep = -1"):
+        tc.Simulation(scene, integrator="verlet", least_substep=-1)
 
 
 def test_drag_brings_cloth_to_the_wind():
