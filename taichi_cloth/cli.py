@@ -13,7 +13,7 @@ from .cli_recorded import look_flags, number_of, size_of
 
 DEFAULTS: dict = {"duration": 2.0, "fps": 30.0, "h": None, "arch": "cpu", "precision": "f64",
             "integrator": "safe", "K": "projected", "preconditioner": "auto", "stretch_limit": 0.5,
-            "cg_tol": None, "newton_tol": None, "tolerance": None, "least_substep": None, "tangles": "untangle",
+            "cg_tol": None, "newton_tol": None, "tolerance": None, "substep": None, "tangles": "untangle",
             "contact": "repulsion"}
 OK, FAILED, BAD_USAGE, GAVE_UP, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -206,8 +206,7 @@ def _simulation_flags(parser: argparse.ArgumentParser) -> None:
     add("--cg-tol", dest="cg_tol", type=number_of, metavar="X", help="relative residual of the linear solve")
     add("--newton-tol", dest="newton_tol", type=number_of, metavar="M", help="last change at which Newton's method stops [m]")
     add("--tolerance", type=number_of, metavar="M", help="error of positions to keep to [m], which drives the step")
-    add("--least-substep", dest="least_substep", type=number_of, metavar="S",
-        help="for verlet: what would need smaller substeps [s] is softened")
+    add("--substep", type=number_of, metavar="S", help="of verlet [s]; what is too stiff for it is softened")
     add("--stretch-limit", dest="stretch_limit", type=number_of, metavar="X",
         help="largest change of a triangle's stretch in a step")
     add("--tangles", help="cloth that passes through cloth: untangle, ignore or abort")

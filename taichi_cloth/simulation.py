@@ -57,8 +57,8 @@ class Simulation:
             and for TR-BDF2 what is left may be half of a stage's first change.
         tolerance: RMS error of positions [m] that half a second may add, as estimated; it drives h. None takes the
             steps asked for. Needs "safe" or "tr_bdf2".
-        least_substep: [s] for "verlet": triangles so stiff that they would make substeps smaller give up as much of their
-            stretch and shear stiffness, and damping, as it takes; `notes` say how many and how much. None softens nothing.
+        substep: of "verlet" [s]; where None as large as is stable. Triangles too stiff for a larger one give up as much of
+            their stretch and shear stiffness, and damping, as it takes; `notes` say how many and how much.
         adaptive: whether a step that goes bad is retried smaller; False does exactly the steps asked for.
         h_min: smallest step [s]; h / 4096 where None.
         stretch_limit: largest change of |w|/b of a triangle in a step.
@@ -92,7 +92,7 @@ class Simulation:
                  newton_max: int = 8, preconditioner: str = "auto", cg_max_iterations: int = 10_000,
                  threads: int | None = None, quiet: bool = True, debug: bool = False, newton_tol: float | None = None,
                  tolerance: float | None = None, tangles: str = "untangle", contact: str = "repulsion",
-                 count_intersections: bool = False, least_substep: float | None = None) -> None:
+                 count_intersections: bool = False, substep: float | None = None) -> None:
         if not isinstance(scene, Scene) or not scene.cloths:
             raise SceneError("a simulation needs a Scene with at least one cloth")
         check_choice("integrator", integrator, INTEGRATORS)
@@ -105,26 +105,26 @@ class Simulation:
         bound, h = h is not None, H if h is None else h
         h_min = h / H_MIN_FACTOR if h_min is None else h_min
         given = {"h": h, "h_min": h_min, "stretch_limit": stretch_limit, "newton_tol": newton_tol, "cg_tol": cg_tol,
-                 "tolerance": tolerance, "least_substep": least_substep}
+                 "tolerance": tolerance, "substep": substep}
         for name, value in given.items():
             if value is not None:
                 _check_positive(name, value)
         if tolerance is not None and (integrator not in ("auto", "safe", "tr_bdf2") or not adaptive):
             raise SceneError(f"tolerance = {tolerance:g} m: error control needs integrator 'safe' or 'tr_bdf2' and adaptive "
                              f"steps, not {integrator!r}")
-        if least_substep is not None and integrator not in EXPLICIT:
-            raise SceneError(f"least_substep = {least_substep:g} s: is for the integrator 'verlet', not {integrator!r}")
+        if substep is not None and integrator not in EXPLICIT:
+            raise SceneError(f"substep = {substep:g} s: is for the integrator 'verlet', not {integrator!r}")
         self.scene, self.time, self._h, self._counts = scene, 0.0, h, count_intersections
         self.log: list[StepRecord] = []
         self.runtime = runtime.start(arch, precision, threads, quiet, debug)
         self._generation, self._open = runtime.generation(), True
         self.control = Control(h, h_min, adaptive, stretch_limit)
         self.options = Options(K, cg_tol, int(cg_max_iterations), int(newton_max), preconditioner, newton_tol,
-                               tolerance, adaptive, tangles, contact)
+                               tolerance, adaptive, tangles, contact, substep)
         self.integrator_name = integrator
         self._fields = Fields(self.runtime.exchange)
         try:
-            self._build(scene, h, least_substep)
+            self._build(scene, h)
         except BaseException:
             self._fields.free()
             raise
@@ -145,13 +145,13 @@ class Simulation:
         self._probe: Probe | None = None
         self.solution: Solution | None = None
 
-    def _build(self, scene: Scene, h: float, least_substep: float | None) -> None:
+    def _build(self, scene: Scene, h: float) -> None:
         """Everything that lives in fields."""
         fields = self._fields
         self.model = Model(fields, scene, self.runtime)
         self.notes: list[str] = []
-        self._forces = build_forces(fields, self.model, scene, self.options.K,
-                                    None if least_substep is None else least_substep / integrators.SAFETY)
+        substep = self.options.substep
+        self._forces = build_forces(fields, self.model, scene, self.options.K, substep and substep / integrators.SAFETY)
         self.notes += [note for force in self._forces if isinstance(force, Membrane) for note in force.notes]
         if self.integrator_name == "auto":
             tolerance = self.options.tolerance

@@ -35,7 +35,7 @@ class Case:
         integrator, precision, arch: as of `Simulation`.
         h: step [s]; tolerance: error asked for instead [m], with h as the largest step.
         cg_tol, newton_tol [m]: None is the method's own.
-        coarser: least substep of an explicit method, in its stable ones; more than 1 softens what is too stiff for it.
+        substep: of an explicit method, in its stable ones; more than 1 softens what is too stiff for it.
     """
 
     integrator: str
@@ -43,7 +43,7 @@ class Case:
     tolerance: float | None = None
     cg_tol: float | None = None
     newton_tol: float | None = None
-    coarser: float = 1.0
+    substep: float = 1.0
     precision: str = "f64"
     arch: str = "cpu"
 
@@ -51,7 +51,7 @@ class Case:
         """A few words."""
         step = f"tolerance {self.tolerance:g} m" if self.tolerance else f"h = 1/{1 / self.h:.4g}"
         more = [f"cg {self.cg_tol:g}"] if self.cg_tol else []
-        more += [f"substeps x{self.coarser:g}"] if self.coarser != 1 else []
+        more += [f"substep x{self.substep:g}"] if self.substep != 1 else []
         more += [self.precision] if self.precision != "f64" else []
         more += [self.arch] if self.arch != "cpu" else []
         return " ".join([step, *more])
@@ -240,7 +240,7 @@ def _row(case: Case, make: Callable[[], Scene], samples: int, last: int, fine: T
     try:
         sim = Simulation(make(), h=case.h, integrator=case.integrator, cg_tol=case.cg_tol, tolerance=case.tolerance,
                          newton_tol=case.newton_tol, precision=case.precision, arch=case.arch,
-                         least_substep=least_substep(make(), case.coarser, case.arch, case.precision))
+                         substep=substep_of(make(), case.substep, case.arch, case.precision))
         begin = sim.checkpoint()
         walls: list[float] = []
         for _ in range(2):  # the first compiles
@@ -270,14 +270,14 @@ def _row(case: Case, make: Callable[[], Scene], samples: int, last: int, fine: T
     return row
 
 
-def least_substep(scene: Scene, coarser: float, arch: str = "cpu", precision: str = "f64") -> float | None:
+def substep_of(scene: Scene, times: float, arch: str = "cpu", precision: str = "f64") -> float | None:
     """So many times the explicit substep [s] that is stable in a scene; None for 1."""
-    if coarser == 1:
+    if times == 1:
         return None
     sim = Simulation(scene, arch=arch, precision=precision, integrator="verlet")
     stable = SAFETY * sim.integrator.stable_step
     sim.close()
-    return coarser * stable
+    return times * stable
 
 
 def _mark_front(rows: list[Row]) -> None:
@@ -292,7 +292,7 @@ def _rms(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def cases_of(integrators: list[str], steps: list[float], tolerances: list[float], cg_tols: list[float | None],
-             precisions: list[str], archs: list[str], h: float, coarser: list[float]) -> list[Case]:
+             precisions: list[str], archs: list[str], h: float, substeps: list[float]) -> list[Case]:
     """Every combination that means something: explicit methods choose their own step, tolerances go with "safe"."""
     out = []
     for name in integrators:
@@ -301,7 +301,7 @@ def cases_of(integrators: list[str], steps: list[float], tolerances: list[float]
         for precision in precisions:
             for name in integrators:
                 if name in EXPLICIT:
-                    out += [Case(name, h, coarser=times, precision=precision, arch=arch) for times in coarser]
+                    out += [Case(name, h, substep=times, precision=precision, arch=arch) for times in substeps]
                 else:
                     out += [Case(name, step, None, cg, precision=precision, arch=arch) for step in steps for cg in cg_tols]
             out += [Case("safe", h, tolerance, precision=precision, arch=arch) for tolerance in tolerances]

@@ -26,16 +26,16 @@ from .external import Drag, Gravity
 from .membrane import Membrane
 
 
-def build_forces(fields: Fields, model: Model, scene: Scene, mode: str, least_substep: float | None = None) -> list:
+def build_forces(fields: Fields, model: Model, scene: Scene, mode: str, substep: float | None = None) -> list:
     """The forces of a scene.
 
     Args:
         mode: K of the conditions, one of `conditions.K_MODES`.
-        least_substep: [s] for which triangles are softened, see `Membrane`; None leaves them as they are.
+        substep: explicit step [s] for which triangles are softened, see `Membrane`; None leaves them as they are.
     """
     bends = [c.fabric.bend.model for c in scene.cloths if c.fabric.bend and c.mesh.has_hinges]
     wanted = (
-        (partial(Membrane, least_substep=least_substep), any(c.fabric.stretch or c.fabric.shear for c in scene.cloths)),
+        (partial(Membrane, substep=substep), any(c.fabric.stretch or c.fabric.shear for c in scene.cloths)),
         (Bend, any(bend == "hinge" for bend in bends)),
         (CurvatureBend, any(bend == "curvature" for bend in bends)),
         (Gravity, bool(scene.gravity.any())),

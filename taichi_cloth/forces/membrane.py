@@ -28,7 +28,7 @@ class Membrane:
 
     Args:
         mode: K of the conditions.
-        least_substep: explicit step [s] that must be stable: triangles too stiff for it are softened as far as it takes, their
+        substep: explicit step [s] that must be stable: triangles too stiff for it are softened as far as it takes, their
             damping with them. None leaves all as they are.
 
     Attributes:
@@ -37,7 +37,7 @@ class Membrane:
 
     extremes, stiff = 2, False
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str, least_substep: float | None = None) -> None:
+    def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str, substep: float | None = None) -> None:
         self.model, self.mode = model, mode
         cloths = [(k, c) for k, c in enumerate(scene.cloths) if c.fabric.stretch or c.fabric.shear]
         table = np.array([_row(c.fabric) for _, c in cloths])
@@ -52,13 +52,13 @@ class Membrane:
         k = table[material] * area[:, None]
         rates = [_row_bounds(vertices, inverse, model.mass, k[:, first:first + 3]) for first in (K_U, D_U)]
         self.notes: list[str] = []
-        if least_substep is not None:
+        if substep is not None:
             omega2, damping = rates
-            over = (least_substep**2 * omega2 + 2 * least_substep * damping) / 4  # 1 where it is just stable
+            over = (substep**2 * omega2 + 2 * substep * damping) / 4  # 1 where it is just stable
             left = 1 / np.maximum(1, over[vertices].max(axis=1))
             area, k = area * left, k * left[:, None]  # all that an element gives goes with its area
             if (left < 1).any():
-                self.notes.append(f"for the least substep, {np.sum(left < 1)} of {len(left)} triangles keep but "
+                self.notes.append(f"for the substep asked for, {np.sum(left < 1)} of {len(left)} triangles keep but "
                                   f"{100 * left.min():.2g} % or more of their stretch and shear stiffness")
             rates = [_row_bounds(vertices, inverse, model.mass, k[:, first:first + 3]) for first in (K_U, D_U)]
         self.rates = tuple(float(r.max()) for r in rates)

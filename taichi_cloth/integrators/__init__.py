@@ -46,6 +46,7 @@ class Options:
         adaptive: whether a step that is rejected is tried smaller.
         tangles: what to do with cloth that passes through cloth.
         contact: by what cloth is kept from cloth.
+        substep: of explicit methods [s]; None is the stable one.
     """
 
     K: str = "projected"
@@ -58,6 +59,7 @@ class Options:
     adaptive: bool = True
     tangles: str = "untangle"
     contact: str = "repulsion"
+    substep: float | None = None
 
 
 @dataclass(frozen=True)
@@ -155,7 +157,7 @@ def build(name: str, fields: Fields, model: Model, forces: list, meter: Meter, o
                              "'backward_euler'")
         from .verlet import Verlet
 
-        return Verlet(fields, model, forces, meter, runtime, scene)
+        return Verlet(fields, model, forces, meter, options.substep, runtime, scene)
     from .system import System
 
     system = System(fields, model, meter.operator, forces, meter, options, runtime, scene, contacts)

@@ -36,13 +36,17 @@ GAIN = 0.001  # part of the motion's scale by which energy may grow in a step
 class Verlet:
     """Velocity Verlet on a model.
 
+    Args:
+        substep: asked for [s], or None.
+
     Attributes:
         part: of the stable step that substeps take; less after steps that gained energy.
     """
 
     system = None
 
-    def __init__(self, fields: Fields, model: Model, forces: list, meter: Meter, runtime: Runtime, scene: Scene) -> None:
+    def __init__(self, fields: Fields, model: Model, forces: list, meter: Meter, substep: float | None, runtime: Runtime,
+                 scene: Scene) -> None:
         self.model, self.meter, self.blocks = model, meter, model.blocks
         self.fast = [f for f in forces if not isinstance(f, (Bend, CurvatureBend))]
         self.slow = [f for f in forces if isinstance(f, (Bend, CurvatureBend))]
@@ -54,9 +58,11 @@ class Verlet:
                                      for of in (self.fast, self.slow))
         if self.stable_step == math.inf:
             self.stable_step = bending
+        asked = math.inf if substep is None else substep / SAFETY
+        self.stable_step = min(self.stable_step, asked)
         self.every = int(min(SLOW, max(1, SLOW_SAFETY * bending / self.stable_step))) if self.slow else 1
         if self.every == 1:
-            self.stable_step = stable_step(sum(f.rates[0] for f in forces), sum(f.rates[1] for f in forces))
+            self.stable_step = min(asked, stable_step(sum(f.rates[0] for f in forces), sum(f.rates[1] for f in forces)))
         self.together = runtime.arch == "cpu"  # a team, or a launch for each substep
         self.team = Team(fields, self.blocks.count if self.together else 1)
         self.damps = any(force.rates[1] > 0 for force in forces)

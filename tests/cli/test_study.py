@@ -8,11 +8,11 @@ from test_cli import call
 
 def test_study_writes_tables(tmp_path):
     done = call("study", "swing", "--small", "--duration", "0.2", "--h", "1/30,1/60", "--integrators", "verlet,backward_euler",
-                "--tolerances", "1e-2", "--coarser", "1,2", "--out", tmp_path / "s")
+                "--tolerances", "1e-2", "--substeps", "1,2", "--out", tmp_path / "s")
     assert done.returncode == 0, done.stderr
     data = json.loads((tmp_path / "s" / "study.json").read_text())
     rows = data["rows"]
-    assert [(r["integrator"], r["tolerance"], r["coarser"]) for r in rows] == [
+    assert [(r["integrator"], r["tolerance"], r["substep"]) for r in rows] == [
         ("verlet", None, 1), ("verlet", None, 2), ("backward_euler", None, 1), ("backward_euler", None, 1), ("safe", 0.01, 1)]
     softened = rows.pop(1)
     assert softened["error"] > rows[0]["error"] and softened["evaluations"] < 0.7 * rows[0]["evaluations"]

@@ -44,11 +44,11 @@ def test_the_error_asked_for_is_kept(swung):
 def test_softened_steps_come_to_the_stiff_motion_as_they_get_smaller():
     """Stretch that is too stiff to be seen need not be stepped through: error at .5 s for substeps 9, 3 and 1 times stable."""
     made = study("swing", lambda: SWING.make({"n": 26, "stretch": 1e5}),
-                 [Case("verlet", 1 / 30, coarser=times) for times in (9, 3, 1)], 0.5, 1 / 1000)
+                 [Case("verlet", 1 / 30, substep=times) for times in (9, 3, 1)], 0.5, 1 / 1000)
     errors, work = zip(*((row.error, row.evaluations) for row in made.rows))
     assert 0.02 < errors[0] < 0.06 and 0.003 < errors[1] < 0.01 and errors[2] < 2e-3, errors
     assert work[1] < 0.4 * work[2] and work[0] < 0.15 * work[2], work
-    assert [row.case.describe() for row in made.rows][:2] == ["h = 1/30 substeps x9", "h = 1/30 substeps x3"]
+    assert [row.case.describe() for row in made.rows][:2] == ["h = 1/30 substep x9", "h = 1/30 substep x3"]
 
 
 def test_energy_never_grows_by_much_and_the_step_says_why_it_fell_back():
