@@ -20,7 +20,8 @@ KEEP = 0.2  # of a pair's distance above its floor that a path must leave
 NEAR_END = 0.05  # of it: a path may end so much before it must
 PINCHED = 1.02  # times its floor: what is so near is pressed by more than forces hold, and has no floor
 TURNED = 0.5  # cosine between a pair's directions when it came near and at the end for the end's to be taken
-COLUMNS = 12
+COLUMNS = slice(5, 9), 0, 1, slice(2, 5), 9, 10  # of what is found: weights, start, end, normal, factor, radius; and, last,
+WIDTH = 12  # whether it is one at all
 FAINT = 1e-6  # factor of a pair of edges that is not reckoned with: vertices are as near there
 
 
@@ -70,13 +71,14 @@ class LayerDetector(Candidates):
             flag: np.ndarray = np.empty(len(c), dtype=np.int32)
             self._reach(c, self.distances, int(swept), flag)
             c = c.take(np.flatnonzero(flag), axis=0)
-        rows: np.ndarray = np.zeros((len(c), COLUMNS), dtype=self.exchange)
+        rows: np.ndarray = np.zeros((len(c), WIDTH), dtype=self.exchange)
         vertices: np.ndarray = np.empty((len(c), 4), dtype=np.int32)
         if len(c):
             self._look(c, int(swept), rows, vertices)
         near = np.flatnonzero(rows[:, 11])
         c, v, r = (a.take(near, axis=0).astype(kind) for a, kind in ((c, np.int64), (vertices, np.int64), (rows, np.float64)))
-        return Near(c, v, r[:, 5:9], r[:, 0], r[:, 1], r[:, 2:5], r[:, 9], r[:, 10])
+        weights, start, end, normal, factor, radius = (np.ascontiguousarray(r[:, k]) for k in COLUMNS)
+        return Near(c, v, weights, start, end, normal, factor, radius)
 
     @ti.kernel
     def _from_saved(self):

@@ -22,19 +22,16 @@ from ..errors import SceneError
 from ..fields import Fields
 from ..model import Model
 from ..scene import Scene
+from . import pressing
 from .closest import VERTEX_FACE
 from .layer_detection import LayerDetector
 from .near import Near
 from .pairs import Points
 from .pressed import Met, Pressed
-from .repulsion import FLOOR, SHALLOW, height, law, room
-from .states import EYE, length, rows_of, sym_outer, sym_times, tangential
+from .repulsion import FLOOR, room
+from .states import rows_of
 from .tangles import Tangles
 
-PRESS = 12.0  # stiffness of a pair over mass / h^2, h the largest step
-STOP = 30.0  # the same of what stops an approach, h this step
-CREEP = 2e-5  # slip [m/s] below which friction between layers is viscous
-CONE = 1.02  # times the most that friction can be, above which what it damps slides
 PATIENCE = 3  # solves after which normal forces that friction goes by, and that still change, do so in the next step
 LAGGED = 0.1  # relative error of all friction that a first solve may leave
 AGREED = 0.1  # part of all forces of pairs by which what solves take them to be may be off
@@ -76,19 +73,18 @@ class Layers:
     """
 
     ROUNDS = 12
-    agreed, floor = AGREED, FLOOR
+    agreed, floor, kind = AGREED, FLOOR, pressing.Pressing
 
     def __init__(self, fields: Fields, model: Model, scene: Scene, h: float, cpu: bool, tangles: str) -> None:
-        self.model, self.h_usual = model, h
+        self.model, self.h, self.h_usual = model, h, h
         self.detector = LayerDetector(fields, model, scene, cpu, self.floor)
         self.tangles = Tangles(model.n, self.detector.faces, self.detector.host_half, self.detector.may_meet, tangles)
         mu = np.concatenate([np.full(c.mesh.vertex_count, c.contact.friction if c.contact else 0.0)
                              for c in scene.cloths])
-        self.friction = np.sqrt(mu)[model.user]
+        self.kernels = self.kind(fields, model, np.sqrt(mu)[model.user], h)
         self.gravity = scene.gravity
         self.boost = np.ones(model.n)
-        self._stiff: tuple[Near, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for
-        self._gaps: tuple[Near, np.ndarray] | None = None
+        self._weighed: tuple[Near, np.ndarray] | None = None  # of the pairs that were last asked for
         self.kept = NOTHING  # what pairs bore in the last accepted step
         self.pressed: Pressed | None = None
         self.borne: np.ndarray = np.zeros(0)  # what they bore in the last solve [N]
@@ -100,7 +96,7 @@ class Layers:
     def begin(self, h: float, x: np.ndarray, v: np.ndarray, guess: bool) -> None:
         """A new attempt from the saved state (n, 3); the model is at its predicted end, and with `guess` looked at there."""
         self.h, self.x, self.v = h, x, v
-        self.round, self.there, self.met, self._gaps = 0, self.model.read_particles()[0], None, None
+        self.round, self.there, self.met, self._weighed = 0, self.model.read_particles()[0], None, None
         self.detector.begin()
         if guess:
             self.near = self.detector.look(swept=True)  # of those that were candidates before
@@ -115,90 +111,33 @@ class Layers:
     @timed
     def points(self, base: np.ndarray) -> Points:
         """Pairs as points of `touch`, for a solve from positions base (n, 3)."""
-        p, h = self.near, self.h
-        stiff, own = self._stiffness(p)
-        at = self._where(p)
-        force, slope = self._pull(p, at, stiff, own)
-        moved = p.of(base - self.x)
-        slip = tangential(moved / h, p.normal) if self.met is not None else p.slip(self.there - self.x, h)
-        speed = length(slip)
-        bears = self._mu(p) * self._expected(p, own, stiff * law(at, p.radius)[0])
-        slides = self._slides(p, slip) & (bears > 0)
-        way = np.where(slides[:, None], slip / np.maximum(speed, 1e-300)[:, None], 0.0)
-        drag = bears / np.maximum(speed, CREEP)
-        self.pressed = Pressed(p, own, force, slope, at, self._limit(p), bears, way, drag)
+        p, q, k = self.near, self.pressed if self.met is not None else None, len(self.near.end)
+        weighed, taken = self._weigh(p), np.empty((pressing.TAKEN, k))
+        block, rhs = np.empty((k, 6)), np.empty((k, 3))
+        row = self.met.rows if self.met is not None else np.full(k, -1)
+        before = q.taken if q is not None else np.zeros((pressing.TAKEN, 1))
+        if k:
+            there = self.there if self.met is None else base
+            self.kernels.take(p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, weighed, self.h, int(not self.round),
+                              base, there, self._bore(p), row, before, taken, block, rhs)
+        self.pressed = Pressed(p, weighed, taken)
         if self.met is not None:
-            self.met = Met(self.pressed, p, self.met.x, self.x, h)
+            self.met = Met(self.pressed, p, self._lead(self.pressed))
         self.round += 1
-        normal, ahead = sym_outer(p.normal), np.einsum("ki,ki->k", moved, p.normal)
-        block = (h * drag)[:, None] * (EYE - normal - sym_outer(way))
-        pull = force + slope * (at - self._began(p) - ahead)
-        rhs = (h * pull)[:, None] * p.normal - sym_times(block, moved / h) - (h * bears)[:, None] * way
-        points = p.vertices, p.weights, block + (h**2 * slope)[:, None] * normal, rhs
+        points = p.vertices, p.weights, block, rhs
         if not self.tangles.active:
             return points
-        more = self.tangles.points(self.x, base, self.model.mass, h, self.h_usual)
+        more = self.tangles.points(self.x, base, self.model.mass, self.h, self.h_usual)
         vertices, weights, block, rhs = (np.concatenate(parts) for parts in zip(points, more))
         return vertices, weights, block, rhs
 
-    def _where(self, p: Near) -> np.ndarray:
-        """(k,) distances [m] at which pairs are linearised: where they are, and in a first solve no nearer than they began, or
-        than half of what they should keep."""
-        least = SHALLOW * p.radius
-        if not self.round:
-            least = np.clip(self._began(p), height(SHALLOW, p.radius), height(0.5, p.radius))
-        return np.clip(p.end, least, p.radius)
-
-    def _pull(self, p: Near, d: np.ndarray, stiff: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(force [N], slope [N/m]) of pairs at distances d: repulsion, and what stops their approach.
-
-        What comes nearer than at the start of the step, and than it should, is stopped by a stiffness that goes with this
-        step's own h. It acts within the step alone, and so gives no speed back.
-        """
-        force, slope = law(d, p.radius)
-        limit = self._limit(p)
-        stop = np.where(d < limit, STOP * own * p.factor / self.h**2, 0.0)
-        return stiff * force + stop * (limit - d), stiff * slope + stop
-
-    def _limit(self, p: Near) -> np.ndarray:
-        """(k,) distance [m] below which pairs are stopped."""
-        return np.clip(self._began(p), height(2 * SHALLOW, p.radius), p.radius)
-
-    def _began(self, p: Near) -> np.ndarray:
-        """(k,) what their distances were where the step began, along their normals [m]."""
-        if self._gaps is None or self._gaps[0] is not p:
-            self._gaps = p, p.along(self.x)
-        return self._gaps[1]
-
-    def _slides(self, p: Near, slip: np.ndarray) -> np.ndarray:
-        """(k,) whether friction is taken as its full size against the slip, and not as a damping.
-
-        A damping, by the slip that was last seen, never pushes backwards, and bounds friction's work from above. What was
-        damped by more than friction can do slides, until it turns round.
-        """
-        q = self.pressed
-        if self.met is None or q is None or not len(q.bears):
-            return np.zeros(len(p.end), dtype=bool)
-        where = self.met.rows
-        known = where >= 0
-        slid = q.way[where].any(axis=1)
-        forward = np.einsum("ki,ki->k", slip, q.way[where]) > 0
-        over = q.drag[where] * length(slip) > CONE * q.bears[where]
-        return known & np.where(slid, forward, over)
-
-    def _expected(self, p: Near, own: np.ndarray, force: np.ndarray) -> np.ndarray:
-        """(k,) [N] what pairs will bear: what they bore in the last solve, or what stops those that are new, and no more."""
+    def _bore(self, p: Near) -> np.ndarray:
+        """(k,) [N] what pairs bore in the last solve, or, where that is not known, -1."""
         if self.met is None:
             where, bore = rows_of(self.kept["key"], p.key), self.kept["force"]
         else:
             where, bore = self.met.rows, self.borne
-        freely = self._began(p) + self.h * p.along(self.v)
-        stops = np.minimum(force, own / self.h**2 * np.maximum(p.radius - freely, 0))
-        return np.where(where >= 0, bore[where], stops) if len(bore) else stops
-
-    def _mu(self, p: Near) -> np.ndarray:
-        """(k,) coefficients of friction."""
-        return self.friction.take(p.vertices[:, 0]) * self.friction.take(p.vertices[:, 3])
+        return np.where(where >= 0, bore[where], -1.0) if len(bore) else np.full(len(where), -1.0)
 
     @timed
     def advance(self) -> float:
@@ -213,13 +152,13 @@ class Layers:
         return self._energy(self.detector.look())
 
     def _energy(self, p: Near) -> float:
-        return float(np.sum(self._stiffness(p)[0] * p.potential))
+        return float(np.sum(self._weigh(p)[pressing.POTENTIAL]))
 
     @timed
     def look(self) -> None:
         """Pairs as they are where the model now is."""
         self.near = p = self.detector.look()
-        self.met = None if self.pressed is None else Met(self.pressed, p, self.model.read_particles()[0], self.x, self.h)
+        self.met = None if self.pressed is None else Met(self.pressed, p, self._lead(self.pressed))
         self.energy = self._energy(p)
         self.count = len(p.end)
         self.least = float(np.min(p.end / p.radius, initial=1.0))
@@ -229,31 +168,29 @@ class Layers:
         """Remembers what pairs bore in the last solve, which the model now shows the end of."""
         q = self.pressed
         assert q is not None
-        d = q.near.along(self.model.read_particles()[0])
-        self.borne = np.maximum(q.force + q.slope * (q.at - d), 0.0)
+        self.borne = np.maximum(q.repelled(self._lead(q)[pressing.GAP]), 0.0)
 
     @timed
     def settled(self) -> bool:
         """Whether forces are what the last solve took them to be, and nothing has come too near by it."""
         p, q, met = self.near, self.pressed, self.met
         assert q is not None and met is not None
-        stiff, own = self._stiffness(p)
-        now = self._pull(p, p.end, stiff, own)[0]
-        taken, row = q.force + q.slope * (q.at - met.gap), met.rows
+        weighed, row, bears = self._weigh(p), met.rows, q.taken[pressing.BEARS]
+        now, taken = weighed[pressing.NOW], met.repelled
         gone = np.ones(len(taken), dtype=bool)
         gone[row[row >= 0]] = False
         force = np.concatenate([now - np.where(row >= 0, taken[row], 0.0) if len(taken) else now, taken[gone]])
-        own, radius = np.concatenate([own, q.own[gone]]), np.concatenate([p.radius, q.near.radius[gone]])
+        own = np.concatenate([weighed[pressing.OWN], q.weighed[pressing.OWN][gone]])
+        radius = np.concatenate([p.radius, q.near.radius[gone]])
         allowed = own * np.maximum(LOOSE * np.linalg.norm(self.gravity), GIVE * radius / self.h**2)
         total = float(np.sum(now))
         wrong = np.where(np.abs(force) > allowed, np.abs(force), 0.0)
         self.off = int(np.sum(wrong > 0)) if np.sum(wrong) > AGREED * total else 0
-        lag = abs(float(np.sum(self._mu(p) * now)) - float(np.sum(q.bears)))
-        late = lag > LAGGED * float(np.sum(q.bears)) and self.round <= PATIENCE
-        rubbed = length(q.friction(met.slip))
-        back = np.einsum("ki,ki->k", met.slip, q.way) < 0  # pushed the wrong way
-        over = float(np.sum(np.maximum(rubbed - CONE * q.bears, 0) + back * q.bears))
-        rubs = over > RUBBED * float(np.sum(q.bears)) and self.round == 1  # what it still is then, it is in the next step
+        rubs_as = float(np.sum(bears))
+        lag = abs(float(np.sum(weighed[pressing.COULOMB])) - rubs_as)
+        late = lag > LAGGED * rubs_as and self.round <= PATIENCE
+        over = float(np.sum(np.maximum(met.led[pressing.RUBBED] - pressing.CONE * bears, 0) + met.led[pressing.BACK] * bears))
+        rubs = over > RUBBED * rubs_as and self.round == 1  # what it still is then, it is in the next step
         left, was = room(np.array([self.least, self.was]), np.ones(2)).tolist()
         return not self.off and not rubs and not late and left > min(CLOSE / 3, was / 2, 2 * was)
 
@@ -265,15 +202,11 @@ class Layers:
         factors change from place to place and have no force.
         """
         q, p, met = self.pressed, self.near, self.met
-        if q is None or met is None or not len(q.own):
+        if q is None or met is None or not len(q.near.end):
             return 0.0
-        speed = length(met.slip)
-        rub = float(self.h * np.sum(q.bears * np.where(speed < CREEP, speed**2 / (2 * CREEP), speed - CREEP / 2)))
-        stop = STOP * q.own * q.near.factor / self.h**2 * np.maximum(q.limit - met.gap, 0) ** 2 / 2
-        row = met.rows
-        stiff, _ = self._stiffness(p)
-        change = np.where(row >= 0, q.near.factor[row] / p.factor - 1, 0.0)
-        return rub + float(np.sum(stop)) + float(np.sum(change * stiff * p.potential))
+        change = np.where(met.rows >= 0, q.near.factor[met.rows] / p.factor - 1, 0.0)
+        lost = met.led[pressing.RUB] + met.led[pressing.STOPPED]
+        return float(np.sum(lost) + np.sum(change * self._weigh(p)[pressing.POTENTIAL]))
 
     @timed
     def commit(self) -> None:
@@ -289,7 +222,7 @@ class Layers:
         share = min(self.h / self.h_usual, 1.0)
         self.boost = np.where(part < CLOSE, np.minimum(STIFFER**share * self.boost, STIFFEST),
                               np.where(part > WIDE, np.maximum(SOFTER**share * self.boost, 1.0), self.boost))
-        self._stiff = None
+        self._weighed = None
         self.energy = self._energy(p)  # what the next step begins with
 
     def let_go(self) -> None:
@@ -316,15 +249,14 @@ class Layers:
         if q is not None:
             x = self.model.read_particles()[0]
             p = q.near
-            taken = q.force + q.slope * (q.at - p.along(x))
-            pull = taken[:, None] * p.normal + q.friction(p.slip(x - self.x, self.h))
+            pull = q.repelled(p.along(x))[:, None] * p.normal + q.friction(p.slip(x - self.x, self.h))
             np.add.at(out, p.vertices, p.weights[:, :, None] * pull[:, None, :])
         return out
 
     def clear(self) -> None:
         """The state was changed from outside."""
         self.kept, self.pressed = NOTHING, None
-        self.boost[:], self._stiff = 1.0, None
+        self.boost[:], self._weighed = 1.0, None
         self.model.save()
         self.tangles.until[:] = 0
         self.tangles.find(self.model.read_particles()[0])
@@ -359,7 +291,7 @@ class Layers:
         """Goes on from what `checkpoint` gave."""
         self.kept = {name: state[name] for name in ("key", "force")}
         self.count = int(state["count"])
-        self._stiff = None
+        self._weighed = None
         self.boost, self.energy, self.was = state["boost"].copy(), float(state["energy"]), float(state["was"])
         self.detector.walked.from_numpy(state["walked"])
         self.detector.candidates, self.detector.distances = state["candidates"], state["distances"]
@@ -369,12 +301,18 @@ class Layers:
             self.tangles.find(self.model.read_particles()[0])
         self.detector.let_rest(self.tangles.resting)
 
-    def _stiffness(self, p: Near) -> tuple[np.ndarray, np.ndarray]:
-        """(stiffness [N/m], mass [kg]) of pairs."""
-        if self._stiff is None or self._stiff[0] is not p:
-            light = (1 / self.model.mass).take(p.vertices)
-            own = 1 / np.maximum(np.einsum("ka,ka,ka->k", p.weights, p.weights, light), 1e-300)
-            a, b, c, d = self.boost.take(p.vertices.T)
-            stiff = PRESS * own / self.h_usual**2 * p.factor * np.maximum(np.maximum(a, b), np.maximum(c, d))
-            self._stiff = p, stiff, own
-        return self._stiff[1:]
+    def _weigh(self, p: Near) -> np.ndarray:
+        """(., k) numbers of pairs as they are, see `pressing`."""
+        if self._weighed is None or self._weighed[0] is not p:
+            out = np.empty((pressing.WEIGHED, len(p.end)))
+            if len(p.end):
+                self.kernels.weigh(p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, self.boost, self.h, out)
+            self._weighed = p, out
+        return self._weighed[1]
+
+    def _lead(self, q: Pressed) -> np.ndarray:
+        """(., j) numbers of pairs that a solve took, where the model now is."""
+        p, out = q.near, np.empty((pressing.LED, len(q.near.end)))
+        if len(p.end):
+            self.kernels.lead(p.vertices, p.weights, p.normal, p.radius, p.factor, q.weighed, q.taken, self.h, out)
+        return out

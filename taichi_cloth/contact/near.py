@@ -5,7 +5,6 @@ from functools import cached_property
 
 import numpy as np
 
-from .repulsion import potential
 from .states import rows_of, tangential
 
 
@@ -43,13 +42,10 @@ class Near:
         """(k,) rows sorted by key."""
         return np.argsort(self.key)
 
-    @cached_property
-    def potential(self) -> np.ndarray:
-        """(k,) of their repulsion at the end, over their stiffness [m^2]."""
-        return potential(self.end, self.radius)
-
     def rows_of(self, others: "Near") -> np.ndarray:
         """(k,) where each of other pairs is among these, or -1."""
+        if others is self:
+            return np.arange(len(self.key))
         row = rows_of(self.key[self.order], others.key)
         return np.where(row >= 0, self.order[row], -1) if len(self.order) else row
 

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from .near import Near
+from .pressing import AT, BEARS, DRAG, FORCE, GAP, SLOPE, WAY
 
 
 @dataclass(frozen=True)
@@ -14,45 +15,36 @@ class Pressed:
 
     Attributes:
         near: the pairs.
-        own: (k,) mass that the pair's distance has [kg].
-        force: (k,) [N] and slope: (k,) [N/m] where they were linearised, at distance `at` [m].
-        limit: (k,) distance [m] below which its approach is stopped.
-        bears: (k,) the most that friction can be [N].
-        way: (k, 3) direction of the slip of what slides, 0 for what sticks.
-        drag: (k,) friction over slip [N s/m], of what slides across its way.
+        weighed, taken: (., k) numbers of theirs, see `pressing`.
     """
 
     near: Near
-    own: np.ndarray
-    force: np.ndarray
-    slope: np.ndarray
-    at: np.ndarray
-    limit: np.ndarray
-    bears: np.ndarray
-    way: np.ndarray
-    drag: np.ndarray
+    weighed: np.ndarray
+    taken: np.ndarray
+
+    def repelled(self, gap: np.ndarray) -> np.ndarray:
+        """(k,) normal forces [N] at distances (k,) [m] along the normals, as the solve takes them."""
+        return self.taken[FORCE] + self.taken[SLOPE] * (self.taken[AT] - gap)
 
     def friction(self, slip: np.ndarray) -> np.ndarray:
         """(k, 3) [N] at a slip (k, 3) [m/s], as the solve takes it."""
-        across = slip - np.einsum("ki,ki->k", slip, self.way)[:, None] * self.way
-        return -self.bears[:, None] * self.way - self.drag[:, None] * across
+        way = self.taken[WAY:].T
+        across = slip - np.einsum("ki,ki->k", slip, way)[:, None] * way
+        return -self.taken[BEARS][:, None] * way - self.taken[DRAG][:, None] * across
 
 
 @dataclass(frozen=True)
 class Met:
-    """Pairs that a solve took, where it led to, next to those that are there.
+    """Pairs that a solve took, where the model is, next to those that are there.
 
     Attributes:
         took: the former; near: the latter.
-        x: (n, 3) positions there, and x_0: where the step began [m].
-        h: the step [s].
+        led: (., j) numbers of the former there, see `pressing`.
     """
 
     took: Pressed
     near: Near
-    x: np.ndarray
-    x_0: np.ndarray
-    h: float
+    led: np.ndarray
 
     @cached_property
     def rows(self) -> np.ndarray:
@@ -60,11 +52,6 @@ class Met:
         return self.took.near.rows_of(self.near)
 
     @cached_property
-    def gap(self) -> np.ndarray:
-        """(j,) distances of those that the solve took, along their normals [m]."""
-        return self.took.near.along(self.x)
-
-    @cached_property
-    def slip(self) -> np.ndarray:
-        """(j, 3) their slip over the step [m/s]."""
-        return self.took.near.slip(self.x - self.x_0, self.h)
+    def repelled(self) -> np.ndarray:
+        """(j,) normal forces [N] that the solve took them to have there."""
+        return self.took.repelled(self.led[GAP])

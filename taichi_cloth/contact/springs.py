@@ -7,12 +7,30 @@ Differs from [BW98 §6]: a step on whose way cloth would pass through cloth is t
 """
 
 import numpy as np
+import taichi as ti
 
 from .layers import Layers
 from .near import Near
+from .pressing import Pressing
 
 STRONG = 25.0  # times as stiff as repulsion where cloth begins to touch
 DAMPING = 1.0  # of a spring, over critical
+
+
+@ti.data_oriented
+class Springing(Pressing):
+    """Pairs of a model's cloths with springs between them."""
+
+    @ti.func
+    def where(self, end, radius, began, first):
+        """Distance [m] at which a pair is linearised."""
+        return end
+
+    @ti.func
+    def pull(self, d, radius, began, stiff, own, factor, h):
+        """(force [N] of a pair at a distance d, its slope [N/m] over the step, in which the damper adds to the spring)."""
+        spring = STRONG * stiff
+        return spring * ti.max(radius - d, 0.0), spring + 2 * DAMPING * ti.sqrt(spring * own) / h
 
 
 class Springs(Layers):
@@ -23,7 +41,7 @@ class Springs(Layers):
     """
 
     here: Near
-    floor = 0.0  # a spring keeps nothing from it
+    floor, kind = 0.0, Springing  # a spring keeps nothing from it
 
     def begin(self, h: float, x: np.ndarray, v: np.ndarray, guess: bool) -> None:
         """A new attempt from the saved state (n, 3), from where the pairs are known."""
@@ -46,12 +64,3 @@ class Springs(Layers):
         super().resume(state)
         self.look()
         self.here = self.near
-
-    def _where(self, p: Near) -> np.ndarray:
-        """(k,) distances [m] at which pairs are linearised."""
-        return p.end
-
-    def _pull(self, p: Near, d: np.ndarray, stiff: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(force [N] of pairs at distances d, its slope [N/m] over the step, in which the damper adds to the spring)."""
-        stiff = STRONG * stiff
-        return stiff * np.maximum(p.radius - d, 0.0), stiff + 2 * DAMPING * np.sqrt(stiff * own) / self.h

@@ -1,0 +1,178 @@
+"""The arithmetic of pairs of cloth, pair by pair in kernels: what they weigh, how a solve takes them, where it leads them.
+
+Arrays of numbers have a row for each kind of number, named below, and a column for each pair.
+"""
+
+import numpy as np
+import taichi as ti
+
+from ..fields import Fields
+from ..forces.conditions import sym_outer, sym_scaled_identity
+from ..model import Model
+from .repulsion import SHALLOW, height, law, potential
+
+PRESS = 12.0  # stiffness of a pair over mass / h^2, h the largest step
+STOP = 30.0  # the same of what stops an approach, h this step
+CREEP = 2e-5  # slip [m/s] below which friction between layers is viscous
+CONE = 1.02  # times the most that friction can be, above which what it damps slides
+
+# of a pair as it is: the mass that its distance has [kg], its stiffness [N/m], its distance where the step began, along its
+# normal [m], its force [N], the most that friction can be by that [N], its potential [J]
+OWN, STIFF, BEGAN, NOW, COULOMB, POTENTIAL, WEIGHED = range(7)
+# as a solve takes it: force [N] and slope [N/m] at a distance [m]; the most that friction can be [N], friction over slip
+# [N s/m], and, from WAY on, the direction of the slip of what slides, 0 for what sticks
+FORCE, SLOPE, AT, BEARS, DRAG, WAY, TAKEN = 0, 1, 2, 3, 4, 5, 8
+# and as that led it: distance along its normal [m], size of friction [N], 1 where that pushes forwards, potentials of friction
+# and of what stops approaches [J]
+GAP, RUBBED, BACK, RUB, STOPPED, LED = range(6)
+
+
+@ti.data_oriented
+class Pressing:
+    """Pairs of a model's cloths.
+
+    Args:
+        friction: (n,) square roots of the particles' coefficients.
+        h: the largest step [s].
+    """
+
+    def __init__(self, fields: Fields, model: Model, friction: np.ndarray, h: float) -> None:
+        self.model, self.h_usual = model, h
+        self.friction = fields.real(model.n, data=friction)
+
+    @ti.kernel
+    def weigh(self, vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normals: ti.types.ndarray(),
+              end: ti.types.ndarray(), radius: ti.types.ndarray(), factor: ti.types.ndarray(), boost: ti.types.ndarray(),
+              h: float, out: ti.types.ndarray()):
+        """Pairs as they are; `boost` (n,) factors of the particles' stiffness."""
+        for k in range(vertices.shape[0]):
+            light, more = 0 * weights[k, 0], boost[vertices[k, 0]]
+            for a in ti.static(range(4)):
+                light += weights[k, a] ** 2 / self.model.m[vertices[k, a]]
+                more = ti.max(more, boost[vertices[k, a]])
+            own = 1 / ti.max(light, 1e-30)
+            stiff = PRESS * own / self.h_usual**2 * factor[k] * more
+            began = normal_of(normals, k).dot(self.at(vertices, weights, k, self.model.x_saved))
+            force, slope = self.pull(end[k], radius[k], began, stiff, own, factor[k], h)
+            out[OWN, k], out[STIFF, k], out[BEGAN, k], out[NOW, k] = own, stiff, began, force
+            out[COULOMB, k] = self.friction[vertices[k, 0]] * self.friction[vertices[k, 3]] * force
+            out[POTENTIAL, k] = stiff * potential(end[k], radius[k])
+
+    @ti.kernel
+    def take(self, vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normals: ti.types.ndarray(),
+             end: ti.types.ndarray(), radius: ti.types.ndarray(), factor: ti.types.ndarray(), weighed: ti.types.ndarray(),
+             h: float, first: int, base: ti.types.ndarray(), there: ti.types.ndarray(), bore: ti.types.ndarray(),
+             row: ti.types.ndarray(), before: ti.types.ndarray(), out: ti.types.ndarray(), block: ti.types.ndarray(),
+             rhs: ti.types.ndarray()):
+        """Pairs as a solve takes them that begins at base (n, 3), and their blocks (k, 6) and right-hand sides (k, 3).
+
+        Args:
+            first: 1 in a step's first solve.
+            there: (n, 3) where slip is looked at.
+            bore: (k,) what they bore in the last solve [N], negative where that is not known.
+            row: (k,) what they were in the last solve, columns of `before`, or -1.
+        """
+        for k in range(vertices.shape[0]):
+            n = normal_of(normals, k)
+            own, stiff, began = weighed[OWN, k], weighed[STIFF, k], weighed[BEGAN, k]
+            at = self.where(end[k], radius[k], began, first)
+            force, slope = self.pull(at, radius[k], began, stiff, own, factor[k], h)
+            moved, slip, v = 0 * n, 0 * n, self.at(vertices, weights, k, self.model.v_saved)
+            for a in ti.static(range(4)):
+                i = vertices[k, a]
+                for c in ti.static(range(3)):
+                    moved[c] += weights[k, a] * (base[i, c] - self.model.x_saved[i][c])
+                    slip[c] += weights[k, a] * (there[i, c] - self.model.x_saved[i][c]) / h
+            slip -= n.dot(slip) * n
+            speed, expected = slip.norm(), bore[k]
+            if expected < 0:  # what stops those that are new, and no more
+                repelled, _ = law(at, radius[k])
+                expected = ti.min(stiff * repelled, own / h**2 * ti.max(radius[k] - began - h * n.dot(v), 0.0))
+            bears = self.friction[vertices[k, 0]] * self.friction[vertices[k, 3]] * expected
+            way = self.slide(slip, speed, bears, row[k], before)
+            drag = bears / ti.max(speed, CREEP)
+            out[FORCE, k], out[SLOPE, k], out[AT, k], out[BEARS, k], out[DRAG, k] = force, slope, at, bears, drag
+            ahead = n.dot(moved)
+            across = moved - ahead * n - way.dot(moved) * way
+            push = h * (force + slope * (at - began - ahead)) * n - drag * across - h * bears * way
+            for c in ti.static(range(3)):
+                out[WAY + c, k] = way[c]
+                rhs[k, c] = push[c]
+            both = sym_scaled_identity(h * drag) + (h**2 * slope - h * drag) * sym_outer(n) - h * drag * sym_outer(way)
+            for b in ti.static(range(6)):
+                block[k, b] = both[b]
+
+    @ti.kernel
+    def lead(self, vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normals: ti.types.ndarray(),
+             radius: ti.types.ndarray(), factor: ti.types.ndarray(), weighed: ti.types.ndarray(), taken: ti.types.ndarray(),
+             h: float, out: ti.types.ndarray()):
+        """Pairs that a solve took, where the model now is."""
+        for k in range(vertices.shape[0]):
+            n, way = normal_of(normals, k), ti.Vector([taken[WAY + c, k] for c in ti.static(range(3))])
+            x = self.at(vertices, weights, k, self.model.x)
+            slip = (x - self.at(vertices, weights, k, self.model.x_saved)) / h
+            slip -= n.dot(slip) * n
+            speed, along, bears, gap = slip.norm(), slip.dot(way), taken[BEARS, k], n.dot(x)
+            out[GAP, k] = gap
+            out[RUBBED, k] = (bears * way + taken[DRAG, k] * (slip - along * way)).norm()
+            out[BACK, k] = ti.select(along < 0, 1.0, 0.0)
+            out[RUB, k] = h * bears * ti.select(speed < CREEP, speed**2 / (2 * CREEP), speed - CREEP / 2)
+            stop = STOP * weighed[OWN, k] * factor[k] / h**2
+            out[STOPPED, k] = stop * ti.max(limit(weighed[BEGAN, k], radius[k]) - gap, 0.0) ** 2 / 2
+
+    @ti.func
+    def at(self, vertices: ti.template(), weights: ti.template(), k, rows: ti.template()):
+        """The pair's difference of values of the particles."""
+        return (weights[k, 0] * rows[vertices[k, 0]] + weights[k, 1] * rows[vertices[k, 1]]
+                + weights[k, 2] * rows[vertices[k, 2]] + weights[k, 3] * rows[vertices[k, 3]])
+
+    @ti.func
+    def where(self, end, radius, began, first):
+        """Distance [m] at which a pair is linearised: where it is, and in a first solve no nearer than it began, or than half
+        of what it should keep."""
+        least = SHALLOW * radius
+        if first == 1:
+            least = ti.min(ti.max(began, height(SHALLOW, radius)), height(0.5, radius))
+        return ti.min(ti.max(end, least), radius)
+
+    @ti.func
+    def pull(self, d, radius, began, stiff, own, factor, h):
+        """(force [N], slope [N/m]) of a pair at a distance d: repulsion, and what stops its approach.
+
+        What comes nearer than at the start of the step, and than it should, is stopped by a stiffness that goes with this
+        step's own h. It acts within the step alone, and so gives no speed back.
+        """
+        force, slope = law(d, radius)
+        most, stop = limit(began, radius), STOP * own * factor / h**2
+        if d >= most:
+            stop *= 0
+        return stiff * force + stop * (most - d), stiff * slope + stop
+
+    @ti.func
+    def slide(self, slip, speed, bears, row, before: ti.template()):
+        """The direction of a pair's slip where friction is taken as its full size against it, and not as a damping; else 0.
+
+        A damping, by the slip that was last seen, never pushes backwards, and bounds friction's work from above. What was
+        damped by more than friction can do slides, until it turns round.
+        """
+        way = 0 * slip
+        if row >= 0 and bears > 0:
+            was = ti.Vector([before[WAY + c, row] for c in ti.static(range(3))])
+            slides = before[DRAG, row] * speed > CONE * before[BEARS, row]
+            if was.norm_sqr() > 0:
+                slides = slip.dot(was) > 0
+            if slides:
+                way = slip / ti.max(speed, 1e-30)
+        return way
+
+
+@ti.func
+def limit(began, radius):
+    """Distance [m] below which a pair is stopped."""
+    return ti.min(ti.max(began, height(2 * SHALLOW, radius)), radius)
+
+
+@ti.func
+def normal_of(normals: ti.template(), k):
+    """Row k of (k, 3) as a vector."""
+    return ti.Vector([normals[k, 0], normals[k, 1], normals[k, 2]])
