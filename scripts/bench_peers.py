@@ -1,6 +1,6 @@
 """Work and error on `swing`, next to baselines that pip installs, in one run: compiled explicit Numba, and pyPBD (XPBD).
 
-Errors are RMS over the vertices at the end of half a second (stiff fine sheets: `--until 0.3`, later nothing can be said),
+Errors are RMS over the vertices at the end of half a second (`--until 0.3` for stiff fine sheets, which part from themselves),
 each system against its own limit: they do not have the same material. Ours is Verlet at a fifth of its stable step; what
 half of that changes is printed.
 

@@ -203,6 +203,16 @@ def two_sheets(gap: float, v=(0.0, 0.0, 0.0), friction: float = 0.0, cells: int 
     return scene, a, tc.Simulation(scene, **{"h": 1 / 60, "integrator": "backward_euler", **kwargs})
 
 
+def test_repulsion_of_a_pair_neither_pushes_nor_turns_it(rng):
+    d = detector(soup(rng, 80))
+    d.begin()
+    d.cover()
+    p, x = d.look(), d.model.read_particles()[0]
+    force = p.weights[:, :, None] * p.normal[:, None, :]  # of size 1, on each of the four particles
+    torque = np.cross(x[p.vertices], force).sum(axis=1)
+    assert len(p.end) > 50 and np.abs(force.sum(axis=1)).max() < 1e-12 and np.abs(torque).max() < 1e-12
+
+
 def test_forces_of_layers_add_up_to_nothing():
     scene, a, sim = two_sheets(0.03, (0.3, -2.0, 0.0))
     n = a.mesh.vertex_count
