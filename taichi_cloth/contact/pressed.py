@@ -1,4 +1,4 @@
-"""Pairs of cloth as a solve took them, and as its end shows them. numpy only."""
+"""Pairs of cloth as a solve took them, and as its end shows them."""
 
 from dataclasses import dataclass
 from functools import cached_property
