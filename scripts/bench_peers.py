@@ -7,10 +7,12 @@ half of that changes is printed.
 Rounds are interleaved, medians of them and of their ratios reported. Baselines that are not installed are left out, with a
 line that says so: `pip install numba pypbd`.
 
-    python scripts/bench_peers.py --sizes 26 51 --json peers.json
+    python scripts/bench_peers.py --sizes 26 51 --json peers.json --plots docs
 """
 
 import argparse
+import pathlib
+import re
 import sys
 import time
 from collections.abc import Callable
@@ -21,6 +23,7 @@ import results
 import taichi_cloth as tc
 from taichi_cloth.elements import lumped_mass, row_sums
 from taichi_cloth.integrators.verlet import SLOW, SLOW_SAFETY
+from taichi_cloth.output.plot import line_plot
 from taichi_cloth.study import substep_of
 
 LOOP = "Numba, explicit, one thread"
@@ -142,6 +145,23 @@ def measure(n: int, stretch: float, until: float, rounds: int) -> list[dict]:
              "doubt": doubt, "to_numba": float(np.median(np.array(t) / base))} for name, t in times.items()]
 
 
+def draw(rows: list[dict]) -> str:
+    """An SVG of error over wall time, a line for each family of methods of one sheet; what failed, or another of its family
+    beats, is left out."""
+    families: dict[str, list[tuple[float, float]]] = {}
+    for row in rows:
+        if np.isfinite(row["error"]):
+            name = re.split(r" = |, substep|, explicit|, \d| \de", row["method"])[0]
+            families.setdefault(name, []).append((row["wall"], row["error"]))
+    series = {}
+    for name, points in families.items():
+        best = [p for p in sorted(points) if p[1] <= min(q[1] for q in points if q[0] <= p[0])]
+        series[name] = tuple(np.array(best).T)
+    n, stretch, until = (rows[0][k] for k in ("n", "stretch", "until"))
+    label = f"{n}x{n}, stretch {stretch:g} N/m: wall s per s; up: RMS error at {until:g} s [m]"
+    return line_plot(series, label, log=True, log_x=True, marks=True)  # type: ignore[arg-type]
+
+
 def main() -> None:
     """Prints the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -150,6 +170,7 @@ def main() -> None:
     parser.add_argument("--until", type=float, default=0.5, help="s")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--json", help="file to write")
+    parser.add_argument("--plots", metavar="DIR", help="folder for an SVG of each sheet")
     args = parser.parse_args()
     rows = []
     print(f"{'sheet':>8} {'stretch':>8} {'method':<30} {'wall s / s':>10} {'RMS error m':>12} {'over Numba':>10}")
@@ -160,6 +181,8 @@ def main() -> None:
                 rows.append(r)
                 print(f"{n:5}^2 {stretch:8g} {r['method']:<30} {r['wall']:10.3f} {r['error']:12.1e} {r['to_numba']:10.2f}",
                       flush=True)
+            if args.plots:
+                (pathlib.Path(args.plots) / f"peers_{n}_{stretch:g}.svg").write_text(draw(made))
             print(f"{n:5}^2 {stretch:8g} our limit is good to {made[0]['doubt']:.1e} m at {args.until:g} s")
     results.write(args.json, rows)
 

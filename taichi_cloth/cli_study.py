@@ -58,7 +58,6 @@ def _study(args: argparse.Namespace) -> int:
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
         plot = line_plot(curves(made), "wall time [s]; up: RMS error [m]", log=True, log_x=True, marks=True)
-        plot = plot.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
         for name, text in (("study.json", as_json(made)), ("study.csv", as_csv(made)), ("study.svg", plot)):
             write_whole(folder / name, text.encode())
         print(f"written to {folder}/")

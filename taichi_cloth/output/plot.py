@@ -5,7 +5,9 @@ import html
 import numpy as np
 
 WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT = 480, 240, 58, 30, 12, 10
-COLORS = ("#b3252b", "#1f5fa8", "#2c8a4b", "#c27a12", "#6a3d9a", "#444", "#999", "#0aa")
+COLORS = ("#b3252b", "#1f5fa8", "#2c8a4b", "#c27a12", "#6a3d9a", "#444", "#999", "#0aa", "#d45ca0", "#7a5230")
+BESIDE = 155  # width of names beside the lines, where there are more than a few:
+FEW = 4
 
 
 def line_plot(series: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, log: bool = False, log_x: bool = False,
@@ -37,7 +39,9 @@ def line_plot(series: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, lo
     def up(y):
         return HEIGHT - BOTTOM - (HEIGHT - BOTTOM - TOP) * (y - y_0) / (y_1 - y_0)
 
-    out = [f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" font-size="11" font-family="sans-serif">']
+    wide, names = (WIDTH + BESIDE, WIDTH) if len(series) > FEW else (WIDTH, LEFT + 8)
+    out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {wide} {HEIGHT}" font-size="11" '
+           'font-family="sans-serif">']
     for tick in _ticks(y_0, y_1):
         label = f"{10**tick:.3g}" if log else f"{tick:.4g}"
         out.append(f'<line x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{up(tick):.1f}" y2="{up(tick):.1f}" stroke="#e3e6e9"/>'
@@ -57,7 +61,7 @@ def line_plot(series: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, lo
         if marks:
             out += [f'<circle cx="{across(a):.1f}" cy="{up(b):.1f}" r="2.5" fill="{color}"/>' for a, b in zip(x, y)]
         if len(series) > 1:
-            out.append(f'<text x="{LEFT + 8}" y="{TOP + 12 + 13 * k}" fill="{color}">{html.escape(name)}</text>')
+            out.append(f'<text x="{names}" y="{TOP + 12 + 13 * k}" fill="{color}">{html.escape(name)}</text>')
     return "\n".join([*out, "</svg>"])
 
 
