@@ -43,7 +43,8 @@ def ours(n: int, stretch: float, until: float, **options: object) -> Callable[[]
     cloth = scene.add_cloth(tc.grid(1.0, n - 1), tc.Fabric(DENSITY, tc.Stretch(stretch), tc.Shear(stretch / 10), tc.Bend(D)))
     scene.pin(cloth, "top_left")
     scene.pin(cloth, "top_right")
-    options["substep"] = substep_of(scene, float(options.pop("times", 1)))
+    if "times" in options:
+        options["substep"] = substep_of(scene, options.pop("times"))  # type: ignore[arg-type]
     sim = tc.Simulation(scene, **{"h": 1 / 60, **options})  # type: ignore[arg-type]
     if part is not None:
         sim.integrator.part, sim.integrator.every = part, 1

@@ -93,9 +93,9 @@ class Layers:
         self.seconds, self.inside = 0.0, False
 
     @timed
-    def begin(self, h: float, x: np.ndarray, v: np.ndarray, guess: bool) -> None:
-        """A new attempt from the saved state (n, 3); the model is at its predicted end, and with `guess` looked at there."""
-        self.h, self.x, self.v = h, x, v
+    def begin(self, h: float, x: np.ndarray, guess: bool) -> None:
+        """A new attempt from the saved positions x (n, 3); the model is at its predicted end, with `guess` looked at there."""
+        self.h, self.x = h, x
         self.round, self.there, self.met, self._weighed = 0, self.model.read_particles()[0], None, None
         self.detector.begin()
         if guess:

@@ -98,7 +98,7 @@ class Contacts:
         self.round, self.warm = 0, False
         self._look()
         if self.layers is not None:
-            self.layers.begin(h, x, v, self.layered)
+            self.layers.begin(h, x, self.layered)
 
     def commit(self) -> None:
         """The step was accepted: the next begins from its contacts."""

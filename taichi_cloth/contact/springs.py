@@ -43,9 +43,9 @@ class Springs(Layers):
     here: Near
     floor, kind = 0.0, Springing  # a spring keeps nothing from it
 
-    def begin(self, h: float, x: np.ndarray, v: np.ndarray, guess: bool) -> None:
-        """A new attempt from the saved state (n, 3), from where the pairs are known."""
-        super().begin(h, x, v, False)
+    def begin(self, h: float, x: np.ndarray, guess: bool) -> None:
+        """A new attempt from the saved positions (n, 3), from where the pairs are known."""
+        super().begin(h, x, False)
         self.near = self.here
 
     def commit(self) -> None:
