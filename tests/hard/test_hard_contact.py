@@ -98,4 +98,9 @@ def test_plates_that_close_on_layers(gap, named):
     assert np.isfinite(x).all() and np.abs(x).max() < 1 and max(r.stretch for r in sim.log) < 1.5
     assert (max(r.pinched for r in sim.log) > 0) == named
     assert named or sim.intersections() == 0
+    if not named:  # and open again
+        while sim.time < 1.5:
+            sim.step()
+        heights = sim.positions()[:, 1].reshape(3, -1)
+        assert (np.diff(heights, axis=0) > 0.004).all() and sim.log[-1].h == pytest.approx(1 / 60)
     sim.close()

@@ -231,6 +231,18 @@ def test_forces_of_layers_add_up_to_nothing():
     sim.close()
 
 
+def test_energy_with_that_of_repulsion_never_grows():
+    scene, a, sim = two_sheets(0.03, (0.3, -2.0, 0.0), 0.2)
+    totals, pressed = [sum(sim.energy().values())], []
+    for _ in range(30):
+        sim.step()
+        pressed.append(sim.contacts.layers.energy)
+        totals.append(sum(sim.energy().values()) + pressed[-1])
+    assert max(pressed) > 1e-4 * totals[0] and sim.log[-1].layers == 0  # they met, and parted
+    assert np.diff(totals).max() < 1e-3 * totals[0]
+    sim.close()
+
+
 @pytest.mark.parametrize("precision", ["f64", "f32"])
 def test_what_hits_does_not_pass(precision):
     scene, a, sim = two_sheets(0.05, (0.0, -6.0, 0.0), 0.2, precision=precision, count_intersections=True)
