@@ -23,7 +23,7 @@ import results
 import taichi_cloth as tc
 from taichi_cloth.elements import lumped_mass, row_sums
 from taichi_cloth.integrators.verlet import SLOW, SLOW_SAFETY
-from taichi_cloth.output.plot import line_plot
+from taichi_cloth.output.plot import as_file, line_plot
 from taichi_cloth.study import substep_of
 
 LOOP = "Numba, explicit, one thread"
@@ -160,7 +160,7 @@ def draw(rows: list[dict]) -> str:
         series[name] = tuple(np.array(best).T)
     n, stretch, until = (rows[0][k] for k in ("n", "stretch", "until"))
     label = f"{n}x{n}, stretch {stretch:g} N/m: wall s per s; up: RMS error at {until:g} s [m]"
-    return line_plot(series, label, log=True, log_x=True, marks=True)  # type: ignore[arg-type]
+    return as_file(line_plot(series, label, log=True, log_x=True, marks=True))  # type: ignore[arg-type]
 
 
 def main() -> None:

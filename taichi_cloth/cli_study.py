@@ -36,7 +36,7 @@ def add_parsers(commands) -> None:
 def _study(args: argparse.Namespace) -> int:
     from .errors import SceneError
     from .output.folder import write_whole
-    from .output.plot import line_plot
+    from .output.plot import as_file, line_plot
     from .study import as_csv, as_json, cases_of, curves, study, table
 
     scene, settings = _scene_of(args)
@@ -57,7 +57,7 @@ def _study(args: argparse.Namespace) -> int:
     print(table(made))
     if folder:
         folder.mkdir(parents=True, exist_ok=True)
-        plot = line_plot(curves(made), "wall time [s]; up: RMS error [m]", log=True, log_x=True, marks=True)
+        plot = as_file(line_plot(curves(made), "wall time [s]; up: RMS error [m]", log=True, log_x=True, marks=True))
         for name, text in (("study.json", as_json(made)), ("study.csv", as_csv(made)), ("study.svg", plot)):
             write_whole(folder / name, text.encode())
         print(f"written to {folder}/")

@@ -40,7 +40,7 @@ def line_plot(series: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, lo
         return HEIGHT - BOTTOM - (HEIGHT - BOTTOM - TOP) * (y - y_0) / (y_1 - y_0)
 
     wide, names = (WIDTH + BESIDE, WIDTH) if len(series) > FEW else (WIDTH, LEFT + 8)
-    out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {wide} {HEIGHT}" font-size="11" '
+    out = [f'<svg viewBox="0 0 {wide} {HEIGHT}" font-size="11" '
            'font-family="sans-serif">']
     for tick in _ticks(y_0, y_1):
         label = f"{10**tick:.3g}" if log else f"{tick:.4g}"
@@ -63,6 +63,11 @@ def line_plot(series: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, lo
         if len(series) > 1:
             out.append(f'<text x="{names}" y="{TOP + 12 + 13 * k}" fill="{color}">{html.escape(name)}</text>')
     return "\n".join([*out, "</svg>"])
+
+
+def as_file(svg: str) -> str:
+    """A plot as a file of its own; in a page it needs no address."""
+    return svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1) + "\n"
 
 
 def _ticks(low: float, high: float) -> np.ndarray:
