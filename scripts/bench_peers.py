@@ -168,7 +168,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--sizes", type=int, nargs="+", default=[26, 51], help="vertices a side")
     parser.add_argument("--stretch", type=float, nargs="+", default=[1000.0], help="N/m; shear is a tenth of it")
-    parser.add_argument("--until", type=float, default=0.5, help="s")
+    parser.add_argument("--until", type=float, default=0.5, help="simulated time [s]")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--json", help="file to write")
     parser.add_argument("--plots", metavar="DIR", help="folder for an SVG of each sheet")

@@ -40,8 +40,7 @@ def line_plot(series: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, lo
         return HEIGHT - BOTTOM - (HEIGHT - BOTTOM - TOP) * (y - y_0) / (y_1 - y_0)
 
     wide, names = (WIDTH + BESIDE, WIDTH) if len(series) > FEW else (WIDTH, LEFT + 8)
-    out = [f'<svg viewBox="0 0 {wide} {HEIGHT}" font-size="11" '
-           'font-family="sans-serif">']
+    out = [f'<svg viewBox="0 0 {wide} {HEIGHT}" font-size="11" font-family="sans-serif">']
     for tick in _ticks(y_0, y_1):
         label = f"{10**tick:.3g}" if log else f"{tick:.4g}"
         out.append(f'<line x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{up(tick):.1f}" y2="{up(tick):.1f}" stroke="#e3e6e9"/>'

@@ -45,18 +45,20 @@ def test_the_error_asked_for_is_kept_where_cloth_meets_a_ball():
     """At .2 s the sheet has been on the ball for 60 ms; from .22 s on references part."""
     scene = scenefile.read(str(FOLDER / "sphere_drape.py"))
 
-    def at(**options) -> np.ndarray:
+    def at(**options) -> tuple[np.ndarray, int]:
         sim = tc.Simulation(scene.make({"cells": 25}), **options)
         sim.run(0.2, 100)
         assert max(r.contacts for r in sim.log) > 5
-        x = sim.positions()
+        x, steps = sim.positions(), len(sim.log)
         sim.close()
-        return x
+        return x, steps
 
-    fine = at(h=1 / 8000, newton_tol=1e-7, cg_tol=1e-5)
-    for tolerance in (1e-2, 1e-3):
-        error = rms(at(tolerance=tolerance) - fine)
-        assert 0.05 * tolerance < error < 2 * tolerance, error
+    fine, _ = at(h=1 / 8000, newton_tol=1e-7, cg_tol=1e-5)
+    for tolerance, most in ((1e-2, 150), (1e-3, 1000)):  # what rings after the impact makes no step collapse
+        x, steps = at(tolerance=tolerance)
+        error = rms(x - fine)
+        assert 0.05 * tolerance < error < 2 * tolerance and steps < most, (error, steps)
+    assert rms(at(h=1 / 60)[0] - fine) > 3e-3
 
 
 def test_softened_steps_come_to_the_stiff_motion_as_they_get_smaller():
@@ -104,21 +106,3 @@ def test_wind_changes_within_a_step():
     fine = at("verlet", 1 / 960)
     assert rms(at("verlet", 1 / 60) - fine) < 2e-4
     assert rms(at("safe", 1 / 240) - fine) < 1e-3
-
-
-def test_error_control_goes_through_impacts():
-    """Cloth that falls on a ball and rings from it: no collapse of the step, and about the error asked for."""
-    ball = scenefile.read(str(FOLDER / "sphere_drape.py"))
-
-    def at(**kwargs) -> tuple[np.ndarray, int]:
-        sim = tc.Simulation(ball.make({"cells": 16}), **kwargs)
-        sim.run(0.2, 10)
-        x, steps = sim.positions(), len(sim.log)
-        sim.close()
-        return x, steps
-
-    fine, _ = at(h=1 / 1000)
-    x, steps = at(h=1 / 60, tolerance=1e-2)
-    assert steps < 200
-    assert rms(x - fine) < 5e-3
-    assert rms(at(h=1 / 60)[0] - fine) > 5e-3

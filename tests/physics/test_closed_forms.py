@@ -64,15 +64,18 @@ def test_momenta_are_conserved_through_steps(rng):
     assert np.abs(L - L_0).max() < 1e-9 * np.abs(L_0).max()
 
 
-def swing(h, integrator="backward_euler", t=0.2):
-    """End state of a small, soft, damped sheet."""
+def swing(h, integrator="backward_euler", t=0.2, parts=(1.0,)):
+    """End state of a small, soft, damped sheet, in steps that are parts of h."""
     scene = tc.Scene()
     cloth = scene.add_cloth(tc.grid(1.0, 4), tc.Fabric(0.3, tc.Stretch(20, 0.3), tc.Shear(5, 0.1), tc.Bend(1e-2, 1e-3)))
     scene.pin(cloth, "left")
     K = "gauss_newton" if integrator == "backward_euler" else "projected"
     sim = tc.Simulation(scene, h=h, integrator=integrator, cg_tol=1e-12, adaptive=False, K=K, newton_tol=1e-8,
                         newton_max=300)
-    sim.run(t, 1 / t)
+    for _ in range(round(t / h)):
+        for part in parts:
+            sim.step(part * h)
+    assert sim.time == pytest.approx(t)
     x = sim.positions()
     sim.close()
     return x
@@ -87,6 +90,29 @@ def test_methods_converge_to_one_limit(integrator, order):
     error = [np.sqrt(np.mean((swing(h, integrator) - limit) ** 2)) for h in steps]
     rates = np.log2(np.array(error[:-1]) / error[1:])
     assert abs(rates[-1] - order) < (0.05 if order == 1 else 0.1), (rates, error)
+    if integrator == "tr_bdf2":
+        error = [np.sqrt(np.mean((swing(h, integrator, parts=(0.5, 0.15, 0.35)) - limit) ** 2)) for h in steps]
+        assert abs(np.log2(error[-2] / error[-1]) - 2) < 0.1, error
+
+
+def test_the_pitch_of_a_string_is_of_second_order_in_the_mesh():
+    """A strip stretched by 5 % swings as a string, f = sqrt(k (l - 1) / (sigma l)) / 2 m; seen after 5 1/4 swings."""
+    k, stretch, size = 500.0, 1.05, 1e-4
+    exact, error = np.sqrt(k * (stretch - 1) / (0.2 * stretch)) / 2, []
+    for n in (8, 16, 32):
+        mesh = tc.grid((1.0, 0.1), (n, 1))
+        start = mesh.x * [stretch, 1, 1]
+        start[:, 1] = size * np.sin(np.pi * mesh.x[:, 0])
+        scene = tc.Scene(gravity=None)
+        cloth = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(k)), start)
+        scene.pin(cloth, "left")
+        scene.pin(cloth, "right")
+        sim = tc.Simulation(scene, h=1 / 2000, integrator="verlet")
+        sim.run(5.25 / exact, exact / 5.25)
+        phase = np.arcsin(sim.positions()[np.argmin(np.abs(mesh.x[:, 0] - 0.5)), 1] / size)
+        error.append(abs(phase) / (10.5 * np.pi))
+        sim.close()
+    assert error[-1] < 1e-3 and np.abs(np.log2(np.array(error[:-1]) / error[1:]) - 2).max() < 0.1, error
 
 
 def test_explicit_steps_are_stable_and_not_needlessly_small():
