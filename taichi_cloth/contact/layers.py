@@ -26,7 +26,7 @@ from . import pressing
 from .closest import VERTEX_FACE
 from .layer_detection import LayerDetector
 from .near import Near
-from .pairs import Points
+from .points import Points
 from .pressed import Met, Pressed
 from .repulsion import FLOOR, room
 from .states import rows_of
@@ -84,7 +84,7 @@ class Layers:
         self.kernels = self.kind(fields, model, np.sqrt(mu)[model.user], h)
         self.gravity = scene.gravity
         self.boost = np.ones(model.n)
-        self._weighed: tuple[Near, np.ndarray] | None = None  # of the pairs that were last asked for
+        self._weighed: tuple[Near, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for
         self.kept = NOTHING  # what pairs bore in the last accepted step
         self.pressed: Pressed | None = None
         self.borne: np.ndarray = np.zeros(0)  # what they bore in the last solve [N]
@@ -112,24 +112,22 @@ class Layers:
     def points(self, base: np.ndarray) -> Points:
         """Pairs as points of `touch`, for a solve from positions base (n, 3)."""
         p, q, k = self.near, self.pressed if self.met is not None else None, len(self.near.end)
-        weighed, taken = self._weigh(p), np.empty((pressing.TAKEN, k))
+        (weighed, turns), taken = self._weigh(p), np.empty((pressing.TAKEN, k))
         block, rhs = np.empty((k, 6)), np.empty((k, 3))
         row = self.met.rows if self.met is not None else np.full(k, -1)
         before = q.taken if q is not None else np.zeros((pressing.TAKEN, 1))
         if k:
             there = self.there if self.met is None else base
-            self.kernels.take(p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, weighed, self.h, int(not self.round),
-                              base, there, self._bore(p), row, before, taken, block, rhs)
-        self.pressed = Pressed(p, weighed, taken)
+            self.kernels.take(p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, weighed, turns, self.h,
+                              int(not self.round), base, there, self._bore(p), row, before, taken, block, rhs)
+        points = Points(p.vertices, p.weights, block, rhs, p.normal, turns)
+        self.pressed = Pressed(p, points, weighed, taken)
         if self.met is not None:
             self.met = Met(self.pressed, p, self._lead(self.pressed))
         self.round += 1
-        points = p.vertices, p.weights, block, rhs
         if not self.tangles.active:
             return points
-        more = self.tangles.points(self.x, base, self.model.mass, self.h, self.h_usual)
-        vertices, weights, block, rhs = (np.concatenate(parts) for parts in zip(points, more))
-        return vertices, weights, block, rhs
+        return Points.join([points, self.tangles.points(self.x, base, self.model.mass, self.h, self.h_usual)])
 
     def _bore(self, p: Near) -> np.ndarray:
         """(k,) [N] what pairs bore in the last solve, or, where that is not known, -1."""
@@ -152,7 +150,7 @@ class Layers:
         return self._energy(self.detector.look())
 
     def _energy(self, p: Near) -> float:
-        return float(np.sum(self._weigh(p)[pressing.POTENTIAL]))
+        return float(np.sum(self._weigh(p)[0][pressing.POTENTIAL]))
 
     @timed
     def look(self) -> None:
@@ -175,7 +173,7 @@ class Layers:
         """Whether forces are what the last solve took them to be, and nothing has come too near by it."""
         p, q, met = self.near, self.pressed, self.met
         assert q is not None and met is not None
-        weighed, row, bears = self._weigh(p), met.rows, q.taken[pressing.BEARS]
+        weighed, row, bears = self._weigh(p)[0], met.rows, q.taken[pressing.BEARS]
         now, taken = weighed[pressing.NOW], met.repelled
         gone = np.ones(len(taken), dtype=bool)
         gone[row[row >= 0]] = False
@@ -206,7 +204,7 @@ class Layers:
             return 0.0
         change = np.where(met.rows >= 0, q.near.factor[met.rows] / p.factor - 1, 0.0)
         lost = met.led[pressing.RUB] + met.led[pressing.STOPPED]
-        return float(np.sum(lost) + np.sum(change * self._weigh(p)[pressing.POTENTIAL]))
+        return float(np.sum(lost) + np.sum(change * self._weigh(p)[0][pressing.POTENTIAL]))
 
     @timed
     def commit(self) -> None:
@@ -247,10 +245,9 @@ class Layers:
         out = np.zeros((self.model.n, 3))
         q = self.pressed
         if q is not None:
-            x = self.model.read_particles()[0]
-            p = q.near
-            pull = q.repelled(p.along(x))[:, None] * p.normal + q.friction(p.slip(x - self.x, self.h))
-            np.add.at(out, p.vertices, p.weights[:, :, None] * pull[:, None, :])
+            x, p = self.model.read_particles()[0], q.near
+            friction = q.friction(q.slip(x - self.x) / self.h)
+            q.points.spread(q.repelled(p.along(x))[:, None] * p.normal + friction, out)
         return out
 
     def clear(self) -> None:
@@ -301,18 +298,20 @@ class Layers:
             self.tangles.find(self.model.read_particles()[0])
         self.detector.let_rest(self.tangles.resting)
 
-    def _weigh(self, p: Near) -> np.ndarray:
-        """(., k) numbers of pairs as they are, see `pressing`."""
+    def _weigh(self, p: Near) -> tuple[np.ndarray, np.ndarray]:
+        """((., k) numbers, (k, 4, 3) turns) of pairs as they are, see `pressing`."""
         if self._weighed is None or self._weighed[0] is not p:
-            out = np.empty((pressing.WEIGHED, len(p.end)))
+            out, turns = np.empty((pressing.WEIGHED, len(p.end))), np.empty((len(p.end), 4, 3))
             if len(p.end):
-                self.kernels.weigh(p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, self.boost, self.h, out)
-            self._weighed = p, out
-        return self._weighed[1]
+                self.kernels.weigh(p.pair, p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, self.boost, self.h,
+                                   out, turns)
+            self._weighed = p, out, turns
+        return self._weighed[1:]
 
     def _lead(self, q: Pressed) -> np.ndarray:
         """(., j) numbers of pairs that a solve took, where the model now is."""
         p, out = q.near, np.empty((pressing.LED, len(q.near.end)))
         if len(p.end):
-            self.kernels.lead(p.vertices, p.weights, p.normal, p.radius, p.factor, q.weighed, q.taken, self.h, out)
+            self.kernels.lead(p.vertices, p.weights, p.normal, p.radius, p.factor, q.weighed, q.points.turns, q.taken, self.h,
+                              out)
         return out

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .states import rows_of, tangential
+from .states import rows_of
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,3 @@ class Near:
     def along(self, rows: np.ndarray) -> np.ndarray:
         """(k,) its parts along the normals."""
         return np.einsum("ki,ki->k", self.normal, self.of(rows))
-
-    def slip(self, moved: np.ndarray, h: float) -> np.ndarray:
-        """(k, 3) [m/s] of particles that moved by (n, 3) [m] in a time h [s]."""
-        return tangential(self.of(moved) / h, self.normal)

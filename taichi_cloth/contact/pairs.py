@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .points import Points
 from .states import EYE, rows_of, sym_outer, sym_times, tangential
 
 PAIR = 0.5  # of the thickness (beyond the core's radius): what edges and faces of cloth keep
@@ -11,8 +12,6 @@ PRESS = 100.0  # stiffness of a pair over mass / h^2, h the largest step
 CLOSE, CREEP = 0.3, 0.05  # of a pair's range: what ends nearer than that, by so much, takes another round
 SHALLOW, LEAST = 0.05, 0.01  # of a pair's range: the law stiffens no further; nearer is not accepted
 DRAG_SLIP = 5e-4  # slip [m/s] below which a pair's friction is viscous
-
-Points = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # vertices, weights, blocks, right-hand sides: `Touch.set`
 
 
 @dataclass(frozen=True)
@@ -87,7 +86,8 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
     block = drag[:, None] * (EYE - normal)
     start = _at(p, step.v) + (_at(p, step.x_0) - p.carried) / h
     rhs = (h * f0)[:, None] * p.normal - sym_times(block, start)
-    return p.vertices, p.weights, block + (h**2 * k)[:, None] * normal, rhs
+    return Points(np.column_stack([p.vertices, p.vertices[:, 0]]), np.column_stack([p.weights, np.zeros(len(r))]),
+                  block + (h**2 * k)[:, None] * normal, rhs)
 
 
 def left(p: Pairs, before: Pairs | None, thickness: np.ndarray) -> tuple[int, bool]:

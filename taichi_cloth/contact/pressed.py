@@ -6,7 +6,9 @@ from functools import cached_property
 import numpy as np
 
 from .near import Near
+from .points import Points
 from .pressing import AT, BEARS, DRAG, FORCE, GAP, SLOPE, WAY
+from .states import tangential
 
 
 @dataclass(frozen=True)
@@ -15,16 +17,22 @@ class Pressed:
 
     Attributes:
         near: the pairs.
+        points: what the solve is given of them.
         weighed, taken: (., k) numbers of theirs, see `pressing`.
     """
 
     near: Near
+    points: Points
     weighed: np.ndarray
     taken: np.ndarray
 
     def repelled(self, gap: np.ndarray) -> np.ndarray:
         """(k,) normal forces [N] at distances (k,) [m] along the normals, as the solve takes them."""
         return self.taken[FORCE] + self.taken[SLOPE] * (self.taken[AT] - gap)
+
+    def slip(self, moved: np.ndarray) -> np.ndarray:
+        """(k, 3) how far [m] the two slip where the particles move by (n, 3) [m]."""
+        return tangential(self.points.of(moved), self.near.normal)
 
     def friction(self, slip: np.ndarray) -> np.ndarray:
         """(k, 3) [N] at a slip (k, 3) [m/s], as the solve takes it."""

@@ -9,16 +9,19 @@ import taichi as ti
 from ..fields import Fields
 from ..forces.conditions import sym_outer, sym_scaled_identity
 from ..model import Model
+from .closest import EDGE_EDGE
 from .repulsion import SHALLOW, height, law, potential
 
+STEEP = 4.0  # size of a turn from which on friction fades: edges near parallel would turn each other by large normal forces
+FLAT = 1e-6  # over that: from which on there is none
 PRESS = 12.0  # stiffness of a pair over mass / h^2, h the largest step
 STOP = 30.0  # the same of what stops an approach, h this step
 CREEP = 2e-5  # slip [m/s] below which friction between layers is viscous
 CONE = 1.02  # times the most that friction can be, above which what it damps slides
 
 # of a pair as it is: the mass that its distance has [kg], its stiffness [N/m], its distance where the step began, along its
-# normal [m], its force [N], the most that friction can be by that [N], its potential [J]
-OWN, STIFF, BEGAN, NOW, COULOMB, POTENTIAL, WEIGHED = range(7)
+# normal [m], its force [N], the most that friction can be by that [N], its potential [J], its friction over its force
+OWN, STIFF, BEGAN, NOW, COULOMB, POTENTIAL, MU, WEIGHED = range(8)
 # as a solve takes it: force [N] and slope [N/m] at a distance [m]; the most that friction can be [N], friction over slip
 # [N s/m], and, from WAY on, the direction of the slip of what slides, 0 for what sticks
 FORCE, SLOPE, AT, BEARS, DRAG, WAY, TAKEN = 0, 1, 2, 3, 4, 5, 8
@@ -41,10 +44,10 @@ class Pressing:
         self.friction = fields.real(model.n, data=friction)
 
     @ti.kernel
-    def weigh(self, vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normals: ti.types.ndarray(),
-              end: ti.types.ndarray(), radius: ti.types.ndarray(), factor: ti.types.ndarray(), boost: ti.types.ndarray(),
-              h: float, out: ti.types.ndarray()):
-        """Pairs as they are; `boost` (n,) factors of the particles' stiffness."""
+    def weigh(self, pair: ti.types.ndarray(), vertices: ti.types.ndarray(), weights: ti.types.ndarray(),
+              normals: ti.types.ndarray(), end: ti.types.ndarray(), radius: ti.types.ndarray(), factor: ti.types.ndarray(),
+              boost: ti.types.ndarray(), h: float, out: ti.types.ndarray(), turns: ti.types.ndarray()):
+        """Pairs as they are, and their turns (k, 4, 3); `boost` (n,) factors of the particles' stiffness."""
         for k in range(vertices.shape[0]):
             light, more = 0 * weights[k, 0], boost[vertices[k, 0]]
             for a in ti.static(range(4)):
@@ -52,18 +55,21 @@ class Pressing:
                 more = ti.max(more, boost[vertices[k, a]])
             own = 1 / ti.max(light, 1e-30)
             stiff = PRESS * own / self.h_usual**2 * factor[k] * more
-            began = normal_of(normals, k).dot(self.at(vertices, weights, k, self.model.x_saved))
+            n = row_of(normals, k)
+            began = n.dot(self.at(vertices, weights, k, self.model.x_saved))
+            counts = self.turn(pair[k, 2], vertices, k, n, end[k], turns)
             force, slope = self.pull(end[k], radius[k], began, stiff, own, factor[k], h)
             out[OWN, k], out[STIFF, k], out[BEGAN, k], out[NOW, k] = own, stiff, began, force
-            out[COULOMB, k] = self.friction[vertices[k, 0]] * self.friction[vertices[k, 3]] * force
+            out[MU, k] = self.friction[vertices[k, 0]] * self.friction[vertices[k, 3]] * counts
+            out[COULOMB, k] = out[MU, k] * force
             out[POTENTIAL, k] = stiff * potential(end[k], radius[k])
 
     @ti.kernel
     def take(self, vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normals: ti.types.ndarray(),
              end: ti.types.ndarray(), radius: ti.types.ndarray(), factor: ti.types.ndarray(), weighed: ti.types.ndarray(),
-             h: float, first: int, base: ti.types.ndarray(), there: ti.types.ndarray(), bore: ti.types.ndarray(),
-             row: ti.types.ndarray(), before: ti.types.ndarray(), out: ti.types.ndarray(), block: ti.types.ndarray(),
-             rhs: ti.types.ndarray()):
+             turns: ti.types.ndarray(), h: float, first: int, base: ti.types.ndarray(), there: ti.types.ndarray(),
+             bore: ti.types.ndarray(), row: ti.types.ndarray(), before: ti.types.ndarray(), out: ti.types.ndarray(),
+             block: ti.types.ndarray(), rhs: ti.types.ndarray()):
         """Pairs as a solve takes them that begins at base (n, 3), and their blocks (k, 6) and right-hand sides (k, 3).
 
         Args:
@@ -73,22 +79,24 @@ class Pressing:
             row: (k,) what they were in the last solve, columns of `before`, or -1.
         """
         for k in range(vertices.shape[0]):
-            n = normal_of(normals, k)
+            n = row_of(normals, k)
             own, stiff, began = weighed[OWN, k], weighed[STIFF, k], weighed[BEGAN, k]
             at = self.where(end[k], radius[k], began, first)
             force, slope = self.pull(at, radius[k], began, stiff, own, factor[k], h)
             moved, slip, v = 0 * n, 0 * n, self.at(vertices, weights, k, self.model.v_saved)
             for a in ti.static(range(4)):
                 i = vertices[k, a]
-                for c in ti.static(range(3)):
-                    moved[c] += weights[k, a] * (base[i, c] - self.model.x_saved[i][c])
-                    slip[c] += weights[k, a] * (there[i, c] - self.model.x_saved[i][c]) / h
+                x = self.model.x_saved[i]
+                now, then = row_of(base, i) - x, row_of(there, i) - x
+                w, turn = weights[k, a], turn_of(turns, k, a)
+                moved += w * now + n.dot(now) * turn
+                slip += (w * then + n.dot(then) * turn) / h
             slip -= n.dot(slip) * n
             speed, expected = slip.norm(), bore[k]
             if expected < 0:  # what stops those that are new, and no more
                 repelled, _ = law(at, radius[k])
                 expected = ti.min(stiff * repelled, own / h**2 * ti.max(radius[k] - began - h * n.dot(v), 0.0))
-            bears = self.friction[vertices[k, 0]] * self.friction[vertices[k, 3]] * expected
+            bears = weighed[MU, k] * expected
             way = self.slide(slip, speed, bears, row[k], before)
             drag = bears / ti.max(speed, CREEP)
             out[FORCE, k], out[SLOPE, k], out[AT, k], out[BEARS, k], out[DRAG, k] = force, slope, at, bears, drag
@@ -104,13 +112,16 @@ class Pressing:
 
     @ti.kernel
     def lead(self, vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normals: ti.types.ndarray(),
-             radius: ti.types.ndarray(), factor: ti.types.ndarray(), weighed: ti.types.ndarray(), taken: ti.types.ndarray(),
-             h: float, out: ti.types.ndarray()):
+             radius: ti.types.ndarray(), factor: ti.types.ndarray(), weighed: ti.types.ndarray(), turns: ti.types.ndarray(),
+             taken: ti.types.ndarray(), h: float, out: ti.types.ndarray()):
         """Pairs that a solve took, where the model now is."""
         for k in range(vertices.shape[0]):
-            n, way = normal_of(normals, k), ti.Vector([taken[WAY + c, k] for c in ti.static(range(3))])
+            n, way = row_of(normals, k), ti.Vector([taken[WAY + c, k] for c in ti.static(range(3))])
             x = self.at(vertices, weights, k, self.model.x)
             slip = (x - self.at(vertices, weights, k, self.model.x_saved)) / h
+            for a in ti.static(range(4)):
+                i = vertices[k, a]
+                slip += n.dot(self.model.x[i] - self.model.x_saved[i]) / h * turn_of(turns, k, a)
             slip -= n.dot(slip) * n
             speed, along, bears, gap = slip.norm(), slip.dot(way), taken[BEARS, k], n.dot(x)
             out[GAP, k] = gap
@@ -125,6 +136,32 @@ class Pressing:
         """The pair's difference of values of the particles."""
         return (weights[k, 0] * rows[vertices[k, 0]] + weights[k, 1] * rows[vertices[k, 1]]
                 + weights[k, 2] * rows[vertices[k, 2]] + weights[k, 3] * rows[vertices[k, 3]])
+
+    @ti.func
+    def turn(self, kind, vertices: ti.template(), k, n, d, turns: ti.template()):
+        """Works out a pair's turns; part of its friction that it keeps.
+
+        Slip is w . v + sum_a t_a (n . v_a). The turns t_a add up to 0 on either side, and t_a x_a^T to d (I - n n^T): what
+        turns as one does not slip, and friction, which acts at two places a distance d apart, does not turn the pair.
+        """
+        p, q = self.model.x[vertices[k, 0]], self.model.x[vertices[k, 1]]
+        a, b = self.model.x[vertices[k, 2]] - q, self.model.x[vertices[k, 3]] - q  # of the face
+        if kind == EDGE_EDGE:
+            a, b = q - p, self.model.x[vertices[k, 3]] - self.model.x[vertices[k, 2]]
+        over_a, over_b, area = d * b.cross(n), d * n.cross(a), n.dot(a.cross(b))
+        counts, steep = 0.0, ti.max(over_a.norm(), over_b.norm())
+        if STEEP * ti.abs(area) > FLAT * steep:
+            counts = ti.min(1.0, (STEEP * area / ti.max(steep, 1e-30)) ** 2)
+            over_a /= area
+            over_b /= area
+        else:
+            over_a, over_b = 0 * over_a, 0 * over_b
+        for c in ti.static(range(3)):
+            turns[k, 0, c] = ti.select(kind == EDGE_EDGE, -over_a[c], 0.0)
+            turns[k, 1, c] = ti.select(kind == EDGE_EDGE, over_a[c], -over_a[c] - over_b[c])
+            turns[k, 2, c] = ti.select(kind == EDGE_EDGE, -over_b[c], over_a[c])
+            turns[k, 3, c] = over_b[c]
+        return counts
 
     @ti.func
     def where(self, end, radius, began, first):
@@ -173,6 +210,12 @@ def limit(began, radius):
 
 
 @ti.func
-def normal_of(normals: ti.template(), k):
-    """Row k of (k, 3) as a vector."""
-    return ti.Vector([normals[k, 0], normals[k, 1], normals[k, 2]])
+def turn_of(turns: ti.template(), k, a: ti.template()):
+    """Row (k, a) of (., 4, 3) as a vector."""
+    return ti.Vector([turns[k, a, 0], turns[k, a, 1], turns[k, a, 2]])
+
+
+@ti.func
+def row_of(rows: ti.template(), k):
+    """Row k of (., 3) as a vector."""
+    return ti.Vector([rows[k, 0], rows[k, 1], rows[k, 2]])

@@ -23,7 +23,8 @@ from ..fields import Fields
 from ..model import Model
 from ..scene import Scene
 from .detection import Found
-from .pairs import Pairs, Points, Step, left, press
+from .pairs import Pairs, Step, left, press
+from .points import Points
 from .scan import Scanner
 from .states import EYE, States, rows_of, sym_outer, sym_times, tangential, unit
 from .touch import Touch
@@ -209,24 +210,18 @@ class Contacts:
 
     def work(self) -> float:
         """What the points of touch do in the step [J]."""
-        vertices, weights, block, rhs = self.points
-        force, end = self._point_forces()
-        start = np.einsum("ka,kai->ki", weights, self.x[vertices])
-        return float(np.einsum("ki,ki->", force, end - start))
+        return float(np.einsum("ki,ki->", self._point_forces(), self.points.of(self.end() - self.x)))
 
     def lagged(self, h: float) -> float:
         """What friction and pairs add to the incremental potential [J] where the model now is, as the last solve took them."""
-        vertices, weights, block, rhs = self.points
-        dv = np.einsum("ka,kai->ki", weights, self.end()[vertices] - self.base[0][vertices]) / h
-        own = float(np.sum((sym_times(block, dv) / 2 - rhs) * dv))
+        p, dv = self.points, self.points.of(self.end() - self.base[0]) / h
+        own = float(np.sum((sym_times(p.block, dv) / 2 - p.rhs) * dv))
         return own + (self.layers.lagged() if self.layers is not None else 0.0)
 
-    def _point_forces(self) -> tuple[np.ndarray, np.ndarray]:
-        """(forces [N] (k, 3) on the points of touch at the end of the step, the points)."""
-        vertices, weights, block, rhs = self.points
-        end = self.end()
-        dv = np.einsum("ka,kai->ki", weights, end[vertices] - self.base[0][vertices]) / self.h
-        return (rhs - sym_times(block, dv)) / self.h, np.einsum("ka,kai->ki", weights, end[vertices])
+    def _point_forces(self) -> np.ndarray:
+        """(k, 3) forces [N] on the points of touch at the end of the step."""
+        p = self.points
+        return (p.rhs - sym_times(p.block, p.of(self.end() - self.base[0]) / self.h)) / self.h
 
     def _held(self, lift: np.ndarray) -> Held | None:
         """Pins and contacts as one."""
@@ -306,16 +301,15 @@ class Contacts:
         start = self.base[1][f.index] - (f.carried - self.x[f.index]) / h  # slip with which the solve begins
         rhs = h * size[:, None] * push - sym_times(block, start)
         points = [self.layers.points(self.base[0])] if self.sprung and self.layers is not None else []
-        points += [(np.repeat(f.index[:, None], 4, axis=1), np.tile([1.0, 0, 0, 0], (len(u), 1)), block, rhs)]
+        points.append(Points(np.repeat(f.index[:, None], 4, axis=1), np.tile([1.0, 0, 0, 0], (len(u), 1)), block, rhs))
         if self.near is not None:
             self.pressed, which = self.near, self.near.solid
             step = Step(h, self.h_usual, self.x, *self.base)
-            points.append(_padded(press(self.near, step, self.model.mass, self.thickness[which], self.friction[which])))
-        self.points = vertices, weights, block, rhs = tuple(np.concatenate(parts) for parts in zip(*points))
+            points.append(press(self.near, step, self.model.mass, self.thickness[which], self.friction[which]))
+        self.points = every = Points.join(points)
         if self.layers is not None and self.layered:
-            more = self.layers.points(self.base[0])
-            vertices, weights, block, rhs = (np.concatenate(parts) for parts in zip(self.points, more))
-        self.crowded = not self.touch.set(vertices, weights, block, rhs)
+            every = Points.join([self.points, self.layers.points(self.base[0])])
+        self.crowded = not self.touch.set(every)
 
     def judge(self, reaction: np.ndarray) -> Verdict:
         """What must change after a solve; `reaction` (k, 3) [N s] on the held particles, in `hold`'s order."""
@@ -335,9 +329,8 @@ class Contacts:
             pulls[:] = False  # what layers press in again and again stays held until the next step
         breaks = s.stick & ~pulls & (shear > mu * np.maximum(normal, 0) * (1 + CONE))
         if self.pressed is not None:
-            force, place = self._point_forces()
-            first = len(force) - len(self.pressed.key)
-            self.places = force[first:], place[first:]
+            p, force, end = self.pressed, self._point_forces(), self.end()
+            self.places = force[len(force) - len(p.key):], np.einsum("ka,kai->ki", p.weights, end[p.vertices])
         self._look()
         here = rows_of(self.found.key, f.key)
         slip_now = np.where((here >= 0)[:, None], self.slip[here] if len(self.slip) else 0.0, 0.0)
@@ -417,9 +410,3 @@ class Contacts:
             arm = at[mine] - solid.pose(self.scan.time)[1] + self.model.origin
             out[solid.name] = (-force[mine].sum(axis=0), -np.cross(arm, force[mine]).sum(axis=0))
         return out
-
-
-def _padded(points: Points) -> Points:
-    """Points of three particles as points of four."""
-    vertices, weights, block, rhs = points
-    return np.column_stack([vertices, vertices[:, 0]]), np.column_stack([weights, np.zeros(len(weights))]), block, rhs

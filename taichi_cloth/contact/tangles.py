@@ -10,7 +10,7 @@ import numpy as np
 
 from ..intersections import self_crossings
 from ..mesh import face_edges
-from .pairs import Points
+from .points import Points
 from .states import sym_outer, sym_times, unit
 
 RINGS = 2  # of neighbours round a crossing that rest with it
@@ -75,7 +75,7 @@ class Tangles:
         """What leads edges and triangles apart, as points of `touch`."""
         k = len(self.rows)
         if not k or self.policy != "untangle":
-            return np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 6)), np.zeros((0, 3))
+            return Points(np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 6)), np.zeros((0, 3)))
         face = self.faces[self.rows]
         p, q = x_0[self.edges[:, 0]], x_0[self.edges[:, 1]]
         a, b, c = (x_0[face[:, j]] for j in range(3))
@@ -93,7 +93,7 @@ class Tangles:
         block = (PULL_STIFF * own)[:, None] * sym_outer(way)
         gone = np.einsum("ka,kai->ki", weights, (base - x_0)[vertices])
         rhs = sym_times(block, (step[:, None] * way - gone) / h)
-        return vertices, weights, block, rhs
+        return Points(vertices, weights, block, rhs)
 
     def _shorter(self, x: np.ndarray, normal: np.ndarray, along: np.ndarray) -> np.ndarray:
         """(k, 3) unit directions for edges along which their triangles' contours with the faces get shorter."""

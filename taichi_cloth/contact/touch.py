@@ -2,20 +2,21 @@
 
 A point is a weighted sum of up to four particles: a particle that slides under friction, the place on a cloth edge or
 face that a solid's edge or corner presses, the difference of two places on cloth. Its block and right-hand side are
-worked out on the host, a few numbers a contact, and added to A and b like any force's.
+worked out on the host, a few numbers a contact, and added to A and b like any force's. Between layers it also goes by how
+what is round it turns: `points`.
 """
 
 import numpy as np
 import taichi as ti
 
 from ..fields import Fields
-from ..forces.conditions import sym_times
+from ..forces.conditions import sym_both, sym_outer, sym_times
 from ..model import Model
 from ..ordering import touching
+from .points import CORNERS, Points
 
 ROOM, LAYERED = 8, 40  # points a particle that there is room for, without and with cloth that meets cloth, and
 SPARE = 32768  # more
-CORNERS = 4
 
 
 @ti.data_oriented
@@ -25,7 +26,7 @@ class Touch:
     energies, extremes = (), 0
 
     def __init__(self, fields: Fields, model: Model, layered: bool = False) -> None:
-        self.model, self._fields = model, fields
+        self.model, self._fields, self.layered = model, fields, layered
         self.capacity = (LAYERED if layered else ROOM) * model.n + SPARE
         self.first = fields.integer(model.blocks.count + 1, data=np.zeros(model.blocks.count + 1))
         self.exchange = model.exchange
@@ -36,20 +37,30 @@ class Touch:
         self.weights = self._fields.real(self.capacity, CORNERS)
         self.A = self._fields.real(self.capacity, 6)
         self.rhs = self._fields.real(self.capacity, 3)
+        if self.layered:
+            self.normal = self._fields.real(self.capacity, 3)
+            self.turns = self._fields.real(self.capacity, 3 * CORNERS)
 
-    def set(self, vertices: np.ndarray, weights: np.ndarray, A: np.ndarray, rhs: np.ndarray) -> bool:
-        """Replaces the points; False where there are more than there is room for.
-
-        Args:
-            vertices: (k, 4) particles; weights: (k, 4).
-            A: (k, 6) symmetric blocks [kg]; rhs: (k, 3) [kg m/s].
-        """
-        e, first = touching(vertices, self.model.blocks.bounds)
+    def set(self, p: Points) -> bool:
+        """Replaces the points; False where there are more than there is room for."""
+        e, first = touching(p.vertices, self.model.blocks.bounds)
         if len(e) > self.capacity:
             return False
-        self._set(first.astype(np.int32), np.ascontiguousarray(vertices[e], dtype=np.int32),
-                  *(np.ascontiguousarray(a[e], dtype=self.exchange) for a in (weights, A, rhs)))
+        self._set(first.astype(np.int32), p.vertices.take(e, axis=0).astype(np.int32), *(
+            a.take(e, axis=0).astype(self.exchange) for a in (p.weights, p.block, p.rhs)))
+        if self.layered:
+            none = np.zeros((len(p.rhs), CORNERS, 3))
+            normal, turns = (none[:, 0], none) if p.normal is None or p.turns is None else (p.normal, p.turns)
+            self._set_turns(normal.take(e, axis=0).astype(self.exchange), turns.take(e, axis=0).astype(self.exchange))
         return True
+
+    @ti.kernel
+    def _set_turns(self, normal: ti.types.ndarray(), turns: ti.types.ndarray()):
+        for e in range(normal.shape[0]):
+            for c in ti.static(range(3)):
+                self.normal[e][c] = normal[e, c]
+                for k in ti.static(range(CORNERS)):
+                    self.turns[e][3 * k + c] = turns[e, k, c]
 
     @ti.kernel
     def _set(self, first: ti.types.ndarray(), vertices: ti.types.ndarray(), weights: ti.types.ndarray(),
@@ -73,9 +84,12 @@ class Touch:
             lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
             for e in range(self.first[block], self.first[block + 1]):
                 for k in ti.static(range(CORNERS)):
-                    w, i = self.weights[e][k], self.vertices[e][k]
-                    self.model.blocks.add(to.b, i, w * self.rhs[e], lo, hi)
-                    self.model.blocks.add(to.P, i, w * w * self.A[e], lo, hi)
+                    w, i, r = self.weights[e][k], self.vertices[e][k], self.rhs[e]
+                    push = w * r
+                    if ti.static(self.layered):
+                        push += self.turn(e, k).dot(r) * self.normal[e]
+                    self.model.blocks.add(to.b, i, push, lo, hi)
+                    self.model.blocks.add(to.P, i, self.own(e, k), lo, hi)
         report[block, base] = 0
 
     @ti.func
@@ -84,8 +98,24 @@ class Touch:
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
         for e in range(self.first[block], self.first[block + 1]):
             for k in ti.static(range(CORNERS)):
-                w = self.weights[e][k]
-                self.model.blocks.add(P, self.vertices[e][k], w * w * self.A[e], lo, hi)
+                self.model.blocks.add(P, self.vertices[e][k], self.own(e, k), lo, hi)
+
+    @ti.func
+    def turn(self, e, k: ti.template()):
+        """Turn of corner k of entry e."""
+        t = self.turns[e]
+        return ti.Vector([t[3 * k], t[3 * k + 1], t[3 * k + 2]])
+
+    @ti.func
+    def own(self, e, k: ti.template()):
+        """Diagonal block of corner k of entry e."""
+        w, A = self.weights[e][k], self.A[e]
+        out = w * w * A
+        if ti.static(self.layered):
+            n, t = self.normal[e], self.turn(e, k)
+            pull = sym_times(A, t)
+            out += w * sym_both(pull, n) + t.dot(pull) * sym_outer(n)
+        return out
 
     @ti.func
     def add_product(self, block, p: ti.template(), q: ti.template()):
@@ -93,6 +123,13 @@ class Touch:
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
         for e in range(self.first[block], self.first[block + 1]):
             v, w = self.vertices[e], self.weights[e]
-            r = sym_times(self.A[e], w[0] * p[v[0]] + w[1] * p[v[1]] + w[2] * p[v[2]] + w[3] * p[v[3]])
+            moved = w[0] * p[v[0]] + w[1] * p[v[1]] + w[2] * p[v[2]] + w[3] * p[v[3]]
+            if ti.static(self.layered):
+                for k in ti.static(range(CORNERS)):
+                    moved += self.normal[e].dot(p[v[k]]) * self.turn(e, k)
+            r = sym_times(self.A[e], moved)
             for k in ti.static(range(CORNERS)):
-                self.model.blocks.add(q, v[k], w[k] * r, lo, hi)
+                push = w[k] * r
+                if ti.static(self.layered):
+                    push += self.turn(e, k).dot(r) * self.normal[e]
+                self.model.blocks.add(q, v[k], push, lo, hi)

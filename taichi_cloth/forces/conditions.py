@@ -36,6 +36,13 @@ def sym_outer(a):
 
 
 @ti.func
+def sym_both(a, b):
+    """a b^T + b a^T as 6 numbers."""
+    return ti.Vector([2 * a[0] * b[0], a[0] * b[1] + a[1] * b[0], a[0] * b[2] + a[2] * b[0],
+                      2 * a[1] * b[1], a[1] * b[2] + a[2] * b[1], 2 * a[2] * b[2]])
+
+
+@ti.func
 def sym_scaled_identity(s):
     """s I as 6 numbers."""
     return ti.Vector([s, 0.0, 0.0, s, 0.0, s])

@@ -1,5 +1,6 @@
 """Cloth against cloth: what is found, how far the way is free, the law, tangles, and what costs nothing."""
 
+import dataclasses
 import subprocess
 import sys
 
@@ -12,6 +13,8 @@ from taichi_cloth import runtime
 from taichi_cloth.contact import repulsion
 from taichi_cloth.contact.closest import VERTEX_FACE
 from taichi_cloth.contact.layer_detection import PINCHED, LayerDetector
+from taichi_cloth.contact.points import Points
+from taichi_cloth.contact.pressing import MU
 from taichi_cloth.contact.repulsion import FLOOR, SHALLOW, room
 from taichi_cloth.fields import Fields
 from taichi_cloth.intersections import count_self_crossings, self_crossings
@@ -203,16 +206,6 @@ def two_sheets(gap: float, v=(0.0, 0.0, 0.0), friction: float = 0.0, cells: int 
     return scene, a, tc.Simulation(scene, **{"h": 1 / 60, "integrator": "backward_euler", **kwargs})
 
 
-def test_repulsion_of_a_pair_neither_pushes_nor_turns_it(rng):
-    d = detector(soup(rng, 80))
-    d.begin()
-    d.cover()
-    p, x = d.look(), d.model.read_particles()[0]
-    force = p.weights[:, :, None] * p.normal[:, None, :]  # of size 1, on each of the four particles
-    torque = np.cross(x[p.vertices], force).sum(axis=1)
-    assert len(p.end) > 50 and np.abs(force.sum(axis=1)).max() < 1e-12 and np.abs(torque).max() < 1e-12
-
-
 def test_forces_of_layers_add_up_to_nothing():
     scene, a, sim = two_sheets(0.03, (0.3, -2.0, 0.0))
     n = a.mesh.vertex_count
@@ -354,16 +347,75 @@ def test_ipctk_counts_the_same(rng):
     assert all(a == b for a, b in said) and 10 < sum(a for a, _ in said) < 110
 
 
-def test_the_repulsion_of_a_pair_has_neither_force_nor_torque(rng):
-    """Weights add up to 0, and the normal is that of the shortest way: for any pair, f n on the one is -f n on the other along
-    the same line."""
-    d = detector(soup(rng, 60))
-    d.cover()
-    p = d.look()
-    assert len(p.end) > 50
-    x = d.model.read_particles()[0]
-    forces = p.weights[:, :, None] * p.normal[:, None, :]
-    assert np.abs(forces.sum(axis=1)).max() < 1e-12
-    torque = np.cross(x[p.vertices], forces).sum(axis=1)
-    assert np.abs(torque).max() < 1e-10
-    assert np.allclose(p.along(x), p.end, rtol=1e-12, atol=1e-15)
+def test_a_pair_is_neither_pushed_nor_turned_nor_braked_as_it_turns(rng):
+    """Weights add up to 0, the normal is that of the shortest way, and the turns make up for the gap between the two places at
+    which friction acts."""
+    sim = tc.Simulation(soup(rng, 90), integrator="backward_euler")
+    layers, x = sim.contacts.layers, sim.model.read_particles()[0]
+    layers.clear()
+    layers.begin(1 / 60, x, True)
+    layers.points(x)
+    took, p = layers.pressed, layers.near
+    assert len(p.end) > 50 and np.allclose(p.along(x), p.end, rtol=1e-12, atol=1e-15)
+    across = rng.normal(size=(len(p.end), 3))
+    across -= np.einsum("ki,ki->k", across, p.normal)[:, None] * p.normal
+    counts = took.weighed[MU] / took.weighed[MU].max()
+    assert np.mean(counts == 1) > 0.8 and counts.min() < 1  # the latter: edges near parallel
+    for force in (p.normal, counts[:, None] * across):
+        push = np.stack([one(sim.model.n, took.points, k, force) for k in range(len(p.end))])
+        size = np.abs(push).sum(axis=(1, 2))
+        assert size.max() < 30 and np.abs(push.sum(axis=1)).max() < 1e-12
+        assert np.abs(np.cross(x, push).sum(axis=1)).max() < 1e-12
+    turning = np.cross(rng.normal(size=3), x - rng.normal(size=3)) + rng.normal(size=3)
+    assert np.abs(counts[:, None] * took.slip(turning)).max() < 1e-12
+    slid = took.slip(rng.normal(size=x.shape))
+    assert (np.linalg.norm(slid, axis=1) > 1e-3).all()
+    sim.close()
+
+
+def one(n: int, points: Points, k: int, forces: np.ndarray) -> np.ndarray:
+    """(n, 3) what a force on point k alone is for the particles."""
+    out = np.zeros((n, 3))
+    Points(*(getattr(points, f.name)[k:k + 1] for f in dataclasses.fields(Points))).spread(forces[k:k + 1], out)
+    return out
+
+
+@ti.data_oriented
+class Diagonal:
+    """What points of contact add to the diagonal blocks."""
+
+    def __init__(self, sim: tc.Simulation) -> None:
+        self.touch, self.blocks = sim.contacts.touch, sim.model.blocks
+        self.P = ti.Vector.field(6, ti.f64, shape=sim.model.n)
+
+    @ti.kernel
+    def add(self):
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                self.touch.add_diagonal(t // self.blocks.grain, self.P)
+
+
+def test_points_of_contact_join_the_product_and_its_diagonal(rng):
+    _, a, sim = two_sheets(0.004, friction=0.3)
+    n = sim.model.n
+    R = rng.normal(size=(40, 3, 3))
+    block = np.einsum("kia,kja->kij", R, R)[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+    vertices = np.stack([rng.choice(n, 4, replace=False) for _ in range(40)])
+    p = Points(vertices, rng.normal(size=(40, 4)), block, rng.normal(size=(40, 3)), rng.normal(size=(40, 3)),
+               rng.normal(size=(40, 4, 3)))
+    v = rng.normal(size=(n, 3))
+    assert sim.contacts.touch.set(p)
+    product = sim.product(v, 1 / 60)
+    diagonal = Diagonal(sim)
+    diagonal.add()
+    assert sim.contacts.touch.set(Points(p.vertices[:0], p.weights[:0], p.block[:0], p.rhs[:0]))
+    product -= sim.product(v, 1 / 60)
+    A, J = block[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3), np.zeros((40, 3, n, 3))
+    for k in range(40):
+        for i, w, t in zip(p.vertices[k], p.weights[k], p.turns[k]):
+            J[k, :, i] += w * np.eye(3) + np.outer(t, p.normal[k])
+    mine = sim.model.to_user(np.einsum("kanb,kac,kcmd,md->nb", J, A, J, sim.model.to_particles(v), optimize=True))
+    assert np.abs(product - mine).max() < 1e-12 * np.abs(mine).max()
+    blocks = np.einsum("kanb,kac,kcnd->nbd", J, A, J, optimize=True)[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+    assert np.abs(diagonal.P.to_numpy() - blocks).max() < 1e-12 * np.abs(blocks).max()
+    sim.close()

@@ -1,0 +1,57 @@
+"""Points of contact: weighted sums of particles that a solve pushes and brakes. numpy only."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+CORNERS = 4
+
+
+@dataclass(frozen=True)
+class Points:
+    """Places on cloth, or differences of two, that contacts add to the system of a step.
+
+    A point moves by J p = sum_a (w_a I + t_a n^T) p_a where its particles move by p_a. The turns t, at right angles to n, take
+    off what it moves by as what is round it turns.
+
+    Attributes:
+        vertices: (k, 4) particles; weights: (k, 4) w.
+        block: (k, 6) symmetric A [kg]: J^T A J is added to the system's matrix.
+        rhs: (k, 3) r [kg m/s]: J^T r is added to its right-hand side.
+        normal: (k, 3) n; turns: (k, 4, 3) t. None for points that do not turn.
+    """
+
+    vertices: np.ndarray
+    weights: np.ndarray
+    block: np.ndarray
+    rhs: np.ndarray
+    normal: np.ndarray | None = None
+    turns: np.ndarray | None = None
+
+    def of(self, rows: np.ndarray) -> np.ndarray:
+        """(k, 3) how the points move where the particles move by rows (n, 3)."""
+        mine = rows[self.vertices]
+        out = np.einsum("ka,kai->ki", self.weights, mine)
+        if self.turns is None or self.normal is None:
+            return out
+        return out + np.einsum("kai,ka->ki", self.turns, np.einsum("kai,ki->ka", mine, self.normal))
+
+    def spread(self, forces: np.ndarray, to: np.ndarray) -> None:
+        """Adds to (n, 3) forces on the particles what forces (k, 3) on the points are for them."""
+        push = self.weights[:, :, None] * forces[:, None, :]
+        if self.turns is not None and self.normal is not None:
+            push += np.einsum("kai,ki->ka", self.turns, forces)[:, :, None] * self.normal[:, None, :]
+        np.add.at(to, self.vertices, push)
+
+    @staticmethod
+    def join(parts: Sequence["Points"]) -> "Points":
+        """Points one after the other."""
+        vertices, weights, block, rhs = (np.concatenate([getattr(p, name) for p in parts])
+                                         for name in ("vertices", "weights", "block", "rhs"))
+        if all(p.turns is None for p in parts):
+            return Points(vertices, weights, block, rhs)
+        zero = [np.zeros((len(p.rhs), CORNERS + 1, 3)) for p in parts]
+        return Points(vertices, weights, block, rhs,
+                      np.concatenate([z[:, 0] if p.normal is None else p.normal for p, z in zip(parts, zero)]),
+                      np.concatenate([z[:, 1:] if p.turns is None else p.turns for p, z in zip(parts, zero)]))
