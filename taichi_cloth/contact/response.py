@@ -30,7 +30,7 @@ from .states import EYE, States, rows_of, sym_outer, sym_times, tangential, unit
 from .touch import Touch
 
 PENETRATION = 1e-2  # of the thickness that a particle may end inside it without a further round
-TOLERATED = 0.3  # of the thickness: the same after further rounds; the next step brings it out
+TOLERATED = 0.3  # of the thickness: the same after further rounds, and where little would hold it; the next step brings it out
 DEEP = 0.5  # of the thickness: what ends deeper is not accepted
 PULL = 1e-3  # of a particle's weight (or of the mean contact force) that a contact may pull before it is released
 CONE = 1e-4  # relative excess over mu lambda before a contact slides
@@ -38,8 +38,8 @@ WEAK = 0.5  # of the cone: friction must be below it for what slides slowly to s
 SLOW = 5e-5  # slip [m/s] below which friction holds
 PATIENCE = 1  # rounds after which states that still change do so in the next step
 RELEASES = 4  # rounds in which contacts are released, where layers of cloth press on each other
-AGREED, AGREED_SHEAR = 3e-3, 3e-2  # part of all normal forces by which contacts may pull, and shear beyond the cone,
-# in a step: their states change in the next
+AGREED, AGREED_SHEAR = 3e-3, 3e-2  # part of all normal forces by which contacts may pull, or lack what would hold particles
+# that end inside, and shear beyond the cone, in a step: their states change in the next
 SMALLER = 64  # times smaller than the usual, a step is taken though cloth ends inside or across: it may be pinched
 FALL = 0.5  # of the thickness: from higher than that and than its motion leads, nothing is brought down to a solid
 APART = 0.3  # sine of the angle between directions below which the second is no further constraint of a particle
@@ -349,8 +349,11 @@ class Contacts:
         friction = np.where(self.slides[:, None], -(mu * s.force)[:, None] * unit(slip_now), 0)
         held = np.where(s.stick[:, None], F, normal[:, None] * f.normal)
         self.total = held + friction
-        depth = self._depth()
-        entered = int(np.sum(depth > (PENETRATION if self.round == 0 else TOLERATED)))
+        inside = self._inside()
+        depth = -inside.gap / self.thickness[inside.solid]
+        lacks = -float(np.sum(self.model.mass[inside.index] * inside.gap)) / h**2
+        few = self.round > 0 or lacks < AGREED * float(np.sum(force))
+        entered = int(np.sum(depth > (TOLERATED if few else PENETRATION)))
         self.round += 1
         changes = int(pulls.sum() + breaks.sum() + turns.sum()) + entered
         self.unsettled = changes
@@ -358,7 +361,6 @@ class Contacts:
         entered += close
         matters = bad or entered or disagree or (wrong > float(np.sum(force)) and self.round <= PATIENCE)
         return Verdict(max(changes, 1) if matters else 0, float(np.max(depth, initial=0.0)), bad)
-
 
     def went_in(self) -> bool:
         """Whether something ended too deep, or through, after further solves that held the same contacts."""
@@ -375,15 +377,16 @@ class Contacts:
         self.crossings = self.scan.count_crossings()
         return self.crossings > self.crossings_before and self.may_shrink
 
-    def _depth(self) -> np.ndarray:
-        """How deep [thicknesses] what is not held, or is held at another plane, ends inside."""
+    def _inside(self) -> Found:
+        """What ends inside a solid's thickness and is not held, or is held at another plane."""
         f, t = self.found, self.thickness[self.found.solid]
         strayed = (f.gap < -DEEP * t) & (f.gap < f.start_gap - PENETRATION * t)
-        return (-f.gap / t)[~np.isin(f.key, self.active.key) | strayed]
+        return f.take((f.gap < 0) & (~np.isin(f.key, self.active.key) | strayed))
 
     def _left(self) -> tuple[int, bool]:
         """(pairs that are left closer than they should be, whether anything ended too deep)."""
-        bad = bool((self._depth() > DEEP).any())
+        inside = self._inside()
+        bad = bool((inside.gap < -DEEP * self.thickness[inside.solid]).any())
         if self.near is None:
             return 0, bad
         nearer, lost = left(self.near, self.pressed, self.thickness[self.near.solid])
