@@ -18,11 +18,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..constraints import Held, kernel_array
+from ..constraints import Held
 from ..fields import Fields
 from ..model import Model
 from ..scene import Scene
 from .detection import Found
+from .holding import hold_together
 from .pairs import Pairs, Step, left, press
 from .points import Points
 from .scan import Scanner
@@ -42,7 +43,6 @@ AGREED, AGREED_SHEAR = 3e-3, 3e-2  # part of all normal forces by which contacts
 # that end inside, and shear beyond the cone, in a step: their states change in the next
 SMALLER = 64  # times smaller than the usual, a step is taken though cloth ends inside or across: it may be pinched
 FALL = 0.5  # of the thickness: from higher than that and than its motion leads, nothing is brought down to a solid
-APART = 0.3  # sine of the angle between directions below which the second is no further constraint of a particle
 LAGGED = 0.1  # relative error of the friction forces that a first round may leave
 
 
@@ -193,8 +193,8 @@ class Contacts:
         share = min(1.0, self.h / self.h_usual)  # small steps move as fast as large ones
         down = 2 * np.maximum(nearing, 0) + FALL * share * self.thickness[f.solid]  # no further than its own way leads
         lift = np.clip(-f.start_gap, -down, self.push_limit * share)
-        self.target = f.carried + lift[:, None] * f.normal
-        held = self._held(lift)
+        self.holding = hold_together(f, self.state.stick, lift, self.pinned, self.model.n, self.exchange)
+        held = self.holding.held
         self.active_slip = slip
         self.base = self.x + self.h * self.v, self.v  # where the solve begins
         if held is not None:
@@ -222,65 +222,6 @@ class Contacts:
         """(k, 3) forces [N] on the points of touch at the end of the step."""
         p = self.points
         return (p.rhs - sym_times(p.block, p.of(self.end() - self.base[0]) / self.h)) / self.h
-
-    def _held(self, lift: np.ndarray) -> Held | None:
-        """Pins and contacts as one."""
-        f, stick = self.active, self.state.stick
-        projector = np.einsum("ki,kj->kij", f.normal, f.normal)
-        projector[stick] = np.eye(3)
-        y = lift[:, None] * f.normal
-        target = self.target
-        pinned = self.pinned
-        if not len(f.index):
-            self.simple, self.rows = np.zeros(0, dtype=bool), np.zeros(0, dtype=np.int64)
-            return pinned
-        pins = pinned.index if pinned is not None else np.zeros(0, dtype=np.int64)
-        _, first, count = np.unique(f.index, return_index=True, return_counts=True)
-        single = np.zeros(len(f.index), dtype=bool)
-        single[first[count == 1]] = True
-        self.simple = simple = single & ~np.isin(f.index, pins)
-        index, projector, target, y = [f.index[simple]], [projector[simple]], [target[simple]], [y[simple]]
-        shared = np.unique(f.index[~simple])
-        if len(shared):
-            several = [self._combine(i, pinned) for i in shared]
-            for parts, values in zip((index, projector, target, y), zip(*several)):
-                parts.append(np.array(values))
-        if pinned is not None:
-            free = ~np.isin(pinned.index, shared)
-            index.append(pinned.index[free])
-            projector.append(pinned.projector[free])
-            target.append(pinned.target[free])
-            y.append(np.zeros((int(free.sum()), 3)))
-        all_index = np.concatenate(index)
-        row = np.full(self.model.n, -1)
-        row[all_index] = np.arange(len(all_index))
-        self.rows = row[f.index]
-        P, goal, shift = (kernel_array(np.concatenate(parts), self.exchange) for parts in (projector, target, y))
-        return Held(kernel_array(all_index, np.int32), P, goal, True, shift)
-
-    def _combine(self, i: int, pinned: Held | None) -> tuple:
-        """Everything that holds particle i, one direction after the other."""
-        rows: list[tuple[np.ndarray, float, float]] = []  # direction, position along it, y along it
-        if pinned is not None and i in pinned.index:
-            k = int(np.flatnonzero(pinned.index == i)[0])
-            values, vectors = np.linalg.eigh(pinned.projector[k].astype(np.float64))
-            rows += [(q, float(q @ pinned.target[k]), 0.0) for q, value in zip(vectors.T, values) if value > 0.5]
-        mine = np.flatnonzero(self.active.index == i)
-        for k in mine.tolist():
-            n = self.active.normal[k]
-            rows.append((n, float(n @ self.target[k]), float(n @ (self.target[k] - self.active.carried[k]))))
-        for k in mine[self.state.stick[mine]]:
-            rows += [(q, float(q @ self.active.carried[k]), 0.0) for q in np.eye(3)]
-        basis: list[tuple[np.ndarray, float, float]] = []
-        for q, value, y in rows:
-            for b, b_value, b_y in basis:
-                c = float(q @ b)
-                q, value, y = q - c * b, value - c * b_value, y - c * b_y
-            size = float(np.linalg.norm(q))
-            if size > APART:
-                basis.append((q / size, value / size, y / size))
-        projector = sum(np.outer(q, q) for q, _, _ in basis)
-        return (i, projector, sum(value * q for q, value, _ in basis), sum(y * q for q, _, y in basis))
 
     def set_touch(self) -> None:
         """Friction of what slides, and pairs, as points of `touch`."""
@@ -314,12 +255,7 @@ class Contacts:
     def judge(self, reaction: np.ndarray) -> Verdict:
         """What must change after a solve; `reaction` (k, 3) [N s] on the held particles, in `hold`'s order."""
         f, s, h = self.active, self.state, self.h
-        F = reaction[self.rows] / h if len(self.rows) else np.zeros((0, 3))
-        normal = np.einsum("ki,ki->k", F, f.normal)
-        for k in np.flatnonzero(~self.simple):  # share between the contacts of one particle
-            mine = np.flatnonzero(f.index == f.index[k])
-            if len(mine) > 1:
-                normal[k] = np.linalg.lstsq(f.normal[mine].T, F[k], rcond=None)[0][mine == k][0]
+        F, normal = self.holding.forces(f, reaction / h)
         tangent = F - normal[:, None] * f.normal
         shear = np.linalg.norm(tangent, axis=1)
         mu = self.friction[f.solid]

@@ -1,0 +1,97 @@
+"""Contacts with solids, and pins, as one set of held directions."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..constraints import Held, kernel_array
+from .detection import Found
+
+APART = 0.3  # sine of the angle between directions below which the second is no further constraint of a particle
+
+
+@dataclass(frozen=True)
+class Holding:
+    """What holds particles.
+
+    Attributes:
+        held: contacts and pins; None where there are neither.
+        alone: (k,) whether a contact is the only thing that holds its particle.
+        rows: (k,) which of the held particles is a contact's.
+    """
+
+    held: Held | None
+    alone: np.ndarray
+    rows: np.ndarray
+
+    def forces(self, f: Found, on_held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(forces [N] (k, 3) on the particles of contacts, their parts (k,) along the normals) from those on what is held."""
+        if not len(self.rows):
+            return np.zeros((0, 3)), np.zeros(0)
+        force = on_held[self.rows]
+        normal = np.einsum("ki,ki->k", force, f.normal)
+        for k in np.flatnonzero(~self.alone):  # share between the contacts of one particle
+            mine = np.flatnonzero(f.index == f.index[k])
+            if len(mine) > 1:
+                normal[k] = np.linalg.lstsq(f.normal[mine].T, force[k], rcond=None)[0][mine == k][0]
+        return force, normal
+
+
+def hold_together(f: Found, stick: np.ndarray, lift: np.ndarray, pinned: Held | None, n: int, exchange: type) -> Holding:
+    """Contacts and pins of n particles as one.
+
+    Args:
+        stick: (k,) whether a contact holds all directions; lift: (k,) how far [m] along its normal it moves its particle.
+    """
+    if not len(f.index):
+        return Holding(pinned, np.zeros(0, dtype=bool), np.zeros(0, dtype=np.int64))
+    projectors = np.einsum("ki,kj->kij", f.normal, f.normal)
+    projectors[stick] = np.eye(3)
+    shifts = lift[:, None] * f.normal
+    pins = pinned.index if pinned is not None else np.zeros(0, dtype=np.int64)
+    _, first, count = np.unique(f.index, return_index=True, return_counts=True)
+    single = np.zeros(len(f.index), dtype=bool)
+    single[first[count == 1]] = True
+    alone = single & ~np.isin(f.index, pins)
+    index, projector, target, y = [f.index[alone]], [projectors[alone]], [(f.carried + shifts)[alone]], [shifts[alone]]
+    shared = np.unique(f.index[~alone])
+    if len(shared):
+        several = [_combine(f, stick, shifts, i, pinned) for i in shared]
+        for parts, values in zip((index, projector, target, y), zip(*several)):
+            parts.append(np.array(values))
+    if pinned is not None:
+        free = ~np.isin(pinned.index, shared)
+        index.append(pinned.index[free])
+        projector.append(pinned.projector[free])
+        target.append(pinned.target[free])
+        y.append(np.zeros((int(free.sum()), 3)))
+    all_index = np.concatenate(index)
+    row = np.full(n, -1)
+    row[all_index] = np.arange(len(all_index))
+    P, goal, shift = (kernel_array(np.concatenate(parts), exchange) for parts in (projector, target, y))
+    return Holding(Held(kernel_array(all_index, np.int32), P, goal, True, shift), alone, row[f.index])
+
+
+def _combine(f: Found, stick: np.ndarray, shifts: np.ndarray, i: int, pinned: Held | None) -> tuple:
+    """Everything that holds particle i, one direction after the other: (i, projector, target, y)."""
+    rows: list[tuple[np.ndarray, float, float]] = []  # direction, position along it, y along it
+    if pinned is not None and i in pinned.index:
+        k = int(np.flatnonzero(pinned.index == i)[0])
+        values, vectors = np.linalg.eigh(pinned.projector[k].astype(np.float64))
+        rows += [(q, float(q @ pinned.target[k]), 0.0) for q, value in zip(vectors.T, values) if value > 0.5]
+    mine = np.flatnonzero(f.index == i)
+    for k in mine.tolist():
+        n = f.normal[k]
+        rows.append((n, float(n @ (f.carried[k] + shifts[k])), float(n @ shifts[k])))
+    for k in mine[stick[mine]]:
+        rows += [(q, float(q @ f.carried[k]), 0.0) for q in np.eye(3)]
+    basis: list[tuple[np.ndarray, float, float]] = []
+    for q, value, y in rows:
+        for b, b_value, b_y in basis:
+            c = float(q @ b)
+            q, value, y = q - c * b, value - c * b_value, y - c * b_y
+        size = float(np.linalg.norm(q))
+        if size > APART:
+            basis.append((q / size, value / size, y / size))
+    projector = sum(np.outer(q, q) for q, _, _ in basis)
+    return (i, projector, sum(value * q for q, value, _ in basis), sum(y * q for q, _, y in basis))
