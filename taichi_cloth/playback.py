@@ -12,7 +12,6 @@ from .output.folder import write_whole
 from .output.movie import write_mp4
 from .output.picture import Artist, Heat, Look, contact_sheet
 from .output.png import encode_apng, encode_png
-from .output.raster import to_srgb
 from .output.recording import Recording
 from .quantities import QUANTITIES, evaluate
 
@@ -108,7 +107,7 @@ def compare(a: Recording, b: Recording, file: pathlib.Path, size: tuple[int, int
         x = np.concatenate([frame["x"], frame.get("solid_x", a.geometry["solid_x"])]).astype(np.float64)
         image = first.renderer.render(x, heat_colors(apart[k], 0.0, high, False))
         if not rows[2]:
-            draw_bar(image, 0.0, high, False, "distance [m]", to_srgb)
+            draw_bar(image, 0.0, high, False, "distance [m]")
         rows[2].append(image)
     write_whole(file, encode_png(contact_sheet([image for row in rows for image in row], len(numbers))))
     every = np.concatenate(list(apart.values()))

@@ -1,4 +1,4 @@
-"""Colour scales for heat maps, and their bar."""
+"""Colour scales for heat maps, their bar, and sRGB."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ def heat_colors(values: np.ndarray, low: float, high: float, diverging: bool) ->
     return (1 - part) * table[k] + part * table[k + 1]
 
 
-def draw_bar(image: np.ndarray, low: float, high: float, diverging: bool, label: str, to_srgb) -> None:
+def draw_bar(image: np.ndarray, low: float, high: float, diverging: bool, label: str) -> None:
     """A colour bar with its ends and a label in the lower left corner of an image of bytes."""
     scale = max(1, image.shape[0] // 360)
     width, height, edge = min(220 * scale // 2 * 2, image.shape[1] - 20), 8 * scale, 10 * scale
@@ -31,3 +31,10 @@ def draw_bar(image: np.ndarray, low: float, high: float, diverging: bool, label:
     draw_text(image, f"{low:.3g}", edge, row + height + 3 * scale, scale)
     right = f"{high:.3g}"
     draw_text(image, right, edge + width - text_width(right, scale), row + height + 3 * scale, scale)
+
+
+def to_srgb(linear: np.ndarray) -> np.ndarray:
+    """uint8 sRGB of linear light."""
+    c = np.clip(linear, 0, 1)
+    c = np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
+    return (c * 255 + 0.5).astype(np.uint8)

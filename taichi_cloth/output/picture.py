@@ -8,7 +8,7 @@ import numpy as np
 from ..view import Camera, View
 from .camera import fit
 from .colors import draw_bar, heat_colors
-from .raster import PALETTE, STONE, Renderer, to_srgb
+from .raster import PALETTE, STONE, Renderer
 from .text import draw_text
 
 
@@ -90,7 +90,7 @@ class Artist:
         image = self.renderer.render(x, colors, look.wire)
         if look.heat is not None:
             label = f"{look.heat.name} [{look.heat.unit}]" if look.heat.unit else look.heat.name
-            draw_bar(image, *look.heat.range, look.heat.diverging, label, to_srgb)
+            draw_bar(image, *look.heat.range, look.heat.diverging, label)
         if look.caption:
             scale = max(1, image.shape[0] // 360)
             draw_text(image, look.caption.format(t=f"{float(frame['t']):.3f}", frame=number), 10 * scale, 10 * scale, scale)

@@ -13,13 +13,15 @@ from .. import runtime
 from ..errors import BackendError, check_choice
 from ..view import Camera, View
 from .camera import fit, frame, ground_height
+from .colors import to_srgb
+from .coverage import PIECE, corner, edge, pieces, weights, wire
 from .rays import RayTree
+from .surroundings import ambient, checker, sky, soft_checker
 
 QUALITY = {"fast": (2, 0, 0), "standard": (2, 2, 4), "high": (3, 6, 12)}  # samples an axis, shadow and ambient rays each
 LIGHT_SIZE = 0.06  # tangent of half the angle under which the light is seen
 REACH = 2  # pixels around that share what rays found
 OCCLUDE = 0.35  # part of the scene's size beyond which nothing takes ambient light away
-PIECE = 64  # pixels of a triangle's box that one thread of a CPU tests; on a GPU they are threads
 SHADOW = 1536  # shadow map, pixels a side
 SAME = 8  # roundings by which depths of one sample may differ between the two passes: not all backends round alike
 LIGHT = (0.45, 0.8, 0.5)  # towards the key light
@@ -352,91 +354,6 @@ def spread(seed, s):
     return a - ti.floor(a), 6.2831853 * (b - ti.floor(b))
 
 
-@ti.func
-def wire(a, b, c, area, k, samples: ti.template()):
-    """Dark along the edges of a triangle on the screen, 1 inside."""
-    size = ti.abs(area)
-    x = k[0] * size / ti.max((b - c).xy.norm(), 1e-6)
-    y = k[1] * size / ti.max((c - a).xy.norm(), 1e-6)
-    z = k[2] * size / ti.max((a - b).xy.norm(), 1e-6)
-    return 0.35 + 0.65 * ti.min(1.0, ti.min(x, y, z) / (0.7 * samples))
-
-
-def pieces(p: np.ndarray, faces: np.ndarray, w: int, h: int, near: float) -> np.ndarray:
-    """The work of rasterising triangles in equal pieces of PIECE pixels, so that large and small ones share threads well.
-
-    A GPU takes a thread a pixel: Mesa's Vulkan on the CPU loses what follows an atomic operation inside a loop.
-
-    Args:
-        p: (n, 3) columns, rows, 1/depth. Triangles with a corner behind the eye or nearer than 1/near are left out.
-
-    Returns:
-        (k, 6) int32: face, first pixel of its box, the box's first column and row, its columns, its pixels.
-    """
-    corners = p[faces]
-    keep = ((corners[:, :, 2] > 0) & (corners[:, :, 2] < near)).all(axis=1)
-    low = np.floor(np.clip(corners[:, :, :2].min(axis=1), 0, (w, h))).astype(np.int64)
-    high = np.ceil(np.clip(corners[:, :, :2].max(axis=1), 0, (w, h))).astype(np.int64)
-    across = high - low
-    u, v = corners[:, 1, :2] - corners[:, 0, :2], corners[:, 2, :2] - corners[:, 0, :2]
-    keep &= np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) > 1e-12
-    count = np.where(keep, across.prod(axis=1), 0)
-    share = -(-count // PIECE)
-    face = np.repeat(np.arange(len(faces)), share)
-    first = PIECE * (np.arange(len(face)) - np.repeat(np.cumsum(share) - share, share))
-    columns = (face, first, low[face, 0], low[face, 1], across[face, 0], count[face])
-    return np.stack(columns, axis=1).astype(np.int32).reshape(-1, 6)
-
-
-@ti.func
-def corner(p: ti.template(), i):
-    """Row i of an (n, 3) array."""
-    return ti.Vector([p[i, 0], p[i, 1], p[i, 2]])
-
-
-@ti.func
-def edge(a, b, x, y):
-    """Twice the signed area of (a, b, (x, y))."""
-    return (b[0] - a[0]) * (y - a[1]) - (b[1] - a[1]) * (x - a[0])
-
-
-@ti.func
-def weights(a, b, c, area, x, y):
-    """Barycentric coordinates of a pixel; all at least 0 inside, whichever way round the triangle is."""
-    return ti.Vector([edge(b, c, x, y), edge(c, a, x, y), edge(a, b, x, y)]) / area
-
-
-@ti.func
-def checker(q):
-    """1 and 0 in turn."""
-    cell = ti.cast(ti.floor(q[0]), int) + ti.cast(ti.floor(q[1]), int)
-    return ti.cast(cell & 1, float)
-
-
-@ti.func
-def soft_checker(q, width):
-    """The mean of `checker` over a square of this width: its edges are as soft as a sample is wide."""
-    side = 1.0
-    for d in ti.static(range(2)):
-        low, high = (q[d] - 0.5 * width) / 2, (q[d] + 0.5 * width) / 2
-        side *= 2 * (ti.abs(low - ti.floor(low) - 0.5) - ti.abs(high - ti.floor(high) - 0.5)) / width
-    return 0.5 - 0.5 * side
-
-
-@ti.func
-def sky(ray):
-    """Colour of the sky in a direction."""
-    t = ti.max(ray[1], 0.0)
-    return ti.Vector([0.80, 0.86, 0.93]) * (1 - t) + ti.Vector([0.42, 0.60, 0.86]) * t
-
-
-@ti.func
-def ambient(n):
-    """Light from everywhere: blueish from above, warm from the ground."""
-    t = 0.5 + 0.5 * n[1]
-    return 0.5 * (ti.Vector([0.85, 0.93, 1.05]) * t + ti.Vector([0.42, 0.38, 0.34]) * (1 - t))
-
-
 def vertex_normals(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(n, 3) f32 normals, the mean of a vertex's triangles weighted by area."""
     a, b, c = (x[faces[:, k]] for k in range(3))
@@ -446,10 +363,3 @@ def vertex_normals(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
         out[:, d] = sum(np.bincount(faces[:, k], normal[:, d], minlength=len(x)) for k in range(3))
     length = np.linalg.norm(out, axis=1, keepdims=True)
     return (out / np.maximum(length, 1e-30)).astype(np.float32)
-
-
-def to_srgb(linear: np.ndarray) -> np.ndarray:
-    """uint8 sRGB of linear light."""
-    c = np.clip(linear, 0, 1)
-    c = np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
-    return (c * 255 + 0.5).astype(np.uint8)

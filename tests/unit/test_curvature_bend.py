@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.forces.curvature_bend import curvatures
+from taichi_cloth.forces.curvature_fit import curvatures
 
 
 def jittered(rng, n=8, seam=False):
