@@ -1,6 +1,6 @@
 """Places where cloth is near an edge or corner of a solid, and the law of their repulsion. numpy only."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -36,6 +36,15 @@ class Pairs:
     carried: np.ndarray
     point: np.ndarray
     key: np.ndarray
+
+
+    def moved(self, by: np.ndarray, reach: np.ndarray) -> "Pairs":
+        """Those that are within reach (k,) [m] of each other where particles are moved by (n, 3) [m], as they are there."""
+        shift = _at(self, by)
+        distance = self.distance + np.einsum("ki,ki->k", self.normal, shift)
+        near = distance < reach
+        there = replace(self, distance=distance, point=self.point + shift)
+        return Pairs(*(getattr(there, f.name)[near] for f in fields(there)))
 
 
 @dataclass(frozen=True)

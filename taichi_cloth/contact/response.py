@@ -24,7 +24,7 @@ from ..model import Model
 from ..scene import Scene
 from .detection import Found
 from .holding import hold_together
-from .pairs import Pairs, Step, left, press
+from .pairs import PAIR, Pairs, Step, left, press
 from .points import Points
 from .scan import Scanner
 from .states import EYE, States, rows_of, sym_outer, sym_times, tangential, unit
@@ -156,9 +156,14 @@ class Contacts:
 
     def _look(self) -> None:
         """What the particles meet on their way to where they now are, and how fast they slip there."""
-        self.found = f = self.scan.detect()
-        self.slip = tangential((self.end()[f.index] - f.carried) / self.h, f.normal)
+        self.found, self.there = self.scan.detect(), self.end()
+        f = self.found
+        self.slip = tangential((self.there[f.index] - f.carried) / self.h, f.normal)
         self.near = self.scan.find_pairs()
+
+    def stop_short(self) -> None:
+        """The model went a part of its way only: edges and corners of solids are met as they are from there."""
+        self.there, self.near = self.end(), self.scan.find_pairs()
 
     def end(self) -> np.ndarray:
         """(n, 3) positions at the end of the step as they now stand."""
@@ -223,6 +228,13 @@ class Contacts:
         p = self.points
         return (p.rhs - sym_times(p.block, p.of(self.end() - self.base[0]) / self.h)) / self.h
 
+    def _to_go(self) -> np.ndarray:
+        """(n, 3) how far what is held has to go from where pairs were looked for."""
+        out, held = np.zeros_like(self.there), self.holding.held
+        if held is not None:
+            out[held.index] = np.einsum("kij,kj->ki", held.projector, held.target - self.there[held.index])
+        return out
+
     def set_touch(self) -> None:
         """Friction of what slides, and pairs, as points of `touch`."""
         f, s, h = self.active, self.state, self.h
@@ -244,9 +256,9 @@ class Contacts:
         points = [self.layers.points(self.base[0])] if self.sprung and self.layers is not None else []
         points.append(Points(np.repeat(f.index[:, None], 4, axis=1), np.tile([1.0, 0, 0, 0], (len(u), 1)), block, rhs))
         if self.near is not None:
-            self.pressed, which = self.near, self.near.solid
+            self.pressed = near = self.near.moved(self._to_go(), PAIR * self.thickness[self.near.solid])
             step = Step(h, self.h_usual, self.x, *self.base)
-            points.append(press(self.near, step, self.model.mass, self.thickness[which], self.friction[which]))
+            points.append(press(near, step, self.model.mass, self.thickness[near.solid], self.friction[near.solid]))
         self.points = every = Points.join(points)
         if self.layers is not None and self.layered:
             every = Points.join([self.points, self.layers.points(self.base[0])])

@@ -176,8 +176,12 @@ class Layered:
                 measures = self._measure()
                 allowed = limit + SMOOTH * layers.energy + self.system.rounding(h, measures)
                 if part < TIMID or limit == math.inf or self._potential(measures, h) <= allowed:
-                    return part, verdict, measures
+                    break
             part /= 2
+        if part < 1:
+            with clock.part("C-S"):
+                self.contacts.stop_short()
+        return part, verdict, measures
 
     def _measure(self) -> Measures:
         """Of the state as it now is, with the repulsion of layers."""
