@@ -43,6 +43,23 @@ def test_a_fast_thin_solid_does_not_tunnel(shape, precision):
     assert crossings(sim) == 0
 
 
+@pytest.mark.parametrize("sheets", [1, 2])
+def test_what_a_fine_mesh_holds_is_not_pulled_at_by_its_edges(sheets):
+    """A ball of triangles smaller than the cloth's comes from below at 1 m/s: no step has to be tried smaller."""
+    scene, mesh = tc.Scene(), tc.grid(0.6, 24)
+    damped = tc.Fabric(0.2, tc.Stretch(1000, k_d=0.5), tc.Shear(100, k_d=0.05), tc.Bend(5e-5))
+    scene.add_solid(tc.SolidMesh(*tc.Sphere(0.12).surface()), friction=0.4, thickness=0.006, position=lambda t: (0.0, t, 0.0))
+    for k in range(sheets):
+        scene.add_cloth(mesh, damped, positions=mesh.x + [-0.3, 0.14 + 0.01 * k, 0.3],
+                        contact=tc.ClothContact(0.006) if sheets > 1 else None)
+    sim = tc.Simulation(scene, h=1 / 100)
+    while sim.time < 0.3 - 1e-9:
+        sim.step()
+    assert crossings(sim) == 0 and sim.intersections() == 0 and np.abs(sim.velocities()).max() < 1.5
+    assert len(sim.log) == 30 and not any(r.rejections for r in sim.log)
+    sim.close()
+
+
 def test_a_spinning_edge(rng):
     """A bar with sharp edges that turns under a lying sheet."""
     mesh = tc.grid(0.5, 16)
