@@ -26,8 +26,8 @@ def figure(scene: tc.Scene, friction: float) -> float:
     return 1.46
 
 
-def build(cells: int = 50, data: str = "", friction: float = 0.4, size: float = 1.1) -> tc.Scene:
-    """A sheet falls on the figure's head and shoulders while it moves."""
+def build(cells: int = 50, data: str = "", friction: float = 0.4, size: float = 1.1, itself: bool = False) -> tc.Scene:
+    """A sheet falls on the figure's head and shoulders while it moves; `itself`: its folds meet each other too."""
     scene = tc.Scene(view=tc.View(ground=-0.02, camera=tc.Camera((1.6, 1.5, 2.4), (0, 0.85, 0.05), 36)))
     if data:
         body = tc.load_solid(data)
@@ -37,7 +37,8 @@ def build(cells: int = 50, data: str = "", friction: float = 0.4, size: float = 
         top = np.array([0.0, figure(scene, friction), 0.0])
     mesh = tc.grid(size, cells)
     scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, k_d=0.5), tc.Shear(100, k_d=0.05), tc.Bend(5e-5)),
-                    positions=mesh.x + top + [-size / 2, THICKNESS + 0.01, size / 2])
+                    positions=mesh.x + top + [-size / 2, THICKNESS + 0.01, size / 2],
+                    contact=tc.ClothContact(THICKNESS, friction) if itself else None)
     return scene
 
 
@@ -49,6 +50,8 @@ def check(sim: tc.Simulation):
     crossed = sum(count_crossings(x, cloth.mesh.faces, s.surface_at(sim.time), s.shape.surface()[1])
                   for s in sim.scene.solids)
     yield f"{crossed} crossings of cloth and body", crossed == 0
+    if cloth.contact is not None:
+        yield f"{sim.intersections()} intersections of the cloth with itself", sim.intersections() == 0
     yield f"largest stretch {sim.log[-1].stretch:.3f}", sim.log[-1].stretch < 1.4
     load = -sum(force[1] for force, _ in sim.solid_loads().values())
     yield f"the body carries {load:.2f} N", load > 0.2
