@@ -19,17 +19,18 @@ class CrossingCounter:
 
     def __init__(self, model: Model, pairs: PairDetector, tree: TriangleTree) -> None:
         self.model, self.pairs, self.tree = model, pairs, tree
-        self._found: np.ndarray = np.zeros(1, dtype=np.int32)
+        self._found: np.ndarray = np.zeros(pairs.count, dtype=np.int32)
 
-    def count(self) -> int:
-        """Number of (face, triangle) that cross; touching is no crossing."""
-        self._found[0] = 0
-        self._count(self._found)
-        return int(self._found[0])
+    def find(self) -> np.ndarray:
+        """(k, 3) particles of the face of each (face, triangle) that cross; touching is no crossing."""
+        self._find(self._found)
+        face = np.flatnonzero(self._found)
+        return np.repeat(self.pairs.faces_host[face], self._found[face], axis=0)
 
     @ti.kernel
-    def _count(self, found: ti.types.ndarray()):
+    def _find(self, found: ti.types.ndarray()):
         for f in range(self.pairs.count):
+            found[f] = 0
             v = self.pairs.faces[f]
             a, b, c = self.model.x[v[0]], self.model.x[v[1]], self.model.x[v[2]]
             low, high = ti.min(a, b, c), ti.max(a, b, c)
@@ -45,7 +46,7 @@ class CrossingCounter:
                         p, q = ti.min(d, e, g), ti.max(d, e, g)
                         if (p <= high).all() and (q >= low).all():
                             if through(a, b, c, d, e, g) + through(d, e, g, a, b, c) > 0:
-                                found[0] += 1
+                                found[f] += 1
                 node = self.tree.boxes.following(node)
                 if node == 1:
                     break

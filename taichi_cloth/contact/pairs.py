@@ -99,17 +99,14 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
                   block + (h**2 * k)[:, None] * normal, rhs)
 
 
-def left(p: Pairs, before: Pairs | None, thickness: np.ndarray) -> tuple[int, bool]:
-    """(pairs left nearer than they should be and than before, whether one is too near to be accepted)."""
-    if not len(p.key):
-        return 0, False
+def left(p: Pairs, before: Pairs | None, thickness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(whether pairs (k,) are left nearer than they should be and than before, whether they are too near to be accepted)."""
     r = PAIR * thickness
     now, was = p.distance / r, np.full(len(r), np.inf)
     if before is not None and len(before.key):
         where = rows_of(before.key, p.key)
         was = np.where(where >= 0, before.distance[where] / r, np.inf)
-    nearer = (now < CLOSE) & (now < was - CREEP)  # what stays where it was is borne by its force
-    return int(np.sum(nearer)), bool((now < LEAST).any())
+    return (now < CLOSE) & (now < was - CREEP), now < LEAST  # what stays where it was is borne by its force
 
 
 def _at(p: Pairs, values: np.ndarray) -> np.ndarray:

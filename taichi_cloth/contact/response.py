@@ -41,7 +41,8 @@ PATIENCE = 1  # rounds after which states that still change do so in the next st
 RELEASES = 4  # rounds in which contacts are released, where layers of cloth press on each other
 AGREED, AGREED_SHEAR = 3e-3, 3e-2  # part of all normal forces by which contacts may pull, or lack what would hold particles
 # that end inside, and shear beyond the cone, in a step: their states change in the next
-SMALLER = 64  # times smaller than the usual, a step is taken though cloth ends inside or across: it may be pinched
+SMALLER = 64  # times smaller than the usual, a step is taken though cloth ends inside or across: it is pinched
+SPARED = 0.1  # s for which what is pinched does not make steps small again
 FALL = 0.5  # of the thickness: from higher than that and than its motion leads, nothing is brought down to a solid
 LAGGED = 0.1  # relative error of the friction forces that a first round may leave
 
@@ -86,7 +87,9 @@ class Contacts:
         self.reach = 4 * self.scan.edge  # [m] that a particle may close in on a solid in one step
         self.push_limit = self.scan.edge / 4  # [m] pushed out in a usual step: more would tear at the triangles
         self.trial = self.accepted = States()
-        self.warm, self.crossings, self.crossings_before = False, 0, 0
+        self.warm = False
+        self.crossed = self.crossed_before = np.zeros((0, 3), dtype=np.int64)
+        self.spared = np.zeros(model.n)  # s for which it does not matter how deep inside solids particles end
         self.count, self.unsettled = 0, 0
         self.pressed: Pairs | None = None
         self.places = np.zeros((0, 3)), np.zeros((0, 3))
@@ -103,7 +106,10 @@ class Contacts:
 
     def commit(self) -> None:
         """The step was accepted: the next begins from its contacts."""
-        self.accepted, self.warm, self.crossings_before = self.trial, True, self.crossings
+        self.spared = np.maximum(self.spared - self.h, 0)
+        if not self.may_shrink:
+            self._spare()
+        self.accepted, self.warm, self.crossed_before = self.trial, True, self.crossed
         if self.layers is not None:
             self.layers.commit()
 
@@ -118,6 +124,7 @@ class Contacts:
         self.accepted = self.trial = self.state = States()
         self.active, self.total, self.pressed = Found.none(), np.zeros((0, 3)), None
         self.warm, self.count, self.unsettled = False, 0, 0
+        self.spared = np.maximum(self.spared - self.h, 0)
         if self.layers is not None:
             self.layers.pass_by()
 
@@ -131,13 +138,13 @@ class Contacts:
         """What is remembered from step to step, as arrays by name."""
         states = {name: getattr(self.accepted, name) for name in ("key", "stick", "force", "push")}
         layers = {} if self.layers is None else {f"layer_{k}": a for k, a in self.layers.checkpoint().items()}
-        return {**states, "warm": np.array(self.warm), "crossings": np.array(self.crossings_before), **layers}
+        return {**states, "warm": np.array(self.warm), "crossed": self.crossed_before, "spared": self.spared, **layers}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
         """Goes on from what `checkpoint` gave."""
         self.accepted = States(*(state[name] for name in ("key", "stick", "force", "push")))
-        self.warm, self.crossings = bool(state["warm"]), int(state["crossings"])
-        self.crossings_before = self.crossings
+        self.warm, self.spared = bool(state["warm"]), state["spared"].copy()
+        self.crossed = self.crossed_before = state["crossed"]
         if self.layers is not None:
             self.layers.resume({k[6:]: a for k, a in state.items() if k.startswith("layer_")})
 
@@ -150,7 +157,8 @@ class Contacts:
     def clear(self) -> None:
         """Forgets all contacts: the state was changed from outside."""
         self.accepted, self.warm = States(), False
-        self.crossings = self.crossings_before = self.scan.count_crossings()
+        self.spared[:] = 0
+        self.crossed = self.crossed_before = self.scan.find_crossings()
         if self.layers is not None:
             self.layers.clear()
 
@@ -322,14 +330,39 @@ class Contacts:
 
     def went_through(self) -> bool:
         """Whether cloth passes through solids where it did not before, in a step that can still be made smaller."""
-        self.crossings = self.scan.count_crossings()
-        return self.crossings > self.crossings_before and self.may_shrink
+        self.crossed = self.scan.find_crossings()
+        return len(self._minded(self.crossed)) > len(self._minded(self.crossed_before)) and self.may_shrink
+
+    @property
+    def crossings(self) -> int:
+        """Pairs of triangles of cloth and solids that cross."""
+        return len(self.crossed)
+
+    @property
+    def pinched(self) -> int:
+        """Particles between which solids leave cloth no room."""
+        return int(np.sum(self.spared > 0))
+
+    def _minded(self, vertices: np.ndarray) -> np.ndarray:
+        """Those rows (k, .) of particles none of which is pinched."""
+        return vertices[(self.spared[vertices] == 0).all(axis=1)]
+
+    def _spare(self) -> None:
+        """What went wrong in the smallest of steps is pinched between solids, and does not keep steps small for a while."""
+        inside = self._inside()
+        deep = inside.index[inside.gap < -DEEP * self.thickness[inside.solid]]
+        self.spared[deep] = SPARED
+        if self.near is not None:
+            lost = left(self.near, self.pressed, self.thickness[self.near.solid])[1]
+            self.spared[self.near.vertices[lost]] = SPARED
+        if len(self._minded(self.crossed)) > len(self._minded(self.crossed_before)):
+            self.spared[self.crossed] = SPARED
 
     def _inside(self) -> Found:
-        """What ends inside a solid's thickness and is not held, or is held at another plane."""
+        """What ends inside a solid's thickness, is not held, or held at another plane, and not pinched."""
         f, t = self.found, self.thickness[self.found.solid]
         strayed = (f.gap < -DEEP * t) & (f.gap < f.start_gap - PENETRATION * t)
-        return f.take((f.gap < 0) & (~np.isin(f.key, self.active.key) | strayed))
+        return f.take((f.gap < 0) & (~np.isin(f.key, self.active.key) | strayed) & (self.spared[f.index] == 0))
 
     def _left(self) -> tuple[int, bool]:
         """(pairs that are left closer than they should be, whether anything ended too deep)."""
@@ -338,7 +371,8 @@ class Contacts:
         if self.near is None:
             return 0, bad
         nearer, lost = left(self.near, self.pressed, self.thickness[self.near.solid])
-        return nearer, bad or lost
+        minded = (self.spared[self.near.vertices] == 0).all(axis=1)
+        return int(np.sum(nearer & minded)), bad or bool((lost & minded).any())
 
     def forces_on_particles(self) -> np.ndarray:
         """(n, 3) [N] on each particle in the last round, in particle order."""

@@ -69,7 +69,7 @@ class Scanner:
             np.maximum.at(depth, found.index[inside], -found.start_gap[inside] * 1.5)
             self.surfaces.set_depth(depth)
         if self.tree is not None:
-            crossings = self.count_crossings()
+            crossings = len(self.find_crossings())
             if crossings:
                 notes.append(f"{crossings} triangles of cloth and solids pass through each other at the start")
             self.tree.placed = False
@@ -99,9 +99,9 @@ class Scanner:
         index = np.repeat(i, self._slots[i])
         return Found(index, rows[:, 8].astype(np.int64), rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5:8])
 
-    def count_crossings(self) -> int:
-        """Pairs of triangles of cloth and solids that now cross; 0 where nothing pokes."""
-        return self.crossings.count() if self.crossings is not None else 0
+    def find_crossings(self) -> np.ndarray:
+        """(k, 3) particles of the cloth's in pairs of triangles of cloth and solids that cross; none where nothing pokes."""
+        return self.crossings.find() if self.crossings is not None else np.zeros((0, 3), dtype=np.int64)
 
     def find_pairs(self) -> Pairs | None:
         """Pairs that come within range on that way, or None where no solid has edges or corners to fear."""

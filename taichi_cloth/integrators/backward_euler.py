@@ -54,7 +54,7 @@ class BackwardEuler:
         held = held_at(h)
         made = self.solve_once(h, held, start) if self.layered is None else self.layered.attempt(h, held, start)
         return made if c is None else replace(made, contacts=c.count, unsettled=c.unsettled + made.unsettled,
-                                              crossings=c.crossings)
+                                              crossings=c.crossings, pinched=c.pinched + made.pinched)
 
     def solve_once(self, h: float, held: Held | None, start: Measures) -> Attempt:
         """A step without regard to cloth that meets cloth: one solve, more for contact with solids or for its energy."""

@@ -60,6 +60,30 @@ def test_what_a_fine_mesh_holds_is_not_pulled_at_by_its_edges(sheets):
     sim.close()
 
 
+@pytest.mark.parametrize("gap", [0.004, -0.002])
+def test_what_solids_pinch_is_named_and_does_not_keep_steps_small(gap):
+    """Two balls of triangles close on a sheet, also beyond what leaves it any room, and open again."""
+    scene, mesh = tc.Scene(gravity=None), tc.grid(0.3, 12)
+    damped = tc.Fabric(0.2, tc.Stretch(1000, k_d=0.5), tc.Shear(100, k_d=0.05), tc.Bend(5e-5))
+    ball = tc.SolidMesh(*tc.Sphere(0.06).surface())
+
+    def away(t: float) -> float:
+        return gap / 2 + 0.06 + 0.03 * abs(min(t / 0.15, 2) - 1)
+
+    scene.add_solid(ball, friction=0.3, thickness=0.005, position=lambda t: (0.0, away(t), 0.0), rotation=(0.0, 0.3, 0.0))
+    scene.add_solid(ball, friction=0.3, thickness=0.005, position=lambda t: (0.0, -away(t), 0.0))
+    scene.add_cloth(mesh, damped, positions=mesh.x + [-0.15, 0, 0.15])
+    sim = tc.Simulation(scene, h=1 / 100)
+    while sim.time < 0.4:
+        sim.step()
+    assert max(r.stretch for r in sim.log) < 4 and np.abs(sim.velocities()).max() < 5
+    if gap > 0:
+        assert max(r.pinched + r.crossings for r in sim.log) == 0 and len(sim.log) == 40
+    else:
+        assert max(r.pinched for r in sim.log) > 0 and len(sim.log) < 400
+    sim.close()
+
+
 def test_a_spinning_edge(rng):
     """A bar with sharp edges that turns under a lying sheet."""
     mesh = tc.grid(0.5, 16)
