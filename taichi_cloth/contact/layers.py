@@ -100,6 +100,7 @@ class Layers:
         self.detector.begin()
         if guess:
             self.near = self.detector.look(swept=True)  # of those that were candidates before
+            self._weigh(self.near)  # the model is not there any more when a solve asks for them
 
     @timed
     def meet(self) -> bool:

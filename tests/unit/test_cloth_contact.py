@@ -415,6 +415,7 @@ def test_a_pair_is_neither_pushed_nor_turned_nor_braked_as_it_turns(rng):
     layers, x = sim.contacts.layers, sim.model.read_particles()[0]
     layers.clear()
     layers.begin(1 / 60, x, True)
+    sim.model.write_particles(2 * x, np.zeros_like(x))  # a solve asks for them from elsewhere
     layers.points(x)
     took, p = layers.pressed, layers.near
     assert len(p.end) > 50 and np.allclose(p.along(x), p.end, rtol=1e-12, atol=1e-15)
