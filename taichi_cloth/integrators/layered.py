@@ -122,7 +122,8 @@ class Layered:
                 if part < 1 and not contacts.may_shrink:
                     layers.let_go()
                     self.let_go = True
-                why = f"energy {over:.2g} J too high" if gains else f"{layers.off} pairs unsettled"
+                why = f"energy {over:.2g} J too high" if gains else (f"{layers.off} pairs unsettled, smallest gap "
+                                                                     f"{layers.least:.2g} of what it should be")
                 return (CONTACT, f"between layers of cloth, after {len(solutions)} solves: {part:.2g} of the way free, "
                         f"{why}"), measures
             self.unsettled = layers.off
