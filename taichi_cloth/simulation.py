@@ -346,9 +346,16 @@ class Simulation:
         Events of the scene up to then are fired again; the simulation must be new.
 
         Raises:
-            SceneError: the state is of another mesh.
+            SceneError: the state is of another mesh, of a scene without what this one has, or of another version.
         """
         self._live()
+        try:
+            self._resume(state)
+        except KeyError as missing:
+            raise SceneError(f"the checkpoint has no {missing}: it is of another version, or of a run with other options"
+                             ) from None
+
+    def _resume(self, state: dict[str, np.ndarray]) -> None:
         if state["x"].shape != (self.model.n, 3):
             raise SceneError(f"the checkpoint has {len(state['x'])} particles and the scene {self.model.n}")
 

@@ -324,6 +324,9 @@ def test_the_same_twice_and_resumed():
     for _ in range(4):
         again.step()
     assert np.array_equal(again.positions(), end)
+    del state["contact_spared"]
+    with pytest.raises(tc.SceneError, match="no 'spared': it is of another version"):
+        again.resume(state)
     again.close()
 
 
