@@ -350,12 +350,14 @@ class Simulation:
         """
         self._live()
         try:
-            self._resume(state)
+            self._restore(state)
         except KeyError as missing:
             raise SceneError(f"the checkpoint has no {missing}: it is of another version, or of a run with other options"
                              ) from None
+        self._fire_events()
+        self._attachments.anchors.update({int(k[7:]): a for k, a in state.items() if k.startswith("anchor_")})
 
-    def _resume(self, state: dict[str, np.ndarray]) -> None:
+    def _restore(self, state: dict[str, np.ndarray]) -> None:
         if state["x"].shape != (self.model.n, 3):
             raise SceneError(f"the checkpoint has {len(state['x'])} particles and the scene {self.model.n}")
 
@@ -370,8 +372,6 @@ class Simulation:
             self.integrator.system.preconditioner.resume(part("levels_"))
         if self.contacts is not None:
             self.contacts.resume(part("contact_"))
-        self._fire_events()
-        self._attachments.anchors.update({int(k): a for k, a in part("anchor_").items()})
 
     def close(self) -> None:
         """Gives the memory of the fields back; the simulation is over."""

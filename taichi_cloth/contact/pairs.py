@@ -38,9 +38,13 @@ class Pairs:
     key: np.ndarray
 
 
+    def of(self, rows: np.ndarray) -> np.ndarray:
+        """(k, 3) values of the places on the cloth, from those (n, 3) of the particles."""
+        return np.einsum("ka,kai->ki", self.weights, rows[self.vertices])
+
     def moved(self, by: np.ndarray, reach: np.ndarray) -> "Pairs":
         """Those that are within reach (k,) [m] of each other where particles are moved by (n, 3) [m], as they are there."""
-        shift = _at(self, by)
+        shift = self.of(by)
         distance = self.distance + np.einsum("ki,ki->k", self.normal, shift)
         near = distance < reach
         there = replace(self, distance=distance, point=self.point + shift)
@@ -82,7 +86,7 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
     far = d >= r / 2
     f = stiff * np.where(far, r - d, r**2 / (4 * d))
     k = stiff * np.where(far, 1.0, r**2 / (4 * d**2))
-    ahead = np.einsum("ki,ki->k", p.normal, p.point - _at(p, step.x))
+    ahead = np.einsum("ki,ki->k", p.normal, p.point - p.of(step.x))
     f0 = f + k * (ahead + d - p.distance)
     stop = PRESS * own / h**2
     limit = np.clip(p.distance - np.einsum("ki,ki->k", p.normal, p.point - p.carried), 2 * LEAST * r, r)
@@ -93,7 +97,7 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
     drag = h * friction * f / np.maximum(slip, DRAG_SLIP)
     normal = sym_outer(p.normal)
     block = drag[:, None] * (EYE - normal)
-    start = _at(p, step.v) + (_at(p, step.x_0) - p.carried) / h
+    start = p.of(step.v) + (p.of(step.x_0) - p.carried) / h
     rhs = (h * f0)[:, None] * p.normal - sym_times(block, start)
     return Points(np.column_stack([p.vertices, p.vertices[:, 0]]), np.column_stack([p.weights, np.zeros(len(r))]),
                   block + (h**2 * k)[:, None] * normal, rhs)
@@ -107,7 +111,3 @@ def left(p: Pairs, before: Pairs | None, thickness: np.ndarray) -> tuple[np.ndar
         where = rows_of(before.key, p.key)
         was = np.where(where >= 0, before.distance[where] / r, np.inf)
     return (now < CLOSE) & (now < was - CREEP), now < LEAST  # what stays where it was is borne by its force
-
-
-def _at(p: Pairs, values: np.ndarray) -> np.ndarray:
-    return np.einsum("ka,kai->ki", p.weights, values[p.vertices])

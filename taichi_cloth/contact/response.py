@@ -285,8 +285,8 @@ class Contacts:
             pulls[:] = False  # what layers press in again and again stays held until the next step
         breaks = s.stick & ~pulls & (shear > mu * np.maximum(normal, 0) * (1 + CONE))
         if self.pressed is not None:
-            p, force, end = self.pressed, self._point_forces(), self.end()
-            self.places = force[len(force) - len(p.key):], np.einsum("ka,kai->ki", p.weights, end[p.vertices])
+            force = self._point_forces()
+            self.places = force[len(force) - len(self.pressed.key):], self.pressed.of(self.end())
         self._look()
         here = rows_of(self.found.key, f.key)
         slip_now = np.where((here >= 0)[:, None], self.slip[here] if len(self.slip) else 0.0, 0.0)
@@ -313,7 +313,7 @@ class Contacts:
         self.round += 1
         changes = int(pulls.sum() + breaks.sum() + turns.sum()) + entered
         self.unsettled = changes
-        close, bad = self._left()
+        close, bad = self._left(inside)
         entered += close
         matters = bad or entered or disagree or (wrong > float(np.sum(force)) and self.round <= PATIENCE)
         return Verdict(max(changes, 1) if matters else 0, float(np.max(depth, initial=0.0)), bad)
@@ -321,7 +321,7 @@ class Contacts:
     def went_in(self) -> bool:
         """Whether something ended too deep, or through, after further solves that held the same contacts."""
         self._look()
-        return (self._left()[1] and self.may_shrink) or self.went_through()
+        return (self._left(self._inside())[1] and self.may_shrink) or self.went_through()
 
     @property
     def may_shrink(self) -> bool:
@@ -364,9 +364,8 @@ class Contacts:
         strayed = (f.gap < -DEEP * t) & (f.gap < f.start_gap - PENETRATION * t)
         return f.take((f.gap < 0) & (~np.isin(f.key, self.active.key) | strayed) & (self.spared[f.index] == 0))
 
-    def _left(self) -> tuple[int, bool]:
-        """(pairs that are left closer than they should be, whether anything ended too deep)."""
-        inside = self._inside()
+    def _left(self, inside: Found) -> tuple[int, bool]:
+        """(pairs that are left closer than they should be, whether they or what is inside ended too deep)."""
         bad = bool((inside.gap < -DEEP * self.thickness[inside.solid]).any())
         if self.near is None:
             return 0, bad
