@@ -1,0 +1,1 @@
+"""Random trials by kind; `scripts/fuzz.py` runs them."""
