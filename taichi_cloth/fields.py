@@ -1,12 +1,15 @@
 """Taichi fields, declared one by one, allocated together, filled from numpy by a single kernel, freed together."""
 
+from . import taichi_patches  # noqa: F401  (before Taichi)
+
+# isort: split
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import taichi as ti
 
-from . import quicken, runtime  # noqa: F401  (before any kernel is read)
+from . import runtime
 
 CHUNK = 1 << 22  # numbers that are handed to a kernel at once
 

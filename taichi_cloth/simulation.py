@@ -1,6 +1,6 @@
 """The composition root: a scene becomes fields, forces, an integrator and a stepper, and is run frame by frame."""
 
-from . import quicken  # noqa: F401  (before Taichi)
+from . import taichi_patches  # noqa: F401  (before Taichi)
 
 # isort: split
 import math

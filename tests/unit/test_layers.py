@@ -7,7 +7,7 @@ PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
 
 ROOMS = [
     ["errors"], ["view"], ["mesh"], ["shapes", "fabric", "intersections"], ["solids"], ["scene"], ["io"],  # description
-    ["ordering", "elements", "quicken", "runtime", "timing"], ["quantities"], ["fields"], ["model", "team"],  # fields
+    ["ordering", "elements", "taichi_patches", "runtime", "timing"], ["quantities"], ["fields"], ["model", "team"],  # fields
     ["forces"], ["operator"], ["measure", "constraints"], ["contact"], ["solver"], ["integrators"], ["stepper"],
     ["simulation"],
     ["output"], ["record", "playback"], ["report", "scenefile"], ["study", "verify"], ["runner"],

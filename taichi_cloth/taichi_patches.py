@@ -1,0 +1,139 @@
+"""Taichi reads this package's kernels, declares its fields and finds its attributes faster once this is imported.
+
+What Taichi draws for its messages, and looks up again and again, is replaced where the kernel, the class or the field is the
+package's own. Those of others keep all of it: their source lines underlined in errors, and where their fields were declared.
+Measured in DESIGN.md. What another version of Taichi lacks stays as it is there. Import it before any class with kernels is
+made, best before Taichi itself. The environment variable TAICHI_CLOTH_PATCHES=0 leaves Taichi as it is.
+"""
+
+import functools
+import inspect
+import os
+import sys
+import textwrap
+from types import SimpleNamespace
+
+PACKAGE = __name__.split(".")[0]
+WANTED = os.environ.get("TAICHI_CLOTH_PATCHES", "1") != "0"
+
+_getmodule = inspect.getmodule
+if WANTED:
+    inspect.getmodule = lambda *_, **__: None  # type: ignore[assignment]
+try:  # it would go through all modules for the source of each of its own kernels
+    import taichi as ti
+    from taichi.lang import impl, kernel_impl
+    from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+finally:
+    inspect.getmodule = _getmodule
+
+
+@functools.lru_cache(1024)  # asked for every node of a kernel's tree
+def _of(module: str | None, package: str) -> bool:
+    """Whether a module of this name belongs to a package."""
+    return module is not None and module.split(".")[0] == package
+
+
+def _own(module: str | None) -> bool:
+    return _of(module, PACKAGE)
+
+
+def _own_or_taichi(module: str | None) -> bool:
+    return _own(module) or _of(module, "taichi")
+
+
+def _get_pos_info(original):
+    """Where a node is, without its line underlined; of Taichi's own functions, which come again and again, once as it was."""
+    known: dict[tuple, str] = {}
+
+    def position(context, node) -> str:
+        function = context.func.func
+        if _own(function.__module__):
+            return f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {function.__name__}:\n'
+        if not _of(function.__module__, "taichi"):
+            return original(context, node)
+        key = function, node.lineno, node.col_offset, node.end_lineno, node.end_col_offset
+        if key not in known:
+            known[key] = original(context, node)
+        return known[key]
+
+    return position
+
+
+def _inside_class(original):
+    """Whether the frame below a level is a class's body; Taichi reads the source of the frame that holds it for that."""
+
+    def inside(level_of_class_stackframe: int) -> bool:
+        frame = sys._getframe(level_of_class_stackframe - 1)
+        if not _own_or_taichi(frame.f_globals.get("__name__")):
+            return original(level_of_class_stackframe + 1)
+        return "__qualname__" in frame.f_locals
+
+    return inside
+
+
+def _cached(original):
+    """What is found out about a function, once."""
+    known = functools.lru_cache(None)(original)
+    return lambda function: (known if _own_or_taichi(function.__module__) else original)(function)
+
+
+def _get_traceback(original):
+    """Where a field was declared, in words: nothing for our own."""
+
+    def traceback(stacklevel: int = 1) -> str:
+        frame = sys._getframe(1)
+        while frame.f_back is not None and _of(frame.f_globals.get("__name__"), "taichi"):
+            frame = frame.f_back
+        return "" if _own(frame.f_globals.get("__name__")) else original(stacklevel + 1)
+
+    return traceback
+
+
+class _Bound:
+    """A kernel of a class, bound to an instance where it is got from one."""
+
+    def __init__(self, kernel) -> None:
+        self.kernel = kernel
+        kernel._is_staticmethod = False
+
+    def __get__(self, owner, cls=None):
+        return self.kernel if owner is None else kernel_impl._BoundedDifferentiableMethod(owner, self.kernel)
+
+
+def _data_oriented(original):
+    """`ti.data_oriented`, which asks of every attribute that is got from an instance whether it is a kernel.
+
+    It goes on doing so where a kernel is a property or static.
+    """
+
+    def data_oriented(cls):
+        original(cls)
+        inner = [getattr(member, "fget", getattr(member, "__func__", None)) for member in vars(cls).values()]
+        if not _own(cls.__module__) or any(hasattr(function, "_is_wrapped_kernel") for function in inner):
+            return cls
+        del cls.__getattribute__
+        for name, member in list(vars(cls).items()):
+            if getattr(member, "_is_classkernel", False):
+                setattr(cls, name, _Bound(member))
+        return cls
+
+    return data_oriented
+
+
+def _lines(_original):
+    """`textwrap` as kernels' sources need it, line by line, with the same result."""
+    dedent = functools.lru_cache(1024)(textwrap.dedent)
+    return SimpleNamespace(fill=lambda line, **_: line.expandtabs(4).rstrip(), dedent=dedent)
+
+
+def _apply() -> None:
+    for owner, name, faster in (
+            (ASTTransformerContext, "get_pos_info", _get_pos_info), (kernel_impl, "_inside_class", _inside_class),
+            (kernel_impl, "getsourcelines", _cached), (kernel_impl, "getsourcefile", _cached),
+            (kernel_impl, "textwrap", _lines), (ti, "data_oriented", _data_oriented), (impl, "get_traceback", _get_traceback)):
+        if hasattr(owner, name):
+            setattr(owner, name, faster(getattr(owner, name)))
+
+
+if WANTED:
+    _apply()
