@@ -251,7 +251,7 @@ class SolidMesh:
         bad = np.argwhere(~np.isfinite(x).all(axis=2))
         if len(bad):
             raise SceneError(f"solid mesh: vertex {bad[0][1]} is not finite in frame {bad[0][0]}")
-        if len(x) > 1 and (self.fps is None or not self.fps > 0):
+        if len(x) > 1 and (self.fps is None or not (math.isfinite(self.fps) and self.fps > 0)):
             raise SceneError(f"solid mesh: a sequence of {len(x)} frames needs fps > 0, not {self.fps!r}")
         if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or faces.min() < 0 or faces.max() >= x.shape[1]:
             raise SceneError(f"solid mesh: faces need shape (m, 3) and indices below {x.shape[1]}")

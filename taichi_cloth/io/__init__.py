@@ -1,4 +1,4 @@
-"""Reading meshes: a reader of our own for OBJ, meshio for the rest."""
+"""Reading meshes: a reader a format; sizes that a file claims are held against its own before anything is made of them."""
 
 from pathlib import Path
 
@@ -7,9 +7,13 @@ import numpy as np
 from ..errors import MeshError, SceneError, check_choice
 from ..mesh import TriMesh
 from .obj import read_obj
+from .off import read_off
 from .pattern import fit_pattern
+from .ply import read_ply
+from .stl import read_stl
+from .vtk import read_vtk
 
-OTHER = (".ply", ".stl", ".vtk", ".vtu", ".off")
+OTHER = {".ply": read_ply, ".stl": read_stl, ".vtk": read_vtk, ".vtu": read_vtk, ".off": read_off}
 
 
 def load(path: str | Path, scale: float = 1.0, uv: str = "auto") -> TriMesh:
@@ -60,33 +64,9 @@ def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None,
     suffix = path.suffix.lower()
     if suffix == ".obj":
         return read_obj(path)
-    if suffix in OTHER:
-        return *_read_other(path), None, {}
-    raise MeshError(f"{path}: unknown mesh format {suffix!r}; known: .obj, {', '.join(OTHER)}")
-
-
-def _read_other(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    import meshio
-
+    if suffix not in OTHER:
+        raise MeshError(f"{path}: unknown mesh format {suffix!r}; known: .obj, {', '.join(OTHER)}")
     try:
-        mesh = meshio.read(path)
-    except SystemExit:  # meshio's way of saying that it cannot read a file
-        raise MeshError(f"{path}: cannot be read") from None
-    except Exception as error:
-        raise MeshError(f"{path}: cannot be read: {type(error).__name__}: {error}") from None
-    faces = [np.asarray(c.data) for c in mesh.cells if c.type == "triangle"]
-    for quads in (np.asarray(c.data) for c in mesh.cells if c.type == "quad"):
-        faces += [quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]
-    if not faces:
-        raise MeshError(f"{path}: the mesh has no faces")
-    x = np.asarray(mesh.points, dtype=np.float64)
-    if x.shape[1] == 2:
-        x = np.column_stack([x, np.zeros(len(x))])
-    x, faces_all = _weld(x, np.concatenate(faces)) if path.suffix.lower() == ".stl" else (x, np.concatenate(faces))
-    return x, faces_all
-
-
-def _weld(x: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """STL has three vertices of its own for every triangle: equal ones become one."""
-    unique, inverse = np.unique(x, axis=0, return_inverse=True)
-    return unique, inverse.reshape(-1)[faces]
+        return *OTHER[suffix](path), None, {}
+    except (OSError, ValueError, OverflowError) as error:
+        raise MeshError(f"{path}: cannot be read: {error}") from None

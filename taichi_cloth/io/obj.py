@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import MeshError
+from .polygon import cut
 
 Corner = tuple[int, int | None]
 
@@ -39,9 +40,8 @@ def read_obj(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dic
                 current[key] = words
             elif key == "f":
                 corners = [_corner(w, len(v), len(vt)) for w in words]
-                if len(corners) < 3:
-                    raise ValueError(f"a face needs at least 3 corners, not {len(corners)}")
-                triangles += _triangulate(corners, v)
+                places = cut(np.array([v[c[0]] for c in corners]))
+                triangles += [(corners[i], corners[j], corners[k]) for i, j, k in places]
                 for name in current["g"] + current["o"]:
                     members.setdefault(name, set()).update(c[0] for c in corners)
         except (ValueError, IndexError) as error:
@@ -85,28 +85,3 @@ def _texture(triangles: list, vt: list) -> np.ndarray | None:
     if not vt or (index < 0).any():
         return None
     return np.array(vt)[index]
-
-
-def _triangulate(corners: list[Corner], v: list) -> list[tuple[Corner, Corner, Corner]]:
-    """A polygon's triangles: cut ears off, so that concave ones come out right too."""
-    if len(corners) == 3:
-        return [(corners[0], corners[1], corners[2])]
-    p = np.array([v[c[0]] for c in corners])
-    normal = np.cross(np.roll(p, 1, axis=0), p).sum(axis=0)
-    left, out = list(range(len(p))), []
-    while len(left) > 3:
-        ear = next((k for k in range(len(left)) if _is_ear(p, normal, left, k)), 0)
-        a, b, c = left[ear - 1], left[ear], left[(ear + 1) % len(left)]
-        out.append((corners[a], corners[b], corners[c]))
-        del left[ear]
-    out.append((corners[left[0]], corners[left[1]], corners[left[2]]))
-    return out
-
-
-def _is_ear(p: np.ndarray, normal: np.ndarray, left: list[int], k: int) -> bool:
-    a, b, c = p[left[k - 1]], p[left[k]], p[left[(k + 1) % len(left)]]
-    if np.dot(np.cross(b - a, c - b), normal) <= 0:
-        return False
-    others = p[[i for i in left if i not in (left[k - 1], left[k], left[(k + 1) % len(left)])]]
-    inside = [np.einsum("ij,j->i", np.cross(t - s, others - s), normal) >= 0 for s, t in ((a, b), (b, c), (c, a))]
-    return not np.logical_and.reduce(inside).any()

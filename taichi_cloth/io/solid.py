@@ -1,11 +1,13 @@
 """Solids from files: one mesh, or a sequence of positions with one topology."""
 
 import glob
+import math
 import struct
 from pathlib import Path
 
 import numpy as np
 
+from .. import npz
 from ..errors import MeshError, SceneError
 from ..solids import SolidMesh
 from . import read_surface
@@ -29,10 +31,10 @@ def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, m
         raise SceneError(f"scale = {scale!r}: must be positive")
     path = str(path)
     suffix = Path(path).suffix.lower()
-    if any(c in path for c in "*?["):
+    if not Path(path).is_file():
+        if not any(c in path for c in "*?["):
+            raise MeshError(f"no such file: {path}")
         x, faces = _frames(path)
-    elif not Path(path).is_file():
-        raise MeshError(f"no such file: {path}")
     elif suffix == ".npz":
         x, faces, fps = _npz(path, fps)
     elif suffix == ".pc2":
@@ -41,8 +43,11 @@ def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, m
         x, faces = _pc2(Path(path)), read_surface(Path(mesh))[1]
     else:
         x, faces = read_surface(Path(path))[:2]
+    if fps is not None and not (math.isfinite(fps) and fps > 0):
+        raise SceneError(f"{path}: fps = {fps!r}: must be positive")
     try:
-        return SolidMesh(x * scale, faces, fps)
+        with np.errstate(over="ignore"):  # what is not finite then is named
+            return SolidMesh(x * scale, faces, fps)
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
 
@@ -63,23 +68,30 @@ def _frames(pattern: str) -> tuple[np.ndarray, np.ndarray]:
 
 def _npz(path: str, fps: float | None) -> tuple[np.ndarray, np.ndarray, float | None]:
     try:
-        with np.load(path) as data:
-            missing = {"positions", "faces"} - set(data.files)
-            if missing:
-                raise MeshError(f"{path}: has no array {sorted(missing)[0]!r}; it needs positions and faces")
-            stored = float(data["fps"]) if "fps" in data.files else None
-            return np.asarray(data["positions"], dtype=np.float64), data["faces"], fps or stored
-    except (OSError, ValueError) as error:
+        arrays = npz.read(path)
+    except npz.DamagedError as error:
         raise MeshError(f"{path}: cannot be read: {error}") from None
+    for name in ("positions", "faces"):
+        if name not in arrays:
+            raise MeshError(f"{path}: has no array {name!r}; it needs positions and faces")
+        if arrays[name].dtype.kind not in ("iuf" if name == "positions" else "iu"):
+            raise MeshError(f"{path}: {name} are of type {arrays[name].dtype}, not {'whole ' * (name == 'faces')}numbers")
+    if fps is None and "fps" in arrays:
+        if arrays["fps"].size != 1 or arrays["fps"].dtype.kind not in "iuf":
+            raise MeshError(f"{path}: fps must be one number")
+        fps = float(arrays["fps"].ravel()[0])
+    return arrays["positions"].astype(np.float64), arrays["faces"], fps
 
 
 def _pc2(path: Path) -> np.ndarray:
     """Frames of a PC2 point cache: a header of 32 bytes, then float32 triples."""
-    data = path.read_bytes()
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise MeshError(f"{path}: cannot be read: {error.strerror or error}") from None
     if len(data) < 32 or data[:12] != b"POINTCACHE2\0":
         raise MeshError(f"{path}: is no PC2 point cache")
     count, frames = struct.unpack("<i", data[16:20])[0], struct.unpack("<i", data[28:32])[0]
-    if len(data) != 32 + 12 * count * frames:
-        raise MeshError(f"{path}: is {len(data)} bytes long, its header of {frames} frames of {count} points says "
-                        f"{32 + 12 * count * frames}")
+    if min(count, frames) < 1 or len(data) != 32 + 12 * count * frames:
+        raise MeshError(f"{path}: is {len(data)} bytes long, its header says {frames} frames of {count} points")
     return np.frombuffer(data, dtype="<f4", offset=32).reshape(frames, count, 3).astype(np.float64)
