@@ -42,9 +42,9 @@ def write(path: pathlib.Path, kind: str, x: np.ndarray, faces: np.ndarray, rng: 
     if kind == ".obj":
         path.write_text("v " + rows.replace("\n", "\nv ") + "\n" + "".join(f"f {a} {b} {c}\n" for a, b, c in faces + 1))
     elif kind == ".ply text":
-        path.write_text(f"ply\nformat ascii 1.0\nelement vertex {len(x)}\nproperty double x\nproperty double y\n"
-                        f"property double z\nelement face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n{rows}\n"
-                        + "".join(f"3 {a} {b} {c}\n" for a, b, c in faces))
+        header = ["ply", "format ascii 1.0", f"element vertex {len(x)}", *(f"property double {c}" for c in "xyz"),
+                  f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"]
+        path.write_text("\n".join([*header, rows, *(f"3 {a} {b} {c}" for a, b, c in faces)]) + "\n")
     elif kind == ".off":
         path.write_text(f"OFF\n{len(x)} {len(faces)} 0\n{rows}\n" + "".join(f"3 {a} {b} {c}\n" for a, b, c in faces))
     elif kind == ".npz":

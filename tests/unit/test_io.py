@@ -124,7 +124,7 @@ PLY_ROWS = [((0, 1, 2), 7), ((0, 2, 3, 4), 8), ((1, 0, 4), 9)]  # corners and a 
 def write_ply(path, x, order):
     """Triangles and a quad, with properties before and behind those that matter; text where order is ""."""
     head = ["ply", "format " + {"": "ascii", "<": "binary_little_endian", ">": "binary_big_endian"}[order] + " 1.0",
-            "comment end of nothing", f"element vertex {len(x)}", "property uchar red", *(f"property float {c}" for c in "xyz"),
+            "comment nothing", f"element vertex {len(x)}", "property uchar red", *(f"property float {c}" for c in "xyz"),
             f"element face {len(PLY_ROWS)}", "property list uchar int vertex_index", "property short tag", "end_header"]
     if order == "":
         body = "".join("200 {} {} {}\n".format(*p) for p in x) + "".join(
