@@ -1,0 +1,98 @@
+"""What the pages show is run: Python blocks of README and of the tutorials, page by page, small; commands are parsed.
+
+A line `<!-- small: A -> B -->` before a block says what is replaced in it so that the test is quick.
+"""
+
+import os
+import pathlib
+import re
+import shlex
+
+import pytest
+
+import taichi_cloth as tc
+
+ROOT = pathlib.Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+SMALL = re.compile(r"<!-- small: (.*?) -> (.*?) -->")
+
+
+def blocks(page: pathlib.Path, language: str):
+    """(line of the page, text) of each of its blocks in a language, made small."""
+    text, end = page.read_text(), 0
+    for found in BLOCK.finditer(text):
+        code, between = found[2], text[end:found.start()]
+        end = found.end()
+        if found[1] != language:
+            continue
+        for old, new in SMALL.findall(between):
+            assert old in code, f"{page.name}: {old!r} is not in the block that it stands before"
+            code = code.replace(old, new)
+        yield text[:found.start()].count("\n") + 1, code
+
+
+WITH_CODE = [page for page in PAGES if any(True for _ in blocks(page, "python"))]
+
+
+def test_there_is_something_to_run():
+    assert {"README.md", "first-scene.md", "solids.md", "layers.md"} <= {page.name for page in WITH_CODE}
+
+
+@pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: page.stem)
+def test_python_runs(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    space: dict = {"__name__": "page"}
+    for line, code in blocks(page, "python"):
+        filled = "\n" * line + code  # so that a traceback names the page's own line
+        exec(compile(filled, str(page), "exec"), space)
+    for value in space.values():  # so that the next page's fields are numbered as if it were the first, and kernels are known
+        if isinstance(value, tc.Simulation):
+            value.close()
+
+
+def commands(page: pathlib.Path):
+    for line, code in blocks(page, ""):
+        for k, text in enumerate(code.splitlines()):
+            for part in text.split("&&"):
+                yield line + 1 + k, shlex.split(part, comments=True)
+
+
+ALL = [(page, line, words) for page in PAGES for line, words in commands(page) if words]
+
+
+def test_commands_are_parsed(capsys):
+    """Every `taichi-cloth ...` of a page is one that the command line takes."""
+    from taichi_cloth.cli import _parser
+
+    mine = [(page, line, words) for page, line, words in ALL if words[0] == "taichi-cloth"]
+    assert len(mine) > 20
+    for page, line, words in mine:
+        try:
+            _parser().parse_args(words[1:])
+        except SystemExit:
+            pytest.fail(f"{page.name}, line {line}: {' '.join(words)}: {capsys.readouterr().err}")
+
+
+def test_scripts_are_there():
+    """Every `python scripts/x.py --flag` of a page names a script, and flags that are in it."""
+    mine = [(page, line, words) for page, line, words in ALL if words[:1] == ["python"]]
+    mine += [(page, 0, shlex.split(found)) for page in PAGES
+             for found in re.findall(r"`(python scripts/[^`\n]*)`", page.read_text())]
+    assert len(mine) > 5
+    for page, line, words in mine:
+        if not words[1].startswith("scripts/"):
+            continue
+        script = ROOT / words[1]
+        assert script.is_file(), f"{page.name}, line {line}: {words[1]}"
+        text = script.read_text()
+        for flag in (word for word in words[2:] if word.startswith("--")):
+            assert f'"{flag}"' in text, f"{page.name}, line {line}: {words[1]} has no {flag}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_links_lead_somewhere(page):
+    text = BLOCK.sub("", page.read_text())
+    for target in re.findall(r"\]\(([^)#\s]+)", text):
+        if "://" not in target:
+            assert os.path.exists(page.parent / target), f"{page.name}: {target}"
