@@ -1,0 +1,74 @@
+"""The site: tables taken from the code are whole, and it is built without a warning and asks for nothing from elsewhere."""
+
+import inspect
+import pathlib
+import re
+import subprocess
+import sys
+from dataclasses import fields
+
+import pytest
+
+ROOT = pathlib.Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "scripts"))
+import site_pages  # noqa: E402
+
+
+def rows(table: str) -> dict[str, list[str]]:
+    """First cell without its quotes -> the other cells."""
+    lines = [re.split(r"(?<!\\)\|", line)[1:-1] for line in table.splitlines() if line.startswith("| `")]
+    return {cells[0].strip().strip("`"): [cell.strip() for cell in cells[1:]] for cells in lines}
+
+
+def test_every_option_has_its_row():
+    import taichi_cloth as tc
+
+    table = rows(site_pages.options())
+    wanted = inspect.signature(tc.Simulation).parameters
+    assert set(table) == set(wanted) - {"scene"}
+    for name, (default, flag, meaning) in table.items():
+        assert default == f"`{wanted[name].default!r}`" and len(meaning) > 5, name
+        assert not flag or re.fullmatch(r"`--[a-zA-Z-]+`", flag), name
+    assert table["adaptive"][1] == "`--fixed-step`" and table["h"][1] == "`--h`"
+
+
+def test_every_number_of_a_step_is_explained():
+    from taichi_cloth.stepper import StepRecord
+
+    table = rows(site_pages.record())
+    assert list(table) == [f.name for f in fields(StepRecord)]
+    assert all(len(meaning) > 5 for (meaning,) in table.values()), table
+
+
+def test_every_command_and_scene_is_listed():
+    from taichi_cloth import cli, cli_recorded, cli_study, scenefile
+
+    text = site_pages.commands()
+    for name in ("run", "check", "list", "doctor", *cli_recorded.COMMANDS, *cli_study.COMMANDS):
+        assert f"## taichi-cloth {name}\n" in text
+    with pytest.raises(SystemExit):
+        cli.main(["run", "--help"])
+    assert set(rows(site_pages.scenes())) == {path.stem for path in scenefile.available().values()}
+
+
+def test_every_rejection_is_explained():
+    from taichi_cloth.stepper import ADVICE
+
+    assert set(ADVICE) <= {line.split("|")[1].strip() for line in (ROOT / "docs/troubleshooting.md").read_text().splitlines()
+                           if line.startswith("| ")}
+
+
+def test_site_is_built_from_what_is_here(tmp_path):
+    for package in ("mkdocs", "material", "mkdocstrings", "latex2mathml"):
+        pytest.importorskip(package)
+    done = subprocess.run([sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", tmp_path], cwd=ROOT,
+                          capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    pages = list(tmp_path.rglob("*.html"))
+    assert len(pages) > 25
+    for page in pages:
+        text = page.read_text()
+        assert not re.search(r"<(script|img|iframe)[^>]*src=.?https?:", text), page
+        assert not re.search(r"<link[^>]*rel=.?(stylesheet|preconnect|preload)[^>]*https?:", text), page
+        assert "arithmatex" not in text and "[[" not in re.sub(r"<(pre|code|script).*?</\1>", "", text, flags=re.DOTALL), page
+    assert (tmp_path / "theory/time/index.html").read_text().count("<math") > 20
