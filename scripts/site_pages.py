@@ -1,8 +1,8 @@
 """What mkdocs asks for while it builds the site: tables taken from the code, and formulas as MathML.
 
-A page names a table by a line `[[options]]`, `[[commands]]`, `[[scenes]]` or `[[record]]`. Formulas are turned into MathML, which
-browsers draw by themselves: no script and no font is loaded. Listed as a hook in mkdocs.yml; `python scripts/site_pages.py`
-prints the tables.
+A page names a table by a line `[[options]]`, `[[commands]]`, `[[scenes]]` or `[[record]]`. Formulas are turned into MathML,
+which browsers draw by themselves: no script and no font is loaded. Listed as a hook in mkdocs.yml; run by itself it prints
+the tables.
 """
 
 import argparse

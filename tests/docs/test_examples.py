@@ -14,6 +14,7 @@ import pytest
 ROOT = pathlib.Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+SLOW = ("solids", "layers")  # kernels of contact are many
 SMALL = re.compile(r"<!-- small: (.*?) -> (.*?) -->")
 
 
@@ -38,7 +39,8 @@ def test_there_is_something_to_run():
     assert {"README.md", "first-scene.md", "solids.md", "layers.md"} <= {page.name for page in WITH_CODE}
 
 
-@pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", [pytest.param(page, id=page.stem, marks=pytest.mark.slow if page.stem in SLOW else ())
+                                  for page in WITH_CODE])
 def test_python_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     space: dict = {"__name__": "page"}
