@@ -1,8 +1,8 @@
 """What mkdocs asks for while it builds the site: tables taken from the code, and formulas as MathML.
 
-A page names a table by a line `[[options]]`, `[[commands]]`, `[[scenes]]` or `[[record]]`. Formulas are turned into MathML,
-which browsers draw by themselves: no script and no font is loaded. Listed as a hook in mkdocs.yml; run by itself it prints
-the tables.
+A page names a table by a line `<!-- table: options -->` (or commands, scenes, record). Formulas are turned into MathML, which
+browsers draw by themselves: no script and no font is loaded. Listed as a hook in mkdocs.yml; run by itself it prints the
+tables.
 """
 
 import argparse
@@ -14,16 +14,14 @@ import sys
 
 ROOT = pathlib.Path(__file__).parents[1]
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
+PLACE = re.compile(r"<!-- table: (\w+) -->")
 ARGUMENT = re.compile(r"^ {4}(\w[\w, ]*): (.*)$")
 TWO_NAMES = "scene"  # an argument of `Simulation` that is no option
 
 
 def on_page_markdown(markdown: str, **_: object) -> str:
     """Puts the tables where a page names them."""
-    for name, table in TABLES.items():
-        if f"[[{name}]]" in markdown:
-            markdown = markdown.replace(f"[[{name}]]", table())
-    return markdown
+    return PLACE.sub(lambda found: TABLES[found[1]](), markdown)
 
 
 def on_page_content(content: str, **_: object) -> str:

@@ -96,3 +96,22 @@ def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#\s]+)", text):
         if "://" not in target:
             assert os.path.exists(page.parent / target), f"{page.name}: {target}"
+
+
+FILES = {path.relative_to(ROOT).as_posix(): path for folder in ("taichi_cloth", "scripts", "tests")
+         for path in (ROOT / folder).rglob("*.py")}
+EXPLAINS = [ROOT / "docs/glossary.md", *sorted((ROOT / "docs/theory").glob("*.md"))]
+
+
+@pytest.mark.parametrize("page", EXPLAINS, ids=lambda page: page.stem)
+def test_code_that_is_named_is_there(page):
+    """Files (`contact/barrier.py`), classes (`solver/multilevel.Multilevel`, `Layers.bore`) and their members."""
+    text = page.read_text()
+    for name in re.findall(r"`([\w/]+\.py)`", text):
+        assert any(f"/{path}".endswith(f"/{name}") for path in FILES), f"{page.name}: no file {name}"
+    source = "".join(path.read_text() for path in FILES.values() if "taichi_cloth" in path.parts)
+    named = re.findall(r"`(?:[a-z_/]+[./])?([A-Z][a-z]\w+)(?:\.([a-z_]\w*))?`", text)
+    for name, member in named:
+        assert re.search(rf"class {name}\b", source), f"{page.name}: no class {name}"
+        assert not member or re.search(rf"\b{member}\b", source), f"{page.name}: nothing is called {name}.{member}"
+    assert named or page.stem != "glossary"
