@@ -20,12 +20,12 @@ def look_flags(parser: argparse.ArgumentParser) -> None:
 
 def look_of(args: argparse.Namespace) -> dict:
     """Arguments of `output.picture.Look` but for the heat map, whose name and range are under "heat"."""
-    from .errors import check_choice
+    from . import checks
     from .quantities import QUANTITIES
     from .view import Camera
 
     if args.heat:
-        check_choice("quantity", args.heat, QUANTITIES)
+        checks.choice("quantity", args.heat, QUANTITIES)
     camera = Camera(*args.camera) if args.camera else None
     return {"quality": args.quality, "wire": args.wire, "caption": args.caption, "camera": camera, "orbit": args.orbit,
             "follow": args.follow, "heat": (args.heat, args.range) if args.heat else None}

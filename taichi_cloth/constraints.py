@@ -10,7 +10,8 @@ import numpy as np
 import taichi as ti
 from numpy.typing import ArrayLike
 
-from .errors import SceneError
+from . import checks
+from .errors import SceneError, shown
 from .fields import Fields
 from .model import Model
 from .scene import Attachment, orthonormal
@@ -36,11 +37,10 @@ class Constraint:
     basis: np.ndarray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "vertex", checks.integer("constraint: vertex", self.vertex, least=0))
         object.__setattr__(self, "basis", orthonormal(self.directions))
-        for name in ("z", "y"):
-            value = np.array(getattr(self, name), dtype=np.float64)
-            if value.shape != (3,) or not np.isfinite(value).all():
-                raise SceneError(f"constraint of vertex {self.vertex}: {name} needs three finite numbers")
+        for name, unit in (("z", "m/s"), ("y", "m")):
+            value = checks.vector(f"constraint of vertex {self.vertex}: {name}", getattr(self, name), unit)
             object.__setattr__(self, name, value)
 
 
@@ -109,7 +109,9 @@ def by_hand(constraints: Sequence[Constraint], model: Model,
     Raises:
         SceneError: a vertex out of range, without a face, or named twice.
     """
-    vertices = [c.vertex for c in constraints]
+    if not isinstance(constraints, (list, tuple)):
+        raise SceneError(f"constraints = {shown(constraints)}: must be Constraint objects in a list")
+    vertices = [checks.instance("constraint", c, Constraint).vertex for c in constraints]
     for v in vertices:
         if not 0 <= v < len(model.particle) or model.particle[v] < 0:
             raise SceneError(f"constraint: vertex {v} is not simulated; there are {len(model.particle)} vertices")

@@ -45,18 +45,15 @@ class SimulationError(ClothError, RuntimeError):
 def did_you_mean(name: object, choices: Iterable[object]) -> str:
     """A half-sentence for an error about an unknown name: the nearest right one and all there are."""
     names = [str(c) for c in choices]
-    near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(name[:100], names, n=1, cutoff=0.5) if isinstance(name, str) else None
     hint = f"did you mean {near[0]!r}? " if near else ""
     return f"{hint}known: {', '.join(sorted(names)) or 'none'}"
 
 
-def check_choice(what: str, name: object, choices: Iterable[str]) -> str:
-    """`name` itself where it is one of `choices`.
-
-    Raises:
-        SceneError: where it is not, with the nearest right one.
-    """
-    choices = list(choices)
-    if name not in choices:
-        raise SceneError(f"unknown {what} {name!r}; {did_you_mean(name, choices)}")
-    return str(name)
+def shown(value: object, most: int = 60) -> str:
+    """A value as a message shows it: its repr, shortened; an object whose repr fails by its class."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # another's code, or an integer with too many digits
+        text = f"<{type(value).__name__}>"
+    return text if len(text) <= most else f"{text[: most - 4]} ..."

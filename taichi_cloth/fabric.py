@@ -4,10 +4,9 @@ Differs from [BW98 §4.2]: the paper's a = area makes stiffness depend on the me
 condition is area k/2 C^2 with C free of area, so that k is a modulus [N/m] and refinement changes nothing.
 """
 
-import math
 from dataclasses import dataclass
 
-from .errors import SceneError, check_choice
+from . import checks
 
 Pair = float | tuple[float, float]
 
@@ -27,9 +26,9 @@ class Stretch:
     b: Pair = 1.0
 
     def __post_init__(self) -> None:
-        _check("stretch", "k", self.k, "N/m", zero=False)
-        _check("stretch", "k_d", self.k_d, "N s/m", zero=True)
-        _check("stretch", "b", self.b, "", zero=False)
+        _check(self, "stretch", "k", "N/m", zero=False, pair=True)
+        _check(self, "stretch", "k_d", "N s/m", zero=True, pair=True)
+        _check(self, "stretch", "b", "", zero=False, pair=True)
 
 
 @dataclass(frozen=True)
@@ -45,8 +44,8 @@ class Shear:
     k_d: float = 0.0
 
     def __post_init__(self) -> None:
-        _check("shear", "k", self.k, "N/m", zero=False, pair=False)
-        _check("shear", "k_d", self.k_d, "N s/m", zero=True, pair=False)
+        _check(self, "shear", "k", "N/m", zero=False)
+        _check(self, "shear", "k_d", "N s/m", zero=True)
 
 
 @dataclass(frozen=True)
@@ -67,11 +66,10 @@ class Bend:
     model: str = "hinge"
 
     def __post_init__(self) -> None:
-        check_choice("bend model", self.model, ("hinge", "curvature"))
-        _check("bend", "D", self.D, "N m", zero=False)
-        _check("bend", "k_d", self.k_d, "N m s", zero=True)
-        if self.rest is not None:
-            check_choice("bend rest", self.rest, ("flat", "given"))
+        checks.choice("bend model", self.model, ("hinge", "curvature"))
+        _check(self, "bend", "D", "N m", zero=False, pair=True)
+        _check(self, "bend", "k_d", "N m s", zero=True, pair=True)
+        checks.maybe(self.rest, checks.choice, "bend rest", ("flat", "given"))
 
 
 @dataclass(frozen=True)
@@ -89,8 +87,9 @@ class ClothContact:
     itself: bool = True
 
     def __post_init__(self) -> None:
-        _check("cloth contact", "thickness", self.thickness, "m", zero=False, pair=False)
-        _check("cloth contact", "friction", self.friction, "", zero=True, pair=False)
+        _check(self, "cloth contact", "thickness", "m", zero=False)
+        _check(self, "cloth contact", "friction", "", zero=True)
+        checks.flag("cloth contact itself", self.itself)
 
 
 @dataclass(frozen=True)
@@ -108,30 +107,18 @@ class Fabric:
     bend: Bend | None = None
 
     def __post_init__(self) -> None:
-        _check("fabric", "density", self.density, "kg/m^2", zero=False, pair=False)
+        _check(self, "fabric", "density", "kg/m^2", zero=False)
         for name, kind in (("stretch", Stretch), ("shear", Shear), ("bend", Bend)):
-            part = getattr(self, name)
-            if part is not None and not isinstance(part, kind):
-                raise SceneError(f"fabric {name} must be a {kind.__name__} or None, not {part!r}")
+            checks.maybe(getattr(self, name), checks.instance, f"fabric {name}", kind)
 
 
 def pair(value: Pair) -> tuple[float, float]:
     """(warp, weft) from a number or a pair."""
-    if isinstance(value, (tuple, list)):
-        return float(value[0]), float(value[1])
-    return float(value), float(value)
+    return value if isinstance(value, tuple) else (value, value)
 
 
-def _check(part: str, name: str, value, unit: str, zero: bool, pair: bool = True) -> None:
-    """Each number of `value` is finite and positive, or zero where `zero` allows it."""
-    numbers = value if isinstance(value, (tuple, list)) else (value,)
-    if len(numbers) not in ((1, 2) if pair else (1,)):
-        raise SceneError(f"{part} {name} needs {'a number or a pair' if pair else 'one number'}, not {value!r}")
-    for v in numbers:
-        try:
-            good = math.isfinite(v) and (v > 0 or (zero and v == 0))
-        except TypeError:
-            good = False
-        if not good:
-            bound = "at least 0" if zero else "positive (None leaves the part out)" if name != "density" else "positive"
-            raise SceneError(f"{part} {name} = {v!r}{' ' + unit if unit else ''}: must be {bound}")
+def _check(part: object, word: str, name: str, unit: str, zero: bool, pair: bool = False) -> None:
+    """A frozen part's number (or pair of them), checked and made float: positive, or at least 0 where `zero` allows it."""
+    check = checks.number_or_pair if pair else checks.number
+    value = check(f"{word} {name}", getattr(part, name), unit, positive=not zero, least=0.0 if zero else None)
+    object.__setattr__(part, name, value)

@@ -3,6 +3,7 @@
 numpy only. Everything that is wrong with a mesh is said here, before anything is computed.
 """
 
+import numbers
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -10,7 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .errors import MeshError, did_you_mean
+from . import checks
+from .errors import ClothError, MeshError, did_you_mean, shown
 
 # A triangle whose height is less than this part of its longest edge, in the material plane, has no area.
 FLAT = 1e-9
@@ -26,7 +28,8 @@ class TriMesh:
         uv: material coordinates [m], (n, 2) per vertex or, where a seam cuts the pattern, (m, 3, 2) per
             corner; None flattens each triangle into a frame of its own, so that the given shape is at rest.
         groups: named vertex groups, name -> indices.
-        notes: what a reader did to the data, one sentence each; a run repeats them.
+        notes: what a reader did to the data, one sentence each; a run repeats them. Borders that lie on each other and
+            triangles that face opposite ways are added here.
 
     Attributes:
         flattened: whether the material coordinates were made by flattening (uv was None).
@@ -51,26 +54,29 @@ class TriMesh:
         groups: Mapping[str, ArrayLike] | None = None,
         notes: tuple[str, ...] = (),
     ) -> None:
-        x, faces = _positions(x), _faces(faces)
-        _check_faces(faces, len(x))
-        notes = tuple(notes)
+        x = checks.array("positions", x, ("n", 3), row="vertex", error=MeshError)
+        faces = face_indices(faces, len(x), MeshError)
+        notes = _sentences(notes)
         object.__setattr__(self, "flattened", uv is None)
         if uv is None:
             uv = flatten(x, faces)
             notes += ("no material coordinates: each triangle is flattened into its own frame, so the given "
                       "shape is the rest shape and warp and weft have no common direction",)
-        uv = _material(uv, len(x), faces)
+        else:
+            uv = checks.array("material coordinates", uv, (len(x), 2), (len(faces), 3, 2), row="vertex or face",
+                              error=MeshError)
         _check_area(uv, faces)
-        _check_manifold(faces)
+        borders = _borders(faces)
         loose = len(x) - len(np.unique(faces))
         if loose:
             note = f"{loose} of {len(x)} vertices belong to no face and are kept out of the simulation"
             warnings.warn(note, stacklevel=2)
             notes += (note,)
+        notes += _tears(x, borders) + _flips(faces)
         for name, value in (("x", x), ("faces", faces), ("uv", uv)):
             value.setflags(write=False)
             object.__setattr__(self, name, value)
-        object.__setattr__(self, "groups", {k: _group(k, v, len(x)) for k, v in (groups or {}).items()})
+        object.__setattr__(self, "groups", _groups(groups, len(x)))
         object.__setattr__(self, "notes", notes)
 
     @property
@@ -108,12 +114,13 @@ class TriMesh:
             if vertices not in self.groups:
                 raise MeshError(f"no vertex group {vertices!r}; {did_you_mean(vertices, self.groups)}")
             return self.groups[vertices]
-        index = np.atleast_1d(np.asarray(vertices))
-        if index.dtype == bool:
-            if index.shape != (len(self.x),):
-                raise MeshError(f"a vertex mask needs shape ({len(self.x)},), not {index.shape}")
-            index = np.flatnonzero(index)
-        return _group("selection", index, len(self.x))
+        if _is_mask(vertices):
+            mask = np.array(vertices)
+            if mask.shape != (len(self.x),):
+                raise MeshError(f"a vertex mask needs shape ({len(self.x)},), not {mask.shape}")
+            return np.flatnonzero(mask)
+        one = isinstance(vertices, numbers.Real) or getattr(vertices, "ndim", None) == 0
+        return checks.indices("vertices", [vertices] if one else vertices, len(self.x), error=MeshError)
 
 
 def flatten(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -127,48 +134,20 @@ def flatten(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.stack([np.stack([zero, zero], 1), np.stack([length, zero], 1), np.stack([along, across], 1)], 1)
 
 
-def _positions(x: ArrayLike) -> np.ndarray:
-    x = np.array(x, dtype=np.float64)
-    if x.ndim != 2 or x.shape[1] != 3:
-        raise MeshError(f"positions need shape (n, 3), not {x.shape}")
-    bad = np.flatnonzero(~np.isfinite(x).all(axis=1))
-    if len(bad):
-        raise MeshError(f"vertex {bad[0]} has a coordinate that is not finite: {x[bad[0]].tolist()}"
-                        f" ({len(bad)} such vertices)")
-    return x
+def face_indices(faces: ArrayLike, count: int, error: type[ClothError]) -> np.ndarray:
+    """(m, 3) vertex indices of triangles, at least one, each of three different vertices of `count`.
 
-
-def _faces(faces: ArrayLike) -> np.ndarray:
-    faces = np.array(faces)
-    if faces.size == 0:
-        raise MeshError("the mesh has no faces")
-    if faces.ndim != 2 or faces.shape[1] != 3:
-        raise MeshError(f"faces need shape (m, 3), not {faces.shape}")
-    if not np.issubdtype(faces.dtype, np.integer):
-        raise MeshError(f"faces need integer vertex indices, not {faces.dtype}")
-    return faces.astype(np.int64)
-
-
-def _check_faces(faces: np.ndarray, n: int) -> None:
-    out = np.flatnonzero(((faces < 0) | (faces >= n)).any(axis=1))
-    if len(out):
-        raise MeshError(f"face {out[0]} {faces[out[0]].tolist()} names a vertex out of range: there are {n}")
-    a, b, c = faces.T
+    Raises:
+        error: with the number of the first bad face.
+    """
+    out = checks.indices("faces", faces, count, width=3, row="face", error=error)
+    if not len(out):
+        raise error("the mesh has no faces")
+    a, b, c = out.T
     twice = np.flatnonzero((a == b) | (b == c) | (a == c))
     if len(twice):
-        raise MeshError(f"face {twice[0]} repeats a vertex: {faces[twice[0]].tolist()} ({len(twice)} such faces)")
-
-
-def _material(uv: ArrayLike, n: int, faces: np.ndarray) -> np.ndarray:
-    uv = np.array(uv, dtype=np.float64)
-    if uv.shape not in ((n, 2), (len(faces), 3, 2)):
-        raise MeshError(f"material coordinates need shape ({n}, 2) per vertex or ({len(faces)}, 3, 2) per "
-                        f"corner, not {uv.shape}")
-    bad = np.flatnonzero(~np.isfinite(uv).reshape(len(uv), -1).all(axis=1))
-    if len(bad):
-        what = "vertex" if uv.ndim == 2 else "face"
-        raise MeshError(f"{what} {bad[0]} has a material coordinate that is not finite")
-    return uv
+        raise error(f"faces: face {twice[0]} repeats a vertex: {out[twice[0]].tolist()} ({len(twice)} such faces)")
+    return out
 
 
 def _twice_area(corner_uv: np.ndarray) -> np.ndarray:
@@ -191,22 +170,104 @@ def face_edges(faces: np.ndarray) -> np.ndarray:
     return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
 
 
-def _check_manifold(faces: np.ndarray) -> None:
+def _borders(faces: np.ndarray) -> np.ndarray:
+    """(k, 2) edges with one triangle.
+
+    Raises:
+        MeshError: an edge with more than two.
+    """
     edges, count = np.unique(np.sort(face_edges(faces), axis=1), axis=0, return_counts=True)
     bad = np.flatnonzero(count > 2)
     if len(bad):
         i, j = edges[bad[0]].tolist()
         raise MeshError(f"edge ({i}, {j}) is shared by {count[bad[0]]} triangles ({len(bad)} such edges): cloth "
                         "has at most two triangles at an edge; split the mesh there")
+    return edges[count == 1]
 
 
-def _group(name: str, index: ArrayLike, n: int) -> np.ndarray:
-    index = np.array(index)
-    if index.ndim != 1 or not (index.size == 0 or np.issubdtype(index.dtype, np.integer)):
-        raise MeshError(f"vertex group {name!r} needs a list of vertex indices, not {index.dtype} {index.shape}")
-    index = index.astype(np.int64)
-    out = index[(index < 0) | (index >= n)]
-    if len(out):
-        raise MeshError(f"vertex group {name!r} names vertex {out[0]}, but there are {n} vertices")
-    index.setflags(write=False)
-    return index
+def _tears(x: np.ndarray, borders: np.ndarray) -> tuple[str, ...]:
+    """A note where edges of the border lie on each other: vertices that were to be one, most often."""
+    ends = np.unique(borders)
+    _, place = np.unique(x[ends], axis=0, return_inverse=True)
+    merged = np.sort(place.reshape(-1)[np.searchsorted(ends, borders)], axis=1)
+    count = np.unique(merged[merged[:, 0] != merged[:, 1]], axis=0, return_counts=True)[1]
+    pairs = int((count == 2).sum())
+    if not pairs:
+        return ()
+    vertices = len(ends) - len(np.unique(place))
+    return (f"the border lies on itself in {pairs} pairs of edges, with {vertices} vertices where there is another one: the "
+            "cloth is open there; make them one if it is to be sewn",)
+
+
+def _flips(faces: np.ndarray) -> tuple[str, ...]:
+    """A note where neighbouring triangles face opposite ways."""
+    turned = facing(faces)
+    if turned is None:
+        return ("the mesh has one side only, like a Moebius strip: somewhere its triangles face opposite ways",)
+    count = int(turned.sum())
+    return (f"{count} triangles are turned against their neighbours (the first is {int(np.argmax(turned))})",) if count else ()
+
+
+def facing(faces: np.ndarray) -> np.ndarray | None:
+    """(m,) whether a triangle is turned against most of its piece; None for a surface that has one side only.
+
+    Args:
+        faces: (m, 3), at most two at an edge.
+    """
+    m, ends = len(faces), face_edges(faces)
+    order = np.lexsort(np.sort(ends, axis=1).T)
+    same = (np.sort(ends[order[1:]], axis=1) == np.sort(ends[order[:-1]], axis=1)).all(axis=1)
+    a, b = order[:-1][same], order[1:][same]
+    against = ends[a, 0] == ends[b, 0]  # neighbours that agree run along their edge in opposite ways
+    turned = np.zeros(m, dtype=bool)
+    if not against.any():
+        return turned
+    return _spread(m, a % m, b % m, against)
+
+
+def _spread(m: int, a: np.ndarray, b: np.ndarray, against: np.ndarray) -> np.ndarray | None:
+    """Colours of m triangles so that neighbours a, b have different ones where `against`, the rarer colour True."""
+    near: list[list[tuple[int, bool]]] = [[] for _ in range(m)]
+    for i, j, other in zip(a.tolist(), b.tolist(), against.tolist()):
+        near[i].append((j, other))
+        near[j].append((i, other))
+    colour = np.full(m, -1)
+    for start in range(m):
+        if colour[start] >= 0:
+            continue
+        colour[start], piece = 0, [start]
+        for i in piece:  # grows
+            for j, other in near[i]:
+                if colour[j] < 0:
+                    colour[j] = colour[i] ^ other
+                    piece.append(j)
+                elif colour[j] != colour[i] ^ other:
+                    return None
+        if 2 * colour[piece].sum() > len(piece):
+            colour[piece] = 1 - colour[piece]
+    return colour == 1
+
+
+def _groups(groups: Mapping[str, ArrayLike] | None, count: int) -> dict[str, np.ndarray]:
+    out = {}
+    if not isinstance(groups, (Mapping, type(None))):
+        raise MeshError(f"groups = {shown(groups)}: must be a dict of names and vertex indices")
+    for name, index in (groups or {}).items():
+        key = checks.name("a vertex group's name", name, MeshError)
+        out[key] = checks.indices(f"vertex group {key!r}", index, count, error=MeshError)
+        out[key].setflags(write=False)
+    return out
+
+
+def _sentences(notes: object) -> tuple[str, ...]:
+    if not (isinstance(notes, (tuple, list)) and all(isinstance(n, str) for n in notes)):
+        raise MeshError(f"notes = {shown(notes)}: must be texts in a tuple")
+    return tuple(notes)
+
+
+def _is_mask(vertices: object) -> bool:
+    """Whether a selection is made of truth values."""
+    if isinstance(vertices, np.ndarray):
+        return bool(vertices.dtype == bool)
+    several = isinstance(vertices, (list, tuple)) and len(vertices) > 0
+    return all(isinstance(v, (bool, np.bool_)) for v in (vertices if several else [vertices]))  # type: ignore[attr-defined]

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .errors import OutputError, check_choice
+from . import checks
+from .errors import OutputError
 from .output.colors import draw_bar, heat_colors
 from .output.folder import write_whole
 from .output.movie import write_mp4
@@ -23,7 +24,7 @@ def heat_of(name: str, geometry: dict[str, np.ndarray], limits: tuple[float, flo
     Args:
         limits: (low, high) of its scale; else what fits the recording, or what is usual where there is none.
     """
-    quantity = QUANTITIES[check_choice("quantity", name, QUANTITIES)]
+    quantity = QUANTITIES[checks.choice("quantity", name, QUANTITIES)]
     if limits is None:
         seen = None
         if recording is not None:

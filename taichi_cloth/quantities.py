@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import checks
 from .elements import hinge_angle
-from .errors import check_choice
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ def evaluate(name: str, geometry: dict[str, np.ndarray], frame: dict[str, np.nda
     Raises:
         SceneError: an unknown name.
     """
-    check_choice("quantity", name, QUANTITIES)
+    checks.choice("quantity", name, QUANTITIES)
     x, n = frame["x"].astype(np.float64), len(frame["x"])
     faces, uv = geometry["faces"], geometry["uv"].astype(np.float64)
     if name == "speed":

@@ -11,11 +11,13 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from .errors import BackendError, check_choice
+from . import checks
+from .errors import BackendError
 
 ARCHS = ("cpu", "cuda", "vulkan", "metal")
 PRECISIONS = ("f32", "f64")
 CACHE = 1 << 29  # bytes of compiled kernels that are kept: some hundred scenes
+MOST_THREADS = 64  # that may be asked for where there are fewer cores: thousands take minutes to start
 NO_DOUBLE = ("vulkan", "metal")  # f64 there is absent, or lacks atan2
 
 
@@ -77,11 +79,11 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
         BackendError: an arch that is not there, or a precision that it lacks.
     """
     global _current, _generation
-    check_choice("arch", arch, ARCHS)
-    check_choice("precision", precision, PRECISIONS)
+    checks.choice("arch", arch, ARCHS)
+    checks.choice("precision", precision, PRECISIONS)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    if threads is not None and (int(threads) != threads or threads < 1):
-        raise BackendError(f"threads = {threads!r}: must be a whole number of at least 1")
+    threads = checks.maybe(threads, checks.integer, "threads", most=max(cores, MOST_THREADS), error=BackendError)
+    quiet, debug = checks.flag("quiet", quiet), checks.flag("debug", debug)
     if arch in NO_DOUBLE and precision == "f64":
         raise BackendError(f"arch {arch!r} has no f64; use precision='f32', or arch 'cpu' or 'cuda'")
     if arch != "cpu" and not available(arch):
@@ -89,7 +91,7 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
         raise BackendError(f"arch {arch!r} does not run here; what does: {', '.join(there)}")
     import taichi as ti
 
-    wanted = Runtime(arch, precision, int(threads or cores), debug, ".".join(map(str, ti.__version__)))
+    wanted = Runtime(arch, precision, threads or cores, debug, ".".join(map(str, ti.__version__)))
     if wanted == _current and len(_holders):
         return wanted
     fp = ti.f32 if precision == "f32" else ti.f64

@@ -1,16 +1,15 @@
 """What there is and what is done to it: cloths, pins, prescribed motion, air, events. numpy only; runs nothing."""
 
 import contextlib
-import inspect
 import itertools
-import numbers
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .errors import SceneError, check_choice, did_you_mean
+from . import checks
+from .errors import SceneError, did_you_mean, shown
 from .fabric import ClothContact, Fabric
 from .mesh import TriMesh
 from .solids import Shape, Solid, Value
@@ -38,6 +37,17 @@ class Cloth:
     color: tuple[float, float, float] | None = None
     contact: ClothContact | None = None
 
+    def __post_init__(self) -> None:
+        what = checks.name("cloth name", self.name)
+        n = checks.instance(f"mesh of {what!r}", self.mesh, TriMesh).vertex_count
+        checks.instance(f"fabric of {what!r}", self.fabric, Fabric)
+        object.__setattr__(self, "positions", checks.array(f"positions of {what!r}", self.positions, (n, 3), row="vertex"))
+        v = checks.array(f"velocities of {what!r}", self.velocities, (n, 3), (3,), row="vertex")
+        object.__setattr__(self, "velocities", np.broadcast_to(v, (n, 3)).copy())
+        checks.integer(f"start of {what!r}", self.start, least=0)
+        object.__setattr__(self, "color", checks.maybe(self.color, checks.color, f"color of {what!r}"))
+        checks.maybe(self.contact, checks.instance, f"contact of {what!r}", ClothContact)
+
 
 @dataclass(frozen=True, eq=False)
 class Attachment:
@@ -50,6 +60,7 @@ class Attachment:
         relative: whether the path gives displacements from there, or positions.
         key: stays the same when some of the vertices are released.
         selected: the vertices that the path speaks of, released ones included.
+        order: (k,) rows of the path's value in the order of rising vertex index.
     """
 
     cloth: Cloth
@@ -59,6 +70,7 @@ class Attachment:
     relative: bool
     key: int
     selected: np.ndarray
+    order: np.ndarray
 
     def target(self, t: float, anchor: np.ndarray) -> np.ndarray:
         """(k, 3) positions [m] of `vertices` at time t [s]; `anchor` (n, 3) is the cloth when it began.
@@ -76,17 +88,12 @@ class Attachment:
 
     def checked(self, t: float) -> np.ndarray:
         """The path's value at t, checked for shape and finiteness; rows sorted by vertex."""
-        value = np.asarray(self.path(t), dtype=np.float64)  # type: ignore[misc]
         k = len(self.selected)
+        what = f"the path that moves {k} vertices of {self.cloth.name!r}, at t = {t:g} s"
         shapes = [(k, 3)] + ([(3,)] if self.relative or k == 1 else [])
-        what = f"the path that moves {k} vertices of {self.cloth.name!r}"
-        if value.shape not in shapes:
-            raise SceneError(f"{what} returned shape {value.shape} at t = {t:g} s: needs "
-                             f"{' or '.join(map(str, shapes))}"
-                             + ("" if self.relative else "; relative=True takes one displacement for all"))
-        if not np.isfinite(value).all():
-            raise SceneError(f"{what} returned a number that is not finite at t = {t:g} s")
-        return value
+        hint = "" if self.relative else "; relative=True takes one displacement for all"
+        value = checks.array(what, self.path(t), *shapes, hint=hint)  # type: ignore[misc, arg-type]
+        return value[self.order] if value.ndim == 2 else value
 
 
 @dataclass(frozen=True)
@@ -104,9 +111,10 @@ class Air:
 
     def __post_init__(self) -> None:
         for name in ("normal", "tangential"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise SceneError(f"air {name} = {value!r} N s/m^3: must be at least 0")
+            value = checks.number(f"air {name}", getattr(self, name), "N s/m^3", least=0.0)
+            object.__setattr__(self, name, value)
+        if callable(self.wind):
+            checks.function("air wind", self.wind, "time")
         if self.normal == self.tangential == 0:
             raise SceneError("air with both coefficients 0 does nothing: leave it out")
         self.wind_at(0.0)
@@ -117,10 +125,8 @@ class Air:
         Raises:
             SceneError: a wrong shape or a number that is not finite.
         """
-        value = np.asarray(self.wind(t) if callable(self.wind) else self.wind, dtype=np.float64)
-        if value.shape != (3,) or not np.isfinite(value).all():
-            raise SceneError(f"the wind at t = {t:g} s is {value.tolist()}: needs three finite numbers [m/s]")
-        return value
+        t = checks.number("t", t, "s")
+        return checks.vector(f"the wind at t = {t:g} s", self.wind(t) if callable(self.wind) else self.wind, "m/s")
 
 
 @dataclass(frozen=True)
@@ -154,11 +160,9 @@ class Scene:
 
     def __init__(self, gravity: ArrayLike | None = (0.0, -9.81, 0.0), air: Air | None = None,
                  view: View | None = None) -> None:
-        self.gravity = _three(np.zeros(3) if gravity is None else gravity, "gravity [m/s^2]")
-        if air is not None and not isinstance(air, Air):
-            raise SceneError(f"air must be an Air or None, not {air!r}")
-        self.air = air
-        self.view = view or View()
+        self.gravity = checks.vector("gravity", np.zeros(3) if gravity is None else gravity, "m/s^2")
+        self.air: Air | None = checks.maybe(air, checks.instance, "air", Air)
+        self.view = View() if view is None else checks.instance("view", view, View)
         self.cloths: list[Cloth] = []
         self.solids: list[Solid] = []
         self.apart: list[tuple[Cloth, Cloth]] = []  # pairs that pass through each other
@@ -177,21 +181,12 @@ class Scene:
             color: (3,) linear RGB in 0..1 for pictures.
             contact: how it meets itself and other cloth that has a contact; None passes through, and costs nothing.
         """
-        if not isinstance(mesh, TriMesh):
-            raise SceneError(f"add_cloth needs a TriMesh, not {type(mesh).__name__}")
-        if not isinstance(fabric, Fabric):
-            raise SceneError(f"add_cloth needs a Fabric, not {type(fabric).__name__}")
-        if contact is not None and not isinstance(contact, ClothContact):
-            raise SceneError(f"add_cloth: contact needs a ClothContact or None, not {contact!r:.60}")
-        name = name or f"cloth{len(self.cloths)}"
+        name = f"cloth{len(self.cloths)}" if name is None else name
+        x = checks.instance("add_cloth: mesh", mesh, TriMesh).x if positions is None else positions
+        v = np.zeros(3) if velocities is None else velocities
+        cloth = Cloth(name, mesh, fabric, x, v, self.vertex_count, color, contact)  # type: ignore[arg-type]
         if name in (c.name for c in self.cloths):
             raise SceneError(f"there is a cloth named {name!r} already")
-        n = mesh.vertex_count
-        x = mesh.x if positions is None else _rows(positions, n, f"positions of {name!r}")
-        v = np.zeros((n, 3)) if velocities is None else _rows(
-            np.broadcast_to(velocities, (n, 3)) if np.shape(velocities) == (3,) else velocities, n,
-            f"velocities of {name!r}")
-        cloth = Cloth(name, mesh, fabric, x, v, self.vertex_count, color, contact)
         self.cloths.append(cloth)
         return cloth
 
@@ -220,17 +215,10 @@ class Scene:
             rotation: rotation vector (3,) [rad] or matrix (3, 3), or a function of time [s].
             color: (3,) linear RGB in 0..1 for pictures.
         """
-        if not isinstance(shape, Shape):
-            raise SceneError(f"add_solid needs a Plane, Sphere, Capsule, Box, Cylinder or SolidMesh, not {shape!r:.60}")
-        name = name or f"solid{len(self.solids)}"
+        name = f"solid{len(self.solids)}" if name is None else name
+        solid = Solid(name, shape, friction, thickness, position, rotation, color)
         if name in (s.name for s in self.solids):
             raise SceneError(f"there is a solid named {name!r} already")
-        if not (isinstance(friction, numbers.Real) and np.isfinite(friction) and friction >= 0):
-            raise SceneError(f"solid {name!r}: friction = {friction!r} must be at least 0")
-        if not (isinstance(thickness, numbers.Real) and np.isfinite(thickness) and thickness > 0):
-            raise SceneError(f"solid {name!r}: thickness = {thickness!r} m must be positive")
-        solid = Solid(name, shape, float(friction), float(thickness), position, rotation, color)
-        solid.pose(0.0)
         self.solids.append(solid)
         return solid
 
@@ -263,9 +251,8 @@ class Scene:
                 begins, (k, 3) or one (3,) for all.
             directions: as in `pin`; the other directions stay free.
         """
-        if not callable(path):
-            raise SceneError(f"move needs a function of time, not {path!r}")
-        self._attach(cloth, vertices, directions, path, relative)
+        checks.function("move: path", path, "time")
+        self._attach(cloth, vertices, directions, path, checks.flag("move: relative", relative))
 
     def unpin(self, cloth: Cloth, vertices: object = None) -> None:
         """Releases vertices (all of the cloth's where None) from every pin and motion.
@@ -290,18 +277,17 @@ class Scene:
 
         Pins and motions that f changes hold for the running simulation only; the scene stays as it was built.
         """
-        if not (np.isfinite(t) and t >= 0):
-            raise SceneError(f"at: t = {t!r} s must be a time of at least 0")
-        if not callable(f):
-            raise SceneError(f"at needs a function, not {f!r}")
-        self.script.events.append(Event(float(t), f))
+        t = checks.number("at: t", t, "s", least=0.0)
+        checks.function("at: f", f)
+        if checks.takes(f, 0) is False and checks.takes(f, 1) is False:
+            raise SceneError(f"at: f = {shown(f)}: must be a function of nothing, or of the scene")
+        self.script.events.append(Event(t, f))
 
     def add_mass(self, cloth: Cloth, vertices: object, mass: float) -> None:
         """Adds a point mass [kg] to each of the vertices."""
         self._own(cloth)
-        if not (np.isfinite(mass) and mass > 0):
-            raise SceneError(f"point mass = {mass!r} kg: must be positive")
-        self.masses.append((cloth, _used(cloth, vertices), float(mass)))
+        mass = checks.number("point mass", mass, "kg", positive=True)
+        self.masses.append((cloth, _used(cloth, vertices), mass))
 
     @contextlib.contextmanager
     def running(self, script: Script) -> Iterator[None]:
@@ -314,14 +300,13 @@ class Scene:
 
     def fire(self, event: Event) -> None:
         """Calls an event's function with as many arguments as it takes: none, or this scene."""
-        takes = [p for p in inspect.signature(event.action).parameters.values()
-                 if p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
-        event.action(*([self] if takes else []))
+        event.action(*([] if checks.takes(event.action, 0) else [self]))
 
     def _own(self, cloth: Cloth) -> None:
-        if cloth not in self.cloths:
+        if not any(cloth is c for c in self.cloths):
             names = [c.name for c in self.cloths]
-            raise SceneError(f"not a cloth of this scene: {cloth!r:.60}; {did_you_mean(cloth, names)}")
+            what = cloth.name if isinstance(cloth, Cloth) else cloth
+            raise SceneError(f"not a cloth of this scene: {shown(what)}; {did_you_mean(what, names)}")
 
     def _attach(self, cloth: Cloth, vertices: object, directions: object, path: Path | None, relative: bool) -> None:
         self._own(cloth)
@@ -329,11 +314,9 @@ class Scene:
         order = np.argsort(index, kind="stable")
         if path is not None and len(np.unique(index)) < len(index):
             raise SceneError("move: a vertex is named twice")
-        if path is not None:
-            path = _sorted_path(path, order)
         basis = orthonormal(directions)
         selected = np.unique(index)
-        attachment = Attachment(cloth, selected, basis, path, relative, next(self._key), selected)
+        attachment = Attachment(cloth, selected, basis, path, relative, next(self._key), selected, order)
         if path is not None:
             attachment.checked(0.0)
         self._check_overlap(attachment)
@@ -360,11 +343,9 @@ def orthonormal(directions: object) -> np.ndarray:
         return np.eye(3)
     if isinstance(directions, str):
         for axis in directions or " ":
-            check_choice("axis", axis, ("x", "y", "z"))
+            checks.choice("axis", axis, ("x", "y", "z"))
         return np.eye(3)[sorted({"xyz".index(a) for a in directions})]
-    rows = np.atleast_2d(np.asarray(directions, dtype=np.float64))
-    if rows.ndim != 2 or rows.shape[1:] != (3,) or not 1 <= len(rows) <= 3 or not np.isfinite(rows).all():
-        raise SceneError(f"directions need 1 to 3 finite vectors of length 3, not shape {rows.shape}")
+    rows = np.atleast_2d(checks.array("directions", directions, (3,), (1, 3), (2, 3), (3, 3), row="vector"))
     length = np.linalg.norm(rows, axis=1)
     unit = rows / np.where(length > 0, length, 1)[:, None]
     if np.linalg.matrix_rank(unit, tol=1e-9) < len(rows):
@@ -378,14 +359,6 @@ def orthonormal(directions: object) -> np.ndarray:
     return q.T
 
 
-def _sorted_path(path: Path, order: np.ndarray) -> Path:
-    """The path with its rows in the order of rising vertex index."""
-    def in_order(t: float) -> np.ndarray:
-        value = np.asarray(path(t), dtype=np.float64)
-        return value[order] if value.ndim == 2 and len(value) == len(order) else value
-    return in_order
-
-
 def _used(cloth: Cloth, vertices: object) -> np.ndarray:
     """The selected vertices, all of which belong to a face."""
     index = cloth.mesh.select(vertices)
@@ -395,20 +368,3 @@ def _used(cloth: Cloth, vertices: object) -> np.ndarray:
     if len(loose):
         raise SceneError(f"vertex {loose[0]} of {cloth.name!r} belongs to no face and is not simulated")
     return index
-
-
-def _three(value: ArrayLike, what: str) -> np.ndarray:
-    value = np.array(value, dtype=np.float64)
-    if value.shape != (3,) or not np.isfinite(value).all():
-        raise SceneError(f"{what} needs three finite numbers, not {value.tolist()}")
-    return value
-
-
-def _rows(value: ArrayLike, n: int, what: str) -> np.ndarray:
-    value = np.array(value, dtype=np.float64)
-    if value.shape != (n, 3):
-        raise SceneError(f"{what} need shape ({n}, 3), not {value.shape}")
-    bad = np.flatnonzero(~np.isfinite(value).all(axis=1))
-    if len(bad):
-        raise SceneError(f"{what}: vertex {bad[0]} is not finite")
-    return value

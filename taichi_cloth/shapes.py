@@ -7,8 +7,11 @@ import math
 
 import numpy as np
 
-from .errors import MeshError, check_choice
+from . import checks
+from .errors import MeshError, shown
 from .mesh import TriMesh
+
+MOST_TRIANGLES = 20_000_000  # of a shape: more would not fit a simulation into memory
 
 
 def grid(size, cells, diagonals: str = "alternating", plane: str = "xz") -> TriMesh:
@@ -23,9 +26,9 @@ def grid(size, cells, diagonals: str = "alternating", plane: str = "xz") -> TriM
     Vertex i + j (cells_u + 1) lies at column i, row j. Groups: `left`, `right` (u), `bottom`, `top` (v),
     `border`, and the corners `bottom_left`, `bottom_right`, `top_left`, `top_right`, `corners`.
     """
-    width, height = _pair(size, "size")
-    nu, nv = (_count(c, "cells") for c in _pair(cells, "cells"))
-    check_choice("diagonals", diagonals, ("alternating", "uniform", "cross"))
+    width, height = _lengths("size", size)
+    checks.choice("diagonals", diagonals, ("alternating", "uniform", "cross"))
+    nu, nv = _counts("cells", cells, 4 if diagonals == "cross" else 2)
     i, j = np.meshgrid(np.arange(nu + 1), np.arange(nv + 1))
     uv = np.stack([i.ravel() * width / nu, j.ravel() * height / nv], axis=1)
     ci, cj = (a.ravel() for a in np.meshgrid(np.arange(nu), np.arange(nv)))
@@ -45,8 +48,11 @@ def grid(size, cells, diagonals: str = "alternating", plane: str = "xz") -> TriM
 
 def strip(length: float, width: float, cells, diagonals: str = "alternating", plane: str = "xz") -> TriMesh:
     """A strip along u: `grid` by another name; `cells` = (along, across) or the number along, cells kept square."""
-    along, across = cells if np.ndim(cells) else (cells, max(1, round(cells * width / length)))
-    return grid((length, width), (along, across), diagonals, plane)
+    length, width = _length("length", length), _length("width", width)
+    if checks.is_sequence(cells):
+        return grid((length, width), cells, diagonals, plane)
+    along = _count("cells", cells)
+    return grid((length, width), (along, max(1, round(along * width / length))), diagonals, plane)
 
 
 def equilateral_strip(length: float, rows_across: int, cells_along: int, plane: str = "xz") -> TriMesh:
@@ -54,8 +60,10 @@ def equilateral_strip(length: float, rows_across: int, cells_along: int, plane: 
 
     Its width follows: rows_across sqrt(3)/2 length/cells_along. Groups: `left`, `right`, `border`.
     """
-    n, rows = _count(cells_along, "cells_along"), _count(rows_across, "rows_across")
-    a = _positive(length, "length") / n
+    n, rows = _count("cells_along", cells_along), _count("rows_across", rows_across)
+    _check_size("cells_along", n, (2 * n + 1) * rows)
+    length = _length("length", length)
+    a = length / n
     uv, row_start, rows_u = [], [0], []
     for r in range(rows + 1):
         u = np.arange(n + 1) * a if r % 2 == 0 else np.concatenate([[0], (np.arange(n) + 0.5) * a, [length]])
@@ -75,7 +83,8 @@ def equilateral_strip(length: float, rows_across: int, cells_along: int, plane: 
 
 def disk(radius: float, rings: int, plane: str = "xz") -> TriMesh:
     """A disk of concentric rings with 6 k vertices on ring k. Groups: `centre`, `rim`."""
-    rings, radius = _count(rings, "rings"), _positive(radius, "radius")
+    rings, radius = _count("rings", rings), _length("radius", radius)
+    _check_size("rings", rings, 6 * rings**2)
     uv = [np.zeros((1, 2))]
     faces: list[tuple[int, int, int]] = []
     start = [0, 1]
@@ -104,10 +113,11 @@ def cylinder(radius: float, height: float, cells) -> TriMesh:
     Args:
         cells: (around, along). Groups: `bottom`, `top`, `border`.
     """
-    around, along = (_count(c, "cells") for c in _pair(cells, "cells"))
+    around, along = _counts("cells", cells, 2)
+    radius, height = _length("radius", radius), _length("height", height)
     if around < 3:
         raise MeshError(f"a cylinder needs at least 3 cells around, not {around}")
-    flat = grid((2 * math.pi * _positive(radius, "radius"), _positive(height, "height")), (around, along))
+    flat = grid((2 * math.pi * radius, height), (around, along))
     column, row = np.arange(flat.vertex_count) % (around + 1), np.arange(flat.vertex_count) // (around + 1)
     welded = column % around + row * around
     angle = 2 * math.pi * np.arange(around) / around
@@ -142,25 +152,33 @@ def _grid_groups(nu: int, nv: int) -> dict[str, np.ndarray]:
 
 
 def _place(uv: np.ndarray, plane: str) -> np.ndarray:
-    check_choice("plane", plane, ("xz", "xy"))
+    checks.choice("plane", plane, ("xz", "xy"))
     zero = np.zeros(len(uv))
     return np.stack([uv[:, 0], zero, -uv[:, 1]] if plane == "xz" else [uv[:, 0], uv[:, 1], zero], axis=1)
 
 
-def _pair(value, what: str) -> tuple:
-    pair = tuple(value) if np.ndim(value) else (value, value)
-    if len(pair) != 2:
-        raise MeshError(f"{what} needs one number or a pair, not {value!r}")
-    return tuple(_positive(p, what) for p in pair)
+def _lengths(what: str, value: object) -> tuple[float, float]:
+    """Two positive numbers [m] from a number or a pair."""
+    pair = checks.number_or_pair(what, value, "m", positive=True, error=MeshError)
+    return pair if isinstance(pair, tuple) else (pair, pair)
 
 
-def _positive(value, what: str):
-    if not (np.isfinite(value) and value > 0):
-        raise MeshError(f"{what} must be positive, not {value!r}")
-    return value
+def _length(what: str, value: object) -> float:
+    return checks.number(what, value, "m", positive=True, error=MeshError)
 
 
-def _count(value, what: str) -> int:
-    if int(value) != value or value < 1:
-        raise MeshError(f"{what} must be a whole number of at least 1, not {value!r}")
-    return int(value)
+def _counts(what: str, value: object, each: int) -> tuple[int, int]:
+    """Two numbers of cells from a number or a pair, of `each` triangles."""
+    pair = checks.number_or_pair(what, value, error=MeshError)
+    a, b = (_count(what, v) for v in (pair if isinstance(pair, tuple) else (pair, pair)))
+    _check_size(what, value, each * a * b)
+    return a, b
+
+
+def _count(what: str, value: object) -> int:
+    return checks.integer(what, value, error=MeshError)
+
+
+def _check_size(what: str, value: object, triangles: int) -> None:
+    if triangles > MOST_TRIANGLES:
+        raise MeshError(f"{what} = {shown(value)} makes {triangles:,} triangles: at most {MOST_TRIANGLES:,}")

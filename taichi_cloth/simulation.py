@@ -11,12 +11,11 @@ import numpy as np
 import taichi as ti
 from numpy.typing import ArrayLike
 
-from . import integrators, runtime
+from . import checks, integrators, runtime
 from .constraints import Attachments, Constraint, Held, by_hand
-from .errors import BackendError, SceneError, SimulationError, check_choice
+from .errors import BackendError, SceneError, SimulationError
 from .fields import Fields
 from .forces import build_forces
-from .forces.conditions import K_MODES
 from .forces.external import Drag
 from .forces.membrane import Membrane
 from .integrators import CG_TOL, EXPLICIT, INTEGRATORS, SOLVER, Options
@@ -27,13 +26,11 @@ from .operator import ForceField, Operator, Probe
 from .quantities import deformation, principal_stretches
 from .scene import Scene
 from .solver.pcg import CONVERGED, Solution
-from .solver.preconditioner import PRECONDITIONERS
-from .stepper import ADVICE, Control, Stepper, StepRecord
+from .stepper import ADVICE, LONGEST, SHORTEST, Control, Stepper, StepRecord
 
 ROUND_TIME = 1e-9  # part of a step below which two times are the same
-TANGLES = ("untangle", "ignore", "abort")
-CONTACT = ("repulsion", "springs")
 H, H_EXPLICIT = 1 / 60, 0.1  # s, where none is given; explicit methods need it only to look at what they did
+MOST_STEPS, MOST_FRAMES = 1e10, 10_000_000  # of a run: more have no end
 H_MIN_FACTOR = 4096.0  # h_min is h over this, where it is not given
 
 
@@ -95,32 +92,23 @@ class Simulation:
                  count_intersections: bool = False, substep: float | None = None) -> None:
         if not isinstance(scene, Scene) or not scene.cloths:
             raise SceneError("a simulation needs a Scene with at least one cloth")
-        check_choice("integrator", integrator, INTEGRATORS)
-        check_choice("K", K, K_MODES)
-        check_choice("preconditioner", preconditioner, PRECONDITIONERS)
-        check_choice("tangles", tangles, TANGLES)
-        check_choice("contact", contact, CONTACT)
-        if preconditioner == "auto" and K == "paper":
-            preconditioner = "block_jacobi"  # an indefinite matrix has indefinite levels
-        bound, h = h is not None, H if h is None else h
-        h_min = h / H_MIN_FACTOR if h_min is None else h_min
-        given = {"h": h, "h_min": h_min, "stretch_limit": stretch_limit, "newton_tol": newton_tol, "cg_tol": cg_tol,
-                 "tolerance": tolerance, "substep": substep}
-        for name, value in given.items():
-            if value is not None:
-                _check_positive(name, value)
+        checks.choice("integrator", integrator, INTEGRATORS)
+        bound, h = h is not None, H if h is None else checks.number("h", h, "s", least=SHORTEST, most=LONGEST)
+        self.control = Control(h, h / H_MIN_FACTOR if h_min is None else h_min, adaptive, stretch_limit)
+        self.options = Options(K, cg_tol, cg_max_iterations, newton_max, preconditioner, newton_tol, tolerance, adaptive,
+                               tangles, contact, substep)
+        if preconditioner == "auto" and K == "paper":  # an indefinite matrix has indefinite levels
+            self.options = replace(self.options, preconditioner="block_jacobi")
         if tolerance is not None and (integrator not in ("auto", "safe", "tr_bdf2") or not adaptive):
             raise SceneError(f"tolerance = {tolerance:g} m: error control needs integrator 'safe' or 'tr_bdf2' and adaptive "
                              f"steps, not {integrator!r}")
         if substep is not None and integrator not in EXPLICIT:
             raise SceneError(f"substep = {substep:g} s: is for the integrator 'verlet', not {integrator!r}")
-        self.scene, self.time, self._h, self._counts = scene, 0.0, h, count_intersections
+        self.scene, self.time, self._h = scene, 0.0, h
+        self._counts = checks.flag("count_intersections", count_intersections)
         self.log: list[StepRecord] = []
         self.runtime = runtime.start(arch, precision, threads, quiet, debug)
         self._generation, self._open = runtime.generation(), True
-        self.control = Control(h, h_min, adaptive, stretch_limit)
-        self.options = Options(K, cg_tol, int(cg_max_iterations), int(newton_max), preconditioner, newton_tol,
-                               tolerance, adaptive, tangles, contact, substep)
         self.integrator_name = integrator
         self._fields = Fields(self.runtime.exchange)
         try:
@@ -189,13 +177,9 @@ class Simulation:
         Raises:
             SceneError: a wrong shape or a number that is not finite.
         """
-        arrays = []
-        for name, value in (("positions", x), ("velocities", v)):
-            value = np.asarray(value, dtype=np.float64)
-            if value.shape != (self.vertex_count, 3) or not np.isfinite(value).all():
-                raise SceneError(f"set_state: {name} need shape ({self.vertex_count}, 3) and finite numbers")
-            arrays.append(value)
-        self._live().model.write(*arrays)
+        x, v = (checks.array(f"set_state: {name}", value, (self.vertex_count, 3), row="vertex")
+                for name, value in (("positions", x), ("velocities", v)))
+        self._live().model.write(x, v)
         self.stepper.start = None
         self.integrator.reset()
         if self.contacts is not None:
@@ -227,9 +211,7 @@ class Simulation:
 
     def product(self, p: ArrayLike, h: float) -> np.ndarray:
         """(n, 3) (M - h D - h^2 K) p for p (n, 3)."""
-        p = np.asarray(p, dtype=np.float64)
-        if p.shape != (self.vertex_count, 3):
-            raise SceneError(f"product: p needs shape ({self.vertex_count}, 3), not {p.shape}")
+        p = checks.array("product: p", p, (self.vertex_count, 3), row="vertex")
         system = self._linearized(h)
         if self._probe is None:
             self._probe = self._later(Probe, system.operator)
@@ -303,8 +285,8 @@ class Simulation:
         Raises:
             SimulationError: where no step passes.
         """
-        h = self._h if h is None else h
-        _check_positive("h", h)
+        h = self._h if h is None else checks.number("h", h, "s", least=SHORTEST)
+        self._check_length("h", h)
         return self._advance_to(self.time + h)
 
     def run(self, duration: float, fps: float, on_frame: Callable[["Simulation", int], None] | None = None,
@@ -317,8 +299,11 @@ class Simulation:
         Args:
             resumed: the frame of a run from time 0 at which this simulation now is; it goes on with the next.
         """
-        for name, value in (("duration", duration), ("fps", fps)):
-            _check_positive(name, value)
+        duration, fps = checks.number("duration", duration, "s", positive=True), checks.number("fps", fps, positive=True)
+        self._check_length("duration", max(duration, 1 / fps))
+        checks.integer("run: duration * fps, the number of frames,", max(1, round(duration * fps)), most=MOST_FRAMES)
+        checks.maybe(on_frame, checks.function, "on_frame", "simulation", "frame")
+        resumed = checks.maybe(resumed, checks.integer, "resumed", least=0)
         start, frames = self.time if resumed is None else 0.0, max(1, round(duration * fps))
         for frame in range(0 if resumed is None else resumed + 1, frames + 1):
             if frame:
@@ -349,6 +334,7 @@ class Simulation:
             SceneError: the state is of another mesh, of a scene without what this one has, or of another version.
         """
         self._live()
+        checks.instance("resume: state", state, dict)
         try:
             self._restore(state)
         except KeyError as missing:
@@ -379,6 +365,13 @@ class Simulation:
             for fields in (self._fields, *self._extra):
                 fields.free()
         self._open = False
+
+    def _check_length(self, name: str, time: float) -> None:
+        """Refuses what would need more steps than anybody waits for."""
+        steps = time / self.control.h_max
+        if steps > MOST_STEPS:
+            raise SceneError(f"{name} = {time:g} s is {steps:.2g} steps of h = {self.control.h_max:g} s: at most "
+                             f"{MOST_STEPS:.0e}")
 
     def _advance_to(self, end: float) -> StepRecord:
         self._live()
@@ -419,7 +412,7 @@ class Simulation:
 
     def _linearized(self, h: float, held: Held | None = None):
         """The system, linearized at the current state for a step h, with y of the held particles."""
-        _check_positive("h", h)
+        h = checks.number("h", h, "s", least=SHORTEST, most=LONGEST)
         system = self._system()
         self._set_wind(self.time + h)
         self.model.save()
@@ -464,12 +457,3 @@ def _contacts(fields: Fields, model: Model, scene: Scene, h: float, cpu: bool, o
     from .contact.response import Contacts
 
     return Contacts(fields, model, scene, h, cpu, options.tangles, options.contact)
-
-
-def _check_positive(name: str, value: float) -> None:
-    try:
-        good = math.isfinite(value) and value > 0
-    except TypeError:
-        good = False
-    if not good:
-        raise SceneError(f"{name} = {value!r}: must be a positive number")

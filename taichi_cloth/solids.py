@@ -5,16 +5,16 @@ round them, that could poke through a triangle of cloth between its vertices.
 """
 
 import math
-import numbers
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .errors import SceneError
+from . import checks
+from .errors import SceneError, shown
 from .intersections import count_self_crossings
-from .mesh import face_edges
+from .mesh import face_edges, face_indices, facing
 
 PLANE, SPHERE, CAPSULE, BOX, CYLINDER, MESH = range(6)
 ROUND = 48  # segments of a circle in surfaces and cores
@@ -37,10 +37,10 @@ class Plane:
     kind = PLANE
 
     def __post_init__(self) -> None:
-        _positive("plane size [m]", self.size)
-        n = np.asarray(self.normal, dtype=np.float64)
-        if n.shape != (3,) or not np.isfinite(n).all() or not np.linalg.norm(n) > 0:
-            raise SceneError(f"plane normal {self.normal!r}: needs three finite numbers, not all 0")
+        _positive(self, "plane", "size")
+        n = checks.vector("plane normal", self.normal)
+        if not np.linalg.norm(n) > checks.SMALLEST:
+            raise SceneError(f"plane normal = {self.normal!r}: needs a direction, not all 0")
         object.__setattr__(self, "normal", tuple((n / np.linalg.norm(n)).tolist()))
 
     @property
@@ -70,7 +70,7 @@ class Sphere:
     kind = SPHERE
 
     def __post_init__(self) -> None:
-        _positive("sphere radius [m]", self.radius)
+        _positive(self, "sphere", "radius")
 
     @property
     def parameters(self) -> list[float]:
@@ -97,9 +97,9 @@ class Capsule:
     kind = CAPSULE
 
     def __post_init__(self) -> None:
-        _positive("capsule radius [m]", self.radius)
+        _positive(self, "capsule", "radius")
         for name in "ab":
-            object.__setattr__(self, name, tuple(_vector(getattr(self, name), f"capsule {name} [m]").tolist()))
+            object.__setattr__(self, name, tuple(checks.vector(f"capsule {name}", getattr(self, name), "m").tolist()))
         if self.a == self.b:
             raise SceneError("capsule: a and b are the same point; use a Sphere")
 
@@ -139,10 +139,9 @@ class Box:
     kind = BOX
 
     def __post_init__(self) -> None:
-        for s in _vector(self.size, "box size [m]"):
-            _positive("box size [m]", float(s))
-        if not 0 <= self.radius <= min(self.size) / 2:
-            raise SceneError(f"box radius = {self.radius!r} m: must be from 0 to half of its shortest side")
+        size = checks.vector("box size", self.size, "m").tolist()
+        object.__setattr__(self, "size", tuple(checks.number("box size", s, "m", positive=True) for s in size))
+        object.__setattr__(self, "radius", checks.number("box radius", self.radius, "m", least=0.0, most=min(size) / 2))
 
     @property
     def parameters(self) -> list[float]:
@@ -197,8 +196,8 @@ class Cylinder:
     kind = CYLINDER
 
     def __post_init__(self) -> None:
-        _positive("cylinder radius [m]", self.radius)
-        _positive("cylinder length [m]", self.length)
+        _positive(self, "cylinder", "radius")
+        _positive(self, "cylinder", "length")
 
     @property
     def parameters(self) -> list[float]:
@@ -232,7 +231,8 @@ class SolidMesh:
         notes: what was found out about it, and done.
 
     Raises:
-        SceneError: wrong shapes, numbers that are not finite, faces out of range or without area, no fps.
+        SceneError: wrong shapes, numbers that are not finite, faces out of range or with a repeated vertex, an edge with
+            more than two triangles, no fps.
     """
 
     x: np.ndarray
@@ -243,19 +243,14 @@ class SolidMesh:
     kind = MESH
 
     def __post_init__(self) -> None:
-        x, faces = np.asarray(self.x, dtype=np.float64), np.asarray(self.faces)
-        if x.ndim == 2:
-            x = x[None]
-        if x.ndim != 3 or x.shape[2] != 3 or not len(x):
-            raise SceneError(f"solid mesh: positions need shape (n, 3) or (frames, n, 3), not {x.shape}")
-        bad = np.argwhere(~np.isfinite(x).all(axis=2))
-        if len(bad):
-            raise SceneError(f"solid mesh: vertex {bad[0][1]} is not finite in frame {bad[0][0]}")
-        if len(x) > 1 and (self.fps is None or not (math.isfinite(self.fps) and self.fps > 0)):
-            raise SceneError(f"solid mesh: a sequence of {len(x)} frames needs fps > 0, not {self.fps!r}")
-        if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or faces.min() < 0 or faces.max() >= x.shape[1]:
-            raise SceneError(f"solid mesh: faces need shape (m, 3) and indices below {x.shape[1]}")
-        faces = faces.astype(np.int64)
+        x = checks.array("solid mesh", self.x, ("n", 3), ("frames", "n", 3), row="vertex or frame")
+        x = x[None] if x.ndim == 2 else x
+        if not x.size:
+            raise SceneError("solid mesh: has no vertices")
+        object.__setattr__(self, "fps", checks.maybe(self.fps, checks.number, "solid mesh fps", positive=True))
+        if len(x) > 1 and self.fps is None:
+            raise SceneError(f"solid mesh: a sequence of {len(x)} frames needs fps")
+        faces = face_indices(self.faces, x.shape[1], SceneError)
         notes = []
         edges = face_edges(faces)
         code, back, count = np.unique(np.sort(edges, axis=1) @ np.array([x.shape[1], 1]), return_inverse=True,
@@ -263,6 +258,13 @@ class SolidMesh:
         if count.max() > 2:
             a, b = edges[np.argmax(count[back] > 2)]
             raise SceneError(f"solid mesh: edge ({a}, {b}) has more than two triangles")
+        turned = facing(faces)
+        if turned is None:
+            notes.append("the solid mesh has one side only, like a Moebius strip: which side cloth is on means nothing")
+        elif turned.any():
+            faces = np.where(turned[:, None], faces[:, [0, 2, 1]], faces)
+            notes.append(f"{int(turned.sum())} triangles of the solid mesh were turned against their neighbours, and turned "
+                         "round")
         closed = bool((count == 2).all())
         corner = x[0][faces]
         volume = float(np.einsum("ij,ij->i", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])).sum() / 6)
@@ -326,6 +328,21 @@ class Solid:
     rotation: Value
     color: tuple[float, float, float] | None = None
 
+    def __post_init__(self) -> None:
+        checks.name("solid name", self.name)
+        if not isinstance(self.shape, Shape):
+            raise SceneError(f"solid {self.name!r}: needs a Plane, Sphere, Capsule, Box, Cylinder or SolidMesh, not "
+                             f"{shown(self.shape)}")
+        what = f"solid {self.name!r}: "
+        for name, check in (("friction", {"least": 0.0}), ("thickness", {"unit": "m", "positive": True})):
+            object.__setattr__(self, name, checks.number(what + name, getattr(self, name), **check))  # type: ignore[arg-type]
+        object.__setattr__(self, "color", checks.maybe(self.color, checks.color, what + "color"))
+        for name in ("position", "rotation"):
+            value = getattr(self, name)
+            if callable(value):
+                checks.function(what + name, value, "time")
+        self.pose(0.0)
+
     @property
     def moves(self) -> bool:
         """Whether its position, rotation or shape depends on time."""
@@ -342,12 +359,10 @@ class Solid:
         Raises:
             SceneError: a function that returns a wrong shape, a number that is not finite, or no rotation.
         """
-        p = np.asarray(self.position(t) if callable(self.position) else self.position, dtype=np.float64)
-        R = np.asarray(self.rotation(t) if callable(self.rotation) else self.rotation, dtype=np.float64)
-        if p.shape != (3,) or not np.isfinite(p).all():
-            raise SceneError(f"solid {self.name!r}: position at t = {t:g} s is {p.tolist()}: needs three finite numbers")
-        if R.shape not in ((3,), (3, 3)) or not np.isfinite(R).all():
-            raise SceneError(f"solid {self.name!r}: rotation at t = {t:g} s needs a vector (3,) [rad] or a matrix (3, 3)")
+        t = checks.number("t", t, "s")
+        p, R = (value(t) if callable(value) else value for value in (self.position, self.rotation))
+        p = checks.vector(f"solid {self.name!r}: position at t = {t:g} s", p, "m")
+        R = checks.array(f"solid {self.name!r}: rotation at t = {t:g} s", R, (3,), (3, 3))
         if R.shape == (3,):
             R = rotation_matrix(R)
         elif not (np.allclose(R @ R.T, np.eye(3), atol=1e-6) and np.linalg.det(R) > 0):
@@ -371,16 +386,9 @@ def rotation_matrix(vector: ArrayLike) -> np.ndarray:
     return np.eye(3) + math.sin(angle) * k + (1 - math.cos(angle)) * (k @ k)
 
 
-def _positive(what: str, value: float) -> None:
-    if not (isinstance(value, numbers.Real) and math.isfinite(value) and value > 0):
-        raise SceneError(f"{what} = {value!r}: must be a positive number")
-
-
-def _vector(value: ArrayLike, what: str) -> np.ndarray:
-    out = np.asarray(value, dtype=np.float64)
-    if out.shape != (3,) or not np.isfinite(out).all():
-        raise SceneError(f"{what} = {value!r}: needs three finite numbers")
-    return out
+def _positive(shape: object, word: str, name: str) -> None:
+    """A frozen shape's length [m], checked and made float."""
+    object.__setattr__(shape, name, checks.number(f"{word} {name}", getattr(shape, name), "m", positive=True))
 
 
 def _revolve(profile: list[tuple[float, float]]) -> tuple[np.ndarray, np.ndarray]:

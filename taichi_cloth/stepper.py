@@ -7,12 +7,14 @@ from functools import partial
 
 import numpy as np
 
-from .errors import SimulationError
+from . import checks
+from .errors import SceneError, SimulationError
 from .integrators import ACCURACY, APPROACH, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, STRETCH, Attempt
 from .measure import Measures, Meter
 from .model import Model
 
 CAREFUL = 0.9  # part of the step that error control thinks possible
+SHORTEST, LONGEST = 1e-12, 100.0  # steps [s] that may be asked for: time has no digits for shorter ones
 PARTS = ("EVAL", "CG", "C-C", "C-S")  # [BW98 table 1]: forces and matrix, solve, cloth-cloth, cloth-solid contact
 ADVICE = {
     STRETCH: "some triangle stretches too much in one step: slow the motion down, or raise stretch_limit",
@@ -37,6 +39,9 @@ class Control:
         adaptive: False does exactly the steps asked for and reports what went wrong in them.
         stretch_limit: largest change of any triangle's stretch |w|/b in a step.
         quiet_steps: accepted steps after which h doubles again.
+
+    Raises:
+        SceneError: an impossible value.
     """
 
     h_max: float
@@ -44,6 +49,14 @@ class Control:
     adaptive: bool = True
     stretch_limit: float = 0.5
     quiet_steps: int = 4
+
+    def __post_init__(self) -> None:
+        checks.number("h", self.h_max, "s", least=SHORTEST, most=LONGEST)
+        checks.number("h_min", self.h_min, "s", positive=True)
+        if self.h_min > self.h_max:
+            raise SceneError(f"h_min = {self.h_min:g} s: must be at most h = {self.h_max:g} s")
+        checks.number("stretch_limit", self.stretch_limit, positive=True)
+        checks.flag("adaptive", self.adaptive)
 
 
 @dataclass

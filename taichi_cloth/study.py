@@ -16,7 +16,8 @@ from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from .errors import ClothError, SceneError, check_choice
+from . import checks
+from .errors import ClothError, SceneError
 from .integrators import EXPLICIT, INTEGRATORS, SAFETY
 from .scene import Scene
 from .simulation import Simulation
@@ -294,7 +295,7 @@ def cases_of(integrators: list[str], steps: list[float], tolerances: list[float]
     """Every combination that means something: explicit methods choose their own step, tolerances go with "safe"."""
     out = []
     for name in integrators:
-        check_choice("integrator", name, INTEGRATORS)
+        checks.choice("integrator", name, INTEGRATORS)
     for arch in archs:
         for precision in precisions:
             for name in integrators:

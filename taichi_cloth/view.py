@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from . import checks
 from .errors import SceneError
 
 
@@ -21,10 +22,13 @@ class Camera:
     up: tuple[float, float, float] = (0.0, 1.0, 0.0)
 
     def __post_init__(self) -> None:
-        if not 1 <= self.fov <= 150:
-            raise SceneError(f"camera fov = {self.fov!r} degrees: must be between 1 and 150")
-        if tuple(self.eye) == tuple(self.target):
+        for name in ("eye", "target", "up"):
+            object.__setattr__(self, name, tuple(checks.vector(f"camera {name}", getattr(self, name)).tolist()))
+        object.__setattr__(self, "fov", checks.number("camera fov", self.fov, "degrees", least=1.0, most=150.0))
+        if self.eye == self.target:
             raise SceneError(f"camera eye and target are the same point {self.eye!r}")
+        if not any(self.up):
+            raise SceneError(f"camera up = {self.up!r}: needs a direction")
 
 
 @dataclass(frozen=True)
@@ -40,3 +44,8 @@ class View:
     camera: Camera | None = None
     ground: float | None = None
     reach: float = 0.0
+
+    def __post_init__(self) -> None:
+        checks.maybe(self.camera, checks.instance, "view camera", Camera)
+        object.__setattr__(self, "ground", checks.maybe(self.ground, checks.number, "view ground", "m"))
+        object.__setattr__(self, "reach", checks.number("view reach", self.reach, "m", least=0.0))

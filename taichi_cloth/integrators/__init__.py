@@ -17,16 +17,21 @@ Methods with stages solved by Newton use the operator with their own c in M - c 
 import math
 from dataclasses import dataclass
 
+from .. import checks
 from ..errors import SceneError
 from ..fields import Fields
+from ..forces.conditions import K_MODES
 from ..measure import Measures, Meter
 from ..model import Model
 from ..runtime import Runtime
 from ..scene import Scene
 from ..solver.pcg import Solution
+from ..solver.preconditioner import PRECONDITIONERS
 
 CG_TOL = 1e-4  # relative residual of the paper's single solve, where none is asked for
 NEWTON_TOL = 1e-4  # m, where none is asked for
+TANGLES = ("untangle", "ignore", "abort")
+CONTACTS = ("repulsion", "springs")
 STRETCH, ENERGY, SOLVER, NOT_FINITE = "STRETCH", "ENERGY", "SOLVER", "NOT_FINITE"
 CONTACT, APPROACH, NEWTON, ACCURACY = "CONTACT", "APPROACH", "NEWTON", "ACCURACY"
 
@@ -39,7 +44,7 @@ class Options:
         K: which stiffness, see `forces.conditions`.
         cg_tol: relative residual at which a solve stops; None is the method's own choice.
         cg_max_iterations: of one solve.
-        preconditioner: "block_jacobi" or "multilevel".
+        preconditioner: one of `solver.preconditioner.PRECONDITIONERS`.
         newton_max: Newton iterations of a stage; further solves of a step that fails the energy test.
         newton_tol: RMS of the last change of position [m] at which Newton's method stops; None is the method's own choice.
         tolerance: RMS error of positions [m] that the run may gather, or None for steps as they are asked for.
@@ -47,6 +52,9 @@ class Options:
         tangles: what to do with cloth that passes through cloth.
         contact: by what cloth is kept from cloth.
         substep: of explicit methods [s]; None is the stable one.
+
+    Raises:
+        SceneError: an impossible value or an unknown name.
     """
 
     K: str = "projected"
@@ -60,6 +68,17 @@ class Options:
     tangles: str = "untangle"
     contact: str = "repulsion"
     substep: float | None = None
+
+    def __post_init__(self) -> None:
+        known = {"K": K_MODES, "preconditioner": PRECONDITIONERS, "tangles": TANGLES, "contact": CONTACTS}
+        for name, choices in known.items():
+            checks.choice(name, getattr(self, name), choices)
+        checks.maybe(self.cg_tol, checks.number, "cg_tol", positive=True, most=1.0)
+        for name, unit in (("newton_tol", "m"), ("tolerance", "m"), ("substep", "s")):
+            checks.maybe(getattr(self, name), checks.number, name, unit, positive=True)
+        for name, least, most in (("cg_max_iterations", 1, 100_000_000), ("newton_max", 0, 1_000_000)):
+            object.__setattr__(self, name, checks.integer(name, getattr(self, name), least, most))
+        checks.flag("adaptive", self.adaptive)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import MeshError, SceneError, check_choice
+from .. import checks
+from ..errors import MeshError
 from ..mesh import TriMesh
 from .obj import read_obj
 from .off import read_off
@@ -32,10 +33,9 @@ def load(path: str | Path, scale: float = 1.0, uv: str = "auto") -> TriMesh:
     Raises:
         MeshError: a missing or unreadable file, or a mesh that cannot be simulated.
     """
-    path = Path(path)
-    check_choice("uv", uv, ("auto", "pattern", "flatten"))
-    if not (np.isfinite(scale) and scale > 0):
-        raise SceneError(f"scale = {scale!r}: must be positive")
+    path = checks.path("path", path, MeshError)
+    checks.choice("uv", uv, ("auto", "pattern", "flatten"))
+    scale = checks.number("scale", scale, positive=True)
     try:
         x, faces, corner_uv, groups = read_surface(path)
         notes: tuple[str, ...] = ()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import npz
+from .. import checks, npz
 from ..errors import MeshError, SceneError
 from ..solids import SolidMesh
 from . import read_surface
@@ -27,9 +27,10 @@ def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, m
         MeshError: a missing or unreadable file, or frames whose topology is not the first one's.
         SceneError: numbers that make no solid.
     """
-    if not (np.isfinite(scale) and scale > 0):
-        raise SceneError(f"scale = {scale!r}: must be positive")
-    path = str(path)
+    scale = checks.number("scale", scale, positive=True)
+    fps = checks.maybe(fps, checks.number, "fps", positive=True)
+    mesh = checks.maybe(mesh, checks.path, "mesh", MeshError)
+    path = str(checks.path("path", path, MeshError))
     suffix = Path(path).suffix.lower()
     if not Path(path).is_file():
         if not any(c in path for c in "*?["):

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from .. import runtime
-from ..errors import BackendError, check_choice
+from .. import checks, runtime
+from ..errors import BackendError
 from ..view import Camera, View
 from .camera import fit, frame, ground_height
 from .colors import to_srgb
@@ -45,7 +45,7 @@ class Renderer:
 
     def __init__(self, width: int, height: int, faces: np.ndarray, corner_uv: np.ndarray, colors: np.ndarray,
                  x: np.ndarray, view: View, cloth_faces: int | None = None, quality: str = "fast") -> None:
-        self.samples, self.shadow_rays, self.ambient_rays = QUALITY[check_choice("quality", quality, QUALITY)]
+        self.samples, self.shadow_rays, self.ambient_rays = QUALITY[checks.choice("quality", quality, QUALITY)]
         self.traces = self.shadow_rays > 0
         self.cloth_faces = len(faces) if cloth_faces is None else cloth_faces
         self.width, self.height = width, height

@@ -7,7 +7,8 @@ PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
 
 ROOMS = [
     # description
-    ["errors", "npz"], ["view"], ["mesh", "boxes"], ["shapes", "fabric", "intersections"], ["solids"], ["scene"], ["io"],
+    ["errors", "npz"], ["checks"], ["view"], ["mesh", "boxes"], ["shapes", "fabric", "intersections"], ["solids"],
+    ["scene"], ["io"],
     ["ordering", "elements", "taichi_patches", "runtime", "timing"], ["quantities"], ["fields"], ["model", "team"],  # fields
     ["forces"], ["operator"], ["measure", "constraints"], ["contact"], ["solver"], ["integrators"], ["stepper"],
     ["simulation"],
@@ -16,9 +17,9 @@ ROOMS = [
     ["__main__", "__init__"],
 ]
 ROOM = {name: k for k, names in enumerate(ROOMS) for name in names}
-NUMPY_ONLY = {"errors", "npz", "view", "mesh", "shapes", "fabric", "solids", "boxes", "intersections", "scene", "io",
-              "ordering", "elements", "quantities", "scenefile", "cli_recorded", "cli_study", "cli"}
-OUTPUT_MAY = {"output", "errors", "npz", "view", "runtime"}
+NUMPY_ONLY = {"errors", "checks", "npz", "view", "mesh", "shapes", "fabric", "solids", "boxes", "intersections", "scene",
+              "io", "ordering", "elements", "quantities", "scenefile", "cli_recorded", "cli_study", "cli"}
+OUTPUT_MAY = {"output", "errors", "checks", "npz", "view", "runtime"}
 
 
 def imports(path: pathlib.Path):

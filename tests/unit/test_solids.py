@@ -145,13 +145,13 @@ def test_a_sequence_is_interpolated():
     (lambda: tc.Capsule((0, 0, 0), (0, 0, 0), 1), "Sphere"), (lambda: tc.Plane((0, 0, 0)), "normal"),
     (lambda: tc.SolidMesh(np.full((4, 3), np.nan), [[0, 1, 2]]), "not finite"),
     (lambda: tc.SolidMesh(np.zeros((2, 4, 3)), [[0, 1, 2]]), "fps"),
-    (lambda: tc.SolidMesh(CUBE[0], [[0, 1, 99]]), "indices below 8"),
+    (lambda: tc.SolidMesh(CUBE[0], [[0, 1, 99]]), r"face 0 \[0, 1, 99\] names a vertex out of range, but there are 8"),
     (lambda: tc.SolidMesh(np.eye(5)[:, :3], [[0, 1, 2], [1, 0, 3], [0, 1, 4]]), "more than two"),
     (lambda: tc.Scene().add_solid(tc.Sphere(1), friction=-0.1, thickness=0.01), "friction"),
     (lambda: tc.Scene().add_solid(tc.Sphere(1), friction=0.1, thickness=0.0), "thickness"),
     (lambda: tc.Scene().add_solid(tc.Sphere(1), 0.1, 0.01, position=lambda t: (0, t / 0 if t else np.inf, 0)), "position"),
     (lambda: tc.Scene().add_solid(tc.Sphere(1), 0.1, 0.01, rotation=np.ones((3, 3))), "no rotation"),
-    (lambda: tc.Scene().add_solid("ball", 0.1, 0.01), "add_solid needs"),
+    (lambda: tc.Scene().add_solid("ball", 0.1, 0.01), "solid 'solid0': needs a Plane.*not 'ball'"),
 ])
 def test_bad_solids_are_named(make, words):
     with pytest.raises(tc.SceneError, match=words):

@@ -9,7 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...errors import OutputError, check_choice
+from ... import checks
+from ...errors import OutputError
 from ..recording import Recording
 
 FORMATS = {"pc2": "pc2", "usda": "usd", "usdc": "usd", "vtu": "vtu", "ply": "ply"}
@@ -26,7 +27,7 @@ def export(recording: Recording, format: str, folder: pathlib.Path, fields: Fiel
         SceneError: an unknown format.
         OutputError: no frames, files that cannot be written, a package that is not there.
     """
-    check_choice("format", format, FORMATS)
+    checks.choice("format", format, FORMATS)
     recording.frames()
     module = importlib.import_module(f"{__name__}.{FORMATS[format]}")
     try:
