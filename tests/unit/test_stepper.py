@@ -63,9 +63,9 @@ def test_fixed_step_does_what_it_is_told_and_reports():
 def test_overflow_is_named():
     scene = tc.Scene()
     cloth = scene.add_cloth(tc.grid(1.0, 3), tc.Fabric(0.2, tc.Stretch(1e4)))
-    scene.move(cloth, "left", lambda t: (1e200 * t, 0, 0), relative=True)
+    scene.move(cloth, "left", lambda t: (1e28 * t, 0, 0), relative=True)
     with pytest.raises(tc.SimulationError, match="gave up at t = 0 s") as caught:
-        tc.Simulation(scene).step()
+        tc.Simulation(scene, precision="f32").step()
     assert caught.value.reason in ("NOT_FINITE", "SOLVER")
 
 
