@@ -124,8 +124,10 @@ def _doctor() -> int:
 def _options(args: argparse.Namespace, scene):
     from dataclasses import replace
 
+    from . import checks
     from .errors import SceneError, did_you_mean
     from .runner import RunOptions
+    from .simulation import MOST_FRAMES
 
     unknown = set(scene.run) - set(DEFAULTS)
     if unknown:
@@ -139,9 +141,9 @@ def _options(args: argparse.Namespace, scene):
             raise SceneError(f"--set {item!r}: needs name=value")
         settings[name] = value
     for name in ("duration", "fps", "h"):
-        if values[name] is not None and not values[name] > 0:
-            raise SceneError(f"--{name} {values[name]:g}: must be positive")
+        values[name] = checks.maybe(values[name], checks.number, f"--{name}", positive=True)
     duration, fps = values.pop("duration"), values.pop("fps")
+    checks.integer("--duration times --fps, the number of frames,", round(duration * fps), most=MOST_FRAMES)
     simulation = {**values, "adaptive": not args.fixed_step, "threads": args.threads, "debug": args.debug,
                   "count_intersections": args.count_intersections}
     size = None if getattr(args, "no_images", True) else args.size
@@ -154,8 +156,8 @@ def _options(args: argparse.Namespace, scene):
         raise SceneError("--resume needs the run's folder: --out DIR")
     if resume and args.overwrite:
         raise SceneError("--resume keeps a run's files and --overwrite removes them: choose one")
-    if args.checkpoint_every < 0:
-        raise SceneError(f"--checkpoint-every {args.checkpoint_every}: must be at least 0")
+    checks.integer("--checkpoint-every", args.checkpoint_every, least=0)
+    checks.maybe(args.from_frame, checks.integer, "--from-frame", least=0)
     return replace(options, look=cli_recorded.look_of(args), checkpoint_every=args.checkpoint_every,
                    frames=not args.no_frames, resume=resume, from_frame=args.from_frame, force=args.force)
 

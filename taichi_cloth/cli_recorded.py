@@ -62,12 +62,12 @@ def add_parsers(commands) -> None:
 
 
 def _render(args: argparse.Namespace) -> int:
-    from .errors import OutputError
+    from . import checks
     from .output.recording import Recording
     from .playback import Films, render, warn_inside
 
-    if args.every < 1 or args.sheet < 0:
-        raise OutputError(f"--every {args.every} must be at least 1 and --sheet {args.sheet} at least 0")
+    checks.integer("--every", args.every)
+    checks.integer("--sheet", args.sheet, least=0)
     recording = Recording(args.run)
     look = _look(args, recording)
     warn_inside(recording, look)
@@ -78,9 +78,11 @@ def _render(args: argparse.Namespace) -> int:
 
 
 def _compare(args: argparse.Namespace) -> int:
+    from . import checks
     from .output.recording import Recording
     from .playback import compare
 
+    checks.integer("--frames", args.frames)
     first, second = map(Recording, args.runs)
     rms, largest = compare(first, second, pathlib.Path(args.to), args.size, args.frames, _look(args, first))
     print(f"RMS distance {rms:.6g} m, largest {largest:.6g} m; written to {args.to}")

@@ -63,8 +63,6 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
     Raises:
         ClothError: by what went wrong; the frames so far are whole.
     """
-    if round(options.duration * options.fps) < 1:
-        raise SceneError(f"duration {options.duration:g} s at {options.fps:g} frames a second is no frame")
     scene = scene_file.make(options.settings)
     started = time.perf_counter()
     sim = Simulation(scene, **options.simulation)

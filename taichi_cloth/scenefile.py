@@ -7,6 +7,7 @@ A scene file has a docstring whose first line says what it shows, `build(**optio
 
 import importlib.util
 import inspect
+import math
 import pathlib
 import sys
 import traceback
@@ -83,7 +84,7 @@ class SceneFile:
 
 
 def number(text: str, kind: type = float):
-    """A number from text such as "51", "1e-3" or "1/60".
+    """A finite number from text such as "51", "1e-3" or "1/60".
 
     Raises:
         ValueError: it is none.
@@ -91,10 +92,10 @@ def number(text: str, kind: type = float):
     if kind is int:
         return int(text)
     top, _, bottom = text.partition("/")
-    try:
-        return float(top) / (float(bottom) if bottom else 1.0)
-    except ZeroDivisionError:
-        raise ValueError(text) from None
+    out = float(top) / (float(bottom) or math.nan if bottom else 1.0)
+    if not math.isfinite(out):
+        raise ValueError(text)
+    return out
 
 
 def folders() -> list[pathlib.Path]:

@@ -5,10 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .. import checks
+from ..errors import SceneError
 from ..view import Camera, View
 from .camera import fit
 from .colors import draw_bar, heat_colors
-from .raster import PALETTE, STONE, Renderer
+from .raster import PALETTE, QUALITY, STONE, Renderer
 from .text import draw_text
 
 
@@ -41,6 +43,9 @@ class Look:
         follow: whether the camera moves with the cloth's centre.
         wire: whether edges are drawn; heat: what colours the cloth, or None.
         caption: text, in which {t} and {frame} stand for the time and the frame; "" draws none.
+
+    Raises:
+        SceneError: an impossible value or an unknown name.
     """
 
     quality: str = "fast"
@@ -50,6 +55,23 @@ class Look:
     wire: bool = False
     heat: Heat | None = None
     caption: str = ""
+
+    def __post_init__(self) -> None:
+        checks.choice("quality", self.quality, QUALITY)
+        checks.maybe(self.camera, checks.instance, "camera", Camera)
+        checks.number("orbit", self.orbit, "degrees a second")
+        for name in ("follow", "wire"):
+            checks.flag(name, getattr(self, name))
+        checks.maybe(self.heat, checks.instance, "heat", Heat)
+        try:
+            self.caption_at(0.0, 0)
+        except (AttributeError, IndexError, KeyError, ValueError, TypeError):
+            raise SceneError(f"caption = {self.caption!r}: must be a text with nothing but {{t}} and {{frame}} in braces; "
+                             "{{ and }} stand for braces themselves") from None
+
+    def caption_at(self, t: float, number: int) -> str:
+        """The caption of a frame at time t [s]."""
+        return checks.instance("caption", self.caption, str).format(t=f"{t:.3f}", frame=number)
 
 
 class Artist:
@@ -93,7 +115,7 @@ class Artist:
             draw_bar(image, *look.heat.range, look.heat.diverging, label)
         if look.caption:
             scale = max(1, image.shape[0] // 360)
-            draw_text(image, look.caption.format(t=f"{float(frame['t']):.3f}", frame=number), 10 * scale, 10 * scale, scale)
+            draw_text(image, look.caption_at(float(frame["t"]), number), 10 * scale, 10 * scale, scale)
         return image
 
     def _camera(self, frame: dict[str, np.ndarray]) -> Camera:

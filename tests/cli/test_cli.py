@@ -97,7 +97,7 @@ def test_another_runs_files_are_safe(out, tmp_path):
     (("run", "hang", "--set", "m=3"), "no option 'm'"),
     (("run", "hang", "--set", "n=many"), "needs a whole number"),
     (("run", "hang", "--set", "n"), "needs name=value"),
-    (("run", "hang", "--h", "0"), "--h 0: must be positive"),
+    (("run", "hang", "--h", "0"), "--h = 0.0: must be a positive number"),
     (("run", "hang", "--h", "a/b"), "no number"),
     (("run", "hang", "--size", "10"), "needs WIDTHxHEIGHT"),
     (("run", "hang", "--arch", "gpu"), "unknown arch 'gpu'"),
