@@ -89,7 +89,7 @@ class ClothContact:
     def __post_init__(self) -> None:
         _check(self, "cloth contact", "thickness", "m", zero=False)
         _check(self, "cloth contact", "friction", "", zero=True)
-        checks.flag("cloth contact itself", self.itself)
+        object.__setattr__(self, "itself", checks.flag("cloth contact itself", self.itself))
 
 
 @dataclass(frozen=True)

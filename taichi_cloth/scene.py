@@ -44,7 +44,7 @@ class Cloth:
         object.__setattr__(self, "positions", checks.array(f"positions of {what!r}", self.positions, (n, 3), row="vertex"))
         v = checks.array(f"velocities of {what!r}", self.velocities, (n, 3), (3,), row="vertex")
         object.__setattr__(self, "velocities", np.broadcast_to(v, (n, 3)).copy())
-        checks.integer(f"start of {what!r}", self.start, least=0)
+        object.__setattr__(self, "start", checks.integer(f"start of {what!r}", self.start, least=0))
         object.__setattr__(self, "color", checks.maybe(self.color, checks.color, f"color of {what!r}"))
         checks.maybe(self.contact, checks.instance, f"contact of {what!r}", ClothContact)
 
@@ -113,8 +113,8 @@ class Air:
         for name in ("normal", "tangential"):
             value = checks.number(f"air {name}", getattr(self, name), "N s/m^3", least=0.0)
             object.__setattr__(self, name, value)
-        if callable(self.wind):
-            checks.function("air wind", self.wind, "time")
+        wind = checks.function("air wind", self.wind, "time") if callable(self.wind) else checks.vector("air wind", self.wind)
+        object.__setattr__(self, "wind", wind)
         if self.normal == self.tangential == 0:
             raise SceneError("air with both coefficients 0 does nothing: leave it out")
         self.wind_at(0.0)

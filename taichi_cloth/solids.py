@@ -290,6 +290,7 @@ class SolidMesh:
 
     def shape_at(self, t: float) -> np.ndarray:
         """(n, 3) local positions [m] at time t [s]."""
+        t = checks.number("t", t, "s")
         if len(self.x) == 1:
             return self.x[0]
         frame = min(max(t * float(self.fps), 0.0), len(self.x) - 1.0)  # type: ignore[arg-type]
@@ -337,10 +338,12 @@ class Solid:
         for name, check in (("friction", {"least": 0.0}), ("thickness", {"unit": "m", "positive": True})):
             object.__setattr__(self, name, checks.number(what + name, getattr(self, name), **check))  # type: ignore[arg-type]
         object.__setattr__(self, "color", checks.maybe(self.color, checks.color, what + "color"))
-        for name in ("position", "rotation"):
+        for name, shapes in (("position", [(3,)]), ("rotation", [(3,), (3, 3)])):
             value = getattr(self, name)
             if callable(value):
                 checks.function(what + name, value, "time")
+            else:
+                object.__setattr__(self, name, checks.array(what + name, value, *shapes))
         self.pose(0.0)
 
     @property

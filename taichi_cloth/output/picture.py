@@ -59,9 +59,9 @@ class Look:
     def __post_init__(self) -> None:
         checks.choice("quality", self.quality, QUALITY)
         checks.maybe(self.camera, checks.instance, "camera", Camera)
-        checks.number("orbit", self.orbit, "degrees a second")
+        object.__setattr__(self, "orbit", checks.number("orbit", self.orbit, "degrees a second"))
         for name in ("follow", "wire"):
-            checks.flag(name, getattr(self, name))
+            object.__setattr__(self, name, checks.flag(name, getattr(self, name)))
         checks.maybe(self.heat, checks.instance, "heat", Heat)
         try:
             self.caption_at(0.0, 0)

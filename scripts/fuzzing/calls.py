@@ -1,0 +1,288 @@
+"""Odd values for every argument of every public callable: it works sensibly, or the project's own error says why not.
+
+A trial takes one callable out of `CALLS`, with arguments that are right, puts an odd value in place of one or two of them,
+and calls it. An error that is not the project's own fails, and so does a value that is taken though nothing can be made of
+it: what an object keeps must be of the kind that the right arguments give it, and finite. `scripts/fuzz.py` runs trials.
+"""
+
+import contextlib
+import dataclasses
+import fractions  # noqa: F401  (in ODD)
+import inspect
+import io
+import math
+import numbers
+import os
+import pathlib
+import tempfile
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+from fuzz import FAILED, OK, Outcome
+
+import taichi_cloth as tc
+
+nan, inf = math.nan, math.inf
+
+
+class Odd:
+    """An object that cannot even be shown."""
+
+    def __repr__(self) -> str:
+        raise RuntimeError("no words for it")
+
+
+# as text, so that a failure is printed as a call that makes it again
+ODD = """None "" "1" "left" "x" "nan" "a\\nb" b"1" True False nan inf -inf 0 -1 2 1.5 1e300 -1e300 1e-300 10**400 -10**400
+2**63 10**19 10**9 [] () {} set() [0,1] [1,2,3,4] (1,2,3) (1,nan,3) [1e300]*3 (inf,0,0) [[1,2,3]] [[1],[2,3]] [None]*3
+["a","b","c"] "abc" ("1","2","3") [10**400]*3 [True]*3 [[0,0,1]] [[0,1,99]] [[0,1,-1]] [[0.5,1,2]] np.float32(1)
+np.int8(1) np.float64("nan") np.bool_(True) np.array(1.0) np.array("x") np.array(None) np.zeros(3) np.zeros((0,3))
+np.zeros((2,2)) np.zeros((3,3)) np.full((9,3),nan) np.zeros((9,3)) np.zeros((2,9,3)) np.full((9,3),1e200)
+np.ones((9,3),complex) np.full(9,True) np.full(3,None) np.array(["a"]*9) 1j object() Odd() print int lambda:0
+lambda*a:0 lambda*a:None lambda*a:"abc" lambda*a:(nan,0,0) lambda*a:[[1],[2,3]] lambda*a:np.zeros((9,3))
+lambda*a:(1e300,)*3 lambda*a:10**400 range(3) iter([1,2,3]) (i*1.0for(i)in(1,2,3)) fractions.Fraction(1,3)
+np.datetime64("2020-01-01") slice(3) tc tc.Scene tc.Scene() tc.grid(1,2) tc.Fabric(1.0) tc.Sphere(1) tc.Stretch(1)
+tc.Air(1.0) tc.View() {"a":1} {"a":[0]} {1:[0]} {"a":["x"]} {"a":[99]} {"":[0]} pathlib.Path("none.obj") "none\\0.obj"
+"none_*.obj" "n"*5000 "metal" "f64" "verlet" "paper" "multilevel" "xz" "y" "w" """.split()
+
+MESH, FABRIC = "tc.grid(1.0, 2)", "tc.Fabric(0.2, tc.Stretch(100))"
+SCENE = f"scene = tc.Scene(); cloth = scene.add_cloth({MESH}, {FABRIC})"
+TRIANGLE = "[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]"
+
+# (what comes first, what is called, right arguments in the callable's order). A name that is not given has its default.
+CALLS: list[tuple[str, str, dict[str, str]]] = [
+    ("", "tc.TriMesh", {"x": "np.eye(3)", "faces": "[[0, 1, 2]]", "uv": "[[0.0, 0], [1, 0], [0, 1]]", "groups": '{"a": [0]}',
+                        "notes": '("a note",)'}),
+    ("", "tc.grid", {"size": "(1.0, 2.0)", "cells": "(2, 3)", "diagonals": '"cross"', "plane": '"xy"'}),
+    ("", "tc.strip", {"length": "2.0", "width": "1.0", "cells": "4", "diagonals": '"cross"', "plane": '"xy"'}),
+    ("", "tc.equilateral_strip", {"length": "2.0", "rows_across": "2", "cells_along": "4", "plane": '"xy"'}),
+    ("", "tc.disk", {"radius": "1.0", "rings": "2", "plane": '"xy"'}),
+    ("", "tc.cylinder", {"radius": "1.0", "height": "2.0", "cells": "(5, 2)"}),
+    ("", "tc.load", {"path": "OBJ", "scale": "2.0", "uv": '"flatten"'}),
+    ("", "tc.load_solid", {"path": "OBJ", "scale": "2.0", "fps": "24.0", "mesh": "None"}),
+    ("", "tc.Stretch", {"k": "(100.0, 80.0)", "k_d": "0.1", "b": "1.0"}),
+    ("", "tc.Shear", {"k": "100.0", "k_d": "0.1"}),
+    ("", "tc.Bend", {"D": "1e-4", "k_d": "1e-6", "rest": '"flat"', "model": '"hinge"'}),
+    ("", "tc.Fabric", {"density": "0.2", "stretch": "tc.Stretch(100)", "shear": "tc.Shear(10)", "bend": "tc.Bend(1e-4)"}),
+    ("", "tc.ClothContact", {"thickness": "0.01", "friction": "0.3", "itself": "True"}),
+    ("", "tc.Scene", {"gravity": "(0, -9.81, 0)", "air": "tc.Air(0.5)", "view": "tc.View()"}),
+    ("", "tc.Cloth", {"name": '"a"', "mesh": MESH, "fabric": FABRIC, "positions": f"{MESH}.x",
+                      "velocities": "np.zeros((9, 3))", "start": "0", "color": "(0.5, 0.5, 1)",
+                      "contact": "tc.ClothContact(0.01)"}),
+    ("", "tc.Air", {"normal": "0.5", "tangential": "0.1", "wind": "(1, 0, 0)"}),
+    ("", "tc.Plane", {"normal": "(0, 1, 0)", "size": "1.0"}),
+    ("", "tc.Sphere", {"radius": "1.0"}),
+    ("", "tc.Capsule", {"a": "(0, 0, 0)", "b": "(0, 1, 0)", "radius": "0.1"}),
+    ("", "tc.Box", {"size": "(1, 2, 3)", "radius": "0.1"}),
+    ("", "tc.Cylinder", {"radius": "1.0", "length": "2.0"}),
+    ("", "tc.SolidMesh", {"x": "np.eye(3)", "faces": "[[0, 1, 2]]", "fps": "24.0"}),
+    ("", "tc.Solid", {"name": '"a"', "shape": "tc.Sphere(1)", "friction": "0.1", "thickness": "0.01", "position": "(0, 0, 0)",
+                      "rotation": "(0, 1, 0)", "color": "(0.5, 0.5, 1)"}),
+    ("", "tc.Camera", {"eye": "(1, 1, 1)", "target": "(0, 0, 0)", "fov": "40.0", "up": "(0, 1, 0)"}),
+    ("", "tc.View", {"camera": "tc.Camera((1, 1, 1), (0, 0, 0))", "ground": "0.0", "reach": "0.1"}),
+    ("", "tc.Constraint", {"vertex": "1", "directions": '"xy"', "z": "(0, 0, 0)", "y": "(0, 0, 0)"}),
+    ("from taichi_cloth.output.picture import Look", "Look", {
+        "quality": '"fast"', "camera": "tc.Camera((1, 1, 1), (0, 0, 0))", "orbit": "1.0", "follow": "True", "wire": "True",
+        "heat": "None", "caption": '"t = {t}"'}),
+    (f"mesh = {MESH}", "mesh.select", {"vertices": '"left"'}),
+    ("air = tc.Air(1.0, 0.0, lambda t: (t, 0, 0))", "air.wind_at", {"t": "0.1"}),
+    ('solid = tc.Solid("a", tc.Sphere(1), 0.1, 0.1, lambda t: (t, 0, 0), (0, 0, 0))', "solid.pose", {"t": "0.1"}),
+    ('solid = tc.Solid("a", tc.Sphere(1), 0.1, 0.1, (0, 0, 0), (0, 0, 0))', "solid.surface_at", {"t": "0.1"}),
+    ("mesh = tc.SolidMesh(np.zeros((2, 3, 3)) + np.eye(3), [[0, 1, 2]], 10)", "mesh.shape_at", {"t": "0.1"}),
+    (SCENE, "scene.add_cloth", {"mesh": MESH, "fabric": FABRIC, "positions": f"{MESH}.x", "velocities": "(0, 0, 1)",
+                                "name": '"b"', "color": "(0.5, 0.5, 1)", "contact": "tc.ClothContact(0.01)"}),
+    (SCENE, "scene.add_solid", {"shape": "tc.Sphere(1)", "friction": "0.1", "thickness": "0.01",
+                                "position": "lambda t: (t, 0, 0)", "rotation": "(0, 1, 0)", "name": '"b"',
+                                "color": "(0.5, 0.5, 1)"}),
+    (SCENE, "scene.pin", {"cloth": "cloth", "vertices": "[0, 1]", "directions": '"xy"'}),
+    (SCENE, "scene.move", {"cloth": "cloth", "vertices": "[0, 1]", "path": "lambda t: (t, 0, 0)", "relative": "True",
+                           "directions": '"xy"'}),
+    (SCENE + "; scene.pin(cloth, [0, 1])", "scene.unpin", {"cloth": "cloth", "vertices": "[0]"}),
+    (SCENE, "scene.at", {"t": "0.1", "f": "lambda s: None"}),
+    (SCENE, "scene.add_mass", {"cloth": "cloth", "vertices": "[0, 1]", "mass": "0.1"}),
+    (SCENE + f"; other = scene.add_cloth({MESH}, {FABRIC})", "scene.pass_through", {"a": "cloth", "b": "other"}),
+]
+STARTED = f"{SCENE}; sim = tc.Simulation(scene, precision=PRECISION, threads=1)"
+OPTIONS = {"h": "1/60", "arch": '"cpu"', "precision": "PRECISION", "integrator": '"safe"', "K": '"projected"',
+           "cg_tol": "1e-3", "adaptive": "True", "h_min": "1e-5", "stretch_limit": "0.5", "newton_max": "8",
+           "preconditioner": '"auto"', "cg_max_iterations": "1000", "threads": "1", "quiet": "True", "debug": "False",
+           "newton_tol": "1e-4", "tolerance": "None", "tangles": '"untangle"', "contact": '"repulsion"',
+           "count_intersections": "False",
+           "substep": "None"}
+# These start Taichi.
+RUNNING: list[tuple[str, str, dict[str, str]]] = [
+    (SCENE, "tc.Simulation", {"scene": "scene", **OPTIONS}),
+    (STARTED, "sim.set_state", {"x": "sim.positions()", "v": "sim.velocities()"}),
+    (STARTED, "sim.product", {"p": "sim.positions()", "h": "1/60"}),
+    (STARTED, "sim.right_hand_side", {"h": "1/60"}),
+    (STARTED, "sim.solve", {"h": "1/60", "constraints": "[tc.Constraint(0)]"}),
+    (STARTED, "sim.step", {"h": "1/60"}),
+    (STARTED, "sim.run", {"duration": "0.02", "fps": "60", "on_frame": "lambda sim, frame: None", "resumed": "None"}),
+    (STARTED, "sim.resume", {"state": "sim.checkpoint()"}),
+]
+# What a right argument may also be, and so stays as it is.
+FUNCTIONS = ("wind", "position", "rotation")
+WORDS = ("0", "-1", "nan", "inf", "-inf", "1e400", "1e-400", "1/0", "1/", "/", "", "x", "1e-300", "9" * 30, "9" * 5000, "²",
+         "None", "1,2", ":", "1:2", "0:0", "{", "{x}", "\n", "--", "1=2", "n=x", "n=-1", "n=nan", "verlet", "f64", "0x10",
+         "1e9")
+
+
+def trial(seed: int, precision: str) -> Outcome:
+    """One call; a tenth of them of what starts Taichi, a tenth of the command line."""
+    rng = np.random.default_rng(seed)
+    kind = rng.uniform()
+    if kind < 0.1:
+        return _typed(rng, precision)
+    calls = RUNNING if kind < 0.2 else CALLS
+    before, what, right = calls[rng.integers(len(calls))]
+    arguments, names = dict(right), list(right)
+    for name in rng.permutation(names)[: 1 + (rng.uniform() < 0.2)]:
+        arguments[str(name)] = _corrupted(rng, right[str(name)])
+    return judge(before, what, right, arguments, precision)
+
+
+def judge(before: str, what: str, right: dict[str, str], arguments: dict[str, str], precision: str) -> Outcome:
+    """Calls, and says what came of it."""
+    text = f"{before}\n{what}({', '.join(f'{k}={v}' for k, v in arguments.items())})"
+    with _aside() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        (folder / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+        known = {**globals(), "PRECISION": precision, "OBJ": str(folder / "a.obj")}
+        exec(before, known)
+        values = {name: eval(v, known) for name, v in arguments.items()}
+        try:
+            made = eval(what, known)(**values)
+        except tc.ClothError:
+            return Outcome(OK)
+        except Exception as error:
+            return Outcome(FAILED, f"{type(error).__name__}: {str(error)[:200]}\n{text}")
+        if isinstance(made, tc.Simulation):
+            return _steps(made, text)
+        model = eval(what, known)(**{name: eval(v, known) for name, v in right.items()}) if what[:3] == "tc." else None
+        wrong = [name for name in arguments if model is not None and hasattr(made, name)
+                 and not _alike(getattr(made, name), getattr(model, name), name)]
+        wrong += [] if made is None or _finite(made) else ["what it returns"]
+    return Outcome(FAILED, f"taken in silence: {', '.join(wrong)}\n{text}") if wrong else Outcome(OK)
+
+
+def _steps(sim: tc.Simulation, text: str) -> Outcome:
+    """A simulation that was made takes a step, or says why not."""
+    try:
+        sim.step()
+        if not np.isfinite(sim.positions()).all():
+            return Outcome(FAILED, f"positions that are not finite\n{text}")
+    except tc.ClothError:
+        return Outcome(OK)
+    except Exception as error:
+        return Outcome(FAILED, f"a step: {type(error).__name__}: {str(error)[:200]}\n{text}")
+    finally:
+        sim.close()
+    return Outcome(OK)
+
+
+def _typed(rng: np.random.Generator, precision: str) -> Outcome:
+    """A command line with an odd word."""
+    from taichi_cloth import cli
+
+    actions = [a for a in _flags(cli) if a.option_strings and a.dest not in ("help", "out", "to")]
+    action, word = actions[rng.integers(len(actions))], WORDS[rng.integers(len(WORDS))]
+    argv = ["run", "hang", "--set", "n=3", "--duration", "0.02", "--fps", "50", "--no-images", "--threads", "1", "--precision",
+            precision, action.option_strings[-1], *([word] if action.nargs != 0 else [])]
+    said = io.StringIO()
+    with _aside(), contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        try:
+            code = cli.main(argv)
+        except SystemExit as error:
+            code = error.code
+        except Exception as error:
+            return Outcome(FAILED, f"{type(error).__name__}: {str(error)[:200]}\ntaichi-cloth {argv}")
+    text = said.getvalue()
+    if code in (0, 2, 3) and (code == 0 or "error" in text):
+        return Outcome(OK)
+    return Outcome(FAILED, f"exit code {code}: {text[-300:]}\ntaichi-cloth {argv}")
+
+
+def _flags(cli) -> list:
+    """Flags of `run`."""
+    parser = cli._parser()
+    return next(a for a in parser._actions if a.dest == "command").choices["run"]._actions
+
+
+def _corrupted(rng: np.random.Generator, right: str) -> str:
+    """An odd value, or a right one made wrong."""
+    if rng.uniform() < 0.8:
+        return ODD[rng.integers(len(ODD))]
+    ways = ("[{0}]", "({0}, {0})", "str({0})", "(lambda *a: {0})", "np.array({0})", "np.array({0}, dtype=object)",
+            "-np.array({0})", "np.array({0}) * nan", "np.array({0})[..., None]", "np.array([{0}] * 2)",
+            "list(np.ravel({0}))[:-1]")
+    text = ways[rng.integers(len(ways))].format(right)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            eval(text, {**globals(), **dict.fromkeys(("scene", "cloth", "other", "sim")), "OBJ": "a.obj", "PRECISION": "f64"})
+    except Exception:  # nothing that can be written so
+        return ODD[rng.integers(len(ODD))]
+    return text
+
+
+def _alike(value: object, model: object, name: str) -> bool:
+    """Whether a kept value is of the kind that a right argument gives."""
+    if name in FUNCTIONS and callable(value):
+        return True
+    if value is None:  # arguments that may be left out
+        return name in ("uv", "groups", "fps", "rest", "stretch", "shear", "bend", "air", "view", "color", "contact", "camera",
+                        "ground", "mesh", "heat", "directions")
+    if isinstance(model, (bool, str)) or dataclasses.is_dataclass(model) or isinstance(model, tc.Scene):
+        shape = name == "shape" and isinstance(value, (tc.Plane, tc.Sphere, tc.Capsule, tc.Box, tc.Cylinder, tc.SolidMesh))
+        return shape or name == "directions" or isinstance(value, type(model))
+    if name in ("notes", "mesh", "camera", "heat"):
+        return _finite(value)
+    return not isinstance(value, str) and not callable(value) and not dataclasses.is_dataclass(value) and _finite(value)
+
+
+def _finite(value: object) -> bool:
+    """Whether all numbers in a value are, and nothing else is in it but texts and the project's own objects."""
+    if dataclasses.is_dataclass(value):
+        return all(_finite(getattr(value, f.name)) for f in dataclasses.fields(value))
+    if isinstance(value, dict):
+        return all(map(_finite, value.values()))
+    if isinstance(value, (tuple, list)):
+        return all(map(_finite, value))
+    if isinstance(value, np.ndarray):
+        return value.dtype.kind in "fiub" and bool(np.isfinite(value).all())
+    if isinstance(value, numbers.Number):
+        return isinstance(value, numbers.Real) and math.isfinite(value)
+    return value is None or isinstance(value, (str, tc.Scene)) or callable(value)
+
+
+@contextlib.contextmanager
+def _aside():
+    """A folder of its own to work in."""
+    here = pathlib.Path.cwd()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        try:
+            yield pathlib.Path(folder)
+        finally:
+            os.chdir(here)
+
+
+def missing() -> list[str]:
+    """What of the package's public names and their arguments the tables do not have."""
+    there = {what: set(right) for _, what, right in CALLS + RUNNING}
+    out = []
+    for name in set(tc.__all__) - {"__version__", "run"}:  # run takes the process's flags, and ends it
+        thing = getattr(tc, name)
+        if isinstance(thing, type) and issubclass(thing, Exception):
+            continue
+        out += [f"tc.{name}({a})" for a in set(_arguments(thing)) - there.get(f"tc.{name}", set())]
+    for kind, name in ((tc.Scene, "scene"), (tc.Simulation, "sim")):
+        for method, thing in inspect.getmembers(kind, inspect.isfunction):
+            if method[0] != "_" and method not in ("running", "fire", "passes"):  # what only a simulation calls
+                out += [f"{name}.{method}({a})" for a in set(_arguments(thing)) - there.get(f"{name}.{method}", set())]
+    return out
+
+
+def _arguments(thing: Callable) -> list[str]:
+    return [name for name in inspect.signature(thing).parameters if name != "self"]

@@ -1,0 +1,41 @@
+"""Odd values for every argument of every public callable, a few fixed seeds; `scripts/fuzz.py calls` tries more."""
+
+import pathlib
+import sys
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+
+sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "scripts"))
+from fuzzing import calls  # noqa: E402
+
+
+def test_no_argument_is_left_out():
+    assert calls.missing() == []
+
+
+@pytest.mark.parametrize("before, what, right", calls.CALLS, ids=[what for _, what, _ in calls.CALLS])
+def test_descriptions(before, what, right):
+    """Right arguments are taken, odd ones taken sensibly or refused by name."""
+    assert calls.judge(before, what, right, right, "f64").verdict == "ok"
+    rng = np.random.default_rng(20_261_122)
+    for name in right:
+        for odd in rng.choice(calls.ODD, 12, replace=False):
+            outcome = calls.judge(before, what, right, {**right, name: str(odd)}, "f64")
+            assert outcome.verdict == "ok", outcome.text
+
+
+def test_a_bare_error_and_a_value_taken_in_silence_are_seen(monkeypatch):
+    """The judge itself."""
+    class Silent:
+        def __init__(self, radius):
+            self.radius = radius
+
+    monkeypatch.setattr(tc, "Silent", Silent, raising=False)
+    for odd in ("nan", '"red"', "1j", "None", "np.array([1, inf])", "object()"):
+        outcome = calls.judge("", "tc.Silent", {"radius": "1.0"}, {"radius": odd}, "f64")
+        assert outcome.verdict == "failed" and "taken in silence: radius" in outcome.text
+    assert calls.judge("", "tc.Silent", {"radius": "1.0"}, {"radius": "2.0"}, "f64").verdict == "ok"
+    assert "TypeError" in calls.judge("", "tc.Silent", {}, {"width": "1"}, "f64").text
