@@ -15,11 +15,12 @@ DEFAULTS: dict = {"duration": 2.0, "fps": 30.0, "h": None, "arch": "cpu", "preci
             "integrator": "safe", "K": "projected", "preconditioner": "auto", "stretch_limit": 0.5,
             "cg_tol": None, "newton_tol": None, "tolerance": None, "substep": None, "tangles": "untangle",
             "contact": "repulsion"}
-OK, FAILED, BAD_USAGE, GAVE_UP, INTERRUPTED = 0, 1, 2, 3, 130
+OK, FAILED, BAD_USAGE, GAVE_UP, OWN_CODE, INTERRUPTED = 0, 1, 2, 3, 4, 130
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs a command; returns the exit code: 0 ok, 1 check failed, 2 bad scene or usage, 3 gave up."""
+    """Runs a command; returns the exit code: 0 ok, 1 check failed, 2 bad scene or usage, 3 gave up, 4 an exception of the
+    scene's own code, 130 interrupted."""
     return _guard(lambda: _dispatch(_parser().parse_args(argv)))
 
 
@@ -57,11 +58,17 @@ def _dispatch(args: argparse.Namespace) -> int:
 
 
 def _guard(work: Callable[[], int]) -> int:
-    from .errors import ClothError
+    from .errors import ClothError, ScriptError
+    from .interrupts import raised
 
     try:
-        return work()
+        with raised():
+            return work()
     except ClothError as error:
+        if isinstance(error, ScriptError):
+            import traceback
+
+            traceback.print_exception(error.__cause__)
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
@@ -88,8 +95,8 @@ def _check(args: argparse.Namespace, scene) -> int:
     if args.small:
         args.set = [f"{k}={v}" for k, v in scene.small.items()] + args.set
     options = _options(args, scene)
-    passed = True
-    for sentence, good in run_check(scene, simulate(scene, options)):
+    sim, passed = simulate(scene, options), True
+    for sentence, good in run_check(scene, sim):
         print(f"{'ok    ' if good else 'FAILED'} {sentence}")
         passed &= bool(good)
     return OK if passed else FAILED
@@ -151,6 +158,8 @@ def _options(args: argparse.Namespace, scene):
                          simulation)
     if not hasattr(args, "out"):
         return options
+    if args.out == "":
+        raise SceneError("--out '': needs a folder's name; without --out nothing is written")
     resume = args.resume or args.from_frame is not None
     if resume and not args.out:
         raise SceneError("--resume needs the run's folder: --out DIR")

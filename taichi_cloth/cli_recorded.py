@@ -66,6 +66,7 @@ def _render(args: argparse.Namespace) -> int:
     from .output.recording import Recording
     from .playback import Films, render, warn_inside
 
+    _check_to(args)
     checks.integer("--every", args.every)
     checks.integer("--sheet", args.sheet, least=0)
     recording = Recording(args.run)
@@ -82,6 +83,7 @@ def _compare(args: argparse.Namespace) -> int:
     from .output.recording import Recording
     from .playback import compare
 
+    _check_to(args)
     checks.integer("--frames", args.frames)
     first, second = map(Recording, args.runs)
     rms, largest = compare(first, second, pathlib.Path(args.to), args.size, args.frames, _look(args, first))
@@ -94,6 +96,7 @@ def _export(args: argparse.Namespace) -> int:
     from .output.recording import Recording
     from .quantities import evaluate
 
+    _check_to(args)
     recording = Recording(args.run)
     folder = pathlib.Path(args.to) if args.to else recording.path / args.format
     fields: dict = {"stretch": lambda frame: evaluate("stretch", recording.geometry, frame)}
@@ -107,10 +110,10 @@ def _export(args: argparse.Namespace) -> int:
 def _diff(args: argparse.Namespace) -> int:
     from .output.recording import Recording
     from .playback import parting
-    from .runner import differences
+    from .resuming import differences
 
     first, second = map(Recording, args.runs)
-    skip = ("started", "wall_s", "output_seconds", "simulated_s")
+    skip = ("started", "wall_s", "output_seconds", "simulated_s", "frames")
     lines = differences({k: v for k, v in first.manifest.items() if k not in skip},
                         {k: v for k, v in second.manifest.items() if k not in skip})
     for line in [x for x in lines if ".seconds." not in x] + parting(first, second, args.tolerance):
@@ -122,6 +125,7 @@ def _report(args: argparse.Namespace) -> int:
     from .output.recording import Recording
     from .report import write_report
 
+    _check_to(args)
     recording = Recording(args.run)
     file = pathlib.Path(args.to) if args.to else recording.path / "report.html"
     write_report(recording, file)
@@ -145,6 +149,13 @@ def _look(args: argparse.Namespace, recording):
     if look["heat"]:
         look["heat"] = heat_of(look["heat"][0], recording.geometry, look["heat"][1], recording)
     return Look(**look)
+
+
+def _check_to(args: argparse.Namespace) -> None:
+    from .errors import OutputError
+
+    if args.to == "":
+        raise OutputError("--to '': needs a name")
 
 
 def number_of(text: str) -> float:

@@ -26,6 +26,12 @@ class OutputError(ClothError, OSError):
     """A folder or file that cannot be written without losing what is there."""
 
 
+class ScriptError(ClothError, RuntimeError):
+    """Code of a scene, an event, a motion or a check, ended with an exception of its own, which is the cause of this one."""
+
+    exit_code = 4
+
+
 class SimulationError(ClothError, RuntimeError):
     """The simulation gave up: no step of allowed size passes.
 

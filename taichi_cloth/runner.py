@@ -5,24 +5,24 @@ import datetime
 import hashlib
 import pathlib
 import platform
-import signal
 import sys
-import threading
 import time
+import traceback
 from collections import Counter
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
 from . import __version__, record
-from .errors import ClothError, OutputError, SceneError, SimulationError
-from .output.folder import CHECKPOINTS, FRAMES, GEOMETRY, RunFolder
+from .errors import ClothError, OutputError, ScriptError, SimulationError
+from .interrupts import after_this_frame
+from .output.folder import FRAMES, RunFolder
 from .output.png import encode_png
 from .output.recording import Recording
+from .resuming import kept_from, resume, run_of
 from .scene import Scene
 from .scenefile import SceneFile
 from .simulation import Simulation
-from .stepper import StepRecord
 
 
 @dataclass(frozen=True)
@@ -69,15 +69,18 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
     for note in sim.notes:
         print(f"note: {note}", file=sys.stderr)
     manifest = _manifest(scene_file, scene, sim, options)
-    resumed = _resume(sim, manifest, options) if options.resume and options.out else None
+    old = Recording(options.out) if options.resume and options.out else None
+    last = round(options.duration * options.fps)
+    resumed = resume(sim, old, manifest, last, options.from_frame, options.force) if old else None
+    first = kept_from(old, resumed, options.frames)
     # only now, when nothing in the request is wrong any more, may an earlier run's files go
-    folder = RunFolder(options.out, options.overwrite, resumed is not None) if options.out else None
+    folder = RunFolder(options.out, options.overwrite, resumed) if options.out else None
     outcome, writer = "interrupted", None
     try:
-        with progress(options) as show, _interrupts() as interrupted:
-            writer = _Writer(folder, sim, options, resumed) if folder else None
+        with progress(options) as show, after_this_frame() as interrupted:
             if folder:
-                folder.write_manifest({**manifest, "status": "running"})
+                folder.write_manifest({**manifest, "status": "running", "frames": None if first is None else [first, None]})
+                writer = _Writer(folder, sim, options, resumed, first, run_of(manifest))
 
             def on_frame(sim: Simulation, frame: int) -> None:
                 if writer:
@@ -87,6 +90,8 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
                     raise KeyboardInterrupt
 
             sim.run(options.duration, options.fps, on_frame, resumed)
+        if writer:
+            writer.check()
         outcome = "finished"
     except SimulationError as error:
         outcome = f"gave up: {error}"
@@ -94,39 +99,26 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
     except ClothError as error:
         outcome = f"failed: {error}"
         raise
+    except Exception as error:
+        outcome = f"failed: {_said(error, scene_file)}"
+        raise ScriptError(f"scene {scene_file.name}: {_said(error, scene_file)}") from error
     finally:
         if folder:
-            with contextlib.suppress(OutputError) if outcome.startswith("failed") else contextlib.nullcontext():
+            with contextlib.closing(folder), (contextlib.suppress(OutputError) if outcome.startswith("failed")
+                                              else contextlib.nullcontext()):
                 if writer:
-                    writer.close()
-                folder.write_manifest({**manifest, "status": outcome, "simulated_s": sim.time,
-                                       "wall_s": round(time.perf_counter() - started, 3), "summary": summary(sim),
-                                       "output_seconds": writer.seconds if writer else {}})
+                    writer.finish()
+                folder.write_manifest({**manifest, "status": outcome, "frames": writer.kept if writer else None,
+                                       "simulated_s": sim.time, "wall_s": round(time.perf_counter() - started, 3),
+                                       "summary": summary(sim), "output_seconds": writer.seconds if writer else {}})
     return sim
 
 
-@contextlib.contextmanager
-def _interrupts():
-    """Whether Ctrl-C was pressed: it ends a run after its frame, and at once where pressed again.
-
-    Raised wherever it arrives, a KeyboardInterrupt is lost inside callbacks that may not raise.
-    """
-    pressed: list[int] = []
-
-    def press(number: int, frame: object) -> None:
-        if pressed:
-            raise KeyboardInterrupt
-        pressed.append(number)
-        print("interrupted: ends after this frame; press again to end at once", file=sys.stderr, flush=True)
-
-    if threading.current_thread() is not threading.main_thread():
-        yield lambda: False
-        return
-    before = signal.signal(signal.SIGINT, press)
-    try:
-        yield lambda: bool(pressed)
-    finally:
-        signal.signal(signal.SIGINT, before or signal.default_int_handler)
+def _said(error: Exception, scene_file: SceneFile) -> str:
+    """An exception of a scene's own code in one line: what, and where in the scene file."""
+    places = traceback.extract_tb(error.__traceback__)
+    where = next((p for p in reversed(places) if p.filename == scene_file.path), places[-1])
+    return f"{type(error).__name__}: {error} ({where.filename}, line {where.lineno})"
 
 
 class _Writer:
@@ -136,14 +128,15 @@ class _Writer:
         seconds: wall time by what was done: draw, write.
     """
 
-    def __init__(self, folder: RunFolder, sim: Simulation, options: RunOptions, resumed: int | None) -> None:
-        self.folder, self.sim, self.options = folder, sim, options
+    def __init__(self, folder: RunFolder, sim: Simulation, options: RunOptions, resumed: int | None, first: int | None,
+                 run: str) -> None:
+        self.folder, self.sim, self.options, self.run = folder, sim, options, run
+        self.first, self.last = first, resumed
         self.seconds = {"draw": 0.0, "write": 0.0}
         self.written = len(sim.log)
         self.geometry = record.geometry(sim)
-        if resumed is not None:
-            folder.write_telemetry([asdict(r) for r in sim.log])
-        folder.write_arrays(GEOMETRY, self.geometry)
+        folder.write_telemetry([asdict(r) for r in sim.log])
+        folder.write_geometry(self.geometry)
         self.artist = _artist(self.geometry, options) if options.size else None
 
     def write(self, frame: int) -> None:
@@ -156,11 +149,12 @@ class _Writer:
         if image is not None:
             folder.write_image(frame, encode_png(image))
         if self.options.frames:
-            folder.write_arrays(f"{FRAMES}/{frame:05d}.npz", arrays)
+            folder.write_frame(frame, arrays)
+            self.last = frame
         self.flush()
         every = self.options.checkpoint_every
         if every and frame % every == 0:
-            folder.write_arrays(f"{CHECKPOINTS}/{frame:05d}.npz", sim.checkpoint())
+            folder.write_checkpoint(frame, sim.checkpoint(), self.run)
         self.seconds["draw"] += drawn - begun
         self.seconds["write"] += time.perf_counter() - drawn
 
@@ -169,46 +163,26 @@ class _Writer:
         self.folder.append_telemetry([asdict(r) for r in self.sim.log[self.written:]])
         self.written = len(self.sim.log)
 
-    def close(self) -> None:
-        """The last steps, and the files that are open."""
+    @property
+    def kept(self) -> list[int] | None:
+        """First and last frame whose positions are in the folder."""
+        return None if self.first is None or self.last is None or self.last < self.first else [self.first, self.last]
+
+    def check(self) -> None:
+        """All frames are still there.
+
+        Raises:
+            OutputError: some were removed while the run went on.
+        """
+        missing = self.folder.missing_frames(*self.kept) if self.kept else []
+        if missing:
+            raise OutputError(f"{self.folder.path / FRAMES}: {len(missing)} frames were removed while the run went on, the "
+                              f"first is {missing[0]}")
+
+    def finish(self) -> None:
+        """The last steps."""
         self.flush()
-        self.folder.close()
         self.seconds = {k: round(v, 4) for k, v in self.seconds.items()}
-
-
-def _resume(sim: Simulation, manifest: dict, options: RunOptions) -> int:
-    """Puts a new simulation where an earlier run's checkpoint was; the frame of that.
-
-    Raises:
-        OutputError: there is no whole checkpoint.
-        SceneError: the scene or its parameters are not that run's, and force is not set.
-    """
-    old = Recording(str(options.out))
-    if options.from_frame is None and not options.force:
-        changes = differences({k: old.manifest.get(k) for k in _DECIDES}, {k: manifest[k] for k in _DECIDES})
-        if changes:
-            raise SceneError(f"{old.path} was run differently: {'; '.join(changes)}. --force goes on all the same")
-    frame, state = old.last_checkpoint(options.from_frame)
-    for note in old.notes:
-        print(f"note: {note}", file=sys.stderr)
-    sim.resume(state)
-    sim.log[:] = [StepRecord(**r) for r in old.telemetry()[: int(state["records"])]]
-    print(f"going on from frame {frame}, t = {sim.time:g} s", file=sys.stderr)
-    return frame
-
-
-_DECIDES = ("taichi_cloth", "scene", "source", "settings", "fps", "simulation", "runtime")
-
-
-def differences(a: object, b: object, name: str = "") -> list[str]:
-    """Sentences on where two nested dicts differ."""
-    if isinstance(a, dict) and isinstance(b, dict):
-        out = []
-        for key in [*a, *(k for k in b if k not in a)]:
-            out += differences(a.get(key), b.get(key), f"{name}.{key}" if name else str(key))
-        return out
-    same = a == b or (isinstance(a, (list, tuple)) and isinstance(b, (list, tuple)) and list(a) == list(b))
-    return [] if same else [f"{name} was {a!r} and is {b!r}"]
 
 
 def summary(sim: Simulation) -> dict:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from types import ModuleType
 
-from .errors import ClothError, SceneError, did_you_mean
+from .errors import ClothError, SceneError, ScriptError, did_you_mean
 
 
 @dataclass(frozen=True)
@@ -157,10 +157,18 @@ def run_check(scene: SceneFile, sim) -> Iterable[tuple[str, bool]]:
 
     Raises:
         SceneError: it has none.
+        ScriptError: it ends with an exception of its own.
     """
     if scene.check is None:
         raise SceneError(f"scene {scene.name} has no check(sim)")
-    return scene.check(sim)
+    try:
+        yield from scene.check(sim)
+    except ClothError:
+        raise
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        raise ScriptError(f"scene {scene.name}: check: {type(error).__name__}: {error} ({where.filename}, line {where.lineno})"
+                          ) from error
 
 
 def _article(kind: type) -> str:

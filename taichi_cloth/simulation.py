@@ -346,6 +346,10 @@ class Simulation:
     def _restore(self, state: dict[str, np.ndarray]) -> None:
         if state["x"].shape != (self.model.n, 3):
             raise SceneError(f"the checkpoint has {len(state['x'])} particles and the scene {self.model.n}")
+        for name, value in state.items():
+            if name in ("x", "v", "time", "step_h") or name.startswith("anchor_"):
+                if not np.isfinite(value).all():
+                    raise SceneError(f"the checkpoint's {name} is not finite")
 
         def part(name: str) -> dict[str, np.ndarray]:
             return {key[len(name):]: value for key, value in state.items() if key.startswith(name)}

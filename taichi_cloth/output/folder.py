@@ -1,6 +1,7 @@
 """The folder of a run: manifest, telemetry, geometry, frames, checkpoints, images.
 
-Files are written aside and renamed, so that each is whole, whenever the process ends. Arrays are in .npz files of numpy.
+Files are written aside and renamed, so that each is whole, whenever the process ends. Each says when it is damaged: arrays and
+the manifest by a checksum, each line of telemetry by one of all lines up to it.
 
     manifest.json         what ran, how it ended
     telemetry.jsonl       a line a step
@@ -8,24 +9,29 @@ Files are written aside and renamed, so that each is whole, whenever the process
     frames/00000.npz      what does: positions, velocities, contact forces
     checkpoints/00010.npz all that a run needs to go on from there
     images/00000.png
+    run.lock              while a process writes there
 """
 
 import contextlib
-import io
+import hashlib
 import json
 import os
 import pathlib
 import re
-import zipfile
-from typing import TextIO
+import zlib
+from collections.abc import Iterator
+from typing import BinaryIO
 
 import numpy as np
 
 from ..errors import OutputError
+from ..npz import pack
+from .lock import Lock
 
 MANIFEST, TELEMETRY, GEOMETRY = "manifest.json", "telemetry.jsonl", "geometry.npz"
 IMAGES, FRAMES, CHECKPOINTS = "images", "frames", "checkpoints"
 NUMBERED = re.compile(r"\d{5,}\.(png|npz)$")
+FORMAT = 2  # of checkpoints
 
 
 class RunFolder:
@@ -34,74 +40,155 @@ class RunFolder:
     Args:
         path: made where it does not exist.
         overwrite: whether another run's files there may be removed; nothing else ever is.
-        resume: whether that run is to be gone on with: its files stay.
+        resumed: the frame from which that run is gone on with: its files up to then stay.
 
     Raises:
-        OutputError: another run's files are there, or the folder cannot be written.
+        OutputError: another run's files are there, another process writes there, or the folder cannot be written.
     """
 
-    def __init__(self, path: str | os.PathLike, overwrite: bool = False, resume: bool = False) -> None:
+    def __init__(self, path: str | os.PathLike, overwrite: bool = False, resumed: int | None = None) -> None:
         self.path = pathlib.Path(path)
+        self._telemetry: BinaryIO | None = None
+        self._sum = 0
+        self._made = {self.path}
         try:
-            self._prepare(overwrite, resume)
+            self._prepare(overwrite, resumed)
         except OutputError:
             raise
         except OSError as error:
             raise OutputError(f"cannot write to {self.path}: {error.strerror or error}") from None
-        self._telemetry: TextIO | None = None
 
-    def _prepare(self, overwrite: bool, resume: bool) -> None:
+    def _prepare(self, overwrite: bool, resumed: int | None) -> None:
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{self.path} is a file, not a folder")
-        old = [] if resume else self.run_files()
-        if old and not overwrite:
+        old = self.run_files() if resumed is None else [f for f in self.numbered() if int(f.stem) > resumed]
+        if old and resumed is None and not overwrite:
             raise OutputError(f"{self.path} holds another run's files ({len(old)}, such as {old[0].name}): choose another "
                               "folder, --resume goes on with that run, or --overwrite removes them")
-        for file in old:
-            file.unlink()
         self.path.mkdir(parents=True, exist_ok=True)
         if not os.access(self.path, os.W_OK):
             raise OutputError(f"cannot write to {self.path}")
+        self._lock = Lock(self.path)
+        for file in old:
+            file.unlink()
 
     def run_files(self) -> list[pathlib.Path]:
         """The files there that a run wrote."""
-        files = [self.path / name for name in (MANIFEST, TELEMETRY, GEOMETRY)]
-        for kind in (IMAGES, FRAMES, CHECKPOINTS):
-            files += [f for f in sorted((self.path / kind).glob("*")) if NUMBERED.match(f.name)]
+        files = [self.path / name for name in (MANIFEST, TELEMETRY, GEOMETRY)] + self.numbered()
         return [f for f in files if f.is_file()] + sorted(self.path.glob("**/*.partial"))
+
+    def numbered(self) -> list[pathlib.Path]:
+        """Those of single frames."""
+        return [f for kind in (IMAGES, FRAMES, CHECKPOINTS) for f in sorted((self.path / kind).glob("*"))
+                if NUMBERED.match(f.name) and f.is_file()]
 
     def write_manifest(self, content: dict) -> None:
         """Writes manifest.json."""
-        write_whole(self.path / MANIFEST, (json.dumps(content, indent=2, default=str) + "\n").encode())
+        content = json.loads(json.dumps(content, default=str))
+        text = json.dumps(content | {"checksum": manifest_sum(content)}, indent=2)
+        self._write(self.path / MANIFEST, (text + "\n").encode())
 
     def write_image(self, frame: int, data: bytes) -> None:
         """Writes images/NNNNN.png."""
-        write_whole(self.path / IMAGES / f"{frame:05d}.png", data)
+        self._write(self.path / IMAGES / f"{frame:05d}.png", data)
 
-    def write_arrays(self, name: str, arrays: dict[str, np.ndarray]) -> None:
-        """Writes arrays by name to a file of this name, such as "frames/00000.npz"."""
-        write_whole(self.path / name, pack(arrays))
+    def write_geometry(self, arrays: dict[str, np.ndarray]) -> None:
+        """Writes geometry.npz."""
+        self._write(self.path / GEOMETRY, pack(arrays))
+
+    def write_frame(self, frame: int, arrays: dict[str, np.ndarray]) -> None:
+        """Writes frames/NNNNN.npz."""
+        self._write(self.path / FRAMES / f"{frame:05d}.npz", pack(arrays | {"frame": np.array(frame)}))
+
+    def write_checkpoint(self, frame: int, state: dict[str, np.ndarray], run: str) -> None:
+        """Writes checkpoints/NNNNN.npz; `run` tells apart runs that must not go on with each other's."""
+        head = {"frame": np.array(frame), "format": np.array(FORMAT), "run": np.array(run)}
+        self._write(self.path / CHECKPOINTS / f"{frame:05d}.npz", pack(state | head))
 
     def write_telemetry(self, records: list[dict]) -> None:
         """Replaces the telemetry by these records."""
-        self.close()
-        write_whole(self.path / TELEMETRY, "".join(json.dumps(r) + "\n" for r in records).encode())
+        self._close_telemetry()
+        self._sum = 0
+        self._write(self.path / TELEMETRY, self._lines(records))
 
     def append_telemetry(self, records: list[dict]) -> None:
         """Appends a JSON line a record; lines are whole after every call."""
-        if self._telemetry is None:
-            self._telemetry = open(self.path / TELEMETRY, "a", encoding="utf-8")
         try:
-            self._telemetry.write("".join(json.dumps(r) + "\n" for r in records))
+            if self._telemetry is None:
+                self._telemetry = open(self.path / TELEMETRY, "ab")
+            self._telemetry.write(self._lines(records))
             self._telemetry.flush()
         except OSError as error:
             raise OutputError(f"cannot write {self.path / TELEMETRY}: {error.strerror or error}") from None
 
+    def missing_frames(self, first: int, last: int) -> list[int]:
+        """Those from `first` to `last` that are not there (any more)."""
+        return [k for k in range(first, last + 1) if not (self.path / FRAMES / f"{k:05d}.npz").is_file()]
+
     def close(self) -> None:
-        """Closes what is open."""
+        """Closes what is open, and lets others write there."""
+        self._close_telemetry()
+        self._lock.release()
+
+    def _lines(self, records: list[dict]) -> bytes:
+        lines = []
+        for record in records:
+            body = json.dumps(record).encode()
+            self._sum = zlib.crc32(body, self._sum)
+            lines.append(body[:-1] + b', "checksum": "%08x"}\n' % self._sum)
+        return b"".join(lines)
+
+    def _close_telemetry(self) -> None:
         if self._telemetry is not None:
-            self._telemetry.close()
+            with contextlib.suppress(OSError):  # what was not written was said when it was
+                self._telemetry.close()
             self._telemetry = None
+
+    def _write(self, path: pathlib.Path, data: bytes) -> None:
+        """A folder that vanishes while the run goes on is not made again: what was in it is lost, which must be said."""
+        if path.parent in self._made and not path.parent.is_dir():
+            raise OutputError(f"cannot write {path}: {path.parent} was removed while the run went on")
+        write_whole(path, data)
+        self._made.add(path.parent)
+
+
+def read_line(line: bytes, total: int) -> tuple[dict, int]:
+    """A record of telemetry and the checksum of all lines up to it, from a line and the checksum up to that.
+
+    Raises:
+        ValueError: the line is not what was written, or not what followed.
+    """
+    body, _, end = line.rpartition(b', "checksum": "')
+    body += b"}"
+    total = zlib.crc32(body, total)
+    if end != b'%08x"}' % total:
+        raise ValueError("its checksum is not that of its content and of the lines before it")
+    return json.loads(body), total
+
+
+def manifest_sum(content: dict) -> str:
+    """Checksum of a manifest's content."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+@contextlib.contextmanager
+def written_aside(path: pathlib.Path, suffix: str = ".partial") -> Iterator[pathlib.Path]:
+    """A path to write to, of the same name with `suffix`, that takes the place of `path` where all went well.
+
+    Raises:
+        OutputError: it cannot be written; what was there before stays.
+    """
+    aside = path.with_name(path.name + suffix)
+    try:
+        yield aside
+        os.replace(aside, path)
+    except OSError as error:
+        if isinstance(error, OutputError):
+            raise
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
+    finally:
+        with contextlib.suppress(OSError):
+            aside.unlink(missing_ok=True)
 
 
 def write_whole(path: pathlib.Path, data: bytes) -> None:
@@ -110,37 +197,6 @@ def write_whole(path: pathlib.Path, data: bytes) -> None:
     Raises:
         OutputError: it cannot be written; what was there before stays.
     """
-    aside = path.with_suffix(path.suffix + ".partial")
-    try:
+    with written_aside(path) as aside:
         path.parent.mkdir(exist_ok=True)
         aside.write_bytes(data)
-        os.replace(aside, path)
-    except OSError as error:
-        with contextlib.suppress(OSError):
-            aside.unlink(missing_ok=True)
-        raise OutputError(f"cannot write {path}: {error.strerror or error}") from None
-
-
-def pack(arrays: dict[str, np.ndarray]) -> bytes:
-    """The bytes of an .npz file: the same for the same arrays."""
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w") as file:
-        for name, array in arrays.items():
-            with file.open(zipfile.ZipInfo(name + ".npy"), "w", force_zip64=True) as entry:
-                np.lib.format.write_array(entry, np.asarray(array, order="C"), allow_pickle=False)
-    return buffer.getvalue()
-
-
-def unpack(path: pathlib.Path) -> dict[str, np.ndarray]:
-    """Arrays of an .npz file by name.
-
-    Raises:
-        OutputError: it is missing, truncated or damaged.
-    """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except FileNotFoundError:
-        raise OutputError(f"{path} is missing") from None
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise OutputError(f"{path} is damaged: {error}") from None

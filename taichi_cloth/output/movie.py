@@ -6,6 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..errors import OutputError
+from .folder import written_aside
 
 
 def write_mp4(path: pathlib.Path, images: Iterable[np.ndarray], size: tuple[int, int], fps: float) -> None:
@@ -19,12 +20,11 @@ def write_mp4(path: pathlib.Path, images: Iterable[np.ndarray], size: tuple[int,
     except ImportError:
         raise OutputError("mp4 needs the package imageio-ffmpeg: pip install 'taichi-cloth[film]'; "
                           "--apng needs nothing") from None
-    aside = path.with_name(path.stem + ".partial.mp4")
-    film = imageio_ffmpeg.write_frames(str(aside), size, fps=fps, quality=8, macro_block_size=2)
-    film.send(None)
-    try:
-        for image in images:
-            film.send(np.ascontiguousarray(image))
-    finally:
-        film.close()
-    aside.replace(path)
+    with written_aside(path, ".partial.mp4") as aside:  # its kind goes by its name
+        film = imageio_ffmpeg.write_frames(str(aside), size, fps=fps, quality=8, macro_block_size=2)
+        film.send(None)
+        try:
+            for image in images:
+                film.send(np.ascontiguousarray(image))
+        finally:
+            film.close()

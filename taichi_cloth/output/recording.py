@@ -1,4 +1,4 @@
-"""A finished, or interrupted, run's folder, read back."""
+"""A finished, or interrupted, run's folder, read back; what is damaged is said, and never used."""
 
 import json
 import os
@@ -6,8 +6,9 @@ import pathlib
 
 import numpy as np
 
+from .. import npz
 from ..errors import OutputError
-from .folder import CHECKPOINTS, FRAMES, GEOMETRY, MANIFEST, TELEMETRY, unpack
+from .folder import CHECKPOINTS, FORMAT, FRAMES, GEOMETRY, MANIFEST, TELEMETRY, manifest_sum, read_line
 
 
 class Recording:
@@ -18,7 +19,7 @@ class Recording:
         notes: what was found damaged, and done about it.
 
     Raises:
-        OutputError: the folder is no run's.
+        OutputError: the folder is no run's, or its manifest is damaged.
     """
 
     def __init__(self, path: str | os.PathLike) -> None:
@@ -28,8 +29,10 @@ class Recording:
         if not file.is_file():
             raise OutputError(f"{self.path} is no run's folder: it has no {MANIFEST}")
         try:
-            self.manifest: dict = json.loads(file.read_text())
-        except ValueError as error:
+            self.manifest: dict = json.loads(file.read_bytes())
+            if self.manifest.pop("checksum", "") != manifest_sum(self.manifest):
+                raise ValueError("its checksum is not that of its content")
+        except (OSError, ValueError, AttributeError, TypeError, RecursionError) as error:
             raise OutputError(f"{file} is damaged: {error}") from None
         self._geometry: dict[str, np.ndarray] | None = None
 
@@ -37,54 +40,130 @@ class Recording:
     def geometry(self) -> dict[str, np.ndarray]:
         """What does not change; see `record.geometry`."""
         if self._geometry is None:
-            self._geometry = unpack(self.path / GEOMETRY)
+            self._geometry = _unpack(self.path / GEOMETRY)
         return self._geometry
+
+    @property
+    def kept(self) -> tuple[int, int] | None:
+        """First and last frame whose positions the run kept; None where it kept none, or did not end by itself."""
+        kept = self.manifest.get("frames")
+        return tuple(kept) if kept and kept[1] is not None else None
 
     def frames(self) -> list[int]:
         """Numbers of the frames with positions.
 
         Raises:
-            OutputError: there are none.
+            OutputError: there are none, or some are missing.
         """
-        numbers = self._numbers(FRAMES)
-        if not numbers:
+        there = self._numbers(FRAMES)
+        if not there:
             raise OutputError(f"{self.path} has no frames: the run kept none (--no-frames) or ended before the first")
+        first, last = self.kept or ((self.manifest.get("frames") or [there[0]])[0], there[-1])
+        numbers = list(range(first, last + 1))
+        missing = sorted(set(numbers) - set(there))
+        if missing:
+            raise OutputError(f"{self.path / FRAMES / name_of(missing[0])} is missing, {len(missing)} of {len(numbers)} are: "
+                              "--from-frame simulates from an earlier one again")
         return numbers
 
     def frame(self, number: int) -> dict[str, np.ndarray]:
         """What moves, at a frame; see `record.frame`."""
-        return unpack(self.path / FRAMES / f"{number:05d}.npz")
+        path = self.path / FRAMES / name_of(number)
+        arrays = _unpack(path)
+        _check_number(path, arrays, number)
+        return arrays
 
     def telemetry(self) -> list[dict]:
-        """A record a step; a last line that is not whole is left out."""
-        file = self.path / TELEMETRY
-        out = []
-        for line in file.read_text().splitlines() if file.is_file() else []:
-            try:
-                out.append(json.loads(line))
-            except ValueError:
-                self.notes.append(f"{file}: line {len(out) + 1} is not whole and was left out with what follows")
-                break
-        return out
+        """A record a step; a last line that was not finished is left out.
 
-    def last_checkpoint(self, frame: int | None = None) -> tuple[int, dict[str, np.ndarray]]:
-        """(frame, state) of the last whole checkpoint, not after `frame` where that is given.
+        Raises:
+            OutputError: a line is damaged, or lines are missing.
+        """
+        records, damage = self.whole_telemetry()
+        steps = self.manifest.get("summary", {}).get("steps", len(records))
+        if damage or len(records) != steps:
+            raise OutputError(damage or f"{self.path / TELEMETRY} is damaged: it has {len(records)} lines of {steps}")
+        return records
+
+    def whole_telemetry(self) -> tuple[list[dict], str]:
+        """The records up to the first line that is damaged, and a sentence about that, or ""."""
+        file = self.path / TELEMETRY
+        try:
+            data = file.read_bytes() if file.is_file() else b""
+        except OSError as error:
+            return [], f"{file} cannot be read: {error.strerror or error}"
+        *lines, rest = data.split(b"\n")
+        out: list[dict] = []
+        total = 0
+        for line in lines:
+            try:
+                record, total = read_line(line, total)
+            except ValueError as error:
+                return out, f"{file} is damaged in line {len(out) + 1}: {error}"
+            out.append(record)
+        if rest:
+            self.notes.append(f"{file}: line {len(out) + 1} is not whole and was left out")
+        return out, ""
+
+    def last_checkpoint(self, frame: int | None = None, run: str | None = None,
+                        records: int | None = None) -> tuple[int, dict[str, np.ndarray]]:
+        """(frame, state) of the last whole checkpoint.
+
+        Args:
+            frame: it is not after this one.
+            run: it is of this run; see `RunFolder.write_checkpoint`.
+            records: it is not after this number of steps.
 
         Raises:
             OutputError: there is none.
         """
         numbers = [k for k in self._numbers(CHECKPOINTS) if frame is None or k <= frame]
         for number in reversed(numbers):
+            path = self.path / CHECKPOINTS / name_of(number)
             try:
-                state = unpack(self.path / CHECKPOINTS / f"{number:05d}.npz")
+                state = _checkpoint(path, number, run)
+                if records is not None and int(state["records"]) > records:
+                    raise OutputError(f"{path} is of step {int(state['records'])}, and {TELEMETRY} has {records} whole lines")
             except OutputError as error:
                 self.notes.append(f"{error}; the one before it is used")
                 continue
             if frame is not None and number < frame:
                 self.notes.append(f"frame {frame} has no checkpoint: the nearest before it is frame {number}")
             return number, state
-        raise OutputError(f"{self.path} has no whole checkpoint" + (f" up to frame {frame}" if frame is not None else "")
-                          + f" ({len(numbers)} damaged)" * bool(numbers))
+        reasons = "".join(f"; {note.removesuffix('; the one before it is used')}" for note in self.notes)
+        up_to = f" up to frame {frame}" if frame is not None else ""
+        raise OutputError(f"{self.path} has no whole checkpoint{up_to}{reasons}")
 
     def _numbers(self, kind: str) -> list[int]:
-        return sorted(int(f.stem) for f in (self.path / kind).glob("*.npz") if f.stem.isdigit())
+        return sorted(int(f.stem) for f in (self.path / kind).glob("*.npz") if f.stem.isascii() and f.stem.isdigit())
+
+
+def name_of(frame: int) -> str:
+    """Name of the file of a frame's arrays."""
+    return f"{frame:05d}.npz"
+
+
+def _checkpoint(path: pathlib.Path, number: int, run: str | None) -> dict[str, np.ndarray]:
+    state = _unpack(path)
+    _check_number(path, state, number)
+    form, of = int(state.pop("format", np.array(1))), str(state.pop("run", ""))
+    if form != FORMAT:
+        raise OutputError(f"{path} is of another version: its format is {form}, not {FORMAT}")
+    if run is not None and of != run:
+        raise OutputError(f"{path} is of another run, or of this one before it was edited: --from-frame takes it all the same")
+    return state
+
+
+def _unpack(path: pathlib.Path) -> dict[str, np.ndarray]:
+    try:
+        return npz.unpack(path)
+    except FileNotFoundError:
+        raise OutputError(f"{path} is missing") from None
+    except npz.DamagedError as error:
+        raise OutputError(f"{path} is damaged: {error}") from None
+
+
+def _check_number(path: pathlib.Path, arrays: dict[str, np.ndarray], number: int) -> None:
+    written = int(arrays.pop("frame", np.array(-1)))
+    if written != number:
+        raise OutputError(f"{path} is damaged: it is of frame {written}")

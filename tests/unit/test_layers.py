@@ -7,12 +7,12 @@ PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
 
 ROOMS = [
     # description
-    ["errors", "npz"], ["checks"], ["view"], ["mesh", "boxes"], ["shapes", "fabric", "intersections"], ["solids"],
-    ["scene"], ["io"],
+    ["errors", "npz", "interrupts"], ["checks"], ["view"], ["mesh", "boxes"], ["shapes", "fabric", "intersections"],
+    ["solids"], ["scene"], ["io"],
     ["ordering", "elements", "taichi_patches", "runtime", "timing"], ["quantities"], ["fields"], ["model", "team"],  # fields
     ["forces"], ["operator"], ["measure", "constraints"], ["contact"], ["solver"], ["integrators"], ["stepper"],
     ["simulation"],
-    ["output"], ["record", "playback"], ["report", "scenefile"], ["study", "verify"], ["runner"],
+    ["output"], ["record", "playback"], ["report", "scenefile"], ["study", "verify"], ["resuming"], ["runner"],
     ["cli_recorded"], ["cli_study"], ["cli"],
     ["__main__", "__init__"],
 ]

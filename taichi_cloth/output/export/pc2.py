@@ -1,6 +1,7 @@
 """Point cache 2: an OBJ with the topology and uv, and a .pc2 with every frame's positions. Blender, Houdini, Maya."""
 
 import pathlib
+import re
 import struct
 
 import numpy as np
@@ -28,7 +29,7 @@ def obj(x: np.ndarray, geometry: dict[str, np.ndarray]) -> str:
     table, index = uv_vertices(faces, geometry["uv"])
     lines = [f"v {a:.9g} {b:.9g} {c:.9g}" for a, b, c in x.tolist()] + [f"vt {u:.9g} {v:.9g}" for u, v in table.tolist()]
     for name, first, last in zip(geometry["cloth_names"], pieces[:-1], pieces[1:]):
-        lines.append("g " + str(name).replace(" ", "_"))
+        lines.append("g " + (re.sub(r"[^\w.+-]", "_", str(name)) or "piece"))  # one word: what follows is another group
         for corners, uvs in zip(faces[first:last].tolist(), (index[first:last] + 1).tolist()):
             lines.append("f " + " ".join(f"{i}/{j}" for i, j in zip(corners, uvs)))
     return "\n".join(lines) + "\n"

@@ -6,7 +6,7 @@ import re
 import numpy as np
 
 from ...errors import OutputError
-from ..folder import write_whole
+from ..folder import write_whole, written_aside
 from ..recording import Recording
 from . import Fields
 
@@ -18,15 +18,19 @@ def write(recording: Recording, folder: pathlib.Path, fields: Fields, format: st
         write_whole(folder / "cloth.usda", text.encode())
         return [folder / "cloth.usda"]
     try:
-        from pxr import Sdf  # type: ignore[import-not-found]
+        from pxr import Sdf, Tf  # type: ignore[import-not-found]
     except ImportError:
         raise OutputError("usdc needs the package usd-core: pip install 'taichi-cloth[usd]', or export usda, which every "
                           "reader of usdc takes too") from None
     layer = Sdf.Layer.CreateAnonymous(".usda")
     layer.ImportFromString(text)
-    aside = folder / "cloth.partial.usdc"
-    layer.Export(str(aside))
-    aside.replace(folder / "cloth.usdc")
+    with written_aside(folder / "cloth.usdc", ".partial.usdc") as aside:  # its kind goes by its name
+        try:
+            whole = layer.Export(str(aside))
+        except Tf.ErrorException as error:
+            raise OSError(" ".join(str(error).split())[:300]) from None
+        if not whole:
+            raise OSError("usd-core could not write it")
     return [folder / "cloth.usdc"]
 
 
@@ -42,7 +46,7 @@ def stage(recording: Recording) -> str:
     pieces = zip(g["cloth_names"], g["cloth_start"][:-1], g["cloth_start"][1:], g["cloth_faces"][:-1], g["cloth_faces"][1:])
     for name, first, last, first_face, last_face in pieces:
         faces = g["faces"][first_face:last_face] - first
-        unique = re.sub(r"\W", "_", f"_{name}" if str(name)[:1].isdigit() else str(name)) or "piece"
+        unique = re.sub(r"\W", "_", f"_{name}" if str(name)[:1].isdigit() else str(name), flags=re.ASCII) or "piece"
         while unique in names:
             unique += "_"
         names.add(unique)

@@ -4,7 +4,7 @@ import pathlib
 
 import numpy as np
 
-from ..folder import write_whole
+from ..folder import write_whole, written_aside
 from ..recording import Recording
 from . import Fields
 
@@ -24,10 +24,9 @@ def write(recording: Recording, folder: pathlib.Path, fields: Fields, format: st
         frame = recording.frame(k)
         data = {"uv": uv, "velocity": frame["v"], **{name: f(frame).astype(np.float32) for name, f in fields.items()}}
         mesh = meshio.Mesh(frame["x"], [("triangle", faces)], point_data=data)
-        aside = folder / f"{k:05d}.vtu.partial"
-        meshio.write(aside, mesh, file_format="vtu")
         files.append(folder / f"{k:05d}.vtu")
-        aside.replace(files[-1])
+        with written_aside(files[-1]) as aside:
+            meshio.write(aside, mesh, file_format="vtu")
         entries.append(f'    <DataSet timestep="{float(frame["t"]):.9g}" part="0" file="{files[-1].name}"/>')
     text = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>", *entries,
             "  </Collection>", "</VTKFile>", ""]
