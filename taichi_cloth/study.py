@@ -26,6 +26,7 @@ PREDICTABLE = 1e-3  # of the scene's size: by more than that the two references 
 CONVERGED = 0.1  # of a row's error: the references' difference must be less
 REFERENCE_PARTS = (0.5, 0.25)  # of an explicit reference's stable step
 SAMPLES = 30  # a second, at which runs are compared
+MOST = 1e4  # s, that may be studied: all positions at all samples are kept
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,13 @@ class Case:
     substep: float = 1.0
     precision: str = "f64"
     arch: str = "cpu"
+
+    def __post_init__(self) -> None:
+        checks.choice("integrator", self.integrator, INTEGRATORS)
+        checks.number("h", self.h, "s", positive=True)
+        checks.number("substeps", self.substep, positive=True)
+        for name in ("tolerance", "cg_tol", "newton_tol"):
+            checks.maybe(getattr(self, name), checks.number, name, positive=True)
 
     def describe(self) -> str:
         """A few words."""
@@ -123,22 +131,51 @@ def study(name: str, make: Callable[[], Scene], cases: Iterable[Case], duration:
     Raises:
         SceneError: not even the first sample of the references agrees.
     """
-    samples = max(2, round(duration * SAMPLES))
+    samples = max(2, round(checks.number("duration", duration, "s", positive=True, most=MOST) * SAMPLES))
     times = np.arange(samples + 1) / SAMPLES
     rough, fine, how = _references(make, samples, h, say)
     doubt = _rms(rough.positions, fine.positions)
-    size = float(np.linalg.norm(np.ptp(fine.positions[0], axis=0))) or 1.0
-    last = samples if (doubt <= PREDICTABLE * size).all() else int(np.argmax(doubt > PREDICTABLE * size)) - 1
+    last = predictable(doubt, float(np.linalg.norm(np.ptp(fine.positions[0], axis=0))) or 1.0)
     if last < 1:
         raise SceneError(f"study of {name}: the references part at once ({doubt[1]:.2g} m after {times[1]:.3g} s): nothing "
                          "can be said about positions; use a smaller --h, or a scene with some damping")
     say(f"reference: {how}; its positions are good to {doubt[last]:.1e} m up to t = {times[last]:.3g} s")
     rows = []
     for case in cases:
-        rows.append(_row(case, make, samples, last, fine, float(doubt[last])))
-        say(line(rows[-1]))
-    _mark_front(rows)
+        row, track = _run(case, make, samples)
+        if track is not None:
+            judge(row, track, fine, last, float(doubt[last]))
+        rows.append(row)
+        say(line(row))
+    mark_front(rows)
     return Study(name, times, float(times[last]), how, doubt, rows)
+
+
+def predictable(doubt: np.ndarray, size: float) -> int:
+    """The last sample up to which two references (s,) [m] apart agree, on a scene of some size [m]."""
+    apart = doubt > PREDICTABLE * size
+    return int(np.argmax(apart)) - 1 if apart.any() else len(doubt) - 1
+
+
+def judge(row: Row, track: Track, fine: Track, last: int, doubt: float) -> None:
+    """Fills in a row's errors: its run against the finer reference.
+
+    Args:
+        last: sample at which positions are compared, and up to which energies are; doubt: of the references there [m].
+    """
+    row.error = float(_rms(track.positions[last], fine.positions[last]))
+    row.energy_error = float(np.abs(track.energy - fine.energy)[: last + 1].max())
+    row.stretch_error = float(np.abs(track.stretch - fine.stretch)[1:].max())
+    notes = ["reference not converged"] if doubt > CONVERGED * row.error else []
+    notes += [f"{row.fell_back} steps by backward Euler"] if row.fell_back else []
+    row.note = ", ".join(notes + [f"{k} {v}" for k, v in row.rejections.items()])
+
+
+def mark_front(rows: list[Row]) -> None:
+    """Marks rows that no other beats in both wall time and error."""
+    good = [r for r in rows if r.error is not None]
+    for row in good:
+        row.best = not any(o.wall <= row.wall and o.error <= row.error and o is not row for o in good)  # type: ignore[operator]
 
 
 def table(s: Study) -> str:
@@ -236,7 +273,8 @@ def _track(sim: Simulation, samples: int) -> Track:
     return Track(*(np.array(values) for values in out))
 
 
-def _row(case: Case, make: Callable[[], Scene], samples: int, last: int, fine: Track, doubt: float) -> Row:
+def _run(case: Case, make: Callable[[], Scene], samples: int) -> tuple[Row, Track | None]:
+    """A case's row, with what it cost, and its run; None where it failed."""
     row = Row(case)
     try:
         substep = substep_of(make(), case.substep, case.arch, case.precision) if case.substep != 1 else None
@@ -253,7 +291,7 @@ def _row(case: Case, make: Callable[[], Scene], samples: int, last: int, fine: T
             walls.append(time.perf_counter() - started)
     except ClothError as error:
         row.note = str(error).partition(". ")[0]
-        return row
+        return row, None
     row.wall, row.steps = walls[-1], len(sim.log)
     row.iterations, row.evaluations = (sum(getattr(r, name) for r in sim.log) for name in ("iterations", "evaluations"))
     row.fell_back = sum(bool(r.fell_back) for r in sim.log)
@@ -261,14 +299,8 @@ def _row(case: Case, make: Callable[[], Scene], samples: int, last: int, fine: T
     for record in sim.log:
         rejections.update(record.rejections)
     row.rejections = dict(rejections)
-    row.error = float(_rms(track.positions[last], fine.positions[last]))
-    row.energy_error = float(np.abs(track.energy - fine.energy)[: last + 1].max())
-    row.stretch_error = float(np.abs(track.stretch - fine.stretch)[1:].max())
-    notes = ["reference not converged"] if doubt > CONVERGED * row.error else []
-    notes += [f"{row.fell_back} steps by backward Euler"] if row.fell_back else []
-    row.note = ", ".join(notes + [f"{k} {v}" for k, v in rejections.items()])
     sim.close()
-    return row
+    return row, track
 
 
 def substep_of(scene: Scene, times: float, arch: str = "cpu", precision: str = "f64") -> float:
@@ -279,13 +311,6 @@ def substep_of(scene: Scene, times: float, arch: str = "cpu", precision: str = "
     return times * stable
 
 
-def _mark_front(rows: list[Row]) -> None:
-    """Marks rows that no other beats in both wall time and error."""
-    good = [r for r in rows if r.error is not None]
-    for row in good:
-        row.best = not any(o.wall <= row.wall and o.error <= row.error and o is not row for o in good)  # type: ignore[operator]
-
-
 def _rms(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(np.sum((a - b) ** 2, axis=-1), axis=-1))
 
@@ -294,8 +319,6 @@ def cases_of(integrators: list[str], steps: list[float], tolerances: list[float]
              precisions: list[str], archs: list[str], h: float, substeps: list[float]) -> list[Case]:
     """Every combination that means something: explicit methods choose their own step, tolerances go with "safe"."""
     out = []
-    for name in integrators:
-        checks.choice("integrator", name, INTEGRATORS)
     for arch in archs:
         for precision in precisions:
             for name in integrators:

@@ -1,0 +1,116 @@
+"""`verify` itself: every one of its checks holds where nothing is wrong, and fails where what it checks is."""
+
+import argparse
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth import cli_study, verify
+from taichi_cloth.simulation import Simulation
+
+WORDS = ["pins drift", "every solve of every step converged", "force against differences of the energy",
+         "stiffness product against differences", "the matrix is symmetric", "damping product against differences",
+         "internal forces add up", "their torques add up", "damping takes power", "cut loose it falls with g",
+         "CG against a direct solve on 32 of its triangles"]
+FULL = tc.Fabric(0.2, tc.Stretch(300, 0.3), tc.Shear(100, 0.1), tc.Bend(1e-3, 1e-5))
+
+
+def make() -> tc.Scene:
+    scene = tc.Scene(air=tc.Air(0.3, 0.1))
+    cloth = scene.add_cloth(tc.grid(1.0, 4), FULL, velocities=(0.1, 0, 0))
+    scene.pin(cloth, "top_left")
+    scene.move(cloth, "top_right", lambda t: (-0.3 * t, 0, 0), relative=True)
+    scene.add_mass(cloth, [12], 0.02)
+    return scene
+
+
+class Wrong(Simulation):
+    """Everything that is checked is off by little more than may be."""
+
+    def positions(self):
+        return super().positions() + [0, 0, 1e-3 * self.time]
+
+    def run(self, *args, **kwargs):
+        super().run(*args, **kwargs)
+        self.log[len(self.log) // 2].status = "MAX_ITERATIONS"
+
+    def energy(self):
+        return {name: (1 + 1e-4) * value for name, value in super().energy().items()}
+
+    def forces(self):
+        f, v = super().forces(), self.velocities()
+        return f + 10 * v + 1e-9 * np.abs(f).max() * np.array([0.3, 1, 0.2])  # driven by its motion, and pushed
+
+    def product(self, p, h):
+        q = super().product(p, h)
+        return q - 1e-4 * h**2 * self.scene.cloths[0].fabric.stretch.k * p + 1e-8 * np.abs(q).max() * np.roll(p, 1, axis=1)
+
+    def solve(self, h, constraints=None):
+        return (1 + 1e-6) * super().solve(h, constraints)
+
+
+def test_all_hold_where_nothing_is_wrong():
+    found = list(verify.verify(make, 0.05))
+    assert len(found) == len(WORDS)
+    for (name, figure, good), words in zip(found, WORDS):
+        assert words in name and good, (name, figure)
+
+
+def test_each_fails_where_what_it_checks_is_wrong():
+    found = list(verify.verify(make, 0.05, Wrong))
+    assert len(found) == len(WORDS)
+    for (name, figure, good), words in zip(found, WORDS):
+        assert words in name and not good, (name, figure)
+
+
+class Springs:
+    """A linear system with an exact answer, as `verify` asks for it."""
+
+    M, D, K = np.random.default_rng(20_261_123).normal(size=(3, 6, 6))
+
+    def product(self, p, h):
+        return ((self.M - h * self.D - h**2 * self.K) @ p.ravel()).reshape(p.shape)
+
+
+def test_products_are_taken_apart():
+    p = np.random.default_rng(20_261_124).normal(size=(2, 3))
+    K_p, D_p = verify._products(Springs(), p)
+    assert np.abs(K_p - (Springs.K @ p.ravel()).reshape(2, 3)).max() < 1e-12
+    assert np.abs(D_p - (Springs.D @ p.ravel()).reshape(2, 3)).max() < 1e-12
+
+
+def test_the_ladder_takes_its_best_rung_relative_to_the_exact_value():
+    assert verify._ladder(lambda e: 5.0 + 5e-4 if abs(e - 1e-5) < 1e-12 else 9.0, 5.0) == pytest.approx(1e-4)
+    assert verify._ladder(lambda e: np.array([3.0, 4.5]), np.array([3.0, 4.0])) == pytest.approx(0.1)
+
+
+def test_a_patch_grows_by_shared_edges():
+    mesh = tc.grid(1.0, 6)
+    patch = verify._patch(mesh.faces, 20)
+    assert len(set(patch.tolist())) == 20 and patch[0] == 0
+    edges = [{frozenset(e) for e in ((a, b), (b, c), (c, a))} for a, b, c in mesh.faces[patch].tolist()]
+    assert all(any(e & o for o in edges if o is not e) for e in edges)
+    assert verify._patch(mesh.faces, 1000).tolist() == list(range(72))
+
+
+@pytest.mark.parametrize("results, code", [((True, True), 0), ((True, False), 1), ((False, True), 1), ((False, False), 1)])
+def test_the_exit_code_says_whether_all_hold(results, code, monkeypatch, capsys):
+    asked = []
+
+    def found(make, t):
+        asked.append((make().vertex_count, t))
+        yield from ((f"check {k}", f"{k} m", good) for k, good in enumerate(results))
+
+    monkeypatch.setattr(verify, "verify", found)
+    args = argparse.Namespace(scene="hang", set=["n=4"], small=False, time=0.125)
+    assert cli_study.COMMANDS["verify"](args) == code
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == [f"{'ok    ' if good else 'FAILED'} check {k}: {k} m" for k, good in enumerate(results)]
+    assert asked == [(16, 0.125)]
+
+
+@pytest.mark.parametrize("t", [0, -1, float("nan"), "1"])
+def test_a_time_that_is_none(t):
+    with pytest.raises(tc.SceneError, match="time = .*: must be a positive number"):
+        next(verify.verify(make, t))
