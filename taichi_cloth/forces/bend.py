@@ -1,10 +1,8 @@
-"""Bending over hinges: C = theta - theta_0, stiffness k = D |e|^2 / (A_1 + A_2).
+"""Bending over hinges: C = theta - theta_0 with stiffness k = D |e|^2 / (A_1 + A_2).
 
-Differs from [BW98 §4.2]: k scales with the mesh so that D is a plate rigidity. theta is defined through +-pi;
-the normals of collapsed triangles are bounded from below, so that gradients stay finite.
+Differs from [BW98 §4.2]: k scales with the mesh so that D is a plate rigidity. C levels off where a fold closes on
+itself, and fades with triangles that collapse: see `hinge`.
 """
-
-import math
 
 import numpy as np
 import taichi as ti
@@ -14,9 +12,8 @@ from ..fabric import pair
 from ..fields import Fields
 from ..model import Elements, Model
 from ..scene import Scene
-from .conditions import hinge_angle, hinge_gradient, hinge_gradient_change, sym, sym_outer
-
-COLLAPSED = 1e-3  # part of its rest area below which a triangle's area does not count
+from .conditions import sym, sym_outer
+from .hinge import COLLAPSED, hinge_condition, hinge_condition_change
 
 
 @ti.data_oriented
@@ -38,7 +35,7 @@ class Bend:
         self.host_rest = rest
         self.host_hinges, self.host_turns = vertices, np.concatenate([flat_turns(h) for _, h in parts])
         self.damps = bool(rest[:, 1].any())
-        self.rest = fields.real(self.elements.count, 4, self.elements.per_entry(rest))  # k, k_d, theta_0, floor^2
+        self.rest = fields.real(self.elements.count, 4, self.elements.per_entry(rest))  # k, k_d, theta_0, floor2
         heights2 = np.concatenate([(2 * h.areas).min(axis=1) ** 2 / h.length2 for _, h in parts])
         self._unit_energy = float(np.sum(rest[:, 0] / heights2) / 2)
         # bounds on the squared frequency [1/s^2] and the damping rate [1/s] of any mode of flat cloth
@@ -72,21 +69,11 @@ class Bend:
         self.model.blocks.add(q, v[3], r_b, lo, hi)
 
     @ti.func
-    def turn(self, angle):
-        """An angle difference brought back to [-pi, pi]: with theta_0 not 0, the short way round."""
-        if angle > math.pi:
-            angle -= 2 * math.pi
-        if angle < -math.pi:
-            angle += 2 * math.pi
-        return angle
-
-    @ti.func
     def strain(self, e):
         """C, dC and C_dot at the current state."""
         e_x, a_x, b_x = self.arms(e, self.model.x)
         rest = self.rest[e]
-        C = self.turn(hinge_angle(e_x, a_x, b_x) - rest[2])
-        g_e, g_a, g_b = hinge_gradient(e_x, a_x, b_x, rest[3])
+        C, g_e, g_a, g_b = hinge_condition(e_x, a_x, b_x, rest[2], rest[3])
         C_dot = C * 0
         if ti.static(self.damps):
             e_v, a_v, b_v = self.arms(e, self.model.v)
@@ -136,7 +123,7 @@ class Bend:
         if ti.static(self.exact):
             if moves == 1:
                 e_x, a_x, b_x = self.arms(e, self.model.x)
-                d_e, d_a, d_b = hinge_gradient_change(e_x, a_x, b_x, m_e, m_a, m_b, self.rest[e][3])
+                d_e, d_a, d_b = hinge_condition_change(e_x, a_x, b_x, m_e, m_a, m_b, self.rest[e][2], self.rest[e][3])
                 r_e, r_a, r_b = r_e - c * k * C * d_e, r_a - c * k * C * d_a, r_b - c * k * C * d_b
         self.scatter(e, r_e, r_a, r_b, to.b, lo, hi)
         root = ti.sqrt(c * c * k + c * k_d)
@@ -150,16 +137,17 @@ class Bend:
 
     @ti.func
     def store_exact(self, e, factor):
-        """The 9x9 block g g^T + factor d2 theta, a column at a time."""
+        """The 9x9 block g g^T + factor ddC, a column at a time."""
         e_x, a_x, b_x = self.arms(e, self.model.x)
         for column in range(9):
             d = ti.Matrix.zero(float, 3, 3)
             for i, j in ti.static(ti.ndrange(3, 3)):
                 if column == 3 * i + j:
                     d[i, j] = 1
-            rows = hinge_gradient_change(e_x, a_x, b_x, ti.Vector([d[0, 0], d[0, 1], d[0, 2]]),
-                                         ti.Vector([d[1, 0], d[1, 1], d[1, 2]]),
-                                         ti.Vector([d[2, 0], d[2, 1], d[2, 2]]), self.rest[e][3])
+            rows = hinge_condition_change(e_x, a_x, b_x, ti.Vector([d[0, 0], d[0, 1], d[0, 2]]),
+                                          ti.Vector([d[1, 0], d[1, 1], d[1, 2]]),
+                                          ti.Vector([d[2, 0], d[2, 1], d[2, 2]]), self.rest[e][2],
+                                          self.rest[e][3])
             for i, j in ti.static(ti.ndrange(3, 3)):
                 self.hessian[e][9 * column + 3 * i + j] = (self.g[e][column] * self.g[e][3 * i + j]
                                                           + factor * rows[i][j])

@@ -1,4 +1,4 @@
-"""The paper's condition functions and their second derivatives, as functions of w_u and w_v (or of a hinge).
+"""The paper's condition functions and their second derivatives, as functions of w_u and w_v; of hinges see `hinge`.
 
 Per unit area, with the energy psi = k/2 C^2, a block H is d2 psi / d(w_u, w_v)2. What each K mode keeps:
 
@@ -102,39 +102,3 @@ def shear_stiffness(w_u, w_v, k, mode: ti.template()):
         uv = top * e_u.outer_product(e_v) + sign * sym_unpack(rest)
         vv = top * sym_outer(e_v) + rest
     return uu, uv, vv
-
-
-@ti.func
-def hinge_angle(e, a, b):
-    """theta in (-pi, pi] of a hinge with edge e and arms a, b from the edge's first vertex."""
-    n_a, n_b = e.cross(a), b.cross(e)
-    return ti.atan2(n_a.cross(n_b).dot(unit(e)), n_a.dot(n_b))
-
-
-@ti.func
-def hinge_gradient(e, a, b, floor2):
-    """d theta/d(e, a, b); floor2 [m^4] bounds the squared normals of collapsed triangles from below."""
-    n_a, n_b = e.cross(a), b.cross(e)
-    e2 = ti.max(e.norm_sqr(), TINY)
-    g_a = -ti.sqrt(e2) * n_a / ti.max(n_a.norm_sqr(), floor2)
-    g_b = -ti.sqrt(e2) * n_b / ti.max(n_b.norm_sqr(), floor2)
-    return -(a.dot(e) / e2) * g_a - (b.dot(e) / e2) * g_b, g_a, g_b
-
-
-@ti.func
-def hinge_gradient_change(e, a, b, de, da, db, floor2):
-    """Change of `hinge_gradient` along (de, da, db): d2 theta times a direction."""
-    n_a, n_b = e.cross(a), b.cross(e)
-    dn_a, dn_b = de.cross(a) + e.cross(da), db.cross(e) + b.cross(de)
-    e2 = ti.max(e.norm_sqr(), TINY)
-    length = ti.sqrt(e2)
-    d_e2 = 2 * e.dot(de)
-    d_length = e.dot(de) / length
-    a2, b2 = ti.max(n_a.norm_sqr(), floor2), ti.max(n_b.norm_sqr(), floor2)
-    g_a, g_b = -length * n_a / a2, -length * n_b / b2
-    dg_a = -(d_length * n_a + length * dn_a - 2 * length * n_a.dot(dn_a) / a2 * n_a) / a2
-    dg_b = -(d_length * n_b + length * dn_b - 2 * length * n_b.dot(dn_b) / b2 * n_b) / b2
-    t_a, t_b = a.dot(e) / e2, b.dot(e) / e2
-    dt_a = (da.dot(e) + a.dot(de) - t_a * d_e2) / e2
-    dt_b = (db.dot(e) + b.dot(de) - t_b * d_e2) / e2
-    return -dt_a * g_a - t_a * dg_a - dt_b * g_b - t_b * dg_b, dg_a, dg_b
