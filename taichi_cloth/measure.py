@@ -88,7 +88,8 @@ class Meter:
         energies: dict[str, float] = {}
         dissipation = 0.0
         for force, base in zip(self.forces, self.base):
-            energies.update({name: float(sums[base + i]) for i, name in enumerate(force.energies)})
+            for i, name in enumerate(force.energies):  # both models of bending have one name
+                energies[name] = energies.get(name, 0.0) + float(sums[base + i])
             dissipation += float(sums[base + len(force.energies)])
         n = self.column
         energies["kinetic"] = float(sums[n])

@@ -9,7 +9,7 @@ a triangle's tip passes through the edge, with gradients that grow without bound
 - `fade` takes the condition back to 0 with a triangle that has less than COLLAPSED of its area.
 
 C^2 then has a continuous gradient everywhere. Elsewhere, which is nearly always, C is the angle itself, as in [BW98].
-A fold of exactly pi has no side; it is pushed to one.
+A fold of exactly pi has no side; it is pushed to the positive one.
 """
 
 import math
@@ -18,7 +18,7 @@ import taichi as ti
 
 from .conditions import TINY, unit
 
-CREST = 0.5  # rad
+CREST = 0.2  # rad
 KNEE = math.pi - CREST
 SIDE = 1e-6  # rad within which a fold counts as one of exactly pi
 COLLAPSED = 0.1  # part of the smaller triangle's area below which a hinge fades
@@ -42,14 +42,13 @@ def crest(angle):
     value, slope, bow = angle, angle * 0 + 1, angle * 0
     left = math.pi - ti.abs(angle)
     if left < CREST:
-        sign = 1.0
-        if angle < 0:
-            sign = -1.0
-        value = sign * (math.pi - 0.5 * CREST - 0.5 * left * left / CREST)
-        slope = left / CREST
-        bow = -sign / CREST
+        sign, slope = 1.0, left / CREST
         if left < SIDE:
             slope = 1.0
+        elif angle < 0:
+            sign = -1.0
+        value = sign * (math.pi - 0.5 * CREST - 0.5 * left * left / CREST)
+        bow = -sign / CREST
     return value, slope, bow
 
 

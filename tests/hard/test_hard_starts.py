@@ -32,12 +32,11 @@ def test_energy_never_grows(name, fabric, h):
     sim = tc.Simulation(scene, h=h, stretch_limit=1e9, integrator="backward_euler")
     start = sum(sim.energy().values())
     total = [start]
-    for _ in range(20):
+    for _ in range(120 if name == "folded exactly" else 20):  # a fold of exactly pi is slow to find a side
         sim.step()
         total.append(sum(sim.log[-1].energies.values()))
     assert np.isfinite(sim.positions()).all()
-    # the incremental potential never grows; where a fold passes through pi, where the energy is not smooth, the
-    # energy may, by a little
+    # the incremental potential never grows; where a fold passes through pi, where it is not convex, the energy may, by a little
     assert np.diff(total).max() <= (2e-2 if name == "folded exactly" else 1e-7) * start
     if name != "collapsed to a point":  # where no direction is better than another
         assert total[-1] < 0.9 * start

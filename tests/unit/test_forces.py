@@ -182,14 +182,65 @@ def test_collapsed_and_folded_states_are_defined(rng):
             sim.close()
 
 
-def test_fold_at_pi_has_the_full_angle():
-    x = np.array([[0, 0, 0], [0, 1, 0], [1, 0.5, 0], [1, 0.5, 0]], dtype=float)
-    mesh = tc.TriMesh(np.array([[0, 0, 0], [0, 1, 0], [1, 0.5, 0], [-1, 0.5, 0]]), [[0, 2, 1], [0, 1, 3]])
+def hinge(theta, rest=0.0, **kwargs):
+    """A simulation of two triangles, and the positions of a fold by theta; at rest by `rest`."""
+    def fold(angle):
+        return np.array([[0, 0, 0], [0, 1, 0], [1, 0.5, 0], [-np.cos(angle), 0.5, np.sin(angle)]])
     scene = tc.Scene(gravity=None)
-    scene.add_cloth(mesh, tc.Fabric(1.0, bend=tc.Bend(1.0)), x)
-    sim = tc.Simulation(scene)
-    assert potential(sim) == pytest.approx(0.5 * np.pi**2, rel=1e-12)
+    flat = [[0, 0], [0, 1], [1, 0.5], [-1, 0.5]]
+    mesh = tc.TriMesh(fold(rest), [[0, 2, 1], [0, 1, 3]], np.array(flat)[[[0, 2, 1], [0, 1, 3]]])
+    scene.add_cloth(mesh, tc.Fabric(1.0, bend=tc.Bend(1.0, rest="given")), fold(theta))
+    return tc.Simulation(scene, **kwargs), fold
+
+
+@pytest.mark.parametrize("rest", [0.0, -0.9])
+def test_a_fold_that_passes_through_itself_has_no_jump(rest):
+    """Energy and force change by no more than the step of the angle says, all the way round."""
+    sim, fold = hinge(0.5, rest, threads=1)
+    angles = np.linspace(0.3, 0.3 + 2 * np.pi, 1257)
+    energies, moments = [], []
+    for angle in angles:
+        x = fold(angle)
+        sim.set_state(x, 0 * x)
+        energies.append(potential(sim))
+        moments.append(sim.forces()[3] @ [np.sin(angle), 0, np.cos(angle)])  # arm 1 m
+    energies, moments = np.array(energies), np.array(moments)
+    step = angles[1] - angles[0]
+    assert np.abs(np.diff(energies)).max() < 3.2 * step
+    assert np.abs(np.diff(moments)).max() < 17 * step  # falls from 2.9 to -2.9 within 0.4
+    away = (angles - rest + np.pi) % (2 * np.pi) - np.pi
+    plain = np.abs(away) < np.pi - 0.2
+    assert plain.sum() > 1100
+    assert np.abs(energies - away**2 / 2)[plain].max() < 1e-12
+    assert np.abs(np.abs(moments) - np.abs(away))[plain].max() < 1e-12
+    assert np.abs(-np.gradient(energies, step) / np.where(moments == 0, 1, moments) - np.sign(1.0))[plain].min() < 1e-3
+
+
+def test_a_fold_of_exactly_pi_is_pushed_to_one_side():
+    sim, fold = hinge(np.pi)
+    x = fold(np.pi)
+    x[3] = x[2]
+    sim.set_state(x, 0 * x)
+    assert potential(sim) == pytest.approx(0.5 * (np.pi - 0.1) ** 2, rel=1e-12)
     assert np.isfinite(sim.forces()).all() and np.abs(sim.forces()).max() > 1
+
+
+def test_a_triangle_that_turns_inside_out_has_no_jump():
+    """Its tip goes through the edge: the angle jumps by pi there, energy and force do not."""
+    sim, _ = hinge(0.5, threads=1)
+    energies, forces = [], []
+    ways = np.linspace(0.3, -0.3, 2401)
+    for way in ways:
+        x = np.array([[0, 0, 0], [0, 1, 0], [1, 0.5, 0], [-way, 0.5, 0.001]])
+        sim.set_state(x, 0 * x)
+        energies.append(potential(sim))
+        forces.append(sim.forces())
+    energies, forces = np.array(energies), np.array(forces)
+    assert energies[-1] > 1  # folded over, as it then is
+    assert np.abs(forces).max() < 100  # an angle's own gradient there is 1000 [1/m]
+    assert np.abs(np.diff(energies)).max() < 100 * (ways[0] - ways[1])
+    work = np.sum(forces[:, 3, 0]) * (ways[0] - ways[1])
+    assert energies[0] - energies[-1] == pytest.approx(work, rel=2e-2)
 
 
 def test_what_is_not_named_does_not_exist():
