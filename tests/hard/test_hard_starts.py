@@ -36,7 +36,7 @@ def test_energy_never_grows(name, fabric, h):
         sim.step()
         total.append(sum(sim.log[-1].energies.values()))
     assert np.isfinite(sim.positions()).all()
-    # the incremental potential never grows; where a fold passes through pi, where it is not convex, the energy may, by a little
+    # the incremental potential never grows; where a fold passes through pi, where it is not convex, the energy may
     assert np.diff(total).max() <= (2e-2 if name == "folded exactly" else 1e-7) * start
     if name != "collapsed to a point":  # where no direction is better than another
         assert total[-1] < 0.9 * start

@@ -16,7 +16,7 @@ def deformation(x, uv):
 
 def membrane(x, uv, b):
     """The three conditions of a triangle, as jets of w = (w_u, w_v), and dw/dx (6, 9)."""
-    w = np.concatenate([[c for c in part] for part in deformation(np.asarray(x, float), uv)])
+    w = np.concatenate(deformation(np.asarray(x, float), uv))
     slope = np.zeros((6, 9))
     for k in range(9):
         unit = np.zeros(9)

@@ -52,5 +52,7 @@ def test_against_reference(case, K, name):
     step = case[f"step_{name}"]
     if step["A_min_eig"] > 0:
         assert_close(sim.solve(case["h"], constraints), step["dv"])
-    else:
-        assert name == "exact"  # A is indefinite: nothing to compare, see test_solver for what is said of it
+    else:  # no direction of descent: that is said, and no answer is given
+        assert name == "exact"
+        with pytest.raises(tc.SimulationError, match="BREAKDOWN"):
+            sim.solve(case["h"], constraints)

@@ -38,7 +38,8 @@ def sheet_mesh(rng, cells, seam=False):
 def make_scene(rng):
     """Three fabrics: hinges with a seam, curvatures, and a mesh without a pattern, bent at rest; wind and a point mass."""
     scene = tc.Scene(gravity=(0.3, -9.81, 0.2), air=tc.Air(1.7, 0.4, (2.0, -1.0, 3.0)))
-    fabrics = (tc.Fabric(0.2, tc.Stretch((80, 60), (0.8, 0.5), (1.05, 0.96)), tc.Shear(20, 0.3), tc.Bend((0.02, 0.05), (2e-3, 1e-3))),
+    fabrics = (tc.Fabric(0.2, tc.Stretch((80, 60), (0.8, 0.5), (1.05, 0.96)), tc.Shear(20, 0.3),
+                         tc.Bend((0.02, 0.05), (2e-3, 1e-3))),
                tc.Fabric(0.3, tc.Stretch(50, 0.2), None, tc.Bend((0.03, 0.01), (1e-3, 4e-3), model="curvature")),
                tc.Fabric(0.1, None, tc.Shear(30), tc.Bend(0.04, 3e-3)))
     meshes = [sheet_mesh(rng, (3, 2), seam=True), sheet_mesh(rng, (3, 3)), sheet_mesh(rng, (2, 3))]
