@@ -7,6 +7,8 @@ import numpy as np
 from . import checks
 from .elements import hinge_angle
 
+WIDTH = 1e-4  # stretch below which a triangle has no width that f32 would know from rounding
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -53,6 +55,11 @@ def deformation(x: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray) -> np.n
     a = x[faces]
     rest = np.stack([corner_uv[:, 1] - corner_uv[:, 0], corner_uv[:, 2] - corner_uv[:, 0]], axis=2)
     return np.stack([a[:, 1] - a[:, 0], a[:, 2] - a[:, 0]], axis=2) @ np.linalg.inv(rest)
+
+
+def collapsed(w: np.ndarray) -> int:
+    """How many deformation gradients w (m, 3, 2) have no width in some direction, but for rounding: a line or a point."""
+    return int(np.sum(principal_stretches(w)[:, 1] < WIDTH))
 
 
 def evaluate(name: str, geometry: dict[str, np.ndarray], frame: dict[str, np.ndarray]) -> np.ndarray:

@@ -23,7 +23,7 @@ from .intersections import count_crossings, count_self_crossings
 from .measure import Meter
 from .model import Model
 from .operator import ForceField, Operator, Probe
-from .quantities import deformation, principal_stretches
+from .quantities import collapsed, deformation, principal_stretches
 from .scene import Scene
 from .solver.pcg import CONVERGED, Solution
 from .stepper import ADVICE, LONGEST, SHORTEST, Control, Stepper, StepRecord
@@ -121,6 +121,7 @@ class Simulation:
             if adaptive and not bound and not self.integrator.gusty:
                 self.control = replace(self.control, h_max=H_EXPLICIT)
         self.notes += [f"{c.name}: {note}" for c in scene.cloths for note in c.mesh.notes]
+        self._note_collapsed(self.model.start_positions)
         if self.contacts is not None:
             self.notes += self.contacts.inspect()
         self.stepper = Stepper(self.model, self.integrator, self.meter, self.control)
@@ -180,11 +181,22 @@ class Simulation:
         x, v = (checks.array(f"set_state: {name}", value, (self.vertex_count, 3), row="vertex")
                 for name, value in (("positions", x), ("velocities", v)))
         self._live().model.write(x, v)
+        self._note_collapsed(x)
         self.stepper.start = None
         self.integrator.reset()
         if self.contacts is not None:
             self.contacts.clear()
         self._attachments = Attachments(self.model, self.runtime.exchange)
+
+    def _note_collapsed(self, x: np.ndarray) -> None:
+        """Says which cloth at positions x (n, 3) [m] has triangles without a width."""
+        for cloth in self.scene.cloths:
+            mesh = cloth.mesh
+            count = collapsed(deformation(x[cloth.start:], mesh.faces, mesh.corner_uv))
+            note = (f"{cloth.name}: {count} of {mesh.face_count} triangles are collapsed to a line or a point: no force has "
+                    "a side to open them to, so they may stay so; give them some width")
+            if count and note not in self.notes:
+                self.notes.append(note)
 
     def energy(self) -> dict[str, float]:
         """J by term: stretch_u, stretch_v, shear, bend, gravity (those there are) and kinetic."""

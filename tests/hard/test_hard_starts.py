@@ -86,3 +86,23 @@ def test_hang_at_paper_size_needs_no_smaller_step(stretch):
     assert len(sim.log) == 30 and not any(r.rejections for r in sim.log)
     assert all(r.status == "CONVERGED" for r in sim.log)
     sim.close()
+
+
+@pytest.mark.parametrize("precision", ["f32", "f64"])
+def test_cloth_without_a_width_is_named(precision):
+    """Nothing may open a line that rounding does not: a run says so at its start, and where such a state is set."""
+    mesh = tc.grid(1.0, 4)
+    turn = np.linalg.qr(np.random.default_rng(31).normal(size=(3, 3)))[0]
+    scene = tc.Scene(gravity=None)
+    scene.add_cloth(mesh, FABRIC, mesh.x * [1, 0, 0] @ turn, name="ribbon")
+    scene.add_cloth(mesh, FABRIC, name="sheet")
+    sim = tc.Simulation(scene, precision=precision)
+    assert [note for note in sim.notes if "collapsed" in note and "32 of 32" in note and note.startswith("ribbon")]
+    assert not [note for note in sim.notes if note.startswith("sheet")]
+    x = np.concatenate([mesh.x * [1, 1e-3, 1] @ turn, mesh.x])
+    x[25] = x[26]
+    sim.set_state(x, 0 * x)
+    sim.set_state(x, 0 * x)
+    named = [note for note in sim.notes if note.startswith("sheet")]
+    assert len(named) == 1 and "1 of 32" in named[0]
+    sim.close()
