@@ -24,7 +24,7 @@ _WHERE = {
     "Simulation": "simulation",
     "run": "cli",
     "ClothError": "errors", "MeshError": "errors", "SceneError": "errors", "BackendError": "errors",
-    "OutputError": "errors", "SimulationError": "errors",
+    "OutputError": "errors", "ScriptError": "errors", "SimulationError": "errors",
 }
 
 __all__ = ["__version__", *_WHERE]

@@ -36,7 +36,7 @@ class SimulationError(ClothError, RuntimeError):
     """The simulation gave up: no step of allowed size passes.
 
     Attributes:
-        reason: the name of the last rejection, one of `taichi_cloth.stepper.Rejection`.
+        reason: the name of the last rejection, a key of `taichi_cloth.stepper.ADVICE`.
         time: simulated time [s] that was reached.
     """
 

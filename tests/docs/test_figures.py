@@ -9,6 +9,7 @@ ROOT = pathlib.Path(__file__).parents[2]
 
 # page, what it says (the constant's value put in), file, constant
 SAID = (
+    ("theory/cloth.md", "in the last {:g} rad", "forces/hinge.py", "CREST"),
     ("theory/time.md", "The first\nsolve is to a relative residual of {:g}", "integrators/newton.py", "FIRST"),
     ("theory/time.md", "the others to {:g}.", "integrators/newton.py", "OTHERS"),
     ("theory/time.md", "gain more than {:.0%} of its kinetic energy", "integrators/tr_bdf2.py", "GAIN"),

@@ -49,6 +49,15 @@ def test_every_command_and_scene_is_listed():
     assert set(rows(site_pages.scenes())) == {path.stem for path in scenefile.available().values()}
 
 
+def test_every_public_name_has_its_place():
+    import taichi_cloth as tc
+
+    named = set(re.findall(r"^::: taichi_cloth\.([\w.]+)$", (ROOT / "docs/reference/api.md").read_text(), re.MULTILINE))
+    assert {f"{where}.{name}" for name, where in tc._WHERE.items()} <= named
+    errors = {line.split("`")[1] for line in (ROOT / "docs/troubleshooting.md").read_text().splitlines() if "Error` |" in line}
+    assert errors == {name for name in tc._WHERE if name.endswith("Error") and name != "ClothError"}
+
+
 def test_every_rejection_is_explained():
     from taichi_cloth.stepper import ADVICE
 
