@@ -21,14 +21,17 @@ def look_flags(parser: argparse.ArgumentParser) -> None:
 def look_of(args: argparse.Namespace) -> dict:
     """Arguments of `output.picture.Look` but for the heat map, whose name and range are under "heat"."""
     from . import checks
+    from .output.picture import Look
     from .quantities import QUANTITIES
     from .view import Camera
 
     if args.heat:
         checks.choice("quantity", args.heat, QUANTITIES)
     camera = Camera(*args.camera) if args.camera else None
-    return {"quality": args.quality, "wire": args.wire, "caption": args.caption, "camera": camera, "orbit": args.orbit,
-            "follow": args.follow, "heat": (args.heat, args.range) if args.heat else None}
+    look = {"quality": args.quality, "wire": args.wire, "caption": args.caption, "camera": camera, "orbit": args.orbit,
+            "follow": args.follow}
+    Look(**look)  # what is wrong with it is said before anything runs
+    return {**look, "heat": (args.heat, args.range) if args.heat else None}
 
 
 def add_parsers(commands) -> None:
