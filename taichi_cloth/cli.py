@@ -31,6 +31,11 @@ def run(build: Callable, argv: Sequence[str] | None = None) -> None:
         build: the scene's build function; `check`, `RUN` and `SMALL` are taken from its module.
         argv: flags; the process's own where None.
     """
+    from . import checks
+
+    checks.function("run: build", build)
+    if argv is not None and not (isinstance(argv, (list, tuple)) and all(isinstance(a, str) for a in argv)):
+        checks.instance("run: argv", argv, type(None))
     parser = argparse.ArgumentParser(description=sys.modules[build.__module__].__doc__)
     _run_flags(parser)
 

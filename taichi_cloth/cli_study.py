@@ -34,7 +34,7 @@ def add_parsers(commands) -> None:
 
 
 def _study(args: argparse.Namespace) -> int:
-    from .errors import SceneError
+    from .errors import OutputError, SceneError
     from .output.folder import write_whole
     from .output.plot import as_file, line_plot
     from .study import as_csv, as_json, cases_of, curves, study, table
@@ -53,10 +53,14 @@ def _study(args: argparse.Namespace) -> int:
     cases = cases_of(args.integrators.split(","), steps, numbers(args.tolerances), [*numbers(args.cg_tols)] or [None],
                      args.precision.split(","), args.arch.split(","), max(steps), numbers(args.substeps))
     folder = pathlib.Path(args.out) if args.out else None
+    if folder:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)  # before anything is computed for it
+        except OSError as error:
+            raise OutputError(f"cannot write to {folder}: {error.strerror or error}") from None
     made = study(scene.name, lambda: scene.make(settings), cases, args.duration, args.reference_h, say=_say)
     print(table(made))
     if folder:
-        folder.mkdir(parents=True, exist_ok=True)
         plot = as_file(line_plot(curves(made), "wall time [s]; up: RMS error [m]", log=True, log_x=True, marks=True))
         for name, text in (("study.json", as_json(made)), ("study.csv", as_csv(made)), ("study.svg", plot)):
             write_whole(folder / name, text.encode())

@@ -83,7 +83,7 @@ MUTATIONS = (
     ("taichi_cloth/scene.py", "return (a, b) in self.apart or (b, a) in self.apart or", "return (a, b) in self.apart or",
      "passing through has an order", DESCRIPTION),
     ("taichi_cloth/scene.py", 'object.__setattr__(self, "velocities", np.broadcast_to(v, (n, 3)).copy())',
-     'object.__setattr__(self, "velocities", np.zeros((n, 3)))', "first velocities are lost", "tests/unit/test_verify.py"),
+     'object.__setattr__(self, "velocities", np.zeros((n, 3)))', "first velocities are lost", DESCRIPTION),
     ("taichi_cloth/scene.py", "event.action(*([] if checks.takes(event.action, 0) else [self]))",
      "event.action(*([] if checks.takes(event.action, 1) else [self]))", "events do not get the scene", DESCRIPTION),
     ("taichi_cloth/scene.py", "    return q.T\n", "    return rows\n", "slanted directions are not made orthonormal",

@@ -39,6 +39,10 @@ def test_bad_requests_are_named(tmp_path):
     for args, words in ((("study", "swing", "--h", "x"), "needs numbers"),
                         (("study", "swing", "--h", ","), "at least one step"),
                         (("study", "swing", "--integrators", "rk4"), "unknown integrator 'rk4'"),
-                        (("verify", "nothing"), "nothing")):
+                        (("study", "swing", "--substeps", "-1"), "substeps = -1"),
+                        (("study", "swing", "--h", "nan"), "needs numbers"), (("study", "swing", "--duration", "-1"),
+                                                                              "duration = -1"),
+                        (("study", "swing", "--out", "README.md"), "cannot write to README.md"),
+                        (("verify", "swing", "--time", "0"), "time = 0"), (("verify", "nothing"), "nothing")):
         done = call(*args)
         assert done.returncode == 2 and words in done.stderr, (args, done.stderr)

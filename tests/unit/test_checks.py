@@ -120,6 +120,13 @@ def test_functions_and_their_results_are_named():
     assert not scene.solids and len(scene.cloths) == 1 and not scene.script.attachments and not scene.script.events
 
 
+@pytest.mark.parametrize("face", [[1, 1, 2], [1, 2, 2], [2, 1, 2]])
+def test_a_repeated_vertex_is_named_with_its_face(face):
+    for make in (tc.TriMesh, tc.SolidMesh):
+        with pytest.raises((tc.MeshError, tc.SceneError), match=r"face 1 repeats a vertex: .*\(1 such faces\)"):
+            make(SHEET.x, [[0, 1, 4], face])
+
+
 def test_a_tear_is_noted():
     """Two halves of a sheet with vertices of their own on the line between them."""
     half = SHEET.x[:, 0] < SHEET.x[:, 0].min() + 1.5 / 3

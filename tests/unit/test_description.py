@@ -56,6 +56,18 @@ def test_groups_are_where_they_say():
         assert sorted(strip.select(side)) == np.flatnonzero(np.isclose(strip.x[:, 0], at)).tolist()
 
 
+def test_diagonals():
+    """Of alternating ones 4 or 8 triangles meet at a vertex inside, in turns; of uniform ones 6; of crossed ones 8 and 4."""
+    for name, counts in (("alternating", {4, 8}), ("uniform", {6}), ("cross", {4, 8})):
+        mesh = tc.grid(1.0, 4, name)
+        at = np.bincount(mesh.faces.ravel())
+        inside = np.setdiff1d(np.arange(mesh.vertex_count), mesh.select("border"))
+        assert set(at[inside].tolist()) == counts
+        if name == "alternating":
+            square = at[:25].reshape(5, 5)[1:4, 1:4]
+            assert (square[1:] != square[:-1]).all() and (square[:, 1:] != square[:, :-1]).all()
+
+
 def test_strips_have_square_cells():
     mesh = SHAPES["strip"]
     assert mesh.vertex_count == 13 * 3 and mesh.face_count == 2 * 12 * 2
@@ -100,6 +112,16 @@ def test_paths_lead_the_vertices_that_are_left():
     scene.pin(cloth, [1, 2])
     anchor = cloth.positions + 3.0
     assert (scene.script.attachments[0].target(9.0, anchor) == anchor[[1, 2]]).all()
+
+
+def test_cloth_starts_as_it_is_told():
+    mesh, fabric = tc.grid(1.0, 1), tc.Fabric(0.2)
+    scene = tc.Scene()
+    assert (scene.add_cloth(mesh, fabric, velocities=(1, 2, 3)).velocities == [[1, 2, 3]] * 4).all()
+    v = np.arange(12.0).reshape(4, 3)
+    cloth = scene.add_cloth(mesh, fabric, positions=mesh.x + 1, velocities=v, color=(0, 0.5, 1))
+    assert (cloth.velocities == v).all() and (cloth.positions == mesh.x + 1).all() and cloth.color == (0.0, 0.5, 1.0)
+    assert (cloth.start, cloth.name) == (4, "cloth1")
 
 
 def test_what_is_held_already():
@@ -148,6 +170,9 @@ def test_solids_turn_and_go():
     assert np.allclose(R @ [1, 0, 0], [0, 1, 0]) and p.tolist() == [1, 0, 0] and solid.moves
     x = solid.surface_at(1.0)
     assert np.allclose(np.ptp(x, axis=0), [2, 1, 4]) and np.allclose(x.mean(axis=0), [1, 0, 0])
+    slanted = tc.Solid("s", tc.SolidMesh(np.eye(3), [[0, 1, 2]]), 0.1, 0.01, (0, 0, 1), (0, 0, np.pi / 6))
+    c, s = np.cos(np.pi / 6), np.sin(np.pi / 6)
+    assert np.allclose(slanted.surface_at(0.0), [[c, s, 1], [-s, c, 1], [0, 0, 2]])
     still = tc.Solid("s", tc.Sphere(1), 0.1, 0.01, (1, 2, 3), np.eye(3))
     assert not still.moves and not still.deforms and still.pose(5.0)[1].tolist() == [1, 2, 3]
 

@@ -64,11 +64,44 @@ def test_impossible_actions(act, words):
 @pytest.mark.parametrize("kwargs, words", [
     ({"h": 0}, "h = 0"), ({"h": -1}, "h = -1"), ({"cg_tol": 0}, "cg_tol"), ({"K": "full"}, "unknown K 'full'"),
     ({"integrator": "backward_eular"}, "did you mean 'backward_euler'"), ({"arch": "cpuu"}, "did you mean 'cpu'"),
-    ({"precision": "f16"}, "unknown precision"),
+    ({"precision": "f16"}, "unknown precision"), ({"h": "1"}, "h = '1' s"), ({"h": 1e300}, "h = 1e"),
+    ({"h": 1e-13}, "h = 1e-13"),
+    ({"h_min": 0.5}, "h_min = 0.5 s: must be at most h"), ({"cg_max_iterations": 10**19}, "cg_max_iterations = 1000"),
+    ({"cg_tol": 1.5}, "cg_tol = 1.5"), ({"newton_max": 1.5}, "newton_max = 1.5"), ({"newton_max": -1}, "newton_max = -1"),
+    ({"tolerance": np.nan}, "tolerance = nan m"), ({"adaptive": 1}, "adaptive = 1"),
+    ({"stretch_limit": None}, "stretch_limit"),
+    ({"count_intersections": "no"}, "count_intersections = 'no'"), ({"newton_tol": -1e-4}, "newton_tol"),
+    ({"debug": 0}, "debug = 0"),
+    ({"threads": 10**6}, "threads = 1000000: must be a whole number from 1 to"), ({"threads": 0}, "threads = 0"),
+    ({"substep": 0, "integrator": "verlet"}, "substep = 0"), ({"preconditioner": None}, "unknown preconditioner None"),
+    ({"tangles": "cut"}, "unknown tangles 'cut'"), ({"contact": 3}, "unknown contact 3"),
 ])
 def test_impossible_simulations(kwargs, words):
-    with pytest.raises(tc.SceneError, match=words):
+    with pytest.raises((tc.SceneError, tc.BackendError), match=words):
         tc.Simulation(sheet()[0], **kwargs)
+
+
+def test_impossible_requests_of_a_simulation():
+    """They are refused before anything is computed: nothing moves, and nothing waits for 1e302 steps."""
+    sim = tc.Simulation(sheet()[0])
+    before = sim.positions()
+    for act, words in (
+            (lambda: sim.run(1e300, 30), "duration = 1e[+]300"), (lambda: sim.run(1e29, 1e-20),
+                                                                  "steps of h .* at most 1e[+]10"),
+            (lambda: sim.run(1e5, 1e4), "number of frames, = 1000000000"), (lambda: sim.run(1, 30, 3), "on_frame = 3"),
+            (lambda: sim.run(1, 30, lambda a: None), "cannot be called with 2"),
+            (lambda: sim.run(1, 30, resumed=-1), "resumed = -1"),
+            (lambda: sim.step(1e29), "steps of h"), (lambda: sim.step(np.nan), "h = nan s"),
+            (lambda: sim.step(10**400), "h = 1000"),
+            (lambda: sim.set_state(before[:3], before), r"set_state: positions: needs shape \(25, 3\), not \(3, 3\)"),
+            (lambda: sim.set_state(before, np.full_like(before, np.inf)), "set_state: velocities: vertex 0 .* not finite"),
+            (lambda: sim.product(before * np.nan, 0.1), "product: p: vertex 0"), (lambda: sim.product(before, -1), "h = -1"),
+            (lambda: sim.solve(0.1, [3]), "constraint = 3: must be a Constraint"),
+            (lambda: sim.solve(0.1, 3), "constraints = 3"),
+            (lambda: sim.solve(0.1, [tc.Constraint(25)]), "vertex 25 is not simulated"), (lambda: sim.resume(3), "state = 3")):
+        with pytest.raises(tc.SceneError, match=words):
+            act()
+    assert sim.time == 0 and not sim.log and (sim.positions() == before).all()
 
 
 def test_empty_scene_and_absent_arch():
