@@ -61,7 +61,7 @@ class RunFolder:
     def _prepare(self, overwrite: bool, resumed: int | None) -> None:
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{self.path} is a file, not a folder")
-        old = self.run_files() if resumed is None else [f for f in self.numbered() if int(f.stem) > resumed]
+        old = self.run_files() if resumed is None else [f for f in self.of_frames() if int(f.stem) > resumed]
         if old and resumed is None and not overwrite:
             raise OutputError(f"{self.path} holds another run's files ({len(old)}, such as {old[0].name}): choose another "
                               "folder, --resume goes on with that run, or --overwrite removes them")
@@ -74,10 +74,10 @@ class RunFolder:
 
     def run_files(self) -> list[pathlib.Path]:
         """The files there that a run wrote."""
-        files = [self.path / name for name in (MANIFEST, TELEMETRY, GEOMETRY)] + self.numbered()
+        files = [self.path / name for name in (MANIFEST, TELEMETRY, GEOMETRY)] + self.of_frames()
         return [f for f in files if f.is_file()] + sorted(self.path.glob("**/*.partial"))
 
-    def numbered(self) -> list[pathlib.Path]:
+    def of_frames(self) -> list[pathlib.Path]:
         """Those of single frames."""
         return [f for kind in (IMAGES, FRAMES, CHECKPOINTS) for f in sorted((self.path / kind).glob("*"))
                 if NUMBERED.match(f.name) and f.is_file()]
@@ -94,16 +94,15 @@ class RunFolder:
 
     def write_geometry(self, arrays: dict[str, np.ndarray]) -> None:
         """Writes geometry.npz."""
-        self._write(self.path / GEOMETRY, pack(arrays))
+        self._write_arrays(GEOMETRY, arrays)
 
     def write_frame(self, frame: int, arrays: dict[str, np.ndarray]) -> None:
         """Writes frames/NNNNN.npz."""
-        self._write(self.path / FRAMES / f"{frame:05d}.npz", pack(arrays | {"frame": np.array(frame)}))
+        self._write_arrays(numbered(FRAMES, frame), arrays)
 
     def write_checkpoint(self, frame: int, state: dict[str, np.ndarray], run: str) -> None:
         """Writes checkpoints/NNNNN.npz; `run` tells apart runs that must not go on with each other's."""
-        head = {"frame": np.array(frame), "format": np.array(FORMAT), "run": np.array(run)}
-        self._write(self.path / CHECKPOINTS / f"{frame:05d}.npz", pack(state | head))
+        self._write_arrays(numbered(CHECKPOINTS, frame), state | {"format": np.array(FORMAT), "run": np.array(run)})
 
     def write_telemetry(self, records: list[dict]) -> None:
         """Replaces the telemetry by these records."""
@@ -123,7 +122,7 @@ class RunFolder:
 
     def missing_frames(self, first: int, last: int) -> list[int]:
         """Those from `first` to `last` that are not there (any more)."""
-        return [k for k in range(first, last + 1) if not (self.path / FRAMES / f"{k:05d}.npz").is_file()]
+        return [k for k in range(first, last + 1) if not (self.path / numbered(FRAMES, k)).is_file()]
 
     def close(self) -> None:
         """Closes what is open, and lets others write there."""
@@ -144,12 +143,21 @@ class RunFolder:
                 self._telemetry.close()
             self._telemetry = None
 
+    def _write_arrays(self, name: str, arrays: dict[str, np.ndarray]) -> None:
+        """With its own name in it: a file that was put in another's place is told by that."""
+        self._write(self.path / name, pack(arrays | {"name": np.array(name)}))
+
     def _write(self, path: pathlib.Path, data: bytes) -> None:
         """A folder that vanishes while the run goes on is not made again: what was in it is lost, which must be said."""
         if path.parent in self._made and not path.parent.is_dir():
             raise OutputError(f"cannot write {path}: {path.parent} was removed while the run went on")
         write_whole(path, data)
         self._made.add(path.parent)
+
+
+def numbered(kind: str, frame: int) -> str:
+    """Name of the file of a frame's arrays, such as "frames/00003.npz"."""
+    return f"{kind}/{frame:05d}.npz"
 
 
 def read_line(line: bytes, total: int) -> tuple[dict, int]:

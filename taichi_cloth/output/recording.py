@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import npz
 from ..errors import OutputError
-from .folder import CHECKPOINTS, FORMAT, FRAMES, GEOMETRY, MANIFEST, TELEMETRY, manifest_sum, read_line
+from .folder import CHECKPOINTS, FORMAT, FRAMES, GEOMETRY, MANIFEST, TELEMETRY, manifest_sum, numbered, read_line
 
 
 class Recording:
@@ -40,7 +40,7 @@ class Recording:
     def geometry(self) -> dict[str, np.ndarray]:
         """What does not change; see `record.geometry`."""
         if self._geometry is None:
-            self._geometry = _unpack(self.path / GEOMETRY)
+            self._geometry = self._arrays(GEOMETRY)
         return self._geometry
 
     @property
@@ -62,16 +62,13 @@ class Recording:
         numbers = list(range(first, last + 1))
         missing = sorted(set(numbers) - set(there))
         if missing:
-            raise OutputError(f"{self.path / FRAMES / name_of(missing[0])} is missing, {len(missing)} of {len(numbers)} are: "
+            raise OutputError(f"{self.path / numbered(FRAMES, missing[0])} is missing, {len(missing)} of {len(numbers)} are: "
                               "--from-frame simulates from an earlier one again")
         return numbers
 
     def frame(self, number: int) -> dict[str, np.ndarray]:
         """What moves, at a frame; see `record.frame`."""
-        path = self.path / FRAMES / name_of(number)
-        arrays = _unpack(path)
-        _check_number(path, arrays, number)
-        return arrays
+        return self._arrays(numbered(FRAMES, number))
 
     def telemetry(self) -> list[dict]:
         """A record a step; a last line that was not finished is left out.
@@ -119,9 +116,9 @@ class Recording:
         """
         numbers = [k for k in self._numbers(CHECKPOINTS) if frame is None or k <= frame]
         for number in reversed(numbers):
-            path = self.path / CHECKPOINTS / name_of(number)
+            path = self.path / numbered(CHECKPOINTS, number)
             try:
-                state = _checkpoint(path, number, run)
+                state = _checkpoint(path, self._arrays(numbered(CHECKPOINTS, number)), run)
                 if records is not None and int(state["records"]) > records:
                     raise OutputError(f"{path} is of step {int(state['records'])}, and {TELEMETRY} has {records} whole lines")
             except OutputError as error:
@@ -134,36 +131,29 @@ class Recording:
         up_to = f" up to frame {frame}" if frame is not None else ""
         raise OutputError(f"{self.path} has no whole checkpoint{up_to}{reasons}")
 
+    def _arrays(self, name: str) -> dict[str, np.ndarray]:
+        """What was written under this name."""
+        path = self.path / name
+        try:
+            arrays = npz.unpack(path)
+        except FileNotFoundError:
+            raise OutputError(f"{path} is missing") from None
+        except npz.DamagedError as error:
+            raise OutputError(f"{path} is damaged: {error}") from None
+        written = str(arrays.pop("name", "nothing known"))
+        if written != name:
+            raise OutputError(f"{path} is damaged: it is {written}")
+        return arrays
+
     def _numbers(self, kind: str) -> list[int]:
         return sorted(int(f.stem) for f in (self.path / kind).glob("*.npz") if f.stem.isascii() and f.stem.isdigit())
 
 
-def name_of(frame: int) -> str:
-    """Name of the file of a frame's arrays."""
-    return f"{frame:05d}.npz"
-
-
-def _checkpoint(path: pathlib.Path, number: int, run: str | None) -> dict[str, np.ndarray]:
-    state = _unpack(path)
-    _check_number(path, state, number)
+def _checkpoint(path: pathlib.Path, state: dict[str, np.ndarray], run: str | None) -> dict[str, np.ndarray]:
+    """The state in a checkpoint's arrays, of this version and this run."""
     form, of = int(state.pop("format", np.array(1))), str(state.pop("run", ""))
     if form != FORMAT:
         raise OutputError(f"{path} is of another version: its format is {form}, not {FORMAT}")
     if run is not None and of != run:
         raise OutputError(f"{path} is of another run, or of this one before it was edited: --from-frame takes it all the same")
     return state
-
-
-def _unpack(path: pathlib.Path) -> dict[str, np.ndarray]:
-    try:
-        return npz.unpack(path)
-    except FileNotFoundError:
-        raise OutputError(f"{path} is missing") from None
-    except npz.DamagedError as error:
-        raise OutputError(f"{path} is damaged: {error}") from None
-
-
-def _check_number(path: pathlib.Path, arrays: dict[str, np.ndarray], number: int) -> None:
-    written = int(arrays.pop("frame", np.array(-1)))
-    if written != number:
-        raise OutputError(f"{path} is damaged: it is of frame {written}")

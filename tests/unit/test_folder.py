@@ -151,9 +151,10 @@ def test_checkpoints_that_cannot_be_used_are_passed_over(run):
     assert Recording(run).last_checkpoint()[0] == 2
     path.write_bytes((run / "checkpoints" / "00002.npz").read_bytes())
     recording = Recording(run)
-    assert recording.last_checkpoint()[0] == 2 and "00004.npz is damaged: it is of frame 2" in recording.notes[0]
+    assert recording.last_checkpoint()[0] == 2 and "00004.npz is damaged: it is checkpoints/00002.npz" in recording.notes[0]
     with np.load(run / "checkpoints" / "00002.npz") as file:
-        old = {k: v for k, v in file.items() if k != "checksum"} | {"frame": np.array(4), "format": np.array(1)}
+        old = {k: v for k, v in file.items() if k != "checksum"}
+    old |= {"name": np.array("checkpoints/00004.npz"), "format": np.array(1)}
     path.write_bytes(npz.pack(old))
     recording = Recording(run)
     assert recording.last_checkpoint()[0] == 2 and "of another version" in recording.notes[0]
@@ -221,3 +222,16 @@ def test_files_are_whole_or_not_there(tmp_path):
     with pytest.raises(OutputError, match="cannot write"):
         write_whole(tmp_path / "deep" / "a", b"second")
     assert (tmp_path / "deep" / "a").read_bytes() == b"first"
+
+
+def test_a_file_in_anothers_place_is_told_by_its_name(run):
+    for a, b in (("frames/00002.npz", "checkpoints/00002.npz"), ("geometry.npz", "frames/00003.npz")):
+        mine, its = (run / a).read_bytes(), (run / b).read_bytes()
+        (run / a).write_bytes(its)
+        (run / b).write_bytes(mine)
+    recording = Recording(run)
+    for number in (2, 3):
+        with pytest.raises(OutputError, match=f"0000{number}.npz is damaged: it is (geometry|checkpoints/00002).npz"):
+            recording.frame(number)
+    with pytest.raises(OutputError, match="geometry.npz is damaged: it is frames/00003.npz"):
+        _ = recording.geometry

@@ -1,0 +1,69 @@
+"""Scene files: found, read, their options typed."""
+
+import pytest
+
+from taichi_cloth import scenefile
+from taichi_cloth.errors import SceneError
+
+TEXT = '''"""What it shows.
+
+More."""
+import taichi_cloth as tc
+
+RUN, SMALL = {"fps": 12}, {"n": 3}
+
+def build(n: int = 5, x: float = 0.5, flag: bool = False, name: str = "a"):
+    scene = tc.Scene()
+    scene.add_cloth(tc.grid(x, n), tc.Fabric(0.2, tc.Stretch(10)), name=name)
+    return scene
+'''
+
+
+@pytest.fixture
+def scene(tmp_path):
+    (tmp_path / "mine.py").write_text(TEXT)
+    return scenefile.read(str(tmp_path / "mine.py"))
+
+
+def test_a_scene_file_is_read(scene):
+    assert (scene.name, scene.summary, scene.run, scene.small) == ("mine", "What it shows.", {"fps": 12}, {"n": 3})
+    assert scene.check is None
+    made = scene.make({"n": "3", "name": "b"})
+    assert made.cloths[0].mesh.vertex_count == 16 and made.cloths[0].name == "b"
+    with pytest.raises(SceneError, match="has no check"):
+        list(scenefile.run_check(scene, None))
+
+
+@pytest.mark.parametrize("name, text, value", [
+    ("n", "7", 7), ("x", "1/8", 0.125), ("x", "2e-3", 0.002), ("x", "1/", 1.0), ("name", "1/8", "1/8"), ("flag", "true", True),
+    ("flag", "1", True),
+    ("flag", "Yes", True), ("flag", "false", False), ("flag", "0", False), ("flag", "NO", False)])
+def test_options_are_read_as_the_types_of_their_defaults(scene, name, text, value):
+    got = scene.typed({name: text})[name]
+    assert got == value and type(got) is type(value)
+
+
+@pytest.mark.parametrize("name, text", [("n", "1.5"), ("n", "x"), ("x", "1/0"), ("x", "a"), ("flag", "perhaps"), ("m", "1")])
+def test_what_is_not_of_its_type_is_named(scene, name, text):
+    with pytest.raises(SceneError, match=name):
+        scene.typed({name: text})
+
+
+def test_the_first_folder_that_has_a_scene_wins(tmp_path, monkeypatch):
+    (tmp_path / "scenes").mkdir()
+    for name in ("hang.py", "own.py", "_helper.py"):
+        (tmp_path / "scenes" / name).write_text(TEXT)
+    monkeypatch.chdir(tmp_path)
+    found = scenefile.available()
+    assert found["hang"].resolve() == (tmp_path / "scenes" / "hang.py").resolve() and "own" in found and "swing" in found
+    assert "_helper" not in found and list(found) == sorted(found)
+    assert scenefile.read("hang").summary == "What it shows."
+
+
+def test_scene_files_that_do_not_work_are_named(tmp_path):
+    for text, words in (("1/0", "does not run: ZeroDivisionError"), ("x = 1", "no build"),
+                        ("def build():\n    return 3", "not a Scene"),
+                        ("def build():\n    return {}['a']", r"KeyError: 'a' \(.*odd.py, line 2\)")):
+        (tmp_path / "odd.py").write_text(text)
+        with pytest.raises(SceneError, match=words):
+            scenefile.read(str(tmp_path / "odd.py")).make({})
