@@ -18,7 +18,7 @@ from taichi_cloth.output.export.pc2 import read_pc2
 from taichi_cloth.output.folder import RunFolder
 from taichi_cloth.output.recording import Recording
 
-FPS, FIRST = 24, 2
+FPS, FIRST = 25, 2
 FACES = np.array([[0, 1, 2], [2, 1, 3], [4, 5, 6], [6, 5, 7], [6, 7, 8]], dtype=np.int32)  # two pieces of 4 and 5 vertices
 NAMES = ["shirt\nf 1 2 3 # \\", "4 skirts"]
 
@@ -95,7 +95,7 @@ def test_usda(made, tmp_path):
     st = [np.array(re.findall(r"[-\d.e+]+", row), dtype=np.float32) for row in re.findall(r"primvars:st = \[(.*?)\] \(", text)]
     assert (np.concatenate(st).reshape(5, 3, 2) == made.geometry["uv"]).all() and 'interpolation = "faceVarying"' in text
     for line in ("metersPerUnit = 1", 'upAxis = "Y"', f"startTimeCode = {FIRST}", f"endTimeCode = {FIRST + 2}",
-                 f"timeCodesPerSecond = {FPS}", 'subdivisionScheme = "none"'):
+                 f"timeCodesPerSecond = {FPS}", 'subdivisionScheme = "none"', "doubleSided = 1"):
         assert line in text
     assert all(re.fullmatch(r"[A-Za-z_]\w*", name) for name in re.findall(r'def Mesh "(.*?)"', text))
     assert len(set(re.findall(r'def Mesh "(.*?)"', text))) == 2
