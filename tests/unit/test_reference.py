@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from reference import system
-from reference.conditions import membrane, theta
+from reference.conditions import deformation, membrane, theta
 from reference.jet import variables
 from reference.rest import area, hinges
 from reference.sheet import Sheet
@@ -46,7 +46,7 @@ def make_scene(rng):
     meshes[2] = tc.TriMesh(meshes[2].x * [1, 1, 4], meshes[2].faces)
     assert meshes[2].flattened
     cloths = [scene.add_cloth(mesh, fabric) for mesh, fabric in zip(meshes, fabrics)]
-    scene.add_mass(cloths[0], 5, 0.07)
+    scene.add_mass(cloths[1], 5, 0.07)
     return scene
 
 
@@ -178,3 +178,50 @@ def test_a_step_of_backward_euler():
     assert_close(sim.positions(), x_1, 1e-11)
     assert_close(sim.velocities(), v_1, 1e-9)
     sim.close()
+
+
+def test_measures_of_stretch():
+    """The largest |w|/b, its change in a step, the change of velocity, and what is not finite."""
+    rng = np.random.default_rng(77)
+    mesh = sheet_mesh(rng, (3, 2))
+    fabric = tc.Fabric(0.2, tc.Stretch((80, 60), b=(1.1, 0.9)), tc.Shear(20))
+    scene = tc.Scene(gravity=None)
+    scene.add_cloth(mesh, fabric, velocities=rng.normal(size=mesh.x.shape))
+    sim = tc.Simulation(scene)
+
+    def stretches(x):
+        return np.array([[np.linalg.norm(w) / b for w, b in zip(deformation(x[face], uv), (1.1, 0.9))]
+                         for face, uv in zip(mesh.faces, mesh.corner_uv)])
+
+    for size in (1.3, 0.4):  # stretches, then shortens
+        x_0, v_0 = sim.model.read_particles()
+        x_1, v_1 = size * x_0 + 0.01 * rng.normal(size=x_0.shape), v_0 + rng.normal(size=v_0.shape)
+        sim.model.save()
+        sim.model.write_particles(x_1, v_1)
+        measures = sim.meter.measure()
+        first, second = (stretches(sim.model.to_user(x)) for x in (x_0, x_1))
+        assert measures.stretch == pytest.approx(second.max(), rel=1e-12)
+        assert measures.stretch_change == pytest.approx(np.abs(second - first).max(), rel=1e-12)
+        assert measures.change == pytest.approx(np.sum(sim.model.mass[:, None] * (v_1 - v_0) ** 2) / 2, rel=1e-12)
+        assert measures.finite
+        sim.model.restore()
+        assert all((a == b).all() for a, b in zip(sim.model.read_particles(), (x_0, v_0)))
+    for k in (0, 1):
+        state = [np.array(a) for a in (x_1, v_1)]
+        state[k][3, 1] = np.nan
+        sim.model.write_particles(*state)
+        assert not sim.meter.measure().finite
+    sim.close()
+
+
+def test_rates_of_drag():
+    """The rate of the fastest decay is the larger coefficient over the density."""
+    for normal, tangential in ((2.0, 0.5), (0.5, 2.0)):
+        scene = tc.Scene(gravity=None, air=tc.Air(normal, tangential))
+        scene.add_cloth(tc.grid(1.0, 2), tc.Fabric(0.2))
+        sim = tc.Simulation(scene)
+        sheet = Sheet(scene, sim.positions(), sim.velocities(), "projected")
+        root = np.repeat(sheet.mass, 3) ** -0.5
+        fastest = -np.linalg.eigvalsh(root[:, None] * sheet.D * root)[0]
+        assert fastest * (1 - 1e-12) <= sum(force.rates[1] for force in sim._forces) < 2 * fastest
+        sim.close()
