@@ -33,12 +33,18 @@ def hinge_angle(e, a, b):
 
 
 @ti.func
-def crest(angle):
-    """(value, slope, change of slope) of an angle difference brought to [-pi, pi], levelled off near the ends."""
+def turn(angle):
+    """An angle difference brought to [-pi, pi]: the short way round."""
     if angle > math.pi:
         angle -= 2 * math.pi
     if angle < -math.pi:
         angle += 2 * math.pi
+    return angle
+
+
+@ti.func
+def crest(angle):
+    """(value, slope, change of slope) of an angle in [-pi, pi], levelled off near the ends."""
     value, slope, bow = angle, angle * 0 + 1, angle * 0
     left = math.pi - ti.abs(angle)
     if left < CREST:
@@ -64,11 +70,12 @@ def fade(r):
 @ti.func
 def hinge_condition(e, a, b, theta_0, floor2):
     """C and dC/d(e, a, b); floor2 [m^4] is the squared normal below which a triangle fades."""
-    C, slope, _ = crest(hinge_angle(e, a, b) - theta_0)
+    C = turn(hinge_angle(e, a, b) - theta_0)
     g_e, g_a, g_b = angle_gradient(e, a, b, floor2)
     n_a, n_b = e.cross(a), b.cross(e)
-    if ti.min(n_a.norm_sqr(), n_b.norm_sqr()) < floor2:
+    if ti.abs(C) > KNEE or ti.min(n_a.norm_sqr(), n_b.norm_sqr()) < floor2:
         floor = ti.sqrt(floor2)
+        C, slope, _ = crest(C)
         value_a, slope_a, _ = fade(n_a.norm() / floor)
         value_b, slope_b, _ = fade(n_b.norm() / floor)
         slope *= value_a * value_b
@@ -78,15 +85,13 @@ def hinge_condition(e, a, b, theta_0, floor2):
         g_a = slope * g_a + s_a * n_a.cross(e)
         g_b = slope * g_b + s_b * e.cross(n_b)
         C *= value_a * value_b
-    else:
-        g_e, g_a, g_b = slope * g_e, slope * g_a, slope * g_b
     return C, g_e, g_a, g_b
 
 
 @ti.func
 def hinge_condition_change(e, a, b, de, da, db, theta_0, floor2):
     """Change of dC along (de, da, db): ddC times a direction."""
-    C, slope, bow = crest(hinge_angle(e, a, b) - theta_0)
+    C, slope, bow = crest(turn(hinge_angle(e, a, b) - theta_0))
     g_e, g_a, g_b = angle_gradient(e, a, b, floor2)
     h_e, h_a, h_b = angle_gradient_change(e, a, b, de, da, db, floor2)
     turned = g_e.dot(de) + g_a.dot(da) + g_b.dot(db)
