@@ -193,3 +193,11 @@ def test_a_full_disk_leaves_nothing_half_written(format, tmp_path, rng):
                           env={**os.environ, "PYTHONPATH": str(pathlib.Path(__file__).parents[2])})
     assert done.returncode == 2 and "error: cannot write" in done.stderr and "Traceback" not in done.stderr, done.stderr
     assert not list((many / format).glob("*.partial*")) and not list((many / format).glob("cloth.[upv]*"))
+
+
+def test_what_usd_core_cannot_write_is_said(made, tmp_path, monkeypatch):
+    Sdf = pytest.importorskip("pxr.Sdf", reason="usd-core is not installed")
+    monkeypatch.setattr(Sdf.Layer, "Export", lambda self, path: False)
+    with pytest.raises(OutputError, match="usd-core could not write it"):
+        export(made.recording, "usdc", tmp_path / "o", {})
+    assert not list((tmp_path / "o").iterdir())
