@@ -53,9 +53,9 @@ def test_arrays_come_back_and_the_same_ones_make_the_same_bytes(tmp_path, rng):
         assert (file["e"] == arrays["e"]).all()
 
 
-@pytest.mark.parametrize("change", [{"x": np.ones((3, 3))}, {"x": np.zeros((3, 3), dtype=np.float32)}, {"x": np.zeros((9,))},
-                                    {"y": np.zeros((3, 3))}, {"more": np.zeros(1)}, {"checksum": np.array("0")},
-                                    {"checksum": None}])
+@pytest.mark.parametrize("change", [
+    {"x": np.ones((3, 3))}, {"x": np.diag([0.0, 0, 1])}, {"x": np.zeros((3, 3), dtype=np.float32)}, {"x": np.zeros((9,))},
+    {"y": np.zeros((3, 3))}, {"more": np.zeros(1)}, {"checksum": np.array("0")}, {"checksum": None}])
 def test_content_that_is_not_what_was_written_is_told_by_its_checksum(tmp_path, change):
     """Zips with right sums of their own."""
     (tmp_path / "a.npz").write_bytes(npz.pack({"x": np.zeros((3, 3))}))
