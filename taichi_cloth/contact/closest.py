@@ -23,7 +23,7 @@ def on_triangle(p, a, b, c):
         w = ti.Vector([0.0, 1.0, 0.0])
     elif d6 >= 0 and d5 <= d6:
         w = ti.Vector([0.0, 0.0, 1.0])
-    elif vc <= 0 and d1 >= 0 and d3 <= 0:
+    elif vc <= 0 and d1 >= 0 and d3 <= 0 and d1 > d3:  # not where a is b
         t = d1 / ti.max(d1 - d3, TINY)
         w = ti.Vector([1 - t, t, 0.0])
     elif vb <= 0 and d2 >= 0 and d6 <= 0:

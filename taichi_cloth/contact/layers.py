@@ -38,6 +38,7 @@ AGREED = 0.1  # part of all forces of pairs by which what solves take them to be
 RUBBED = 0.05  # the same of friction beyond its cone
 LOOSE = 2.0  # of gravity: what the forces of pairs may be off by, over the mass they act on
 GIVE = 0.01  # of a pair's distance over h^2: the same where gravity is small
+PINCHING = 0.02  # of half the thickness: what moves more than that within a step is not pinched, but comes fast
 CLOSE, WIDE = 0.3, 0.7  # of a pair's room: what ends with less gets stiffer, with more softer again
 STIFFER, SOFTER, STIFFEST = 4.0, 0.8, 64.0  # factors from usual step to usual step, and their product at most
 
@@ -214,7 +215,7 @@ class Layers:
         part = np.full(self.model.n, np.inf)
         np.minimum.at(part, p.vertices, np.broadcast_to(room(p.end, p.radius)[:, None], p.vertices.shape))
         if self.tangles.active:
-            self.tangles.find(self.model.read_particles()[0], self.h)
+            self.tangles.commit(self.h)
             self.detector.let_rest(self.tangles.resting)
         self.was = self.least
         self.kept = NOTHING if q is None else {"key": q.near.key[q.near.order], "force": self.borne[q.near.order]}
@@ -224,12 +225,25 @@ class Layers:
         self._weighed = None
         self.energy = self._energy(p)  # what the next step begins with
 
-    def let_go(self) -> None:
-        """What leaves no way free is pinched, and rests for a while."""
-        for i, j, kind in self.blocking.tolist():
-            both = [i, *self.detector.faces[j]] if kind == VERTEX_FACE else [*self.detector.edges[i], *self.detector.edges[j]]
-            self.tangles.let_go(np.array(both))
-        self.detector.let_rest(self.tangles.resting)
+    @timed
+    def count_tangled(self) -> None:
+        """Counts what crosses where the model now is."""
+        self.tangles.look(self.model.read_particles()[0])
+
+    def let_go(self, every: bool) -> bool:
+        """What leaves no way free is pinched, and rests for a while; whether anything was let go.
+
+        Only what hardly moves within the step: what comes fast is not pinched, a smaller step stops it. With `every`, all.
+        """
+        d = self.detector
+        four = np.array([[i, *d.faces[j]] if kind == VERTEX_FACE else [*d.edges[i], *d.edges[j]]
+                         for i, j, kind in self.blocking.tolist()], dtype=np.int64).reshape(-1, 4)
+        v = self.model.read_saved()[1][four]
+        moves = self.h * np.linalg.norm(v - v.mean(axis=1, keepdims=True), axis=2).max(axis=1, initial=0.0)
+        four = four[every | (moves < PINCHING * d.host_half[four[:, 0]])]
+        self.tangles.let_go(four.ravel())
+        d.let_rest(self.tangles.resting)
+        return len(four) > 0
 
     def pass_without(self) -> None:
         """Nothing met in the step as it was made."""
@@ -257,7 +271,8 @@ class Layers:
         self.boost[:], self._weighed = 1.0, None
         self.model.save()
         self.tangles.until[:] = 0
-        self.tangles.find(self.model.read_particles()[0])
+        self.count_tangled()
+        self.tangles.commit()
         self.detector.let_rest(self.tangles.resting)
         self.detector.begin()
         self.detector.cover()
@@ -296,7 +311,8 @@ class Layers:
         self.detector.fresh = bool(state["fresh"])
         self.tangles.until = state["until"].copy()
         if state["tangled"]:
-            self.tangles.find(self.model.read_particles()[0])
+            self.count_tangled()
+            self.tangles.commit()
         self.detector.let_rest(self.tangles.resting)
 
     def _weigh(self, p: Near) -> tuple[np.ndarray, np.ndarray]:

@@ -42,6 +42,7 @@ RELEASES = 4  # rounds in which contacts are released, where layers of cloth pre
 AGREED, AGREED_SHEAR = 3e-3, 3e-2  # part of all normal forces by which contacts may pull, or lack what would hold particles
 # that end inside, and shear beyond the cone, in a step: their states change in the next
 SMALLER = 64  # times smaller than the usual, a step is taken though cloth ends inside or across: it is pinched
+SMALLEST = 2048  # times smaller than the usual, layers that leave no way free are pinched however fast they come
 SPARED = 0.1  # s for which what is pinched does not make steps small again
 FALL = 0.5  # of the thickness: from higher than that and than its motion leads, nothing is brought down to a solid
 LAGGED = 0.1  # relative error of the friction forces that a first round may leave
@@ -116,7 +117,7 @@ class Contacts:
     def meets(self, h: float, held: Held | None, x: np.ndarray, v: np.ndarray) -> bool:
         """Whether cloth that went from the saved state (n, 3) to where the model now is meets a solid on its way."""
         self.begin(h, held, x, v)
-        layered = self.layers is not None and self.layers.meet()
+        layered = self.layers is not None and (self.layers.tangles.active or self.layers.meet())
         return bool((self.found.gap < 0).any()) or (self.near is not None and len(self.near.key) > 0) or layered
 
     def pass_by(self) -> None:
@@ -131,7 +132,7 @@ class Contacts:
     @property
     def touching(self) -> bool:
         """Whether the last step had contacts."""
-        layered = self.layers is not None and self.layers.count > 0
+        layered = self.layers is not None and (self.layers.count > 0 or self.layers.tangles.active)
         return self.count > 0 or (self.near is not None and len(self.near.key) > 0) or layered
 
     def checkpoint(self) -> dict[str, np.ndarray]:
@@ -327,6 +328,11 @@ class Contacts:
     def may_shrink(self) -> bool:
         """Whether a step that goes wrong is to be tried smaller, and not taken as the best there is."""
         return self.h > self.h_usual / SMALLER
+
+    @property
+    def smallest(self) -> bool:
+        """Whether there is hardly a smaller step to try."""
+        return self.h <= self.h_usual / SMALLEST
 
     def went_through(self) -> bool:
         """Whether cloth passes through solids where it did not before, in a step that can still be made smaller."""

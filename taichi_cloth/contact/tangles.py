@@ -28,7 +28,7 @@ class Tangles:
         policy: "untangle", "ignore" or "abort".
 
     Attributes:
-        count: crossing (edge, triangle) pairs now; pinched: particles that were let go, as no way was free for them.
+        count: crossing (edge, triangle) pairs where cloth was last looked at; pinched: particles that were let go, as no way was free for them.
         resting: (n,) whether pairs of a particle with another such rest.
     """
 
@@ -39,8 +39,9 @@ class Tangles:
         self.order = np.argsort(code, kind="stable")
         self.code = code[self.order]
         self.until = np.zeros(n)
-        self.count, self.resting = 0, np.zeros(n, dtype=bool)
-        self.edges, self.rows = np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64)
+        self.resting = np.zeros(n, dtype=bool)
+        self.edges, self.rows = np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64)  # where the step begins
+        self.found = self.edges, self.rows  # where cloth was last looked at
 
     @property
     def active(self) -> bool:
@@ -52,12 +53,19 @@ class Tangles:
         """Particles that were let go and still rest."""
         return int(np.sum(self.until > 0))
 
-    def find(self, x: np.ndarray, h: float = 0.0) -> None:
-        """Crossings at positions (n, 3), h [s] later."""
+    @property
+    def count(self) -> int:
+        return len(self.found[1])
+
+    def look(self, x: np.ndarray) -> None:
+        """Finds the crossings at positions (n, 3), where a step may end."""
         edges, rows = self_crossings(x, self.faces)
         keep = self.meets(self._faces_of(edges)[:, 0], rows)
-        self.edges, self.rows = edges[keep], rows[keep]
-        self.count = len(self.rows)
+        self.found = edges[keep], rows[keep]
+
+    def commit(self, h: float = 0.0) -> None:
+        """Where cloth was last looked at, h [s] later, the next step begins."""
+        self.edges, self.rows = self.found
         self.until = np.maximum(self.until - h, 0)
         near = np.zeros(self.n, dtype=bool)
         near[self.edges.ravel()] = True

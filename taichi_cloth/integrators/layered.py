@@ -71,6 +71,8 @@ class Layered:
                 break
             self.model.restore()
         self.contacts.layered = False
+        if layers.tangles.active:
+            layers.count_tangled()
         spent = layers.seconds - before
         seconds = {**clock.seconds, "C-C": spent, "C-S": max(clock.seconds.get("C-S", 0.0) - spent, 0.0)}
         name, detail = rejection or (None, "")
@@ -119,9 +121,8 @@ class Layered:
             over = self._excess(h, held, start, measures) if part == 1 else 0.0
             gains = over > 0 and not layers.tangles.active  # what is pulled apart is given energy
             if gains or part < 1 or contacts.may_shrink:
-                if part < 1 and not contacts.may_shrink:
-                    layers.let_go()
-                    self.let_go = True
+                if part < 1 and (contacts.smallest or (not contacts.may_shrink and held is not None and held.moving)):
+                    self.let_go = layers.let_go(contacts.smallest)  # else nothing presses that does not give way
                 why = f"energy {over:.2g} J too high" if gains else (f"{layers.off} pairs unsettled, smallest gap "
                                                                      f"{layers.least:.2g} of what it should be")
                 return (CONTACT, f"between layers of cloth, after {len(solutions)} solves: {part:.2g} of the way free, "

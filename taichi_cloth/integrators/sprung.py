@@ -22,9 +22,11 @@ class Sprung:
             part = layers.advance()
             if part < 1:
                 if not self.contacts.may_shrink:
-                    layers.let_go()
+                    layers.let_go(self.contacts.smallest)
                 made = replace(made, rejection=CONTACT, detail=f"cloth would pass through cloth, {part:.2g} of the way free")
             layers.look()
+        if layers.tangles.active:
+            layers.count_tangled()
         spent = layers.seconds - before
         seconds = {**made.seconds, "C-C": spent, "C-S": max(made.seconds.get("C-S", 0.0) - spent, 0.0)}
         return replace(made, seconds=seconds, layers=layers.count, least=layers.least, tangled=layers.tangles.count,
