@@ -28,7 +28,8 @@ class Tangles:
         policy: "untangle", "ignore" or "abort".
 
     Attributes:
-        count: crossing (edge, triangle) pairs where cloth was last looked at; pinched: particles that were let go, as no way was free for them.
+        count: crossing (edge, triangle) pairs where cloth was last looked at; pinched: particles that were let go, as no way
+            was free for them.
         resting: (n,) whether pairs of a particle with another such rest.
     """
 

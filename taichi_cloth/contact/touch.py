@@ -23,7 +23,7 @@ SPARE = 32768  # more
 class Touch:
     """Points of contact as a force of the operator; see `forces` for the contract."""
 
-    energies, extremes = (), 0
+    energies, extremes, of_contact = (), 0, True
 
     def __init__(self, fields: Fields, model: Model, layered: bool = False) -> None:
         self.model, self._fields, self.layered = model, fields, layered

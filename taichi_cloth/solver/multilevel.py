@@ -13,7 +13,6 @@ import numpy as np
 import taichi as ti
 
 from ..constraints import Held
-from ..contact.touch import Touch
 from ..fields import Fields
 from ..forces.bend import Bend
 from ..forces.conditions import sym, sym_scaled_identity, sym_times, sym_unpack
@@ -76,7 +75,7 @@ class Multilevel:
         self.cost, self.excess, self.kept = 0, 0, 0  # iterations when made, those beyond, steps since
         self.wait, self.pause = 0, 0  # steps until levels may last again, and the last such pause
         self.made_for: np.ndarray = np.zeros(0)
-        self.touch = next((f for f in operator.forces if isinstance(f, Touch)), None)
+        self.touch = next((f for f in operator.forces if getattr(f, "of_contact", False)), None)
         self.touches = self.touch is not None
         if self.touches:
             self.T = fields.real(model.n, 6)

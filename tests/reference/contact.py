@@ -273,7 +273,7 @@ def first_touch(kind: int, x: np.ndarray, way: np.ndarray) -> float:
     return np.inf
 
 
-def first_below(kind: np.ndarray, x: np.ndarray, way: np.ndarray, limit: np.ndarray, samples: int = 100) -> np.ndarray:
+def first_below(kind: np.ndarray, x: np.ndarray, way: np.ndarray, limit: np.ndarray, samples: int = 60) -> np.ndarray:
     """(k,) part of straight ways (k, 4, 3) from x at which pairs are first nearer than limit (k,) [m]; infinite where never.
 
     By samples, finer ones where a dip would fit between two of them, and bisection.
@@ -287,7 +287,7 @@ def first_below(kind: np.ndarray, x: np.ndarray, way: np.ndarray, limit: np.ndar
             return distances(np.repeat(kind[k], len(s)), x[k] + s[:, None, None] * way[k]) - limit[k]
 
         for i in np.flatnonzero(dip[k]):
-            fine = np.linspace(grid[i], grid[i + 1], 65)
+            fine = np.linspace(grid[i], grid[i + 1], 33)
             below = one(fine) < 0
             if below.any():
                 first = int(np.argmax(below))

@@ -180,8 +180,7 @@ def test_all_pairs_in_reach_are_found_as_they_are(rng, precision):
         assert np.abs(p.end - gone[rows]).max() < small and np.abs(p.start - gone[rows]).max() < small
         place = np.einsum("ka,kai->ki", p.weights, x[p.vertices])
         assert np.abs(place - p.end[:, None] * p.normal).max() < 10 * small
-        own = np.where((every.kind[rows] == 0)[:, None], p.vertices[:, :1], p.vertices[:, :2])
-        assert (np.sort(p.vertices, axis=1) == np.sort(every.four[rows], axis=1)).all() and (own[:, 0] == p.vertices[:, 0]).all()
+        assert (np.sort(p.vertices, axis=1) == np.sort(every.four[rows], axis=1)).all()
         if precision == "f64":
             assert np.abs(p.factor - counts[rows]).max() < 1e-6
 
@@ -196,7 +195,7 @@ def free_parts(d: LayerDetector) -> np.ndarray:
 
 def test_the_free_way_of_every_pair(rng):
     """It leaves a fifth of what is above the floor, a fifth of r, and comes as near to that as a twentieth of it; what it
-    does not stop does not come so near (nor into reach), and nothing is missed. Never is it as far as to where a pair touches."""
+    does not stop does not come so near, nor into reach, and nothing is missed. No pair goes as far as to where it touches."""
     scene = soup(rng)
     d = detector(scene)
     every = Truth(scene, d)
@@ -215,14 +214,14 @@ def test_the_free_way_of_every_pair(rng):
         left = floor + (gone - floor) / 5
         maybe = np.flatnonzero(gone - ref.speed(every.kind, ways) < left)
         assert (part[np.setdiff1d(np.arange(len(part)), maybe)] == 1).all()
-        maybe = np.concatenate([rng.permutation(maybe[part[maybe] < 1])[:200], rng.permutation(maybe[part[maybe] == 1])[:200]])
+        maybe = np.concatenate([rng.permutation(maybe[part[maybe] < 1])[:100], rng.permutation(maybe[part[maybe] == 1])[:60]])
         few = [a[maybe] for a in (every.kind, begins, ways)]
         last = ref.first_below(*few, np.minimum(left, every.reach)[maybe])
         first = ref.first_below(*few, (left + (gone - floor) / 100)[maybe])
         stopped = np.isfinite(last)
         for kind in (0, 1):
             mine = stopped & (every.kind[maybe] == kind)
-            assert mine.sum() > 10 and (part[maybe][mine] <= last[mine] + 1e-9).all()
+            assert mine.sum() > 8 and (part[maybe][mine] <= last[mine] + 1e-9).all()
         short = part[maybe] < np.minimum(first, 1.0) - 1e-6
         assert np.mean(short) < 0.02  # they crawl along each other
         touch = np.array([ref.first_touch(*each) for each in zip(*few)])
@@ -346,7 +345,7 @@ def degenerate(rng) -> tuple[np.ndarray, np.ndarray]:
 def test_the_exact_count_is_that_of_rational_arithmetic(rng):
     """Which edges pass through which triangles; of degenerate soups, where most touch, and of such that are moved a little."""
     total = doubtful = 0
-    for k in range(24):
+    for k in range(16):
         x, faces = degenerate(rng)
         if k % 3 == 1:
             x = x + rng.choice([1e-16, 1e-13, 0.1]) * rng.normal(size=x.shape)
@@ -363,7 +362,7 @@ def test_the_exact_count_is_that_of_rational_arithmetic(rng):
         assert intersections.count_crossings(x[:18], a, x[18:], b - 18) == split
         total += len(expected)
         doubtful += len(expected) > 0
-    assert total > 100 and doubtful > 12
+    assert total > 60 and doubtful > 8
 
 
 def test_ipctk_counts_the_same_pairs(rng):
