@@ -341,7 +341,7 @@ def crossing_scene() -> tc.Scene:
 
 
 def test_what_starts_crossed_is_counted_named_and_pulled_apart():
-    sim = tc.Simulation(crossing_scene(), h=1 / 60, integrator="backward_euler", count_intersections=True)
+    sim = tc.Simulation(crossing_scene(), h=1 / 60, count_intersections=True)
     before = sim.intersections()
     assert before >= 50 and any("pass through each other at the start" in note for note in sim.notes)
     speeds = []
@@ -377,6 +377,8 @@ def test_a_run_resumed_in_contact_goes_on_bit_for_bit(rng):
     state, last = sim.checkpoint(), sim.log[-1]
     assert min(last.layers, last.tangled, last.pinched, len(state["contact_layer_force"])) >= 10
     whole = end(sim)
+    rested = np.maximum(state["contact_layer_until"] - (sim.time - float(state["time"])), 0)
+    assert np.allclose(layers.tangles.until, rested, atol=1e-12) and rested.max() > 0.01
     sim.close()
     again = start()
     again.resume(state)
@@ -519,17 +521,20 @@ def test_points_of_contact_join_the_product_and_its_diagonal(rng):
                rng.normal(size=(40, 4, 3)))
     v = rng.normal(size=(n, 3))
     assert sim.contacts.touch.set(p)
-    product = sim.product(v, 1 / 60)
+    product, right = sim.product(v, 1 / 60), sim.right_hand_side(1 / 60)
     diagonal = Diagonal(sim)
     diagonal.add()
     assert sim.contacts.touch.set(Points(p.vertices[:0], p.weights[:0], p.block[:0], p.rhs[:0]))
     product -= sim.product(v, 1 / 60)
+    right -= sim.right_hand_side(1 / 60)
     A, J = block[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3), np.zeros((40, 3, n, 3))
     for k in range(40):
         for i, w, t in zip(p.vertices[k], p.weights[k], p.turns[k]):
             J[k, :, i] += w * np.eye(3) + np.outer(t, p.normal[k])
     mine = sim.model.to_user(np.einsum("kanb,kac,kcmd,md->nb", J, A, J, sim.model.to_particles(v), optimize=True))
     assert np.abs(product - mine).max() < 1e-12 * np.abs(mine).max()
+    push = sim.model.to_user(np.einsum("kanb,ka->nb", J, p.rhs))
+    assert np.abs(right - push).max() < 1e-12 * np.abs(push).max()
     blocks = np.einsum("kanb,kac,kcnd->nbd", J, A, J, optimize=True)[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
     assert np.abs(diagonal.P.to_numpy() - blocks).max() < 1e-12 * np.abs(blocks).max()
     sim.close()
