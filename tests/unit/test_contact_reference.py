@@ -126,8 +126,8 @@ def _law(d: ti.types.ndarray(), r: ti.types.ndarray(), out: ti.types.ndarray()):
 def test_repulsion_is_the_law(rng):
     """Energy, force and slope at distances from below 0 to beyond reach, of pairs that keep different ones."""
     r = rng.choice([0.002, 0.01, 0.3], size=4000)
-    d = r * rng.choice([rng.uniform(-0.01, 1.1, size=4000), rng.uniform(0.19, 0.23, size=4000),
-                        rng.uniform(0.0, 0.03, size=4000)][0:3], axis=0)
+    d = r * np.concatenate([rng.uniform(*ends, size=count)  # everywhere, about the floor, and deep below it
+                            for ends, count in (((-0.01, 1.1), 2000), ((0.19, 0.23), 1000), ((0.0, 0.03), 1000))])
     runtime.start("cpu", "f64", 1)
     out = np.empty((len(d), 3))
     _law(d, r, out)
@@ -214,7 +214,10 @@ def test_the_free_way_of_every_pair(rng):
         left = floor + (gone - floor) / 5
         maybe = np.flatnonzero(gone - ref.speed(every.kind, ways) < left)
         assert (part[np.setdiff1d(np.arange(len(part)), maybe)] == 1).all()
-        maybe = np.concatenate([rng.permutation(maybe[part[maybe] < 1])[:100], rng.permutation(maybe[part[maybe] == 1])[:60]])
+        allow = maybe[part[maybe] == 1]  # of these, those that come nearest
+        least = np.min([ref.distances(every.kind[allow], begins[allow] + s * ways[allow]) for s in np.linspace(0, 1, 13)], axis=0)
+        allow = allow[np.argsort(least - np.minimum(left, every.reach)[allow])[:80]]
+        maybe = np.concatenate([rng.permutation(maybe[part[maybe] < 1])[:100], allow])
         few = [a[maybe] for a in (every.kind, begins, ways)]
         last = ref.first_below(*few, np.minimum(left, every.reach)[maybe])
         first = ref.first_below(*few, (left + (gone - floor) / 100)[maybe])
