@@ -215,7 +215,8 @@ def test_the_free_way_of_every_pair(rng):
         maybe = np.flatnonzero(gone - ref.speed(every.kind, ways) < left)
         assert (part[np.setdiff1d(np.arange(len(part)), maybe)] == 1).all()
         allow = maybe[part[maybe] == 1]  # of these, those that come nearest
-        least = np.min([ref.distances(every.kind[allow], begins[allow] + s * ways[allow]) for s in np.linspace(0, 1, 13)], axis=0)
+        least = np.min([ref.distances(every.kind[allow], begins[allow] + s * ways[allow]) for s in np.linspace(0, 1, 13)],
+                       axis=0)
         allow = allow[np.argsort(least - np.minimum(left, every.reach)[allow])[:80]]
         maybe = np.concatenate([rng.permutation(maybe[part[maybe] < 1])[:100], allow])
         few = [a[maybe] for a in (every.kind, begins, ways)]
