@@ -136,6 +136,7 @@ MUTATIONS = (
      "panels are mirrored at seams", CURVES),
     (FIT, "c, d = np.where(flips, c, d), np.where(flips, d, c)", "c, d = np.where(flips, d, c), np.where(flips, c, d)",
      "seams run the wrong way", CURVES),
+    (FIT, "np.where(mirrored, -1.0, 1.0)", "np.where(mirrored, 1.0, 1.0)", "mirrored panels are not turned over", CURVES),
     # gravity and drag
     (EXTERNAL, "total -= weight.dot(self.model.x[i])", "total += weight.dot(self.model.x[i])",
      "gravity's potential has the wrong sign"),

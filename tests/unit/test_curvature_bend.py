@@ -9,7 +9,7 @@ from taichi_cloth.forces.curvature_fit import curvatures
 
 def jittered(rng, n=8, seam=False):
     """A square whose inner vertices are moved and whose diagonals are random; with `seam`, each triangle's material
-    coordinates are turned and moved on their own."""
+    coordinates are turned, mirrored and moved on their own."""
     grid = tc.grid(1.0, n)
     uv = np.array(grid.uv)
     inner = (uv > 1e-9).all(axis=1) & (uv < 1 - 1e-9).all(axis=1)
@@ -19,6 +19,7 @@ def jittered(rng, n=8, seam=False):
     if seam:
         angle = rng.uniform(0, 6, len(faces))
         turn = np.stack([np.stack([np.cos(angle), -np.sin(angle)], 1), np.stack([np.sin(angle), np.cos(angle)], 1)], 1)
+        turn[::3, :, 0] *= -1  # and some are mirrored
         corner = np.einsum("kij,kaj->kai", turn, corner) + rng.uniform(-3, 3, (len(faces), 1, 2))
     return uv, tc.TriMesh(np.column_stack([uv[:, 0], 0 * uv[:, 0], uv[:, 1]]), faces, corner)
 
