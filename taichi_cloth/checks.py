@@ -210,9 +210,14 @@ def indices(what: str, value: object, count: int, *, width: int | None = None, r
 
 def path(what: str, value: object, error: Error = SceneError) -> pathlib.Path:
     """A path from a text or a path."""
-    if not isinstance(value, (str, os.PathLike)) or not os.fspath(value) or "\0" in str(value):
+    if not isinstance(value, (str, os.PathLike)) or not os.fspath(value):
         raise error(f"{what} = {shown(value)}: must be a path")
-    return pathlib.Path(value)
+    try:
+        out = pathlib.Path(value)
+        out.exists()  # names that no file can have are refused here, not where they are opened
+    except (OSError, TypeError, ValueError) as problem:
+        raise error(f"{what} = {shown(value)}: is no path: {problem.args[-1]}") from None
+    return out
 
 
 def _real(value: object) -> float:

@@ -39,6 +39,8 @@ class Constraint:
     def __post_init__(self) -> None:
         object.__setattr__(self, "vertex", checks.integer("constraint: vertex", self.vertex, least=0))
         object.__setattr__(self, "basis", orthonormal(self.directions))
+        if not isinstance(self.directions, (str, type(None))):
+            object.__setattr__(self, "directions", self.basis)
         for name, unit in (("z", "m/s"), ("y", "m")):
             value = checks.vector(f"constraint of vertex {self.vertex}: {name}", getattr(self, name), unit)
             object.__setattr__(self, name, value)

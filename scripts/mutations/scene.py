@@ -97,7 +97,7 @@ MUTATIONS = (
      "turned triangles of solids stay so", CHECKS),
     ("taichi_cloth/fabric.py", "return value if isinstance(value, tuple) else (value, value)",
      "return value[::-1] if isinstance(value, tuple) else (value, value)", "warp and weft swapped",
-     "tests/unit/test_forces.py"),
+     DESCRIPTION),
     ("taichi_cloth/scenefile.py", "out = float(top) / (float(bottom)", "out = float(top) * (float(bottom)",
      "1/60 is 60", DESCRIPTION),
     ("taichi_cloth/scenefile.py", "    if not math.isfinite(out):", "    if math.isinf(out):", "NaN is an option's number",

@@ -95,6 +95,13 @@ def test_indices():
             checks.indices("a", value, 5, error=tc.MeshError)
 
 
+def test_paths():
+    assert checks.path("a", "b/c.obj").name == "c.obj"
+    for value in ("", None, 3, b"a", "n" * 5000):
+        with pytest.raises(tc.MeshError, match="^a = .*: (must be a|is no) path"):
+            checks.path("a", value, tc.MeshError)
+
+
 def test_functions_and_their_results_are_named():
     scene = tc.Scene()
     cloth = scene.add_cloth(SHEET, tc.Fabric(0.2))

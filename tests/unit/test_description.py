@@ -8,6 +8,7 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth import cli, scenefile
 from taichi_cloth.errors import ScriptError
+from taichi_cloth.fabric import pair
 from taichi_cloth.scene import orthonormal
 
 SHAPES = {"alternating": tc.grid((2.0, 1.0), (4, 3)), "uniform": tc.grid((2.0, 1.0), (4, 3), "uniform", "xy"),
@@ -122,6 +123,11 @@ def test_cloth_starts_as_it_is_told():
     cloth = scene.add_cloth(mesh, fabric, positions=mesh.x + 1, velocities=v, color=(0, 0.5, 1))
     assert (cloth.velocities == v).all() and (cloth.positions == mesh.x + 1).all() and cloth.color == (0.0, 0.5, 1.0)
     assert (cloth.start, cloth.name) == (4, "cloth1")
+
+
+def test_stiffness_is_for_warp_and_weft():
+    made = tc.Stretch((3, 2), 0.5)
+    assert pair(made.k) == (3.0, 2.0) and pair(made.k_d) == (0.5, 0.5) and pair(made.b) == (1.0, 1.0)
 
 
 def test_what_is_held_already():
