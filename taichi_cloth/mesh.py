@@ -112,7 +112,7 @@ class TriMesh:
         """
         if isinstance(vertices, str):
             if vertices not in self.groups:
-                raise MeshError(f"no vertex group {vertices!r}; {did_you_mean(vertices, self.groups)}")
+                raise MeshError(f"no vertex group {shown(vertices)}; {did_you_mean(vertices, self.groups)}")
             return self.groups[vertices]
         if _is_mask(vertices):
             mask = np.array(vertices)

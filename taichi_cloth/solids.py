@@ -40,7 +40,7 @@ class Plane:
         _positive(self, "plane", "size")
         n = checks.vector("plane normal", self.normal)
         if not np.linalg.norm(n) > checks.SMALLEST:
-            raise SceneError(f"plane normal = {self.normal!r}: needs a direction, not all 0")
+            raise SceneError(f"plane normal = {shown(self.normal)}: needs a direction, not all 0")
         object.__setattr__(self, "normal", tuple((n / np.linalg.norm(n)).tolist()))
 
     @property

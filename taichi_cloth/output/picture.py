@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .. import checks
-from ..errors import SceneError
+from ..errors import SceneError, shown
 from ..view import Camera, View
 from .camera import fit
 from .colors import draw_bar, heat_colors
@@ -66,8 +66,8 @@ class Look:
         try:
             self.caption_at(0.0, 0)
         except (AttributeError, IndexError, KeyError, ValueError, TypeError):
-            raise SceneError(f"caption = {self.caption!r}: must be a text with nothing but {{t}} and {{frame}} in braces; "
-                             "{{ and }} stand for braces themselves") from None
+            raise SceneError(f"caption = {shown(self.caption)}: must be a text with nothing but {{t}} and {{frame}} in "
+                             "braces; {{ and }} stand for braces themselves") from None
 
     def caption_at(self, t: float, number: int) -> str:
         """The caption of a frame at time t [s]."""
