@@ -8,6 +8,7 @@ LAW = REFERENCE + "test_repulsion_is_the_law"
 FOUND = REFERENCE + "test_all_pairs_in_reach_are_found_as_they_are"
 WAY = REFERENCE + "test_the_free_way_of_every_pair"
 SOLVES = REFERENCE + "test_solves_are_told_what_the_reference_says"
+SETTLED = REFERENCE + "test_a_step_ends_when_forces_and_friction_agree"
 UNIT, PHYSICS = "tests/unit/test_cloth_contact.py::", "tests/physics/test_cloth_on_cloth.py::"
 STRAYS = UNIT + "test_only_what_strays_is_looked_for_again"
 POINTS = UNIT + "test_points_of_contact_join_the_product_and_its_diagonal"
@@ -152,7 +153,9 @@ MUTATIONS = (
      "no way is cut short", HITS),
     (CONTACT + "layers.py", "late = lag > LAGGED * rubs_as and self.round <= PATIENCE", "late = False",
      "friction that lags is taken",
-     PHYSICS + "test_a_sheet_slides_on_a_sheet_as_coulomb_says[25]"),
+     SETTLED),
+    (CONTACT + "layers.py", "return not self.off and not rubs", "return not rubs", "forces that do not agree are taken",
+     SETTLED),
     (CONTACT + "layers.py", '"boost": self.boost, "candidates"', '"boost": np.ones_like(self.boost), "candidates"',
      "boosts not in the checkpoint", RESUMED),
     (CONTACT + "layers.py", 'self.kept = {name: state[name] for name in ("key", "force")}', "self.kept = NOTHING",

@@ -13,7 +13,7 @@ from taichi_cloth import intersections, runtime
 from taichi_cloth.contact import repulsion
 from taichi_cloth.contact.layer_detection import LayerDetector
 from taichi_cloth.contact.pair_geometry import between, closing, fading, gap
-from taichi_cloth.contact.pressing import BACK, GAP, OWN, POTENTIAL, RUB, RUBBED, STIFF, STOPPED
+from taichi_cloth.contact.pressing import BACK, BEARS, FORCE, GAP, OWN, POTENTIAL, RUB, RUBBED, STIFF, STOPPED
 from taichi_cloth.fields import Fields
 from taichi_cloth.model import Model
 
@@ -346,6 +346,29 @@ def test_solves_are_told_what_the_reference_says(rng):
     expected = np.where(room < 0.3, np.minimum(2 * boost, 64), np.where(room > 0.7, np.maximum(0.8**0.5 * boost, 1), boost))
     layers.commit()
     assert np.allclose(layers.boost, expected, rtol=1e-12) and {1.0, 2.0, 4.0, 8.0} <= set(np.round(expected, 9))
+    sim.close()
+
+
+def test_a_step_ends_when_forces_and_friction_agree(rng):
+    """Solves that lead nowhere agree with what is there; with other forces, or half the friction, they do not."""
+    sim = tc.Simulation(soup(rng), h=H, integrator="backward_euler", threads=1)
+    layers, x = sim.contacts.layers, sim.model.read_particles()[0]
+    layers.clear()
+    layers.begin(H, x, True)
+    for _ in range(3):  # the third is told what the second bore
+        layers.points(x)
+        layers.bore()
+        layers.look()
+    layers.was = layers.least
+    assert layers.settled() and layers.count > 20
+    taken = layers.pressed.taken
+    taken[BEARS] *= 0.5
+    assert not layers.settled()
+    layers.round = 4  # from then on friction may change in the next step
+    assert layers.settled()
+    taken[FORCE] *= 2
+    layers.look()
+    assert not layers.settled() and layers.off > 10
     sim.close()
 
 
