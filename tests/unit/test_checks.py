@@ -95,6 +95,12 @@ def test_indices():
             checks.indices("a", value, 5, error=tc.MeshError)
 
 
+@pytest.mark.parametrize("fov", [0.9, 151, "40"])
+def test_angles_of_a_camera(fov):
+    with pytest.raises(tc.SceneError, match="camera fov = .* degrees: must be a number from 1 to 150"):
+        tc.Camera((1, 1, 1), (0, 0, 0), fov)
+
+
 def test_paths():
     assert checks.path("a", "b/c.obj").name == "c.obj"
     for value in ("", None, 3, b"a", "n" * 5000):
