@@ -18,6 +18,9 @@ class Measures:
     Attributes:
         energies: J by term, kinetic included.
         dissipation: half the dissipated power [W] (the Rayleigh function).
+        damped: the part of it that is the cloth's own damping, without the air's.
+        rate: at which the energies but the kinetic grow by the motion [W].
+        wind: power of the air on the cloth [W].
         change: 1/2 (v - v_base)^T M (v - v_base) [J].
         stretch: largest |w|/b; 1 is the pattern's size, 0 where no cloth has stretch or shear.
         stretch_change: its largest change in any triangle since the saved state.
@@ -30,6 +33,9 @@ class Measures:
     stretch: float
     stretch_change: float
     finite: bool
+    damped: float = 0.0
+    rate: float = 0.0
+    wind: float = 0.0
 
     @property
     def potential(self) -> float:
@@ -66,7 +72,7 @@ class Meter:
         self.extremes: list[int] = []  # columns of the largest stretch and its change, where cloth has any
         for force in forces:
             self.base.append(column)
-            column += len(force.energies) + 1 + force.extremes
+            column += len(force.energies) + 2 + force.extremes
             self.extremes += range(column - force.extremes, column)
         self.column = column  # of kinetic energy; then change, a sum over x and v
         self._report: np.ndarray = np.zeros((self.blocks.count, column + 3), dtype=runtime.exchange)
@@ -86,16 +92,22 @@ class Meter:
         self._evaluate(linearizes, moves, c, self._report)
         sums, peaks = self._report.sum(axis=0, dtype=np.float64), self._report.max(axis=0)
         energies: dict[str, float] = {}
-        dissipation = 0.0
+        dissipation = damped = rate = wind = 0.0
         for force, base in zip(self.forces, self.base):
+            after = base + len(force.energies)
             for i, name in enumerate(force.energies):  # both models of bending have one name
                 energies[name] = energies.get(name, 0.0) + float(sums[base + i])
-            dissipation += float(sums[base + len(force.energies)])
+            dissipation += float(sums[after])
+            if force.energies:
+                damped += float(sums[after])
+                rate += float(sums[after + 1])
+            else:
+                wind -= float(sums[after + 1])
         n = self.column
         energies["kinetic"] = float(sums[n])
         finite = bool(np.isfinite(sums).all())
         stretch, stretch_change = (float(peaks[k]) for k in self.extremes) if self.extremes else (0.0, 0.0)
-        return Measures(energies, dissipation, float(sums[n + 1]), stretch, stretch_change, finite)
+        return Measures(energies, dissipation, float(sums[n + 1]), stretch, stretch_change, finite, damped, rate, wind)
 
     @ti.kernel
     def _evaluate(self, linearizes: int, moves: int, c: float, report: ti.types.ndarray()):

@@ -10,6 +10,7 @@ import numpy as np
 
 from . import runtime
 from .errors import OutputError
+from .ledger import totals
 from .output.folder import write_whole
 from .output.picture import Artist, Look, contact_sheet
 from .output.plot import line_plot
@@ -32,7 +33,8 @@ def write_report(recording: Recording, file: pathlib.Path) -> None:
     if not log:
         raise OutputError(f"{recording.path} has no telemetry: nothing was simulated")
     m = recording.manifest
-    body = "\n".join([_complexity(recording, log), _trouble(log), _cost(m, log), _plots(log), _pictures(recording)])
+    parts = [_complexity(recording, log), _trouble(log), _energy(log), _cost(m, log), _plots(log), _pictures(recording)]
+    body = "\n".join(parts)
     data, note = _playback(recording)
     template = string.Template((pathlib.Path(__file__).parent / "output" / "report_template.html").read_text())
     ran = m["runtime"]
@@ -71,6 +73,13 @@ def _trouble(log: list[dict]) -> str:
     return "<h2>How often did it go wrong?</h2>" + _table([("step control", ""), *rows])
 
 
+def _energy(log: list[dict]) -> str:
+    sums = totals([r.get("ledger", {}) for r in log])
+    worst = max((abs(r.get("ledger", {}).get("unaccounted", 0.0)) for r in log), default=0.0)
+    rows = [(name, f"{value:.4g}") for name, value in sums.items()] + [("unaccounted, most in a step", f"{worst:.4g}")]
+    return "<h2>Where did the energy go?</h2>" + _table([("sum over all steps", "J"), *rows])
+
+
 def _cost(manifest: dict, log: list[dict]) -> str:
     total = sum(r["seconds"].get("total", 0.0) for r in log)
     rows = [("part [BW98, table 1]", "s", "ms a step", "share")]
@@ -96,6 +105,8 @@ def _plots(log: list[dict]) -> str:
     figures = {"step size h [ms]": line_plot({"h": (t, 1e3 * of("h"))}, "t [s]"),
                "CG iterations a step": line_plot({"iterations": (t, of("iterations"))}, "t [s]"),
                "energy [J] by term": line_plot(energies, "t [s]"),
+               "energy unaccounted for, in all [J]": line_plot({"unaccounted": (t, np.cumsum(
+                   [r.get("ledger", {}).get("unaccounted", 0.0) for r in log]))}, "t [s]"),
                "largest stretch |w|/b": line_plot({"stretch": (t, of("stretch"))}, "t [s]"),
                "contacts with solids": line_plot({k: (t, of(k)) for k in ("contacts", "unsettled")}, "t [s]")}
     parts = [f"<figure>{svg}<figcaption>{html.escape(name)}</figcaption></figure>" for name, svg in figures.items()]

@@ -16,6 +16,7 @@ import numpy as np
 from . import __version__, record
 from .errors import ClothError, OutputError, ScriptError, SimulationError
 from .interrupts import after_this_frame
+from .ledger import totals
 from .output.folder import FRAMES, RunFolder
 from .output.png import encode_png
 from .output.recording import Recording
@@ -206,6 +207,7 @@ def summary(sim: Simulation) -> dict:
             "tangled": max((r.tangled for r in sim.log), default=0), "pinched": max((r.pinched for r in sim.log), default=0),
             "intersections": max((r.intersections for r in sim.log if r.intersections is not None), default=None),
             "largest_stretch": max((r.stretch for r in sim.log), default=None),
+            "energy": totals([r.ledger for r in sim.log]),
             "seconds": {k: round(v, 4) for k, v in seconds.items()}}
 
 
@@ -226,8 +228,18 @@ def describe(sim: Simulation, wall: float) -> str:
             f"trouble: rejected steps: {bad}; taken by backward Euler instead: {s['fell_back']}; smallest h "
             f"{s['smallest_h'] * 1e3:.3g} ms, worst residual {s['worst_residual']:.1g}, "
             f"crossings {s['crossings']}, largest stretch {s['largest_stretch']:.3f}\n"
+            f"energy: {_energy(s['energy'])}\n"
             f"cost: {sim.time:g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}: {s['steps']} "
             f"steps, {s['cg_iterations']} CG iterations; {parts}")
+
+
+def _energy(total: dict[str, float]) -> str:
+    """What put energy in, what took it, and what is unaccounted for, in a sentence."""
+    taken = ("damping", "method")
+    terms = (f"{name} {-value if name in taken else value:+.3g}" for name, value in total.items()
+             if value and name in ("pins", "solids", "lifted", "lowered", "friction", "layers", "wind", *taken))
+    return (f"changed by {total['kinetic'] + total['potential']:+.3g} J: {', '.join(terms) or 'no work'}; "
+            f"unaccounted for {total['unaccounted']:+.2g} J")
 
 
 @contextlib.contextmanager

@@ -86,6 +86,7 @@ class StepRecord:
         evaluations: of the forces, by an explicit method.
         error: estimated, over what the tolerance allows in this step; 0 where none is asked for.
         fell_back: why the default method redid the step by backward Euler; "" where it did not.
+        ledger: J by name, what put energy in and what took it in this step: see `ledger.Ledger`.
     """
 
     t: float
@@ -109,6 +110,7 @@ class StepRecord:
     tangled: int = 0
     pinched: int = 0
     intersections: int | None = None
+    ledger: dict[str, float] = field(default_factory=dict)
 
 
 class Stepper:
@@ -194,7 +196,7 @@ class Stepper:
                           worst.residual if worst else 0.0, status, rejections, measures.energies, measures.stretch,
                           seconds, attempt.contacts, attempt.unsettled, attempt.crossings, attempt.evaluations,
                           attempt.error or 0.0, attempt.fell_back, attempt.layers, attempt.least, attempt.tangled,
-                          attempt.pinched)
+                          attempt.pinched, ledger={} if attempt.ledger is None else attempt.ledger.record())
 
     def _gave_up(self, t: float, h: float, rejection: str, attempt: Attempt, rejections: dict[str, int]) -> str:
         detail = f" ({attempt.detail})" if attempt.detail else ""

@@ -206,7 +206,7 @@ class Contacts:
         nearing = np.einsum("ki,ki->k", f.normal, f.carried - self.x[f.index] - self.h * self.v[f.index])
         share = min(1.0, self.h / self.h_usual)  # small steps move as fast as large ones
         down = 2 * np.maximum(nearing, 0) + FALL * share * self.thickness[f.solid]  # no further than its own way leads
-        lift = np.clip(-f.start_gap, -down, self.push_limit * share)
+        lift = self.lift = np.clip(-f.start_gap, -down, self.push_limit * share)
         self.holding = hold_together(f, self.state.stick, lift, self.pinned, self.model.n, self.exchange)
         held = self.holding.held
         self.active_slip = slip
@@ -222,9 +222,25 @@ class Contacts:
         self.base = self.model.read_particles()
         self.set_touch()
 
-    def work(self) -> float:
-        """What the points of touch do in the step [J]."""
-        return float(np.einsum("ki,ki->", self._point_forces(), self.points.of(self.end() - self.x)))
+    def works(self) -> tuple[float, float, float]:
+        """Work of points of touch on the motion of the step [J]: of friction that slides on solids, of edges and corners of
+        solids, of cloth on cloth."""
+        p, moved = self.points, self.h * self.model.read_particles()[1]
+        layered, sliding = self.parts
+        power = np.einsum("ki,ki->k", self._point_forces(p), p.of(moved))
+        friction, edges = power[layered:layered + sliding].sum(), power[layered + sliding:].sum()
+        layers = power[:layered].sum()
+        if self.layered and self.layers is not None:
+            layers = np.einsum("ki,ki->", self._point_forces(self.of_layers), self.of_layers.of(moved))
+        return float(friction), float(edges), float(layers)
+
+    def rows_held(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Of rows of what `hold` gave (count,): whether solids hold them, and not pins alone; whether they are brought out of
+        solids that they were inside of."""
+        solids, out = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+        solids[self.holding.rows] = True
+        out[self.holding.rows[self.lift > 0]] = True
+        return solids, out
 
     def lagged(self, h: float) -> float:
         """What friction and pairs add to the incremental potential [J] where the model now is, as the last solve took them."""
@@ -232,9 +248,8 @@ class Contacts:
         own = float(np.sum((sym_times(p.block, dv) / 2 - p.rhs) * dv))
         return own + (self.layers.lagged() if self.layers is not None else 0.0)
 
-    def _point_forces(self) -> np.ndarray:
-        """(k, 3) forces [N] on the points of touch at the end of the step."""
-        p = self.points
+    def _point_forces(self, p: Points) -> np.ndarray:
+        """(k, 3) forces [N] on points of touch at the end of the step."""
         return (p.rhs - sym_times(p.block, p.of(self.end() - self.base[0]) / self.h)) / self.h
 
     def _to_go(self) -> np.ndarray:
@@ -263,6 +278,7 @@ class Contacts:
         start = self.base[1][f.index] - (f.carried - self.x[f.index]) / h  # slip with which the solve begins
         rhs = h * size[:, None] * push - sym_times(block, start)
         points = [self.layers.points(self.base[0])] if self.sprung and self.layers is not None else []
+        self.parts = sum(len(p.rhs) for p in points), len(u)
         points.append(Points(np.repeat(f.index[:, None], 4, axis=1), np.tile([1.0, 0, 0, 0], (len(u), 1)), block, rhs))
         if self.near is not None:
             self.pressed = near = self.near.moved(self._to_go(), PAIR * self.thickness[self.near.solid])
@@ -270,7 +286,8 @@ class Contacts:
             points.append(press(near, step, self.model.mass, self.thickness[near.solid], self.friction[near.solid]))
         self.points = every = Points.join(points)
         if self.layers is not None and self.layered:
-            every = Points.join([self.points, self.layers.points(self.base[0])])
+            self.of_layers = self.layers.points(self.base[0])
+            every = Points.join([self.points, self.of_layers])
         self.crowded = not self.touch.set(every)
 
     def judge(self, reaction: np.ndarray) -> Verdict:
@@ -286,7 +303,7 @@ class Contacts:
             pulls[:] = False  # what layers press in again and again stays held until the next step
         breaks = s.stick & ~pulls & (shear > mu * np.maximum(normal, 0) * (1 + CONE))
         if self.pressed is not None:
-            force = self._point_forces()
+            force = self._point_forces(self.points)
             self.places = force[len(force) - len(self.pressed.key):], self.pressed.of(self.end())
         self._look()
         here = rows_of(self.found.key, f.key)

@@ -91,6 +91,7 @@ class Touch:
                     self.model.blocks.add(to.b, i, push, lo, hi)
                     self.model.blocks.add(to.P, i, self.own(e, k), lo, hi)
         report[block, base] = 0
+        report[block, base + 1] = 0
 
     @ti.func
     def add_diagonal(self, block, P: ti.template()):

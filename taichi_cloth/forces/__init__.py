@@ -7,8 +7,9 @@ A force is a data-oriented object whose functions work on one block of rows at a
 - `rounding_energy(d)`: energy [J] that positions off by d [m] put into the rest shape.
 - `build_stiffness()`: allocates what only implicit steps need; `stiff` says whether that was done.
 - `add_force(block, f)`: f += its force at the model's x and v.
-- `evaluate(block, linearizes, moves, c, to, base, report, dtype)`: its energy terms [J], half the power it dissipates [W]
-  and its extremes into columns of the report, from column `base`. With `linearizes`, of an `Operator` `to`: b += c f, with
+- `evaluate(block, linearizes, moves, c, to, base, report, dtype)`: its energy terms [J], half the power it dissipates [W],
+  the rate at which its energies grow (the power that it takes where it has none) [W] and its extremes into columns of the
+  report, from column `base`. With `linearizes`, of an `Operator` `to`: b += c f, with
   `moves` c (f + K motion); keeps the block of -c D - c^2 K, adds its diagonal to P.
 - `add_product(block, p, q)`: q += (-c D - c^2 K) p. Symmetric and linear in p.
 

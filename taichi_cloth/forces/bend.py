@@ -76,9 +76,14 @@ class Bend:
         C, g_e, g_a, g_b = hinge_condition(e_x, a_x, b_x, rest[2], rest[3])
         C_dot = C * 0
         if ti.static(self.damps):
-            e_v, a_v, b_v = self.arms(e, self.model.v)
-            C_dot = g_e.dot(e_v) + g_a.dot(a_v) + g_b.dot(b_v)
+            C_dot = self.turning(e, g_e, g_a, g_b)
         return C, C_dot, g_e, g_a, g_b
+
+    @ti.func
+    def turning(self, e, g_e, g_a, g_b):
+        """C_dot, from dC."""
+        e_v, a_v, b_v = self.arms(e, self.model.v)
+        return g_e.dot(e_v) + g_a.dot(a_v) + g_b.dot(b_v)
 
     @ti.func
     def add_force(self, block, f: ti.template()):
@@ -92,14 +97,16 @@ class Bend:
     @ti.func
     def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
                  dtype: ti.template()):
-        """Energy [J] in column `base`, then dissipated power / 2 [W]. With `linearizes`, the linear system too."""
+        """Energy [J] in column `base`, then dissipated power / 2 and the rate at which the energy grows [W]. With
+        `linearizes`, the linear system too."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
-        sums = ti.Vector.zero(dtype, 2)
+        sums = ti.Vector.zero(dtype, 3)
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
             C, C_dot, g_e, g_a, g_b = self.strain(e)
             if self.elements.primary[e] == 1:
                 sums[0] += 0.5 * self.rest[e][0] * C * C
                 sums[1] += 0.5 * self.rest[e][1] * C_dot * C_dot
+                sums[2] += self.rest[e][0] * C * self.turning(e, g_e, g_a, g_b)
             if ti.static(self.stiff):
                 if linearizes == 1:
                     self.linearize(e, moves, c, C, C_dot, g_e, g_a, g_b, to, lo, hi)
@@ -110,6 +117,7 @@ class Bend:
                     self.add_diagonal(e, to.P, lo, hi)
         report[block, base] = sums[0]
         report[block, base + 1] = sums[1]
+        report[block, base + 2] = sums[2]
 
     @ti.func
     def linearize(self, e, moves, c, C, C_dot, g_e, g_a, g_b, to: ti.template(), lo, hi):

@@ -127,16 +127,19 @@ class CurvatureBend:
     @ti.func
     def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
                  dtype: ti.template()):
-        """Energy [J] in column `base`, then dissipated power / 2 [W]. With `linearizes`, the linear system too."""
+        """Energy [J] in column `base`, then dissipated power / 2 and the rate at which the energy grows [W]. With
+        `linearizes`, the linear system too."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
-        sums = ti.Vector.zero(dtype, 2)
+        sums = ti.Vector.zero(dtype, 3)
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
             q = self.second(e, self.model.x)
             if self.elements.primary[e] == 1:
+                moved = self.second(e, self.model.v)
                 for m, d in ti.static(ti.ndrange(3, 3)):
                     sums[0] += 0.5 * self.factor[e][m] * q[m, d] ** 2
+                    sums[2] += self.factor[e][m] * q[m, d] * moved[m, d]
                 if ti.static(self.damps):
-                    u = self.along(q, self.second(e, self.model.v))
+                    u = self.along(q, moved)
                     for m, d in ti.static(ti.ndrange(3, 3)):
                         sums[1] += 0.5 * self.factor[e][3 + m] * u[m, d] ** 2
             if ti.static(self.stiff):
@@ -148,6 +151,7 @@ class CurvatureBend:
                     self.add_diagonal(e, to.P, lo, hi)
         report[block, base] = sums[0]
         report[block, base + 1] = sums[1]
+        report[block, base + 2] = sums[2]
 
     @ti.func
     def linearize(self, e, moves, c, q, to: ti.template(), lo, hi):

@@ -38,17 +38,20 @@ class Gravity:
     @ti.func
     def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
                  dtype: ti.template()):
-        """Energy [J] in column `base`, no dissipation. With `linearizes`, b += c m g."""
+        """Energy [J] in column `base`, no dissipation, the rate at which the energy grows [W]. With `linearizes`,
+        b += c m g."""
         g = ti.Vector(self.g)
-        total = ti.cast(0, dtype)
+        total, rate = ti.cast(0, dtype), ti.cast(0, dtype)
         for i in range(self.model.blocks.row[block], self.model.blocks.row[block + 1]):
             weight = self.model.m[i] * g
             total -= weight.dot(self.model.x[i])
+            rate -= weight.dot(self.model.v[i])
             if ti.static(self.stiff):
                 if linearizes == 1:
                     to.b[i] = to.b[i] + c * weight
         report[block, base] = total
         report[block, base + 1] = 0
+        report[block, base + 2] = rate
 
     @ti.func
     def add_product(self, block, p: ti.template(), q: ti.template()):
@@ -129,20 +132,22 @@ class Drag:
     @ti.func
     def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
                  dtype: ti.template()):
-        """No energy; half the power that drag takes [W] beyond what it takes from cloth at rest, in column `base`. With
-        `linearizes`, b += c f; stores -c D and adds its diagonal to P."""
+        """No energy; half the power that drag takes [W] beyond what it takes from cloth at rest, in column `base`, and all
+        that it takes from the cloth. With `linearizes`, b += c f; stores -c D and adds its diagonal to P."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
-        total = ti.cast(0, dtype)
+        total, taken = ti.cast(0, dtype), ti.cast(0, dtype)
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
             B, slip, wind = self.coefficient(e), self.slip(e), self.wind[0]
             if self.elements.primary[e] == 1:
                 total += 0.5 * (slip + wind).dot(sym_times(B, slip - wind))
+                taken += (slip + wind).dot(sym_times(B, slip))
             if ti.static(self.stiff):
                 if linearizes == 1:
                     self.scatter(e, -c * sym_times(B, slip) / 3, to.b, lo, hi)
                     self.A[e] = c * B / 9
                     self.scatter(e, c * B / 9, to.P, lo, hi)
         report[block, base] = total
+        report[block, base + 1] = taken
 
     @ti.func
     def add_product(self, block, p: ti.template(), q: ti.template()):

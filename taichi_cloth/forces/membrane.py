@@ -206,10 +206,10 @@ class Membrane:
     @ti.func
     def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
                  dtype: ti.template()):
-        """Energies by term [J], from column `base`; dissipated power / 2 [W]; largest |w| / b, and its largest change since
-        the saved state. With `linearizes`, the linear system too."""
+        """Energies by term [J], from column `base`; dissipated power / 2 [W]; the rate at which the energies grow [W]; largest
+        |w| / b, and its largest change since the saved state. With `linearizes`, the linear system too."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
-        sums, largest, change = ti.Vector.zero(dtype, 4), 0.0, 0.0
+        sums, largest, change = ti.Vector.zero(dtype, 5), 0.0, 0.0
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
             k = self.table[self.material[e]]
             w_u, w_v = self.spread(e, self.model.x)
@@ -223,8 +223,12 @@ class Membrane:
                 if ti.static(self.stretches):
                     sums[0] += half * k[K_U] * (u - k[B_U]) ** 2
                     sums[1] += half * k[K_V] * (v - k[B_V]) ** 2
+                    sums[4] += 2 * half * (k[K_U] * (u - k[B_U]) * unit(w_u).dot(v_u)
+                                           + k[K_V] * (v - k[B_V]) * unit(w_v).dot(v_v))
                 if ti.static(self.shears):
-                    sums[2] += half * k[K_S] * w_u.dot(w_v) ** 2
+                    C = w_u.dot(w_v)
+                    sums[2] += half * k[K_S] * C * C
+                    sums[4] += 2 * half * k[K_S] * C * (v_u.dot(w_v) + v_v.dot(w_u))
                 if ti.static(self.damps):
                     sums[3] += half * (k[D_U] * unit(w_u).dot(v_u) ** 2 + k[D_V] * unit(w_v).dot(v_v) ** 2
                                        + k[D_S] * (v_u.dot(w_v) + v_v.dot(w_u)) ** 2)
@@ -237,8 +241,9 @@ class Membrane:
         if ti.static(self.shears):
             report[block, base + 2 * self.stretches] = sums[2]
         report[block, base + 2 * self.stretches + self.shears] = sums[3]
-        report[block, base + 2 * self.stretches + self.shears + 1] = largest
-        report[block, base + 2 * self.stretches + self.shears + 2] = change
+        report[block, base + 2 * self.stretches + self.shears + 1] = sums[4]
+        report[block, base + 2 * self.stretches + self.shears + 2] = largest
+        report[block, base + 2 * self.stretches + self.shears + 3] = change
 
     @ti.func
     def linearize(self, e, moves, c, w_u, w_v, v_u, v_v, to: ti.template(), lo, hi):

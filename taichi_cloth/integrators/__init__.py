@@ -21,6 +21,7 @@ from .. import checks
 from ..errors import SceneError
 from ..fields import Fields
 from ..forces.conditions import K_MODES
+from ..ledger import Ledger
 from ..measure import Measures, Meter
 from ..model import Model
 from ..runtime import Runtime
@@ -99,6 +100,7 @@ class Attempt:
         error: estimated, over what the tolerance allows in this step; None where it was not estimated.
         order: of the method, which says how the error goes with the step.
         fell_back: why the step was redone by a more robust method, or "".
+        ledger: of its energy; None where the step was not finished.
     """
 
     rejection: str | None
@@ -117,6 +119,7 @@ class Attempt:
     error: float | None = None
     order: int = 1
     fell_back: str = ""
+    ledger: Ledger | None = None
 
 
 INTEGRATORS = ("auto", "safe", "tr_bdf2", "backward_euler", "newton_euler", "verlet")

@@ -3,9 +3,11 @@
 The solve is one Newton step, from rest at x_0, on the incremental potential
     Phi(v) = 1/2 (v - v_0)^T M (v - v_0) + E(x_0 + h v + y) + h R(v),
 R half the dissipated power. With a positive semidefinite K it goes downhill, and the step is accepted as it is
-if Phi has not grown: the paper's cheap case. Where it has, the step is shortened and Newton goes on from there,
-until a full Newton step is taken and Phi is below where it began. With `converge` it always goes on, until a
-Newton step moves the cloth by less than `newton_tol`: nonlinear backward Euler, which never gains energy.
+if its energy, kinetic and potential, has not grown but by the work put in (`ledger`): the paper's cheap case. Where it
+has, the step is shortened and Newton goes on from there, until a full Newton step is taken and the energy is right. With
+`converge` it always goes on, until a Newton step moves the cloth by less than `newton_tol`: nonlinear backward Euler.
+Phi does not bound kinetic energy, and where E is not convex even the answer may gain some: what is over in the end, or
+is so little that no further solve is worth it, is taken off the velocities (`brake`).
 
 Differs from [BW98]: the test and what follows it; the paper accepts every solve.
 """
@@ -18,13 +20,16 @@ import numpy as np
 import taichi as ti
 
 from ..constraints import Held
+from ..ledger import Ledger, Work, gained, one_stage
 from ..measure import Measures
 from ..solver.pcg import CONVERGED, Solution
 from ..timing import Clock
 from . import APPROACH, CG_TOL, CONTACT, ENERGY, NEWTON, NEWTON_TOL, NOT_FINITE, SOLVER, Attempt, Options
+from .brake import MOST, Brake
 from .system import System, phi
 
 HALVINGS = 10
+LIGHT = 0.01  # part of the velocity of deformation that is taken off rather than solved again
 
 
 @ti.data_oriented
@@ -37,7 +42,7 @@ class BackwardEuler:
         self.system, self.options, self.converge = system, options, converge
         self.model, self.meter, self.contacts = system.model, system.meter, system.contacts
         self.operator, self.solver = system.operator, system.solver
-        self.cg_tol = options.cg_tol or CG_TOL
+        self.cg_tol, self.brake = options.cg_tol or CG_TOL, Brake(self.model, system.scene)
         self.layered = None
         if self.contacts is not None and self.contacts.layers is not None:
             from .layered import Layered
@@ -67,19 +72,62 @@ class BackwardEuler:
             held, rejection = self._in_contact(h, held, clock, solutions)
         with clock.part("EVAL"):
             measures = self.meter.measure()
-            # work of the constraints that move, which the energy may grow by
-            work = self.reaction_power(h) if held is not None and held.moving else 0.0
-            work += self.contacts.work() if self.contacts is not None and solutions else 0.0
         if solutions and solutions[-1].status != CONVERGED:
             return Attempt(SOLVER, solutions[-1].status, measures, tuple(solutions), clock.seconds)
         if not measures.finite:
             return Attempt(NOT_FINITE, "after the first solve", measures, tuple(solutions), clock.seconds)
         if rejection:
             return Attempt(*rejection, measures, tuple(solutions), clock.seconds)
-        limit = start.energies["kinetic"] + start.potential + work + self.system.rounding(h, start, measures)
-        if phi(measures, h) <= limit and not self.converge:
-            return Attempt(None, "", measures, tuple(solutions), clock.seconds)
-        return self._newton(h, held, limit, measures, clock, solutions)
+        if not self.converge:
+            with clock.part("EVAL"):
+                ended = self.conclude(h, held, start, measures, LIGHT)
+            if ended is not None:
+                return Attempt(None, "", ended[0], tuple(solutions), clock.seconds, ledger=ended[1])
+        return self._newton(h, held, start, measures, clock, solutions)
+
+    def conclude(self, h: float, held: Held | None, start: Measures, measures: Measures, most: float,
+                 stiffened: float | None = None) -> tuple[Measures, Ledger] | None:
+        """(measures, ledger) of the step as it is, if its energy has not grown beyond work and rounding, or after what it has
+        grown by was taken off velocities; None where that is too much.
+
+        Args:
+            most: part of the velocities that may be taken off.
+            stiffened: energy [J] that layers of cloth may have been given; None: what they were.
+        """
+        work = self.work(h, held, start, measures)
+        ledger = one_stage(h, start, measures, work)
+        if stiffened is not None:
+            work = replace(work, layers=min(work.layers, stiffened))
+        over = gained(start, measures, work) - max(0.0, ledger.wind) - self.system.rounding(h, start, measures)
+        if not over > 0:
+            return measures, ledger
+        if not (math.isfinite(over) and self.brake.take(over, held, most)):
+            return None
+        slower = replace(self.meter.measure(), stretch_change=measures.stretch_change)
+        energies = {**measures.energies, **slower.energies}
+        lost = measures.energies["kinetic"] - slower.energies["kinetic"]
+        return (replace(slower, energies=energies),
+                replace(ledger, kinetic=ledger.kinetic - lost, method=ledger.method + lost, braked=lost))
+
+    def work(self, h: float, held: Held | None, start: Measures, measures: Measures) -> Work:
+        """What was put in by what holds, touches and alters positions, as the last solve took it."""
+        by_pins = by_solids = lifted = lowered = friction = edges = layers = 0.0
+        if held is not None and held.moving and len(held.index):
+            reaction = self.system.reaction_rows()  # J
+            v, dv, y = self.system.motion_rows(held, h)
+            power = np.einsum("ki,ki->k", reaction, v)
+            solids = up = np.zeros(len(power), dtype=bool)
+            if self.contacts is not None:
+                solids, up = self.contacts.rows_held(len(power))
+            by_pins, by_solids = float(power[~solids].sum()), float(power[solids].sum())
+            altered = np.einsum("ki,ki->k", reaction - self.model.mass[held.index][:, None] * dv, y) / h
+            lifted, lowered = float(altered[up].sum()), float(altered[~up].sum())
+        if self.contacts is not None:
+            if not self.contacts.may_shrink:  # what no smaller step can do better is let be
+                lifted, lowered = lifted + lowered, 0.0
+            friction, edges, layers = self.contacts.works()
+            layers += measures.energies.get("contact", 0.0) - start.energies.get("contact", 0.0)
+        return Work(by_pins, by_solids + edges, lifted, lowered, friction, layers)
 
     def commit(self) -> None:
         """The last attempt was accepted."""
@@ -143,16 +191,17 @@ class BackwardEuler:
         self.system.settle(pins)
         self.contacts.begin(h, pins, x, v)
 
-    def _newton(self, h: float, held: Held | None, limit: float, measures: Measures, clock: Clock,
+    def _newton(self, h: float, held: Held | None, start: Measures, measures: Measures, clock: Clock,
                 solutions: list[Solution]) -> Attempt:
-        """Goes on from a first solve that Phi does not accept."""
+        """Goes on from a first solve that gained energy."""
         with clock.part("EVAL"):
-            alpha = 1.0
+            alpha, limit = 1.0, start.total + self.system.rounding(h, start, measures)  # Phi of standing still
             if held is None or not held.moving:  # else a shorter first step would leave the constraints behind
                 while phi(measures, h) > limit and alpha > 0.5**HALVINGS:
                     alpha /= 2
                     self.place(h, alpha)
                     measures = self.meter.measure()
+        settled = False
         for _ in range(self.options.newton_max):
             with clock.part("EVAL"):
                 if self.contacts is not None:
@@ -171,17 +220,22 @@ class BackwardEuler:
                     if phi(measures, h) <= before + self.system.rounding(h, measures):
                         break
                     alpha /= 2
-            settled = phi(measures, h) <= limit or (held is not None and held.moving)
+            if alpha < 1 or not measures.finite:
+                continue
+            settled = True
             if self.converge:
                 with clock.part("EVAL"):
-                    moved = h * self.system.rms_change()
-                settled = settled and moved <= (self.options.newton_tol or NEWTON_TOL)
-            if alpha == 1.0 and settled and measures.finite:
-                self.system.settle(held)
-                if self.contacts is not None and self.contacts.went_in():
-                    return Attempt(CONTACT, "after further solves", measures, tuple(solutions), clock.seconds)
-                return Attempt(None, "", measures, tuple(solutions), clock.seconds)
-        reason = NOT_FINITE if not measures.finite else NEWTON if self.converge and phi(measures, h) <= limit else ENERGY
+                    settled = h * self.system.rms_change() <= (self.options.newton_tol or NEWTON_TOL)
+            if settled or len(solutions) > self.options.newton_max:
+                with clock.part("EVAL"):
+                    self.system.settle(held)
+                    last = self.converge or len(solutions) > self.options.newton_max
+                    ended = self.conclude(h, held, start, measures, MOST if last else LIGHT) if settled else None
+                if ended is not None:
+                    if self.contacts is not None and self.contacts.went_in():
+                        return Attempt(CONTACT, "after further solves", measures, tuple(solutions), clock.seconds)
+                    return Attempt(None, "", ended[0], tuple(solutions), clock.seconds, ledger=ended[1])
+        reason = NOT_FINITE if not measures.finite else NEWTON if self.converge and not settled else ENERGY
         return Attempt(reason, f"{len(solutions)} solves", measures, tuple(solutions), clock.seconds)
 
     @ti.kernel
@@ -203,15 +257,3 @@ class BackwardEuler:
         for i in range(self.model.n):
             self.model.v[i] += alpha * self.solver.dv[i]
             self.model.x[i] += alpha * h * self.solver.dv[i]
-
-    @ti.kernel
-    def reaction_power(self, h: float) -> float:
-        """J . (x - x_0)/h - M (v - v_0) . y/h [J], J = A dv - b: work of the constraints, y moved against forces."""
-        total = ti.cast(0, self.solver.sum_type)
-        for _ in range(1):
-            for i in range(self.model.n):
-                J = self.solver.As[i] - self.operator.b[i]
-                way = self.model.x[i] - self.model.x_saved[i]
-                y = way - h * self.model.v[i]
-                total += (J.dot(way) - self.model.m[i] * (self.model.v[i] - self.model.v_saved[i]).dot(y)) / h
-        return total

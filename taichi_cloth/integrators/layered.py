@@ -3,7 +3,7 @@
 The first solve is (18), with the contacts that the last motion leads to; each further one is a Newton step on the
 incremental potential, repulsion and friction of layers included, from where the last one could lead to. Contacts with
 solids are judged after each. The step is made when a solve could be taken whole, its forces are what contacts then
-have, and the potential is no higher than where it began.
+have, and its energy has not grown beyond the work put in. Tangles that are pulled apart are given energy.
 """
 
 import math
@@ -13,10 +13,12 @@ import numpy as np
 
 from ..constraints import Held
 from ..contact.response import Verdict
+from ..ledger import Ledger
 from ..measure import Measures
 from ..solver.pcg import CONVERGED, Solution
 from ..timing import Clock
 from . import APPROACH, CONTACT, NOT_FINITE, SOLVER, Attempt
+from .brake import MOST
 from .system import phi
 
 BOLD = 4  # solves of a step before the potential has a say in how far they go
@@ -24,7 +26,6 @@ MEMORY = 3  # of the last potentials one must not be passed
 TIMID = 0.2  # part of a solve's way below which it is not taken shorter for the potential's sake
 SMOOTH = 1e-3  # part of the repulsion's energy that is not worth a shorter way
 LETS = 10  # attempts at a small step, each without the pairs that kept the last from going all of its way
-SLACK = 0.01  # of kinetic energy by which a step may be off
 NEARLY = 1e-7  # m that a held direction may be off its target
 
 
@@ -34,7 +35,8 @@ class Layered:
     def __init__(self, euler) -> None:
         self.euler, self.system, self.model = euler, euler.system, euler.model
         self.contacts, self.layers = euler.contacts, euler.contacts.layers
-        self.begins = 0.0  # potential [J] where the step began
+        self.stiffened = 0.0  # energy [J] that repulsion has where the step begins beyond what it had where the last ended
+        self.ledger: Ledger | None = None
         self.unsettled = 0  # pairs whose forces did not agree, in a step too small to be tried smaller
 
     @property
@@ -77,7 +79,7 @@ class Layered:
         seconds = {**clock.seconds, "C-C": spent, "C-S": max(clock.seconds.get("C-S", 0.0) - spent, 0.0)}
         name, detail = rejection or (None, "")
         return Attempt(name, detail, measures, tuple(solutions), seconds, unsettled=self.unsettled, layers=layers.count,
-                       least=layers.least, tangled=layers.tangles.count, pinched=layers.tangles.pinched)
+                       least=layers.least, tangled=layers.tangles.count, pinched=layers.tangles.pinched, ledger=self.ledger)
 
     def _attempt(self, h: float, pins: Held | None, start: Measures, clock: Clock,
                  solutions: list[Solution]) -> tuple[tuple[str, str] | None, Measures]:
@@ -89,7 +91,7 @@ class Layered:
             self.euler.predict(h, pins)
             self.model.restore()
             energy = layers.energy if known else layers.energy_here()
-        self.begins = start.energies["kinetic"] + start.potential - start.energies.get("contact", 0.0) + energy
+        self.stiffened, self.ledger = energy - start.energies.get("contact", 0.0), None
         measures, seen = start, []
         for k in range(layers.ROUNDS):
             with clock.part("C-S"):
@@ -113,20 +115,19 @@ class Layered:
                 return (NOT_FINITE, f"after {k + 1} solves"), measures
             with clock.part("C-S"):
                 agreed = part == 1 and layers.settled() and not (verdict.changes and k < contacts.ROUNDS)
-            if agreed:
-                over = self._excess(h, held, start, measures)
-                if over <= 0:
-                    break
+            if agreed and (ended := self._conclude(h, held, start, measures)):
+                measures, self.ledger = ended
+                break
         else:
-            over = self._excess(h, held, start, measures) if part == 1 else 0.0
-            gains = over > 0 and not layers.tangles.active  # what is pulled apart is given energy
-            if gains or part < 1 or contacts.may_shrink:
+            ended = self._conclude(h, held, start, measures) if part == 1 and not contacts.may_shrink else None
+            if ended is None:
                 if part < 1 and (contacts.smallest or (not contacts.may_shrink and held is not None and held.moving)):
                     self.let_go = layers.let_go(contacts.smallest)  # else nothing presses that does not give way
-                why = f"energy {over:.2g} J too high" if gains else (f"{layers.off} pairs unsettled, smallest gap "
-                                                                     f"{layers.least:.2g} of what it should be")
+                why = "its energy grew" if agreed else (f"{layers.off} pairs unsettled, smallest gap {layers.least:.2g} of "
+                                                        "what it should be")
                 return (CONTACT, f"between layers of cloth, after {len(solutions)} solves: {part:.2g} of the way free, "
                         f"{why}"), measures
+            measures, self.ledger = ended
             self.unsettled = layers.off
         with clock.part("C-S"):
             if verdict.changes and verdict.bad and contacts.may_shrink:
@@ -135,12 +136,10 @@ class Layered:
                 return (CONTACT, f"{contacts.crossings} crossings with solids"), measures
         return None, measures
 
-    def _excess(self, h: float, held: Held | None, start: Measures, measures: Measures) -> float:
-        """By how much [J] the potential is higher than where the step began, beyond what was put in and rounding."""
-        work = self.euler.reaction_power(h) if held is not None and held.moving else 0.0
-        kept = self.layers.agreed * max(start.energies.get("contact", 0.0), self.layers.energy)
-        over = phi(measures, h) - self.begins - work - self.contacts.work() - kept - SLACK * start.energies["kinetic"]
-        return over - self.system.rounding(h, start, measures)
+    def _conclude(self, h: float, held: Held | None, start: Measures, measures: Measures) -> tuple[Measures, Ledger] | None:
+        """(measures, ledger) of the step as it is, or None where its energy grew too much to be taken off velocities."""
+        given = math.inf if self.layers.tangles.active else self.stiffened
+        return self.euler.conclude(h, held, start, measures, MOST, given)
 
     def _solve(self, h: float, held: Held | None, first: bool, clock: Clock, solutions: list[Solution]) -> bool:
         """One solve from where the model is; whether held directions are still on their way to their targets."""

@@ -37,7 +37,7 @@ class Safe:
     def __init__(self, system: System, accurate: TRBDF2, robust: BackwardEuler, only_contact: bool = False) -> None:
         self.system, self.accurate, self.robust, self.only_contact = system, accurate, robust, only_contact
         self.model, self.contacts, self.tolerance = system.model, system.contacts, system.options.tolerance
-        self.touching = False
+        self.touching, self.gained = False, 0.0  # whether cloth is in contact; energy [J] of the last attempt by `robust`
         self.last: TRBDF2 | BackwardEuler = accurate
         self.largest = 0.0
         self.mean = self.mean_1 = np.zeros((self.model.n, 3))  # acceleration [m/s^2] in contact, over LAPSE; after the attempt
@@ -60,7 +60,8 @@ class Safe:
                 return made
             self.model.restore()
         self.last = self.robust
-        redone = self._judged(h, self.robust.attempt(h, held_at, start))
+        redone = self._judged(h, self.robust.attempt(h, held_at, start), held_at(h))
+        self.gained = 0.0 if redone.ledger is None else redone.ledger.change - redone.ledger.total
         if made is None:
             return replace(redone, fell_back=reason)
         seconds = {k: made.seconds.get(k, 0.0) + redone.seconds.get(k, 0.0) for k in made.seconds | redone.seconds}
@@ -71,7 +72,7 @@ class Safe:
         self.last.commit()
         if self.last is self.robust:
             self.mean = self.mean_1
-            self.accurate.reset()
+            self.accurate.reset(max(0.0, self.accurate.debt + self.gained))
             self.touching = self.contacts is not None and self.contacts.touching
         elif self.contacts is not None:
             self.contacts.pass_by()
@@ -98,15 +99,17 @@ class Safe:
         x, v = self.model.read_saved()
         return self.contacts.meets(h, held, x, v)
 
-    def _judged(self, h: float, made: Attempt) -> Attempt:
+    def _judged(self, h: float, made: Attempt, held: Held | None) -> Attempt:
         """With an estimate of a backward Euler step's error, where one is asked for: h (v_1 - v_0) / 2.
 
         Over the steps these telescope: what swings to and fro, as cloth does after an impact, cancels out. So the
-        acceleration counts that it has on an average over a while.
+        acceleration counts that it has on an average over a while. What is led goes as it is told: it has no error.
         """
         if self.tolerance is None or made.rejection is not None:
             return made
         a = (self.model.read_particles()[1] - self.model.read_saved()[1]) / h
+        if held is not None:
+            a[held.index] -= np.einsum("kij,kj->ki", held.projector, a[held.index])
         self.mean_1 = self.mean - math.expm1(-h / LAPSE) * (a - self.mean)
         error = h / 2 * float(np.sqrt(np.mean(np.sum(self.mean_1**2, axis=1)))) * HORIZON / self.tolerance
         return replace(made, error=error, order=1, rejection=ACCURACY if error > 1 else None,

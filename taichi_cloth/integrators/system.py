@@ -35,6 +35,7 @@ class System:
     def __init__(self, fields: Fields, model: Model, operator: Operator, forces: list, meter: Meter, options: Options,
                  runtime: Runtime, scene: Scene, contacts=None) -> None:
         self.model, self.operator, self.meter, self.options, self.contacts = model, operator, meter, options, contacts
+        self.scene = scene
         self.preconditioner = build_preconditioner(options.preconditioner, fields, self.operator, scene)
         alone = len(scene.cloths) == 1 and not scene.solids and scene.air is None
         self.solver = PCG(fields, self.operator, self.preconditioner, runtime, options.cg_max_iterations, alone)
@@ -100,6 +101,23 @@ class System:
         rows = np.empty((len(held.index), 3), dtype=held.target.dtype)
         self._gather_reaction(held.index, rows)
         return np.einsum("kij,kj->ki", held.projector.astype(np.float64), rows.astype(np.float64))
+
+    def motion_rows(self, held: Held, h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(v, v - v_0 [m/s], x - x_0 - h v [m]), each (k, 3), of the held particles."""
+        v, dv, y = (np.empty_like(held.target) for _ in range(3))
+        self._gather_motion(held.index, h, v, dv, y)
+        return v.astype(np.float64), dv.astype(np.float64), y.astype(np.float64)
+
+    @ti.kernel
+    def _gather_motion(self, index: ti.types.ndarray(), h: float, v: ti.types.ndarray(), dv: ti.types.ndarray(),
+                       y: ti.types.ndarray()):
+        """The same of particles index[k]"""
+        for k in range(index.shape[0]):
+            i = index[k]
+            for c in ti.static(range(3)):
+                v[k, c] = self.model.v[i][c]
+                dv[k, c] = self.model.v[i][c] - self.model.v_saved[i][c]
+                y[k, c] = self.model.x[i][c] - self.model.x_saved[i][c] - h * self.model.v[i][c]
 
     def to_go(self, held: Held | None, c: float) -> np.ndarray | None:
         """(k, 3) velocity [m/s] by which held directions are still short of their targets."""

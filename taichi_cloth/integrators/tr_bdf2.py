@@ -11,7 +11,8 @@ high frequencies would be as wrong as Newton's tolerance allows, times their sti
 M - c D - c^2 K. The embedded error estimate is that of the third-order formula on the same stages, filtered by the
 same matrix [Hosea & Shampine 1996].
 
-A step that gains energy beyond what constraints, wind and rounding can have put in is rejected by name.
+A step that gains energy beyond the work put in (`ledger`) is rejected by name, but for a hundredth of the motion's: a
+method of second order loses and gains in turn. What it gained before and has not lost again counts.
 """
 
 import math
@@ -21,8 +22,9 @@ from dataclasses import replace
 import numpy as np
 import taichi as ti
 
-from ..constraints import Held
+from ..constraints import Held, project
 from ..fields import Fields
+from ..ledger import Work, gained, three_stages
 from ..measure import Measures
 from ..solver.pcg import CONVERGED, Solution
 from ..timing import Clock
@@ -36,7 +38,9 @@ A, B = (math.sqrt(2) + 1) / 2, (math.sqrt(2) - 1) / 2
 E_0, E_GAMMA, E_1 = (math.sqrt(2) - 1) / 3, -1 / 3, 2 * C / 3  # weights less those of the third-order formula
 WEIGHT = math.sqrt(2) / 4  # of the beginning and of the first stage in a step; C is the end's
 GAIN = 0.01  # part of the motion's scale by which energy may grow in a step
-WORK = 0.05  # part of the constraints' work in a step by which that may be misjudged
+DEBT = 0.03  # and before it has fallen as much again
+LAPSE = 0.1  # s, over which the motion's scale forgets
+WORK = 0.05  # part of the constraints' work in a step by which the quadrature may be off
 FALL = 0.1  # m/s: and so is the work of gravity at this speed
 CALM = 1e-4  # m/s: a correction of velocities that is too small for another iteration
 PART = 0.5  # part of a stage's first correction that may be left to do
@@ -60,8 +64,10 @@ class TRBDF2:
         self.c = 0.0  # of the last step [s], while a_0 is still to be taken from it: (v_1 - v_p)/c
         self.tried = 0.0  # of the last attempt
         self.pins: tuple = ()
-        self.power: float | None = None  # of the constraints [W] at the end of the last step
+        self.power = 0.0  # of the constraints [W] at the end of the last step
         self.power_1 = 0.0
+        self.debt = self.debt_1 = 0.0  # energy [J] that steps gained and have not lost again; after the attempt
+        self.motion = self.motion_1 = 0.0  # largest kinetic energy [J] of late; after the attempt
         self.weight = float(np.linalg.norm(gravity) * self.model.mass.sum())  # [N]
 
     def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
@@ -75,9 +81,9 @@ class TRBDF2:
         with clock.part("EVAL"):
             self._base(0, c, self.c, int(fresh))
             self.c, self.tried = 0.0, c
-        stage = self.newton.solve(c, middle, effort, clock, solutions, True)
-        if stage.rejection:
-            return replace(self._failed(stage, "first stage", solutions, clock), measures=None)  # not at the step's end
+        first = self.newton.solve(c, middle, effort, clock, solutions, True)
+        if first.rejection:
+            return replace(self._failed(first, "first stage", solutions, clock), measures=None)  # not at the step's end
         power = self._reaction_power(middle, c)
         with clock.part("EVAL"):
             self._base(1, c, 0.0, 0)
@@ -87,15 +93,18 @@ class TRBDF2:
             return self._failed(stage, "second stage", solutions, clock)
         with clock.part("EVAL"):
             self.power_1 = self._reaction_power(held, c)
-            before = power if self.power is None else self.power
-            work = h * (WEIGHT * (before + power) + C * self.power_1)  # by the method's own quadrature
+            weights = (WEIGHT * h, WEIGHT * h, c)
+            before = 0.0 if fresh else self.power  # what a_0 implies; where it is f(x_0, v_0)/M nothing holds
+            work = Work(pins=sum(w * p for w, p in zip(weights, (before, power, self.power_1))))
+            ledger = three_stages(weights, (start, first.measures, stage.measures), work, h * self._lag(c))
             self.system.settle(held)
         measures = stage.measures
-        gained = measures.total - start.total - work
-        wind = h * max(0.0, -start.dissipation, -measures.dissipation)
-        allowed = GAIN * self._scale(h, start) + WORK * abs(work) + 2 * wind
-        if gained > allowed + self.system.rounding(h, start, measures):
-            return Attempt(ENERGY, f"{gained:.2g} J gained", measures, tuple(solutions), clock.seconds)
+        over = gained(start, measures, work) - max(0.0, ledger.wind)
+        self.debt_1 = max(0.0, self.debt + over)
+        scale, rounding = self._scale(h, start, measures), self.system.rounding(h, start, measures)
+        spare = WORK * (abs(work.pins) + abs(ledger.wind)) + rounding
+        if over > GAIN * scale + spare or (over > rounding and self.debt_1 > DEBT * scale + spare):
+            return Attempt(ENERGY, f"{over:.2g} J gained", measures, tuple(solutions), clock.seconds, ledger=ledger)
         error = None
         if self.options.tolerance is not None:
             error = self._error(h, held, clock, solutions) * HORIZON / (h * self.options.tolerance)
@@ -104,35 +113,34 @@ class TRBDF2:
             if error > 1:
                 return Attempt(ACCURACY, f"{error:.3g} times the error allowed", measures, tuple(solutions), clock.seconds,
                                error=error, order=2)
-        return Attempt(None, "", measures, tuple(solutions), clock.seconds, error=error, order=2)
+        return Attempt(None, "", measures, tuple(solutions), clock.seconds, error=error, order=2, ledger=ledger)
 
     def commit(self) -> None:
         """The last attempt was accepted."""
-        self.known, self.power, self.c = True, self.power_1, self.tried
+        self.known, self.power, self.c, self.debt, self.motion = True, self.power_1, self.tried, self.debt_1, self.motion_1
 
-    def reset(self) -> None:
-        """The state was changed by hand, or by another method."""
-        self.known, self.power, self.c = False, None, 0.0
+    def reset(self, debt: float = 0.0) -> None:
+        """The state was changed by hand, or by another method that left a debt [J]."""
+        self.known, self.power, self.c, self.debt, self.motion = False, 0.0, 0.0, debt, 0.0
 
     def checkpoint(self) -> dict[str, np.ndarray]:
         """The force implied by the last step."""
         index, projector = self.pins if self.pins else (np.zeros(0, np.int32), np.zeros((0, 3, 3)))
-        power = np.array(np.nan if self.power is None else self.power)
-        return {"a_0": self.a_0.to_numpy(), "v_p": self.v_p.to_numpy(), "c": np.array(self.c), "power": power,
-                "known": np.array(self.known), "pins": index, "directions": projector}
+        numbers = {name: np.array(getattr(self, name)) for name in ("c", "power", "debt", "motion", "known")}
+        return {"a_0": self.a_0.to_numpy(), "v_p": self.v_p.to_numpy(), **numbers, "pins": index, "directions": projector}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
         """Goes on from what `checkpoint` gave."""
         self.a_0.from_numpy(state["a_0"])
         self.v_p.from_numpy(state["v_p"])
-        self.c = float(state["c"])
+        self.c, self.power, self.debt, self.motion = (float(state[name]) for name in ("c", "power", "debt", "motion"))
         self.known = bool(state["known"])
-        self.power = None if np.isnan(state["power"]) else float(state["power"])
         self.pins = (state["pins"], state["directions"]) if len(state["pins"]) else ()
 
-    def _scale(self, h: float, start: Measures) -> float:
-        """Energy [J] that counts in a step: of the motion, and of a slow fall."""
-        return start.energies["kinetic"] + self.weight * FALL * h
+    def _scale(self, h: float, start: Measures, end: Measures) -> float:
+        """Energy [J] that counts in a step: of the motion, now or a while ago, and of a slow fall."""
+        self.motion_1 = max(start.energies["kinetic"], end.energies["kinetic"], self.motion * math.exp(-h / LAPSE))
+        return self.motion_1 + self.weight * FALL * h
 
     def _effort(self, h: float) -> Effort:
         """What a stage is worth: no digit that neither the step nor the error asked for needs."""
@@ -172,6 +180,8 @@ class TRBDF2:
         c, reaction = C * h, self.system.reaction_rows()
         with clock.part("EVAL"):
             self._estimate(h)
+            if held is not None:
+                self._know(held.index, held.projector)
             self.system.linearize(c, moves=True)
         with clock.part("CG"):
             z = None if held is None else np.zeros_like(held.target)
@@ -205,6 +215,18 @@ class TRBDF2:
             self.newton.put(i, c, x_base, guess)
 
     @ti.kernel
+    def _lag(self, c: float) -> float:
+        """sum_i w_i/h F_i . (v_i - u), u = (v_0 + v_1)/2: what the method's velocities take [W], see `ledger`."""
+        total = ti.cast(0, self.system.solver.sum_type)
+        for _ in range(1):
+            for i in range(self.model.n):
+                v_0, v_1 = self.model.v_saved[i], self.model.v[i]
+                u, a_1 = 0.5 * (v_0 + v_1), (v_1 - self.v_p[i]) / c
+                total += self.model.m[i] * (ti.static(WEIGHT) * (self.a_0[i].dot(v_0 - u) + self.a_g[i].dot(self.v_g[i] - u))
+                                            + ti.static(C) * a_1.dot(v_1 - u))
+        return total
+
+    @ti.kernel
     def _estimate(self, h: float):
         """motion and v_base such that b is the right-hand side of the filtered error estimate."""
         for i in range(self.model.n):
@@ -214,6 +236,13 @@ class TRBDF2:
             e_v = h * (ti.static(E_0) * self.a_0[i] + ti.static(E_GAMMA) * self.a_g[i] + ti.static(E_1) * a_1)
             self.system.operator.motion[i] = e_x
             self.model.v_base[i] = self.v_p[i] + e_v
+
+    @ti.kernel
+    def _know(self, index: ti.types.ndarray(), projector: ti.types.ndarray()):
+        """Held directions have no error, also where they begin to move at a speed."""
+        for k in range(index.shape[0]):
+            i = index[k]
+            self.system.operator.motion[i] -= project(projector, k, self.system.operator.motion[i])
 
     @ti.kernel
     def _error_square(self, c: float) -> float:

@@ -16,6 +16,7 @@ from ..fields import Fields
 from ..forces.bend import Bend
 from ..forces.curvature_bend import CurvatureBend
 from ..forces.external import Drag
+from ..ledger import Work, gained, many_steps
 from ..measure import Measures, Meter
 from ..model import Model
 from ..runtime import Runtime
@@ -52,6 +53,7 @@ class Verlet:
         self.slow = [f for f in forces if isinstance(f, (Bend, CurvatureBend))]
         self.f, self.f_slow = fields.real(model.n, 3), fields.real(model.n if self.slow else 1, 3)
         self.u = fields.real(model.n, 3)  # velocity half a substep ahead or behind
+        self.pulled = fields.real(1, dtype=ti.f32 if runtime.sums == "f32" else ti.f64)  # work of what is led [J]
         self.drag = next((f for f in forces if isinstance(f, Drag) and f.gusty), None)
         self.gusty = self.drag is not None
         self.stable_step, bending = (stable_step(sum(f.rates[0] for f in of), sum(f.rates[1] for f in of))
@@ -89,6 +91,7 @@ class Verlet:
         every = self.every if count % self.every == 0 else 1
         small, done = h / count, 0
         with clock.part("EVAL"):
+            self.pulled[0] = 0
             if self.gusty:
                 held_at(0.0)
             wind = self._wind()
@@ -102,15 +105,18 @@ class Verlet:
                 self._go(small, steps, every, held, wind)
                 done, wind = done + steps, self._wind()
             measures = self.meter.measure()
+            work = Work(pins=float(self.pulled[0]) if moving else 0.0)
         evaluations = count + math.ceil(count / chunk)
         rejection, detail = None if measures.finite else NOT_FINITE, f"{count} substeps of {small:.3g} s"
         blown = h * max(0.0, -start.dissipation, -measures.dissipation)
         scale = start.energies["kinetic"] + measures.energies["kinetic"] + self.weight * 0.1 * h + start.size
-        allowed = GAIN * scale + 2 * blown + self.floor + ROUNDING * self.epsilon * (start.size + measures.size)
-        if measures.finite and not moving and self.subcycles and measures.total - start.total > allowed:
+        allowed = GAIN * (scale + abs(work.pins)) + 2 * blown + self.floor
+        allowed += ROUNDING * self.epsilon * (start.size + measures.size)
+        if measures.finite and self.subcycles and gained(start, measures, work) > allowed:
             rejection = ENERGY
         self.gained = rejection is not None
-        return Attempt(rejection, detail, measures, (), clock.seconds, evaluations=evaluations, order=2)
+        return Attempt(rejection, detail, measures, (), clock.seconds, evaluations=evaluations, order=2,
+                       ledger=many_steps(start, measures, work))
 
     def commit(self) -> None:
         """The attempt was accepted."""
@@ -246,7 +252,9 @@ class Verlet:
             self.model.x[i] += project(projector, k, goal - self.model.x[i])
             along = (b - a) / (steps * h)
             self.model.v[i] += project(projector, k, along - self.model.v[i])
-            self.u[i] += project(projector, k, along - self.u[i])
+            change = project(projector, k, along - self.u[i])
+            self.u[i] += change
+            self.pulled[0] = self.pulled[0] + self.model.m[i] * change.dot(along)  # an impulse, on the way that it goes
 
     @ti.func
     def blow(self, s, steps, x, y, z):

@@ -10,7 +10,7 @@ ROOMS = [
     ["errors", "npz", "interrupts"], ["checks"], ["view"], ["mesh", "boxes"], ["shapes", "fabric", "intersections"],
     ["solids"], ["scene"], ["io"],
     ["ordering", "elements", "taichi_patches", "runtime", "timing"], ["quantities"], ["fields"], ["model", "team"],  # fields
-    ["forces"], ["operator"], ["measure", "constraints"], ["contact"], ["solver"], ["integrators"], ["stepper"],
+    ["forces"], ["operator"], ["measure", "constraints"], ["ledger"], ["contact"], ["solver"], ["integrators"], ["stepper"],
     ["simulation"],
     ["output"], ["record", "playback"], ["report", "scenefile"], ["study", "verify"], ["resuming"], ["runner"],
     ["cli_recorded"], ["cli_study"], ["cli"],
