@@ -1,0 +1,160 @@
+"""The energy ledger against sums made from outside, and what it is there for: no step gains energy from nowhere."""
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth import elements
+from taichi_cloth.ledger import totals
+from taichi_cloth.quantities import deformation
+
+K, K_D, SHEAR, D, DENSITY = (900.0, 700.0), 0.6, 150.0, 2e-3, 0.2
+CONVERGED = {"newton_tol": 1e-11, "cg_tol": 1e-12, "newton_max": 60}
+
+
+def fabric(k=K, shear=SHEAR, bend=D, damped=K_D, density=DENSITY) -> tc.Fabric:
+    return tc.Fabric(density, tc.Stretch(k, damped), tc.Shear(shear), tc.Bend(bend))
+
+
+def energies(sim: tc.Simulation) -> tuple[float, float]:
+    """(kinetic, potential) [J] of one cloth on a regular grid, from its positions and velocities alone."""
+    cloth = sim.scene.cloths[0]
+    mesh, bend = cloth.mesh, cloth.fabric.bend
+    x, v = sim.positions(), sim.velocities()
+    p = mesh.corner_uv
+    a, b = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
+    area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
+    mass = np.bincount(mesh.faces.ravel(), np.repeat(cloth.fabric.density * area / 3, 3), minlength=len(x))
+    w = deformation(x, mesh.faces, p)
+    w_u, w_v = w[:, :, 0], w[:, :, 1]
+    k = np.broadcast_to(cloth.fabric.stretch.k, 2)
+    total = np.sum(area / 2 * (k[0] * (np.linalg.norm(w_u, axis=1) - 1) ** 2 + k[1] * (np.linalg.norm(w_v, axis=1) - 1) ** 2
+                               + cloth.fabric.shear.k * np.einsum("mi,mi->m", w_u, w_v) ** 2))
+    if bend is not None:
+        h = elements.hinges(mesh)
+        angle = elements.hinge_angle(x[h.vertices])
+        total += np.sum(bend.D / 2 * h.length2 / h.areas.sum(axis=1) * angle**2)
+    total -= np.sum(mass * (x @ sim.scene.gravity))
+    return float(np.sum(mass * np.sum(v**2, axis=1)) / 2), float(total)
+
+
+def masses(sim: tc.Simulation) -> np.ndarray:
+    out = np.empty(sim.vertex_count)
+    out[sim.model.user] = sim.model.mass
+    return out
+
+
+def led(air=None, damped=K_D) -> tc.Scene:
+    """A sheet held at a corner and led at another, that stretches, turns and swings."""
+    mesh = tc.grid(0.6, 4)
+    scene = tc.Scene(air=air)
+    noise = 2e-3 * np.random.default_rng(71).normal(size=mesh.x.shape)
+    cloth = scene.add_cloth(mesh, fabric(damped=damped), mesh.x + noise, velocities=20 * noise)
+    scene.pin(cloth, "top_left")
+    scene.move(cloth, "top_right", lambda t: (0.3 * np.sin(9 * t), 0.8 * t, 0.1 * t), relative=True)
+    return scene
+
+
+@pytest.mark.parametrize("integrator", ["newton_euler", "tr_bdf2"])
+def test_all_of_a_converged_step_is_accounted_for(integrator):
+    """Pins that work, wind, damping and the method's own: nothing is left but rounding, step by step."""
+    sim = tc.Simulation(led(tc.Air(normal=0.8, tangential=0.1, wind=(2.0, 0.5, 1.0))), h=1 / 90, integrator=integrator,
+                        stretch_limit=9.0, **CONVERGED)
+    before, sums = energies(sim), dict.fromkeys(("pins", "wind", "damping"), 0.0)
+    for _ in range(8):
+        sim.log.clear()
+        sim.step()
+        after, row = energies(sim), totals([r.ledger for r in sim.log])
+        assert row["kinetic"] == pytest.approx(after[0] - before[0], abs=1e-9)
+        assert row["potential"] == pytest.approx(after[1] - before[1], abs=1e-9)
+        scale = abs(row["pins"]) + abs(row["wind"]) + row["damping"] + abs(row["method"])
+        assert scale > 1e-3 and abs(row["unaccounted"]) < 2e-7 * scale, row
+        before = after
+        for name in sums:
+            sums[name] += row[name]
+    assert sums["pins"] > 1e-2 and abs(sums["wind"]) > 1e-3 and sums["damping"] > 1e-4, sums
+    sim.close()
+
+
+def test_each_term_of_a_backward_euler_step_is_what_forces_do():
+    """Work of pins, wind and damping from forces and velocities at the end of the step, the method's own from its formula."""
+    calm, windy = (tc.Simulation(led(air), h=1 / 60, integrator="backward_euler", stretch_limit=9.0)
+                   for air in (None, tc.Air(normal=0.8, wind=(3.0, 0.0, 0.5))))
+    h = 1 / 60
+    for sim in (calm, windy):
+        for _ in range(3):
+            v_0, (_, potential) = sim.velocities(), energies(sim)
+            row = sim.step().ledger
+        x, v, m = sim.positions(), sim.velocities(), masses(sim)[:, None]
+        pins = h * np.sum(sim.constraint_forces() * v)
+        moving = sim.forces()
+        after = energies(sim)[1]
+        sim.set_state(x, 0 * v)
+        resting = sim.forces()  # with the wind's on cloth that stands still
+        if sim is calm:
+            assert row["damping"] == pytest.approx(-h * np.sum((moving - resting) * v), rel=1e-9) and row["damping"] > 0
+            assert row["wind"] == 0
+            curved = -h * np.sum(resting * v) - (after - potential)
+            assert row["method"] == pytest.approx(np.sum(m * (v - v_0) ** 2) / 2 + curved, rel=1e-9)
+        else:
+            calm.set_state(x, v)
+            blown = h * np.sum((moving - calm.forces()) * v)
+            assert row["wind"] == pytest.approx(blown, rel=1e-9) and abs(blown) > 1e-4
+        assert row["pins"] == pytest.approx(pins, rel=1e-9) and abs(pins) > 1e-3
+    calm.close()
+
+
+def twisted(turn: float) -> tc.Scene:
+    """A free sheet whose bending is stiff against its stretch, turned by so much [rad] a half width."""
+    mesh = tc.grid(1.0, 8)
+    x = mesh.x - mesh.x.mean(axis=0)
+    angle = turn * x[:, 0] / 0.5
+    scene = tc.Scene(gravity=None)
+    scene.add_cloth(mesh, fabric(31.0, 31.0, 0.9, 0.0, 7.5),
+                    np.stack([x[:, 0], x[:, 2] * np.sin(angle), x[:, 2] * np.cos(angle)], axis=1))
+    return scene
+
+
+@pytest.mark.parametrize("integrator, part", [("backward_euler", 1e-9), ("newton_euler", 1e-9), ("safe", 0.03)])
+def test_a_twisted_sheet_gains_nothing(integrator, part):
+    """Backward Euler's potential does not bound kinetic energy where bending is not convex: its steps gained 45 J."""
+    sim = tc.Simulation(twisted(1.6), h=1 / 60, integrator=integrator, stretch_limit=9.0)
+    total = [sum(energies(sim))]
+    for _ in range(30):
+        sim.step()
+        total.append(sum(energies(sim)))
+    assert max(total) <= (1 + part) * total[0], total
+    if integrator != "safe":
+        assert np.diff(total).max() <= 1e-9 * total[0]
+    sim.close()
+
+
+def test_slowing_down_keeps_momenta_and_what_is_held(rng):
+    from taichi_cloth.integrators.brake import Brake
+
+    scene = tc.Scene(gravity=None)
+    for shift in (0.0, 3.0):
+        mesh = tc.grid(1.0, 3)
+        scene.add_cloth(mesh, fabric(), mesh.x + [shift, 0, 0], velocities=rng.normal(size=mesh.x.shape))
+    sim = tc.Simulation(scene)
+    m, x, v = masses(sim)[:, None], sim.positions(), sim.velocities()
+    assert Brake(sim.model, scene).take(0.05, None)
+    slow = sim.velocities()
+    assert np.sum(m * (v**2 - slow**2)) / 2 == pytest.approx(0.05, rel=1e-10)
+    for mine in (slice(0, 16), slice(16, 32)):
+        for moment in (lambda u: m[mine] * u[mine], lambda u: np.cross(x[mine], m[mine] * u[mine])):
+            np.testing.assert_allclose(moment(slow).sum(axis=0), moment(v).sum(axis=0), atol=1e-13)
+    assert (sim.positions() == x).all()
+    assert not Brake(sim.model, scene).take(1e3, None) and (sim.velocities() == slow).all()
+    sim.close()
+
+
+def test_verlets_pins_work_as_much_as_the_energy_grows():
+    """Nothing damps, nothing blows: what the pins that are led put in is all that changes the energy."""
+    sim = tc.Simulation(led(damped=0.0), h=1 / 60, integrator="verlet")
+    start = sum(energies(sim))
+    for _ in range(12):
+        sim.step()
+    work = sum(r.ledger["pins"] for r in sim.log)
+    assert work > 0.02 and sum(energies(sim)) - start == pytest.approx(work, rel=2e-2)
+    sim.close()
