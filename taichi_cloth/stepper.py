@@ -155,7 +155,7 @@ class Stepper:
             if not control.adaptive or h / 2 < control.h_min:
                 raise SimulationError(self._gave_up(t, h, rejection, attempt, rejections), rejection, t)
             smaller = 0.5 if rejection != ACCURACY else _factor(attempt, 0.1, 0.7)
-            h = self.h = h * smaller
+            h = self.h = max(h * smaller, control.h_min)
             self.quiet = 0
 
     def checkpoint(self) -> dict[str, np.ndarray]:
