@@ -1,0 +1,120 @@
+"""One-line bugs in integrators, step control, energy, checkpoints and rollback, and the tests that are to notice them."""
+
+CONTROL = "tests/unit/test_step_control.py"
+INSIDE = "tests/unit/test_integrators.py"
+LEDGER = "tests/unit/test_ledger.py"
+STAGES = f"{INSIDE}::test_a_tr_bdf2_step_solves_the_formulas_two_stages"
+VERLET = f"{INSIDE}::test_verlets_substeps_are_kicks_and_drifts"
+RESUME = f"{INSIDE}::test_going_on_from_a_checkpoint_is_going_on"
+REMEMBERS = f"{INSIDE}::test_what_tr_bdf2_and_safe_remember_comes_back"
+RESTORE = f"{INSIDE}::test_restoring_brings_back_all_that_a_step_starts_from"
+ACCOUNTED = f"{LEDGER}::test_all_of_a_converged_step_is_accounted_for"
+TERMS = f"{LEDGER}::test_each_term_of_a_backward_euler_step_is_what_forces_do"
+TWISTED = f"{LEDGER}::test_a_twisted_sheet_gains_nothing"
+BRAKE = f"{LEDGER}::test_slowing_down_keeps_momenta_and_what_is_held"
+PINS = f"{LEDGER}::test_verlets_pins_work_as_much_as_the_energy_grows"
+SOLVER = "tests/unit/test_solver.py"
+LEVELS = "tests/unit/test_multilevel.py"
+
+TESTS = (CONTROL, INSIDE)
+
+MUTATIONS = (
+    # step control
+    ("taichi_cloth/stepper.py", "smaller = 0.5 if", "smaller = 0.9 if", "a rejected step is not halved", CONTROL),
+    ("taichi_cloth/stepper.py", "min(2 * self.h, self.control.h_max), 0", "min(8 * self.h, self.control.h_max), 0",
+     "a step grows eightfold", CONTROL),
+    ("taichi_cloth/stepper.py", "max(h * smaller, control.h_min)", "h * smaller", "a step falls below h_min", CONTROL),
+    ("taichi_cloth/stepper.py", "h / 2 < control.h_min", "h / 64 < control.h_min", "h_min is not kept", CONTROL),
+    ("taichi_cloth/stepper.py", "            self.model.restore()\n", "", "a rejected step is not rolled back", CONTROL),
+    ("taichi_cloth/stepper.py", "stretch_change > self.control.stretch_limit", "stretch > self.control.stretch_limit",
+     "the stretch itself is judged, not its change", CONTROL),
+    ("taichi_cloth/stepper.py", "            self.quiet = 0\n", "", "quiet steps count on over a rejection", CONTROL),
+    ("taichi_cloth/stepper.py", "self.quiet >= self.control", "self.quiet > self.control", "h doubles a step late", CONTROL),
+    ("taichi_cloth/stepper.py", "        self.integrator.commit()\n", "", "accepted steps are not committed", CONTROL),
+    ("taichi_cloth/stepper.py", "rejections.get(rejection, 0) + 1", "1", "a second rejection is not counted", CONTROL),
+    ("taichi_cloth/stepper.py", "(-1 / attempt.order)", "(-1 / (attempt.order + 1))",
+     "the order of the error is one off", CONTROL),
+    ("taichi_cloth/stepper.py", "_factor(attempt, 0.3, 2.0)", "_factor(attempt, 0.3, 20.0)", "accurate steps grow twentyfold",
+     CONTROL),
+    ("taichi_cloth/stepper.py", "float(state[\"h\"]), int(state[\"quiet\"])", "float(state[\"h\"]), 0",
+     "quiet steps are forgotten on resume", CONTROL),
+    # rollback
+    ("taichi_cloth/model.py", "            self.v_base[i] = self.v_saved[i]\n", "", "rollback leaves v_base", RESTORE),
+    ("taichi_cloth/model.py", "            self.v[i] = self.v_saved[i]\n", "", "rollback leaves v", RESTORE),
+    ("taichi_cloth/model.py", "            self.x[i] = self.x_saved[i]\n", "", "rollback leaves x", RESTORE),
+    ("taichi_cloth/model.py", "            self.v_base[i] = self.v[i]\n", "", "a step starts from an old v_base", RESTORE),
+    # TR-BDF2
+    ("taichi_cloth/integrators/tr_bdf2.py", "A, B = (math.sqrt(2) + 1) / 2", "A, B = (math.sqrt(2) + 1) / 2.02",
+     "weight of the middle", STAGES),
+    ("taichi_cloth/integrators/tr_bdf2.py", "v_base, x_base, guess = v_0, x_0 + c * v_0, v_0",
+     "v_base, x_base, guess = v_0, x_0, v_0", "the first stage forgets c v_0", STAGES),
+    ("taichi_cloth/integrators/tr_bdf2.py", "v_base += c * self.a_0[i]", "v_base += 0.9 * c * self.a_0[i]",
+     "a tenth of the first force is left out", STAGES),
+    ("taichi_cloth/integrators/tr_bdf2.py", "(v_0 - self.v_p[i]) / before", "(v_0 - self.v_p[i]) / c",
+     "the implied force goes by the wrong step", f"{INSIDE} -k tr_bdf2"),
+    ("taichi_cloth/integrators/tr_bdf2.py", "middle = held_at(GAMMA * h)", "middle = held_at(h)",
+     "the middle is held where the end is", ACCOUNTED),
+    ("taichi_cloth/integrators/tr_bdf2.py", "WEIGHT = math.sqrt(2) / 4", "WEIGHT = 0.4", "the ledger's quadrature", ACCOUNTED),
+    ("taichi_cloth/integrators/tr_bdf2.py", "- self.a_0[i]\n                v_base += ti.static(A)",
+     "\n                v_base += ti.static(A)", "the middle's force", ACCOUNTED),
+    ("taichi_cloth/integrators/tr_bdf2.py", "over > GAIN * scale + spare or (",
+     "over > 1e9 * scale + spare or (over > 1e9 and ",
+     "gains are not looked at", f"{TWISTED}[safe-0.03]"),
+    ("taichi_cloth/integrators/tr_bdf2.py", "for name in (\"c\", \"power\", \"debt\", \"motion\"))",
+     "for name in (\"c\", \"power\", "
+     "\"motion\", \"debt\"))", "debt and motion change places on resume", REMEMBERS),
+    ("taichi_cloth/integrators/tr_bdf2.py", "        self.v_p.from_numpy(state[\"v_p\"])\n", "", "v_p is forgotten on resume",
+     REMEMBERS),
+    ("taichi_cloth/integrators/tr_bdf2.py", "        self.a_0.from_numpy(state[\"a_0\"])\n", "", "a_0 is forgotten on resume",
+     REMEMBERS),
+    ("taichi_cloth/integrators/tr_bdf2.py", "        self.known = bool(state[\"known\"])\n", "",
+     "the implied force is forgotten on resume", REMEMBERS),
+    ("taichi_cloth/integrators/tr_bdf2.py", "                self._know(held.index, held.projector)\n",
+     "                pass\n",
+     "pins that start at a speed are errors", f"{INSIDE}::test_an_error_asked_for_is_kept_where_a_pin_starts_at_speed"),
+    # Newton
+    ("taichi_cloth/integrators/newton.py", "if led or phi(measures, c) <= limit + slack or", "if True or",
+     "no line search", f"{INSIDE}::test_newton_goes_no_further_than_its_potential_falls"),
+    ("taichi_cloth/integrators/newton.py", "self.model.x[i] += alpha * c *", "self.model.x[i] += c *",
+     "positions go all the way", f"{INSIDE}::test_newton_goes_no_further_than_its_potential_falls"),
+    # Verlet
+    ("taichi_cloth/integrators/verlet.py", "share = 0.5", "share = 1.0", "whole kicks at the ends", VERLET),
+    ("taichi_cloth/integrators/verlet.py", "self.model.v[i] = u + 0.5 * a * f", "self.model.v[i] = u",
+     "damping by the half-step velocity", VERLET),
+    ("taichi_cloth/integrators/verlet.py", "self.model.m[i] * change.dot(along)", "self.model.m[i] * change.dot(change)",
+     "work of pins", PINS),
+    ("taichi_cloth/integrators/verlet.py", "        self.part = float(state[\"part\"])\n", "        pass\n",
+     "the part of the stable step is forgotten on resume", f"{INSIDE} -k verlet"),
+    # backward Euler, ledger, brake
+    ("taichi_cloth/integrators/backward_euler.py", "        if not over > 0:\n", "        if True:\n",
+     "energy is not looked at",
+     f"{TWISTED}[backward_euler-1e-09]"),
+    ("taichi_cloth/integrators/backward_euler.py", "float(power[~solids].sum()), float(power[solids].sum())",
+     "float(power[solids].sum()), float(power[~solids].sum())", "pins and solids change places", TERMS),
+    ("taichi_cloth/ledger.py", "damping=2 * h * end.damped", "damping=h * end.damped", "half of damping", TERMS),
+    ("taichi_cloth/ledger.py", "damping=2 * damped", "damping=damped", "half of damping, of TR-BDF2", ACCOUNTED),
+    ("taichi_cloth/ledger.py", "method = end.change + h * end.rate", "method = end.change - h * end.rate",
+     "the method's own", TERMS),
+    ("taichi_cloth/ledger.py", "self.total - self.wind + self.damping", "self.total + self.wind + self.damping",
+     "wind with the wrong sign", ACCOUNTED),
+    ("taichi_cloth/measure.py", "wind -= float(sums[after + 1])", "wind += float(sums[after + 1])",
+     "wind with the wrong sign", TERMS),
+    ("taichi_cloth/forces/membrane.py", "sums[4] += 2 * half * k[K_S] * C", "sums[4] += half * k[K_S] * C",
+     "the rate of shear's energy", ACCOUNTED),
+    ("taichi_cloth/forces/bend.py", "sums[2] += self.rest[e][0] * C *", "sums[2] -= self.rest[e][0] * C *",
+     "the rate of bending's energy", ACCOUNTED),
+    ("taichi_cloth/forces/external.py", "rate -= weight", "rate += weight", "the rate of gravity's energy", ACCOUNTED),
+    ("taichi_cloth/integrators/brake.py", "out[mine] = own - np.cross(spin, arm)", "out[mine] = own",
+     "turning is braked", BRAKE),
+    ("taichi_cloth/integrators/brake.py", "part = 2 * energy / (b", "part = energy / (b", "half of it is taken off", BRAKE),
+    ("taichi_cloth/integrators/safe.py", "bool(state[\"touching\"]), float(state[\"largest\"]), state[\"mean\"]",
+     "bool(state[\"touching\"]), 0.0, state[\"mean\"]", "the largest step is forgotten on resume", REMEMBERS),
+    # solver
+    ("taichi_cloth/solver/pcg.py", "            beta = rs / before\n", "            beta = 0 * rs\n",
+     "steepest descent", SOLVER),
+    ("taichi_cloth/solver/pcg.py",
+     "s = self.preconditioner.apply(i, r)\n            self.r[i], self.s[i] = r, s\n            rs += "
+     "r.dot(s)\n        self.partial[block][1] = rs",
+     "s = r\n            self.r[i], self.s[i] = r, s\n            rs += r.dot(s)\n"
+     "        self.partial[block][1] = rs", "no preconditioner in iterations", f"{SOLVER} {LEVELS}"),
+)
