@@ -51,7 +51,7 @@ MUTATIONS = (
     ("taichi_cloth/integrators/tr_bdf2.py", "v_base += c * self.a_0[i]", "v_base += 0.9 * c * self.a_0[i]",
      "a tenth of the first force is left out", STAGES),
     ("taichi_cloth/integrators/tr_bdf2.py", "(v_0 - self.v_p[i]) / before", "(v_0 - self.v_p[i]) / c",
-     "the implied force goes by the wrong step", f"{INSIDE} -k tr_bdf2"),
+     "the implied force goes by the wrong step", f"{RESUME}[tr_bdf2] {STAGES}"),
     ("taichi_cloth/integrators/tr_bdf2.py", "middle = held_at(GAMMA * h)", "middle = held_at(h)",
      "the middle is held where the end is", ACCOUNTED),
     ("taichi_cloth/integrators/tr_bdf2.py", "WEIGHT = math.sqrt(2) / 4", "WEIGHT = 0.4", "the ledger's quadrature", ACCOUNTED),
@@ -84,7 +84,7 @@ MUTATIONS = (
     ("taichi_cloth/integrators/verlet.py", "self.model.m[i] * change.dot(along)", "self.model.m[i] * change.dot(change)",
      "work of pins", PINS),
     ("taichi_cloth/integrators/verlet.py", "        self.part = float(state[\"part\"])\n", "        pass\n",
-     "the part of the stable step is forgotten on resume", f"{INSIDE} -k verlet"),
+     "the part of the stable step is forgotten on resume", f"{RESUME}[verlet]"),
     # backward Euler, ledger, brake
     ("taichi_cloth/integrators/backward_euler.py", "        if not over > 0:\n", "        if True:\n",
      "energy is not looked at",
