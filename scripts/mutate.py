@@ -20,6 +20,7 @@ import json
 import os
 import pathlib
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -97,13 +98,18 @@ class Copy:
 
     def run(self, tests: tuple[str, ...], timeout: float) -> tuple[int | None, str]:
         """(pytest's exit code, or None where it did not end in time; the last lines it printed)."""
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=line", *tests]
+        command = [sys.executable, "-m", "pytest", "-o", "addopts=", "-x", "-q", "-p", "no:cacheprovider", "--tb=line", *tests]
+        process = subprocess.Popen(command, cwd=self.folder, env=self.environment, text=True, stdout=subprocess.PIPE,
+                                   stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, start_new_session=True)
         try:
-            done = subprocess.run(command, cwd=self.folder, env=self.environment, timeout=timeout, text=True,
-                                  stdout=subprocess.PIPE, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL)
-        except subprocess.TimeoutExpired:
+            output = process.communicate(timeout=timeout)[0]
+        except BaseException as error:  # what the tests started ends with them, however this ends
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+            if not isinstance(error, subprocess.TimeoutExpired):
+                raise
             return None, f"no end in {timeout:g} s"
-        return done.returncode, done.stdout[-4000:]
+        return process.returncode, output[-4000:]
 
     def try_out(self, mutation: Mutation, timeout: float) -> Result:
         """Puts a bug in, runs its tests, takes it out again."""
@@ -121,7 +127,7 @@ class Copy:
         if code == 0:
             return Result(mutation, SURVIVED, "skipped only" if " passed" not in output else "")
         failed = [line for line in output.splitlines() if line.startswith(("FAILED", "ERROR"))]
-        return Result(mutation, NOTICED, failed[-1][:160] if failed else output.strip().splitlines()[-1][:160])
+        return Result(mutation, NOTICED, [f"exit code {code}", *output.strip().splitlines(), *failed][-1][:160])
 
 
 def check_tests(copies: Queue, mutations: list[Mutation], timeout: float) -> None:
