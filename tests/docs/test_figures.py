@@ -12,7 +12,7 @@ SAID = (
     ("theory/cloth.md", "in the last {:g} rad", "forces/hinge.py", "CREST"),
     ("theory/time.md", "The first\nsolve is to a relative residual of {:g}", "integrators/newton.py", "FIRST"),
     ("theory/time.md", "the others to {:g}.", "integrators/newton.py", "OTHERS"),
-    ("theory/time.md", "gain more than {:.0%} of its kinetic energy", "integrators/tr_bdf2.py", "GAIN"),
+    ("theory/time.md", "gain more than {:.0%} of the motion's energy", "integrators/tr_bdf2.py", "GAIN"),
     ("theory/time.md", "\\frac{{{:g}\\ \\text{{s}}}}{{h}}", "integrators/tr_bdf2.py", "HORIZON"),
     ("theory/time.md", "every up to {:g} substeps", "integrators/verlet.py", "SLOW"),
     ("theory/time.md", "{:g} of that is taken", "integrators/__init__.py", "SAFETY"),
