@@ -8,6 +8,7 @@ import numpy as np
 import taichi as ti
 
 from ..model import Model
+from .closest import of_segments, on_triangle
 from .heap import LEAF
 from .mesh_detection import PairDetector
 from .tree import TriangleTree
@@ -21,19 +22,22 @@ class CrossingCounter:
         self.model, self.pairs, self.tree = model, pairs, tree
         self._found: np.ndarray = np.zeros(pairs.count, dtype=np.int32)
 
-    def find(self) -> np.ndarray:
-        """(k, 3) particles of the face of each (face, triangle) that cross; touching is no crossing."""
-        self._find(self._found)
+    def find(self, grown: bool = False) -> np.ndarray:
+        """(k, 3) particles of the face of each (face, triangle) that cross; touching is no crossing.
+
+        Balls, tubes and rounded boxes are there as cores; `grown` counts what is nearer to these than their radius.
+        """
+        self._find(self._found, int(grown))
         face = np.flatnonzero(self._found)
         return np.repeat(self.pairs.faces_host[face], self._found[face], axis=0)
 
     @ti.kernel
-    def _find(self, found: ti.types.ndarray()):
+    def _find(self, found: ti.types.ndarray(), grown: int):
         for f in range(self.pairs.count):
             found[f] = 0
             v = self.pairs.faces[f]
             a, b, c = self.model.x[v[0]], self.model.x[v[1]], self.model.x[v[2]]
-            low, high = ti.min(a, b, c), ti.max(a, b, c)
+            low, high = ti.min(a, b, c) - grown * self.pairs.margin, ti.max(a, b, c) + grown * self.pairs.margin
             node = 1
             while True:
                 if self.tree.boxes.meets(node, low, high):
@@ -47,9 +51,30 @@ class CrossingCounter:
                         if (p <= high).all() and (q >= low).all():
                             if through(a, b, c, d, e, g) + through(d, e, g, a, b, c) > 0:
                                 found[f] += 1
+                            elif grown == 1 and within(self.pairs.radius[self.tree.info[t][0]], a, b, c, d, e, g) == 1:
+                                found[f] += 1
                 node = self.tree.boxes.following(node)
                 if node == 1:
                     break
+
+
+@ti.func
+def within(radius, a, b, c, d, e, f):
+    """1 if triangles (a, b, c) and (d, e, f) that do not cross are nearer to each other than a radius."""
+    out = 0
+    if radius > 0:
+        face, core = ti.Matrix.rows([a, b, c]), ti.Matrix.rows([d, e, f])
+        for k in range(3):
+            p, q = row(core, k), row(core, (k + 1) % 3)
+            w = on_triangle(p, a, b, c)
+            if (w[0] * a + w[1] * b + w[2] * c - p).norm() < radius:
+                out = 1
+            for j in range(3):
+                r, s = row(face, j), row(face, (j + 1) % 3)
+                along, t = of_segments(p, q, r, s)
+                if (p + along * (q - p) - r - t * (s - r)).norm() < radius:
+                    out = 1
+    return out
 
 
 @ti.func

@@ -25,15 +25,21 @@ class Holding:
     rows: np.ndarray
 
     def forces(self, f: Found, on_held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(forces [N] (k, 3) on the particles of contacts, their parts (k,) along the normals) from those on what is held."""
+        """(forces [N] (k, 3) of contacts on their particles, their parts (k,) along the normals) from those on what is held.
+
+        Several contacts of one particle share its force: by their normals, and evenly what these cannot make up.
+        """
         if not len(self.rows):
             return np.zeros((0, 3)), np.zeros(0)
         force = on_held[self.rows]
         normal = np.einsum("ki,ki->k", force, f.normal)
-        for k in np.flatnonzero(~self.alone):  # share between the contacts of one particle
-            mine = np.flatnonzero(f.index == f.index[k])
+        for i in np.unique(f.index[~self.alone]):
+            mine = np.flatnonzero(f.index == i)
             if len(mine) > 1:
-                normal[k] = np.linalg.lstsq(f.normal[mine].T, force[k], rcond=None)[0][mine == k][0]
+                whole = force[mine[0]]
+                normal[mine] = np.linalg.lstsq(f.normal[mine].T, whole, rcond=None)[0]
+                made_up = normal[mine, None] * f.normal[mine]
+                force[mine] = made_up + (whole - made_up.sum(axis=0)) / len(mine)
         return force, normal
 
 

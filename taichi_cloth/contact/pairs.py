@@ -9,8 +9,12 @@ from .states import EYE, rows_of, sym_outer, sym_times, tangential
 
 PAIR = 0.5  # of the thickness (beyond the core's radius): what edges and faces of cloth keep
 PRESS = 100.0  # stiffness of a pair over mass / h^2, h the largest step
-CLOSE, CREEP = 0.3, 0.05  # of a pair's range: what ends nearer than that, by so much, takes another round
-SHALLOW, LEAST = 0.05, 0.01  # of a pair's range: the law stiffens no further; nearer is not accepted
+LEAST = 0.42  # of a pair's range: nearer is not accepted; a fifth of the thickness, and what rounding takes
+CLOSE, CREEP = 0.55, 0.05  # of a pair's range: what ends nearer than that, by so much, takes another round
+BARELY, KEPT = 0.45, 0.7  # of a pair's range: nearer than that, or than it was, a step stops it with a stiffness of its
+# own; the former for small steps, which lift what is nearer no faster than large ones do
+SHALLOW = 0.05  # of the way from LEAST to the range: the law stiffens no further
+LIGHT = 0.01  # weight of a particle below which a place on cloth is not its
 DRAG_SLIP = 5e-4  # slip [m/s] below which a pair's friction is viscous
 
 
@@ -37,6 +41,11 @@ class Pairs:
     point: np.ndarray
     key: np.ndarray
 
+    @property
+    def own_vertices(self) -> np.ndarray:
+        """(k, 3) the particles, those that carry none of the place replaced by the one that carries most."""
+        most = np.take_along_axis(self.vertices, self.weights.argmax(axis=1)[:, None], axis=1)
+        return np.where(self.weights > LIGHT, self.vertices, most)
 
     def of(self, rows: np.ndarray) -> np.ndarray:
         """(k, 3) values of the places on the cloth, from those (n, 3) of the particles."""
@@ -71,9 +80,9 @@ class Step:
 def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, friction: np.ndarray) -> Points:
     """Repulsion of pairs, linearised where they now are, and friction as a damping.
 
-    Within the range r the force is k (r - d) down to r/2 and k r^2/4d below, with k = PRESS m/h^2 of the largest
-    step: it bears what rests. What comes nearer in this step than it was is stopped by as much again, of this step's
-    own h, and given no speed by it.
+    Within the range r the force is k (r - d) down to halfway between r and the least distance d_0, and
+    k (r - d_0)^2/4(d - d_0) below, with k = PRESS m/h^2 of the largest step: it bears what rests. What comes nearer
+    in this step than it was is stopped by as much again, of this step's own h, and given no speed by it.
 
     Args:
         mass: (n,) of the particles [kg]; thickness, friction: of each pair's solid.
@@ -81,15 +90,18 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
     h = step.h
     own = 1 / np.maximum((p.weights**2 / mass[p.vertices]).sum(axis=1), 1e-300)
     r = PAIR * thickness
-    d = np.maximum(p.distance, SHALLOW * r)
+    room = (1 - LEAST) * r
+    u = np.maximum((p.distance - LEAST * r) / room, SHALLOW)
+    d = LEAST * r + u * room
     stiff = PRESS * own / step.h_usual**2
-    far = d >= r / 2
-    f = stiff * np.where(far, r - d, r**2 / (4 * d))
-    k = stiff * np.where(far, 1.0, r**2 / (4 * d**2))
+    far = u >= 0.5
+    f = stiff * room * np.where(far, 1 - u, 1 / (4 * u))
+    k = stiff * np.where(far, 1.0, 1 / (4 * u**2))
     ahead = np.einsum("ki,ki->k", p.normal, p.point - p.of(step.x))
     f0 = f + k * (ahead + d - p.distance)
     stop = PRESS * own / h**2
-    limit = np.clip(p.distance - np.einsum("ki,ki->k", p.normal, p.point - p.carried), 2 * LEAST * r, r)
+    kept = (BARELY + (KEPT - BARELY) * min(1.0, h / step.h_usual)) * r
+    limit = np.clip(p.distance - np.einsum("ki,ki->k", p.normal, p.point - p.carried), kept, r)
     nearing = p.distance < limit
     f0 += np.where(nearing, stop * (limit - p.distance + ahead), 0.0)
     k = k + np.where(nearing, stop, 0.0)

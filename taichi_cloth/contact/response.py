@@ -26,13 +26,14 @@ from .detection import Found
 from .holding import hold_together
 from .pairs import PAIR, Pairs, Step, left, press
 from .points import Points
+from .room import has_room, pinned_particles, walls
 from .scan import Scanner
-from .states import EYE, States, rows_of, sym_outer, sym_times, tangential, unit
+from .states import EYE, States, rows_of, sym_outer, sym_times, tangential
 from .touch import Touch
 
 PENETRATION = 1e-2  # of the thickness that a particle may end inside it without a further round
 TOLERATED = 0.3  # of the thickness: the same after further rounds, and where little would hold it; the next step brings it out
-DEEP = 0.5  # of the thickness: what ends deeper is not accepted
+DEEP, DEEPER = 0.5, 0.7  # of the thickness: what ends deeper is not accepted; where pairs guard faces and edges of cloth too
 PULL = 1e-3  # of a particle's weight (or of the mean contact force) that a contact may pull before it is released
 CONE = 1e-4  # relative excess over mu lambda before a contact slides
 WEAK = 0.5  # of the cone: friction must be below it for what slides slowly to stick
@@ -41,7 +42,7 @@ PATIENCE = 1  # rounds after which states that still change do so in the next st
 RELEASES = 4  # rounds in which contacts are released, where layers of cloth press on each other
 AGREED, AGREED_SHEAR = 3e-3, 3e-2  # part of all normal forces by which contacts may pull, or lack what would hold particles
 # that end inside, and shear beyond the cone, in a step: their states change in the next
-SMALLER = 64  # times smaller than the usual, a step is taken though cloth ends inside or across: it is pinched
+SMALLER = 64  # times smaller than the usual, a step is taken though cloth ends inside or across, where there is no room
 SMALLEST = 2048  # times smaller than the usual, layers that leave no way free are pinched however fast they come
 SPARED = 0.1  # s for which what is pinched does not make steps small again
 FALL = 0.5  # of the thickness: from higher than that and than its motion leads, nothing is brought down to a solid
@@ -85,6 +86,7 @@ class Contacts:
         self.friction = np.array([s.friction for s in self.solids])
         self.thickness = np.array([s.thickness for s in self.solids])
         self.scan = Scanner(fields, model, scene)
+        self.deep = np.where(self.scan.pokes, DEEPER, DEEP) * self.thickness  # [m] by solid
         self.reach = 4 * self.scan.edge  # [m] that a particle may close in on a solid in one step
         self.push_limit = self.scan.edge / 4  # [m] pushed out in a usual step: more would tear at the triangles
         self.trial = self.accepted = States()
@@ -94,13 +96,14 @@ class Contacts:
         self.count, self.unsettled = 0, 0
         self.pressed: Pairs | None = None
         self.places = np.zeros((0, 3)), np.zeros((0, 3))
-        self.active, self.state, self.total = Found.none(), States(), np.zeros((0, 3))
+        self.found = self.active = Found.none()
+        self.state, self.total = States(), np.zeros((0, 3))
 
     def begin(self, h: float, held: Held | None, x: np.ndarray, v: np.ndarray) -> None:
         """A new attempt from the saved state (n, 3); the model is at its predicted end."""
         self.h, self.pinned, self.x, self.v = h, held, x, v
         self.trial, self.released = self.accepted, np.zeros(0, dtype=np.int64)
-        self.round, self.warm = 0, False
+        self.round, self.warm, self.crossed = 0, False, self.crossed_before
         self._look()
         if self.layers is not None:
             self.layers.begin(h, x, self.layered)
@@ -108,7 +111,7 @@ class Contacts:
     def commit(self) -> None:
         """The step was accepted: the next begins from its contacts."""
         self.spared = np.maximum(self.spared - self.h, 0)
-        if not self.may_shrink:
+        if self.small:
             self._spare()
         self.accepted, self.warm, self.crossed_before = self.trial, True, self.crossed
         if self.layers is not None:
@@ -157,7 +160,7 @@ class Contacts:
 
     def clear(self) -> None:
         """Forgets all contacts: the state was changed from outside."""
-        self.accepted, self.warm = States(), False
+        self.accepted, self.warm, self.found = States(), False, Found.none()
         self.spared[:] = 0
         self.crossed = self.crossed_before = self.scan.find_crossings()
         if self.layers is not None:
@@ -293,7 +296,7 @@ class Contacts:
     def judge(self, reaction: np.ndarray) -> Verdict:
         """What must change after a solve; `reaction` (k, 3) [N s] on the held particles, in `hold`'s order."""
         f, s, h = self.active, self.state, self.h
-        F, normal = self.holding.forces(f, reaction / h)
+        F, normal = self.bore(reaction)
         tangent = F - normal[:, None] * f.normal
         shear = np.linalg.norm(tangent, axis=1)
         mu = self.friction[f.solid]
@@ -302,9 +305,6 @@ class Contacts:
         if self.layered and self.round >= RELEASES:
             pulls[:] = False  # what layers press in again and again stays held until the next step
         breaks = s.stick & ~pulls & (shear > mu * np.maximum(normal, 0) * (1 + CONE))
-        if self.pressed is not None:
-            force = self._point_forces(self.points)
-            self.places = force[len(force) - len(self.pressed.key):], self.pressed.of(self.end())
         self._look()
         here = rows_of(self.found.key, f.key)
         slip_now = np.where((here >= 0)[:, None], self.slip[here] if len(self.slip) else 0.0, 0.0)
@@ -320,9 +320,6 @@ class Contacts:
         keep = ~pulls
         self.released = np.concatenate([self.released, f.key[pulls]])
         self.trial = States(f.key[keep], stick[keep], force[keep], push[keep])
-        friction = np.where(self.slides[:, None], -(mu * s.force)[:, None] * unit(slip_now), 0)
-        held = np.where(s.stick[:, None], F, normal[:, None] * f.normal)
-        self.total = held + friction
         inside = self._inside()
         depth = -inside.gap / self.thickness[inside.solid]
         lacks = -float(np.sum(self.model.mass[inside.index] * inside.gap)) / h**2
@@ -336,15 +333,38 @@ class Contacts:
         matters = bad or entered or disagree or (wrong > float(np.sum(force)) and self.round <= PATIENCE)
         return Verdict(max(changes, 1) if matters else 0, float(np.max(depth, initial=0.0)), bad)
 
+    def bore(self, reaction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What contacts bore in the last solve, which was taken whole; `reaction` as in `judge`.
+
+        Returns:
+            (forces (k, 3) [N] on what is held, their parts (k,) along the normals); sliding friction is not among them.
+        """
+        F, normal = self.holding.forces(self.active, reaction / self.h)
+        own, pairs = self._point_forces(self.points), 0 if self.pressed is None else len(self.pressed.key)
+        rubs = own[len(own) - pairs - int(self.slides.sum()): len(own) - pairs]
+        self.total = np.where(self.state.stick[:, None], F, normal[:, None] * self.active.normal)
+        self.total[self.slides] += rubs
+        if self.pressed is not None:
+            self.places = own[len(own) - pairs:], self.pressed.of(self.end())
+        return F, normal
+
     def went_in(self) -> bool:
         """Whether something ended too deep, or through, after further solves that held the same contacts."""
         self._look()
-        return (self._left(self._inside())[1] and self.may_shrink) or self.went_through()
+        return (self._left(self._inside())[1] and self.may_shrink()) or self.went_through()
 
     @property
+    def small(self) -> bool:
+        """Whether the step is so small that smaller ones do not help where there is no room."""
+        return self.h <= self.h_usual / SMALLER
+
     def may_shrink(self) -> bool:
         """Whether a step that goes wrong is to be tried smaller, and not taken as the best there is."""
-        return self.h > self.h_usual / SMALLER
+        if not self.small:
+            return True
+        there = walls(self.found, self.near, self.there, self.thickness)
+        return bool(has_room(self._wrong(), self.scan.faces, there, self.thickness, self.scan.yields,
+                             pinned_particles(self.pinned, self.model.n)).any())
 
     @property
     def smallest(self) -> bool:
@@ -354,12 +374,14 @@ class Contacts:
     def went_through(self) -> bool:
         """Whether cloth passes through solids where it did not before, in a step that can still be made smaller."""
         self.crossed = self.scan.find_crossings()
-        return len(self._minded(self.crossed)) > len(self._minded(self.crossed_before)) and self.may_shrink
+        return self._crossed_more() and self.may_shrink()
 
     @property
     def crossings(self) -> int:
-        """Pairs of triangles of cloth and solids that cross."""
-        return len(self.crossed)
+        """Pairs of triangles of cloth and solids that cross, and particles inside solids without edges or corners."""
+        inside = ~self.scan.pokes[self.found.solid] & (self.found.gap < -self.thickness[self.found.solid])
+        across = self.scan.find_crossings(grown=True) if self.scan.rounded else self.crossed
+        return len(across) + int(inside.sum())
 
     @property
     def pinched(self) -> int:
@@ -370,26 +392,34 @@ class Contacts:
         """Those rows (k, .) of particles none of which is pinched."""
         return vertices[(self.spared[vertices] == 0).all(axis=1)]
 
-    def _spare(self) -> None:
-        """What went wrong in the smallest of steps is pinched between solids, and does not keep steps small for a while."""
+    def _crossed_more(self) -> bool:
+        return len(self._minded(self.crossed)) > len(self._minded(self.crossed_before))
+
+    def _wrong(self) -> np.ndarray:
+        """(k, 3) particles of what ends too deep inside solids, too near to them or across."""
         inside = self._inside()
-        deep = inside.index[inside.gap < -DEEP * self.thickness[inside.solid]]
-        self.spared[deep] = SPARED
+        deep = inside.index[inside.gap < -self.deep[inside.solid]]
+        rows = [np.repeat(deep[:, None], 3, axis=1)]
         if self.near is not None:
             lost = left(self.near, self.pressed, self.thickness[self.near.solid])[1]
-            self.spared[self.near.vertices[lost]] = SPARED
-        if len(self._minded(self.crossed)) > len(self._minded(self.crossed_before)):
-            self.spared[self.crossed] = SPARED
+            rows.append(self._minded(self.near.own_vertices[lost]))
+        if self._crossed_more():
+            rows.append(self._minded(self.crossed))
+        return np.concatenate(rows)
+
+    def _spare(self) -> None:
+        """What went wrong in the smallest of steps is pinched between solids, and does not keep steps small for a while."""
+        self.spared[self._wrong()] = SPARED
 
     def _inside(self) -> Found:
         """What ends inside a solid's thickness, is not held, or held at another plane, and not pinched."""
         f, t = self.found, self.thickness[self.found.solid]
-        strayed = (f.gap < -DEEP * t) & (f.gap < f.start_gap - PENETRATION * t)
+        strayed = (f.gap < -self.deep[f.solid]) & (f.gap < f.start_gap - PENETRATION * t)
         return f.take((f.gap < 0) & (~np.isin(f.key, self.active.key) | strayed) & (self.spared[f.index] == 0))
 
     def _left(self, inside: Found) -> tuple[int, bool]:
         """(pairs that are left closer than they should be, whether they or what is inside ended too deep)."""
-        bad = bool((inside.gap < -DEEP * self.thickness[inside.solid]).any())
+        bad = bool((inside.gap < -self.deep[inside.solid]).any())
         if self.near is None:
             return 0, bad
         nearer, lost = left(self.near, self.pressed, self.thickness[self.near.solid])

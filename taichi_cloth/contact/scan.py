@@ -18,6 +18,8 @@ class Scanner:
     Attributes:
         time: [s] to which the solids were last moved.
         edge: mean edge length of the cloth at the start [m].
+        faces: (m, 3) particles of the cloth's faces.
+        pokes: (solids,) whether a solid could come through a triangle of cloth; yields: (solids,) whether it deforms.
     """
 
     def __init__(self, fields: Fields, model: Model, scene: Scene) -> None:
@@ -28,6 +30,10 @@ class Scanner:
         self.edge, longest = float(edges.mean()), float(edges.max())
         meshes = [s.shape.kind == MESH for s in self.solids]
         poking = [k for k, s in enumerate(self.solids) if meshes[k] or _pokes(s, longest)]
+        self.pokes = np.isin(np.arange(len(self.solids)), poking)
+        self.rounded = any(self.solids[k].shape.core()[2] > 0 for k in poking)
+        self.yields = np.array([s.deforms for s in self.solids], dtype=bool)
+        self.faces = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths])
         self.vertices = None if all(meshes) else VertexDetector(fields, model, scene)
         self.tree = self.surfaces = self.pairs = self.crossings = None
         if poking:
@@ -99,9 +105,10 @@ class Scanner:
         index = np.repeat(i, self._slots[i])
         return Found(index, rows[:, 8].astype(np.int64), rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5:8])
 
-    def find_crossings(self) -> np.ndarray:
-        """(k, 3) particles of the cloth's in pairs of triangles of cloth and solids that cross; none where nothing pokes."""
-        return self.crossings.find() if self.crossings is not None else np.zeros((0, 3), dtype=np.int64)
+    def find_crossings(self, grown: bool = False) -> np.ndarray:
+        """(k, 3) particles of the cloth's in pairs of triangles of cloth and solids that cross; none where nothing pokes.
+        `grown` as in `CrossingCounter.find`."""
+        return self.crossings.find(grown) if self.crossings is not None else np.zeros((0, 3), dtype=np.int64)
 
     def find_pairs(self) -> Pairs | None:
         """Pairs that come within range on that way, or None where no solid has edges or corners to fear."""

@@ -123,7 +123,7 @@ class BackwardEuler:
             altered = np.einsum("ki,ki->k", reaction - self.model.mass[held.index][:, None] * dv, y) / h
             lifted, lowered = float(altered[up].sum()), float(altered[~up].sum())
         if self.contacts is not None:
-            if not self.contacts.may_shrink:  # what no smaller step can do better is let be
+            if self.contacts.small:  # what no smaller step can do better is let be
                 lifted, lowered = lifted + lowered, 0.0
             friction, edges, layers = self.contacts.works()
             layers += measures.energies.get("contact", 0.0) - start.energies.get("contact", 0.0)
@@ -176,7 +176,7 @@ class BackwardEuler:
                 verdict = contacts.judge(self.system.reaction_rows())
             if verdict.changes and contacts.round < contacts.ROUNDS:
                 continue
-            if verdict.changes and verdict.bad and contacts.may_shrink:
+            if verdict.changes and verdict.bad and contacts.may_shrink():
                 return held, (CONTACT, f"{verdict.deepest:.2g} thicknesses inside")
             with clock.part("C-S"):
                 return held, (CONTACT, f"{contacts.crossings} crossings") if contacts.went_through() else None
@@ -232,6 +232,8 @@ class BackwardEuler:
                     last = self.converge or len(solutions) > self.options.newton_max
                     ended = self.conclude(h, held, start, measures, MOST if last else LIGHT) if settled else None
                 if ended is not None:
+                    if self.contacts is not None:
+                        self.contacts.bore(self.system.reaction_rows())
                     if self.contacts is not None and self.contacts.went_in():
                         return Attempt(CONTACT, "after further solves", measures, tuple(solutions), clock.seconds)
                     return Attempt(None, "", ended[0], tuple(solutions), clock.seconds, ledger=ended[1])

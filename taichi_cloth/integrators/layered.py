@@ -119,9 +119,9 @@ class Layered:
                 measures, self.ledger = ended
                 break
         else:
-            ended = self._conclude(h, held, start, measures) if part == 1 and not contacts.may_shrink else None
+            ended = self._conclude(h, held, start, measures) if part == 1 and contacts.small else None
             if ended is None:
-                if part < 1 and (contacts.smallest or (not contacts.may_shrink and held is not None and held.moving)):
+                if part < 1 and (contacts.smallest or (contacts.small and held is not None and held.moving)):
                     self.let_go = layers.let_go(contacts.smallest)  # else nothing presses that does not give way
                 why = "its energy grew" if agreed else (f"{layers.off} pairs unsettled, smallest gap {layers.least:.2g} of "
                                                         "what it should be")
@@ -130,7 +130,7 @@ class Layered:
             measures, self.ledger = ended
             self.unsettled = layers.off
         with clock.part("C-S"):
-            if verdict.changes and verdict.bad and contacts.may_shrink:
+            if verdict.changes and verdict.bad and contacts.may_shrink():
                 return (CONTACT, f"{verdict.deepest:.2g} thicknesses inside a solid"), measures
             if contacts.went_through():
                 return (CONTACT, f"{contacts.crossings} crossings with solids"), measures

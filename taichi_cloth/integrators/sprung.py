@@ -21,7 +21,7 @@ class Sprung:
             layers.bore()
             part = layers.advance()
             if part < 1:
-                if not self.contacts.may_shrink:
+                if self.contacts.small:
                     layers.let_go(self.contacts.smallest)
                 made = replace(made, rejection=CONTACT, detail=f"cloth would pass through cloth, {part:.2g} of the way free")
             layers.look()

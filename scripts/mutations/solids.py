@@ -1,0 +1,182 @@
+"""One-line bugs in contact with solids, and the tests that are to notice them."""
+
+CONTACT = "tests/physics/test_solid_contact.py"
+FORCES = f"{CONTACT}::test_what_solids_give_is_what_cloth_gets " \
+         f"{CONTACT}::test_forces_are_told_after_steps_that_took_more_solves"
+RESUME = f"{CONTACT}::test_a_run_is_resumed_in_contact_bit_for_bit"
+BEGINS = f"{CONTACT}::test_what_begins_to_slide_is_dragged_along"
+STICKS = f"{CONTACT}::test_what_sticks_goes_where_the_solid_goes"
+FRICTION = "tests/physics/test_friction.py"
+SHAPES = "tests/unit/test_solids.py"
+HARD = "tests/hard/test_hard_contact.py"
+DRIVES = "tests/hard/test_drives.py"
+TESTS = (CONTACT, SHAPES, DRIVES)
+
+RESPONSE = "taichi_cloth/contact/response.py"
+PAIRS = "taichi_cloth/contact/pairs.py"
+HOLDING = "taichi_cloth/contact/holding.py"
+DETECTION = "taichi_cloth/contact/detection.py"
+DISTANCE = "taichi_cloth/contact/distance.py"
+SURFACES = "taichi_cloth/contact/mesh_detection.py"
+TREE = "taichi_cloth/contact/tree.py"
+SCAN = "taichi_cloth/contact/scan.py"
+TOUCH = "taichi_cloth/contact/touch.py"
+CLOSEST = "taichi_cloth/contact/closest.py"
+CROSSING = "taichi_cloth/contact/crossing.py"
+STATES = "taichi_cloth/contact/states.py"
+ROOM = "taichi_cloth/contact/room.py"
+SOLIDS = "taichi_cloth/solids.py"
+
+MUTATIONS = (
+    # forces that are told
+    (RESPONSE, "out[solid.name] = (-force[mine].sum(axis=0)", "out[solid.name] = (force[mine].sum(axis=0)",
+     "loads on solids have the wrong sign", FORCES),
+    (RESPONSE, "-np.cross(arm, force[mine]).sum(axis=0))", "np.cross(arm, force[mine]).sum(axis=0))",
+     "torques on solids have the wrong sign", FORCES),
+    (RESPONSE, "np.add.at(out, self.active.index, self.total)", "np.add.at(out, self.active.index, -self.total)",
+     "contact forces have the wrong sign", FORCES),
+    (RESPONSE, "self.total[self.slides] += rubs", "self.total[self.slides] -= rubs", "sliding friction is told reversed",
+     FORCES),
+    (RESPONSE, "arm = at[mine] - solid.pose(self.scan.time)[1]", "arm = at[mine] - solid.pose(0.0)[1]",
+     "torques are taken about where solids began", FORCES),
+    (RESPONSE, "return (p.rhs - sym_times(p.block, p.of(self.end() - self.base[0]) / self.h)) / self.h",
+     "return (p.rhs + sym_times(p.block, p.of(self.end() - self.base[0]) / self.h)) / self.h",
+     "forces of points: the damping's sign", FORCES),
+    (RESPONSE, "self.places = own[len(own) - pairs:], self.pressed.of(self.end())",
+     "self.places = 0 * own[len(own) - pairs:], self.pressed.of(self.end())", "forces of pairs are not told", FORCES),
+    ("taichi_cloth/integrators/backward_euler.py", "                    self.contacts.bore(self.system.reaction_rows())\n",
+     "                    pass\n", "forces stay those of the solve before last", FORCES),
+    (HOLDING, "force[mine] = made_up + (whole - made_up.sum(axis=0)) / len(mine)", "force[mine] = whole",
+     "a particle's force counts for each of its contacts", f"{CONTACT}::test_the_corner_of_two_planes_is_loaded_once"),
+    # friction
+    (RESPONSE, "push[breaks] = tangent[breaks]", "push[breaks] = -tangent[breaks]",
+     "what begins to slide is pushed the other way", BEGINS),
+    (RESPONSE, "-u / np.maximum(speed, 1e-30)[:, None], push)", "u / np.maximum(speed, 1e-30)[:, None], push)",
+     "fast sliding friction drives on", f"{FRICTION}::test_braking"),
+    (RESPONSE, "(shear > mu * np.maximum(normal, 0) * (1 + CONE))", "(shear > 2 * mu * np.maximum(normal, 0) * (1 + CONE))",
+     "what sticks bears twice what Coulomb allows", f"{BEGINS} {FRICTION}"),
+    (RESPONSE, "f, size = f.take(slides), mu[slides] * s.force[slides]",
+     "f, size = f.take(slides), 0.9 * mu[slides] * s.force[slides]",
+     "sliding friction is a tenth too small", f"{BEGINS} {FRICTION}::test_braking"),
+    (RESPONSE, "stick &= mu > 0", "stick &= mu >= 0", "smooth solids stick", f"{CONTACT} {FRICTION}"),
+    (RESPONSE, "turns = self.slides & ~pulls & (self.lag <= SLOW)", "turns = ~self.slides & ~pulls & (self.lag <= SLOW)",
+     "what came to rest never sticks", f"{FRICTION} {CONTACT}"),
+    # holding
+    (HOLDING, "projectors[stick] = np.eye(3)", "projectors[~stick] = np.eye(3)",
+     "what slides is held and what sticks is free"),
+    (HOLDING, "shifts = lift[:, None] * f.normal", "shifts = -lift[:, None] * f.normal", "contacts pull into the solid"),
+    (HOLDING, "free = ~np.isin(pinned.index, shared)", "free = np.isin(pinned.index, shared)",
+     "pins are lost where cloth touches",
+     f"{DRIVES}"),
+    (HOLDING, "if size > APART:", "if size > 10 * APART:", "a particle's second contact is ignored",
+     f"{HARD}::test_in_the_corner_of_two_planes"),
+    (RESPONSE, "pulls = normal < -PULL *", "pulls = normal < -1e9 * PULL *", "contacts pull for ever",
+     f"{CONTACT} {FRICTION}"),
+    (RESPONSE, "down = 2 * np.maximum(nearing, 0) + FALL", "down = 0 * np.maximum(nearing, 0) + FALL",
+     "fast cloth is not stopped at the surface"),
+    (RESPONSE, "lift = np.clip(-f.start_gap, -down, self.push_limit * share)",
+     "lift = np.clip(-f.start_gap, -down, 0 * share)",
+     "what is inside is not pushed out", f"{HARD}::test_cloth_that_starts_inside_is_pushed_out_and_counted"),
+    (RESPONSE, "active = known | (f.gap < 0)", "active = known & (f.gap < 0)", "new contacts are not taken up"),
+    # states from step to step, and resumed
+    (RESPONSE, "self.accepted, self.warm, self.crossed_before = self.trial, True, self.crossed",
+     "self.accepted, self.warm, self.crossed_before = States(), True, self.crossed", "states are lost from step to step",
+     f"{FRICTION} {CONTACT}"),
+    (RESPONSE, '''for name in ("key", "stick", "force", "push")))
+''', '''for name in ("key", "stick", "force", "push")))
+        self.accepted.push[:] = 0
+''', "which way things begin to slide is not resumed", RESUME),
+    (RESPONSE, 'self.warm, self.spared = bool(state["warm"]), state["spared"].copy()',
+     'self.warm = bool(state["warm"])', "what is pinched is not resumed", RESUME),
+    (RESPONSE, 'self.warm, self.spared = bool(state["warm"]),', 'self.warm, self.spared = False,',
+     "where cloth was led is not resumed", RESUME),
+    (RESPONSE, 'self.crossed = self.crossed_before = state["crossed"]', 'self.crossed = state["crossed"]',
+     "crossings that were there are not resumed", RESUME),
+    ("taichi_cloth/integrators/safe.py", 'float(state["largest"]), state["mean"]',
+     'float(state["largest"]), 0 * state["mean"]',
+     "the mean acceleration in contact is not resumed", RESUME),
+    ("taichi_cloth/integrators/safe.py", 'self.touching, self.largest, self.mean = bool(state["touching"])',
+     'self.touching, self.largest, self.mean = False', "that cloth touches is not resumed", RESUME),
+    ("taichi_cloth/integrators/backward_euler.py", 'self.solver.dv.from_numpy(state["dv"])', "pass",
+     "the last change of velocity is not resumed", RESUME),
+    # detection
+    (DETECTION, "R_1, p_1 = pose(poses, self.solid[s], 12)", "R_1, p_1 = pose(poses, self.solid[s], 0)",
+     "analytic solids are met where they were", DRIVES),
+    (DETECTION, "carried = R_1 @ a + p_1", "carried = R_0 @ a + p_0", "what sticks to analytic solids stays behind", FORCES),
+    (DETECTION, "done += here[0] - t", "done += 3 * (here[0] - t)", "strides jump over thin solids", HARD),
+    (DETECTION, "if n_hit.dot(n_end) < SAME_SIDE and hit == 1:", "if n_hit.dot(n_end) < -2 and hit == 1:",
+     "what flies through a thin solid is put out on its far side", HARD),
+    (DETECTION, "if hit == 1 and count < SLOTS:", "if hit == 1 and count < 1:", "a vertex meets one solid at most",
+     f"{HARD}::test_in_the_corner_of_two_planes"),
+    (DISTANCE, "depth = ti.abs(q[c]) - (p[c] - p[3])", "depth = ti.abs(q[c]) - p[c]", "rounded boxes are too large", SHAPES),
+    (DISTANCE, "n = out * side / length", "n = out / length", "a box's normals point inward on three sides", SHAPES),
+    (DISTANCE, "t = ti.min(ti.max((q - a).dot(e) / e.norm_sqr(), 0.0), 1.0)",
+     "t = ti.max((q - a).dot(e) / e.norm_sqr(), 0.0)",
+     "capsules have no end", SHAPES),
+    (DISTANCE, "d = ti.sqrt(a * a + b * b)", "d = ti.max(a, b)", "a cylinder's rim is nearer than it is", SHAPES),
+    (SURFACES, "self.tree.corner(t, k, 1.0) + self.tree.corner(t, k, 0.0)).norm())",
+     "0 * self.tree.corner(t, k, 0.0)).norm())",
+     "a triangle's own motion is no closing speed", DRIVES),
+    (SURFACES, "side = 1.0 if closed == 1 else side_0", "side = side_0", "cloth stays inside closed meshes",
+     f"{HARD} {DRIVES}"),
+    (SURFACES, "speed = cloth + 0.5 *", "speed = 0.5 * cloth + 0.5 *", "edges close in at half their speed", DRIVES),
+    (SURFACES, "if d - r < speed:", "if d - r < 0.3 * speed:", "what closes in fast is not looked at", DRIVES),
+    (SURFACES, "if info[2] == 0 or n.dot(out) > INWARD", "if info[2] == 0 or n.dot(out) > 0.9 +  INWARD",
+     "edges count only from straight above", DRIVES),
+    (SURFACES, "carried = carry(poses, solid, a)", "carried = a", "what sticks to a mesh stays behind", STICKS),
+    (SURFACES, "low, high = low - self.margin, high + self.margin", "low, high = low + self.margin, high - self.margin",
+     "boxes of faces are too small", DRIVES),
+    (TREE, "for column, time in ((0, t), (3, t + h)):", "for column, time in ((0, t), (3, t)):",
+     "meshes are met where they were", f"{STICKS} {DRIVES}"),
+    (TREE, "both[c], both[c + 3])\n                        high[c]", "both[c])\n                        high[c]",
+     "boxes of triangles begin where these are", DRIVES),
+    (TREE, "bits[row % m] |= 8 << (row // m)", "bits[row % m] |= 4 << (row // m)", "edges are taken for corners", DRIVES),
+    (TREE, "return a + s * (b - a)", "return b + s * (b - a)", "vertices of solids are a step ahead", STICKS),
+    (TREE, "return 0.24 * edge**2 <= 0.4", "return 0.24 * edge**2 <= 40", "balls that poke through are taken for smooth",
+     DRIVES),
+    # pairs
+    (PAIRS, "now < LEAST  # what", "now < -LEAST  # what", "how near edges may come is not minded", DRIVES),
+    (PAIRS, "stop = PRESS * own / h**2", "stop = 0 * own / h**2", "what comes in is not stopped", DRIVES),
+    (PAIRS, "rhs = (h * f0)[:, None] * p.normal", "rhs = -(h * f0)[:, None] * p.normal", "pairs pull", DRIVES),
+    (PAIRS, "drag = h * friction * f /", "drag = -h * friction * f /", "pairs' friction drives on", f"{FORCES} {DRIVES}"),
+    (PAIRS, "start = p.of(step.v) + (p.of(step.x_0) - p.carried) / h", "start = p.of(step.v)",
+     "pairs' friction forgets the solid's motion",
+     f"{CONTACT}::test_what_solids_give_is_what_cloth_gets"),
+    (CLOSEST, "t = (B * s + f) / E", "t = (B * s - f) / E", "closest points of edges", SHAPES),
+    (CLOSEST, "elif d6 >= 0 and d5 <= d6:", "elif d6 >= 0 and d5 >= d6:", "closest corner of a triangle", SHAPES),
+    # the last word
+    (CROSSING, "if through(a, b, c, d, e, g) + through(d, e, g, a, b, c) > 0:", "if through(a, b, c, d, e, g) > 1:",
+     "crossings are overlooked", f"{SHAPES}::test_crossings_of_a_state_are_seen"),
+    (CROSSING, "if n.dot(p) * n.dot(q) < 0:", "if n.dot(p) * n.dot(q) > 0:", "edges on one side of a triangle cross it",
+     f"{SHAPES}::test_crossings_of_a_state_are_seen"),
+    (RESPONSE, "return self._crossed_more() and self.may_shrink()", "return False", "crossings reject no step",
+     DRIVES),
+    (RESPONSE, "return self.h <= self.h_usual / SMALLER", "return self.h <= self.h_usual * SMALLER",
+     "every step is the smallest",
+     f"{HARD} {DRIVES}"),
+    (ROOM, "near = between < thickness", "near = between < 1e9 + thickness", "solids far apart leave no room",
+     "tests/unit/test_room.py"),
+    (ROOM, "facing = n @ n.T < FACING", "facing = n @ n.T > FACING", "one surface leaves no room",
+     "tests/unit/test_room.py"),
+    (ROOM, "apart = (s[:, None] != s[None, :]) |", "apart = (s[:, None] == s[None, :]) |",
+     "the two sides of one body leave no room",
+     "tests/unit/test_room.py"),
+    (ROOM, "x[found.index] - height[:, None] * found.normal,", "x[found.index] + height[:, None] * found.normal,",
+     "walls stand on the wrong side of cloth", "tests/unit/test_room.py"),
+    # what cloth meets, points, solids
+    (SCAN, "for first, time in ((0, t), (12, t + h)):", "for first, time in ((0, t), (12, t)):",
+     "solids stand still in a step",
+     f"{STICKS} {FORCES}"),
+    (SCAN, "self.time = t + h", "self.time = t", "the solids' time is the step's beginning", FORCES),
+    (TOUCH, "push = w[k] * r\n                if ti.static(self.layered):\n                    push += self.turn(e, k).dot(r)",
+     "push = -w[k] * r\n                if ti.static(self.layered):\n                    push += self.turn(e, k).dot(r)",
+     "points in the product: sign",
+     f"{FORCES} {DRIVES}"),
+    (STATES, "return rows - np.einsum", "return rows + np.einsum", "slip has a part along the normal",
+     f"{FRICTION} {CONTACT}"),
+    (SOLIDS, "frame = min(max(t * float(self.fps), 0.0)", "frame = min(max(t / float(self.fps), 0.0)",
+     "sequences run at the wrong speed", SHAPES),
+    (SOLIDS, "elif volume < 0:", "elif volume > 0:", "meshes are turned inside out", SHAPES),
+    (SOLIDS, "return local @ R.T + p", "return local @ R + p", "surfaces turn the wrong way",
+     f"{SHAPES} {HARD}::test_a_spinning_edge"),
+)

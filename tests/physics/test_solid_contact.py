@@ -1,0 +1,142 @@
+"""Contact with solids against Newton's laws, Coulomb's and the solids' own motion; and resumed in the middle of it."""
+
+import math
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+
+G = 9.81
+FABRIC = tc.Fabric(0.2, tc.Stretch(1000, k_d=0.5), tc.Shear(100, k_d=0.05), tc.Bend(5e-5))
+
+
+def over(cells: int = 8, size: float = 0.3, height: float = 0.026, **cloth) -> tuple[tc.Scene, tc.Cloth]:
+    """A sheet that lies in the air round the vertical axis."""
+    mesh, scene = tc.grid(size, cells), tc.Scene()
+    return scene, scene.add_cloth(mesh, FABRIC, positions=mesh.x + [-size / 2, height, size / 2], **cloth)
+
+
+@pytest.mark.parametrize("h", [1 / 60, 1 / 20])
+def test_what_solids_give_is_what_cloth_gets(h):
+    """M (v_1 - v_0) / h = weight + contact forces, summed over the cloth, in every step, friction and pairs at edges
+    included; the solid gets the opposite, with its torque about where it is."""
+    scene, _ = over()
+    scene.add_solid(tc.Box((0.2, 0.04, 0.2)), friction=0.3, thickness=0.005, name="box",
+                    position=lambda t: (0.1 * math.sin(9 * t), 0.0, 0.0), rotation=lambda t: (0, t * t, 0))
+    sim = tc.Simulation(scene, h=h, integrator="backward_euler", cg_tol=1e-10, threads=1)
+    mass = sim.model.to_user(np.repeat(sim.model.mass[:, None], 3, axis=1))[:, 0]
+    edges = 0
+    for _ in range(14):
+        v = sim.velocities()
+        record = sim.step()
+        if record.h < h - 1e-9:  # several steps: the first's velocities are not known
+            continue
+        change = mass @ (sim.velocities() - v) / record.h
+        force = sim.contact_forces()
+        assert force.sum(axis=0) == pytest.approx(change + [0, mass.sum() * G, 0], abs=1e-6)
+        load, torque = sim.solid_loads()["box"]
+        assert load == pytest.approx(-force.sum(axis=0), abs=1e-9)
+        arm = sim.positions() - [0.1 * math.sin(9 * sim.time), 0, 0]
+        assert torque == pytest.approx(-np.cross(arm, force).sum(axis=0), abs=1e-6)
+        edges = max(edges, len(sim.contacts.pressed.key))
+    assert sim.log[-1].contacts > 0 and edges > 0
+
+
+@pytest.mark.parametrize("h", [1 / 15, 1 / 30, 1 / 60])
+def test_forces_are_told_after_steps_that_took_more_solves(h):
+    """A tablecloth at large steps, whose first solves the energy test does not accept."""
+    scene, _ = over(16, 1.1, 0.03)
+    scene.add_solid(tc.Box((0.7, 0.04, 0.7)), friction=0.4, thickness=0.006)
+    scene.add_solid(tc.Cylinder(0.025, 0.7), friction=0.4, thickness=0.006, position=(0.3, -0.37, 0.3))
+    sim = tc.Simulation(scene, h=h, threads=1)
+    while sim.time < 0.5:
+        sim.step()
+        loads = sum(force for force, _ in sim.solid_loads().values())
+        assert sim.contact_forces().sum(axis=0) == pytest.approx(-loads, abs=1e-9)
+    assert sim.log[-1].contacts > 0
+
+
+def test_the_corner_of_two_planes_is_loaded_once():
+    """A particle that two rough planes hold bears on both together what it bears."""
+    scene, cloth = over(4, 0.2)
+    scene.add_solid(tc.Plane((1, 1, 0)), friction=0.9, thickness=0.004, name="left")
+    scene.add_solid(tc.Plane((-1, 1, 0)), friction=0.9, thickness=0.004, name="right")
+    sim = tc.Simulation(scene, h=1 / 60, threads=1, cg_tol=1e-8)
+    bent = cloth.positions.copy()
+    bent[:, 1] = np.abs(bent[:, 0]) + 0.004 * math.sqrt(2)
+    bent[:, 0] += np.sign(bent[:, 0]) * 0
+    sim.set_state(bent, 0 * bent)
+    for _ in range(90):
+        sim.step()
+    weight = G * sim.model.mass.sum()
+    assert sim.contact_forces().sum(axis=0) == pytest.approx([0, weight, 0], abs=0.02 * weight)
+    right, left = sim.solid_loads()["right"][0], sim.solid_loads()["left"][0]
+    assert right[1] < 0 and left[1] < 0 and right + left == pytest.approx([0, -weight, 0], abs=0.02 * weight)
+
+
+def test_what_begins_to_slide_is_dragged_along():
+    """A floor pulled away at 3 mu g: after every step, the first included, the sheet goes its way at mu g."""
+    mu, began = 0.3, 5 / 60
+    scene, _ = over(6, height=0.004)
+    scene.add_solid(tc.Plane(), friction=mu, thickness=0.004,
+                    position=lambda t: (1.5 * mu * G * max(t - began, 0.0) ** 2, 0.0, 0.0))
+    sim = tc.Simulation(scene, h=1 / 60, threads=1, cg_tol=1e-8)
+    for k in range(1, 16):
+        sim.step()
+        v = sim.velocities()
+        assert v[:, 0] == pytest.approx(mu * G * max(sim.time - began, 0.0), rel=0.02, abs=1e-6), f"step {k}"
+        assert np.abs(v[:, 1:]).max() < 1e-3
+
+
+def test_what_sticks_goes_where_the_solid_goes():
+    """In every step exactly, up, down, sideways and round, as far as the solid's own motion says at that time."""
+    def where(t):
+        return np.array([0.02 * math.sin(7 * t), 0.01 * math.sin(5 * t), -0.03 * t])
+
+    def turned(t, x):
+        c, s = math.cos(0.8 * t), math.sin(0.8 * t)
+        return x @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T
+
+    scene, cloth = over(5, height=0.024)
+    box = tc.SolidMesh(*tc.Box((0.4, 0.04, 0.4)).core()[:2])
+    scene.add_solid(box, friction=2.0, thickness=0.004, position=where, rotation=lambda t: (0.0, 0.8 * t, 0.0))
+    sim = tc.Simulation(scene, h=1 / 60, threads=1)
+    here = []
+    for _ in range(20):
+        sim.step()
+        here.append(turned(-sim.time, sim.positions() - where(sim.time)))
+        assert np.abs(here[-1][:, 1] - 0.024).max() < 1e-6
+    assert np.abs(here[5] - cloth.positions).max() < 2e-3  # what it began with has come to rest on it
+    assert np.abs(here[-1] - here[5]).max() < 2e-5
+
+
+def pressed() -> tc.Scene:
+    """A sheet over the sharp edges of a sliding box, pressed on it by a block of triangles, beyond what leaves it room."""
+    scene, _ = over(6)
+    scene.add_solid(tc.Box((0.2, 0.04, 0.2)), friction=0.6, thickness=0.005,
+                    position=lambda t: (0.01 * math.sin(20 * t), 0.0, 0.0))
+    scene.add_solid(tc.SolidMesh(*tc.Box((0.1, 0.1, 0.1)).core()[:2]), friction=0.3, thickness=0.005,
+                    position=lambda t: (0.0, 0.084 - 0.2 * min(t, 0.08), 0.0), rotation=(0.0, 0.4, 0.0), name="press")
+    return scene
+
+
+@pytest.mark.parametrize("options", [{}, {"tolerance": 0.05}], ids=["steps", "tolerance"])
+def test_a_run_is_resumed_in_contact_bit_for_bit(options):
+    """What just begins to slide, pairs at edges, and what is pinched are there when the run is cut."""
+    whole = tc.Simulation(pressed(), h=1 / 60, threads=1, **options)
+    while whole.time < 0.25:
+        whole.step()
+        c = whole.contacts
+        if len(c.accepted.key) and c.accepted.push.any() and len(c.pressed.key) and (c.pinched or options):
+            break
+    else:
+        pytest.fail("the scene never has all of that at once")
+    resumed = tc.Simulation(pressed(), h=1 / 60, threads=1, **options)
+    resumed.resume({k: np.array(a) for k, a in whole.checkpoint().items()})
+    assert resumed.contacts.pinched == c.pinched
+    for _ in range(5):
+        last, record = whole.step(), resumed.step()
+        for name in ("positions", "velocities", "contact_forces"):
+            assert (getattr(whole, name)() == getattr(resumed, name)()).all(), (name, resumed.time)
+        assert (record.t, record.h, record.iterations, record.pinched) == (last.t, last.h, last.iterations, last.pinched)
