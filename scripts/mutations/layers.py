@@ -175,7 +175,7 @@ MUTATIONS = (
     (LAYERED, "            layers.count_tangled()\n", "            pass\n", "tangles of the step's beginning logged", CROSSED),
     (LAYERED, "if part < taken:", "if part < 0:", "solves taken whole", HITS),
     (LAYERED, "move(h, part if first else part - taken)", "move(h, part)", "shortened solves taken twice", HITS),
-    (LAYERED, "contacts.smallest or (not contacts.may_shrink and held is not None and held.moving)", "not contacts.may_shrink",
+    (LAYERED, "contacts.smallest or (contacts.small and held is not None and held.moving)", "contacts.small",
      "what comes fast is let go", "tests/hard/test_hard_layers.py"),
     (LAYERED, "        self.model.restore()\n        again =", "        again =", "a step made again from where it ended",
      HITS),

@@ -1,6 +1,6 @@
 """One-line bugs in `verify` and `study`, and the tests that are to notice them."""
 
-VERIFY, STUDY = "tests/unit/test_verify.py", "tests/unit/test_study.py"
+VERIFY, STUDY = "tests/unit/test_verify.py", "tests/unit/test_study_errors.py"
 TESTS = (VERIFY, STUDY)
 WRONG = VERIFY + "::test_each_fails_where_what_it_checks_is_wrong"
 RIGHT = VERIFY + "::test_all_hold_where_nothing_is_wrong"

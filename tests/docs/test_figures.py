@@ -22,7 +22,7 @@ SAID = (
     ("theory/solver.md", "(up to {:g} times)", "solver/pcg.py", "RESTARTS"),
     ("theory/solver.md", "age has cost {:g} iterations", "solver/multilevel.py", "WORTH"),
     ("theory/solids.md", "k = {:g}\\,\\frac{{m}}{{h^2}}", "contact/pairs.py", "PRESS"),
-    ("theory/solids.md", "In steps {:g} times smaller", "contact/response.py", "SMALLER"),
+    ("theory/solids.md", "in steps {:g} times smaller", "contact/response.py", "SMALLER"),
     ("theory/solids.md", "{:g} s.", "contact/response.py", "SPARED"),
     ("theory/layers.md", "k = {:g}\\,\\frac{{m}}{{h^2}}", "contact/pressing.py", "PRESS"),
     ("theory/layers.md", "${:g}\\,m/h^2$", "contact/pressing.py", "STOP"),

@@ -119,7 +119,7 @@ def test_bad_constraints(rng):
                                ([tc.Constraint(1), tc.Constraint(1)], "named twice")):
         with pytest.raises(tc.SceneError, match=words):
             sim.solve(0.01, constraints)
-    with pytest.raises(tc.SceneError, match="z needs three finite"):
+    with pytest.raises(tc.SceneError, match="needs three finite numbers"):
         tc.Constraint(0, z=(0, np.nan, 0))
 
 
