@@ -156,11 +156,14 @@ def distance_to_triangles(q: np.ndarray, x: np.ndarray, faces: np.ndarray) -> np
     return out
 
 
-def clearance(solid, t: float, x: np.ndarray, faces: np.ndarray, reach: float) -> np.ndarray:
+SAMPLES = np.array([(i, j, 4 - i - j) for i in range(5) for j in range(5 - i)]) / 4  # of a triangle, by its corners
+
+
+def clearance(solid, t: float, x: np.ndarray, faces: np.ndarray, reach: float, sampled: bool = False) -> np.ndarray:
     """(m,) least distance [m] of every face of cloth from a solid, its edges and corners included.
 
     From a mesh it is 0 where they cross; from other solids it is negative by how deep it goes. Faces that stay farther away
-    than `reach` [m] may be given any number above that.
+    than `reach` [m] may be given any number above that. `sampled`: from analytic solids at 15 points of every face alone.
     """
     if hasattr(solid.shape, "faces"):
         y, others = triangles(solid, t)
@@ -172,6 +175,9 @@ def clearance(solid, t: float, x: np.ndarray, faces: np.ndarray, reach: float) -
         e, f, g, h = crossing_faces(x, faces, y, others)
         out[np.concatenate([e, h])] = 0.0
         return out
+    if sampled:
+        at = SAMPLES @ x[faces]
+        return signed_distance(solid, t, at.reshape(-1, 3)).reshape(len(faces), -1).min(axis=1)
     return _lowest(lambda q: signed_distance(solid, t, q), x[faces], reach)
 
 
@@ -280,16 +286,17 @@ def cloth_faces(sim) -> np.ndarray:
     return np.concatenate([c.mesh.faces + c.start for c in sim.scene.cloths])
 
 
-def against_solids(sim, reach: float = 0.5) -> dict[str, tuple[float, int]]:
+def against_solids(sim, reach: float = 0.5, sampled: bool = False) -> dict[str, tuple[float, int]]:
     """By solid: (least clearance of cloth over the solid's thickness, number of its crossings).
 
     Crossings with a mesh are edges through triangles; with other solids, faces of cloth that go inside. Cloth that is wholly
     inside a closed mesh has as much negative clearance. Farther away than `reach` thicknesses nothing is told apart.
+    `sampled` as in `clearance`: much faster where cloth lies flat on a solid.
     """
     x, faces, out = sim.positions(), cloth_faces(sim), {}
     firsts = x[[piece for c in sim.scene.cloths for piece in c.start + _one_each(c.mesh.faces)]]
     for solid in sim.scene.solids:
-        away = clearance(solid, sim.time, x, faces, reach * solid.thickness)
+        away = clearance(solid, sim.time, x, faces, reach * solid.thickness, sampled)
         least, crossed = float(away.min()), int((away < 0).sum())
         if hasattr(solid.shape, "faces"):
             y, others = triangles(solid, sim.time)
