@@ -426,7 +426,7 @@ def test_explicit_steps_refuse_it_and_bad_values_are_named():
         tc.Simulation(scene, integrator="verlet")
     with pytest.raises(tc.SceneError, match="thickness = -1"):
         tc.ClothContact(-1)
-    with pytest.raises(tc.SceneError, match="needs a ClothContact"):
+    with pytest.raises(tc.SceneError, match="must be a ClothContact"):
         scene.add_cloth(tc.grid(1.0, 2), FABRIC, contact=0.01)
 
 
