@@ -44,7 +44,7 @@ def build(cells: int = 50, data: str = "", friction: float = 0.4, size: float = 
 
 def check(sim: tc.Simulation):
     """What must hold at any time."""
-    from taichi_cloth.intersections import count_crossings
+    from taichi_cloth.scene.intersections import count_crossings
 
     x, cloth = sim.positions(), sim.scene.cloths[0]
     crossed = sum(count_crossings(x, cloth.mesh.faces, s.surface_at(sim.time), s.shape.surface()[1])

@@ -50,7 +50,7 @@ def build(cells: int = 50, mesh: str = "", friction: float = 0.4) -> tc.Scene:
 
 def check(sim: tc.Simulation):
     """What must hold at any time."""
-    from taichi_cloth.intersections import count_crossings
+    from taichi_cloth.scene.intersections import count_crossings
 
     x, cloth, bunny = sim.positions(), sim.scene.cloths[0], sim.scene.solids[0]
     crossed = count_crossings(x, cloth.mesh.faces, bunny.surface_at(sim.time), bunny.shape.surface()[1])

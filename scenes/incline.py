@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 import taichi_cloth as tc
-from taichi_cloth.solids import rotation_matrix
+from taichi_cloth.scene.solids import rotation_matrix
 
 RUN = {"duration": 1.0, "fps": 30, "h": 1 / 60}
 SMALL = {"cells": 5}

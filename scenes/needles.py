@@ -37,7 +37,7 @@ def build(cells: int = 30, side: int = 4, friction: float = 0.3) -> tc.Scene:
 
 def check(sim: tc.Simulation):
     """What must hold at any time."""
-    from taichi_cloth.intersections import count_crossings
+    from taichi_cloth.scene.intersections import count_crossings
 
     x, cloth = sim.positions(), sim.scene.cloths[0]
     crossed = sum(count_crossings(x, cloth.mesh.faces, s.surface_at(sim.time), s.shape.surface()[1])

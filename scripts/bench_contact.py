@@ -12,7 +12,7 @@ import numpy as np
 import results
 
 import taichi_cloth as tc
-from taichi_cloth import scenefile
+from taichi_cloth.app import scenefile
 
 
 def scene_of(name: str, cells: int, mesh: str) -> tc.Scene:

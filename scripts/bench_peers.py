@@ -21,10 +21,10 @@ import numpy as np
 import results
 
 import taichi_cloth as tc
-from taichi_cloth.elements import lumped_mass, row_sums
-from taichi_cloth.integrators.verlet import SLOW, SLOW_SAFETY
 from taichi_cloth.output.plot import as_file, line_plot
-from taichi_cloth.study import substep_of
+from taichi_cloth.step.integrators.verlet import SLOW, SLOW_SAFETY
+from taichi_cloth.studies.study import substep_of
+from taichi_cloth.system.elements import lumped_mass, row_sums
 
 LOOP = "Numba, explicit, one thread"
 DENSITY, D = 0.2, 5e-5

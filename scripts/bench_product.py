@@ -16,7 +16,7 @@ import scipy
 import scipy.sparse
 
 import taichi_cloth as tc
-from taichi_cloth.operator import Probe
+from taichi_cloth.system.operator import Probe
 
 H = 1 / 60
 ITERATIONS = 10  # of a team in one launch

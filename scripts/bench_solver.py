@@ -17,7 +17,7 @@ import scipy.sparse.linalg
 from bench_product import FABRIC, assembled
 
 import taichi_cloth as tc
-from taichi_cloth.operator import Probe
+from taichi_cloth.system.operator import Probe
 
 H = 1 / 60
 

@@ -7,9 +7,10 @@ import argparse
 import pathlib
 
 import taichi_cloth as tc
-from taichi_cloth import record, scenefile
+from taichi_cloth.app import scenefile
 from taichi_cloth.output.picture import Artist, Look, contact_sheet
 from taichi_cloth.output.png import encode_png
+from taichi_cloth.recording import record
 
 SKIPPED = ("hang_mesh",)  # needs a file
 WHEN = {"swing": 0.55, "explicit_vs_implicit": 0.4, "flag": 0.8, "incline": 0.6, "trampoline": 0.3, "funnel": 0.6,

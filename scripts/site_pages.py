@@ -44,7 +44,7 @@ def options() -> str:
 def commands() -> str:
     """Every command with its flags, as the parser has them."""
     _import_from_here()
-    from taichi_cloth.cli import _parser
+    from taichi_cloth.app.cli import _parser
 
     actions = next(a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
     out = []
@@ -70,7 +70,7 @@ def scenes() -> str:
 
 def record() -> str:
     """A row for each number that a step leaves in `Simulation.log` and in telemetry.jsonl."""
-    node = _class("stepper", "StepRecord")
+    node = _class("step/stepper", "StepRecord")
     meaning = _arguments(ast.get_docstring(node) or "", "Attributes:")
     names = [a.target.id for a in node.body if isinstance(a, ast.AnnAssign) and isinstance(a.target, ast.Name)]
     return _table(("name", "meaning"), [[f"`{name}`", meaning.get(name, "")] for name in names])
@@ -112,7 +112,7 @@ def _parts(line: str) -> list[tuple[str, str]]:
 def _flags() -> dict[str, str]:
     """Argument of `Simulation` -> flag of the command line."""
     _import_from_here()
-    from taichi_cloth.cli import _parser
+    from taichi_cloth.app.cli import _parser
 
     actions = next(a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
     flags = {a.dest: a.option_strings[-1] for a in actions.choices["run"]._actions if a.option_strings}

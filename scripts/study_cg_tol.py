@@ -13,7 +13,7 @@ import numpy as np
 import results
 
 import taichi_cloth as tc
-from taichi_cloth import scenefile
+from taichi_cloth.app import scenefile
 
 TIGHT = 1e-9
 

@@ -10,22 +10,21 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")  # read when taichi is 
 
 __version__ = "0.1.0"
 
-_WHERE = {
-    "TriMesh": "mesh",
-    "grid": "shapes", "strip": "shapes", "equilateral_strip": "shapes", "disk": "shapes", "cylinder": "shapes",
-    "load": "io", "load_solid": "io.solid",
-    "Stretch": "fabric", "Shear": "fabric", "Bend": "fabric", "Fabric": "fabric",
-    "ClothContact": "fabric",
-    "Scene": "scene", "Cloth": "scene", "Air": "scene",
-    "Plane": "solids", "Sphere": "solids", "Capsule": "solids", "Box": "solids", "Cylinder": "solids",
-    "SolidMesh": "solids", "Solid": "solids",
-    "Camera": "view", "View": "view",
-    "Constraint": "constraints",
-    "Simulation": "simulation",
-    "run": "cli",
-    "ClothError": "errors", "MeshError": "errors", "SceneError": "errors", "BackendError": "errors",
-    "OutputError": "errors", "ScriptError": "errors", "SimulationError": "errors",
+_NAMES = {
+    "scene.mesh": "TriMesh",
+    "scene.shapes": "grid strip equilateral_strip disk cylinder",
+    "io": "load",
+    "io.solid": "load_solid",
+    "scene.fabric": "Stretch Shear Bend Fabric ClothContact",
+    "scene.scene": "Scene Cloth Air",
+    "scene.solids": "Plane Sphere Capsule Box Cylinder SolidMesh Solid",
+    "scene.view": "Camera View",
+    "system.constraints": "Constraint",
+    "simulation": "Simulation",
+    "app.cli": "run",
+    "errors": "ClothError MeshError SceneError BackendError OutputError ScriptError SimulationError",
 }
+_WHERE = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = ["__version__", *_WHERE]
 

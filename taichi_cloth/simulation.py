@@ -1,6 +1,6 @@
 """The composition root: a scene becomes fields, forces, an integrator and a stepper, and is run frame by frame."""
 
-from . import taichi_patches  # noqa: F401  (before Taichi)
+from .backend import taichi_patches  # noqa: F401  (before Taichi)
 
 # isort: split
 import math
@@ -11,22 +11,26 @@ import numpy as np
 import taichi as ti
 from numpy.typing import ArrayLike
 
-from . import checks, integrators, runtime
-from .constraints import Attachments, Constraint, Held, by_hand
+from . import checks
+from .backend import runtime
+from .backend.fields import Fields
 from .errors import BackendError, SceneError, SimulationError
-from .fields import Fields
 from .forces import build_forces
 from .forces.external import Drag
 from .forces.membrane import Membrane
-from .integrators import CG_TOL, EXPLICIT, INTEGRATORS, SOLVER, Options
-from .intersections import count_crossings, count_self_crossings
-from .measure import Meter
-from .model import Model
-from .operator import ForceField, Operator, Probe
-from .quantities import collapsed, deformation, principal_stretches
-from .scene import Scene
+from .scene.intersections import count_crossings, count_self_crossings
+from .scene.scene import Scene
 from .solver.pcg import CONVERGED, Solution
-from .stepper import ADVICE, LONGEST, SHORTEST, Control, Stepper, StepRecord
+from .step import integrators
+from .step.choice import SAFETY, choose
+from .step.integrators.attempt import SOLVER
+from .step.options import CG_TOL, EXPLICIT, INTEGRATORS, Options
+from .step.stepper import ADVICE, LONGEST, SHORTEST, Control, Stepper, StepRecord
+from .system.assembler import Meter
+from .system.constraints import Attachments, Constraint, Held, by_hand
+from .system.operator import ForceField, Operator, Probe
+from .system.quantities import collapsed, deformation, principal_stretches
+from .system.state import Model
 
 ROUND_TIME = 1e-9  # part of a step below which two times are the same
 H, H_EXPLICIT = 1 / 60, 0.1  # s, where none is given; explicit methods need it only to look at what they did
@@ -140,11 +144,11 @@ class Simulation:
         self.model = Model(fields, scene, self.runtime)
         self.notes: list[str] = []
         substep = self.options.substep
-        self._forces = build_forces(fields, self.model, scene, self.options.K, substep and substep / integrators.SAFETY)
+        self._forces = build_forces(fields, self.model, scene, self.options.K, substep and substep / SAFETY)
         self.notes += [note for force in self._forces if isinstance(force, Membrane) for note in force.notes]
         if self.integrator_name == "auto":
             tolerance = self.options.tolerance
-            self.integrator_name, why = integrators.choose(self._forces, scene.touches, h, tolerance,
+            self.integrator_name, why = choose(self._forces, scene.touches, h, tolerance,
                                                             self.control.adaptive)
             self.notes.append(f"integrator {self.integrator_name}: {why}")
         self.contacts = _contacts(fields, self.model, scene, h, self.runtime.arch == "cpu", self.options)

@@ -28,7 +28,7 @@ def shared() -> pathlib.Path:
 @pytest.fixture(scope="session", autouse=True)
 def many_blocks() -> None:
     """Small meshes in as many blocks as there are threads, as large ones are."""
-    from taichi_cloth import model
+    from taichi_cloth.system import state as model
 
     model.ROWS = 1
 

@@ -10,7 +10,7 @@ import pytest
 from reference.geometry import against_solids
 
 import taichi_cloth as tc
-from taichi_cloth import scenefile
+from taichi_cloth.app import scenefile
 
 FOLDER = pathlib.Path(__file__).parents[1] / "scenes"
 NAMES = sorted(p.stem for p in FOLDER.glob("*.py"))

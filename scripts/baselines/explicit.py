@@ -6,8 +6,8 @@ What an engineer writes in an afternoon, and hard to beat on soft cloth: a yards
 import numba
 import numpy as np
 
-from taichi_cloth.elements import hinges, lumped_mass, triangles
-from taichi_cloth.mesh import TriMesh
+from taichi_cloth.scene.mesh import TriMesh
+from taichi_cloth.system.elements import hinges, lumped_mass, triangles
 
 
 def bending(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -183,7 +183,7 @@ def _steps(sim: tc.Simulation, text: str) -> Outcome:
 
 def _typed(rng: np.random.Generator, precision: str) -> Outcome:
     """A command line with an odd word."""
-    from taichi_cloth import cli
+    from taichi_cloth.app import cli
 
     actions = [a for a in _flags(cli) if a.option_strings and a.dest not in ("help", "out", "to")]
     action, word = actions[rng.integers(len(actions))], WORDS[rng.integers(len(WORDS))]

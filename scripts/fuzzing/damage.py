@@ -36,7 +36,7 @@ _results: dict[str, str] = {}
 
 def call(*args: object) -> tuple[int, str]:
     """(exit code, everything printed) of a command in this process."""
-    from taichi_cloth.cli import main
+    from taichi_cloth.app.cli import main
 
     said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):

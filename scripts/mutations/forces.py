@@ -14,8 +14,9 @@ STEP = "tests/unit/test_reference.py::test_a_step_of_backward_euler"
 CONDITIONS, HINGE = "taichi_cloth/forces/conditions.py", "taichi_cloth/forces/hinge.py"
 MEMBRANE, BEND = "taichi_cloth/forces/membrane.py", "taichi_cloth/forces/bend.py"
 CURVATURE, FIT = "taichi_cloth/forces/curvature_bend.py", "taichi_cloth/forces/curvature_fit.py"
-EXTERNAL, ELEMENTS = "taichi_cloth/forces/external.py", "taichi_cloth/elements.py"
-OPERATOR, MEASURE, MODEL = "taichi_cloth/operator.py", "taichi_cloth/measure.py", "taichi_cloth/model.py"
+EXTERNAL, ELEMENTS = "taichi_cloth/forces/external.py", "taichi_cloth/system/elements.py"
+OPERATOR, MEASURE = "taichi_cloth/system/operator.py", "taichi_cloth/system/assembler.py"
+MODEL = "taichi_cloth/system/state.py"
 
 MUTATIONS = (
     # stretch and shear
@@ -172,6 +173,6 @@ MUTATIONS = (
      "velocities that are not finite pass",
      "tests/unit/test_reference.py::test_measures_of_stretch"),
     (MODEL, "mass[vertices + cloth.start] += extra", "mass[vertices] += extra", "point masses land on the first cloth"),
-    ("taichi_cloth/integrators/backward_euler.py", "alpha * (self.operator.motion[i] + h * self.solver.dv[i])",
+    ("taichi_cloth/step/integrators/backward_euler.py", "alpha * (self.operator.motion[i] + h * self.solver.dv[i])",
      "alpha * (self.operator.motion[i] + self.solver.dv[i])", "a step's positions", STEP),
 )

@@ -18,7 +18,7 @@ CROSSED = UNIT + "test_what_starts_crossed_is_counted_named_and_pulled_apart"
 HITS = UNIT + "test_what_hits_does_not_pass[f64] tests/hard/test_hard_layers.py"
 SPRINGS = PHYSICS + "test_springs_of_the_paper_carry_a_sheet_with_one_solve_a_step " + PHYSICS + (
     "test_springs_let_nothing_through_that_comes_fast")
-LAYERED = "taichi_cloth/integrators/layered.py"
+LAYERED = "taichi_cloth/step/integrators/layered.py"
 
 MUTATIONS = (
     (CONTACT + "closest.py", "elif d6 >= 0 and d5 <= d6:", "elif d6 >= 0 and d5 >= d6:", "triangle: the third corner's region",
@@ -179,7 +179,7 @@ MUTATIONS = (
      "what comes fast is let go", "tests/hard/test_hard_layers.py"),
     (LAYERED, "        self.model.restore()\n        again =", "        again =", "a step made again from where it ended",
      HITS),
-    ("taichi_cloth/integrators/sprung.py", "if part < 1:", "if part < 0:", "springs let through", SPRINGS),
+    ("taichi_cloth/step/integrators/sprung.py", "if part < 1:", "if part < 0:", "springs let through", SPRINGS),
     (CONTACT + "springs.py", "ti.max(radius - d, 0.0)", "ti.max(d - radius, 0.0)", "springs pull", SPRINGS),
     (CONTACT + "springs.py", "STRONG = 25.0", "STRONG = 0.25", "springs a hundred times too soft", SPRINGS),
     (CONTACT + "response.py", "self.layers.count > 0 or self.layers.tangles.active", "self.layers.count > 0",

@@ -25,7 +25,7 @@ CLOSEST = "taichi_cloth/contact/closest.py"
 CROSSING = "taichi_cloth/contact/crossing.py"
 STATES = "taichi_cloth/contact/states.py"
 ROOM = "taichi_cloth/contact/room.py"
-SOLIDS = "taichi_cloth/solids.py"
+SOLIDS = "taichi_cloth/scene/solids.py"
 
 MUTATIONS = (
     # forces that are told
@@ -44,7 +44,8 @@ MUTATIONS = (
      "forces of points: the damping's sign", FORCES),
     (RESPONSE, "self.places = own[len(own) - pairs:], self.pressed.of(self.end())",
      "self.places = 0 * own[len(own) - pairs:], self.pressed.of(self.end())", "forces of pairs are not told", FORCES),
-    ("taichi_cloth/integrators/backward_euler.py", "                    self.contacts.bore(self.system.reaction_rows())\n",
+    ("taichi_cloth/step/integrators/backward_euler.py",
+     "                    self.contacts.bore(self.system.reaction_rows())\n",
      "                    pass\n", "forces stay those of the solve before last", FORCES),
     (HOLDING, "force[mine] = made_up + (whole - made_up.sum(axis=0)) / len(mine)", "force[mine] = whole",
      "a particle's force counts for each of its contacts", f"{CONTACT}::test_the_corner_of_two_planes_is_loaded_once"),
@@ -92,12 +93,12 @@ MUTATIONS = (
      "where cloth was led is not resumed", RESUME),
     (RESPONSE, 'self.crossed = self.crossed_before = state["crossed"]', 'self.crossed = state["crossed"]',
      "crossings that were there are not resumed", RESUME),
-    ("taichi_cloth/integrators/safe.py", 'float(state["largest"]), state["mean"]',
+    ("taichi_cloth/step/integrators/safe.py", 'float(state["largest"]), state["mean"]',
      'float(state["largest"]), 0 * state["mean"]',
      "the mean acceleration in contact is not resumed", RESUME),
-    ("taichi_cloth/integrators/safe.py", 'self.touching, self.largest, self.mean = bool(state["touching"])',
+    ("taichi_cloth/step/integrators/safe.py", 'self.touching, self.largest, self.mean = bool(state["touching"])',
      'self.touching, self.largest, self.mean = False', "that cloth touches is not resumed", RESUME),
-    ("taichi_cloth/integrators/backward_euler.py", 'self.solver.dv.from_numpy(state["dv"])', "pass",
+    ("taichi_cloth/step/integrators/backward_euler.py", 'self.solver.dv.from_numpy(state["dv"])', "pass",
      "the last change of velocity is not resumed", RESUME),
     # detection
     (DETECTION, "R_1, p_1 = pose(poses, self.solid[s], 12)", "R_1, p_1 = pose(poses, self.solid[s], 0)",

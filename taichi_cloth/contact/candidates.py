@@ -8,10 +8,10 @@ are looked for again, and only theirs.
 import numpy as np
 import taichi as ti
 
-from ..fields import Fields
-from ..mesh import face_edges
-from ..model import Model
-from ..scene import Scene
+from ..backend.fields import Fields
+from ..scene.mesh import face_edges
+from ..scene.scene import Scene
+from ..system.state import Model
 from .closest import EDGE_EDGE, VERTEX_FACE
 from .heap import LEAF, BoxHeap, morton
 from .pair_geometry import apart, between, closing, corners_of

@@ -7,7 +7,7 @@ still slip past it. A step that leaves a new crossing behind is not accepted whi
 import numpy as np
 import taichi as ti
 
-from ..model import Model
+from ..system.state import Model
 from .closest import of_segments, on_triangle
 from .heap import LEAF
 from .mesh_detection import PairDetector

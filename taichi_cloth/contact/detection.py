@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 import taichi as ti
 
-from ..fields import Fields
-from ..model import Model
-from ..scene import Scene
-from ..solids import MESH
+from ..backend.fields import Fields
+from ..scene.scene import Scene
+from ..scene.solids import MESH
+from ..system.state import Model
 from .distance import distance
 
 SLOTS = 3  # contacts of one vertex

@@ -6,7 +6,7 @@ Items are in an order that keeps neighbours together, LEAF of them a leaf. Boxes
 import numpy as np
 import taichi as ti
 
-from ..fields import Fields
+from ..backend.fields import Fields
 
 LEAF = 4
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..constraints import Held, kernel_array
+from ..system.constraints import Held, kernel_array
 from .detection import Found
 
 APART = 0.3  # sine of the angle between directions below which the second is no further constraint of a particle

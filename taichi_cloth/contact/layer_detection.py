@@ -7,9 +7,9 @@ What may be near is known from `candidates`; distances and the free way are take
 import numpy as np
 import taichi as ti
 
-from ..fields import Fields
-from ..model import Model
-from ..scene import Scene
+from ..backend.fields import Fields
+from ..scene.scene import Scene
+from ..system.state import Model
 from .candidates import ROUNDING, Candidates
 from .closest import VERTEX_FACE
 from .near import Near

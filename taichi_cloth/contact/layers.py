@@ -18,10 +18,10 @@ import time
 
 import numpy as np
 
+from ..backend.fields import Fields
 from ..errors import SceneError
-from ..fields import Fields
-from ..model import Model
-from ..scene import Scene
+from ..scene.scene import Scene
+from ..system.state import Model
 from . import pressing
 from .closest import VERTEX_FACE
 from .layer_detection import LayerDetector

@@ -8,10 +8,10 @@ conservative advancement: strides of the distance left over the speed left, whic
 import numpy as np
 import taichi as ti
 
-from ..fields import Fields
-from ..mesh import face_edges
-from ..model import Model
-from ..scene import Scene
+from ..backend.fields import Fields
+from ..scene.mesh import face_edges
+from ..scene.scene import Scene
+from ..system.state import Model
 from .closest import EDGE_EDGE, VERTEX_FACE, of_pair, on_triangle
 from .detection import HIT, KEEP, SAME_SIDE, SLOTS, WIDTH, carry
 from .heap import LEAF

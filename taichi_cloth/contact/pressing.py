@@ -6,9 +6,9 @@ Arrays of numbers have a row for each kind of number, named below, and a column 
 import numpy as np
 import taichi as ti
 
-from ..fields import Fields
+from ..backend.fields import Fields
 from ..forces.conditions import sym_outer, sym_scaled_identity
-from ..model import Model
+from ..system.state import Model
 from .closest import EDGE_EDGE
 from .repulsion import SHALLOW, height, law, potential
 

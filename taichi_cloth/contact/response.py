@@ -18,10 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..constraints import Held
-from ..fields import Fields
-from ..model import Model
-from ..scene import Scene
+from ..backend.fields import Fields
+from ..scene.scene import Scene
+from ..system.constraints import Held
+from ..system.state import Model
 from .detection import Found
 from .holding import hold_together
 from .pairs import PAIR, Pairs, Step, left, press

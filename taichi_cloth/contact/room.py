@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..constraints import Held
+from ..system.constraints import Held
 from .detection import Found
 from .pairs import Pairs
 

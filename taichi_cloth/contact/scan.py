@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from ..constraints import kernel_array
-from ..fields import Fields
-from ..model import Model
-from ..scene import Scene
-from ..solids import MESH, Solid, SolidMesh
+from ..backend.fields import Fields
+from ..scene.scene import Scene
+from ..scene.solids import MESH, Solid, SolidMesh
+from ..system.constraints import kernel_array
+from ..system.state import Model
 from .detection import SLOTS, WIDTH, Found, VertexDetector
 from .pairs import Pairs
 from .tree import TriangleTree, smooth

@@ -8,8 +8,8 @@ Magnenat-Thalmann 2006]
 
 import numpy as np
 
-from ..intersections import self_crossings
-from ..mesh import face_edges
+from ..scene.intersections import self_crossings
+from ..scene.mesh import face_edges
 from .points import Points
 from .states import sym_outer, sym_times, unit
 

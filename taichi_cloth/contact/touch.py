@@ -9,10 +9,10 @@ what is round it turns: `points`.
 import numpy as np
 import taichi as ti
 
-from ..fields import Fields
+from ..backend.fields import Fields
+from ..backend.ordering import touching
 from ..forces.conditions import sym_both, sym_outer, sym_times
-from ..model import Model
-from ..ordering import touching
+from ..system.state import Model
 from .points import CORNERS, Points
 
 ROOM, LAYERED = 8, 40  # points a particle that there is room for, without and with cloth that meets cloth, and

@@ -6,10 +6,10 @@ Its boxes hold the triangles at the start and at the end of a step, and so on al
 import numpy as np
 import taichi as ti
 
-from ..fields import Fields
-from ..mesh import face_edges
-from ..scene import Scene
-from ..solids import MESH, Cylinder, SolidMesh
+from ..backend.fields import Fields
+from ..scene.mesh import face_edges
+from ..scene.scene import Scene
+from ..scene.solids import MESH, Cylinder, SolidMesh
 from .heap import LEAF, BoxHeap, morton
 
 FLAT, RIM = 0.01, 0.5  # angles [rad] that an edge must have to be one, on any solid and on a smooth cylinder

@@ -18,9 +18,9 @@ A force that no cloth asks for is not in the list, so it has no fields, and no k
 
 from functools import partial
 
-from ..fields import Fields
-from ..model import Model
-from ..scene import Scene
+from ..backend.fields import Fields
+from ..scene.scene import Scene
+from ..system.state import Model
 from .bend import Bend
 from .curvature_bend import CurvatureBend
 from .external import Drag, Gravity

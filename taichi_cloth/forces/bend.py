@@ -7,11 +7,11 @@ itself, and fades with triangles that collapse: see `hinge`.
 import numpy as np
 import taichi as ti
 
-from ..elements import Hinges, flat_turns, hinges, row_sums
-from ..fabric import pair
-from ..fields import Fields
-from ..model import Elements, Model
-from ..scene import Scene
+from ..backend.fields import Fields
+from ..scene.fabric import pair
+from ..scene.scene import Scene
+from ..system.elements import Hinges, flat_turns, hinges, row_sums
+from ..system.state import Elements, Model
 from .conditions import sym, sym_outer
 from .hinge import COLLAPSED, hinge_condition, hinge_condition_change
 

@@ -17,12 +17,12 @@ import math
 import numpy as np
 import taichi as ti
 
-from ..elements import row_sums
+from ..backend.fields import Fields
 from ..errors import SceneError
-from ..fabric import pair
-from ..fields import Fields
-from ..model import Elements, Model
-from ..scene import Scene
+from ..scene.fabric import pair
+from ..scene.scene import Scene
+from ..system.elements import row_sums
+from ..system.state import Elements, Model
 from .conditions import sym_outer, sym_scaled_identity, unit
 from .curvature_fit import curvatures
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ..mesh import TriMesh, face_edges
+from ..scene.mesh import TriMesh, face_edges
 
 CONIC = 1e-2  # singular values of a fit below this part of the largest are left out: six points near a conic
 

@@ -3,9 +3,9 @@
 import numpy as np
 import taichi as ti
 
-from ..fields import Fields
-from ..model import Elements, Model
-from ..scene import Scene
+from ..backend.fields import Fields
+from ..scene.scene import Scene
+from ..system.state import Elements, Model
 from .conditions import sym_outer, sym_scaled_identity, sym_times
 
 

@@ -7,11 +7,11 @@ stiffness; its derivative by position and the term C_dot ddC are left out of the
 import numpy as np
 import taichi as ti
 
-from ..elements import row_sums, triangles
-from ..fabric import pair
-from ..fields import Fields
-from ..model import Elements, Model
-from ..scene import Scene
+from ..backend.fields import Fields
+from ..scene.fabric import pair
+from ..scene.scene import Scene
+from ..system.elements import row_sums, triangles
+from ..system.state import Elements, Model
 from .conditions import TINY, shear_stiffness, stretch_stiffness, sym, sym_outer, sym_times, sym_unpack, unit
 
 # columns of the table of materials

@@ -6,7 +6,7 @@ import numpy as np
 
 from .. import checks
 from ..errors import MeshError
-from ..mesh import TriMesh
+from ..scene.mesh import TriMesh
 from .obj import read_obj
 from .off import read_off
 from .pattern import fit_pattern

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..errors import MeshError
-from ..mesh import flatten
+from ..scene.mesh import flatten
 
 AS_IS = 1.2  # lengths of pattern and mesh that agree to this factor are taken to be the same metres
 BAD_STRETCH = 2.0  # a triangle stretched or squeezed by more than this, after scaling, is badly mapped

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import checks, npz
+from .. import checks
 from ..errors import MeshError, SceneError
-from ..solids import SolidMesh
-from . import read_surface
+from ..scene.solids import SolidMesh
+from . import npz, read_surface
 
 
 def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, mesh: str | Path | None = None) -> SolidMesh:

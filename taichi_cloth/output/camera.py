@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..view import Camera, View
+from ..scene.view import Camera, View
 
 NEAR = 1e-3  # part of the distance to the target in front of which nothing is drawn
 DIRECTION = (0.55, 0.3, 1.0)  # from where a fitted camera looks

@@ -25,7 +25,7 @@ from typing import BinaryIO
 import numpy as np
 
 from ..errors import OutputError
-from ..npz import pack
+from ..io.npz import pack
 from .lock import Lock
 
 MANIFEST, TELEMETRY, GEOMETRY = "manifest.json", "telemetry.jsonl", "geometry.npz"

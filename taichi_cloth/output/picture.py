@@ -7,7 +7,7 @@ import numpy as np
 
 from .. import checks
 from ..errors import SceneError, shown
-from ..view import Camera, View
+from ..scene.view import Camera, View
 from .camera import fit
 from .colors import draw_bar, heat_colors
 from .raster import PALETTE, QUALITY, STONE, Renderer

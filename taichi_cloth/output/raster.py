@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
-from .. import checks, runtime
+from .. import checks
+from ..backend import runtime
 from ..errors import BackendError
-from ..view import Camera, View
+from ..scene.view import Camera, View
 from .camera import fit, frame, ground_height
 from .colors import to_srgb
 from .coverage import PIECE, corner, edge, pieces, weights, wire

@@ -6,8 +6,8 @@ import pathlib
 
 import numpy as np
 
-from .. import npz
 from ..errors import OutputError
+from ..io import npz
 from .folder import CHECKPOINTS, FORMAT, FRAMES, GEOMETRY, MANIFEST, TELEMETRY, manifest_sum, numbered, read_line
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..mesh import TriMesh
+from ..scene.mesh import TriMesh
 
 SMALLEST = 12  # nodes of a level below which there is no coarser one
 DEEPEST = 12

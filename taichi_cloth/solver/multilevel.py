@@ -12,17 +12,17 @@ more than the finest one.
 import numpy as np
 import taichi as ti
 
-from ..constraints import Held
-from ..fields import Fields
+from ..backend.fields import Fields
 from ..forces.bend import Bend
 from ..forces.conditions import sym, sym_scaled_identity, sym_times, sym_unpack
 from ..forces.curvature_bend import CurvatureBend
 from ..forces.membrane import Membrane
-from ..mesh import face_edges
-from ..operator import Operator
-from ..scene import Scene
+from ..scene.mesh import face_edges
+from ..scene.scene import Scene
+from ..system.constraints import Held
+from ..system.operator import Operator
 from .lattice import Gather, Level, coordinates, gather, levels, meeting, squares
-from .preconditioner import Pointwise
+from .pointwise import Pointwise
 
 WORTH = 15  # iterations that making the levels costs: they are made anew when age has cost as many
 LONGEST = 31  # steps in which levels are made anew every time, after they have not lasted

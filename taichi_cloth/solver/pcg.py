@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import taichi as ti
 
-from ..fields import Fields
-from ..operator import Operator
-from ..runtime import Runtime
-from ..team import END, TASK, Team
+from ..backend.fields import Fields
+from ..backend.phases import END, TASK, Team
+from ..backend.runtime import Runtime
+from ..system.operator import Operator
 
 CONVERGED, MAX_ITERATIONS, BREAKDOWN, NOT_FINITE = "CONVERGED", "MAX_ITERATIONS", "BREAKDOWN", "NOT_FINITE"
 GO_ON, DONE, BROKEN, BAD = range(4)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_cli import QUICK, call, read_png
 
-from taichi_cloth import runtime
+from taichi_cloth.backend import runtime
 
 
 @pytest.mark.parametrize("arch", ["cuda", "vulkan", "metal"])

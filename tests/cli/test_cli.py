@@ -162,7 +162,7 @@ def test_check_list_doctor_and_help():
     assert doctor.returncode == 0 and "cpu      runs" in doctor.stdout
     modules = subprocess.run([sys.executable, "-X", "importtime", "-m", "taichi_cloth", "--help"], capture_output=True,
                              text=True, cwd=ROOT, check=True).stderr
-    assert "taichi_cloth.cli" in modules and "taichi.lang" not in modules and "numpy" not in modules
+    assert "taichi_cloth.app.cli" in modules and "taichi.lang" not in modules and "numpy" not in modules
 
 
 def test_scene_file_takes_the_same_flags():

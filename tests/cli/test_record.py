@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_cli import read_png
 
-from taichi_cloth import cli
+from taichi_cloth.app import cli
 from taichi_cloth.output.recording import Recording
 
 SCENE = '''"""A sheet lies on a box, another falls freely, and a ball goes by."""

@@ -15,12 +15,12 @@ import pytest
 from test_cli import QUICK, ROOT, call, read_png
 
 import taichi_cloth as tc
-from taichi_cloth import scenefile
+from taichi_cloth.app import scenefile
 from taichi_cloth.errors import OutputError
 from taichi_cloth.output.export import export
 from taichi_cloth.output.export.pc2 import read_pc2
 from taichi_cloth.output.recording import Recording
-from taichi_cloth.quantities import evaluate
+from taichi_cloth.system.quantities import evaluate
 
 RUN = ["--set", "cells=12", "--fps", "30", "--duration", "0.5", "--no-images", "--checkpoint-every", "4"]
 
@@ -203,7 +203,7 @@ def test_a_full_disk_leaves_what_is_written_whole(limit, culprit, tmp_path):
     """A limit on the size of files stands for the disk."""
     script = tmp_path / "full.py"
     script.write_text("import resource, sys\n"
-                      "from taichi_cloth.cli import main\n"
+                      "from taichi_cloth.app.cli import main\n"
                       "import taichi_cloth.output.folder as folder\n"
                       "whole = folder.write_whole\n"
                       "def limited(path, data):\n"

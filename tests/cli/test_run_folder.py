@@ -11,12 +11,13 @@ import pytest
 from test_cli import call
 
 import taichi_cloth as tc
-from taichi_cloth import cli, npz, scenefile
+from taichi_cloth.app import cli, scenefile
+from taichi_cloth.app.scenefile import SceneFile, run_check
 from taichi_cloth.errors import ScriptError
+from taichi_cloth.io import npz
 from taichi_cloth.output.folder import RunFolder
 from taichi_cloth.output.recording import Recording
-from taichi_cloth.resuming import run_of
-from taichi_cloth.scenefile import SceneFile, run_check
+from taichi_cloth.recording.resuming import run_of
 
 SCENE = '''"""A sheet that falls, and what `act` does after 0.13 s."""
 import taichi_cloth as tc

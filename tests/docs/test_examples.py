@@ -63,7 +63,7 @@ ALL = [(page, line, words) for page in PAGES for line, words in commands(page) i
 
 def test_commands_are_parsed(capsys):
     """Every `taichi-cloth ...` of a page is one that the command line takes."""
-    from taichi_cloth.cli import _parser
+    from taichi_cloth.app.cli import _parser
 
     mine = [(page, line, words) for page, line, words in ALL if words[0] == "taichi-cloth"]
     assert len(mine) > 20

@@ -33,7 +33,7 @@ def test_every_option_has_its_row():
 
 
 def test_every_number_of_a_step_is_explained():
-    from taichi_cloth.stepper import StepRecord
+    from taichi_cloth.step.stepper import StepRecord
 
     table = rows(site_pages.record())
     assert list(table) == [f.name for f in fields(StepRecord)]
@@ -41,7 +41,9 @@ def test_every_number_of_a_step_is_explained():
 
 
 def test_every_command_and_scene_is_listed():
-    from taichi_cloth import cli_recorded, cli_study, scenefile
+    from taichi_cloth.app import recorded as cli_recorded
+    from taichi_cloth.app import scenefile
+    from taichi_cloth.app import studies as cli_study
 
     text = site_pages.commands()
     for name in ("run", "check", "list", "doctor", *cli_recorded.COMMANDS, *cli_study.COMMANDS):
@@ -59,7 +61,7 @@ def test_every_public_name_has_its_place():
 
 
 def test_every_rejection_is_explained():
-    from taichi_cloth.stepper import ADVICE
+    from taichi_cloth.step.stepper import ADVICE
 
     assert set(ADVICE) <= {line.split("|")[1].strip() for line in (ROOT / "docs/troubleshooting.md").read_text().splitlines()
                            if line.startswith("| ")}

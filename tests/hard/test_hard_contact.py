@@ -8,7 +8,7 @@ import pytest
 from reference.geometry import against_solids
 
 import taichi_cloth as tc
-from taichi_cloth import scenefile
+from taichi_cloth.app import scenefile
 
 FABRIC = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
 

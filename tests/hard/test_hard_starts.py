@@ -78,7 +78,7 @@ def test_corner_jerked_at_10_metres_a_second():
 
 @pytest.mark.parametrize("stretch", [1000.0, 100_000.0])
 def test_hang_at_paper_size_needs_no_smaller_step(stretch):
-    from taichi_cloth import scenefile
+    from taichi_cloth.app import scenefile
 
     scene = scenefile.read("hang")
     sim = tc.Simulation(scene.make({"stretch": stretch}), h=1 / 60, integrator="backward_euler")

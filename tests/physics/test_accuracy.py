@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth import scenefile
-from taichi_cloth.study import Case, study
+from taichi_cloth.app import scenefile
+from taichi_cloth.studies.study import Case, study
 
 FOLDER = pathlib.Path(__file__).parents[2] / "scenes"
 SWING = scenefile.read(str(FOLDER / "swing.py"))

@@ -7,7 +7,7 @@ import pytest
 
 import taichi_cloth as tc
 from taichi_cloth import checks
-from taichi_cloth.mesh import facing
+from taichi_cloth.scene.mesh import facing
 
 nan, inf = float("nan"), float("inf")
 SHEET = tc.grid(1.0, 3)

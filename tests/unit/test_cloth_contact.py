@@ -9,16 +9,16 @@ import pytest
 import taichi as ti
 
 import taichi_cloth as tc
-from taichi_cloth import runtime
+from taichi_cloth.backend import runtime
+from taichi_cloth.backend.fields import Fields
 from taichi_cloth.contact import repulsion
 from taichi_cloth.contact.closest import VERTEX_FACE
 from taichi_cloth.contact.layer_detection import PINCHED, LayerDetector
 from taichi_cloth.contact.points import Points
 from taichi_cloth.contact.pressing import MU, NOW, POTENTIAL, STIFF
 from taichi_cloth.contact.repulsion import FLOOR, SHALLOW, room
-from taichi_cloth.fields import Fields
-from taichi_cloth.intersections import self_crossings
-from taichi_cloth.model import Model
+from taichi_cloth.scene.intersections import self_crossings
+from taichi_cloth.system.state import Model
 
 FABRIC = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
 THICKNESS = 0.05
@@ -444,7 +444,7 @@ def step(touches):
     sim = tc.Simulation(scene, threads=1)
     sim.step()
     ours = {m.removeprefix("taichi_cloth.") for m in sys.modules if m.startswith("taichi_cloth.")}
-    print(*sorted(m for m in ours if m.startswith("contact") or m in ("integrators.layered", "integrators.sprung")))
+    print(*sorted(m for m in ours if m.startswith("contact") or m in ("step.integrators.layered", "step.integrators.sprung")))
     return sim
 
 assert step(False).contacts is None
@@ -459,7 +459,7 @@ assert not hasattr(sim.contacts.touch, "turns") and sim.contacts.touch.capacity 
     own = {"candidates", "layer_detection", "layers", "near", "pair_geometry", "pressed", "pressing", "repulsion", "springs",
            "tangles"}
     assert some & {"contact.response", "contact.touch"} and not some & {f"contact.{m}" for m in own}
-    assert not {m for m in some if m.startswith("integrators")}
+    assert not {m for m in some if m.startswith("step")}
 
 
 def test_a_pair_is_neither_pushed_nor_turned_nor_braked_as_it_turns(rng):

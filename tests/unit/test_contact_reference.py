@@ -9,13 +9,14 @@ import taichi as ti
 from reference import contact as ref
 
 import taichi_cloth as tc
-from taichi_cloth import intersections, runtime
+from taichi_cloth.backend import runtime
+from taichi_cloth.backend.fields import Fields
 from taichi_cloth.contact import repulsion
 from taichi_cloth.contact.layer_detection import LayerDetector
 from taichi_cloth.contact.pair_geometry import between, closing, fading, gap
 from taichi_cloth.contact.pressing import BACK, BEARS, FORCE, GAP, OWN, POTENTIAL, RUB, RUBBED, STIFF, STOPPED
-from taichi_cloth.fields import Fields
-from taichi_cloth.model import Model
+from taichi_cloth.scene import intersections
+from taichi_cloth.system.state import Model
 
 THICK = (0.05, 0.03)  # m, of two cloths
 SKIN = 0.2 * 0.03  # m that particles may stray, of the thinner one's thickness

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth import cli, scenefile
+from taichi_cloth.app import cli, scenefile
 from taichi_cloth.errors import ScriptError
-from taichi_cloth.fabric import pair
-from taichi_cloth.scene import orthonormal
+from taichi_cloth.scene.fabric import pair
+from taichi_cloth.scene.scene import orthonormal
 
 SHAPES = {"alternating": tc.grid((2.0, 1.0), (4, 3)), "uniform": tc.grid((2.0, 1.0), (4, 3), "uniform", "xy"),
           "cross": tc.grid((2.0, 1.0), (4, 3), "cross"), "strip": tc.strip(3.0, 0.5, 12),
@@ -251,7 +251,7 @@ def test_flags_go_before_the_scenes_own_and_those_before_defaults(scene):
 
 @pytest.mark.parametrize("result, code", [(0, 1), (1, 1), (2, 0), (3, 1)])
 def test_a_check_that_fails_has_exit_code_1(scene, result, code, monkeypatch, capsys):
-    from taichi_cloth import runner
+    from taichi_cloth.app import runner
 
     monkeypatch.setattr(runner, "simulate", lambda scene, options: result if options.settings == {"n": "2"} else None)
     args = cli._parser().parse_args(["check", "sheet", "--small"])
@@ -278,7 +278,7 @@ def test_exit_codes(capsys):
 def test_looks_are_read_from_flags():
     parser = argparse.ArgumentParser()
     cli.look_flags(parser)
-    from taichi_cloth.cli_recorded import look_of
+    from taichi_cloth.app.recorded import look_of
 
     look = look_of(parser.parse_args(["--camera", "1,2,3:0,0,0:50", "--heat", "shear", "--range=-1:1", "--orbit", "90"]))
     assert look["camera"] == tc.Camera((1, 2, 3), (0, 0, 0), 50) and look["heat"] == ("shear",

@@ -7,8 +7,8 @@ import sys
 import numpy as np
 import pytest
 
-from taichi_cloth import npz
 from taichi_cloth.errors import OutputError
+from taichi_cloth.io import npz
 from taichi_cloth.output.folder import RunFolder, write_whole
 from taichi_cloth.output.recording import Recording
 

@@ -5,7 +5,7 @@ import pytest
 from conftest import FULL
 
 import taichi_cloth as tc
-from taichi_cloth.elements import lumped_mass
+from taichi_cloth.system.elements import lumped_mass
 
 PARTS = {
     "stretch": tc.Fabric(0.2, stretch=tc.Stretch((800, 600), (0.8, 0.6), (1.0, 0.98))),

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.integrators.system import phi
-from taichi_cloth.integrators.tr_bdf2 import TRBDF2
+from taichi_cloth.step.integrators.system import phi
+from taichi_cloth.step.integrators.tr_bdf2 import TRBDF2
 
 FABRIC = tc.Fabric(0.2, tc.Stretch((900, 700), 0.6), tc.Shear(150, 0.1), tc.Bend(2e-3))
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.boxes import near
-from taichi_cloth.intersections import count_self_crossings, self_crossings
+from taichi_cloth.scene.boxes import near
+from taichi_cloth.scene.intersections import count_self_crossings, self_crossings
 
 
 def volume(a, b, c, d) -> Fraction:
@@ -53,7 +53,7 @@ def test_every_crossing_is_counted_and_none_made_up(kind, rng):
 
 
 def test_boxes_that_meet_are_found_once_each(rng, monkeypatch):
-    monkeypatch.setattr("taichi_cloth.boxes.PART", 37)
+    monkeypatch.setattr("taichi_cloth.scene.boxes.PART", 37)
     for spread in (0.1, 3.0):  # alike, and from 1e-9 to 1e9
         a, b = (rng.normal(size=(n, 1, 3)) * 3 + rng.normal(size=(n, 2, 3)) * 10 ** (spread * rng.normal(size=(n, 1, 1)))
                 for n in (80, 70))

@@ -1,50 +1,75 @@
-"""Imports go one way: a module imports only from rooms above its own."""
+"""Imports go one way: rooms in a fixed order, and no circle among files, imports inside functions included."""
 
 import ast
 import pathlib
 
 PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
 
-ROOMS = [
-    # description
-    ["errors", "npz", "interrupts"], ["checks"], ["view"], ["mesh", "boxes"], ["shapes", "fabric", "intersections"],
-    ["solids"], ["scene"], ["io"],
-    ["ordering", "elements", "taichi_patches", "runtime", "timing"], ["quantities"], ["fields"], ["model", "team"],  # fields
-    ["forces"], ["operator"], ["measure", "constraints"], ["ledger"], ["contact"], ["solver"], ["integrators"], ["stepper"],
-    ["simulation"],
-    ["output"], ["record", "playback"], ["report", "scenefile"], ["study", "verify"], ["resuming"], ["runner"],
-    ["cli_recorded"], ["cli_study"], ["cli"],
-    ["__main__", "__init__"],
-]
-ROOM = {name: k for k, names in enumerate(ROOMS) for name in names}
-NUMPY_ONLY = {"errors", "checks", "npz", "view", "mesh", "shapes", "fabric", "solids", "boxes", "intersections", "scene",
-              "io", "ordering", "elements", "quantities", "scenefile", "cli_recorded", "cli_study", "cli"}
-OUTPUT_MAY = {"output", "errors", "checks", "npz", "view", "runtime"}
+ROOMS = ("errors", "checks", "scene", "io", "backend", "system", "forces", "contact", "solver", "step", "simulation", "output",
+         "recording", "studies", "app", "__main__", "__init__")
+NUMPY_ONLY = {"errors", "checks", "scene", "io", "backend.ordering", "backend.timing", "system.elements", "system.quantities",
+              "step.ledger", "app.scenefile", "app.recorded", "app.studies", "app.cli", "app.interrupts"}
+OUTPUT_MAY = {"errors", "checks", "io.npz", "scene.view", "backend.runtime"}
 
 
-def imports(path: pathlib.Path):
-    """(room of the importing module, room imported or external name) pairs."""
+def name_of(path: pathlib.Path) -> str:
+    """Dotted name of a module within the package; a folder's own file has the folder's name."""
     parts = path.relative_to(PACKAGE).with_suffix("").parts
+    return ".".join(parts[:-1]) if len(parts) > 1 and parts[-1] == "__init__" else ".".join(parts)
+
+
+FILES = {name_of(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+
+
+def imports(name: str) -> tuple[set[str], set[str]]:
+    """(modules of the package, packages from outside) that a module imports, wherever in it."""
+    path = FILES[name]
+    folder = path.relative_to(PACKAGE).parent.parts
+    inside, outside = set(), set()
     for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and node.level:
-            base = list(parts[: len(parts) - node.level])
-            target = base + (node.module.split(".") if node.module else [])
-            for name in [target[0]] if target else [a.name for a in node.names]:
-                yield parts[0], name
-        elif isinstance(node, ast.Import):
-            yield from ((parts[0], "ext:" + a.name.split(".")[0]) for a in node.names)
+        if isinstance(node, ast.Import):
+            outside |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            outside.add(node.module.split(".")[0])
         elif isinstance(node, ast.ImportFrom):
-            yield parts[0], "ext:" + node.module.split(".")[0]
+            base = [*folder[: len(folder) - node.level + 1], *(node.module.split(".") if node.module else [])]
+            for alias in node.names:
+                module = ".".join([*base, alias.name])
+                target = module if module in FILES else ".".join(base)
+                if target:  # else a name of the package itself, such as its version
+                    inside.add(target)
+    return inside, outside
 
 
-def test_imports_go_one_way():
-    files = sorted(PACKAGE.rglob("*.py"))
-    assert len(files) > 25
-    for path in files:
-        for room, target in imports(path):
-            where = f"{path.name} imports {target}"
-            if target.startswith("ext:"):
-                assert not (room in NUMPY_ONLY and target == "ext:taichi"), where
-            elif target != "__version__":
-                assert ROOM[target] < ROOM[room] or target == room, where
-                assert room != "output" or target in OUTPUT_MAY, where
+GRAPH = {name: imports(name) for name in FILES}
+
+
+def belongs(name: str, names) -> bool:
+    """Whether a module is one of `names`, or in a room of one."""
+    return any(name == other or name.startswith(other + ".") for other in names)
+
+
+def test_rooms_are_in_order():
+    assert len(FILES) > 100
+    for name, (inside, outside) in GRAPH.items():
+        room = name.split(".")[0]
+        for target in inside:
+            where = f"{name} imports {target}"
+            other = target.split(".")[0]
+            assert ROOMS.index(other) <= ROOMS.index(room), where
+            assert room != "output" or other == "output" or target in OUTPUT_MAY, where
+        assert not (belongs(name, NUMPY_ONLY) and "taichi" in outside), name
+
+
+def test_no_circle_among_files():
+    done: set[str] = set()
+
+    def visit(name: str, trail: tuple[str, ...]) -> None:
+        assert name not in trail, " imports ".join([*trail[trail.index(name):], name])
+        if name not in done:
+            for target in GRAPH[name][0]:
+                visit(target, (*trail, name))
+            done.add(name)
+
+    for name in FILES:
+        visit(name, ())

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth import elements
-from taichi_cloth.ledger import totals
-from taichi_cloth.quantities import deformation
+from taichi_cloth.step.ledger import totals
+from taichi_cloth.system import elements
+from taichi_cloth.system.quantities import deformation
 
 K, K_D, SHEAR, D, DENSITY = (900.0, 700.0), 0.6, 150.0, 2e-3, 0.2
 CONVERGED = {"newton_tol": 1e-11, "cg_tol": 1e-12, "newton_max": 60}
@@ -137,7 +137,7 @@ def test_a_twisted_sheet_gains_nothing(integrator, part):
 
 
 def test_slowing_down_keeps_momenta_and_what_is_held(rng):
-    from taichi_cloth.integrators.brake import Brake
+    from taichi_cloth.step.integrators.brake import Brake
 
     scene = tc.Scene(gravity=None)
     for shift in (0.0, 3.0):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.operator import Probe
 from taichi_cloth.solver import multilevel
 from taichi_cloth.solver.lattice import levels
+from taichi_cloth.system.operator import Probe
 
 FABRIC = tc.Fabric(0.15, tc.Stretch(5000), tc.Shear(500), tc.Bend(5e-5))
 

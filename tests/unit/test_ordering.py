@@ -3,7 +3,7 @@
 import numpy as np
 
 import taichi_cloth as tc
-from taichi_cloth.ordering import block_bounds, cuthill_mckee, partition
+from taichi_cloth.backend.ordering import block_bounds, cuthill_mckee, partition
 
 
 def test_order_is_a_permutation_with_small_bandwidth(rng):

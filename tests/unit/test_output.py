@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth import runtime
+from taichi_cloth.backend import runtime
 from taichi_cloth.errors import OutputError
 from taichi_cloth.output.camera import fit, frame
 from taichi_cloth.output.folder import RunFolder
 from taichi_cloth.output.png import encode_png
-from taichi_cloth.view import Camera, View
+from taichi_cloth.scene.view import Camera, View
 
 
 def test_png_holds_the_pixels(rng):

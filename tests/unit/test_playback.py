@@ -6,8 +6,8 @@ import pytest
 from taichi_cloth.errors import OutputError
 from taichi_cloth.output.folder import RunFolder
 from taichi_cloth.output.recording import Recording
-from taichi_cloth.playback import distances, parting, spread
-from taichi_cloth.resuming import differences
+from taichi_cloth.recording.playback import distances, parting, spread
+from taichi_cloth.recording.resuming import differences
 
 
 def run(path, last, fps=10, off=0.0, at=3, n=4):

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth import record, runtime
-from taichi_cloth.quantities import QUANTITIES, deformation, evaluate, principal_stretches
+from taichi_cloth.backend import runtime
+from taichi_cloth.recording import record
+from taichi_cloth.system.quantities import QUANTITIES, deformation, evaluate, principal_stretches
 
 
 @pytest.fixture(params=["hinge", "curvature"])

@@ -2,7 +2,7 @@
 
 import pytest
 
-from taichi_cloth import scenefile
+from taichi_cloth.app import scenefile
 from taichi_cloth.errors import SceneError
 
 TEXT = '''"""What it shows.

@@ -7,9 +7,9 @@ import pytest
 import taichi as ti
 
 import taichi_cloth as tc
-from taichi_cloth import runtime
-from taichi_cloth.intersections import count_crossings, count_self_crossings
-from taichi_cloth.solids import rotation_matrix
+from taichi_cloth.backend import runtime
+from taichi_cloth.scene.intersections import count_crossings, count_self_crossings
+from taichi_cloth.scene.solids import rotation_matrix
 
 SHAPES = [tc.Plane((0.3, 1.0, -0.2)), tc.Sphere(0.4), tc.Capsule((-0.2, 0, 0.1), (0.3, 0.4, 0), 0.2),
           tc.Box((0.6, 0.4, 0.8)), tc.Box((0.6, 0.4, 0.8), 0.1), tc.Cylinder(0.3, 0.7)]

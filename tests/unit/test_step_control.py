@@ -3,9 +3,9 @@
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.integrators import Attempt
-from taichi_cloth.measure import Measures
-from taichi_cloth.stepper import Control, Stepper
+from taichi_cloth.step.integrators.attempt import Attempt
+from taichi_cloth.step.stepper import Control, Stepper
+from taichi_cloth.system.assembler import Measures
 
 FINE = {"energies": {"kinetic": 1.0}, "dissipation": 0.0, "change": 0.0, "stretch": 1.0, "stretch_change": 0.0, "finite": True}
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.study import SAMPLES, Case, Row, Track, judge, mark_front, predictable, study
+from taichi_cloth.studies.study import SAMPLES, Case, Row, Track, judge, mark_front, predictable, study
 
 T = 0.2
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from taichi_cloth import runtime
-from taichi_cloth.fields import Fields
-from taichi_cloth.team import END, PATIENT, TASK, Team
+from taichi_cloth.backend import runtime
+from taichi_cloth.backend.fields import Fields
+from taichi_cloth.backend.phases import END, PATIENT, TASK, Team
 
 WORK = 1
 

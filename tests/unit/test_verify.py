@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth import cli_study, verify
+from taichi_cloth.app import studies as cli_study
 from taichi_cloth.simulation import Simulation
+from taichi_cloth.studies import verify
 
 WORDS = ["pins drift", "every solve of every step converged", "force against differences of the energy",
          "stiffness product against differences", "the matrix is symmetric", "damping product against differences",

@@ -1,0 +1,1 @@
+"""The command line, and runs from scene file to folder."""

@@ -1,0 +1,235 @@
+"""Command line: run, list, check, doctor; what works on finished runs is in `cli_recorded`.
+
+Heavy imports happen inside the commands, so that --help is instant.
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Callable, Sequence
+
+from . import recorded as cli_recorded
+from . import studies as cli_study
+from .recorded import look_flags, number_of, size_of
+
+DEFAULTS: dict = {"duration": 2.0, "fps": 30.0, "h": None, "arch": "cpu", "precision": "f64",
+            "integrator": "safe", "K": "projected", "preconditioner": "auto", "stretch_limit": 0.5,
+            "cg_tol": None, "newton_tol": None, "tolerance": None, "substep": None, "tangles": "untangle",
+            "contact": "repulsion"}
+OK, FAILED, BAD_USAGE, GAVE_UP, OWN_CODE, INTERRUPTED = 0, 1, 2, 3, 4, 130
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs a command; returns the exit code: 0 ok, 1 check failed, 2 bad scene or usage, 3 gave up, 4 an exception of the
+    scene's own code, 130 interrupted."""
+    return _guard(lambda: _dispatch(_parser().parse_args(argv)))
+
+
+def run(build: Callable, argv: Sequence[str] | None = None) -> None:
+    """Makes `python scenes/x.py` take the flags of `taichi-cloth run`; ends the process with its exit code.
+
+    Args:
+        build: the scene's build function; `check`, `RUN` and `SMALL` are taken from its module.
+        argv: flags; the process's own where None.
+    """
+    from .. import checks
+
+    checks.function("run: build", build)
+    if argv is not None and not (isinstance(argv, (list, tuple)) and all(isinstance(a, str) for a in argv)):
+        checks.instance("run: argv", argv, type(None))
+    parser = argparse.ArgumentParser(description=sys.modules[build.__module__].__doc__)
+    _run_flags(parser)
+
+    def go() -> int:
+        from . import scenefile
+
+        return _run(parser.parse_args(argv), scenefile.of_module(build))
+
+    sys.exit(_guard(go))
+
+
+def _dispatch(args: argparse.Namespace) -> int:
+    from . import scenefile
+
+    if args.command == "list":
+        return _list()
+    if args.command == "doctor":
+        return _doctor()
+    if args.command in cli_recorded.COMMANDS:
+        return cli_recorded.COMMANDS[args.command](args)
+    if args.command in cli_study.COMMANDS:
+        return cli_study.COMMANDS[args.command](args)
+    scene = scenefile.read(args.scene)
+    return _run(args, scene) if args.command == "run" else _check(args, scene)
+
+
+def _guard(work: Callable[[], int]) -> int:
+    from ..errors import ClothError, ScriptError
+    from .interrupts import raised
+
+    try:
+        with raised():
+            return work()
+    except ClothError as error:
+        if isinstance(error, ScriptError):
+            import traceback
+
+            traceback.print_exception(error.__cause__)
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("interrupted: every finished frame is whole", file=sys.stderr)
+        return INTERRUPTED
+
+
+def _run(args: argparse.Namespace, scene) -> int:
+    from .runner import describe, simulate
+
+    started = time.perf_counter()
+    options = _options(args, scene)
+    sim = simulate(scene, options)
+    print(describe(sim, time.perf_counter() - started))
+    if options.out:
+        print(f"written to {options.out}/" + ("images/" if options.size else ""))
+    return OK
+
+
+def _check(args: argparse.Namespace, scene) -> int:
+    from .runner import simulate
+    from .scenefile import run_check
+
+    if args.small:
+        args.set = [f"{k}={v}" for k, v in scene.small.items()] + args.set
+    options = _options(args, scene)
+    sim, passed = simulate(scene, options), True
+    for sentence, good in run_check(scene, sim):
+        print(f"{'ok    ' if good else 'FAILED'} {sentence}")
+        passed &= bool(good)
+    return OK if passed else FAILED
+
+
+def _list() -> int:
+    from . import scenefile
+
+    for name in scenefile.available():
+        print(f"{name:22} {scenefile.read(name).summary}")
+    return OK
+
+
+def _doctor() -> int:
+    import os
+    import platform
+
+    from .. import __version__
+    from ..backend import runtime
+
+    print(f"taichi_cloth {__version__}, Python {platform.python_version()}, {platform.platform()}")
+    for package in ("taichi", "numpy", "meshio", "rich"):
+        from importlib.metadata import version
+        print(f"{package:8} {version(package)}")
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    print(f"cpu      runs, f32 and f64, {cores} threads")
+    for arch in runtime.ARCHS[1:]:
+        there = runtime.available(arch)
+        print(f"{arch:8} {'runs, f32' + ('' if arch in runtime.NO_DOUBLE else ' and f64') if there else 'not here'}")
+    return OK
+
+
+def _options(args: argparse.Namespace, scene):
+    from dataclasses import replace
+
+    from .. import checks
+    from ..errors import SceneError, did_you_mean
+    from ..simulation import MOST_FRAMES
+    from .runner import RunOptions
+
+    unknown = set(scene.run) - set(DEFAULTS)
+    if unknown:
+        raise SceneError(f"scene {scene.name}: RUN has no {unknown.pop()!r}; {did_you_mean('', DEFAULTS)}")
+    values: dict = {k: next((v for v in (getattr(args, k), scene.run.get(k), default) if v is not None), None)
+              for k, default in DEFAULTS.items()}
+    settings = {}
+    for item in args.set:
+        name, equals, value = item.partition("=")
+        if not equals:
+            raise SceneError(f"--set {item!r}: needs name=value")
+        settings[name] = value
+    for name in ("duration", "fps", "h"):
+        values[name] = checks.maybe(values[name], checks.number, f"--{name}", positive=True)
+    duration, fps = values.pop("duration"), values.pop("fps")
+    checks.integer("--duration times --fps, the number of frames,", round(duration * fps), most=MOST_FRAMES)
+    simulation = {**values, "adaptive": not args.fixed_step, "threads": args.threads, "debug": args.debug,
+                  "count_intersections": args.count_intersections}
+    size = None if getattr(args, "no_images", True) else args.size
+    options = RunOptions(getattr(args, "out", None), duration, fps, size, getattr(args, "overwrite", False), settings,
+                         simulation)
+    if not hasattr(args, "out"):
+        return options
+    if args.out == "":
+        raise SceneError("--out '': needs a folder's name; without --out nothing is written")
+    resume = args.resume or args.from_frame is not None
+    if resume and not args.out:
+        raise SceneError("--resume needs the run's folder: --out DIR")
+    if resume and args.overwrite:
+        raise SceneError("--resume keeps a run's files and --overwrite removes them: choose one")
+    checks.integer("--checkpoint-every", args.checkpoint_every, least=0)
+    checks.maybe(args.from_frame, checks.integer, "--from-frame", least=0)
+    return replace(options, look=cli_recorded.look_of(args), checkpoint_every=args.checkpoint_every,
+                   frames=not args.no_frames, resume=resume, from_frame=args.from_frame, force=args.force)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="taichi-cloth", description="Implicit cloth simulation on Taichi kernels.")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    run_parser = commands.add_parser("run", help="simulate a scene and write pictures")
+    run_parser.add_argument("scene", help="a scene file, or the name of one that `list` shows")
+    _run_flags(run_parser)
+    check = commands.add_parser("check", help="simulate a scene and run its check")
+    check.add_argument("scene", help="a scene file or name")
+    check.add_argument("--small", action="store_true", help="with the scene's quick options")
+    _simulation_flags(check)
+    cli_recorded.add_parsers(commands)
+    cli_study.add_parsers(commands)
+    commands.add_parser("list", help="scenes, one line each")
+    commands.add_parser("doctor", help="what runs on this machine")
+    return parser
+
+
+def _run_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--out", metavar="DIR", help="folder for manifest, telemetry and images")
+    parser.add_argument("--size", type=size_of, default=(1280, 720), metavar="WxH", help="of the images (1280x720)")
+    parser.add_argument("--no-images", action="store_true", help="write no images")
+    parser.add_argument("--overwrite", action="store_true", help="remove another run's files from the folder")
+    parser.add_argument("--no-frames", action="store_true", help="keep no positions: no rendering again, no export")
+    parser.add_argument("--checkpoint-every", type=int, default=10, metavar="N", help="frames (10); 0 writes no checkpoints")
+    parser.add_argument("--resume", action="store_true", help="go on with the run in the folder from its last checkpoint")
+    parser.add_argument("--from-frame", type=int, metavar="K", help="go on from frame K; the scene may be edited")
+    parser.add_argument("--force", action="store_true", help="go on though parameters have changed")
+    look_flags(parser)
+    _simulation_flags(parser)
+
+
+def _simulation_flags(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
+    add("--duration", type=number_of, metavar="S", help="simulated time [s]")
+    add("--fps", type=number_of, metavar="N", help="frames a second")
+    add("--h", type=number_of, metavar="S", help="largest step [s], such as 1/60")
+    add("--fixed-step", action="store_true", help="exactly these steps, never retried smaller")
+    add("--arch", help="cpu, cuda, vulkan or metal")
+    add("--precision", help="f32 or f64")
+    add("--threads", type=int, metavar="N", help="CPU threads (all)")
+    add("--integrator", help="auto, safe, tr_bdf2, backward_euler, newton_euler or verlet")
+    add("--K", help="projected, gauss_newton or paper")
+    add("--preconditioner", help="auto, multilevel, block_jacobi, jacobi or none")
+    add("--cg-tol", dest="cg_tol", type=number_of, metavar="X", help="relative residual of the linear solve")
+    add("--newton-tol", dest="newton_tol", type=number_of, metavar="M", help="last change at which Newton's method stops [m]")
+    add("--tolerance", type=number_of, metavar="M", help="error of positions to keep to [m], which drives the step")
+    add("--substep", type=number_of, metavar="S", help="of verlet [s]; what is too stiff for it is softened")
+    add("--stretch-limit", dest="stretch_limit", type=number_of, metavar="X",
+        help="largest change of a triangle's stretch in a step")
+    add("--tangles", help="cloth that passes through cloth: untangle, ignore or abort")
+    add("--contact", help="by what cloth is kept from cloth: repulsion, or the paper's springs, for comparison")
+    add("--count-intersections", action="store_true",
+        help="count exactly, after every step, where cloth passes through cloth")
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the scene")
+    add("--debug", action="store_true", help="bounds checks in kernels (slow)")

@@ -1,0 +1,194 @@
+"""Commands on finished runs: render, compare, export, diff, report; and the flags that say how to draw."""
+
+import argparse
+import pathlib
+from collections.abc import Callable
+
+
+def look_flags(parser: argparse.ArgumentParser) -> None:
+    """Flags of `look_of`."""
+    add = parser.add_argument
+    add("--quality", default="fast", help="fast, standard or high: shadow map, or traced shadows and ambient occlusion")
+    add("--heat", metavar="NAME", help="colour by stretch, shear, bend, speed or contact")
+    add("--range", type=_range, metavar="LOW:HIGH", help="of the heat map's scale")
+    add("--wire", action="store_true", help="draw the triangles' edges")
+    add("--caption", default="", metavar="TEXT", help="in which {t} and {frame} are the time and the frame")
+    add("--camera", type=_camera, metavar="EYE:TARGET[:FOV]", help='such as "1,1,2:0,0.5,0:35"')
+    add("--orbit", type=number_of, default=0.0, metavar="DEG", help="degrees that the camera goes round in a second")
+    add("--follow", action="store_true", help="the camera moves with the cloth")
+
+
+def look_of(args: argparse.Namespace) -> dict:
+    """Arguments of `output.picture.Look` but for the heat map, whose name and range are under "heat"."""
+    from .. import checks
+    from ..output.picture import Look
+    from ..scene.view import Camera
+    from ..system.quantities import QUANTITIES
+
+    if args.heat:
+        checks.choice("quantity", args.heat, QUANTITIES)
+    camera = Camera(*args.camera) if args.camera else None
+    look = {"quality": args.quality, "wire": args.wire, "caption": args.caption, "camera": camera, "orbit": args.orbit,
+            "follow": args.follow}
+    Look(**look)  # what is wrong with it is said before anything runs
+    return {**look, "heat": (args.heat, args.range) if args.heat else None}
+
+
+def add_parsers(commands) -> None:
+    """Adds the commands."""
+    render = commands.add_parser("render", help="draw a finished run again: other camera, heat map, film")
+    render.add_argument("run", help="a run's folder")
+    render.add_argument("--to", metavar="DIR", help="folder for the pictures (RUN/images)")
+    render.add_argument("--size", type=size_of, default=(1280, 720), metavar="WxH", help="of the images (1280x720)")
+    render.add_argument("--every", type=int, default=1, metavar="N", help="every Nth frame")
+    render.add_argument("--arch", default="cpu", help="cpu, cuda, vulkan or metal")
+    render.add_argument("--sheet", type=int, default=0, metavar="N", help="also N frames in one picture, sheet.png")
+    render.add_argument("--apng", action="store_true", help="also an animated PNG, animation.png")
+    render.add_argument("--mp4", action="store_true", help="also film.mp4 (needs the extra `film`)")
+    look_flags(render)
+    compare = commands.add_parser("compare", help="two runs in one picture, with their difference")
+    compare.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
+    compare.add_argument("--to", default="compare.png", metavar="FILE", help="picture (compare.png)")
+    compare.add_argument("--size", type=size_of, default=(480, 360), metavar="WxH", help="of one frame (480x360)")
+    compare.add_argument("--frames", type=int, default=5, metavar="N", help="number of frames in a row")
+    look_flags(compare)
+    export = commands.add_parser("export", help="geometry for other tools")
+    export.add_argument("run", help="a run's folder")
+    export.add_argument("--format", required=True, help="pc2, usda, usdc, vtu or ply")
+    export.add_argument("--to", metavar="DIR", help="folder for the files (RUN/FORMAT)")
+    diff = commands.add_parser("diff", help="what differs between two runs, and where their motion parts")
+    diff.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
+    diff.add_argument("--tolerance", type=number_of, default=1e-6, metavar="M", help="RMS distance [m] that counts (1e-6)")
+    report = commands.add_parser("report", help="one HTML page about a run")
+    report.add_argument("run", help="a run's folder")
+    report.add_argument("--to", metavar="FILE", help="page (RUN/report.html)")
+
+
+def _render(args: argparse.Namespace) -> int:
+    from .. import checks
+    from ..output.recording import Recording
+    from ..recording.playback import Films, render, warn_inside
+
+    _check_to(args)
+    checks.integer("--every", args.every)
+    checks.integer("--sheet", args.sheet, least=0)
+    recording = Recording(args.run)
+    look = _look(args, recording)
+    warn_inside(recording, look)
+    folder = pathlib.Path(args.to) if args.to else recording.path / "images"
+    files = render(recording, folder, args.size, look, args.every, Films(args.sheet, args.apng, args.mp4))
+    print(f"{len(files)} files in {folder}/, the last {files[-1].name}")
+    return 0
+
+
+def _compare(args: argparse.Namespace) -> int:
+    from .. import checks
+    from ..output.recording import Recording
+    from ..recording.playback import compare
+
+    _check_to(args)
+    checks.integer("--frames", args.frames)
+    first, second = map(Recording, args.runs)
+    rms, largest = compare(first, second, pathlib.Path(args.to), args.size, args.frames, _look(args, first))
+    print(f"RMS distance {rms:.6g} m, largest {largest:.6g} m; written to {args.to}")
+    return 0
+
+
+def _export(args: argparse.Namespace) -> int:
+    from ..output.export import export
+    from ..output.recording import Recording
+    from ..system.quantities import evaluate
+
+    _check_to(args)
+    recording = Recording(args.run)
+    folder = pathlib.Path(args.to) if args.to else recording.path / args.format
+    fields: dict = {"stretch": lambda frame: evaluate("stretch", recording.geometry, frame)}
+    if "contact" in recording.frame(recording.frames()[0]):
+        fields["contact_force"] = lambda frame: frame["contact"]
+    files = export(recording, args.format, folder, fields)
+    print(f"{len(files)} files in {folder}/: {', '.join(f.name for f in files[:3])}{' ...' if len(files) > 3 else ''}")
+    return 0
+
+
+def _diff(args: argparse.Namespace) -> int:
+    from ..output.recording import Recording
+    from ..recording.playback import parting
+    from ..recording.resuming import differences
+
+    first, second = map(Recording, args.runs)
+    skip = ("started", "wall_s", "output_seconds", "simulated_s", "frames")
+    lines = differences({k: v for k, v in first.manifest.items() if k not in skip},
+                        {k: v for k, v in second.manifest.items() if k not in skip})
+    for line in [x for x in lines if ".seconds." not in x] + parting(first, second, args.tolerance):
+        print(line)
+    return 0
+
+
+def _report(args: argparse.Namespace) -> int:
+    from ..output.recording import Recording
+    from ..recording.report import write_report
+
+    _check_to(args)
+    recording = Recording(args.run)
+    file = pathlib.Path(args.to) if args.to else recording.path / "report.html"
+    write_report(recording, file)
+    for note in recording.notes:
+        print(f"note: {note}")
+    print(f"written to {file} ({file.stat().st_size / 1e6:.1f} MB)")
+    return 0
+
+
+COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
+    "render": _render, "compare": _compare, "export": _export, "diff": _diff, "report": _report}
+
+
+def _look(args: argparse.Namespace, recording):
+    from ..backend import runtime
+    from ..output.picture import Look
+    from ..recording.playback import heat_of
+
+    runtime.start(getattr(args, "arch", "cpu"), "f32", None, True, False)
+    look = look_of(args)
+    if look["heat"]:
+        look["heat"] = heat_of(look["heat"][0], recording.geometry, look["heat"][1], recording)
+    return Look(**look)
+
+
+def _check_to(args: argparse.Namespace) -> None:
+    from ..errors import OutputError
+
+    if args.to == "":
+        raise OutputError("--to '': needs a name")
+
+
+def number_of(text: str) -> float:
+    """A number such as 1e-3 or 1/60, for argparse."""
+    from .scenefile import number
+
+    try:
+        return number(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
+
+
+def size_of(text: str) -> tuple[int, int]:
+    """WIDTHxHEIGHT, for argparse."""
+    width, _, height = text.partition("x")
+    if not (width.isdigit() and height.isdigit() and 16 <= int(width) <= 16384 and 16 <= int(height) <= 16384):
+        raise argparse.ArgumentTypeError(f"{text!r}: needs WIDTHxHEIGHT, each from 16 to 16384")
+    return int(width), int(height)
+
+
+def _range(text: str) -> tuple[float, float]:
+    low, colon, high = text.partition(":")
+    if not colon or not number_of(low) < number_of(high):
+        raise argparse.ArgumentTypeError(f"{text!r}: needs LOW:HIGH, such as 0.9:1.1")
+    return number_of(low), number_of(high)
+
+
+def _camera(text: str) -> tuple:
+    parts = text.split(":")
+    points = [tuple(number_of(v) for v in part.split(",")) for part in parts[:2]]
+    if len(parts) not in (2, 3) or any(len(p) != 3 for p in points):
+        raise argparse.ArgumentTypeError(f'{text!r}: needs EYE:TARGET or EYE:TARGET:FOV, such as "1,1,2:0,0.5,0:35"')
+    return (*points, *(number_of(v) for v in parts[2:]))

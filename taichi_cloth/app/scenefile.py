@@ -1,0 +1,175 @@
+"""Scene files: Python modules with build(...) and check(sim), found by path or by name.
+
+A scene file has a docstring whose first line says what it shows, `build(**options) -> Scene`, and may have
+`check(sim)`, which yields (sentence, passed) pairs, `RUN`, defaults for the run (duration, fps, h, ...), and
+`SMALL`, options that make it quick.
+"""
+
+import importlib.util
+import inspect
+import math
+import pathlib
+import sys
+import traceback
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from types import ModuleType
+
+from ..errors import ClothError, SceneError, ScriptError, did_you_mean
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """A scene file that was read.
+
+    Attributes:
+        name: its file's name without .py.
+        summary: first line of its docstring.
+        options: names and default values of build's parameters.
+    """
+
+    name: str
+    path: str
+    summary: str
+    build: Callable
+    check: Callable | None
+    run: dict = field(default_factory=dict)
+    small: dict = field(default_factory=dict)
+
+    @property
+    def options(self) -> dict[str, inspect.Parameter]:
+        """build's parameters by name."""
+        return dict(inspect.signature(self.build).parameters)
+
+    def make(self, settings: dict[str, object]):
+        """The scene, built with options; strings are read as the types of the options' defaults.
+
+        Raises:
+            SceneError: an unknown option, or a value that is not of its type.
+        """
+        try:
+            scene = self.build(**self.typed(settings))
+        except ClothError:
+            raise
+        except Exception as error:
+            where = traceback.extract_tb(error.__traceback__)[-1]
+            raise SceneError(f"scene {self.name}: {type(error).__name__}: {error} ({where.filename}, line "
+                             f"{where.lineno})") from error
+        from ..scene.scene import Scene
+
+        if not isinstance(scene, Scene):
+            raise SceneError(f"scene {self.name}: build() returned {type(scene).__name__}, not a Scene")
+        return scene
+
+    def typed(self, settings: dict[str, object]) -> dict[str, object]:
+        """Options with strings read as the types of the defaults.
+
+        Raises:
+            SceneError: an unknown option, or a value that is not of its type.
+        """
+        return {name: self._typed(name, value) for name, value in settings.items()}
+
+    def _typed(self, name: str, value: object):
+        if name not in self.options:
+            raise SceneError(f"scene {self.name} has no option {name!r}; {did_you_mean(name, self.options)}")
+        kind = type(self.options[name].default)
+        if not isinstance(value, str) or kind is str:
+            return value
+        try:
+            if kind is bool:
+                return {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}[value.lower()]
+            return number(value, kind) if kind in (int, float) else value
+        except (KeyError, ValueError):
+            raise SceneError(f"scene {self.name}: option {name}={value!r} needs {_article(kind)}") from None
+
+
+def number(text: str, kind: type = float):
+    """A finite number from text such as "51", "1e-3" or "1/60".
+
+    Raises:
+        ValueError: it is none.
+    """
+    if kind is int:
+        return int(text)
+    top, _, bottom = text.partition("/")
+    out = float(top) / (float(bottom) or math.nan if bottom else 1.0)
+    if not math.isfinite(out):
+        raise ValueError(text)
+    return out
+
+
+def folders() -> list[pathlib.Path]:
+    """Where scenes are looked for by name: ./scenes, those of the checkout, those of the installed package."""
+    here = pathlib.Path(__file__).parents[1]
+    places = [pathlib.Path("scenes"), here.parent / "scenes", here / "bundled_scenes"]
+    return [p for p in places if p.is_dir()]
+
+
+def available() -> dict[str, pathlib.Path]:
+    """Scenes by name; the first folder that has one wins."""
+    found: dict[str, pathlib.Path] = {}
+    for folder in folders():
+        for path in sorted(folder.glob("*.py")):
+            if not path.name.startswith("_"):
+                found.setdefault(path.stem, path)
+    return dict(sorted(found.items()))
+
+
+def read(scene: str) -> SceneFile:
+    """A scene file from its path or name.
+
+    Raises:
+        SceneError: there is none, or it does not run.
+    """
+    path = pathlib.Path(scene)
+    if not path.is_file():
+        known = available()
+        if scene not in known:
+            raise SceneError(f"no scene file {scene!r}; {did_you_mean(path.stem, known)}")
+        path = known[scene]
+    spec = importlib.util.spec_from_file_location(f"scene_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise SceneError(f"{path} is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    try:
+        spec.loader.exec_module(module)
+    except ClothError:
+        raise
+    except Exception as error:
+        raise SceneError(f"{path} does not run: {type(error).__name__}: {error}") from error
+    if not hasattr(module, "build"):
+        raise SceneError(f"{path} has no build() that returns a Scene")
+    return of_module(module.build, module)
+
+
+def of_module(build: Callable, module: ModuleType | None = None) -> SceneFile:
+    """The scene file that a build function belongs to."""
+    module = module or sys.modules[build.__module__]
+    path = getattr(module, "__file__", None) or build.__name__
+    summary = (module.__doc__ or "").strip().split("\n")[0]
+    return SceneFile(pathlib.Path(path).stem, str(path), summary, build, getattr(module, "check", None),
+                     dict(getattr(module, "RUN", {})), dict(getattr(module, "SMALL", {})))
+
+
+def run_check(scene: SceneFile, sim) -> Iterable[tuple[str, bool]]:
+    """The pairs that a scene's check yields.
+
+    Raises:
+        SceneError: it has none.
+        ScriptError: it ends with an exception of its own.
+    """
+    if scene.check is None:
+        raise SceneError(f"scene {scene.name} has no check(sim)")
+    try:
+        yield from scene.check(sim)
+    except ClothError:
+        raise
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        raise ScriptError(f"scene {scene.name}: check: {type(error).__name__}: {error} ({where.filename}, line {where.lineno})"
+                          ) from error
+
+
+def _article(kind: type) -> str:
+    return {int: "a whole number", float: "a number", bool: "true or false"}.get(kind, kind.__name__)

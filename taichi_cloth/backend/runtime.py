@@ -1,0 +1,143 @@
+"""The only place that starts Taichi: arch, precision, threads; what runs is recorded, nothing falls back silently."""
+
+import contextlib
+import io
+import os
+import subprocess
+import sys
+import tempfile
+import weakref
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from .. import checks
+from ..errors import BackendError
+
+ARCHS = ("cpu", "cuda", "vulkan", "metal")
+PRECISIONS = ("f32", "f64")
+CACHE = 1 << 29  # bytes of compiled kernels that are kept: some hundred scenes
+MOST_THREADS = 64  # that may be asked for where there are fewer cores: thousands take minutes to start
+NO_DOUBLE = ("vulkan", "metal")  # f64 there is absent, or lacks atan2
+
+
+@dataclass(frozen=True)
+class Runtime:
+    """What runs.
+
+    Attributes:
+        arch: "cpu", "cuda", "vulkan" or "metal".
+        precision: "f32" or "f64".
+        threads: CPU threads, also the number of blocks on the CPU.
+        debug: Taichi's checks of bounds are on (slow).
+    """
+
+    arch: str
+    precision: str
+    threads: int
+    debug: bool
+    taichi: str
+
+    @property
+    def sums(self) -> str:
+        """Precision of sums and of arrays that are exchanged with numpy."""
+        return "f32" if self.arch in NO_DOUBLE else "f64"
+
+    @property
+    def exchange(self) -> type:
+        """numpy type of arrays handed to kernels."""
+        return np.float32 if self.sums == "f32" else np.float64
+
+    @property
+    def epsilon(self) -> float:
+        """Distance from 1 to the next number of this precision."""
+        return float(np.finfo(np.float32 if self.precision == "f32" else np.float64).eps)
+
+    def record(self) -> dict:
+        """For manifests."""
+        return asdict(self)
+
+
+_current: Runtime | None = None
+_generation = 0
+_holders: weakref.WeakSet = weakref.WeakSet()  # of fields
+
+
+def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None, quiet: bool = True,
+          debug: bool = False) -> Runtime:
+    """Starts Taichi, or goes on with it where the same is running already and something still holds fields.
+
+    A start with other settings ends the simulations made before it; they say so when used. Where nothing holds fields
+    any more Taichi starts anew: it numbers fields afresh, and so finds in its cache what it compiled for the same ones.
+
+    Args:
+        threads: CPU threads; None takes all that the process may use.
+        quiet: Taichi's own messages off.
+        debug: bounds checks in kernels.
+
+    Raises:
+        BackendError: an arch that is not there, or a precision that it lacks.
+    """
+    global _current, _generation
+    checks.choice("arch", arch, ARCHS)
+    checks.choice("precision", precision, PRECISIONS)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    threads = checks.maybe(threads, checks.integer, "threads", most=max(cores, MOST_THREADS), error=BackendError)
+    quiet, debug = checks.flag("quiet", quiet), checks.flag("debug", debug)
+    if arch in NO_DOUBLE and precision == "f64":
+        raise BackendError(f"arch {arch!r} has no f64; use precision='f32', or arch 'cpu' or 'cuda'")
+    if arch != "cpu" and not available(arch):
+        there = [a for a in ARCHS if a == "cpu" or (a != arch and available(a))]
+        raise BackendError(f"arch {arch!r} does not run here; what does: {', '.join(there)}")
+    import taichi as ti
+
+    wanted = Runtime(arch, precision, threads or cores, debug, ".".join(map(str, ti.__version__)))
+    if wanted == _current and len(_holders):
+        return wanted
+    fp = ti.f32 if precision == "f32" else ti.f64
+    words = io.StringIO() if quiet else sys.stdout
+    try:
+        with contextlib.redirect_stdout(words):
+            # fast_math would let the compiler assume that there is no NaN, and drop the tests for it; what the other two
+            # passes do, LLVM does again, and they take a third of the time to compile
+            ti.init(arch=getattr(ti, arch), default_fp=fp, cpu_max_num_threads=wanted.threads, debug=debug,
+                    enable_fallback=False, offline_cache=not debug, offline_cache_max_size_of_files=CACHE,
+                    log_level=ti.ERROR if quiet else ti.INFO, fast_math=False, unrolling_limit=0,
+                    cfg_optimization=False, simplify_after_lower_access=False)
+    except RuntimeError as error:
+        raise BackendError(f"arch {arch!r} does not start: {error}") from None
+    _holders.clear()
+    _current, _generation = wanted, _generation + 1
+    return wanted
+
+
+def hold(thing: object) -> None:
+    """Taichi goes on as it is while a thing with fields lives, or until `let_go`."""
+    _holders.add(thing)
+
+
+def let_go(thing: object) -> None:
+    """A thing has given its fields back."""
+    _holders.discard(thing)
+
+
+def generation() -> int:
+    """Counts the starts: fields made in an earlier generation are dead."""
+    return _generation
+
+
+def available(arch: str) -> bool:
+    """Whether an arch starts on this machine; tried in a process of its own, because a missing one may crash."""
+    code = (f"import taichi as ti; ti.init(arch=ti.{arch}, enable_fallback=False, offline_cache=False)\n"
+            "f = ti.field(ti.i32, 4)\n"
+            "@ti.kernel\ndef k():\n    for i in f: f[i] = i\n"
+            "k(); assert f[3] == 3")
+    with tempfile.TemporaryDirectory() as folder:
+        probe = os.path.join(folder, "probe.py")  # Taichi reads a kernel's source from its file
+        with open(probe, "w") as out:
+            out.write(code)
+        try:
+            done = subprocess.run([sys.executable, probe], capture_output=True, timeout=120, check=False)
+        except subprocess.TimeoutExpired:
+            return False
+    return done.returncode == 0

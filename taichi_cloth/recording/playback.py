@@ -1,0 +1,150 @@
+"""What can be done with recorded runs without simulating again: draw, compare, tell apart."""
+
+import pathlib
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import checks
+from ..errors import OutputError
+from ..output.colors import draw_bar, heat_colors
+from ..output.folder import write_whole
+from ..output.movie import write_mp4
+from ..output.picture import Artist, Heat, Look, contact_sheet
+from ..output.png import encode_apng, encode_png
+from ..output.recording import Recording
+from ..system.quantities import QUANTITIES, evaluate
+
+
+def heat_of(name: str, geometry: dict[str, np.ndarray], limits: tuple[float, float] | None = None,
+            recording: Recording | None = None) -> Heat:
+    """The heat map of one of `quantities.QUANTITIES`.
+
+    Args:
+        limits: (low, high) of its scale; else what fits the recording, or what is usual where there is none.
+    """
+    quantity = QUANTITIES[checks.choice("quantity", name, QUANTITIES)]
+    if limits is None:
+        seen = None
+        if recording is not None:
+            picked = spread(recording.frames(), 12)
+            seen = np.concatenate([evaluate(name, geometry, recording.frame(k)) for k in picked])
+        limits = quantity.scale(seen)
+    return Heat(name, quantity.unit, lambda frame: evaluate(name, geometry, frame), limits, quantity.middle is not None)
+
+
+@dataclass(frozen=True)
+class Films:
+    """What to make of a run's pictures besides single files.
+
+    Attributes:
+        sheet: pictures in one contact sheet, 0 for none; apng, mp4: whether to write these.
+    """
+
+    sheet: int = 0
+    apng: bool = False
+    mp4: bool = False
+
+
+def render(recording: Recording, folder: pathlib.Path, size: tuple[int, int], look: Look, every: int,
+           films: Films) -> list[pathlib.Path]:
+    """Draws a recorded run's frames into `folder`; the files that were written."""
+    numbers = recording.frames()[::every]
+    artist = Artist(recording.geometry, size, look)
+    files, images = [], []
+    folder.mkdir(parents=True, exist_ok=True)
+    picked = set(spread(numbers, films.sheet)) if films.sheet else set()
+    for k in numbers:
+        image = artist.draw(recording.frame(k), k)
+        files.append(folder / f"{k:05d}.png")
+        write_whole(files[-1], encode_png(image))
+        if k in picked or films.apng or films.mp4:
+            images.append((k, image))
+    fps = float(recording.manifest.get("fps", 24)) / every
+    if films.sheet:
+        chosen = [image for k, image in images if k in picked]
+        files.append(folder / "sheet.png")
+        write_whole(files[-1], encode_png(contact_sheet(chosen, _columns(len(chosen)))))
+    if films.apng:
+        files.append(folder / "animation.png")
+        write_whole(files[-1], encode_apng([image for _, image in images], fps))
+    if films.mp4:
+        files.append(folder / "film.mp4")
+        write_mp4(files[-1], (image for _, image in images), size, fps)
+    return files
+
+
+def distances(a: Recording, b: Recording) -> dict[int, np.ndarray]:
+    """By frame that both have, (n,) distance [m] of each vertex in one run from the other.
+
+    Raises:
+        OutputError: the runs have different numbers of vertices, or no frame in common.
+    """
+    common = sorted(set(a.frames()) & set(b.frames()))
+    if not common:
+        raise OutputError(f"{a.path} and {b.path} have no frame in common")
+    out = {}
+    for k in common:
+        x, y = a.frame(k)["x"].astype(np.float64), b.frame(k)["x"].astype(np.float64)
+        if x.shape != y.shape:
+            raise OutputError(f"{a.path} has {len(x)} vertices and {b.path} {len(y)}: they cannot be compared")
+        out[k] = np.linalg.norm(x - y, axis=1)
+    return out
+
+
+def compare(a: Recording, b: Recording, file: pathlib.Path, size: tuple[int, int], count: int,
+            look: Look) -> tuple[float, float]:
+    """Draws both runs and their difference, row by row, into one picture; (RMS, maximum) of the difference [m]."""
+    apart = distances(a, b)
+    high = max(max(float(d.max()) for d in apart.values()), 1e-12)
+    rows: list[list[np.ndarray]] = [[], [], []]
+    numbers = spread(list(apart), count)
+    first, second = Artist(a.geometry, size, look), Artist(b.geometry, size, look)
+    for k in numbers:
+        frame = a.frame(k)
+        rows[0].append(first.draw(frame, k))
+        rows[1].append(second.draw(b.frame(k), k))
+        x = np.concatenate([frame["x"], frame.get("solid_x", a.geometry["solid_x"])]).astype(np.float64)
+        image = first.renderer.render(x, heat_colors(apart[k], 0.0, high, False))
+        if not rows[2]:
+            draw_bar(image, 0.0, high, False, "distance [m]")
+        rows[2].append(image)
+    write_whole(file, encode_png(contact_sheet([image for row in rows for image in row], len(numbers))))
+    every = np.concatenate(list(apart.values()))
+    return float(np.sqrt(np.mean(every**2))), float(every.max())
+
+
+def parting(a: Recording, b: Recording, tolerance: float) -> list[str]:
+    """Sentences on where the motion of two runs parts."""
+    apart = distances(a, b)
+    fps = float(a.manifest.get("fps", 24))
+    for k, d in apart.items():
+        rms = float(np.sqrt(np.mean(d**2)))
+        if rms > tolerance:
+            worst = int(np.argmax(d))
+            return [f"the motion parts at frame {k} (t = {k / fps:.4g} s): RMS {rms:.3g} m, "
+                    f"vertex {worst} by {d[worst]:.3g} m"]
+    largest = max(float(d.max()) for d in apart.values())
+    return [f"the motion agrees in all {len(apart)} frames: no vertex is further apart than {largest:.3g} m"]
+
+
+def warn_inside(recording: Recording, look: Look) -> None:
+    """Says so where the camera is within the cloth's bounds: what it sees may be the inside of a fold."""
+    if look.camera is None:
+        return
+    x = recording.frame(recording.frames()[0])["x"]
+    eye = np.array(look.camera.eye)
+    if (eye > x.min(axis=0)).all() and (eye < x.max(axis=0)).all():
+        print(f"note: the camera at {look.camera.eye} is inside the cloth's bounds", file=sys.stderr)
+
+
+def spread(numbers: list[int], count: int) -> list[int]:
+    """`count` of the numbers, evenly, first and last among them."""
+    if count >= len(numbers):
+        return numbers
+    return [numbers[round(i)] for i in np.linspace(0, len(numbers) - 1, max(count, 1))]
+
+
+def _columns(count: int) -> int:
+    return max(1, int(np.ceil(np.sqrt(count))))

@@ -1,0 +1,76 @@
+"""What a run records of its cloth and solids: once what stays, and frame by frame what moves. Arrays by name."""
+
+import numpy as np
+
+from ..forces.bend import Bend
+from ..forces.curvature_bend import CurvatureBend
+from ..scene.solids import Plane, Solid
+from ..simulation import Simulation
+
+
+def geometry(sim: Simulation) -> dict[str, np.ndarray]:
+    """What does not change: everything that pictures and exports need besides `frame`.
+
+    Faces and uv of all cloths in one, `cloth_start` (first vertex of each and the end), `cloth_names`, `cloth_colors`
+    (NaN where left to the renderer); the same for solids (`solid_*`, without those drawn as ground); hinges with
+    stiffness [N m] and rest angle; where bending goes by curvatures `patches` of vertices round triangles,
+    their weights and stiffness; `camera` (eye, target, fov, up; NaN where fitted), `ground` height, `reach` [m].
+    """
+    scene = sim.scene
+    cloths, solids = scene.cloths, [s for s in scene.solids if not is_ground(s)]
+    surfaces = [s.shape.surface() for s in solids]
+    starts = np.cumsum([0] + [len(x) for x, _ in surfaces])
+    grounds = [float(s.pose(0.0)[1][1]) for s in scene.solids if is_ground(s)]
+    ground = scene.view.ground if scene.view.ground is not None or not grounds else max(grounds)
+    camera = scene.view.camera
+    out = {
+        "faces": np.concatenate([c.mesh.faces + c.start for c in cloths]).astype(np.int32),
+        "uv": np.concatenate([c.mesh.corner_uv for c in cloths]).astype(np.float32),
+        "cloth_start": np.array([c.start for c in cloths] + [scene.vertex_count]),
+        "cloth_faces": np.cumsum([0] + [c.mesh.face_count for c in cloths]),
+        "cloth_names": np.array([c.name for c in cloths]),
+        "cloth_colors": np.array([c.color or (np.nan,) * 3 for c in cloths]),
+        "x": np.concatenate([c.positions for c in cloths]),
+        "solid_faces": _concatenate([f + k for (_, f), k in zip(surfaces, starts)], (0, 3)).astype(np.int32),
+        "solid_start": starts,
+        "solid_names": np.array([s.name for s in solids], dtype=str),
+        "solid_colors": _concatenate([np.array([s.color or (np.nan,) * 3]) for s in solids], (0, 3)),
+        "solid_x": _concatenate([s.surface_at(0.0) for s in solids], (0, 3)),
+        "camera": np.array([*camera.eye, *camera.target, camera.fov, *camera.up] if camera else [np.nan] * 10),
+        "ground": np.array(np.nan if ground is None else ground),
+        "reach": np.array(scene.view.reach),
+    }
+    bend = next((f for f in sim._forces if isinstance(f, Bend)), None)
+    if bend is not None:
+        rest = bend.host_rest
+        out |= {"hinges": sim.model.user[bend.host_hinges], "hinge_k": rest[:, 0], "hinge_rest": rest[:, 2]}
+    else:
+        out |= {"hinges": np.zeros((0, 4), dtype=np.int64), "hinge_k": np.zeros(0), "hinge_rest": np.zeros(0)}
+    curving = next((f for f in sim._forces if isinstance(f, CurvatureBend)), None)
+    if curving is not None:
+        bent = [c for c in cloths if c.fabric.bend is not None and c.fabric.bend.model == "curvature"]
+        out |= {"patches": sim.model.user[curving.host_corners], "patch_weight": curving.host_weight,
+                "patch_factor": curving.host_factor, "patch_faces": np.concatenate([c.mesh.faces + c.start for c in bent])}
+    return out
+
+
+def frame(sim: Simulation) -> dict[str, np.ndarray]:
+    """What moves, now: t [s]; f32 x (n, 3) [m], v [m/s], with solids contact [N], and all surfaces where any moves."""
+    solids = [s for s in sim.scene.solids if not is_ground(s)]
+    out = {"t": np.array(sim.time), "x": sim.positions().astype(np.float32), "v": sim.velocities().astype(np.float32)}
+    if sim.contacts is not None:
+        out["contact"] = sim.contact_forces().astype(np.float32)
+    if any(s.moves for s in solids):
+        out["solid_x"] = np.concatenate([s.surface_at(sim.time) for s in solids]).astype(np.float32)
+    return out
+
+
+def is_ground(solid: Solid) -> bool:
+    """A level plane that stays is drawn as the ground."""
+    if not isinstance(solid.shape, Plane) or solid.moves:
+        return False
+    return bool((solid.pose(0.0)[0] @ np.array(solid.shape.normal))[1] > 1 - 1e-9)
+
+
+def _concatenate(parts: list[np.ndarray], empty: tuple[int, int]) -> np.ndarray:
+    return np.concatenate(parts) if parts else np.zeros(empty)

@@ -1,0 +1,153 @@
+"""One self-contained HTML page about a recorded run: how complex, how often it went wrong, how real it looks."""
+
+import base64
+import html
+import json
+import pathlib
+import string
+
+import numpy as np
+
+from ..backend import runtime
+from ..errors import OutputError
+from ..output.folder import write_whole
+from ..output.picture import Artist, Look, contact_sheet
+from ..output.plot import line_plot
+from ..output.png import encode_png
+from ..output.recording import Recording
+from ..step.ledger import totals
+from .playback import spread
+
+BUDGET = 12e6  # bytes of positions that the page may hold
+PARTS = ("EVAL", "CG", "C-C", "C-S")
+THUMBNAIL, PICTURES = (360, 240), 9
+
+
+def write_report(recording: Recording, file: pathlib.Path) -> None:
+    """Writes the page.
+
+    Raises:
+        OutputError: the run has no steps or no frames.
+    """
+    log = recording.telemetry()
+    if not log:
+        raise OutputError(f"{recording.path} has no telemetry: nothing was simulated")
+    m = recording.manifest
+    parts = [_complexity(recording, log), _trouble(log), _energy(log), _cost(m, log), _plots(log), _pictures(recording)]
+    body = "\n".join(parts)
+    data, note = _playback(recording)
+    template = string.Template((pathlib.Path(__file__).parents[1] / "output" / "report_template.html").read_text())
+    ran = m["runtime"]
+    subtitle = (f"{m['simulation']['integrator']}, {ran['arch']} {ran['precision']}, {ran['threads']} threads, "
+                f"taichi_cloth {m['taichi_cloth']}, started {m['started']}; {m['status']}")
+    page = template.substitute(title=html.escape(f"{m['scene']}: {log[-1]['t']:g} s of cloth"), body=body,
+                               subtitle=html.escape(subtitle), data=json.dumps(data), note=html.escape(note))
+    write_whole(file, page.encode())
+
+
+def _complexity(recording: Recording, log: list[dict]) -> str:
+    g, m = recording.geometry, recording.manifest
+    most = max((r.get("contacts", 0) for r in log), default=0)
+    rows = [("vertices", f"{m['model']['vertices']:,}"), ("triangles", f"{m['model']['triangles']:,}"),
+            ("hinges", f"{len(g['hinges']):,}"), ("solids", str(m["model"].get("solids", 0))),
+            ("most contacts in a step", f"{most:,}"),
+            ("options", ", ".join(f"{k} = {v}" for k, v in m["settings"].items()) or "none")]
+    notes = "".join(f"<li>{html.escape(n)}</li>" for n in m["model"].get("notes", []))
+    return "<h2>How complex is it?</h2>" + _table([("model", ""), *rows]) + (f"<ul>{notes}</ul>" if notes else "")
+
+
+def _trouble(log: list[dict]) -> str:
+    rejected: dict[str, int] = {}
+    for r in log:
+        for name, count in r["rejections"].items():
+            rejected[name] = rejected.get(name, 0) + count
+    rows = [("steps", f"{len(log):,}"),
+            ("rejected", ", ".join(f"{name} {count}" for name, count in rejected.items()) or "none"),
+            ("smallest and largest h", f"{min(r['h'] for r in log) * 1e3:.3g} ms, {max(r['h'] for r in log) * 1e3:.3g} ms"),
+            ("worst residual of a solve", f"{max(r['residual'] for r in log):.2g}"),
+            ("solves not converged", str(sum(r["status"] not in ("CONVERGED", "EXPLICIT") for r in log))),
+            ("crossings with solids, most in a step", str(max(r.get("crossings", 0) for r in log))),
+            ("pairs of cloth in contact, most in a step", str(max(r.get("layers", 0) for r in log))),
+            ("smallest gap between layers [thicknesses]", f"{min(r.get('least', 1.0) for r in log):.2f}"),
+            ("largest stretch", f"{max(r['stretch'] for r in log):.4f}")]
+    return "<h2>How often did it go wrong?</h2>" + _table([("step control", ""), *rows])
+
+
+def _energy(log: list[dict]) -> str:
+    sums = totals([r.get("ledger", {}) for r in log])
+    worst = max((abs(r.get("ledger", {}).get("unaccounted", 0.0)) for r in log), default=0.0)
+    rows = [(name, f"{value:.4g}") for name, value in sums.items()] + [("unaccounted, most in a step", f"{worst:.4g}")]
+    return "<h2>Where did the energy go?</h2>" + _table([("sum over all steps", "J"), *rows])
+
+
+def _cost(manifest: dict, log: list[dict]) -> str:
+    total = sum(r["seconds"].get("total", 0.0) for r in log)
+    rows = [("part [BW98, table 1]", "s", "ms a step", "share")]
+    for part in (*PARTS, "total"):
+        spent = sum(r["seconds"].get(part, 0.0) for r in log)
+        rows.append((part, f"{spent:.2f}", f"{1e3 * spent / len(log):.2f}", f"{spent / max(total, 1e-12):.0%}"))
+    for part, spent in manifest.get("output_seconds", {}).items():
+        rows.append((f"{part} (beside the solver)", f"{spent:.2f}", f"{1e3 * spent / len(log):.2f}",
+                     f"{spent / max(total, 1e-12):.0%}"))
+    simulated = log[-1]["t"]
+    return (f"<h2>What did it cost?</h2><p>{total / max(simulated, 1e-12):.2f} wall seconds per simulated second, "
+            f"{sum(r['iterations'] for r in log):,} CG iterations in {sum(r['solves'] for r in log):,} solves.</p>"
+            + _table(rows))
+
+
+def _plots(log: list[dict]) -> str:
+    t = np.array([r["t"] for r in log])
+
+    def of(key: str) -> np.ndarray:
+        return np.array([float(r.get(key, 0)) for r in log])
+
+    energies = {name: (t, np.array([r["energies"].get(name, 0.0) for r in log])) for name in log[-1]["energies"]}
+    figures = {"step size h [ms]": line_plot({"h": (t, 1e3 * of("h"))}, "t [s]"),
+               "CG iterations a step": line_plot({"iterations": (t, of("iterations"))}, "t [s]"),
+               "energy [J] by term": line_plot(energies, "t [s]"),
+               "energy unaccounted for, in all [J]": line_plot({"unaccounted": (t, np.cumsum(
+                   [r.get("ledger", {}).get("unaccounted", 0.0) for r in log]))}, "t [s]"),
+               "largest stretch |w|/b": line_plot({"stretch": (t, of("stretch"))}, "t [s]"),
+               "contacts with solids": line_plot({k: (t, of(k)) for k in ("contacts", "unsettled")}, "t [s]")}
+    parts = [f"<figure>{svg}<figcaption>{html.escape(name)}</figcaption></figure>" for name, svg in figures.items()]
+    return '<h2>How did it go?</h2><div class="plots">' + "".join(parts) + "</div>"
+
+
+def _pictures(recording: Recording) -> str:
+    runtime.start("cpu", "f32", None, True, False)
+    numbers = spread(recording.frames(), PICTURES)
+    artist = Artist(recording.geometry, THUMBNAIL, Look(quality="standard", caption="t = {t} s"))
+    sheet = contact_sheet([artist.draw(recording.frame(k), k) for k in numbers], 3)
+    text = base64.b64encode(encode_png(sheet, 6)).decode()
+    return f'<h2>How real does it look?</h2><img alt="frames of the run" src="data:image/png;base64,{text}">'
+
+
+def _playback(recording: Recording) -> tuple[dict, str]:
+    """Positions as 16-bit numbers within the run's bounds, by frame, and a sentence on what was left out."""
+    g, numbers = recording.geometry, recording.frames()
+    moves = "solid_x" in recording.frame(numbers[0])
+    each = 6 * (len(g["x"]) + (len(g["solid_x"]) if moves else 0))
+    every = max(1, int(np.ceil(each * len(numbers) / BUDGET)))
+    kept = numbers[::every]
+    frames = [recording.frame(k) for k in kept]
+    solids = [f["solid_x"] for f in frames] if moves else [g["solid_x"]]
+    everything = np.concatenate([f["x"] for f in frames] + solids).astype(np.float64)
+    low, span = everything.min(axis=0), np.maximum(np.ptp(everything, axis=0), 1e-9)
+
+    def packed(x: np.ndarray) -> str:
+        return base64.b64encode(np.rint((x - low) / span * 65535).astype("<u2").tobytes()).decode()
+
+    def indices(faces: np.ndarray) -> str:
+        return base64.b64encode(faces.astype("<u4").tobytes()).decode()
+
+    data = {"faces": indices(g["faces"]), "solidFaces": indices(g["solid_faces"]), "frames": [packed(f["x"]) for f in frames],
+            "solidFrames": [packed(x) for x in solids], "low": low.tolist(), "span": span.tolist(), "numbers": kept,
+            "times": [float(f["t"]) for f in frames], "fps": float(recording.manifest.get("fps", 24)) / every}
+    return data, f"Every {every}th frame, to keep the page small." if every > 1 else ""
+
+
+def _table(rows: list[tuple]) -> str:
+    head, *rest = rows
+    out = ["<table><tr>" + "".join(f"<th>{html.escape(str(c))}</th>" for c in head) + "</tr>"]
+    out += ["<tr>" + "".join(f"<td>{html.escape(str(c))}</td>" for c in row) + "</tr>" for row in rest]
+    return "".join([*out, "</table>"])

@@ -1,0 +1,1 @@
+"""What there is, as values: meshes, fabrics, solids, and the scene that puts them together. numpy only."""

@@ -1,0 +1,273 @@
+"""A triangle mesh as a value: positions, triangles, material coordinates, named groups of vertices.
+
+numpy only. Everything that is wrong with a mesh is said here, before anything is computed.
+"""
+
+import numbers
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import checks
+from ..errors import ClothError, MeshError, did_you_mean, shown
+
+# A triangle whose height is less than this part of its longest edge, in the material plane, has no area.
+FLAT = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class TriMesh:
+    """A triangle mesh in its material plane and in space.
+
+    Args:
+        x: (n, 3) positions [m]; the given shape, from which rest angles can be taken.
+        faces: (m, 3) vertex indices.
+        uv: material coordinates [m], (n, 2) per vertex or, where a seam cuts the pattern, (m, 3, 2) per
+            corner; None flattens each triangle into a frame of its own, so that the given shape is at rest.
+        groups: named vertex groups, name -> indices.
+        notes: what a reader did to the data, one sentence each; a run repeats them. Borders that lie on each other and
+            triangles that face opposite ways are added here.
+
+    Attributes:
+        flattened: whether the material coordinates were made by flattening (uv was None).
+
+    Raises:
+        MeshError: wrong shapes, no faces, an index out of range, a repeated vertex in a face, coordinates
+            that are not finite, a triangle without area in uv, or an edge with more than two triangles.
+    """
+
+    x: np.ndarray
+    faces: np.ndarray
+    uv: np.ndarray
+    groups: Mapping[str, np.ndarray] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    flattened: bool = False
+
+    def __init__(
+        self,
+        x: ArrayLike,
+        faces: ArrayLike,
+        uv: ArrayLike | None = None,
+        groups: Mapping[str, ArrayLike] | None = None,
+        notes: tuple[str, ...] = (),
+    ) -> None:
+        x = checks.array("positions", x, ("n", 3), row="vertex", error=MeshError)
+        faces = face_indices(faces, len(x), MeshError)
+        notes = _sentences(notes)
+        object.__setattr__(self, "flattened", uv is None)
+        if uv is None:
+            uv = flatten(x, faces)
+            notes += ("no material coordinates: each triangle is flattened into its own frame, so the given "
+                      "shape is the rest shape and warp and weft have no common direction",)
+        else:
+            uv = checks.array("material coordinates", uv, (len(x), 2), (len(faces), 3, 2), row="vertex or face",
+                              error=MeshError)
+        _check_area(uv, faces)
+        borders = _borders(faces)
+        loose = len(x) - len(np.unique(faces))
+        if loose:
+            note = f"{loose} of {len(x)} vertices belong to no face and are kept out of the simulation"
+            warnings.warn(note, stacklevel=2)
+            notes += (note,)
+        notes += _tears(x, borders) + _flips(faces)
+        for name, value in (("x", x), ("faces", faces), ("uv", uv)):
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "groups", _groups(groups, len(x)))
+        object.__setattr__(self, "notes", notes)
+
+    @property
+    def vertex_count(self) -> int:
+        """Number of vertices, those without a face included."""
+        return len(self.x)
+
+    @property
+    def face_count(self) -> int:
+        """Number of triangles."""
+        return len(self.faces)
+
+    @property
+    def corner_uv(self) -> np.ndarray:
+        """(m, 3, 2) material coordinates of the triangles' corners [m]."""
+        return self.uv if self.uv.ndim == 3 else self.uv[self.faces]
+
+    @property
+    def material_areas(self) -> np.ndarray:
+        """(m,) areas in the material plane [m^2]."""
+        return np.abs(_twice_area(self.corner_uv)) / 2
+
+    @property
+    def has_hinges(self) -> bool:
+        """Whether any edge has two triangles."""
+        return len(np.unique(np.sort(face_edges(self.faces), axis=1), axis=0)) < 3 * self.face_count
+
+    def select(self, vertices: object) -> np.ndarray:
+        """Vertex indices from an index, a list, a boolean mask or a group's name.
+
+        Raises:
+            MeshError: an unknown group, an index out of range, a mask of the wrong length or no vertex.
+        """
+        if isinstance(vertices, str):
+            if vertices not in self.groups:
+                raise MeshError(f"no vertex group {shown(vertices)}; {did_you_mean(vertices, self.groups)}")
+            return self.groups[vertices]
+        if _is_mask(vertices):
+            mask = np.array(vertices)
+            if mask.shape != (len(self.x),):
+                raise MeshError(f"a vertex mask needs shape ({len(self.x)},), not {mask.shape}")
+            return np.flatnonzero(mask)
+        one = isinstance(vertices, numbers.Real) or getattr(vertices, "ndim", None) == 0
+        return checks.indices("vertices", [vertices] if one else vertices, len(self.x), error=MeshError)
+
+
+def flatten(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(m, 3, 2) coordinates [m] of each triangle in a frame of its own: corner 0 at the origin, edge 0-1 along u."""
+    a, b = x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]]
+    length = np.linalg.norm(a, axis=1)
+    unit = a / np.where(length > 0, length, 1)[:, None]
+    along = np.einsum("ij,ij->i", b, unit)
+    across = np.linalg.norm(b - along[:, None] * unit, axis=1)
+    zero = np.zeros(len(faces))
+    return np.stack([np.stack([zero, zero], 1), np.stack([length, zero], 1), np.stack([along, across], 1)], 1)
+
+
+def face_indices(faces: ArrayLike, count: int, error: type[ClothError]) -> np.ndarray:
+    """(m, 3) vertex indices of triangles, at least one, each of three different vertices of `count`.
+
+    Raises:
+        error: with the number of the first bad face.
+    """
+    out = checks.indices("faces", faces, count, width=3, row="face", error=error)
+    if not len(out):
+        raise error("the mesh has no faces")
+    a, b, c = out.T
+    twice = np.flatnonzero((a == b) | (b == c) | (a == c))
+    if len(twice):
+        raise error(f"faces: face {twice[0]} repeats a vertex: {out[twice[0]].tolist()} ({len(twice)} such faces)")
+    return out
+
+
+def _twice_area(corner_uv: np.ndarray) -> np.ndarray:
+    """(m,) signed."""
+    a, b = corner_uv[:, 1] - corner_uv[:, 0], corner_uv[:, 2] - corner_uv[:, 0]
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def _check_area(uv: np.ndarray, faces: np.ndarray) -> None:
+    corner = uv if uv.ndim == 3 else uv[faces]
+    longest = np.max([np.sum((corner[:, i] - corner[:, i - 1]) ** 2, axis=1) for i in range(3)], axis=0)
+    flat = np.flatnonzero(np.abs(_twice_area(corner)) <= FLAT * longest)
+    if len(flat):
+        raise MeshError(f"triangle {flat[0]} (vertices {faces[flat[0]].tolist()}) has no area in the material "
+                        f"plane ({len(flat)} such triangles): remove it or give it material coordinates")
+
+
+def face_edges(faces: np.ndarray) -> np.ndarray:
+    """(3 m, 2) the edges (0, 1), (1, 2), (2, 0) of every triangle, one block of m rows after the other."""
+    return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+
+
+def _borders(faces: np.ndarray) -> np.ndarray:
+    """(k, 2) edges with one triangle.
+
+    Raises:
+        MeshError: an edge with more than two.
+    """
+    edges, count = np.unique(np.sort(face_edges(faces), axis=1), axis=0, return_counts=True)
+    bad = np.flatnonzero(count > 2)
+    if len(bad):
+        i, j = edges[bad[0]].tolist()
+        raise MeshError(f"edge ({i}, {j}) is shared by {count[bad[0]]} triangles ({len(bad)} such edges): cloth "
+                        "has at most two triangles at an edge; split the mesh there")
+    return edges[count == 1]
+
+
+def _tears(x: np.ndarray, borders: np.ndarray) -> tuple[str, ...]:
+    """A note where edges of the border lie on each other: vertices that were to be one, most often."""
+    ends = np.unique(borders)
+    _, place = np.unique(x[ends], axis=0, return_inverse=True)
+    merged = np.sort(place.reshape(-1)[np.searchsorted(ends, borders)], axis=1)
+    count = np.unique(merged[merged[:, 0] != merged[:, 1]], axis=0, return_counts=True)[1]
+    pairs = int((count == 2).sum())
+    if not pairs:
+        return ()
+    vertices = len(ends) - len(np.unique(place))
+    return (f"the border lies on itself in {pairs} pairs of edges, with {vertices} vertices where there is another one: the "
+            "cloth is open there; make them one if it is to be sewn",)
+
+
+def _flips(faces: np.ndarray) -> tuple[str, ...]:
+    """A note where neighbouring triangles face opposite ways."""
+    turned = facing(faces)
+    if turned is None:
+        return ("the mesh has one side only, like a Moebius strip: somewhere its triangles face opposite ways",)
+    count = int(turned.sum())
+    return (f"{count} triangles are turned against their neighbours (the first is {int(np.argmax(turned))})",) if count else ()
+
+
+def facing(faces: np.ndarray) -> np.ndarray | None:
+    """(m,) whether a triangle is turned against most of its piece; None for a surface that has one side only.
+
+    Args:
+        faces: (m, 3), at most two at an edge.
+    """
+    m, ends = len(faces), face_edges(faces)
+    order = np.lexsort(np.sort(ends, axis=1).T)
+    same = (np.sort(ends[order[1:]], axis=1) == np.sort(ends[order[:-1]], axis=1)).all(axis=1)
+    a, b = order[:-1][same], order[1:][same]
+    against = ends[a, 0] == ends[b, 0]  # neighbours that agree run along their edge in opposite ways
+    turned = np.zeros(m, dtype=bool)
+    if not against.any():
+        return turned
+    return _spread(m, a % m, b % m, against)
+
+
+def _spread(m: int, a: np.ndarray, b: np.ndarray, against: np.ndarray) -> np.ndarray | None:
+    """Colours of m triangles so that neighbours a, b have different ones where `against`, the rarer colour True."""
+    near: list[list[tuple[int, bool]]] = [[] for _ in range(m)]
+    for i, j, other in zip(a.tolist(), b.tolist(), against.tolist()):
+        near[i].append((j, other))
+        near[j].append((i, other))
+    colour = np.full(m, -1)
+    for start in range(m):
+        if colour[start] >= 0:
+            continue
+        colour[start], piece = 0, [start]
+        for i in piece:  # grows
+            for j, other in near[i]:
+                if colour[j] < 0:
+                    colour[j] = colour[i] ^ other
+                    piece.append(j)
+                elif colour[j] != colour[i] ^ other:
+                    return None
+        if 2 * colour[piece].sum() > len(piece):
+            colour[piece] = 1 - colour[piece]
+    return colour == 1
+
+
+def _groups(groups: Mapping[str, ArrayLike] | None, count: int) -> dict[str, np.ndarray]:
+    out = {}
+    if not isinstance(groups, (Mapping, type(None))):
+        raise MeshError(f"groups = {shown(groups)}: must be a dict of names and vertex indices")
+    for name, index in (groups or {}).items():
+        key = checks.name("a vertex group's name", name, MeshError)
+        out[key] = checks.indices(f"vertex group {key!r}", index, count, error=MeshError)
+        out[key].setflags(write=False)
+    return out
+
+
+def _sentences(notes: object) -> tuple[str, ...]:
+    if not (isinstance(notes, (tuple, list)) and all(isinstance(n, str) for n in notes)):
+        raise MeshError(f"notes = {shown(notes)}: must be texts in a tuple")
+    return tuple(notes)
+
+
+def _is_mask(vertices: object) -> bool:
+    """Whether a selection is made of truth values."""
+    if isinstance(vertices, np.ndarray):
+        return bool(vertices.dtype == bool)
+    several = isinstance(vertices, (list, tuple)) and len(vertices) > 0
+    return all(isinstance(v, (bool, np.bool_)) for v in (vertices if several else [vertices]))  # type: ignore[attr-defined]

@@ -1,0 +1,370 @@
+"""What there is and what is done to it: cloths, pins, prescribed motion, air, events. numpy only; runs nothing."""
+
+import contextlib
+import itertools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import checks
+from ..errors import SceneError, did_you_mean, shown
+from .fabric import ClothContact, Fabric
+from .mesh import TriMesh
+from .solids import Shape, Solid, Value
+from .view import View
+
+Path = Callable[[float], ArrayLike]
+
+
+@dataclass(frozen=True, eq=False)
+class Cloth:
+    """A piece of cloth in a scene; made by `Scene.add_cloth` and handed to `pin`, `move` and the rest.
+
+    Attributes:
+        start: index of its first vertex in the simulation's arrays.
+        positions, velocities: (n, 3) at time 0 [m], [m/s].
+        contact: how it meets other cloth; None passes through.
+    """
+
+    name: str
+    mesh: TriMesh
+    fabric: Fabric
+    positions: np.ndarray
+    velocities: np.ndarray
+    start: int
+    color: tuple[float, float, float] | None = None
+    contact: ClothContact | None = None
+
+    def __post_init__(self) -> None:
+        what = checks.name("cloth name", self.name)
+        n = checks.instance(f"mesh of {what!r}", self.mesh, TriMesh).vertex_count
+        checks.instance(f"fabric of {what!r}", self.fabric, Fabric)
+        object.__setattr__(self, "positions", checks.array(f"positions of {what!r}", self.positions, (n, 3), row="vertex"))
+        v = checks.array(f"velocities of {what!r}", self.velocities, (n, 3), (3,), row="vertex")
+        object.__setattr__(self, "velocities", np.broadcast_to(v, (n, 3)).copy())
+        object.__setattr__(self, "start", checks.integer(f"start of {what!r}", self.start, least=0))
+        object.__setattr__(self, "color", checks.maybe(self.color, checks.color, f"color of {what!r}"))
+        checks.maybe(self.contact, checks.instance, f"contact of {what!r}", ClothContact)
+
+
+@dataclass(frozen=True, eq=False)
+class Attachment:
+    """Vertices held or led in 1 to 3 directions.
+
+    Attributes:
+        vertices: indices in the cloth.
+        directions: (d, 3) orthonormal rows.
+        path: None holds the vertices where they are when the attachment begins.
+        relative: whether the path gives displacements from there, or positions.
+        key: stays the same when some of the vertices are released.
+        selected: the vertices that the path speaks of, released ones included.
+        order: (k,) rows of the path's value in the order of rising vertex index.
+    """
+
+    cloth: Cloth
+    vertices: np.ndarray
+    directions: np.ndarray
+    path: Path | None
+    relative: bool
+    key: int
+    selected: np.ndarray
+    order: np.ndarray
+
+    def target(self, t: float, anchor: np.ndarray) -> np.ndarray:
+        """(k, 3) positions [m] of `vertices` at time t [s]; `anchor` (n, 3) is the cloth when it began.
+
+        Raises:
+            SceneError: where the path returns a wrong shape or a number that is not finite.
+        """
+        here = anchor[self.vertices]
+        if self.path is None:
+            return here
+        value = self.checked(t)
+        if value.ndim == 2:
+            value = value[np.searchsorted(self.selected, self.vertices)]
+        return here + value if self.relative else np.broadcast_to(value, here.shape)
+
+    def checked(self, t: float) -> np.ndarray:
+        """The path's value at t, checked for shape and finiteness; rows sorted by vertex."""
+        k = len(self.selected)
+        what = f"the path that moves {k} vertices of {self.cloth.name!r}, at t = {t:g} s"
+        shapes = [(k, 3)] + ([(3,)] if self.relative or k == 1 else [])
+        hint = "" if self.relative else "; relative=True takes one displacement for all"
+        value = checks.array(what, self.path(t), *shapes, hint=hint)  # type: ignore[misc, arg-type]
+        return value[self.order] if value.ndim == 2 else value
+
+
+@dataclass(frozen=True)
+class Air:
+    """Viscous air drag per area, f/A = -normal (n.u) n - tangential (u - (n.u) n), u = velocity - wind.
+
+    Args:
+        normal, tangential: coefficients [N s/m^3], at least 0 and not both 0.
+        wind: velocity of the air [m/s], (3,) or a function of time [s] that returns it.
+    """
+
+    normal: float
+    tangential: float = 0.0
+    wind: ArrayLike | Callable[[float], ArrayLike] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("normal", "tangential"):
+            value = checks.number(f"air {name}", getattr(self, name), "N s/m^3", least=0.0)
+            object.__setattr__(self, name, value)
+        wind = checks.function("air wind", self.wind, "time") if callable(self.wind) else checks.vector("air wind", self.wind)
+        object.__setattr__(self, "wind", wind)
+        if self.normal == self.tangential == 0:
+            raise SceneError("air with both coefficients 0 does nothing: leave it out")
+        self.wind_at(0.0)
+
+    def wind_at(self, t: float) -> np.ndarray:
+        """(3,) wind [m/s] at time t [s].
+
+        Raises:
+            SceneError: a wrong shape or a number that is not finite.
+        """
+        t = checks.number("t", t, "s")
+        return checks.vector(f"the wind at t = {t:g} s", self.wind(t) if callable(self.wind) else self.wind, "m/s")
+
+
+@dataclass(frozen=True)
+class Event:
+    """A function to be called when simulated time reaches `time` [s]."""
+
+    time: float
+    action: Callable
+
+
+@dataclass
+class Script:
+    """The part of a scene that events may change while a simulation runs."""
+
+    attachments: list[Attachment] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+
+    def copy(self) -> "Script":
+        """A copy whose lists are its own."""
+        return Script(list(self.attachments), list(self.events))
+
+
+class Scene:
+    """A scene.
+
+    Args:
+        gravity: (3,) acceleration [m/s^2]; None or zeros model none. y is up.
+        air: drag and wind, or None.
+        view: how to draw it.
+    """
+
+    def __init__(self, gravity: ArrayLike | None = (0.0, -9.81, 0.0), air: Air | None = None,
+                 view: View | None = None) -> None:
+        self.gravity = checks.vector("gravity", np.zeros(3) if gravity is None else gravity, "m/s^2")
+        self.air: Air | None = checks.maybe(air, checks.instance, "air", Air)
+        self.view = View() if view is None else checks.instance("view", view, View)
+        self.cloths: list[Cloth] = []
+        self.solids: list[Solid] = []
+        self.apart: list[tuple[Cloth, Cloth]] = []  # pairs that pass through each other
+        self.masses: list[tuple[Cloth, np.ndarray, float]] = []
+        self.script = Script()
+        self._key = itertools.count()
+
+    def add_cloth(self, mesh: TriMesh, fabric: Fabric, positions: ArrayLike | None = None,
+                  velocities: ArrayLike | None = None, name: str | None = None,
+                  color: tuple[float, float, float] | None = None, contact: ClothContact | None = None) -> Cloth:
+        """Adds a piece of cloth.
+
+        Args:
+            positions: (n, 3) at time 0 [m]; the mesh's own where None.
+            velocities: (n, 3) or (3,) at time 0 [m/s]; zero where None.
+            color: (3,) linear RGB in 0..1 for pictures.
+            contact: how it meets itself and other cloth that has a contact; None passes through, and costs nothing.
+        """
+        name = f"cloth{len(self.cloths)}" if name is None else name
+        x = checks.instance("add_cloth: mesh", mesh, TriMesh).x if positions is None else positions
+        v = np.zeros(3) if velocities is None else velocities
+        cloth = Cloth(name, mesh, fabric, x, v, self.vertex_count, color, contact)  # type: ignore[arg-type]
+        if name in (c.name for c in self.cloths):
+            raise SceneError(f"there is a cloth named {name!r} already")
+        self.cloths.append(cloth)
+        return cloth
+
+    def pass_through(self, a: Cloth, b: Cloth) -> None:
+        """Lets two cloths that have a contact pass through each other."""
+        for cloth in (a, b):
+            self._own(cloth)
+        if a is b:
+            raise SceneError(f"pass_through: {a.name!r} twice; for a cloth and itself use ClothContact(itself=False)")
+        self.apart.append((a, b))
+
+    def passes(self, a: Cloth, b: Cloth) -> bool:
+        """Whether two cloths pass through each other."""
+        return (a, b) in self.apart or (b, a) in self.apart or a.contact is None or b.contact is None
+
+    def add_solid(self, shape: Shape, friction: float, thickness: float, position: Value = (0.0, 0.0, 0.0),
+                  rotation: Value = (0.0, 0.0, 0.0), name: str | None = None,
+                  color: tuple[float, float, float] | None = None) -> Solid:
+        """Adds a solid that cloth cannot enter.
+
+        Args:
+            shape: Plane, Sphere, Capsule, Box, Cylinder or SolidMesh.
+            friction: Coulomb's coefficient, 0 is smooth.
+            thickness: distance [m] that cloth keeps from the surface.
+            position: of the shape's origin [m], (3,) or a function of time [s].
+            rotation: rotation vector (3,) [rad] or matrix (3, 3), or a function of time [s].
+            color: (3,) linear RGB in 0..1 for pictures.
+        """
+        name = f"solid{len(self.solids)}" if name is None else name
+        solid = Solid(name, shape, friction, thickness, position, rotation, color)
+        if name in (s.name for s in self.solids):
+            raise SceneError(f"there is a solid named {name!r} already")
+        self.solids.append(solid)
+        return solid
+
+    @property
+    def touches(self) -> bool:
+        """Whether cloth can meet anything: solids, other cloth or itself."""
+        return bool(self.solids) or any(c.contact is not None for c in self.cloths)
+
+    @property
+    def vertex_count(self) -> int:
+        """Number of vertices of all cloths."""
+        return sum(c.mesh.vertex_count for c in self.cloths)
+
+    def pin(self, cloth: Cloth, vertices: object, directions: object = None) -> None:
+        """Holds vertices where they are, in all directions or in 1, 2 or 3 given ones.
+
+        Args:
+            vertices: index, list, mask or group name.
+            directions: None (all), axis letters such as "y" or "xz", or (3,) or (1..3, 3) vectors.
+        """
+        self._attach(cloth, vertices, directions, None, False)
+
+    def move(self, cloth: Cloth, vertices: object, path: Path, relative: bool = False,
+             directions: object = None) -> None:
+        """Leads vertices along a path.
+
+        Args:
+            path: function of time [s] that returns (k, 3) positions [m] of the k selected vertices in the order
+                given ((3,) where k is 1); with `relative`, displacements from where they are when the motion
+                begins, (k, 3) or one (3,) for all.
+            directions: as in `pin`; the other directions stay free.
+        """
+        checks.function("move: path", path, "time")
+        self._attach(cloth, vertices, directions, path, checks.flag("move: relative", relative))
+
+    def unpin(self, cloth: Cloth, vertices: object = None) -> None:
+        """Releases vertices (all of the cloth's where None) from every pin and motion.
+
+        Raises:
+            SceneError: where none of them is held.
+        """
+        self._own(cloth)
+        free = np.arange(cloth.mesh.vertex_count) if vertices is None else cloth.mesh.select(vertices)
+        kept, found = [], False
+        for a in self.script.attachments:
+            stay = a.vertices if a.cloth is not cloth else a.vertices[~np.isin(a.vertices, free)]
+            found |= len(stay) < len(a.vertices)
+            if len(stay):
+                kept.append(replace(a, vertices=stay))
+        if not found:
+            raise SceneError(f"unpin: no such vertex of {cloth.name!r} is pinned or moved")
+        self.script.attachments[:] = kept
+
+    def at(self, t: float, f: Callable) -> None:
+        """Calls f() or f(scene) when simulated time reaches t [s]; steps end exactly there.
+
+        Pins and motions that f changes hold for the running simulation only; the scene stays as it was built.
+        """
+        t = checks.number("at: t", t, "s", least=0.0)
+        checks.function("at: f", f)
+        if checks.takes(f, 0) is False and checks.takes(f, 1) is False:
+            raise SceneError(f"at: f = {shown(f)}: must be a function of nothing, or of the scene")
+        self.script.events.append(Event(t, f))
+
+    def add_mass(self, cloth: Cloth, vertices: object, mass: float) -> None:
+        """Adds a point mass [kg] to each of the vertices."""
+        self._own(cloth)
+        mass = checks.number("point mass", mass, "kg", positive=True)
+        self.masses.append((cloth, _used(cloth, vertices), mass))
+
+    @contextlib.contextmanager
+    def running(self, script: Script) -> Iterator[None]:
+        """Lets pins, motions and events act on `script` instead of the scene's own."""
+        own, self.script = self.script, script
+        try:
+            yield
+        finally:
+            self.script = own
+
+    def fire(self, event: Event) -> None:
+        """Calls an event's function with as many arguments as it takes: none, or this scene."""
+        event.action(*([] if checks.takes(event.action, 0) else [self]))
+
+    def _own(self, cloth: Cloth) -> None:
+        if not any(cloth is c for c in self.cloths):
+            names = [c.name for c in self.cloths]
+            what = cloth.name if isinstance(cloth, Cloth) else cloth
+            raise SceneError(f"not a cloth of this scene: {shown(what)}; {did_you_mean(what, names)}")
+
+    def _attach(self, cloth: Cloth, vertices: object, directions: object, path: Path | None, relative: bool) -> None:
+        self._own(cloth)
+        index = _used(cloth, vertices)
+        order = np.argsort(index, kind="stable")
+        if path is not None and len(np.unique(index)) < len(index):
+            raise SceneError("move: a vertex is named twice")
+        basis = orthonormal(directions)
+        selected = np.unique(index)
+        attachment = Attachment(cloth, selected, basis, path, relative, next(self._key), selected, order)
+        if path is not None:
+            attachment.checked(0.0)
+        self._check_overlap(attachment)
+        self.script.attachments.append(attachment)
+
+    def _check_overlap(self, new: Attachment) -> None:
+        for old in self.script.attachments:
+            if old.cloth is not new.cloth or (old.path is None and new.path is None):
+                continue
+            shared = np.intersect1d(old.vertices, new.vertices)
+            rank = np.linalg.matrix_rank(np.concatenate([old.directions, new.directions]), tol=1e-9)
+            if len(shared) and rank < len(old.directions) + len(new.directions):
+                raise SceneError(f"vertex {shared[0]} of {new.cloth.name!r} is already held or moved in that direction:"
+                                 " unpin it first")
+
+
+def orthonormal(directions: object) -> np.ndarray:
+    """(d, 3) orthonormal rows that span the given directions: None, axis letters, or 1 to 3 vectors.
+
+    Raises:
+        SceneError: an unknown axis, a wrong shape, or directions that are not independent.
+    """
+    if directions is None:
+        return np.eye(3)
+    if isinstance(directions, str):
+        for axis in directions or " ":
+            checks.choice("axis", axis, ("x", "y", "z"))
+        return np.eye(3)[sorted({"xyz".index(a) for a in directions})]
+    rows = np.atleast_2d(checks.array("directions", directions, (3,), (1, 3), (2, 3), (3, 3), row="vector"))
+    length = np.linalg.norm(rows, axis=1)
+    unit = rows / np.where(length > 0, length, 1)[:, None]
+    if np.linalg.matrix_rank(unit, tol=1e-9) < len(rows):
+        raise SceneError(f"directions {rows.tolist()} are not independent")
+    if len(rows) == 3:
+        return np.eye(3)
+    # unit axes stay as they are, bit for bit
+    if np.allclose(unit @ unit.T, np.eye(len(rows)), rtol=0, atol=1e-15):
+        return unit
+    q, _ = np.linalg.qr(unit.T)
+    return q.T
+
+
+def _used(cloth: Cloth, vertices: object) -> np.ndarray:
+    """The selected vertices, all of which belong to a face."""
+    index = cloth.mesh.select(vertices)
+    if not len(index):
+        raise SceneError(f"the selection {vertices!r} of {cloth.name!r} is empty")
+    loose = index[~np.isin(index, cloth.mesh.faces)]
+    if len(loose):
+        raise SceneError(f"vertex {loose[0]} of {cloth.name!r} belongs to no face and is not simulated")
+    return index

@@ -1,0 +1,100 @@
+"""Preconditioners that work a particle at a time, on the directions that are free: 3x3 block Jacobi, Jacobi, none."""
+
+import numpy as np
+import taichi as ti
+
+from ..backend.fields import Fields
+from ..forces.conditions import sym, sym_scaled_identity, sym_times, sym_unpack
+from ..system.constraints import Held
+from ..system.operator import Operator
+
+
+@ti.data_oriented
+class Pointwise:
+    """(S P S)^-1 on the free directions of each particle, 0 on the constrained ones: symmetric, 6 numbers.
+
+    Args:
+        kind: what P is: "block_jacobi", the diagonal 3x3 block of A; "jacobi", its diagonal; "none", the particle's mass.
+    """
+
+    pointwise = True  # what it makes of r_i depends on r_i alone
+
+    def __init__(self, fields: Fields, operator: Operator, kind: str = "block_jacobi") -> None:
+        self.operator, self.kind = operator, kind
+        n = operator.model.n
+        self.inverse = fields.real(n, 6)
+        self.is_held, self.S = fields.integer(n), fields.real(n, 6)
+
+    @ti.func
+    def block(self, i):
+        """P_i, 6 numbers."""
+        P = self.operator.P[i]
+        if ti.static(self.kind == "jacobi"):
+            P = ti.Vector([P[0], 0.0, 0.0, P[3], 0.0, P[5]])
+        if ti.static(self.kind == "none"):
+            P = sym_scaled_identity(self.operator.model.m[i])
+        return P
+
+    def make(self, span: float, held: Held | None, lasting: bool = False) -> None:
+        """For a system as linearized with c = span [s]."""
+        if held is None:
+            self.build(np.zeros(0, dtype=np.int32))
+            return
+        full = np.trace(held.projector, axis1=1, axis2=2) > 2.5
+        self.build(held.index[full])
+        if not full.all():  # compiled only for scenes with 1 or 2 held directions
+            self._hold_partly(held.index[~full], held.projector[~full])
+
+    @ti.kernel
+    def build(self, fully: ti.types.ndarray()):
+        """Inverts every diagonal block as if its particle were free, and takes particles that are held in all directions
+        out: S = 0."""
+        for i in range(self.operator.model.n):
+            self.is_held[i] = 0
+            self.inverse[i] = sym(sym_unpack(self.block(i)).inverse())
+        for k in range(fully.shape[0]):
+            self.is_held[fully[k]] = 1
+            self.S[fully[k]] = ti.Vector.zero(float, 6)
+            self.inverse[fully[k]] = ti.Vector.zero(float, 6)
+
+    def took(self, iterations: int) -> None:
+        """Iterations of the first solve after `make`."""
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """Nothing is kept from step to step."""
+        return {}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Nothing to go on from."""
+
+    @ti.kernel
+    def _hold_partly(self, index: ti.types.ndarray(), held: ti.types.ndarray()):
+        """(S P S + I - S)^-1 - (I - S), the two parts of the sum alike in size."""
+        for k in range(index.shape[0]):
+            C = ti.Matrix.zero(float, 3, 3)
+            for a, b in ti.static(ti.ndrange(3, 3)):
+                C[a, b] = held[k, a, b]
+            S = ti.Matrix.identity(float, 3) - C
+            P = sym_unpack(self.block(index[k]))
+            free = (S @ P @ S + P.trace() * C).inverse() - C / P.trace()
+            self.is_held[index[k]] = 1
+            self.S[index[k]] = sym(S)
+            self.inverse[index[k]] = sym(0.5 * (free + free.transpose()))
+
+    @ti.func
+    def filter(self, i, r):
+        """S_i r_i [BW98 §5.3]"""
+        if self.is_held[i] == 1:
+            r = sym_times(self.S[i], r)
+        return r
+
+    @ti.func
+    def apply(self, i, r):
+        """s_i = S_i P_i^-1 r_i for an r that is filtered already."""
+        return self.filter(i, sym_times(self.inverse[i], r))
+
+    @ti.func
+    def norm_sqr(self, i, x):
+        """x_i . P_i x_i"""
+        return x.dot(sym_times(self.block(i), x))
+

@@ -1,0 +1,59 @@
+"""Time integrators, one file each, behind one interface.
+
+An integrator is built once for a model and has
+
+- `attempt(h, held_at, start) -> Attempt`: one step of size h [s] from the model's saved state, which the model's
+  current state equals on entry; `held_at(s)` gives the constraints s seconds into it, and sets the wind there; `start`
+  are the measures at its beginning. The model ends in the proposed state, also where the attempt names a rejection:
+  rolling back is the stepper's.
+- `commit()`: the last attempt was accepted. `reset()`: the state was changed by hand.
+- `checkpoint()`, `resume(state)`: what it remembers from step to step, as arrays by name.
+- `system`: what it solves with, or None.
+- `stable_step`: the largest step [s] that is stable near rest; infinite for implicit methods.
+
+Methods with stages solved by Newton use the operator with their own c in M - c D - c^2 K.
+"""
+
+from ...backend.fields import Fields
+from ...backend.runtime import Runtime
+from ...errors import SceneError
+from ...scene.scene import Scene
+from ...system.assembler import Meter
+from ...system.state import Model
+from ..options import EXPLICIT, Options
+
+
+def build(name: str, fields: Fields, model: Model, forces: list, meter: Meter, options: Options, runtime: Runtime,
+          scene: Scene, contacts=None):
+    """The integrator of a name in `INTEGRATORS`; only what it needs is imported.
+
+    Args:
+        meter: with an operator, unless the method is explicit.
+        contacts: `contact.response.Contacts` with the scene's solids, or None.
+
+    Raises:
+        SceneError: the method does not know contact.
+    """
+    if name in EXPLICIT:
+        if contacts is not None:
+            raise SceneError(f"integrator {name!r} knows no contact, with solids or between layers of cloth: use 'safe' or "
+                             "'backward_euler'")
+        from .verlet import Verlet
+
+        return Verlet(fields, model, forces, meter, options.substep, runtime, scene)
+    from .system import System
+
+    system = System(fields, model, meter.operator, forces, meter, options, runtime, scene, contacts)
+    if name in ("backward_euler", "newton_euler"):
+        from .backward_euler import BackwardEuler
+
+        return BackwardEuler(system, options, converge=name == "newton_euler")
+    from .tr_bdf2 import TRBDF2
+
+    if name == "tr_bdf2" and contacts is None:
+        return TRBDF2(fields, system, options, scene.gravity)
+    from .backward_euler import BackwardEuler
+    from .safe import Safe
+
+    return Safe(system, TRBDF2(fields, system, options, scene.gravity), BackwardEuler(system, options),
+                only_contact=name == "tr_bdf2")

@@ -1,0 +1,50 @@
+"""What an integrator proposes to step control, and the names of what may be wrong with it."""
+
+from dataclasses import dataclass
+
+from ...solver.pcg import Solution
+from ...system.assembler import Measures
+from ..ledger import Ledger
+
+STRETCH, ENERGY, SOLVER, NOT_FINITE = "STRETCH", "ENERGY", "SOLVER", "NOT_FINITE"
+CONTACT, APPROACH, NEWTON, ACCURACY = "CONTACT", "APPROACH", "NEWTON", "ACCURACY"
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """A proposed step.
+
+    Attributes:
+        rejection: None, or what is wrong with it.
+        detail: more about the rejection, for people.
+        measures: of the proposed state; None where it was not reached.
+        solutions: of its linear solves, in order.
+        seconds: wall time by part, EVAL, CG and C-S.
+        contacts: number of contacts with solids; unsettled: how many of them, and of pairs of cloth, had not settled.
+        crossings: triangles of cloth and solids that pass through each other.
+        layers: pairs of cloth in contact with cloth; least: their smallest distance over what they should keep.
+        tangled: pairs of an edge and a triangle of cloth that pass through each other; pinched: particles that were let go.
+        evaluations: of the forces, by explicit methods.
+        error: estimated, over what the tolerance allows in this step; None where it was not estimated.
+        order: of the method, which says how the error goes with the step.
+        fell_back: why the step was redone by a more robust method, or "".
+        ledger: of its energy; None where the step was not finished.
+    """
+
+    rejection: str | None
+    detail: str
+    measures: Measures | None
+    solutions: tuple[Solution, ...]
+    seconds: dict[str, float]
+    contacts: int = 0
+    unsettled: int = 0
+    crossings: int = 0
+    layers: int = 0
+    least: float = 1.0
+    tangled: int = 0
+    pinched: int = 0
+    evaluations: int = 0
+    error: float | None = None
+    order: int = 1
+    fell_back: str = ""
+    ledger: Ledger | None = None

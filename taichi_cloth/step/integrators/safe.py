@@ -1,0 +1,116 @@
+"""The default: TR-BDF2, and backward Euler for the steps that it cannot take.
+
+A step that gains energy or whose Newton iteration fails is redone by backward Euler with its energy test, which loses
+accuracy but not the run; without solids it is first tried smaller, twice. Steps in which
+cloth touches solids are backward Euler's too: contact is settled in its solve.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ...system.assembler import Measures
+from ...system.constraints import Held
+from .attempt import ACCURACY, ENERGY, NEWTON, NOT_FINITE, SOLVER, Attempt
+from .backward_euler import BackwardEuler
+from .system import System
+from .tr_bdf2 import HORIZON, TRBDF2
+
+REDONE = (ENERGY, NEWTON, NOT_FINITE, SOLVER)
+STUBBORN = 64  # with error control, a step that fails is tried smaller until it is so much smaller than the largest
+SLOW = 4  # and without, until it is so much smaller: two small steps are far more accurate than backward Euler's one
+LAPSE = 0.02  # s, over which the acceleration of cloth in contact is averaged
+TOUCH = "TOUCH"
+
+
+class Safe:
+    """TR-BDF2 with backward Euler to fall back on.
+
+    Args:
+        only_contact: falls back for contact alone; what else goes wrong rejects the step.
+    """
+
+    stable_step = math.inf
+
+    def __init__(self, system: System, accurate: TRBDF2, robust: BackwardEuler, only_contact: bool = False) -> None:
+        self.system, self.accurate, self.robust, self.only_contact = system, accurate, robust, only_contact
+        self.model, self.contacts, self.tolerance = system.model, system.contacts, system.options.tolerance
+        self.touching, self.gained = False, 0.0  # whether cloth is in contact; energy [J] of the last attempt by `robust`
+        self.last: TRBDF2 | BackwardEuler = accurate
+        self.largest = 0.0
+        self.mean = self.mean_1 = np.zeros((self.model.n, 3))  # acceleration [m/s^2] in contact, over LAPSE; after the attempt
+
+    def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
+        """One step; see the package."""
+        self.largest = max(self.largest, h)
+        made, reason = None, TOUCH
+        if not self.touching:
+            self.last = self.accurate
+            made = self.accurate.attempt(h, held_at, start)
+            reason = made.rejection or ""
+            if self.contacts is not None and (made.rejection is None or made.rejection == ACCURACY) and self._touches(
+                    h, held_at(h)):
+                reason = TOUCH
+            slow = SLOW if reason in (NEWTON, ENERGY) and self.contacts is None else 1
+            stubborn = STUBBORN if self.tolerance is not None else slow
+            patient = self.only_contact or (self.system.options.adaptive and h > self.largest / stubborn)
+            if reason != TOUCH and (reason not in REDONE or patient):
+                return made
+            self.model.restore()
+        self.last = self.robust
+        redone = self._judged(h, self.robust.attempt(h, held_at, start), held_at(h))
+        self.gained = 0.0 if redone.ledger is None else redone.ledger.change - redone.ledger.total
+        if made is None:
+            return replace(redone, fell_back=reason)
+        seconds = {k: made.seconds.get(k, 0.0) + redone.seconds.get(k, 0.0) for k in made.seconds | redone.seconds}
+        return replace(redone, solutions=made.solutions + redone.solutions, seconds=seconds, fell_back=reason)
+
+    def commit(self) -> None:
+        """The last attempt was accepted."""
+        self.last.commit()
+        if self.last is self.robust:
+            self.mean = self.mean_1
+            self.accurate.reset(max(0.0, self.accurate.debt + self.gained))
+            self.touching = self.contacts is not None and self.contacts.touching
+        elif self.contacts is not None:
+            self.contacts.pass_by()
+
+    def reset(self) -> None:
+        """The state was changed by hand."""
+        self.accurate.reset()
+        self.touching, self.mean = False, np.zeros((self.model.n, 3))
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """What the two remember."""
+        parts = (("accurate", self.accurate), ("robust", self.robust))
+        state = {f"{name}_{k}": a for name, part in parts for k, a in part.checkpoint().items()}
+        return {**state, "touching": np.array(self.touching), "largest": np.array(self.largest), "mean": self.mean}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Goes on from what `checkpoint` gave."""
+        for name, part in (("accurate_", self.accurate), ("robust_", self.robust)):
+            part.resume({k[len(name):]: a for k, a in state.items() if k.startswith(name)})
+        self.touching, self.largest, self.mean = bool(state["touching"]), float(state["largest"]), state["mean"]
+
+    def _touches(self, h: float, held: Held | None) -> bool:
+        """Whether the step as taken meets a solid."""
+        x, v = self.model.read_saved()
+        return self.contacts.meets(h, held, x, v)
+
+    def _judged(self, h: float, made: Attempt, held: Held | None) -> Attempt:
+        """With an estimate of a backward Euler step's error, where one is asked for: h (v_1 - v_0) / 2.
+
+        Over the steps these telescope: what swings to and fro, as cloth does after an impact, cancels out. So the
+        acceleration counts that it has on an average over a while. What is led goes as it is told: it has no error.
+        """
+        if self.tolerance is None or made.rejection is not None:
+            return made
+        a = (self.model.read_particles()[1] - self.model.read_saved()[1]) / h
+        if held is not None:
+            a[held.index] -= np.einsum("kij,kj->ki", held.projector, a[held.index])
+        self.mean_1 = self.mean - math.expm1(-h / LAPSE) * (a - self.mean)
+        error = h / 2 * float(np.sqrt(np.mean(np.sum(self.mean_1**2, axis=1)))) * HORIZON / self.tolerance
+        return replace(made, error=error, order=1, rejection=ACCURACY if error > 1 else None,
+                       detail=f"{error:.2g} times the error allowed")

@@ -1,0 +1,163 @@
+"""The linear system of implicit methods with everything that solves it: operator, preconditioner, CG, held directions.
+
+Shared by all methods that a simulation may use, so that each kernel is compiled once.
+"""
+
+import numpy as np
+import taichi as ti
+
+from ...backend.fields import Fields
+from ...backend.runtime import Runtime
+from ...scene.scene import Scene
+from ...solver.pcg import PCG, Solution
+from ...solver.preconditioner import build_preconditioner
+from ...system.assembler import Measures, Meter
+from ...system.constraints import Filter, Held
+from ...system.operator import Operator
+from ...system.state import Model
+from ..options import Options
+
+ROUNDING = 64  # Phi may grow by this many roundings of its terms
+
+
+@ti.data_oriented
+class System:
+    """A model's system, ready to be linearized and solved.
+
+    Attributes:
+        contacts: `contact.response.Contacts`, or None.
+        held: of the last solve.
+        span: c [s] that it was linearized with.
+        resolution: what positions are rounded to [m].
+        floor: energy [J] that this rounding amounts to.
+    """
+
+    def __init__(self, fields: Fields, model: Model, operator: Operator, forces: list, meter: Meter, options: Options,
+                 runtime: Runtime, scene: Scene, contacts=None) -> None:
+        self.model, self.operator, self.meter, self.options, self.contacts = model, operator, meter, options, contacts
+        self.scene = scene
+        self.preconditioner = build_preconditioner(options.preconditioner, fields, self.operator, scene)
+        alone = len(scene.cloths) == 1 and not scene.solids and scene.air is None
+        self.solver = PCG(fields, self.operator, self.preconditioner, runtime, options.cg_max_iterations, alone)
+        self.filter = Filter(fields, model, self.solver.dv)
+        self.held: Held | None = None
+        self.span = 0.0
+        self._kept: np.ndarray | None = None
+        self.epsilon = runtime.epsilon
+        extent = float(np.abs(model.start_positions[model.user] - model.origin).max())
+        self.resolution = runtime.epsilon * extent
+        self.floor = sum(force.rounding_energy(self.resolution) for force in forces)
+
+    def linearize(self, c: float, moves: bool = False) -> Measures:
+        """A and b at the model's state, with `moves` b with the operator's motion; see `Meter`."""
+        self.span = c
+        return self.meter.linearize(c, moves)
+
+    def solve(self, tolerance: float, held: Held | None, h: float = 0.0, z: np.ndarray | None = None,
+              warm: bool = False, fresh: bool = True, lead: float = 0.0, lasting: bool = False) -> Solution:
+        """Solves the system as linearized.
+
+        Args:
+            tolerance: relative residual.
+            held: the held directions.
+            h: step [s] in which they must reach their targets; with 0 they are there and dv = 0 in them.
+            z: (k, 3) dv in them [m/s], instead.
+            warm: starts from the last solve's dv.
+            lead: span [s] in which positions x + lead dv get to the targets, instead of h.
+            lasting: coarse levels made for an earlier system may do.
+            fresh: False keeps all of the preconditioner of the last solve, of a similar system with the same directions held.
+        """
+        self.held, self._kept = held, None
+        zero = not warm and (held is None or (z is None and not h > 0 and not lead > 0))
+        if held is not None and z is not None:
+            self.filter.impose(held.index, held.projector, z, int(not warm))
+        elif held is not None and h > 0:
+            self.filter.prescribe(held.index, held.projector, held.target, held.y, h, int(not warm))
+        elif held is not None and lead > 0:
+            self.filter.lead(held.index, held.projector, held.target, lead)
+        if fresh:
+            self.preconditioner.make(self.span, held, lasting)
+        solution = self.solver.solve(tolerance, held is None and not warm, warm, zero)
+        if fresh and not warm:
+            self.preconditioner.took(solution.iterations)
+        return solution
+
+    def reaction(self) -> np.ndarray:
+        """(n, 3) force [N] in particle order that keeps the held directions, by the last solve."""
+        force = np.zeros((self.model.n, 3))
+        if self.held is not None:
+            force[self.held.index] = (self.reaction_rows() if self._kept is None else self._kept) / self.span
+        return force
+
+    def keep_reaction(self, rows: np.ndarray) -> None:
+        """Stands for the last solve's, which was not one for a state."""
+        self._kept = rows
+
+    def reaction_rows(self) -> np.ndarray:
+        """(k, 3) impulse [N s] on the held particles, in their order."""
+        held = self.held
+        if held is None:
+            return np.zeros((0, 3))
+        rows = np.empty((len(held.index), 3), dtype=held.target.dtype)
+        self._gather_reaction(held.index, rows)
+        return np.einsum("kij,kj->ki", held.projector.astype(np.float64), rows.astype(np.float64))
+
+    def motion_rows(self, held: Held, h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(v, v - v_0 [m/s], x - x_0 - h v [m]), each (k, 3), of the held particles."""
+        v, dv, y = (np.empty_like(held.target) for _ in range(3))
+        self._gather_motion(held.index, h, v, dv, y)
+        return v.astype(np.float64), dv.astype(np.float64), y.astype(np.float64)
+
+    @ti.kernel
+    def _gather_motion(self, index: ti.types.ndarray(), h: float, v: ti.types.ndarray(), dv: ti.types.ndarray(),
+                       y: ti.types.ndarray()):
+        """The same of particles index[k]"""
+        for k in range(index.shape[0]):
+            i = index[k]
+            for c in ti.static(range(3)):
+                v[k, c] = self.model.v[i][c]
+                dv[k, c] = self.model.v[i][c] - self.model.v_saved[i][c]
+                y[k, c] = self.model.x[i][c] - self.model.x_saved[i][c] - h * self.model.v[i][c]
+
+    def to_go(self, held: Held | None, c: float) -> np.ndarray | None:
+        """(k, 3) velocity [m/s] by which held directions are still short of their targets."""
+        if held is None:
+            return None
+        z = np.empty_like(held.target)
+        self._short(held.index, held.target, c, z)
+        return z
+
+    @ti.kernel
+    def _short(self, index: ti.types.ndarray(), target: ti.types.ndarray(), c: float, z: ti.types.ndarray()):
+        """z = (target - x) / c"""
+        for k in range(index.shape[0]):
+            for d in ti.static(range(3)):
+                z[k, d] = (target[k, d] - self.model.x[index[k]][d]) / c
+
+    def settle(self, held: Held | None) -> None:
+        """Held directions exactly at their targets."""
+        if held is not None:
+            self.filter.lead(held.index, held.projector, held.target, 0.0)
+
+    def rounding(self, h: float, *measures: Measures) -> float:
+        """How much of Phi [J] is rounding: of its terms, and of positions as they are stored."""
+        kinetic = 0.5 * self.model.mass.sum() * (self.resolution / h) ** 2
+        return ROUNDING * self.epsilon * sum(m.size for m in measures) + 2 * (self.floor + kinetic)
+
+    @ti.kernel
+    def _gather_reaction(self, index: ti.types.ndarray(), rows: ti.types.ndarray()):
+        """A dv - b on particles index[k]"""
+        for k in range(index.shape[0]):
+            i = index[k]
+            for c in ti.static(range(3)):
+                rows[k, c] = self.solver.As[i][c] - self.operator.b[i][c]
+
+    def rms_change(self) -> float:
+        """RMS of the last solve's dv over the particles [m/s]."""
+        return self.solver.rms
+
+
+def phi(measures: Measures, c: float) -> float:
+    """The stage's potential [J]; NaN counts as infinite."""
+    value = measures.change + measures.potential + c * measures.dissipation
+    return value if np.isfinite(value) else np.inf

@@ -1,0 +1,255 @@
+"""TR-BDF2 with implied stage force: second order, L-stable, two Newton solves a step.
+
+With c = (1 - 1/sqrt 2) h and g = 2 - sqrt 2, the first stage goes to t + g h by the trapezoidal rule, the second to
+t + h by BDF2:
+
+    M (v_g - v_0) = c (F_0 + f(x_g, v_g)),  x_g = x_0 + c (v_0 + v_g)
+    M (v_1 - v_p) = c f(x_1, v_1),          x_1 = x_p + c v_1,   (x_p, v_p) = a (x_g, v_g) - b (x_0, v_0)
+
+F_0 is the force that the last stage of the step before implies, M (v_1 - v_p) / c, and not f(x_0, v_0): evaluated, its
+high frequencies would be as wrong as Newton's tolerance allows, times their stiffness. Both stages have the matrix
+M - c D - c^2 K. The embedded error estimate is that of the third-order formula on the same stages, filtered by the
+same matrix [Hosea & Shampine 1996].
+
+A step that gains energy beyond the work put in (`ledger`) is rejected by name, but for a hundredth of the motion's: a
+method of second order loses and gains in turn. What it gained before and has not lost again counts.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import taichi as ti
+
+from ...backend.fields import Fields
+from ...backend.timing import Clock
+from ...solver.pcg import CONVERGED, Solution
+from ...system.assembler import Measures
+from ...system.constraints import Held, project
+from ..ledger import Work, gained, three_stages
+from ..options import Options
+from .attempt import ACCURACY, ENERGY, SOLVER, Attempt
+from .newton import FIRST, Effort, Newton, Stage
+from .system import System
+
+C = 1 - math.sqrt(0.5)
+GAMMA = 2 - math.sqrt(2)
+A, B = (math.sqrt(2) + 1) / 2, (math.sqrt(2) - 1) / 2
+E_0, E_GAMMA, E_1 = (math.sqrt(2) - 1) / 3, -1 / 3, 2 * C / 3  # weights less those of the third-order formula
+WEIGHT = math.sqrt(2) / 4  # of the beginning and of the first stage in a step; C is the end's
+GAIN = 0.01  # part of the motion's scale by which energy may grow in a step
+DEBT = 0.03  # and before it has fallen as much again
+LAPSE = 0.1  # s, over which the motion's scale forgets
+WORK = 0.05  # part of the constraints' work in a step by which the quadrature may be off
+FALL = 0.1  # m/s: and so is the work of gravity at this speed
+CALM = 1e-4  # m/s: a correction of velocities that is too small for another iteration
+PART = 0.5  # part of a stage's first correction that may be left to do
+SHARE = 0.1  # of the error allowed in a step that Newton's method may leave
+HORIZON = 0.5  # s: time in which a run may gather the error asked for
+FILTER = 0.01  # relative residual of the solve that filters the error estimate
+
+
+@ti.data_oriented
+class TRBDF2:
+    """TR-BDF2 on a system."""
+
+    stable_step = math.inf
+
+    def __init__(self, fields: Fields, system: System, options: Options, gravity: np.ndarray) -> None:
+        self.system, self.options, self.model = system, options, system.model
+        self.newton = Newton(fields, system)
+        n = self.model.n
+        self.a_0, self.v_g, self.a_g, self.v_p = (fields.real(n, 3) for _ in range(4))  # a_0 = F_0/M
+        self.known = False  # whether a_0 is, or follows from the last step
+        self.c = 0.0  # of the last step [s], while a_0 is still to be taken from it: (v_1 - v_p)/c
+        self.tried = 0.0  # of the last attempt
+        self.pins: tuple = ()
+        self.power = 0.0  # of the constraints [W] at the end of the last step
+        self.power_1 = 0.0
+        self.debt = self.debt_1 = 0.0  # energy [J] that steps gained and have not lost again; after the attempt
+        self.motion = self.motion_1 = 0.0  # largest kinetic energy [J] of late; after the attempt
+        self.weight = float(np.linalg.norm(gravity) * self.model.mass.sum())  # [N]
+
+    def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
+        """One step; see the package."""
+        clock, c = Clock(), C * h
+        solutions: list[Solution] = []
+        effort = self._effort(h)
+        pins = held_at(0.0)
+        fresh = self._remember(pins, c, clock)
+        middle = held_at(GAMMA * h)
+        with clock.part("EVAL"):
+            self._base(0, c, self.c, int(fresh))
+            self.c, self.tried = 0.0, c
+        first = self.newton.solve(c, middle, effort, clock, solutions, True)
+        if first.rejection:
+            return replace(self._failed(first, "first stage", solutions, clock), measures=None)  # not at the step's end
+        power = self._reaction_power(middle, c)
+        with clock.part("EVAL"):
+            self._base(1, c, 0.0, 0)
+        held = held_at(h)
+        stage = self.newton.solve(c, held, effort, clock, solutions, False)
+        if stage.rejection:
+            return self._failed(stage, "second stage", solutions, clock)
+        with clock.part("EVAL"):
+            self.power_1 = self._reaction_power(held, c)
+            weights = (WEIGHT * h, WEIGHT * h, c)
+            before = 0.0 if fresh else self.power  # what a_0 implies; where it is f(x_0, v_0)/M nothing holds
+            work = Work(pins=sum(w * p for w, p in zip(weights, (before, power, self.power_1))))
+            ledger = three_stages(weights, (start, first.measures, stage.measures), work, h * self._lag(c))
+            self.system.settle(held)
+        measures = stage.measures
+        over = gained(start, measures, work) - max(0.0, ledger.wind)
+        self.debt_1 = max(0.0, self.debt + over)
+        scale, rounding = self._scale(h, start, measures), self.system.rounding(h, start, measures)
+        spare = WORK * (abs(work.pins) + abs(ledger.wind)) + rounding
+        if over > GAIN * scale + spare or (over > rounding and self.debt_1 > DEBT * scale + spare):
+            return Attempt(ENERGY, f"{over:.2g} J gained", measures, tuple(solutions), clock.seconds, ledger=ledger)
+        error = None
+        if self.options.tolerance is not None:
+            error = self._error(h, held, clock, solutions) * HORIZON / (h * self.options.tolerance)
+            if solutions[-1].status != CONVERGED:
+                return Attempt(SOLVER, f"error estimate: {solutions[-1].status}", measures, tuple(solutions), clock.seconds)
+            if error > 1:
+                return Attempt(ACCURACY, f"{error:.3g} times the error allowed", measures, tuple(solutions), clock.seconds,
+                               error=error, order=2)
+        return Attempt(None, "", measures, tuple(solutions), clock.seconds, error=error, order=2, ledger=ledger)
+
+    def commit(self) -> None:
+        """The last attempt was accepted."""
+        self.known, self.power, self.c, self.debt, self.motion = True, self.power_1, self.tried, self.debt_1, self.motion_1
+
+    def reset(self, debt: float = 0.0) -> None:
+        """The state was changed by hand, or by another method that left a debt [J]."""
+        self.known, self.power, self.c, self.debt, self.motion = False, 0.0, 0.0, debt, 0.0
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """The force implied by the last step."""
+        index, projector = self.pins if self.pins else (np.zeros(0, np.int32), np.zeros((0, 3, 3)))
+        numbers = {name: np.array(getattr(self, name)) for name in ("c", "power", "debt", "motion", "known")}
+        return {"a_0": self.a_0.to_numpy(), "v_p": self.v_p.to_numpy(), **numbers, "pins": index, "directions": projector}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Goes on from what `checkpoint` gave."""
+        self.a_0.from_numpy(state["a_0"])
+        self.v_p.from_numpy(state["v_p"])
+        self.c, self.power, self.debt, self.motion = (float(state[name]) for name in ("c", "power", "debt", "motion"))
+        self.known = bool(state["known"])
+        self.pins = (state["pins"], state["directions"]) if len(state["pins"]) else ()
+
+    def _scale(self, h: float, start: Measures, end: Measures) -> float:
+        """Energy [J] that counts in a step: of the motion, now or a while ago, and of a slow fall."""
+        self.motion_1 = max(start.energies["kinetic"], end.energies["kinetic"], self.motion * math.exp(-h / LAPSE))
+        return self.motion_1 + self.weight * FALL * h
+
+    def _effort(self, h: float) -> Effort:
+        """What a stage is worth: no digit that neither the step nor the error asked for needs."""
+        options = self.options
+        moved, part, cg_tol = options.newton_tol, 0.0, options.cg_tol
+        if options.tolerance is not None:
+            moved = min(moved or math.inf, SHARE * options.tolerance * h / HORIZON)
+            cg_tol = cg_tol or FIRST
+        elif moved is None:
+            moved, part = CALM * C * h, PART
+        return Effort(moved, part, cg_tol, options.newton_max)
+
+    def _remember(self, held: Held | None, c: float, clock: Clock) -> bool:
+        """Whether a_0 is f(x_0, v_0)/M, now in b, where no step implies it: at the start, and when pins have come or gone."""
+        pins = () if held is None else (held.index, held.projector)
+        same = len(pins) == len(self.pins) and all(np.array_equal(p, q) for p, q in zip(pins, self.pins))
+        if self.known and same:
+            return False
+        self.pins = pins
+        with clock.part("EVAL"):
+            self.system.linearize(c)
+        self.known, self.c = True, 0.0
+        return True
+
+    def _failed(self, stage: Stage, which: str, solutions: list[Solution], clock: Clock) -> Attempt:
+        return Attempt(stage.rejection, f"{which}: {stage.detail}", stage.measures, tuple(solutions), clock.seconds)
+
+    def _reaction_power(self, held: Held | None, c: float) -> float:
+        """Power [W] of the constraints at the end of a stage."""
+        if held is None or not held.moving:
+            return 0.0
+        v = self.model.read_particles()[1][held.index]
+        return float(np.sum(self.system.reaction_rows() * v)) / c
+
+    def _error(self, h: float, held: Held | None, clock: Clock, solutions: list[Solution]) -> float:
+        """RMS of the step's estimated error of positions [m]."""
+        c, reaction = C * h, self.system.reaction_rows()
+        with clock.part("EVAL"):
+            self._estimate(h)
+            if held is not None:
+                self._know(held.index, held.projector)
+            self.system.linearize(c, moves=True)
+        with clock.part("CG"):
+            z = None if held is None else np.zeros_like(held.target)
+            solutions.append(self.system.solve(FILTER, held, z=z, fresh=False))
+        self.system.keep_reaction(reaction)
+        return float(np.sqrt(self._error_square(c) / self.model.n))
+
+    @ti.kernel
+    def _base(self, stage: int, c: float, before: float, fresh: int):
+        """Base and guess of a stage.
+
+        The first one's guess is v_0. With `before`, c of the last step, a_0 is the one that it implies; a fresh one is
+        b / (c m), linearized at the saved state. The second one's guess goes on as the first stage went.
+        """
+        for i in range(self.model.n):
+            x_0, v_0, v_g = self.model.x_saved[i], self.model.v_saved[i], self.model.v[i]
+            v_base, x_base, guess = v_0, x_0 + c * v_0, v_0
+            if stage == 0:
+                if before > 0:
+                    self.a_0[i] = (v_0 - self.v_p[i]) / before
+                if fresh == 1:
+                    self.a_0[i] = self.system.operator.b[i] / (c * self.model.m[i])
+                v_base += c * self.a_0[i]
+            else:
+                self.v_g[i] = v_g
+                self.a_g[i] = (v_g - v_0) / c - self.a_0[i]
+                v_base += ti.static(A) * (v_g - v_0)  # as differences, which lose no digits
+                self.v_p[i] = v_base
+                x_base, guess = x_0 + ti.static(A) * (self.model.x[i] - x_0), v_0 + (v_g - v_0) / ti.static(GAMMA)
+            self.model.v_base[i] = v_base
+            self.newton.put(i, c, x_base, guess)
+
+    @ti.kernel
+    def _lag(self, c: float) -> float:
+        """sum_i w_i/h F_i . (v_i - u), u = (v_0 + v_1)/2: what the method's velocities take [W], see `ledger`."""
+        total = ti.cast(0, self.system.solver.sum_type)
+        for _ in range(1):
+            for i in range(self.model.n):
+                v_0, v_1 = self.model.v_saved[i], self.model.v[i]
+                u, a_1 = 0.5 * (v_0 + v_1), (v_1 - self.v_p[i]) / c
+                total += self.model.m[i] * (ti.static(WEIGHT) * (self.a_0[i].dot(v_0 - u) + self.a_g[i].dot(self.v_g[i] - u))
+                                            + ti.static(C) * a_1.dot(v_1 - u))
+        return total
+
+    @ti.kernel
+    def _estimate(self, h: float):
+        """motion and v_base such that b is the right-hand side of the filtered error estimate."""
+        for i in range(self.model.n):
+            e_x = h * (ti.static(E_0) * self.model.v_saved[i] + ti.static(E_GAMMA) * self.v_g[i]
+                       + ti.static(E_1) * self.model.v[i])
+            a_1 = (self.model.v[i] - self.v_p[i]) / (ti.static(C) * h)
+            e_v = h * (ti.static(E_0) * self.a_0[i] + ti.static(E_GAMMA) * self.a_g[i] + ti.static(E_1) * a_1)
+            self.system.operator.motion[i] = e_x
+            self.model.v_base[i] = self.v_p[i] + e_v
+
+    @ti.kernel
+    def _know(self, index: ti.types.ndarray(), projector: ti.types.ndarray()):
+        """Held directions have no error, also where they begin to move at a speed."""
+        for k in range(index.shape[0]):
+            i = index[k]
+            self.system.operator.motion[i] -= project(projector, k, self.system.operator.motion[i])
+
+    @ti.kernel
+    def _error_square(self, c: float) -> float:
+        """|e_x + c dv|^2"""
+        total = ti.cast(0, self.system.solver.sum_type)
+        for _ in range(1):
+            for i in range(self.model.n):
+                total += (self.system.operator.motion[i] + c * self.system.solver.dv[i]).norm_sqr()
+        return total

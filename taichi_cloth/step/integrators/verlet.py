@@ -1,0 +1,265 @@
+"""Velocity Verlet: explicit, second order, no solver; many substeps at its stable step in one step.
+
+Bending is so much softer than the membrane that it need not be evaluated as often: its force acts every few substeps
+with as many times its weight (an impulse method [Tuckerman, Berne, Martyna 1992]), which keeps the order.
+On the CPU all substeps of a step are one launch, by a team.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import taichi as ti
+
+from ...backend.fields import Fields
+from ...backend.phases import END, TASK, Team
+from ...backend.runtime import Runtime
+from ...backend.timing import Clock
+from ...forces.bend import Bend
+from ...forces.curvature_bend import CurvatureBend
+from ...forces.external import Drag
+from ...scene.scene import Scene
+from ...system.assembler import Measures, Meter
+from ...system.constraints import Held, project, row
+from ...system.state import Model
+from ..choice import SAFETY, stable_step
+from ..ledger import Work, gained, many_steps
+from .attempt import ENERGY, NOT_FINITE, Attempt
+
+SLOW = 16  # substeps between two evaluations of bending, at most
+SLOW_SAFETY = 0.5  # part of bending's own stable step that these take together
+STRAIGHT = 8  # substeps in which held particles that are led go along a line
+FORCE, MOVE = 1, 2  # kinds of a team's phases
+ROUNDING = 64  # roundings of its terms by which energy may grow, and of positions
+GAIN = 0.001  # part of the motion's scale by which energy may grow in a step
+
+
+@ti.data_oriented
+class Verlet:
+    """Velocity Verlet on a model.
+
+    Args:
+        substep: asked for [s], or None.
+
+    Attributes:
+        part: of the stable step that substeps take; less after steps that gained energy.
+    """
+
+    system = None
+
+    def __init__(self, fields: Fields, model: Model, forces: list, meter: Meter, substep: float | None, runtime: Runtime,
+                 scene: Scene) -> None:
+        self.model, self.meter, self.blocks = model, meter, model.blocks
+        self.fast = [f for f in forces if not isinstance(f, (Bend, CurvatureBend))]
+        self.slow = [f for f in forces if isinstance(f, (Bend, CurvatureBend))]
+        self.f, self.f_slow = fields.real(model.n, 3), fields.real(model.n if self.slow else 1, 3)
+        self.u = fields.real(model.n, 3)  # velocity half a substep ahead or behind
+        self.pulled = fields.real(1, dtype=ti.f32 if runtime.sums == "f32" else ti.f64)  # work of what is led [J]
+        self.drag = next((f for f in forces if isinstance(f, Drag) and f.gusty), None)
+        self.gusty = self.drag is not None
+        self.stable_step, bending = (stable_step(sum(f.rates[0] for f in of), sum(f.rates[1] for f in of))
+                                     for of in (self.fast, self.slow))
+        if self.stable_step == math.inf:
+            self.stable_step = bending
+        asked = math.inf if substep is None else substep / SAFETY
+        self.stable_step = min(self.stable_step, asked)
+        self.every = int(min(SLOW, max(1, SLOW_SAFETY * bending / self.stable_step))) if self.slow else 1
+        if self.every == 1:
+            self.stable_step = min(asked, stable_step(sum(f.rates[0] for f in forces), sum(f.rates[1] for f in forces)))
+        self.together = runtime.arch == "cpu"  # a team, or a launch for each substep
+        self.team = Team(fields, self.blocks.count if self.together else 1)
+        self.damps = any(force.rates[1] > 0 for force in forces)
+        self.subcycles = True
+        self.part = SAFETY
+        self.weight = float(np.linalg.norm(scene.gravity) * model.mass.sum())
+        self.epsilon = runtime.epsilon
+        extent = float(np.abs(model.start_positions[model.user] - model.origin).max())
+        self.floor = ROUNDING * sum(force.rounding_energy(runtime.epsilon * extent) for force in forces)  # [J]
+        self.exchange = model.exchange
+        self.waiting = self.gained = False  # whether the last attempt was not accepted yet, and gained energy
+        nothing: np.ndarray = np.zeros((0, 3), dtype=self.exchange)
+        self.free: tuple = (np.zeros(0, dtype=np.int32), np.zeros((0, 3, 3), dtype=self.exchange), nothing, nothing)
+
+    def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
+        """One step of as many substeps as stability needs; see the package."""
+        clock = Clock()
+        if self.waiting and self.gained:  # the last attempt was not accepted
+            self.part /= 2
+        self.waiting = True
+        count = 1
+        if self.subcycles and self.stable_step < math.inf:
+            count = self.every * math.ceil(h / (self.part * self.stable_step * self.every))
+        every = self.every if count % self.every == 0 else 1
+        small, done = h / count, 0
+        with clock.part("EVAL"):
+            self.pulled[0] = 0
+            if self.gusty:
+                held_at(0.0)
+            wind = self._wind()
+            held = held_at(h)
+            moving = held is not None and held.moving
+            chunk = count if not moving else max(every, STRAIGHT // every * every)
+            while done < count:
+                steps = min(chunk, count - done)
+                if moving:
+                    held = held_at((done + steps) * small)
+                self._go(small, steps, every, held, wind)
+                done, wind = done + steps, self._wind()
+            measures = self.meter.measure()
+            work = Work(pins=float(self.pulled[0]) if moving else 0.0)
+        evaluations = count + math.ceil(count / chunk)
+        rejection, detail = None if measures.finite else NOT_FINITE, f"{count} substeps of {small:.3g} s"
+        blown = h * max(0.0, -start.dissipation, -measures.dissipation)
+        scale = start.energies["kinetic"] + measures.energies["kinetic"] + self.weight * 0.1 * h + start.size
+        allowed = GAIN * (scale + abs(work.pins)) + 2 * blown + self.floor
+        allowed += ROUNDING * self.epsilon * (start.size + measures.size)
+        if measures.finite and self.subcycles and gained(start, measures, work) > allowed:
+            rejection = ENERGY
+        self.gained = rejection is not None
+        return Attempt(rejection, detail, measures, (), clock.seconds, evaluations=evaluations, order=2,
+                       ledger=many_steps(start, measures, work))
+
+    def commit(self) -> None:
+        """The attempt was accepted."""
+        self.waiting = False
+
+    def reset(self) -> None:
+        """The state was changed by hand: nothing is remembered."""
+        self.waiting = False
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """The part of the stable step that is taken."""
+        return {"part": np.array(self.part)}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Goes on from what `checkpoint` gave."""
+        self.part = float(state["part"])
+
+    def _wind(self) -> np.ndarray:
+        """Of the time that constraints were last asked for [m/s]."""
+        return np.zeros(3) if self.drag is None else self.drag.now
+
+    def _go(self, h: float, steps: int, every: int, held: Held | None, wind: np.ndarray) -> None:
+        """Substeps, in which held particles go along lines to their targets and arrive with the lines' velocity; the wind
+        changes evenly from what it was."""
+        pins, gust = self.free, (self._wind() - wind) / steps
+        if held is not None:
+            x = self.model.read_particles()[0][held.index].astype(self.exchange) if held.moving else held.target
+            pins = (held.index, held.projector, x, held.target)
+        if self.drag is not None:
+            self.drag.set_wind(wind)
+            self.drag.now = wind + steps * gust
+        if self.together:
+            self._together(h, steps, every, *gust, *pins)
+            return
+        for s in range(steps + 1):
+            self._substep(h, s, steps, every, *gust, *pins)
+
+    @ti.kernel
+    def _together(self, h: float, steps: int, every: int, gust_x: float, gust_y: float, gust_z: float,
+                  index: ti.types.ndarray(), projector: ti.types.ndarray(), start: ti.types.ndarray(),
+                  target: ti.types.ndarray()):
+        """All substeps, by a team."""
+        for _ in range(1):
+            self.team.start(FORCE)
+        for t in range(self.team.tasks):
+            if t % TASK == 0:
+                phase, kind, block, waited = 0, FORCE, 0, 0
+                while kind != END:
+                    phase, kind = self.team.phase(), self.team.kind()
+                    if kind != END:
+                        block, waited = self.team.claim(t // TASK, phase, waited)
+                        if block >= 0:
+                            s, following = phase // 2, MOVE
+                            if kind == FORCE:
+                                self.compute(block, s, every)
+                            else:
+                                self.move(block, h, s, steps, every)
+                            if self.team.last(phase):
+                                if kind == MOVE:
+                                    self.lead(h, s, steps, index, projector, start, target)
+                                    self.blow(s, steps, gust_x, gust_y, gust_z)
+                                    following = FORCE
+                                    if s == steps:
+                                        following = END
+                                self.team.turn(following)
+
+    @ti.kernel
+    def _substep(self, h: float, s: int, steps: int, every: int, gust_x: float, gust_y: float, gust_z: float,
+                 index: ti.types.ndarray(), projector: ti.types.ndarray(), start: ti.types.ndarray(),
+                 target: ti.types.ndarray()):
+        """Substep s on all threads."""
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                self.compute(t // self.blocks.grain, s, every)
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                self.move(t // self.blocks.grain, h, s, steps, every)
+        for _ in range(1):
+            self.lead(h, s, steps, index, projector, start, target)
+            self.blow(s, steps, gust_x, gust_y, gust_z)
+
+    @ti.func
+    def compute(self, block, s, every):
+        """f from 0, and every few substeps f_slow, on the rows of a block."""
+        for k in ti.static(range(len(self.fast))):
+            self.fast[k].add_force(block, self.f)
+        if ti.static(len(self.slow) > 0):
+            if s % every == 0:
+                for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+                    self.f_slow[i] = ti.Vector.zero(float, 3)
+                for k in ti.static(range(len(self.slow))):
+                    self.slow[k].add_force(block, self.f_slow)
+
+    @ti.func
+    def move(self, block, h, s, steps, every):
+        """u += h f/m, half of it at the two ends; x += h u; v, predicted for the next f, as u + h/2 f/m; f = 0 again."""
+        share, step = 1.0, h
+        if s == 0 or s == steps:
+            share = 0.5
+        if s == steps:
+            step = 0.0
+        bends = 0.0
+        if s % every == 0:
+            bends = ti.cast(every, float)
+        for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+            f, kick, u = self.f[i], self.f[i], self.u[i]
+            self.f[i] = ti.Vector.zero(float, 3)
+            if s == 0:
+                u = self.model.v[i]
+            if ti.static(len(self.slow) > 0):
+                kick += bends * self.f_slow[i]
+                f += self.f_slow[i]
+            a = h / self.model.m[i]
+            u += share * a * kick
+            self.u[i] = u
+            self.model.x[i] = self.model.x[i] + step * u
+            if s == steps:
+                self.model.v[i] = u
+            elif ti.static(self.damps):
+                self.model.v[i] = u + 0.5 * a * f
+
+    @ti.func
+    def lead(self, h, s, steps, index: ti.template(), projector: ti.template(), start: ti.template(),
+             target: ti.template()):
+        """Held directions to where they must be after substep s, exactly at the target after the last."""
+        for k in range(index.shape[0]):
+            i = index[k]
+            a, b = row(start, k), row(target, k)
+            part = ti.min(1.0, (s + 1.0) / steps)
+            goal = a + part * (b - a)
+            if s + 1 >= steps:
+                goal = b
+            self.model.x[i] += project(projector, k, goal - self.model.x[i])
+            along = (b - a) / (steps * h)
+            self.model.v[i] += project(projector, k, along - self.model.v[i])
+            change = project(projector, k, along - self.u[i])
+            self.u[i] += change
+            self.pulled[0] = self.pulled[0] + self.model.m[i] * change.dot(along)  # an impulse, on the way that it goes
+
+    @ti.func
+    def blow(self, s, steps, x, y, z):
+        """The wind after substep s."""
+        if ti.static(self.gusty):
+            if s < steps:
+                self.drag.wind[0] += ti.Vector([x, y, z])

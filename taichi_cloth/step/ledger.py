@@ -1,0 +1,124 @@
+"""Energy, step by step: what put it in, what took it, and what nothing accounts for. numpy only.
+
+Exactly, whatever made the step, T_1 - T_0 = u . M dv with u = (v_0 + v_1)/2. Where a method says M dv = sum_i w_i F_i, with
+forces F_i = -dV + damping + air + held + contact + r at its stages i, r being what its solves left undone,
+
+    dE = T_1 - T_0 + V_1 - V_0 = sum_i w_i F_i . v_i - [sum_i w_i F_i . (v_i - u)] + V_1 - V_0
+       = work of what is held, of contact and of air - damping - method + sum_i w_i r_i . v_i,
+    method = sum_i w_i F_i . (v_i - u) + [sum_i w_i dV_i . v_i - (V_1 - V_0)]
+
+so that the method's own part is what its velocities and the curvature of V take in a step. What is unaccounted for is
+the work of what solves left undone, and rounding. Backward Euler has one stage, w = h, at the end: there the first part
+of `method` is 1/2 |dv|_M^2. It also alters positions by y, which are no motion: x_1 = x_0 + h v_1 + y. The force
+f = (M dv - J)/h of all but what holds (impulse J) does not work on y but is worked against: y puts -f . y in, and
+`method` has it too.
+"""
+
+from dataclasses import asdict, dataclass, fields
+
+from ..system.assembler import Measures
+
+
+@dataclass(frozen=True)
+class Work:
+    """Work on the cloth in a step [J].
+
+    Attributes:
+        pins: of pins and motions of a script.
+        solids: of solids: by what they hold, their friction that sticks, and their edges and corners.
+        lifted: of alterations of position (y) that bring out what is inside solids.
+        lowered: of those that bring down to a solid what would else go through it: its motion has to pay for them.
+        friction: of friction of cloth that slides on solids.
+        layers: of cloth on cloth, besides the repulsion that is stored; with it what is stored anew where repulsion stiffens.
+    """
+
+    pins: float = 0.0
+    solids: float = 0.0
+    lifted: float = 0.0
+    lowered: float = 0.0
+    friction: float = 0.0
+    layers: float = 0.0
+
+    @property
+    def total(self) -> float:
+        """All of it [J]."""
+        return self.pins + self.solids + self.lifted + self.lowered + self.friction + self.layers
+
+
+@dataclass(frozen=True)
+class Ledger(Work):
+    """All that changed the energy of the cloth in a step [J].
+
+    Attributes:
+        kinetic, potential: change of either.
+        wind: work of the air.
+        damping: what the cloth's own damping took.
+        method: what the method took beyond; negative where it gave.
+        braked: part of `method`: what was taken off velocities because the step would else have gained energy.
+        unaccounted: change that none of these explains.
+    """
+
+    kinetic: float = 0.0
+    potential: float = 0.0
+    wind: float = 0.0
+    damping: float = 0.0
+    method: float = 0.0
+    braked: float = 0.0
+
+    @property
+    def change(self) -> float:
+        """Of kinetic and potential energy."""
+        return self.kinetic + self.potential
+
+    @property
+    def unaccounted(self) -> float:
+        """See above."""
+        return self.change - self.total - self.wind + self.damping + self.method
+
+    def record(self) -> dict[str, float]:
+        """By name, as telemetry has it."""
+        return {**asdict(self), "unaccounted": self.unaccounted}
+
+
+TERMS = (*(f.name for f in fields(Ledger)), "unaccounted")
+
+
+def gained(start: Measures, end: Measures, work: Work) -> float:
+    """By how much [J] the energy grew beyond what may be put in, wind apart."""
+    return end.total - start.total - work.total + max(0.0, work.lowered)
+
+
+def one_stage(h: float, start: Measures, end: Measures, work: Work) -> Ledger:
+    """Of a backward Euler step of h [s]; `end` as the solve left it."""
+    stored = end.energies.get("contact", 0.0) - start.energies.get("contact", 0.0)
+    potential = end.potential - start.potential
+    method = end.change + h * end.rate + work.lifted + work.lowered - (potential - stored)
+    return Ledger(**asdict(work), kinetic=end.energies["kinetic"] - start.energies["kinetic"], potential=potential,
+                  wind=h * end.wind, damping=2 * h * end.damped, method=method)
+
+
+def three_stages(weights: tuple[float, float, float], stages: tuple[Measures, Measures, Measures], work: Work,
+                 lag: float) -> Ledger:
+    """Of a step with the weights [s] of its beginning, middle and end.
+
+    Args:
+        lag: the first part of the method's own, sum_i w_i F_i . (v_i - u) [J].
+    """
+    start, _, end = stages
+    rate, wind, damped = (sum(w * getattr(m, name) for w, m in zip(weights, stages)) for name in ("rate", "wind", "damped"))
+    potential = end.potential - start.potential
+    return Ledger(**asdict(work), kinetic=end.energies["kinetic"] - start.energies["kinetic"], potential=potential, wind=wind,
+                  damping=2 * damped, method=lag + rate - potential)
+
+
+def many_steps(start: Measures, end: Measures, work: Work) -> Ledger:
+    """Of many explicit steps in one: what the energy falls by beyond the work of pins is damping's, the air's and the
+    method's, which only the ends of the step are known of; what it grows by is unaccounted for."""
+    grown = gained(start, end, work)
+    return Ledger(**asdict(work), kinetic=end.energies["kinetic"] - start.energies["kinetic"],
+                  potential=end.potential - start.potential, method=max(0.0, -grown))
+
+
+def totals(ledgers: list[dict[str, float]]) -> dict[str, float]:
+    """Sums over steps, by name; those of steps that were recorded without are 0."""
+    return {name: sum(ledger.get(name, 0.0) for ledger in ledgers) for name in TERMS}

@@ -1,0 +1,213 @@
+"""Step size control: proposes h, judges attempts, rolls back. [BW98 §6]"""
+
+import json
+import time
+from dataclasses import asdict, dataclass, field
+from functools import partial
+
+import numpy as np
+
+from .. import checks
+from ..errors import SceneError, SimulationError
+from ..system.assembler import Measures, Meter
+from ..system.state import Model
+from .integrators.attempt import ACCURACY, APPROACH, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, STRETCH, Attempt
+
+CAREFUL = 0.9  # part of the step that error control thinks possible
+SHORTEST, LONGEST = 1e-12, 100.0  # steps [s] that may be asked for: time has no digits for shorter ones
+PARTS = ("EVAL", "CG", "C-C", "C-S")  # [BW98 table 1]: forces and matrix, solve, cloth-cloth, cloth-solid contact
+ADVICE = {
+    STRETCH: "some triangle stretches too much in one step: slow the motion down, or raise stretch_limit",
+    ENERGY: "no step lowers the incremental potential: check for collapsed or inverted cloth at the start, or allow "
+            "more solves with newton_max",
+    SOLVER: "the linear solve does not converge: raise cg_max_iterations or cg_tol, use K='projected', or precision "
+            "'f64'",
+    NEWTON: "Newton's method does not converge: raise newton_max or newton_tol, or use the integrator 'safe'",
+    ACCURACY: "no step is as accurate as asked for: raise tolerance, or h_min is too large; f32 has no digits to spare",
+    CONTACT: "contacts do not settle: is the cloth pinched between solids, pinned inside one, or pressed through itself?",
+    APPROACH: "cloth meets a solid faster than its mesh can follow: slow the motion down, or use a coarser mesh",
+    NOT_FINITE: "numbers overflow: a stiffness, mass or prescribed motion is out of scale; try precision 'f64'",
+}
+
+
+@dataclass(frozen=True)
+class Control:
+    """How step size follows the motion.
+
+    Attributes:
+        h_max, h_min: bounds [s].
+        adaptive: False does exactly the steps asked for and reports what went wrong in them.
+        stretch_limit: largest change of any triangle's stretch |w|/b in a step.
+        quiet_steps: accepted steps after which h doubles again.
+
+    Raises:
+        SceneError: an impossible value.
+    """
+
+    h_max: float
+    h_min: float
+    adaptive: bool = True
+    stretch_limit: float = 0.5
+    quiet_steps: int = 4
+
+    def __post_init__(self) -> None:
+        checks.number("h", self.h_max, "s", least=SHORTEST, most=LONGEST)
+        checks.number("h_min", self.h_min, "s", positive=True)
+        if self.h_min > self.h_max:
+            raise SceneError(f"h_min = {self.h_min:g} s: must be at most h = {self.h_max:g} s")
+        checks.number("stretch_limit", self.stretch_limit, positive=True)
+        checks.flag("adaptive", self.adaptive)
+
+
+@dataclass
+class StepRecord:
+    """One accepted step, for the log and for telemetry.
+
+    Attributes:
+        t: time at its end [s].
+        h: size [s].
+        iterations: CG iterations of all its solves.
+        solves: number of linear solves.
+        residual: relative residual of its worst solve.
+        status: of its worst solve; "EXPLICIT" where there is none; a rejection's name in fixed-step mode.
+        rejections: name -> count, of the attempts before it.
+        energies: J by term at its end.
+        stretch: largest |w|/b.
+        seconds: wall time by part: EVAL, CG, C-C, C-S, and total, rejected attempts included.
+        contacts: number of contacts with solids at its end.
+        unsettled: how many of them had not agreed on sticking, sliding or releasing when it was accepted, and how
+            many pairs of cloth not on their forces.
+        crossings: pairs of triangles of cloth and of solids with edges or corners that pass through each other.
+        layers: pairs of cloth in contact with cloth; least: the smallest distance of any over what it should keep.
+        tangled: pairs of an edge and a triangle of cloth that are known to pass through each other; they rest.
+        pinched: particles to which solids leave no room: layers that were let go, and what steps no longer get smaller for.
+        intersections: pairs of an edge and a triangle of cloth that pass through each other at its end, counted exactly; None
+            where that was not asked for.
+        evaluations: of the forces, by an explicit method.
+        error: estimated, over what the tolerance allows in this step; 0 where none is asked for.
+        fell_back: why the default method redid the step by backward Euler; "" where it did not.
+        ledger: J by name, what put energy in and what took it in this step: see `ledger.Ledger`.
+    """
+
+    t: float
+    h: float
+    iterations: int
+    solves: int
+    residual: float
+    status: str
+    rejections: dict[str, int]
+    energies: dict[str, float]
+    stretch: float
+    seconds: dict[str, float] = field(default_factory=dict)
+    contacts: int = 0
+    unsettled: int = 0
+    crossings: int = 0
+    evaluations: int = 0
+    error: float = 0.0
+    fell_back: str = ""
+    layers: int = 0
+    least: float = 1.0
+    tangled: int = 0
+    pinched: int = 0
+    intersections: int | None = None
+    ledger: dict[str, float] = field(default_factory=dict)
+
+
+class Stepper:
+    """Takes steps with an integrator, smaller ones where they go bad."""
+
+    def __init__(self, model: Model, integrator, meter: Meter, control: Control) -> None:
+        self.model, self.integrator, self.meter, self.control = model, integrator, meter, control
+        self.h = control.h_max
+        self.quiet = 0
+        self.start: Measures | None = None  # measures of the current state; None where it was changed by hand
+
+    def step(self, t: float, h_wanted: float, held_at) -> StepRecord:
+        """One accepted step from time t, of `h_wanted` or of the control's h where that is less.
+
+        Args:
+            held_at: function of time [s] and step [s] that gives the constraints at the end of that step.
+
+        Raises:
+            SimulationError: no step of at least h_min passes; the model is back where it was.
+        """
+        control = self.control
+        h = min(h_wanted, self.h) if control.adaptive else h_wanted
+        rejections: dict[str, int] = {}
+        seconds = dict.fromkeys(PARTS, 0.0)
+        began = time.perf_counter()
+        while True:
+            self.model.save()
+            if self.start is None:
+                self.start = self.meter.measure()
+                if not self.start.finite:
+                    raise SimulationError(f"the state at t = {t:g} s is not finite", NOT_FINITE, t)
+            attempt = self.integrator.attempt(h, partial(held_at, t), self.start)
+            for name, value in attempt.seconds.items():
+                seconds[name] += value
+            rejection = self.judge(attempt)
+            if rejection is None or (not control.adaptive and attempt.measures is not None
+                                     and attempt.measures.finite):
+                seconds["total"] = time.perf_counter() - began
+                return self._accept(t, h, attempt, rejection, rejections, seconds)
+            self.model.restore()
+            rejections[rejection] = rejections.get(rejection, 0) + 1
+            if not control.adaptive or h / 2 < control.h_min:
+                raise SimulationError(self._gave_up(t, h, rejection, attempt, rejections), rejection, t)
+            smaller = 0.5 if rejection != ACCURACY else _factor(attempt, 0.1, 0.7)
+            h = self.h = max(h * smaller, control.h_min)
+            self.quiet = 0
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """Step size, quiet steps, and the measures of the current state, as they were computed."""
+        start = None if self.start is None else asdict(self.start)
+        return {"h": np.array(self.h), "quiet": np.array(self.quiet), "start": np.array(json.dumps(start))}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Goes on from what `checkpoint` gave."""
+        self.h, self.quiet = float(state["h"]), int(state["quiet"])
+        start = json.loads(str(state["start"]))
+        self.start = None if start is None else Measures(**start)
+
+    def judge(self, attempt: Attempt) -> str | None:
+        """The name of what is wrong with an attempt, or None."""
+        if attempt.rejection is not None:
+            return attempt.rejection
+        if attempt.measures is not None and attempt.measures.stretch_change > self.control.stretch_limit:
+            return STRETCH
+        return None
+
+    def _accept(self, t: float, h: float, attempt: Attempt, rejection: str | None, rejections: dict[str, int],
+                seconds: dict[str, float]) -> StepRecord:
+        measures = attempt.measures
+        assert measures is not None
+        self.integrator.commit()
+        self.start = measures
+        self.quiet += 1
+        if attempt.error is not None:
+            self.h = min(h * _factor(attempt, 0.3, 2.0), self.control.h_max)
+        elif self.quiet >= self.control.quiet_steps and self.h < self.control.h_max:
+            self.h, self.quiet = min(2 * self.h, self.control.h_max), 0
+        worst = max(attempt.solutions, key=lambda s: s.residual, default=None)
+        status = rejection or (worst.status if worst else "EXPLICIT")
+        if rejection == SOLVER:
+            status = attempt.detail
+        return StepRecord(t + h, h, sum(s.iterations for s in attempt.solutions), len(attempt.solutions),
+                          worst.residual if worst else 0.0, status, rejections, measures.energies, measures.stretch,
+                          seconds, attempt.contacts, attempt.unsettled, attempt.crossings, attempt.evaluations,
+                          attempt.error or 0.0, attempt.fell_back, attempt.layers, attempt.least, attempt.tangled,
+                          attempt.pinched, ledger={} if attempt.ledger is None else attempt.ledger.record())
+
+    def _gave_up(self, t: float, h: float, rejection: str, attempt: Attempt, rejections: dict[str, int]) -> str:
+        detail = f" ({attempt.detail})" if attempt.detail else ""
+        if not self.control.adaptive:
+            return f"step of {h:g} s from t = {t:g} s failed with {rejection}{detail}: {ADVICE[rejection]}"
+        counts = ", ".join(f"{name} {count}" for name, count in rejections.items())
+        return (f"gave up at t = {t:g} s: no step of at least h_min = {self.control.h_min:g} s passes; last rejection "
+                f"{rejection}{detail} at h = {h:g} s, in all {counts}. {ADVICE[rejection]}")
+
+
+def _factor(attempt: Attempt, least: float, most: float) -> float:
+    """By how much the next step may differ from this one so that its error is what is allowed."""
+    error = attempt.error if attempt.error is not None else 0.0
+    return min(most, max(least, CAREFUL * max(error, 1e-30) ** (-1 / attempt.order)))

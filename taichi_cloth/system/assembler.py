@@ -1,0 +1,138 @@
+"""One pass over the state: energies by term, the incremental potential, largest stretch, finiteness, and where it is
+wanted the linear system there."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import taichi as ti
+
+from ..backend.runtime import Runtime
+from .operator import Operator
+from .state import Model
+
+
+@dataclass(frozen=True)
+class Measures:
+    """What a state amounts to.
+
+    Attributes:
+        energies: J by term, kinetic included.
+        dissipation: half the dissipated power [W] (the Rayleigh function).
+        damped: the part of it that is the cloth's own damping, without the air's.
+        rate: at which the energies but the kinetic grow by the motion [W].
+        wind: power of the air on the cloth [W].
+        change: 1/2 (v - v_base)^T M (v - v_base) [J].
+        stretch: largest |w|/b; 1 is the pattern's size, 0 where no cloth has stretch or shear.
+        stretch_change: its largest change in any triangle since the saved state.
+        finite: no NaN and no infinity in x or v.
+    """
+
+    energies: dict[str, float]
+    dissipation: float
+    change: float
+    stretch: float
+    stretch_change: float
+    finite: bool
+    damped: float = 0.0
+    rate: float = 0.0
+    wind: float = 0.0
+
+    @property
+    def potential(self) -> float:
+        """Energy of everything but motion [J]."""
+        return sum(e for name, e in self.energies.items() if name != "kinetic")
+
+    @property
+    def total(self) -> float:
+        """Mechanical energy [J]."""
+        return sum(self.energies.values())
+
+    @property
+    def size(self) -> float:
+        """Sum of the terms' absolute values [J], what rounding is relative to."""
+        return sum(abs(e) for e in self.energies.values()) + self.change
+
+
+@ti.data_oriented
+class Meter:
+    """Measures a model under its forces, and linearizes them: both need the same strains.
+
+    Args:
+        operator: what is linearized, or None where no step is implicit.
+    """
+
+    operator: Operator
+
+    def __init__(self, model: Model, forces: list, runtime: Runtime, operator: Operator | None) -> None:
+        self.model, self.forces, self.blocks = model, forces, model.blocks
+        self.operator = operator  # type: ignore[assignment]
+        self.sum_type = ti.f32 if runtime.sums == "f32" else ti.f64
+        self.linear = operator is not None
+        self.base, column = [], 0
+        self.extremes: list[int] = []  # columns of the largest stretch and its change, where cloth has any
+        for force in forces:
+            self.base.append(column)
+            column += len(force.energies) + 2 + force.extremes
+            self.extremes += range(column - force.extremes, column)
+        self.column = column  # of kinetic energy; then change, a sum over x and v
+        self._report: np.ndarray = np.zeros((self.blocks.count, column + 3), dtype=runtime.exchange)
+
+    def measure(self) -> Measures:
+        """The model's current state, against its saved one."""
+        return self._look(0, 0, 0.0)
+
+    def linearize(self, c: float, moves: bool) -> Measures:
+        """The same; the operator becomes that of the current state.
+
+        b = M (v_base - v) + c f, with `moves` + c K motion.
+        """
+        return self._look(1, int(moves), c)
+
+    def _look(self, linearizes: int, moves: int, c: float) -> Measures:
+        self._evaluate(linearizes, moves, c, self._report)
+        sums, peaks = self._report.sum(axis=0, dtype=np.float64), self._report.max(axis=0)
+        energies: dict[str, float] = {}
+        dissipation = damped = rate = wind = 0.0
+        for force, base in zip(self.forces, self.base):
+            after = base + len(force.energies)
+            for i, name in enumerate(force.energies):  # both models of bending have one name
+                energies[name] = energies.get(name, 0.0) + float(sums[base + i])
+            dissipation += float(sums[after])
+            if force.energies:
+                damped += float(sums[after])
+                rate += float(sums[after + 1])
+            else:
+                wind -= float(sums[after + 1])
+        n = self.column
+        energies["kinetic"] = float(sums[n])
+        finite = bool(np.isfinite(sums).all())
+        stretch, stretch_change = (float(peaks[k]) for k in self.extremes) if self.extremes else (0.0, 0.0)
+        return Measures(energies, dissipation, float(sums[n + 1]), stretch, stretch_change, finite, damped, rate, wind)
+
+    @ti.kernel
+    def _evaluate(self, linearizes: int, moves: int, c: float, report: ti.types.ndarray()):
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                block = t // self.blocks.grain
+                self.evaluate_rows(block, linearizes, report)
+                for k in ti.static(range(len(self.forces))):
+                    self.forces[k].evaluate(block, linearizes, moves, c, self.operator, self.base[k], report, self.sum_type)
+
+    @ti.func
+    def evaluate_rows(self, block, linearizes, report: ti.template()):
+        """Kinetic energy, change, and a sum that is finite if x and v are; the masses' part of the linear system."""
+        kinetic, change = ti.cast(0, self.sum_type), ti.cast(0, self.sum_type)
+        total = ti.cast(0, self.sum_type)
+        for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+            v, m = self.model.v[i], self.model.m[i]
+            lag = self.model.v_base[i] - v
+            kinetic += 0.5 * m * v.norm_sqr()
+            change += 0.5 * m * lag.norm_sqr()
+            total += v.sum() + self.model.x[i].sum()
+            if ti.static(self.linear):
+                if linearizes == 1:
+                    self.operator.b[i] = m * lag
+                    self.operator.P[i] = ti.Vector([m, 0.0, 0.0, m, 0.0, m])
+        report[block, self.column] = kinetic
+        report[block, self.column + 1] = change
+        report[block, self.column + 2] = total

@@ -1,0 +1,214 @@
+"""Constraints of a step: for each held particle the held directions, and where they must be. [BW98 §5.1]
+
+`held` is I - S, the projector on the held directions.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import taichi as ti
+from numpy.typing import ArrayLike
+
+from .. import checks
+from ..backend.fields import Fields
+from ..errors import SceneError, shown
+from ..scene.scene import Attachment, orthonormal
+from .state import Model
+
+CONFLICT = 1e-9  # two attachments of one particle that ask for positions further apart than this [m] disagree
+
+
+@dataclass(frozen=True)
+class Constraint:
+    """One vertex held in a solve asked for by hand.
+
+    Args:
+        vertex: in the user's order.
+        directions: as in `Scene.pin`.
+        z: (3,) velocity change in those directions [m/s]; other components are ignored.
+        y: (3,) alteration of position [m], in any direction.
+    """
+
+    vertex: int
+    directions: object = None
+    z: ArrayLike = (0.0, 0.0, 0.0)
+    y: ArrayLike = (0.0, 0.0, 0.0)
+    basis: np.ndarray = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vertex", checks.integer("constraint: vertex", self.vertex, least=0))
+        object.__setattr__(self, "basis", orthonormal(self.directions))
+        if not isinstance(self.directions, (str, type(None))):
+            object.__setattr__(self, "directions", self.basis)
+        for name, unit in (("z", "m/s"), ("y", "m")):
+            value = checks.vector(f"constraint of vertex {self.vertex}: {name}", getattr(self, name), unit)
+            object.__setattr__(self, name, value)
+
+
+@dataclass(frozen=True)
+class Held:
+    """The held particles of a step.
+
+    Attributes:
+        index: (k,) particles.
+        projector: (k, 3, 3) I - S.
+        target: (k, 3) positions [m] that the held directions must have at the end of the step.
+        moving: whether any of them is led along a path, or by a solid.
+        y: (k, 3) part of the way there [m] that is an alteration of position, not motion; 0 for pins.
+    """
+
+    index: np.ndarray
+    projector: np.ndarray
+    target: np.ndarray
+    moving: bool
+    y: np.ndarray
+
+
+class Attachments:
+    """Turns a script's attachments into held particles, step by step.
+
+    Attributes:
+        anchors: by an attachment's key, its cloth (n, 3) when it began [m].
+    """
+
+    def __init__(self, model: Model, exchange: type) -> None:
+        self.model, self.exchange = model, exchange
+        self.anchors: dict[int, np.ndarray] = {}
+
+    def update(self, attachments: list[Attachment], positions) -> None:
+        """Begins attachments that are new; `positions()` gives the user's (n, 3) when one is."""
+        new = [a for a in attachments if a.key not in self.anchors]
+        if not new:
+            return
+        x = positions()
+        for a in new:
+            self.anchors[a.key] = x[a.cloth.start: a.cloth.start + a.cloth.mesh.vertex_count].copy()
+
+    def at(self, attachments: list[Attachment], t: float) -> Held | None:
+        """What is held at time t [s], or None.
+
+        Raises:
+            SceneError: a path's wrong value, or attachments that contradict each other.
+        """
+        if not attachments:
+            return None
+        index = np.concatenate([self.model.particle[a.vertices + a.cloth.start] for a in attachments])
+        basis = np.concatenate([np.broadcast_to(_padded(a.directions), (len(a.vertices), 3, 3)) for a in attachments])
+        goal = np.concatenate([a.target(t, self.anchors[a.key]) for a in attachments]) - self.model.origin
+        moving = any(a.path is not None for a in attachments)
+        projector = np.einsum("kdi,kdj->kij", basis, basis)
+        if len(np.unique(index)) < len(index):
+            index, projector, goal = _combine(index, basis, goal)
+        return Held(kernel_array(index, np.int32), kernel_array(projector, self.exchange),
+                    kernel_array(goal, self.exchange), moving, np.zeros(goal.shape, dtype=self.exchange))
+
+
+def by_hand(constraints: Sequence[Constraint], model: Model,
+            exchange: type) -> tuple[Held | None, np.ndarray]:
+    """Held particles and z (k, 3) from constraints in the user's order.
+
+    Raises:
+        SceneError: a vertex out of range, without a face, or named twice.
+    """
+    if not isinstance(constraints, (list, tuple)):
+        raise SceneError(f"constraints = {shown(constraints)}: must be Constraint objects in a list")
+    vertices = [checks.instance("constraint", c, Constraint).vertex for c in constraints]
+    for v in vertices:
+        if not 0 <= v < len(model.particle) or model.particle[v] < 0:
+            raise SceneError(f"constraint: vertex {v} is not simulated; there are {len(model.particle)} vertices")
+        if vertices.count(v) > 1:
+            raise SceneError(f"constraint: vertex {v} is named twice; give it all its directions at once")
+    if not constraints:
+        return None, np.zeros((0, 3))
+    projector = np.array([c.basis.T @ c.basis for c in constraints])
+    index = model.particle[vertices].astype(np.int32)
+    z, y = (kernel_array([getattr(c, name) for c in constraints], exchange) for name in "zy")
+    return Held(index, kernel_array(projector, exchange), np.zeros((len(index), 3), dtype=exchange), False, y), z
+
+
+def kernel_array(values: ArrayLike, dtype: type) -> np.ndarray:
+    """An array as kernels take it: contiguous, of the type they were compiled for."""
+    return np.ascontiguousarray(values, dtype=dtype)
+
+
+def _padded(directions: np.ndarray) -> np.ndarray:
+    return np.concatenate([directions, np.zeros((3 - len(directions), 3))])
+
+
+def _combine(index: np.ndarray, basis: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Attachments of the same particle as one: the span of their directions, the position that suits them all."""
+    particles = np.unique(index)
+    projector, target = np.empty((len(particles), 3, 3)), np.empty((len(particles), 3))
+    for k, p in enumerate(particles):
+        rows, goals = basis[index == p].reshape(-1, 3), goal[index == p]
+        values = np.einsum("adi,ai->ad", basis[index == p], goals).reshape(-1)
+        inverse = np.linalg.pinv(rows, rcond=1e-9)
+        projector[k], target[k] = inverse @ rows, inverse @ values
+        if np.abs(rows @ target[k] - values).max() > CONFLICT * max(1.0, np.abs(values).max()):
+            raise SceneError(f"particle {p} is held at two places at once: unpin it before pinning it elsewhere")
+        if np.linalg.matrix_rank(rows, tol=1e-9) == 3:
+            projector[k] = np.eye(3)
+    return particles, projector, target
+
+
+@ti.data_oriented
+class Filter:
+    """Imposes held directions on the unknown: dv = z, and on the state that follows from it."""
+
+    def __init__(self, fields: Fields, model: Model, dv) -> None:
+        self.model, self.dv = model, dv
+
+    @ti.kernel
+    def prescribe(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), target: ti.types.ndarray(),
+                  y: ti.types.ndarray(), h: float, zero: int):
+        """dv = S dv + (I - S) z so that held directions reach their target in a step h: z = (target - y - x)/h - v.
+
+        With `zero`, S dv = 0.
+        """
+        for i in range(self.model.n):
+            if zero == 1:
+                self.dv[i] = ti.Vector.zero(float, 3)
+        for k in range(index.shape[0]):
+            i = index[k]
+            z = (row(target, k) - row(y, k) - self.model.x[i]) / h - self.model.v[i]
+            self.dv[i] += project(projector, k, z - self.dv[i])
+
+    @ti.kernel
+    def lead(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), target: ti.types.ndarray(), c: float):
+        """dv = (I - S) (target - x)/c; with c = 0 x goes there, to where it must be without the last rounding of x + h v."""
+        for i in range(self.model.n):
+            if c > 0:
+                self.dv[i] = ti.Vector.zero(float, 3)
+        for k in range(index.shape[0]):
+            i = index[k]
+            way = project(projector, k, row(target, k) - self.model.x[i])
+            if c > 0:
+                self.dv[i] = way / c
+            else:
+                self.model.x[i] = self.model.x[i] + way
+
+    @ti.kernel
+    def impose(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), z: ti.types.ndarray(), zero: int):
+        """dv = S dv + (I - S) z, with `zero` S dv = 0."""
+        for i in range(self.model.n):
+            if zero == 1:
+                self.dv[i] = ti.Vector.zero(float, 3)
+        for k in range(index.shape[0]):
+            i = index[k]
+            self.dv[i] += project(projector, k, row(z, k) - self.dv[i])
+
+
+@ti.func
+def row(values: ti.template(), k):
+    """Row k of an (m, 3) array."""
+    return ti.Vector([ti.cast(values[k, 0], float), ti.cast(values[k, 1], float), ti.cast(values[k, 2], float)])
+
+
+@ti.func
+def project(projector: ti.template(), k, x):
+    """projector[k] x"""
+    out = ti.Vector.zero(float, 3)
+    for a, b in ti.static(ti.ndrange(3, 3)):
+        out[a] += ti.cast(projector[k, a, b], float) * x[b]
+    return out

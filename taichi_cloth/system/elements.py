@@ -1,0 +1,104 @@
+"""Rest geometry of triangles and hinges in the material plane. numpy only."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..scene.mesh import TriMesh, face_edges
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """Triangles of a mesh.
+
+    Attributes:
+        vertices: (m, 3).
+        inverse: (m, 2, 2) so that (w_u, w_v) = (x_1 - x_0, x_2 - x_0) @ inverse [1/m] (9).
+        area: (m,) in the material plane [m^2].
+    """
+
+    vertices: np.ndarray
+    inverse: np.ndarray
+    area: np.ndarray
+
+
+@dataclass(frozen=True)
+class Hinges:
+    """Pairs of triangles with a common edge.
+
+    Attributes:
+        vertices: (k, 4) edge i, j and the opposite vertices of the two triangles.
+        length2: (k,) squared length of the edge in the material plane [m^2], the mean of its two sides.
+        areas: (k, 2) of the two triangles [m^2].
+        feet: (k, 2) where the perpendiculars from the opposite vertices meet the edge, in parts of it from i.
+        across: (k, 2) squared components along u and v of the unit vector across the edge: the direction of
+            curvature when the hinge bends, the mean of its two sides.
+        angle: (k,) angle theta in the given shape.
+    """
+
+    vertices: np.ndarray
+    length2: np.ndarray
+    areas: np.ndarray
+    feet: np.ndarray
+    across: np.ndarray
+    angle: np.ndarray
+
+
+def triangles(mesh: TriMesh) -> Triangles:
+    """The triangles of a mesh."""
+    corner = mesh.corner_uv
+    edges = np.stack([corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]], axis=2)
+    return Triangles(mesh.faces, np.linalg.inv(edges), mesh.material_areas)
+
+
+def hinges(mesh: TriMesh) -> Hinges:
+    """The hinges of a mesh: one for every edge with two triangles, across seams too."""
+    faces, m = mesh.faces, mesh.face_count
+    edges = face_edges(faces)
+    low, high = edges.min(axis=1), edges.max(axis=1)
+    order = np.lexsort((np.arange(3 * m), high, low))
+    inner = np.flatnonzero((low[order][1:] == low[order][:-1]) & (high[order][1:] == high[order][:-1]))
+    a, b = order[inner], order[inner + 1]  # rows of face_edges: corner `row // m` of triangle `row % m`
+    opposite = np.concatenate([faces[:, 2], faces[:, 0], faces[:, 1]])
+    vertices = np.column_stack([edges[a], opposite[a], opposite[b]])
+    corner = mesh.corner_uv
+    along = np.concatenate([corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 1], corner[:, 0] - corner[:, 2]])
+    length_a, length_b = (np.linalg.norm(along[s], axis=1) for s in (a, b))
+    across = sum((along[s][:, ::-1] / np.linalg.norm(along[s], axis=1)[:, None]) ** 2 for s in (a, b)) / 2
+    areas = mesh.material_areas[np.column_stack([a % m, b % m])]
+    third = np.concatenate([corner[:, 2] - corner[:, 0], corner[:, 0] - corner[:, 1], corner[:, 1] - corner[:, 2]])
+    feet = np.column_stack([np.einsum("ij,ij->i", third[s], along[s]) for s in (a, b)])
+    feet /= np.column_stack([length_a, length_b]) ** 2
+    feet[:, 1] = np.where(edges[a, 0] == edges[b, 0], feet[:, 1], 1 - feet[:, 1])
+    return Hinges(vertices, ((length_a + length_b) / 2) ** 2, areas, feet, across, hinge_angle(mesh.x[vertices]))
+
+
+def hinge_angle(x: np.ndarray) -> np.ndarray:
+    """(k,) angle theta in (-pi, pi] between the normals of two triangles; x (k, 4, 3) as in `Hinges.vertices`."""
+    e, a, b = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], x[:, 3] - x[:, 0]
+    n_a, n_b = np.cross(e, a), np.cross(b, e)
+    sine = np.einsum("ij,ij->i", np.cross(n_a, n_b), e) / np.maximum(np.linalg.norm(e, axis=1), 1e-300)
+    return np.arctan2(sine, np.einsum("ij,ij->i", n_a, n_b))
+
+
+def flat_turns(h: Hinges) -> np.ndarray:
+    """(k, 4) d theta / d height of a flat hinge's vertices [1/m]."""
+    per_height = np.sqrt(h.length2)[:, None] / (2 * h.areas)
+    return np.column_stack([-((1 - h.feet) * per_height).sum(axis=1), -(h.feet * per_height).sum(axis=1), per_height])
+
+
+def row_sums(vertices: np.ndarray, sizes: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """(n,) row sums of the sizes of blocks of M^-1 K; the largest bounds its eigenvalues. [Gershgorin]
+
+    Args:
+        vertices: (m, k) of the elements; sizes: (m, k, k) of their blocks.
+        mass: (n,).
+    """
+    return np.bincount(vertices.ravel(), sizes.sum(axis=2).ravel(), len(mass)) / mass
+
+
+def lumped_mass(mesh: TriMesh, density: float) -> np.ndarray:
+    """(n,) a third of the mass of each of a vertex's triangles [kg]."""
+    mass = np.zeros(mesh.vertex_count)
+    np.add.at(mass, mesh.faces.ravel(), np.repeat(mesh.material_areas * density / 3, 3))
+    return mass

@@ -1,0 +1,92 @@
+"""The linear system of a step: A = M - c D - c^2 K and its right-hand side, matrix-free.
+
+`c` is h for backward Euler (18); methods with stages use their own. `measure.Meter` linearizes.
+"""
+
+import numpy as np
+import taichi as ti
+
+from ..backend.fields import Fields
+from .state import Model
+
+
+@ti.data_oriented
+class Operator:
+    """A, b and the block diagonal of A, from the forces of a model.
+
+    Attributes:
+        b: right-hand side [kg m/s].
+        motion: h v_0 + y [m], what K is applied to on the right-hand side.
+        P: (n, 6) diagonal blocks xx xy xz yy yz zz [kg].
+    """
+
+    def __init__(self, fields: Fields, model: Model, forces: list) -> None:
+        self.model, self.forces, self.blocks = model, forces, model.blocks
+        for force in forces:
+            force.build_stiffness()
+        self.b, self.motion = fields.real(model.n, 3), fields.real(model.n, 3)
+        self.P = fields.real(model.n, 6)
+
+    @ti.kernel
+    def set_motion(self, h: float):
+        """motion = h v"""
+        for i in range(self.model.n):
+            self.motion[i] = h * self.model.v[i]
+
+    @ti.kernel
+    def alter_motion(self, index: ti.types.ndarray(), y: ti.types.ndarray()):
+        """motion += y on particles index[k]"""
+        for k in range(index.shape[0]):
+            i = index[k]
+            self.motion[i] += ti.Vector([ti.cast(y[k, 0], float), ti.cast(y[k, 1], float), ti.cast(y[k, 2], float)])
+
+    @ti.func
+    def product(self, block, p: ti.template(), q: ti.template()):
+        """q = A p on the rows of a block."""
+        for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+            q[i] = self.model.m[i] * p[i]
+        for k in ti.static(range(len(self.forces))):
+            self.forces[k].add_product(block, p, q)
+
+
+@ti.data_oriented
+class ForceField:
+    """f [N] at the current state, for explicit steps and for who asks."""
+
+    def __init__(self, fields: Fields, model: Model, forces: list) -> None:
+        self.model, self.forces, self.blocks = model, forces, model.blocks
+        self.f = fields.real(model.n, 3)
+
+    @ti.kernel
+    def compute(self):
+        """f = internal plus external forces."""
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                block = t // self.blocks.grain
+                for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+                    self.f[i] = ti.Vector.zero(float, 3)
+                for k in ti.static(range(len(self.forces))):
+                    self.forces[k].add_force(block, self.f)
+
+
+@ti.data_oriented
+class Probe:
+    """q = A p for a p from outside."""
+
+    def __init__(self, fields: Fields, model: Model, forces: list, operator: Operator) -> None:
+        self.operator, self.blocks = operator, model.blocks
+        self.p, self.q = fields.real(model.n, 3), fields.real(model.n, 3)
+
+    def product(self, p: np.ndarray) -> np.ndarray:
+        """(n, 3) A p, in particle order."""
+        self.p.from_numpy(p)
+        self.apply(1)
+        return self.q.to_numpy()
+
+    @ti.kernel
+    def apply(self, times: int):
+        """q = A p; several times over in one launch where that is to be timed."""
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                for _ in range(times):
+                    self.operator.product(t // self.blocks.grain, self.p, self.q)

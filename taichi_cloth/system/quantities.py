@@ -1,0 +1,105 @@
+"""What can be read off positions and velocities: stretch, shear, bend energy, speed, contact force. numpy only."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import checks
+from .elements import hinge_angle
+
+WIDTH = 1e-4  # stretch below which a triangle has no width that f32 would know from rounding
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """How a quantity is shown.
+
+    Attributes:
+        unit: of its values.
+        reach: how far the scale goes where nothing is known of a run yet.
+        middle: the value in the middle of a diverging scale, or None where values only go up from 0.
+    """
+
+    unit: str
+    reach: float
+    middle: float | None = None
+
+    def scale(self, values: np.ndarray | None = None) -> tuple[float, float]:
+        """(low, high) of a scale that fits values, but for the last half percent; the usual one where None."""
+        middle = self.middle or 0.0
+        reach = self.reach if values is None else max(float(np.percentile(np.abs(values - middle), 99.5)), 1e-3 * self.reach)
+        return (0.0 if self.middle is None else middle - reach), middle + reach
+
+
+QUANTITIES = {
+    "stretch": Quantity("", 0.05, 1.0),
+    "shear": Quantity("rad", 0.3, 0.0),
+    "bend": Quantity("J/m2", 0.02),
+    "speed": Quantity("m/s", 2.0),
+    "contact": Quantity("N", 0.02),
+}
+
+
+def principal_stretches(w: np.ndarray) -> np.ndarray:
+    """(m, 2) singular values of deformation gradients w (m, 3, 2), the larger first."""
+    uu, vv = np.einsum("mij,mij->mj", w, w).T
+    uv = np.einsum("mi,mi->m", w[:, :, 0], w[:, :, 1])
+    mean, spread = (uu + vv) / 2, np.hypot((uu - vv) / 2, uv)
+    area = np.linalg.norm(np.cross(w[:, :, 0], w[:, :, 1]), axis=1)
+    large = np.sqrt(mean + spread)
+    return np.stack([large, area / np.where(large > 0, large, 1)], axis=1)
+
+
+def deformation(x: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray) -> np.ndarray:
+    """(m, 3, 2) columns w_u, w_v [BW98 (9)] of triangles with corners at x (n, 3), pattern corner_uv (m, 3, 2)."""
+    a = x[faces]
+    rest = np.stack([corner_uv[:, 1] - corner_uv[:, 0], corner_uv[:, 2] - corner_uv[:, 0]], axis=2)
+    return np.stack([a[:, 1] - a[:, 0], a[:, 2] - a[:, 0]], axis=2) @ np.linalg.inv(rest)
+
+
+def collapsed(w: np.ndarray) -> int:
+    """How many deformation gradients w (m, 3, 2) have no width in some direction, but for rounding: a line or a point."""
+    return int(np.sum(principal_stretches(w)[:, 1] < WIDTH))
+
+
+def evaluate(name: str, geometry: dict[str, np.ndarray], frame: dict[str, np.ndarray]) -> np.ndarray:
+    """(n,) a quantity on every vertex of cloth, from what a run records.
+
+    Raises:
+        SceneError: an unknown name.
+    """
+    checks.choice("quantity", name, QUANTITIES)
+    x, n = frame["x"].astype(np.float64), len(frame["x"])
+    faces, uv = geometry["faces"], geometry["uv"].astype(np.float64)
+    if name == "speed":
+        return np.linalg.norm(frame["v"].astype(np.float64), axis=1)
+    if name == "contact":
+        return np.linalg.norm(frame["contact"], axis=1).astype(np.float64) if "contact" in frame else np.zeros(n)
+    a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+    area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
+    if name == "bend":
+        vertices = geometry["hinges"]
+        turn = hinge_angle(x[vertices]) - geometry["hinge_rest"]
+        turn = (turn + np.pi) % (2 * np.pi) - np.pi
+        energy = geometry["hinge_k"] * turn**2 / 2
+        own = np.bincount(faces.ravel(), np.repeat(area / 3, 3), minlength=n)
+        total = np.bincount(vertices.ravel(), np.repeat(energy / 4, 4), minlength=n)
+        if "patches" in geometry:
+            second = np.einsum("kma,kac->kmc", geometry["patch_weight"], x[geometry["patches"]])
+            energy = np.sum(geometry["patch_factor"] * np.sum(second**2, axis=2), axis=1) / 2
+            total = total + np.bincount(geometry["patch_faces"].ravel(), np.repeat(energy / 3, 3), minlength=n)
+        return total / np.where(own > 0, own, 1)
+    w = deformation(x, faces, uv)
+    if name == "stretch":
+        values = principal_stretches(w)[:, 0]
+    else:
+        length = np.linalg.norm(w[:, :, 0], axis=1) * np.linalg.norm(w[:, :, 1], axis=1)
+        values = np.arcsin(np.clip(np.einsum("mi,mi->m", w[:, :, 0], w[:, :, 1]) / np.maximum(length, 1e-300), -1, 1))
+    return on_vertices(values, faces, area, n)
+
+
+def on_vertices(values: np.ndarray, faces: np.ndarray, area: np.ndarray, n: int) -> np.ndarray:
+    """(n,) means of per-triangle values (m,) over each vertex's triangles, weighted by area."""
+    weight = np.repeat(area, 3)
+    total = np.bincount(faces.ravel(), weight, minlength=n)
+    return np.bincount(faces.ravel(), weight * np.repeat(values, 3), minlength=n) / np.where(total > 0, total, 1)

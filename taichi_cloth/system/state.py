@@ -1,0 +1,174 @@
+"""Particles and blocks as Taichi fields, in the order of `ordering`; users see their own order."""
+
+import numpy as np
+import taichi as ti
+
+from ..backend.fields import Fields
+from ..backend.ordering import Entries, block_bounds, cuthill_mckee, partition
+from ..backend.runtime import Runtime
+from ..errors import MeshError
+from ..scene.scene import Scene
+from .elements import lumped_mass
+
+FAR = 8.0  # further from the origin than this many times its size, a scene gets a local origin
+ROWS = 300  # vertices of a block from which on a CPU thread of its own pays
+GPU_BLOCK = 16  # vertices a block on a GPU, one thread each
+
+
+@ti.data_oriented
+class Blocks:
+    """Contiguous runs of vertices, each worked on by one thread; no two write to the same row.
+
+    Taichi cuts a CPU loop into tasks of 512 iterations: a block is started by one iteration in `grain`.
+    """
+
+    def __init__(self, fields: Fields, n: int, runtime: Runtime) -> None:
+        cpu = runtime.arch == "cpu"
+        self.bounds = block_bounds(n, min(runtime.threads, max(1, n // ROWS)) if cpu else max(1, n // GPU_BLOCK))
+        self.count = len(self.bounds) - 1
+        self.grain = 512 if cpu else 1
+        self.row = fields.integer(self.count + 1, data=self.bounds)
+
+    @ti.func
+    def add(self, q: ti.template(), i, value, lo, hi):
+        """q_i += value where the block [lo, hi) owns row i."""
+        if lo <= i and i < hi:
+            q[i] = q[i] + value
+
+
+@ti.data_oriented
+class Elements:
+    """Elements of one kind as entries of blocks; fields are per entry."""
+
+    def __init__(self, fields: Fields, blocks: Blocks, vertices: np.ndarray) -> None:
+        self.entries: Entries = partition(vertices, blocks.bounds)
+        self.host_vertices = vertices[self.entries.element]
+        self.count = len(self.entries.element)
+        self.first = fields.integer(blocks.count + 1, data=self.entries.first)
+        self.shared = fields.integer(blocks.count, data=self.entries.shared)
+        self.vertices = fields.integer(self.count, vertices.shape[1], self.host_vertices)
+        self.primary = fields.integer(self.count, data=self.entries.primary)
+
+    def per_entry(self, data: np.ndarray) -> np.ndarray:
+        """Rows of per-element data for each entry."""
+        return np.asarray(data)[self.entries.element]
+
+
+@ti.data_oriented
+class Model:
+    """Particles: positions, velocities, masses, and the state that a rejected step goes back to.
+
+    Attributes:
+        n: number of simulated particles.
+        user: (n,) the user's vertex of each particle.
+        v_base: velocity [m/s] that a step or stage starts from: the saved one, unless a method sets another.
+        origin: (3,) [m] taken off all positions, not zero only far from the world's origin.
+    """
+
+    def __init__(self, fields: Fields, scene: Scene, runtime: Runtime) -> None:
+        faces = np.concatenate([c.mesh.faces + c.start for c in scene.cloths])
+        used = np.unique(faces)
+        local = np.full(scene.vertex_count, -1)
+        local[used] = np.arange(len(used))
+        order = cuthill_mckee(len(used), local[faces])
+        self.user = used[order]
+        self.n = len(order)
+        self.particle = np.full(scene.vertex_count, -1)
+        self.particle[self.user] = np.arange(self.n)
+        self.exchange = runtime.exchange
+        self.start_positions = np.concatenate([c.positions for c in scene.cloths])
+        self.start_velocities = np.concatenate([c.velocities for c in scene.cloths])
+        self.origin = _local_origin(self.start_positions)
+        self.mass = _masses(scene)[self.user]
+        self.blocks = Blocks(fields, self.n, runtime)
+        self.x = fields.real(self.n, 3, self.start_positions[self.user] - self.origin)
+        self.v = fields.real(self.n, 3, self.start_velocities[self.user])
+        self.m = fields.real(self.n, data=self.mass)
+        self.x_saved, self.v_saved, self.v_base = (fields.real(self.n, 3) for _ in range(3))
+
+    def read(self) -> tuple[np.ndarray, np.ndarray]:
+        """(positions [m], velocities [m/s]), each (user's n, 3) float64; vertices without a face stay put."""
+        x, v = self._pack(self.x, self.v)
+        positions, velocities = self.start_positions.copy(), np.zeros_like(self.start_velocities)
+        positions[self.user], velocities[self.user] = x + self.origin, v
+        return positions, velocities
+
+    def read_particles(self) -> tuple[np.ndarray, np.ndarray]:
+        """(x [m] from the local origin, v [m/s]), each (n, 3) float64 in particle order."""
+        return self._pack(self.x, self.v)
+
+    def read_saved(self) -> tuple[np.ndarray, np.ndarray]:
+        """The same of the saved state."""
+        return self._pack(self.x_saved, self.v_saved)
+
+    def write(self, positions: np.ndarray, velocities: np.ndarray) -> None:
+        """Sets the state from arrays in the user's order."""
+        self._write((positions[self.user] - self.origin).astype(self.exchange),
+                    velocities[self.user].astype(self.exchange))
+
+    def write_particles(self, x: np.ndarray, v: np.ndarray) -> None:
+        """Sets the state from what `read_particles` gave, bit for bit."""
+        self._write(x.astype(self.exchange), v.astype(self.exchange))
+
+    def to_user(self, values: np.ndarray) -> np.ndarray:
+        """(user's n, 3) float64 from (n, 3) in particle order; zero for vertices without a face."""
+        out = np.zeros((len(self.particle), 3))
+        out[self.user] = values[: self.n]
+        return out
+
+    def to_particles(self, values: np.ndarray) -> np.ndarray:
+        """Rows of per-vertex data in particle order, in the type that kernels take."""
+        return np.ascontiguousarray(np.asarray(values)[self.user].astype(self.exchange))
+
+    def _pack(self, x_of, v_of) -> tuple[np.ndarray, np.ndarray]:
+        x: np.ndarray = np.empty((self.n, 3), dtype=self.exchange)
+        v = np.empty_like(x)
+        self._read(x_of, v_of, x, v)
+        return x.astype(np.float64), v.astype(np.float64)
+
+    @ti.kernel
+    def _read(self, x_of: ti.template(), v_of: ti.template(), x: ti.types.ndarray(), v: ti.types.ndarray()):
+        for i in range(self.n):
+            for c in ti.static(range(3)):
+                x[i, c] = x_of[i][c]
+                v[i, c] = v_of[i][c]
+
+    @ti.kernel
+    def _write(self, x: ti.types.ndarray(), v: ti.types.ndarray()):
+        for i in range(self.n):
+            for c in ti.static(range(3)):
+                self.x[i][c] = x[i, c]
+                self.v[i][c] = v[i, c]
+
+    @ti.kernel
+    def save(self):
+        """Remembers the state, for `restore`."""
+        for i in range(self.n):
+            self.x_saved[i] = self.x[i]
+            self.v_saved[i] = self.v[i]
+            self.v_base[i] = self.v[i]
+
+    @ti.kernel
+    def restore(self):
+        """Goes back to the remembered state, bit for bit."""
+        for i in range(self.n):
+            self.x[i] = self.x_saved[i]
+            self.v[i] = self.v_saved[i]
+            self.v_base[i] = self.v_saved[i]
+
+
+def _masses(scene: Scene) -> np.ndarray:
+    """(user's n,) [kg]"""
+    mass = np.concatenate([lumped_mass(c.mesh, c.fabric.density) for c in scene.cloths])
+    for cloth, vertices, extra in scene.masses:
+        mass[vertices + cloth.start] += extra
+    if not (np.isfinite(mass).all() and (mass > 1e-30).sum() == len(np.unique(np.concatenate(
+            [c.mesh.faces.ravel() + c.start for c in scene.cloths])))):
+        raise MeshError("a vertex has no mass: the mesh is too small for its density (wrong scale?)")
+    return mass
+
+
+def _local_origin(x: np.ndarray) -> np.ndarray:
+    low, high = x.min(axis=0), x.max(axis=0)
+    centre, size = (low + high) / 2, float(np.linalg.norm(high - low))
+    return np.round(centre) if np.linalg.norm(centre) > FAR * max(size, 1.0) else np.zeros(3)
