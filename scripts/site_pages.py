@@ -16,7 +16,6 @@ ROOT = pathlib.Path(__file__).parents[1]
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 PLACE = re.compile(r"<!-- table: (\w+) -->")
 ARGUMENT = re.compile(r"^ {4}(\w[\w, ]*): (.*)$")
-TWO_NAMES = "scene"  # an argument of `Simulation` that is no option
 
 
 def on_page_markdown(markdown: str, **_: object) -> str:
@@ -30,14 +29,12 @@ def on_page_content(content: str, **_: object) -> str:
 
 
 def options() -> str:
-    """A row for each argument of `Simulation`: default, flag of `taichi-cloth run`, meaning."""
-    node = _class("simulation", "Simulation")
-    init = next(f for f in node.body if isinstance(f, ast.FunctionDef) and f.name == "__init__")
-    names = [a.arg for a in init.args.args[1:]]
-    defaults = dict(zip(names[-len(init.args.defaults):], map(ast.unparse, init.args.defaults)))
-    meaning, flags = _arguments(ast.get_docstring(node) or ""), _flags()
-    rows = [[f"`{name}`", f"`{defaults[name]}`", f"`{flags[name]}`" if name in flags else "", meaning[name]]
-            for name in names if name != TWO_NAMES]
+    """A row for each option of `Simulation`: default, flag of `taichi-cloth run`, meaning."""
+    _import_from_here()
+    from taichi_cloth.options import Options
+
+    rows = [[f"`{name}`", f"`{default!r}`", f"`{flag}`" if flag else "", meaning]
+            for name, default, flag, meaning in Options.table()]
     return _table(("argument", "default", "flag", "meaning"), rows)
 
 
@@ -107,16 +104,6 @@ def _parts(line: str) -> list[tuple[str, str]]:
     """(names, text) of a line such as "iterations: of all solves; least: the smallest" with one or more of them."""
     pieces = re.split(r"; (?=[a-z_]+: )", line)
     return [tuple(piece.split(": ", 1)) for piece in pieces]  # type: ignore[misc]
-
-
-def _flags() -> dict[str, str]:
-    """Argument of `Simulation` -> flag of the command line."""
-    _import_from_here()
-    from taichi_cloth.app.cli import _parser
-
-    actions = next(a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
-    flags = {a.dest: a.option_strings[-1] for a in actions.choices["run"]._actions if a.option_strings}
-    return {**flags, "adaptive": "--fixed-step"}
 
 
 def _import_from_here() -> None:

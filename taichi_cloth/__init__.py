@@ -20,6 +20,7 @@ _NAMES = {
     "scene.solids": "Plane Sphere Capsule Box Cylinder SolidMesh Solid",
     "scene.view": "Camera View",
     "system.constraints": "Constraint",
+    "options": "Options",
     "simulation": "Simulation",
     "app.cli": "run",
     "errors": "ClothError MeshError SceneError BackendError OutputError ScriptError SimulationError",

@@ -3,9 +3,11 @@
 from .backend import taichi_patches  # noqa: F401  (before Taichi)
 
 # isort: split
+import inspect
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -18,14 +20,14 @@ from .errors import BackendError, SceneError, SimulationError
 from .forces import build_forces
 from .forces.external import Drag
 from .forces.membrane import Membrane
+from .options import CG_TOL, EXPLICIT, H_MIN_FACTOR, LONGEST, MACHINE, SHORTEST, Options, signature
 from .scene.intersections import count_crossings, count_self_crossings
 from .scene.scene import Scene
 from .solver.pcg import CONVERGED, Solution
 from .step import integrators
 from .step.choice import SAFETY, choose
 from .step.integrators.attempt import SOLVER
-from .step.options import CG_TOL, EXPLICIT, INTEGRATORS, Options
-from .step.stepper import ADVICE, LONGEST, SHORTEST, Control, Stepper, StepRecord
+from .step.stepper import ADVICE, Control, Stepper, StepRecord
 from .system.assembler import Meter
 from .system.constraints import Attachments, Constraint, Held, by_hand
 from .system.operator import ForceField, Operator, Probe
@@ -35,7 +37,6 @@ from .system.state import Model
 ROUND_TIME = 1e-9  # part of a step below which two times are the same
 H, H_EXPLICIT = 1 / 60, 0.1  # s, where none is given; explicit methods need it only to look at what they did
 MOST_STEPS, MOST_FRAMES = 1e10, 10_000_000  # of a run: more have no end
-H_MIN_FACTOR = 4096.0  # h_min is h over this, where it is not given
 
 
 @ti.data_oriented
@@ -44,37 +45,9 @@ class Simulation:
 
     Args:
         scene: what to simulate; it stays as it was built.
-        h: step size [s]; the largest one where steps adapt (an explicit method's stable step bounds it too). None is 1/60, and
-            for explicit methods, where no wind changes, up to 1/10 at once.
-        arch: "cpu", "cuda", "vulkan", "metal".
-        precision: "f32" or "f64".
-        integrator: "safe" (TR-BDF2; steps that it cannot take, and those in contact, by backward Euler), "tr_bdf2",
-            "backward_euler" (the paper's single solve), "newton_euler" (nonlinear backward Euler), "verlet" (explicit), or
-            "auto": "safe" or "verlet", by stiffness, mesh, solids and tolerance; `notes` say why.
-        K: stiffness matrix, "projected" (positive semidefinite), "gauss_newton" or "paper" (exact).
-        cg_tol: relative residual of a linear solve; where None 1e-4 for backward Euler, .03 and then .1 for the iterations
-            of Newton's method.
-        newton_tol: RMS of the last change of position [m] at which Newton's method stops; where None 1e-4 for backward Euler,
-            and for TR-BDF2 what is left may be half of a stage's first change.
-        tolerance: RMS error of positions [m] that half a second may add, as estimated; it drives h. None takes the
-            steps asked for. Needs "safe" or "tr_bdf2".
-        substep: of "verlet" [s]; where None as large as is stable. Triangles too stiff for a larger one give up as much of
-            their stretch and shear stiffness, and damping, as it takes; `notes` say how many and how much.
-        adaptive: whether a step that goes bad is retried smaller; False does exactly the steps asked for.
-        h_min: smallest step [s]; h / 4096 where None.
-        stretch_limit: largest change of |w|/b of a triangle in a step.
-        newton_max: further solves of a step that fails the energy test.
-        preconditioner: "multilevel", "block_jacobi", "jacobi" or "none" (masses); "auto" takes the first from 500 particles
-            on, else the second, and always for K="paper".
-        cg_max_iterations: of one solve.
-        tangles: what to do with cloth that passes through cloth where it should not: "untangle" pulls it apart, "ignore"
-            leaves it until it is apart, "abort" refuses such a start.
-        contact: by what cloth is kept from cloth: "repulsion", or the paper's damped "springs", one solve a step, for
-            comparison.
-        count_intersections: whether `intersections()` is called after every step, for the log.
-        threads: CPU threads, all where None.
-        quiet: no messages of Taichi's own.
-        debug: bounds checks in kernels (slow).
+        h: step size [s], one of the options.
+        options: all of them at once.
+        named: any of `Options` by name; these come before `options`.
 
     Raises:
         SceneError: an impossible value or an unknown name.
@@ -87,33 +60,25 @@ class Simulation:
         notes: what was found out about the meshes and solids, and done about it.
     """
 
-    def __init__(self, scene: Scene, h: float | None = None, arch: str = "cpu", precision: str = "f64",
-                 integrator: str = "safe", K: str = "projected", cg_tol: float | None = None,
-                 adaptive: bool = True, h_min: float | None = None, stretch_limit: float = 0.5,
-                 newton_max: int = 8, preconditioner: str = "auto", cg_max_iterations: int = 10_000,
-                 threads: int | None = None, quiet: bool = True, debug: bool = False, newton_tol: float | None = None,
-                 tolerance: float | None = None, tangles: str = "untangle", contact: str = "repulsion",
-                 count_intersections: bool = False, substep: float | None = None) -> None:
+    __signature__ = signature(
+        inspect.Parameter("scene", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=Scene),
+        inspect.Parameter("h", inspect.Parameter.POSITIONAL_OR_KEYWORD, default=None, annotation=float | None))
+
+    def __init__(self, scene: Scene, h: float | None = None, *, options: Options | None = None, **named: Any) -> None:
         if not isinstance(scene, Scene) or not scene.cloths:
             raise SceneError("a simulation needs a Scene with at least one cloth")
-        checks.choice("integrator", integrator, INTEGRATORS)
-        bound, h = h is not None, H if h is None else checks.number("h", h, "s", least=SHORTEST, most=LONGEST)
-        self.control = Control(h, h / H_MIN_FACTOR if h_min is None else h_min, adaptive, stretch_limit)
-        self.options = Options(K, cg_tol, cg_max_iterations, newton_max, preconditioner, newton_tol, tolerance, adaptive,
-                               tangles, contact, substep)
-        if preconditioner == "auto" and K == "paper":  # an indefinite matrix has indefinite levels
-            self.options = replace(self.options, preconditioner="block_jacobi")
-        if tolerance is not None and (integrator not in ("auto", "safe", "tr_bdf2") or not adaptive):
-            raise SceneError(f"tolerance = {tolerance:g} m: error control needs integrator 'safe' or 'tr_bdf2' and adaptive "
-                             f"steps, not {integrator!r}")
-        if substep is not None and integrator not in EXPLICIT:
-            raise SceneError(f"substep = {substep:g} s: is for the integrator 'verlet', not {integrator!r}")
+        asked = Options() if options is None else checks.instance("options", options, Options)
+        asked = Options.named({**vars(asked), **({} if h is None else {"h": h}), **named})
+        bound, h = asked.h is not None, asked.h or H
+        self.control = Control(h, asked.h_min or h / H_MIN_FACTOR, asked.adaptive, asked.stretch_limit)
+        if asked.preconditioner == "auto" and asked.K == "paper":  # an indefinite matrix has indefinite levels
+            asked = replace(asked, preconditioner="block_jacobi")
+        self.options = asked
         self.scene, self.time, self._h = scene, 0.0, h
-        self._counts = checks.flag("count_intersections", count_intersections)
         self.log: list[StepRecord] = []
-        self.runtime = runtime.start(arch, precision, threads, quiet, debug)
+        self.runtime = runtime.start(*(getattr(asked, name) for name in MACHINE))
         self._generation, self._open = runtime.generation(), True
-        self.integrator_name = integrator
+        self.integrator_name = asked.integrator
         self._fields = Fields(self.runtime.exchange)
         try:
             self._build(scene, h)
@@ -121,8 +86,8 @@ class Simulation:
             self._fields.free()
             raise
         if self.integrator.system is None:
-            self.integrator.subcycles = adaptive
-            if adaptive and not bound and not self.integrator.gusty:
+            self.integrator.subcycles = asked.adaptive
+            if asked.adaptive and not bound and not self.integrator.gusty:
                 self.control = replace(self.control, h_max=H_EXPLICIT)
         self.notes += [f"{c.name}: {note}" for c in scene.cloths for note in c.mesh.notes]
         self._note_collapsed(self.model.start_positions)
@@ -405,7 +370,7 @@ class Simulation:
             record = self.stepper.step(self.time, remaining / steps, self._held_at)
             self.time = stop if steps == 1 and abs(record.t - stop) <= ROUND_TIME * record.h else record.t
             record.t = self.time
-            if self._counts:
+            if self.options.count_intersections:
                 record.intersections = self.intersections()
             self.log.append(record)
         self._fire_events()

@@ -51,6 +51,12 @@ SCENE = f"scene = tc.Scene(); cloth = scene.add_cloth({MESH}, {FABRIC})"
 TRIANGLE = "[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]"
 
 # (what comes first, what is called, right arguments in the callable's order). A name that is not given has its default.
+OPTIONS = {"h": "1/60", "arch": '"cpu"', "precision": "PRECISION", "integrator": '"safe"', "K": '"projected"',
+           "cg_tol": "1e-3", "adaptive": "True", "h_min": "1e-5", "stretch_limit": "0.5", "newton_max": "8",
+           "preconditioner": '"auto"', "cg_max_iterations": "1000", "threads": "1", "quiet": "True", "debug": "False",
+           "newton_tol": "1e-4", "tolerance": "None", "tangles": '"untangle"', "contact": '"repulsion"',
+           "count_intersections": "False",
+           "substep": "None"}
 CALLS: list[tuple[str, str, dict[str, str]]] = [
     ("", "tc.TriMesh", {"x": "np.eye(3)", "faces": "[[0, 1, 2]]", "uv": "[[0.0, 0], [1, 0], [0, 1]]", "groups": '{"a": [0]}',
                         "notes": '("a note",)'}),
@@ -81,6 +87,7 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
                       "rotation": "(0, 1, 0)", "color": "(0.5, 0.5, 1)"}),
     ("", "tc.Camera", {"eye": "(1, 1, 1)", "target": "(0, 0, 0)", "fov": "40.0", "up": "(0, 1, 0)"}),
     ("", "tc.View", {"camera": "tc.Camera((1, 1, 1), (0, 0, 0))", "ground": "0.0", "reach": "0.1"}),
+    ("", "tc.Options", OPTIONS),
     ("", "tc.Constraint", {"vertex": "1", "directions": '"xy"', "z": "(0, 0, 0)", "y": "(0, 0, 0)"}),
     ("from taichi_cloth.output.picture import Look", "Look", {
         "quality": '"fast"', "camera": "tc.Camera((1, 1, 1), (0, 0, 0))", "orbit": "1.0", "follow": "True", "wire": "True",
@@ -104,12 +111,6 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
     (SCENE + f"; other = scene.add_cloth({MESH}, {FABRIC})", "scene.pass_through", {"a": "cloth", "b": "other"}),
 ]
 STARTED = f"{SCENE}; sim = tc.Simulation(scene, precision=PRECISION, threads=1)"
-OPTIONS = {"h": "1/60", "arch": '"cpu"', "precision": "PRECISION", "integrator": '"safe"', "K": '"projected"',
-           "cg_tol": "1e-3", "adaptive": "True", "h_min": "1e-5", "stretch_limit": "0.5", "newton_max": "8",
-           "preconditioner": '"auto"', "cg_max_iterations": "1000", "threads": "1", "quiet": "True", "debug": "False",
-           "newton_tol": "1e-4", "tolerance": "None", "tangles": '"untangle"', "contact": '"repulsion"',
-           "count_intersections": "False",
-           "substep": "None"}
 # These start Taichi.
 RUNNING: list[tuple[str, str, dict[str, str]]] = [
     (SCENE, "tc.Simulation", {"scene": "scene", **OPTIONS}),

@@ -7,15 +7,14 @@ import argparse
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import Field
 
+from ..options import ARCHS, BY_NAME
 from . import recorded as cli_recorded
 from . import studies as cli_study
 from .recorded import look_flags, number_of, size_of
 
-DEFAULTS: dict = {"duration": 2.0, "fps": 30.0, "h": None, "arch": "cpu", "precision": "f64",
-            "integrator": "safe", "K": "projected", "preconditioner": "auto", "stretch_limit": 0.5,
-            "cg_tol": None, "newton_tol": None, "tolerance": None, "substep": None, "tangles": "untangle",
-            "contact": "repulsion"}
+DURATION, FPS = 2.0, 30.0  # s, frames a second, where neither flags nor the scene say
 OK, FAILED, BAD_USAGE, GAVE_UP, OWN_CODE, INTERRUPTED = 0, 1, 2, 3, 4, 130
 
 
@@ -129,7 +128,7 @@ def _doctor() -> int:
         print(f"{package:8} {version(package)}")
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     print(f"cpu      runs, f32 and f64, {cores} threads")
-    for arch in runtime.ARCHS[1:]:
+    for arch in ARCHS[1:]:
         there = runtime.available(arch)
         print(f"{arch:8} {'runs, f32' + ('' if arch in runtime.NO_DOUBLE else ' and f64') if there else 'not here'}")
     return OK
@@ -143,11 +142,12 @@ def _options(args: argparse.Namespace, scene):
     from ..simulation import MOST_FRAMES
     from .runner import RunOptions
 
-    unknown = set(scene.run) - set(DEFAULTS)
+    given = {"duration": DURATION, "fps": FPS, **scene.run}
+    unknown = [name for name in given if name not in ("duration", "fps", *BY_NAME)]
     if unknown:
-        raise SceneError(f"scene {scene.name}: RUN has no {unknown.pop()!r}; {did_you_mean('', DEFAULTS)}")
-    values: dict = {k: next((v for v in (getattr(args, k), scene.run.get(k), default) if v is not None), None)
-              for k, default in DEFAULTS.items()}
+        raise SceneError(f"scene {scene.name}: RUN has no {unknown[0]!r}; {did_you_mean(unknown[0], BY_NAME)}")
+    flags = {name: getattr(args, name, None) for name in ("duration", "fps", *BY_NAME)}
+    values = {**given, **{name: value for name, value in flags.items() if value is not None}}
     settings = {}
     for item in args.set:
         name, equals, value = item.partition("=")
@@ -155,14 +155,12 @@ def _options(args: argparse.Namespace, scene):
             raise SceneError(f"--set {item!r}: needs name=value")
         settings[name] = value
     for name in ("duration", "fps", "h"):
-        values[name] = checks.maybe(values[name], checks.number, f"--{name}", positive=True)
+        values[name] = checks.maybe(values.get(name), checks.number, f"--{name}", positive=True)
     duration, fps = values.pop("duration"), values.pop("fps")
     checks.integer("--duration times --fps, the number of frames,", round(duration * fps), most=MOST_FRAMES)
-    simulation = {**values, "adaptive": not args.fixed_step, "threads": args.threads, "debug": args.debug,
-                  "count_intersections": args.count_intersections}
     size = None if getattr(args, "no_images", True) else args.size
     options = RunOptions(getattr(args, "out", None), duration, fps, size, getattr(args, "overwrite", False), settings,
-                         simulation)
+                         values)
     if not hasattr(args, "out"):
         return options
     if args.out == "":
@@ -213,23 +211,17 @@ def _simulation_flags(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--duration", type=number_of, metavar="S", help="simulated time [s]")
     add("--fps", type=number_of, metavar="N", help="frames a second")
-    add("--h", type=number_of, metavar="S", help="largest step [s], such as 1/60")
-    add("--fixed-step", action="store_true", help="exactly these steps, never retried smaller")
-    add("--arch", help="cpu, cuda, vulkan or metal")
-    add("--precision", help="f32 or f64")
-    add("--threads", type=int, metavar="N", help="CPU threads (all)")
-    add("--integrator", help="auto, safe, tr_bdf2, backward_euler, newton_euler or verlet")
-    add("--K", help="projected, gauss_newton or paper")
-    add("--preconditioner", help="auto, multilevel, block_jacobi, jacobi or none")
-    add("--cg-tol", dest="cg_tol", type=number_of, metavar="X", help="relative residual of the linear solve")
-    add("--newton-tol", dest="newton_tol", type=number_of, metavar="M", help="last change at which Newton's method stops [m]")
-    add("--tolerance", type=number_of, metavar="M", help="error of positions to keep to [m], which drives the step")
-    add("--substep", type=number_of, metavar="S", help="of verlet [s]; what is too stiff for it is softened")
-    add("--stretch-limit", dest="stretch_limit", type=number_of, metavar="X",
-        help="largest change of a triangle's stretch in a step")
-    add("--tangles", help="cloth that passes through cloth: untangle, ignore or abort")
-    add("--contact", help="by what cloth is kept from cloth: repulsion, or the paper's springs, for comparison")
-    add("--count-intersections", action="store_true",
-        help="count exactly, after every step, where cloth passes through cloth")
+    for name, option in BY_NAME.items():
+        if option.metadata["flag"]:
+            add(option.metadata["flag"], dest=name, **_how(option))
     add("--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the scene")
-    add("--debug", action="store_true", help="bounds checks in kernels (slow)")
+
+
+def _how(option: Field) -> dict:
+    """How argparse is to read an option of `Options`; None is what was not given."""
+    kind, unit, meaning = (option.metadata[key] for key in ("kind", "unit", "meaning"))
+    if kind == "flag":
+        return {"action": "store_const", "const": not option.default,
+                "help": f"{option.name}=False: {meaning}" if option.default else meaning}
+    how = {"number": {"type": number_of, "metavar": unit.upper() or "X"}, "integer": {"type": int, "metavar": "N"}}
+    return {"help": meaning, **how.get(kind, {})}

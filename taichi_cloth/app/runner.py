@@ -296,7 +296,7 @@ def _manifest(scene_file: SceneFile, scene: Scene, sim: Simulation, options: Run
         "scene": scene_file.name, "path": scene_file.path, "source": _fingerprint(scene_file.path),
         "settings": {k: v if isinstance(v, (int, float, bool)) else str(v) for k, v in {**resolved, **settings}.items()},
         "duration": options.duration, "fps": options.fps, "size": options.size,
-        "simulation": {"integrator": sim.integrator_name, **asdict(sim.control), **asdict(sim.options)},
+        "simulation": {**sim.options.record(), **asdict(sim.control), "integrator": sim.integrator_name},
         "runtime": sim.runtime.record(),
         "model": {"vertices": sim.model.n, "triangles": sum(c.mesh.face_count for c in scene.cloths),
                   "solids": len(scene.solids), "notes": sim.notes},

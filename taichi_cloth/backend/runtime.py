@@ -13,9 +13,8 @@ import numpy as np
 
 from .. import checks
 from ..errors import BackendError
+from ..options import ARCHS, PRECISIONS
 
-ARCHS = ("cpu", "cuda", "vulkan", "metal")
-PRECISIONS = ("f32", "f64")
 CACHE = 1 << 29  # bytes of compiled kernels that are kept: some hundred scenes
 MOST_THREADS = 64  # that may be asked for where there are fewer cores: thousands take minutes to start
 NO_DOUBLE = ("vulkan", "metal")  # f64 there is absent, or lacks atan2

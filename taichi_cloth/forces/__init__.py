@@ -31,7 +31,7 @@ def build_forces(fields: Fields, model: Model, scene: Scene, mode: str, substep:
     """The forces of a scene.
 
     Args:
-        mode: K of the conditions, one of `conditions.K_MODES`.
+        mode: K of the conditions, as `options.Options` has it.
         substep: explicit step [s] for which triangles are softened, see `Membrane`; None leaves them as they are.
     """
     bends = [c.fabric.bend.model for c in scene.cloths if c.fabric.bend and c.mesh.has_hinges]

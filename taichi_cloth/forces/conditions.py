@@ -13,7 +13,6 @@ A collapsed direction (w = 0) has n = 0: no force, no stiffness. Eigenvalues of 
 
 import taichi as ti
 
-K_MODES = ("projected", "gauss_newton", "paper")
 TINY = 1e-30
 
 

@@ -9,12 +9,12 @@ import numpy as np
 
 from .. import checks
 from ..errors import SceneError, SimulationError
+from ..options import LONGEST, SHORTEST
 from ..system.assembler import Measures, Meter
 from ..system.state import Model
 from .integrators.attempt import ACCURACY, APPROACH, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, STRETCH, Attempt
 
 CAREFUL = 0.9  # part of the step that error control thinks possible
-SHORTEST, LONGEST = 1e-12, 100.0  # steps [s] that may be asked for: time has no digits for shorter ones
 PARTS = ("EVAL", "CG", "C-C", "C-S")  # [BW98 table 1]: forces and matrix, solve, cloth-cloth, cloth-solid contact
 ADVICE = {
     STRETCH: "some triangle stretches too much in one step: slow the motion down, or raise stretch_limit",

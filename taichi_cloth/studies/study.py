@@ -18,10 +18,10 @@ import numpy as np
 
 from .. import checks
 from ..errors import ClothError, SceneError
+from ..options import EXPLICIT, INTEGRATORS
 from ..scene.scene import Scene
 from ..simulation import Simulation
 from ..step.choice import SAFETY
-from ..step.options import EXPLICIT, INTEGRATORS
 
 PREDICTABLE = 1e-3  # of the scene's size: by more than that the two references may not differ, RMS
 CONVERGED = 0.1  # of a row's error: the references' difference must be less

@@ -229,7 +229,7 @@ def options(scene, *argv):
 def test_flags_go_before_the_scenes_own_and_those_before_defaults(scene):
     plain = options(scene)
     assert (plain.duration, plain.fps, plain.simulation["h"], plain.simulation["K"]) == (2.0, 12, 0.005, "paper")
-    assert plain.simulation["adaptive"] is True and plain.size == (1280, 720) and plain.checkpoint_every == 10 and plain.frames
+    assert "adaptive" not in plain.simulation and plain.size == (1280, 720) and plain.checkpoint_every == 10 and plain.frames
     asked = options(scene, "--fps", "24", "--h", "1/50", "--K", "projected", "--fixed-step", "--no-images", "--no-frames",
                     "--set",
                     "n=5", "--out", "o", "--from-frame", "3", "--threads", "2", "--tolerance", "1e-3")

@@ -5,10 +5,10 @@ import pathlib
 
 PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
 
-ROOMS = ("errors", "checks", "scene", "io", "backend", "system", "forces", "contact", "solver", "step", "simulation", "output",
-         "recording", "studies", "app", "__main__", "__init__")
-NUMPY_ONLY = {"errors", "checks", "scene", "io", "backend.ordering", "backend.timing", "system.elements", "system.quantities",
-              "step.ledger", "app.scenefile", "app.recorded", "app.studies", "app.cli", "app.interrupts"}
+ROOMS = ("errors", "checks", "options", "scene", "io", "backend", "system", "forces", "contact", "solver", "step",
+         "simulation", "output", "recording", "studies", "app", "__main__", "__init__")
+NUMPY_ONLY = {"errors", "checks", "options", "scene", "io", "backend.ordering", "backend.timing", "system.elements",
+              "system.quantities", "step.ledger", "app.scenefile", "app.recorded", "app.studies", "app.cli", "app.interrupts"}
 OUTPUT_MAY = {"errors", "checks", "io.npz", "scene.view", "backend.runtime"}
 
 

@@ -17,10 +17,10 @@ Methods with stages solved by Newton use the operator with their own c in M - c 
 from ...backend.fields import Fields
 from ...backend.runtime import Runtime
 from ...errors import SceneError
+from ...options import EXPLICIT, Options
 from ...scene.scene import Scene
 from ...system.assembler import Meter
 from ...system.state import Model
-from ..options import EXPLICIT, Options
 
 
 def build(name: str, fields: Fields, model: Model, forces: list, meter: Meter, options: Options, runtime: Runtime,

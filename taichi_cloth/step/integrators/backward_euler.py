@@ -20,11 +20,11 @@ import numpy as np
 import taichi as ti
 
 from ...backend.timing import Clock
+from ...options import CG_TOL, NEWTON_TOL, Options
 from ...solver.pcg import CONVERGED, Solution
 from ...system.assembler import Measures
 from ...system.constraints import Held
 from ..ledger import Ledger, Work, gained, one_stage
-from ..options import CG_TOL, NEWTON_TOL, Options
 from .attempt import APPROACH, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, Attempt
 from .brake import MOST, Brake
 from .system import System, phi

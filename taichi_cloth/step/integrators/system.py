@@ -8,6 +8,7 @@ import taichi as ti
 
 from ...backend.fields import Fields
 from ...backend.runtime import Runtime
+from ...options import Options
 from ...scene.scene import Scene
 from ...solver.pcg import PCG, Solution
 from ...solver.preconditioner import build_preconditioner
@@ -15,7 +16,6 @@ from ...system.assembler import Measures, Meter
 from ...system.constraints import Filter, Held
 from ...system.operator import Operator
 from ...system.state import Model
-from ..options import Options
 
 ROUNDING = 64  # Phi may grow by this many roundings of its terms
 

@@ -24,11 +24,11 @@ import taichi as ti
 
 from ...backend.fields import Fields
 from ...backend.timing import Clock
+from ...options import Options
 from ...solver.pcg import CONVERGED, Solution
 from ...system.assembler import Measures
 from ...system.constraints import Held, project
 from ..ledger import Work, gained, three_stages
-from ..options import Options
 from .attempt import ACCURACY, ENERGY, SOLVER, Attempt
 from .newton import FIRST, Effort, Newton, Stage
 from .system import System

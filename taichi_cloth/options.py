@@ -1,0 +1,147 @@
+"""What a user may choose about a simulation: the one place of defaults, checks, flags and their meaning. No numpy, no Taichi.
+
+`Simulation` takes them by name, the command line makes its flags of them, the docs their table, and a run's manifest keeps
+them.
+"""
+
+import inspect
+from dataclasses import MISSING, Field, asdict, dataclass, field, fields
+from typing import Any
+
+CG_TOL = 1e-4  # relative residual of the paper's single solve, where none is asked for
+NEWTON_TOL = 1e-4  # m, where none is asked for
+INTEGRATORS = ("auto", "safe", "tr_bdf2", "backward_euler", "newton_euler", "verlet")
+EXPLICIT = ("verlet",)
+PRECONDITIONERS = ("auto", "multilevel", "block_jacobi", "jacobi", "none")
+SHORTEST, LONGEST = 1e-12, 100.0  # steps [s] that may be asked for: time has no digits for shorter ones
+H_MIN_FACTOR = 4096.0  # h_min is h over this, where it is not given
+ARCHS, PRECISIONS = ("cpu", "cuda", "vulkan", "metal"), ("f32", "f64")
+MACHINE = ("arch", "precision", "threads", "quiet", "debug")  # what Taichi is started with, and recorded as what runs
+APART = (*MACHINE, "h", "h_min", "count_intersections")  # a record has steps as control keeps them; counting decides nothing
+
+
+def _option(default: Any, kind: str, meaning: str, flag: str | None = None, unit: str = "", **bounds: Any) -> Any:
+    """A field.
+
+    Args:
+        kind: the check of `checks` that it has to pass, where it is not None.
+        flag: of the command line; None where it has none.
+        bounds: for the check.
+    """
+    return field(default=default, metadata={"kind": kind, "meaning": meaning, "flag": flag, "unit": unit, "bounds": bounds})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Options of a `Simulation`, all by name; `Options.table()` lists them with their meaning.
+
+    Raises:
+        SceneError: an impossible value, an unknown name, or two that do not go together.
+    """
+
+    h: float | None = _option(
+        None, "number", "step size [s], such as 1/60; the largest one where steps adapt (an explicit method's stable step "
+        "bounds it too). Where None 1/60, and for explicit methods, where no wind changes, up to 1/10 at once", "--h", "s",
+        least=SHORTEST, most=LONGEST)
+    arch: str = _option("cpu", "choice", '"cpu", "cuda", "vulkan" or "metal"', "--arch", choices=ARCHS)
+    precision: str = _option("f64", "choice", '"f32" or "f64"', "--precision", choices=PRECISIONS)
+    integrator: str = _option(
+        "safe", "choice", '"safe" (TR-BDF2; steps that it cannot take, and those in contact, by backward Euler), "tr_bdf2", '
+        '"backward_euler" (the paper\'s single solve), "newton_euler" (nonlinear backward Euler), "verlet" (explicit), or '
+        '"auto": "safe" or "verlet", by stiffness, mesh, solids and tolerance; `notes` say why', "--integrator",
+        choices=INTEGRATORS)
+    K: str = _option(
+        "projected", "choice", 'stiffness matrix: "projected" (positive semidefinite), "gauss_newton" or "paper" (exact)',
+        "--K", choices=("projected", "gauss_newton", "paper"))
+    cg_tol: float | None = _option(
+        None, "number", "relative residual of a linear solve; where None 1e-4 for backward Euler, .03 and then .1 for the "
+        "iterations of Newton's method", "--cg-tol", positive=True, most=1.0)
+    adaptive: bool = _option(
+        True, "flag", "a step that goes bad is tried again, smaller; where False exactly the steps asked for are done",
+        "--fixed-step")
+    h_min: float | None = _option(
+        None, "number", f"smallest step [s]; h / {H_MIN_FACTOR:g} where None", None, "s", positive=True)
+    stretch_limit: float = _option(
+        0.5, "number", "largest change of a triangle's stretch |w|/b in a step", "--stretch-limit", positive=True)
+    newton_max: int = _option(
+        8, "integer", "Newton iterations of a stage; further solves of a step that fails the energy test", None,
+        least=0, most=1_000_000)
+    preconditioner: str = _option(
+        "auto", "choice", '"multilevel", "block_jacobi", "jacobi" or "none" (masses); "auto" takes the first from 500 '
+        'particles on, else the second, and always for K="paper"', "--preconditioner", choices=PRECONDITIONERS)
+    cg_max_iterations: int = _option(10_000, "integer", "of one solve", None, least=1, most=100_000_000)
+    threads: int | None = _option(None, "integer", "CPU threads, all where None", "--threads", least=1)
+    quiet: bool = _option(True, "flag", "no messages of Taichi's own")
+    debug: bool = _option(False, "flag", "bounds checks in kernels (slow)", "--debug")
+    newton_tol: float | None = _option(
+        None, "number", "RMS of the last change of position [m] at which Newton's method stops; where None 1e-4 for backward "
+        "Euler, and for TR-BDF2 what is left may be half of a stage's first change", "--newton-tol", "m", positive=True)
+    tolerance: float | None = _option(
+        None, "number", "RMS error of positions [m] that half a second may add, as estimated; it drives h. None takes the "
+        'steps asked for. Needs "safe" or "tr_bdf2"', "--tolerance", "m", positive=True)
+    tangles: str = _option(
+        "untangle", "choice", 'cloth that passes through cloth where it should not: "untangle" pulls it apart, "ignore" '
+        'leaves it until it is apart, "abort" refuses such a start', "--tangles", choices=("untangle", "ignore", "abort"))
+    contact: str = _option(
+        "repulsion", "choice", 'by what cloth is kept from cloth: "repulsion", or the paper\'s damped "springs", one solve a '
+        "step, for comparison", "--contact", choices=("repulsion", "springs"))
+    count_intersections: bool = _option(
+        False, "flag", "whether places where cloth passes through cloth are counted exactly after every step, for the log",
+        "--count-intersections")
+    substep: float | None = _option(
+        None, "number", 'of "verlet" [s]; where None as large as is stable. Triangles too stiff for a larger one give up as '
+        "much of their stretch and shear stiffness, and damping, as it takes; `notes` say how many and how much", "--substep",
+        "s", positive=True)
+
+    def __post_init__(self) -> None:
+        from . import checks
+        from .errors import SceneError
+
+        for option in fields(self):
+            value, kind = getattr(self, option.name), option.metadata["kind"]
+            if value is None and option.default is None:
+                continue
+            bounds = dict(option.metadata["bounds"])
+            if kind == "number":
+                bounds["unit"] = option.metadata["unit"]
+            object.__setattr__(self, option.name, getattr(checks, kind)(option.name, value, **bounds))
+        if self.tolerance is not None and (self.integrator not in ("auto", "safe", "tr_bdf2") or not self.adaptive):
+            raise SceneError(f"tolerance = {self.tolerance:g} m: error control needs integrator 'safe' or 'tr_bdf2' and "
+                             f"adaptive steps, not {self.integrator!r}")
+        if self.substep is not None and self.integrator not in EXPLICIT:
+            raise SceneError(f"substep = {self.substep:g} s: is for the integrator 'verlet', not {self.integrator!r}")
+
+    @classmethod
+    def named(cls, values: dict[str, Any]) -> "Options":
+        """Options of these names.
+
+        Raises:
+            SceneError: an unknown name as well.
+        """
+        from .errors import SceneError, did_you_mean
+
+        unknown = [name for name in values if name not in BY_NAME]
+        if unknown:
+            raise SceneError(f"a simulation has no option {unknown[0]!r}; {did_you_mean(unknown[0], BY_NAME)}")
+        return cls(**values)
+
+    def record(self) -> dict[str, Any]:
+        """By name what decides how a run goes, wherever it runs."""
+        return {name: value for name, value in asdict(self).items() if name not in APART}
+
+    @staticmethod
+    def table() -> list[tuple[str, Any, str, str]]:
+        """A row for each option: name, default, flag of the command line or "", meaning."""
+        return [(name, o.default, o.metadata["flag"] or "", o.metadata["meaning"]) for name, o in BY_NAME.items()]
+
+
+BY_NAME: dict[str, Field] = {option.name: option for option in fields(Options)}
+assert all(option.default is not MISSING for option in BY_NAME.values())
+
+
+def signature(*first: inspect.Parameter) -> inspect.Signature:
+    """Of a call that takes `first` and every other option by name."""
+    named = {p.name for p in first}
+    return inspect.Signature([*first, *(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=option.default,
+                                                          annotation=option.type)
+                                        for name, option in BY_NAME.items() if name not in named)])
