@@ -111,6 +111,7 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
     (SCENE + f"; other = scene.add_cloth({MESH}, {FABRIC})", "scene.pass_through", {"a": "cloth", "b": "other"}),
 ]
 STARTED = f"{SCENE}; sim = tc.Simulation(scene, precision=PRECISION, threads=1)"
+MAY_BE_NONE = ("h", "cg_tol", "h_min", "threads", "newton_tol", "tolerance", "substep")  # of the options
 # These start Taichi.
 RUNNING: list[tuple[str, str, dict[str, str]]] = [
     (SCENE, "tc.Simulation", {"scene": "scene", **OPTIONS}),
@@ -233,7 +234,7 @@ def _alike(value: object, model: object, name: str) -> bool:
         return True
     if value is None:  # arguments that may be left out
         return name in ("uv", "groups", "fps", "rest", "stretch", "shear", "bend", "air", "view", "color", "contact", "camera",
-                        "ground", "mesh", "heat", "directions")
+                        "ground", "mesh", "heat", "directions", *MAY_BE_NONE)
     if isinstance(model, (bool, str)) or dataclasses.is_dataclass(model) or isinstance(model, tc.Scene):
         shape = name == "shape" and isinstance(value, (tc.Plane, tc.Sphere, tc.Capsule, tc.Box, tc.Cylinder, tc.SolidMesh))
         return shape or name == "directions" or isinstance(value, type(model))
