@@ -45,7 +45,7 @@ def measure(n: int, precision: str, rounds: int, folder: str) -> dict:
     wanted = sim.product(p, H)
     dtype = np.float32 if precision == "f32" else np.float64
     model = sim.model
-    membrane, bend = (next(f for f in sim._forces if isinstance(f, kind)) for kind in (Membrane, Bend))
+    membrane, bend = (next(f for f in sim.force_terms if isinstance(f, kind)) for kind in (Membrane, Bend))
     arrays = [model.blocks.bounds.astype(np.int32), model.mass.astype(dtype)]
     for force, values in ((membrane, membrane.A), (bend, bend.g)):
         arrays += [force.elements.entries.first.astype(np.int32), force.elements.host_vertices.astype(np.int32),

@@ -44,7 +44,7 @@ def assembled(sim: tc.Simulation) -> scipy.sparse.bsr_matrix:
     """A as 3x3 block CSR in particle order, by products with a colouring of its columns."""
     n = sim.model.n
     pattern = scipy.sparse.csr_matrix((n, n))
-    for force in sim._forces:
+    for force in sim.force_terms:
         if hasattr(force, "elements"):
             e = force.elements
             vertices = e.vertices.to_numpy()[e.entries.primary]

@@ -18,8 +18,6 @@ from .backend import runtime
 from .backend.fields import Fields
 from .errors import BackendError, SceneError, SimulationError
 from .forces import build_forces
-from .forces.external import Drag
-from .forces.membrane import Membrane
 from .options import CG_TOL, EXPLICIT, H_MIN_FACTOR, LONGEST, MACHINE, SHORTEST, Options, signature
 from .scene.intersections import count_crossings, count_self_crossings
 from .scene.scene import Scene
@@ -97,7 +95,6 @@ class Simulation:
         self._script = scene.script.copy()
         self._script.events.sort(key=lambda event: event.time)
         self._attachments = Attachments(self.model, self.runtime.exchange)
-        self._drag = next((force for force in self._forces if isinstance(force, Drag)), None)
         self._extra: list[Fields] = []  # made when first asked for
         self._force_field: ForceField | None = None
         self._probe: Probe | None = None
@@ -109,20 +106,20 @@ class Simulation:
         self.model = Model(fields, scene, self.runtime)
         self.notes: list[str] = []
         substep = self.options.substep
-        self._forces = build_forces(fields, self.model, scene, self.options.K, substep and substep / SAFETY)
-        self.notes += [note for force in self._forces if isinstance(force, Membrane) for note in force.notes]
+        self.force_terms = build_forces(fields, self.model, scene, self.options.K, substep and substep / SAFETY)
+        self.notes += [note for force in self.force_terms for note in force.notes]
         if self.integrator_name == "auto":
             tolerance = self.options.tolerance
-            self.integrator_name, why = choose(self._forces, scene.touches, h, tolerance,
+            self.integrator_name, why = choose(self.force_terms, scene.touches, h, tolerance,
                                                             self.control.adaptive)
             self.notes.append(f"integrator {self.integrator_name}: {why}")
         self.contacts = _contacts(fields, self.model, scene, h, self.runtime.arch == "cpu", self.options)
-        operator, forces = None, list(self._forces)
+        operator, forces = None, list(self.force_terms)
         if self.integrator_name not in EXPLICIT:
             forces += [self.contacts.touch] if self.contacts else []
             operator = Operator(fields, self.model, forces)
         self.meter = Meter(self.model, forces, self.runtime, operator)
-        self.integrator = integrators.build(self.integrator_name, fields, self.model, self._forces, self.meter,
+        self.integrator = integrators.build(self.integrator_name, fields, self.model, self.force_terms, self.meter,
                                             self.options, self.runtime, scene, self.contacts)
         fields.allocate()
 
@@ -174,7 +171,7 @@ class Simulation:
 
     def forces(self) -> np.ndarray:
         """(n, 3) [N] internal plus external, at the current state."""
-        self._live()._set_wind(self.time)
+        self._live()._set_time(self.time)
         if self._force_field is None:
             self._force_field = self._later(ForceField)
         self._force_field.compute()
@@ -295,8 +292,7 @@ class Simulation:
     def checkpoint(self) -> dict[str, np.ndarray]:
         """Everything that decides how the simulation goes on, as arrays by name; see `resume`."""
         self._live()
-        x, v = self.model.read_particles()
-        out = {"x": x, "v": v, "time": np.array(self.time), "records": np.array(len(self.log))}
+        out = {**self.model.checkpoint(), "time": np.array(self.time), "records": np.array(len(self.log))}
         out |= {f"step_{k}": a for k, a in self.stepper.checkpoint().items()}
         out |= {f"integrator_{k}": a for k, a in self.integrator.checkpoint().items()}
         if self.integrator.system is not None:
@@ -325,17 +321,15 @@ class Simulation:
         self._attachments.anchors.update({int(k[7:]): a for k, a in state.items() if k.startswith("anchor_")})
 
     def _restore(self, state: dict[str, np.ndarray]) -> None:
-        if state["x"].shape != (self.model.n, 3):
-            raise SceneError(f"the checkpoint has {len(state['x'])} particles and the scene {self.model.n}")
         for name, value in state.items():
-            if name in ("x", "v", "time", "step_h") or name.startswith("anchor_"):
+            if name in ("time", "step_h") or name.startswith("anchor_"):
                 if not np.isfinite(value).all():
                     raise SceneError(f"the checkpoint's {name} is not finite")
 
         def part(name: str) -> dict[str, np.ndarray]:
             return {key[len(name):]: value for key, value in state.items() if key.startswith(name)}
 
-        self.model.write_particles(state["x"], state["v"])
+        self.model.resume(state)
         self.time = float(state["time"])
         self.stepper.resume(part("step_"))
         self.integrator.resume(part("integrator_"))
@@ -385,21 +379,22 @@ class Simulation:
 
     def _held_at(self, t: float, h: float) -> Held | None:
         """Constraints at the end of a step from t to t + h; also sets the wind there, and the solids at both ends."""
-        self._set_wind(t + h)
+        self._set_time(t + h)
         if self.contacts is not None and h > 0:
             self.contacts.scan.set_time(t, h)
         self._attachments.update(self._script.attachments, self.positions)
         return self._attachments.at(self._script.attachments, t + h)
 
-    def _set_wind(self, t: float) -> None:
-        if self._drag is not None and self._drag.gusty:
-            self._drag.set_wind(self.scene.air.wind_at(t))  # type: ignore[union-attr]
+    def _set_time(self, t: float) -> None:
+        """What changes with time by itself, such as the wind, as it is at t."""
+        for force in self.force_terms:
+            force.set_time(t)
 
     def _linearized(self, h: float, held: Held | None = None):
         """The system, linearized at the current state for a step h, with y of the held particles."""
         h = checks.number("h", h, "s", least=SHORTEST, most=LONGEST)
         system = self._system()
-        self._set_wind(self.time + h)
+        self._set_time(self.time + h)
         self.model.save()
         system.operator.set_motion(h)
         if held is not None:
@@ -421,7 +416,7 @@ class Simulation:
     def _later(self, kind, *args):
         """An object with fields of its own, for what most runs never ask for."""
         fields = Fields(self.runtime.exchange)
-        made = kind(fields, self.model, self._forces, *args)
+        made = kind(fields, self.model, self.force_terms, *args)
         fields.allocate()
         self._extra.append(fields)
         return made

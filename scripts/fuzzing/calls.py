@@ -107,6 +107,7 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
                            "directions": '"xy"'}),
     (SCENE + "; scene.pin(cloth, [0, 1])", "scene.unpin", {"cloth": "cloth", "vertices": "[0]"}),
     (SCENE, "scene.at", {"t": "0.1", "f": "lambda s: None"}),
+    (SCENE, "scene.add_force", {"make": "lambda fields, model, scene, K: None"}),
     (SCENE, "scene.add_mass", {"cloth": "cloth", "vertices": "[0, 1]", "mass": "0.1"}),
     (SCENE + f"; other = scene.add_cloth({MESH}, {FABRIC})", "scene.pass_through", {"a": "cloth", "b": "other"}),
 ]

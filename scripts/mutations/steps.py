@@ -19,6 +19,17 @@ LEVELS = "tests/unit/test_multilevel.py"
 TESTS = (CONTROL, INSIDE)
 
 MUTATIONS = (
+    # what forces declare as changed by steps
+    ("taichi_cloth/system/state.py", "            part.restore()\n", "            pass\n",
+     "rollback leaves a force's state", "tests/unit/test_own_force.py"),
+    ("taichi_cloth/system/state.py", "self.remembered[name].now.from_numpy(value)", "pass",
+     "a force's state is forgotten on resume", "tests/unit/test_own_force.py"),
+    ("taichi_cloth/step/stepper.py", "self.start = None if any(changed) else measures", "self.start = measures",
+     "energy after a force's own change is not measured", "tests/unit/test_own_force.py"),
+    ("taichi_cloth/step/stepper.py", "changed = [force.accept(h) for force in self.meter.forces]", "changed = [False]",
+     "forces are not told of accepted steps", "tests/unit/test_own_force.py"),
+    ("taichi_cloth/solver/multilevel.py", "D = self.forces[k].add_level_block(n, c, D, self)",
+     "self.forces[k].add_level_block(n, c, D, self)", "levels know of masses only", "tests/unit/test_own_force.py"),
     # step control
     ("taichi_cloth/step/stepper.py", "smaller = 0.5 if", "smaller = 0.9 if", "a rejected step is not halved", CONTROL),
     ("taichi_cloth/step/stepper.py", "min(2 * self.h, self.control.h_max), 0", "min(8 * self.h, self.control.h_max), 0",

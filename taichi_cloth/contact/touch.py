@@ -12,6 +12,7 @@ import taichi as ti
 from ..backend.fields import Fields
 from ..backend.ordering import touching
 from ..forces.conditions import sym_both, sym_outer, sym_times
+from ..forces.force import Force
 from ..system.state import Model
 from .points import CORNERS, Points
 
@@ -20,10 +21,10 @@ SPARE = 32768  # more
 
 
 @ti.data_oriented
-class Touch:
-    """Points of contact as a force of the operator; see `forces` for the contract."""
+class Touch(Force):
+    """Points of contact as a force of the operator."""
 
-    energies, extremes, of_contact = (), 0, True
+    of_contact = True
 
     def __init__(self, fields: Fields, model: Model, layered: bool = False) -> None:
         self.model, self._fields, self.layered = model, fields, layered
@@ -31,8 +32,13 @@ class Touch:
         self.first = fields.integer(model.blocks.count + 1, data=np.zeros(model.blocks.count + 1))
         self.exchange = model.exchange
 
+    def rounding_energy(self, d: float) -> float:
+        """None: points have no energy of their own."""
+        return 0.0
+
     def build_stiffness(self) -> None:
         """Allocates the points."""
+        self.stiff = True
         self.vertices = self._fields.integer(self.capacity, CORNERS)
         self.weights = self._fields.real(self.capacity, CORNERS)
         self.A = self._fields.real(self.capacity, 6)
@@ -75,6 +81,10 @@ class Touch:
                 self.rhs[e][c] = rhs[e, c]
             for c in ti.static(range(6)):
                 self.A[e][c] = A[e, c]
+
+    @ti.func
+    def add_force(self, block, f: ti.template()):
+        """Nothing: points are of a solve, explicit methods know no contact."""
 
     @ti.func
     def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
@@ -134,3 +144,11 @@ class Touch:
                 if ti.static(self.layered):
                     push += self.turn(e, k).dot(r) * self.normal[e]
                 self.model.blocks.add(q, v[k], push, lo, hi)
+
+    def build_levels(self, levels) -> None:
+        """Nothing: the levels take the points' diagonal, see `add_diagonal`."""
+
+    @ti.func
+    def add_level_block(self, n, c, D, levels: ti.template()):
+        """D"""
+        return D

@@ -12,19 +12,20 @@ from ..scene.fabric import pair
 from ..scene.scene import Scene
 from ..system.elements import Hinges, flat_turns, hinges, row_sums
 from ..system.state import Elements, Model
-from .conditions import sym, sym_outer
+from .conditions import sym, sym_outer, sym_scaled_identity
+from .force import Force
 from .hinge import COLLAPSED, hinge_condition, hinge_condition_change
 
 
 @ti.data_oriented
-class Bend:
+class Bend(Force):
     """Hinges with damping.
 
     Stored for a hinge and a step: dC scaled by the root of its factor in A, 9 numbers in (e, a, b), the edge
     and the two arms from its first vertex; in K mode "paper" the symmetric 9x9 block itself.
     """
 
-    energies, extremes, stiff = ("bend",), 0, False
+    energies, slow = ("bend",), True
 
     def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
         self.model, self.exact = model, mode == "paper"
@@ -220,6 +221,21 @@ class Bend:
             if column == 6 + i:
                 s = p_b[i]
         return s
+
+    def build_levels(self, levels) -> None:
+        """Sums of k and of k_d over the hinges that each node's hat bends, on the flat pattern."""
+        sums = [levels.squares(self.host_hinges, self.host_turns, k) for k in self.host_rest[:, :2].T]
+        self.bent = self._fields.real(levels.count, 2, np.column_stack(sums))
+
+    @ti.func
+    def add_level_block(self, n, c, D, levels: ti.template()):
+        """D + s^T (-c D - c^2 K) s of flat cloth, the same in all directions."""
+        return D + sym_scaled_identity(c * (c * self.bent[n][0] + self.bent[n][1]))
+
+    def geometry(self) -> dict[str, np.ndarray]:
+        """Hinges with their stiffness [N m] and rest angle."""
+        k, _, theta_0, _ = self.host_rest.T
+        return {"hinges": self.model.user[self.host_hinges], "hinge_k": k, "hinge_rest": theta_0}
 
 
 def _rest(cloth, h: Hinges) -> np.ndarray:

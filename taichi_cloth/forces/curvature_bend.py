@@ -25,21 +25,22 @@ from ..system.elements import row_sums
 from ..system.state import Elements, Model
 from .conditions import sym_outer, sym_scaled_identity, unit
 from .curvature_fit import curvatures
+from .force import Force
 
 
 @ti.data_oriented
-class CurvatureBend:
-    """Bending by curvatures with damping; see `forces` for the contract.
+class CurvatureBend(Force):
+    """Bending by curvatures with damping.
 
     Stored for an element: weights of a dozen vertices, the three factors of its block in A, and the directions of its
     damping.
     """
 
-    energies, extremes, stiff = ("bend",), 0, False
+    energies, slow = ("bend",), True
 
     def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
         self.model, self._fields = model, fields
-        vertices, weights, factors = [], [], []
+        vertices, weights, factors, faces = [], [], [], []
         for cloth in scene.cloths:
             bend = cloth.fabric.bend
             if bend is None or bend.model != "curvature":
@@ -50,6 +51,7 @@ class CurvatureBend:
             v, B, area = curvatures(cloth.mesh)
             vertices.append(model.particle[v + cloth.start])
             weights.append(B)
+            faces.append(cloth.mesh.faces + cloth.start)
             factors.append(area[:, None] * np.array([_moduli(bend.D) + _moduli(bend.k_d)]))
         self.width = max(v.shape[1] for v in vertices)
         corners = np.concatenate([_wider(v, self.width) for v in vertices])
@@ -62,6 +64,7 @@ class CurvatureBend:
         self.damps = bool(factor[:, 3:].any())
         sizes = (np.abs(np.einsum("kma,km,kmb->kab", B, factor[:, first:first + 3], B)) for first in (0, 3))
         self.rates = tuple(float(row_sums(corners, s, model.mass).max()) for s in sizes)
+        self.host_faces = np.concatenate(faces)
         self.host_corners, self.host_weight, self.host_factor = corners, B, factor[:, :3]  # a triangle each
         self._unit_energy = float(np.sum(factor[:, :3] * np.sum(B**2, axis=2)) / 2)
 
@@ -202,6 +205,35 @@ class CurvatureBend:
                 for c in ti.static(range(3)):
                     r[m, c] = out[c]
             self.scatter(e, r, q, lo, hi)
+
+    def build_levels(self, levels) -> None:
+        """Which patches each node's hat meets."""
+        self.meets = levels.meeting(self.elements)
+
+    @ti.func
+    def add_level_block(self, n, c, D, levels: ti.template()):
+        """D + s^T (-c^2 K) s of the patches that node n's hat meets; without damping."""
+        out = D
+        for k in range(self.meets.first[n], self.meets.first[n + 1]):
+            out += sym_scaled_identity(self.level_block(self.meets.source[k], n, levels))
+        return out
+
+    @ti.func
+    def level_block(self, e, n, levels: ti.template()):
+        """A patch's, the same number in all directions."""
+        out = 0.0
+        for m in ti.static(range(3)):
+            second = 0.0
+            for a in range(self.width):
+                i = self.elements.vertices[e][a]
+                second += self.weight[e][self.width * m + a] * levels.hat(n, i) * levels.free(i)
+            out += self.A[e][m] * second * second
+        return out
+
+    def geometry(self) -> dict[str, np.ndarray]:
+        """Patches of vertices round triangles, their weights and stiffness, and the triangles."""
+        return {"patches": self.model.user[self.host_corners], "patch_weight": self.host_weight,
+                "patch_factor": self.host_factor, "patch_faces": self.host_faces}
 
 
 def _moduli(value) -> list[float]:

@@ -7,14 +7,14 @@ from ..backend.fields import Fields
 from ..scene.scene import Scene
 from ..system.state import Elements, Model
 from .conditions import sym_outer, sym_scaled_identity, sym_times
+from .force import Force
 
 
 @ti.data_oriented
-class Gravity:
+class Gravity(Force):
     """m g, with the potential -m g . x."""
 
-    energies, extremes, stiff = ("gravity",), 0, False
-    rates = (0.0, 0.0)
+    energies = ("gravity",)
 
     def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
         self.model = model
@@ -57,16 +57,22 @@ class Gravity:
     def add_product(self, block, p: ti.template(), q: ti.template()):
         """Nothing."""
 
+    def build_levels(self, levels) -> None:
+        """Nothing: gravity has no derivative."""
+
+    @ti.func
+    def add_level_block(self, n, c, D, levels: ti.template()):
+        """D"""
+        return D
+
 
 @ti.data_oriented
-class Drag:
+class Drag(Force):
     """Viscous drag of a triangle moving through the air: f = -A B (v - wind), B = c_n n n^T + c_t (I - n n^T).
 
     A and n are those of the triangle as it is; v is the mean of its vertices. The force is linear in v and goes
     into the implicit solve; its derivative by position is left out of the matrix.
     """
-
-    energies, extremes, stiff = (), 0, False
 
     def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
         self.model = model
@@ -78,7 +84,7 @@ class Drag:
         density = min(c.fabric.density for c in scene.cloths)
         self.rates = (0.0, max(self.normal, self.tangential) / density)
         self.gusty = callable(air.wind)
-        self.now = air.wind_at(0.0)
+        self.air, self.now = air, air.wind_at(0.0)
         self.wind = fields.real(1, 3, self.now)
         self._fields = fields
 
@@ -89,6 +95,11 @@ class Drag:
     def build_stiffness(self) -> None:
         """Allocates what only an implicit step needs."""
         self.A, self.stiff = self._fields.real(self.elements.count, 6), True
+
+    def set_time(self, t: float) -> None:
+        """The wind at t [s], where it changes."""
+        if self.gusty:
+            self.set_wind(self.air.wind_at(t))
 
     def set_wind(self, now: np.ndarray) -> None:
         """Velocity of the air [m/s]."""
@@ -156,3 +167,11 @@ class Drag:
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
             v = self.elements.vertices[e]
             self.scatter(e, sym_times(self.A[e], p[v[0]] + p[v[1]] + p[v[2]]), q, lo, hi)
+
+    def build_levels(self, levels) -> None:
+        """Nothing: what the air adds to a node is small against its mass."""
+
+    @ti.func
+    def add_level_block(self, n, c, D, levels: ti.template()):
+        """D, without drag"""
+        return D

@@ -13,6 +13,7 @@ from ..scene.scene import Scene
 from ..system.elements import row_sums, triangles
 from ..system.state import Elements, Model
 from .conditions import TINY, shear_stiffness, stretch_stiffness, sym, sym_outer, sym_times, sym_unpack, unit
+from .force import Force
 
 # columns of the table of materials
 K_U, K_V, K_S, D_U, D_V, D_S, B_U, B_V = range(8)
@@ -21,7 +22,7 @@ APART = 8  # rows of `aside` between those of two threads
 
 
 @ti.data_oriented
-class Membrane:
+class Membrane(Force):
     """Stretch along warp and weft, and shear, with their damping.
 
     Stored for an element and a step: the symmetric 6x6 block of A in the edges (x_1 - x_0, x_2 - x_0), 21 numbers.
@@ -35,7 +36,7 @@ class Membrane:
         notes: what was softened.
     """
 
-    extremes, stiff = 2, False
+    extremes = 2
 
     def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str, substep: float | None = None) -> None:
         self.model, self.mode = model, mode
@@ -301,6 +302,46 @@ class Membrane:
             self.model.blocks.add(q, vertices[0], -(q_1 + q_2), lo, hi)
             self.model.blocks.add(q, vertices[1], q_1, lo, hi)
             self.model.blocks.add(q, vertices[2], q_2, lo, hi)
+
+    def build_levels(self, levels) -> None:
+        """Which triangles each node's hat meets."""
+        self.meets = levels.meeting(self.elements)
+
+    @ti.func
+    def add_level_block(self, n, c, D, levels: ti.template()):
+        """D + s^T (-c D - c^2 K) s of the triangles that node n's hat meets."""
+        out = D
+        for k in range(self.meets.first[n], self.meets.first[n + 1]):
+            out += self.level_block(self.meets.source[k], n, levels)
+        return out
+
+    @ti.func
+    def level_block(self, e, n, levels: ti.template()):
+        """A triangle's, 6 numbers."""
+        v = self.elements.vertices[e]
+        w = ti.Vector([levels.hat(n, v[0]), levels.hat(n, v[1]), levels.hat(n, v[2])])
+        out = self.free_level_block(e, w, levels)
+        if ti.static(levels.touches):
+            if levels.partly(v[0]) or levels.partly(v[1]) or levels.partly(v[2]):
+                A = self.A[e]
+                S_0 = levels.shape(v[0], w[0])
+                E, F = levels.shape(v[1], w[1]) - S_0, levels.shape(v[2], w[2]) - S_0
+                mixed = ti.Matrix([[A[6], A[7], A[8]], [A[9], A[10], A[11]], [A[12], A[13], A[14]]])
+                half = E @ mixed @ F
+                first = sym_unpack(ti.Vector([A[0], A[1], A[2], A[3], A[4], A[5]]))
+                second = sym_unpack(ti.Vector([A[15], A[16], A[17], A[18], A[19], A[20]]))
+                out = sym(E @ first @ E + F @ second @ F + half + half.transpose())
+        return out
+
+    @ti.func
+    def free_level_block(self, e, w, levels: ti.template()):
+        """The same for a hat with values w at the corners, each held in all directions or in none."""
+        A, v = self.A[e], self.elements.vertices[e]
+        w_0 = w[0] * levels.free(v[0])
+        x, y = w[1] * levels.free(v[1]) - w_0, w[2] * levels.free(v[2]) - w_0
+        both = ti.Vector([2 * A[6], A[7] + A[9], A[8] + A[12], 2 * A[10], A[11] + A[13], 2 * A[14]])
+        return (x * x * ti.Vector([A[0], A[1], A[2], A[3], A[4], A[5]]) + x * y * both
+                + y * y * ti.Vector([A[15], A[16], A[17], A[18], A[19], A[20]]))
 
 
 @ti.func

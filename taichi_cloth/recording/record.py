@@ -2,8 +2,6 @@
 
 import numpy as np
 
-from ..forces.bend import Bend
-from ..forces.curvature_bend import CurvatureBend
 from ..scene.solids import Plane, Solid
 from ..simulation import Simulation
 
@@ -40,17 +38,9 @@ def geometry(sim: Simulation) -> dict[str, np.ndarray]:
         "ground": np.array(np.nan if ground is None else ground),
         "reach": np.array(scene.view.reach),
     }
-    bend = next((f for f in sim._forces if isinstance(f, Bend)), None)
-    if bend is not None:
-        rest = bend.host_rest
-        out |= {"hinges": sim.model.user[bend.host_hinges], "hinge_k": rest[:, 0], "hinge_rest": rest[:, 2]}
-    else:
-        out |= {"hinges": np.zeros((0, 4), dtype=np.int64), "hinge_k": np.zeros(0), "hinge_rest": np.zeros(0)}
-    curving = next((f for f in sim._forces if isinstance(f, CurvatureBend)), None)
-    if curving is not None:
-        bent = [c for c in cloths if c.fabric.bend is not None and c.fabric.bend.model == "curvature"]
-        out |= {"patches": sim.model.user[curving.host_corners], "patch_weight": curving.host_weight,
-                "patch_factor": curving.host_factor, "patch_faces": np.concatenate([c.mesh.faces + c.start for c in bent])}
+    out |= {"hinges": np.zeros((0, 4), dtype=np.int64), "hinge_k": np.zeros(0), "hinge_rest": np.zeros(0)}
+    for force in sim.force_terms:
+        out |= force.geometry()
     return out
 
 

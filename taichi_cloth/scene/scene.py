@@ -167,6 +167,7 @@ class Scene:
         self.solids: list[Solid] = []
         self.apart: list[tuple[Cloth, Cloth]] = []  # pairs that pass through each other
         self.masses: list[tuple[Cloth, np.ndarray, float]] = []
+        self.forces: list[Callable] = []
         self.script = Script()
         self._key = itertools.count()
 
@@ -189,6 +190,14 @@ class Scene:
             raise SceneError(f"there is a cloth named {name!r} already")
         self.cloths.append(cloth)
         return cloth
+
+    def add_force(self, make: Callable) -> None:
+        """Adds a force of your own.
+
+        Args:
+            make: a class, or a function, that makes a `forces.force.Force` of (fields, model, scene, K).
+        """
+        self.forces.append(checks.function("add_force: make", make, "fields", "model", "scene", "K"))
 
     def pass_through(self, a: Cloth, b: Cloth) -> None:
         """Lets two cloths that have a contact pass through each other."""

@@ -13,10 +13,7 @@ import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
-from ..forces.bend import Bend
 from ..forces.conditions import sym, sym_scaled_identity, sym_times, sym_unpack
-from ..forces.curvature_bend import CurvatureBend
-from ..forces.membrane import Membrane
 from ..scene.mesh import face_edges
 from ..scene.scene import Scene
 from ..system.constraints import Held
@@ -38,6 +35,27 @@ class Rows:
         first = np.concatenate([p.first[:-1] + s for p, s in zip(parts, starts)] + [starts[-1:]])
         self.first = fields.integer(len(first), data=first)
         self.source = fields.integer(int(starts[-1]), data=np.concatenate([p.source for p in parts]))
+
+
+class LevelFields:
+    """The levels as a force sees them that prepares its part.
+
+    Attributes:
+        count: of nodes of all levels.
+    """
+
+    def __init__(self, fields: Fields, made: list[Level]) -> None:
+        self._fields, self._made, self.count = fields, made, sum(level.count for level in made)
+
+    def meeting(self, elements) -> Rows:
+        """For each node the `Elements`, as entries, that its hat meets."""
+        primary = np.flatnonzero(elements.entries.primary).astype(np.int32)
+        parts = [meeting(level, elements.host_vertices[primary]) for level in self._made]
+        return Rows(self._fields, [Gather(p.first, primary[p.source]) for p in parts])
+
+    def squares(self, vertices: np.ndarray, weights: np.ndarray, factor: np.ndarray) -> np.ndarray:
+        """(count,) sums over elements of factor (m,) times the square of the hat at vertices (m, k), weighted (m, k)."""
+        return np.concatenate([squares(level, vertices, weights, factor) for level in self._made])
 
 
 @ti.data_oriented
@@ -75,31 +93,13 @@ class Multilevel:
         self.cost, self.excess, self.kept = 0, 0, 0  # iterations when made, those beyond, steps since
         self.wait, self.pause = 0, 0  # steps until levels may last again, and the last such pause
         self.made_for: np.ndarray = np.zeros(0)
-        self.touch = next((f for f in operator.forces if getattr(f, "of_contact", False)), None)
+        self.forces = operator.forces
+        self.touch = next((f for f in self.forces if f.of_contact), None)
         self.touches = self.touch is not None
         if self.touches:
             self.T = fields.real(model.n, 6)
-        self.membrane = next((f for f in operator.forces if isinstance(f, Membrane)), None)
-        self.bend = next((f for f in operator.forces if isinstance(f, Bend)), None)
-        self.stretches, self.bends = self.membrane is not None, self.bend is not None
-        self.curving = next((f for f in operator.forces if isinstance(f, CurvatureBend)), None)
-        self.curves = self.curving is not None
-        if self.curving is not None:
-            self.patches = self._met(fields, made, self.curving)
-        if self.membrane is not None:
-            self.triangles = self._met(fields, made, self.membrane)
-        if self.bend is not None:
-            k, k_d = self.bend.host_rest[:, 0], self.bend.host_rest[:, 1]
-            parts = [np.column_stack([squares(level, self.bend.host_hinges, self.bend.host_turns, factor)
-                                      for factor in (k, k_d)]) for level in made]
-            self.bent = fields.real(self.nodes, 2, np.concatenate(parts))
-
-    def _met(self, fields: Fields, made: list[Level], force) -> Rows:
-        """Elements of a force that each node's hat meets."""
-        primary = np.flatnonzero(force.elements.entries.primary).astype(np.int32)
-        vertices = force.elements.host_vertices[primary]
-        parts = [meeting(level, vertices) for level in made]
-        return Rows(fields, [Gather(p.first, primary[p.source]) for p in parts])
+        for force in self.forces:
+            force.build_levels(LevelFields(fields, made))
 
     def make(self, span: float, held: Held | None, lasting: bool = False) -> None:
         """For a system as linearized with c = span [s]; the levels, if they are lasting, not before they have aged."""
@@ -179,14 +179,8 @@ class Multilevel:
                         S = sym_unpack(self.jacobi.S[i])
                         own = sym(S @ sym_unpack(own) @ S)
                 D += w * own
-            if ti.static(self.stretches):
-                for k in range(self.triangles.first[n], self.triangles.first[n + 1]):
-                    D += self.of_triangle(self.triangles.source[k], n)
-            if ti.static(self.bends):
-                D += sym_scaled_identity(c * (c * self.bent[n][0] + self.bent[n][1]))
-            if ti.static(self.curves):
-                for k in range(self.patches.first[n], self.patches.first[n + 1]):
-                    D += sym_scaled_identity(self.of_patch(self.patches.source[k], n))
+            for k in ti.static(range(len(self.forces))):
+                D = self.forces[k].add_level_block(n, c, D, self)
             size = D[0] + D[3] + D[5]
             self.inverse_l[n] = ti.Vector.zero(float, 6)
             if size > NOTHING:  # else all that it meets is held
@@ -228,46 +222,6 @@ class Multilevel:
         if self.jacobi.is_held[i] == 1:
             out = w * self.jacobi.S[i]
         return sym_unpack(out)
-
-    @ti.func
-    def of_triangle(self, e, n):
-        """Block of node n's hat, 6 numbers."""
-        v = self.membrane.elements.vertices[e]
-        w = ti.Vector([self.hat(n, v[0]), self.hat(n, v[1]), self.hat(n, v[2])])
-        out = self.of_free_triangle(e, w)
-        if ti.static(self.touches):
-            if self.partly(v[0]) or self.partly(v[1]) or self.partly(v[2]):
-                A = self.membrane.A[e]
-                S_0 = self.shape(v[0], w[0])
-                E, F = self.shape(v[1], w[1]) - S_0, self.shape(v[2], w[2]) - S_0
-                mixed = ti.Matrix([[A[6], A[7], A[8]], [A[9], A[10], A[11]], [A[12], A[13], A[14]]])
-                half = E @ mixed @ F
-                first = sym_unpack(ti.Vector([A[0], A[1], A[2], A[3], A[4], A[5]]))
-                second = sym_unpack(ti.Vector([A[15], A[16], A[17], A[18], A[19], A[20]]))
-                out = sym(E @ first @ E + F @ second @ F + half + half.transpose())
-        return out
-
-    @ti.func
-    def of_free_triangle(self, e, w):
-        """The same for a hat with values w at the corners, each held in all directions or in none."""
-        A, v = self.membrane.A[e], self.membrane.elements.vertices[e]
-        w_0 = w[0] * self.free(v[0])
-        x, y = w[1] * self.free(v[1]) - w_0, w[2] * self.free(v[2]) - w_0
-        both = ti.Vector([2 * A[6], A[7] + A[9], A[8] + A[12], 2 * A[10], A[11] + A[13], 2 * A[14]])
-        return (x * x * ti.Vector([A[0], A[1], A[2], A[3], A[4], A[5]]) + x * y * both
-                + y * y * ti.Vector([A[15], A[16], A[17], A[18], A[19], A[20]]))
-
-    @ti.func
-    def of_patch(self, e, n):
-        """Block of node n's hat, the same number in all directions; without damping."""
-        out = 0.0
-        for m in ti.static(range(3)):
-            second = 0.0
-            for a in range(self.curving.width):
-                i = self.curving.elements.vertices[e][a]
-                second += self.curving.weight[e][self.curving.width * m + a] * self.hat(n, i) * self.free(i)
-            out += self.curving.A[e][m] * second * second
-        return out
 
     @ti.func
     def sweep(self, r: ti.template()):

@@ -182,7 +182,8 @@ class Stepper:
         measures = attempt.measures
         assert measures is not None
         self.integrator.commit()
-        self.start = measures
+        changed = [force.accept(h) for force in self.meter.forces]  # each is asked
+        self.start = None if any(changed) else measures
         self.quiet += 1
         if attempt.error is not None:
             self.h = min(h * _factor(attempt, 0.3, 2.0), self.control.h_max)

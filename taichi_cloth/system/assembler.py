@@ -69,11 +69,11 @@ class Meter:
         self.sum_type = ti.f32 if runtime.sums == "f32" else ti.f64
         self.linear = operator is not None
         self.base, column = [], 0
-        self.extremes: list[int] = []  # columns of the largest stretch and its change, where cloth has any
+        self.extremes: list[int] = []  # columns of the largest stretch, each before that of its change
         for force in forces:
             self.base.append(column)
             column += len(force.energies) + 2 + force.extremes
-            self.extremes += range(column - force.extremes, column)
+            self.extremes += [column - 2] if force.extremes else []
         self.column = column  # of kinetic energy; then change, a sum over x and v
         self._report: np.ndarray = np.zeros((self.blocks.count, column + 3), dtype=runtime.exchange)
 
@@ -106,7 +106,7 @@ class Meter:
         n = self.column
         energies["kinetic"] = float(sums[n])
         finite = bool(np.isfinite(sums).all())
-        stretch, stretch_change = (float(peaks[k]) for k in self.extremes) if self.extremes else (0.0, 0.0)
+        stretch, stretch_change = (max((float(peaks[k + j]) for k in self.extremes), default=0.0) for j in (0, 1))
         return Measures(energies, dissipation, float(sums[n + 1]), stretch, stretch_change, finite, damped, rate, wind)
 
     @ti.kernel

@@ -6,7 +6,7 @@ import taichi as ti
 from ..backend.fields import Fields
 from ..backend.ordering import Entries, block_bounds, cuthill_mckee, partition
 from ..backend.runtime import Runtime
-from ..errors import MeshError
+from ..errors import MeshError, SceneError
 from ..scene.scene import Scene
 from .elements import lumped_mass
 
@@ -55,8 +55,36 @@ class Elements:
 
 
 @ti.data_oriented
+class Remembered:
+    """A field that steps change, and what it was when the model was saved.
+
+    Attributes:
+        now, saved: fields of n rows.
+    """
+
+    def __init__(self, fields: Fields, n: int, width: int, data: np.ndarray | None) -> None:
+        self.n = n
+        self.now, self.saved = fields.real(n, width, data), fields.real(n, width)
+
+    @ti.kernel
+    def save(self):
+        """saved = now"""
+        for i in range(self.n):
+            self.saved[i] = self.now[i]
+
+    @ti.kernel
+    def restore(self):
+        """now = saved"""
+        for i in range(self.n):
+            self.now[i] = self.saved[i]
+
+
+@ti.data_oriented
 class Model:
     """Particles: positions, velocities, masses, and the state that a rejected step goes back to.
+
+    Everything else that a step changes and that belongs to the cloth is declared with `remember`, and is saved, rolled back,
+    checkpointed and resumed with them.
 
     Attributes:
         n: number of simulated particles.
@@ -81,10 +109,58 @@ class Model:
         self.origin = _local_origin(self.start_positions)
         self.mass = _masses(scene)[self.user]
         self.blocks = Blocks(fields, self.n, runtime)
+        self._fields = fields
+        self.remembered: dict[str, Remembered] = {}
         self.x = fields.real(self.n, 3, self.start_positions[self.user] - self.origin)
         self.v = fields.real(self.n, 3, self.start_velocities[self.user])
         self.m = fields.real(self.n, data=self.mass)
         self.x_saved, self.v_saved, self.v_base = (fields.real(self.n, 3) for _ in range(3))
+
+    def remember(self, name: str, n: int, width: int = 1, data: np.ndarray | None = None) -> Remembered:
+        """Declares a field of n numbers, or of n vectors of `width` numbers, that steps change; before fields are allocated.
+
+        Raises:
+            ValueError: there is one of this name.
+        """
+        if name in self.remembered:
+            raise ValueError(f"{name!r} is declared already")
+        self.remembered[name] = Remembered(self._fields, n, width, data)
+        return self.remembered[name]
+
+    def save(self) -> None:
+        """Remembers the state, for `restore`."""
+        self._save()
+        for part in self.remembered.values():
+            part.save()
+
+    def restore(self) -> None:
+        """Goes back to the remembered state, bit for bit."""
+        self._restore()
+        for part in self.remembered.values():
+            part.restore()
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """All of the state, as arrays by name."""
+        x, v = self.read_particles()
+        return {"x": x, "v": v, **{f"state_{name}": part.now.to_numpy() for name, part in self.remembered.items()}}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Goes on from what `checkpoint` gave.
+
+        Raises:
+            SceneError: it is of another mesh, or not finite.
+        """
+        parts = {name: state[f"state_{name}"] for name in self.remembered}
+        if state["x"].shape != (self.n, 3):
+            raise SceneError(f"the checkpoint has {len(state['x'])} particles and the scene {self.n}")
+        for name, value in {"x": state["x"], "v": state["v"], **parts}.items():
+            if not np.isfinite(value).all():
+                raise SceneError(f"the checkpoint's {name} is not finite")
+        self.write_particles(state["x"], state["v"])
+        for name, value in parts.items():
+            if value.shape != self.remembered[name].now.to_numpy().shape:
+                raise SceneError(f"the checkpoint's {name} has the shape {value.shape}: it is of another mesh")
+            self.remembered[name].now.from_numpy(value)
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         """(positions [m], velocities [m/s]), each (user's n, 3) float64; vertices without a face stay put."""
@@ -141,16 +217,14 @@ class Model:
                 self.v[i][c] = v[i, c]
 
     @ti.kernel
-    def save(self):
-        """Remembers the state, for `restore`."""
+    def _save(self):
         for i in range(self.n):
             self.x_saved[i] = self.x[i]
             self.v_saved[i] = self.v[i]
             self.v_base[i] = self.v[i]
 
     @ti.kernel
-    def restore(self):
-        """Goes back to the remembered state, bit for bit."""
+    def _restore(self):
         for i in range(self.n):
             self.x[i] = self.x_saved[i]
             self.v[i] = self.v_saved[i]

@@ -247,16 +247,16 @@ def test_what_is_not_named_does_not_exist():
     scene = tc.Scene(gravity=None)
     scene.add_cloth(tc.grid(1.0, 3), tc.Fabric(0.2, tc.Stretch(100)))
     sim = tc.Simulation(scene, integrator="verlet")
-    assert [type(f).__name__ for f in sim._forces] == ["Membrane"]
+    assert [type(f).__name__ for f in sim.force_terms] == ["Membrane"]
     assert set(sim.energy()) == {"stretch_u", "stretch_v", "kinetic"}
-    assert not hasattr(sim._forces[0], "A") and sim.integrator.system is None
+    assert not hasattr(sim.force_terms[0], "A") and sim.integrator.system is None
     with pytest.raises(tc.SceneError, match="solves no system"):
         sim.solve(0.01)
     scene = tc.Scene()
     scene.add_cloth(tc.grid(1.0, 3), tc.Fabric(0.2))
     sim = tc.Simulation(scene)
     sim.step()
-    assert [type(f).__name__ for f in sim._forces] == ["Gravity"]
+    assert [type(f).__name__ for f in sim.force_terms] == ["Gravity"]
 
 
 @pytest.mark.parametrize("bend", ["hinge", "curvature"])
@@ -273,6 +273,6 @@ def test_rates_bound_the_fastest_mode_of_flat_cloth(bend, jitter, rng):
         A = np.array([sim.product(e.reshape(-1, 3), h).ravel() for e in np.eye(n)])
         mass = np.repeat(lumped_mass(mesh, 0.2), 3)
         fastest = np.linalg.eigvalsh((A - np.diag(mass)) / np.sqrt(np.outer(mass, mass)) / h**2)[-1]
-        bound = sum(force.rates[0] for force in sim._forces)
+        bound = sum(force.rates[0] for force in sim.force_terms)
         assert fastest * (1 - 1e-9) < bound < 3 * fastest
         sim.close()

@@ -223,5 +223,5 @@ def test_rates_of_drag():
         sheet = Sheet(scene, sim.positions(), sim.velocities(), "projected")
         root = np.repeat(sheet.mass, 3) ** -0.5
         fastest = -np.linalg.eigvalsh(root[:, None] * sheet.D * root)[0]
-        assert fastest * (1 - 1e-12) <= sum(force.rates[1] for force in sim._forces) < 2 * fastest
+        assert fastest * (1 - 1e-12) <= sum(force.rates[1] for force in sim.force_terms) < 2 * fastest
         sim.close()

@@ -15,9 +15,6 @@ from ...backend.fields import Fields
 from ...backend.phases import END, TASK, Team
 from ...backend.runtime import Runtime
 from ...backend.timing import Clock
-from ...forces.bend import Bend
-from ...forces.curvature_bend import CurvatureBend
-from ...forces.external import Drag
 from ...scene.scene import Scene
 from ...system.assembler import Measures, Meter
 from ...system.constraints import Held, project, row
@@ -50,12 +47,12 @@ class Verlet:
     def __init__(self, fields: Fields, model: Model, forces: list, meter: Meter, substep: float | None, runtime: Runtime,
                  scene: Scene) -> None:
         self.model, self.meter, self.blocks = model, meter, model.blocks
-        self.fast = [f for f in forces if not isinstance(f, (Bend, CurvatureBend))]
-        self.slow = [f for f in forces if isinstance(f, (Bend, CurvatureBend))]
+        self.fast = [f for f in forces if not f.slow]
+        self.slow = [f for f in forces if f.slow]
         self.f, self.f_slow = fields.real(model.n, 3), fields.real(model.n if self.slow else 1, 3)
         self.u = fields.real(model.n, 3)  # velocity half a substep ahead or behind
         self.pulled = fields.real(1, dtype=ti.f32 if runtime.sums == "f32" else ti.f64)  # work of what is led [J]
-        self.drag = next((f for f in forces if isinstance(f, Drag) and f.gusty), None)
+        self.drag = next((f for f in forces if f.gusty), None)
         self.gusty = self.drag is not None
         self.stable_step, bending = (stable_step(sum(f.rates[0] for f in of), sum(f.rates[1] for f in of))
                                      for of in (self.fast, self.slow))

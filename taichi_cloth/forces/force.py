@@ -1,0 +1,78 @@
+"""What every force is to the rest of the system: the contract, as a class."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+import numpy as np
+
+
+class Force(ABC):
+    """A force on a model's particles: its energy, its part of eq. (18), and what others have to know of it.
+
+    Make subclasses `ti.data_oriented`. Methods with a `block` are Taichi functions that work on the rows of one block. A
+    force is made with (fields, model, scene, K), see `forces.build_forces`; fields that a step changes and that have to be
+    saved, rolled back and resumed are declared with `Model.remember`.
+
+    Attributes:
+        energies: names of its energy terms; none for what has no energy.
+        extremes: 0, or 2 where its columns of the report end with the largest stretch and its change.
+        stiff: whether `build_stiffness` was called.
+        rates: bounds at rest on the squared frequency [1/s^2] and the damping rate [1/s] of any mode, for explicit steps.
+        slow: whether explicit methods may evaluate it once in several substeps.
+        gusty: whether it changes with time by itself.
+        of_contact: whether its elements come and go with contact.
+        notes: what was found out when it was made, for people.
+    """
+
+    energies: tuple[str, ...] = ()
+    extremes: int = 0
+    stiff: bool = False
+    rates: tuple[float, ...] = (0.0, 0.0)
+    slow: bool = False
+    gusty: bool = False
+    of_contact: bool = False
+    notes: Sequence[str] = ()
+
+    @abstractmethod
+    def rounding_energy(self, d: float) -> float:
+        """Energy [J] that positions off by d [m] put into the rest shape."""
+
+    @abstractmethod
+    def build_stiffness(self) -> None:
+        """Allocates what only implicit steps need, and sets `stiff`."""
+
+    @abstractmethod
+    def add_force(self, block, f):
+        """f += its force at the model's x and v."""
+
+    @abstractmethod
+    def evaluate(self, block, linearizes, moves, c, to, base, report, dtype):
+        """Into columns of the report from `base`: energies [J], half the power it dissipates [W], the rate at which its
+        energies grow (the power that it takes where it has none) [W], extremes.
+
+        With `linearizes`, of an `Operator` `to`: b += c f, with `moves` c (f + K motion); keeps the block of -c D - c^2 K, and
+        adds its diagonal to P.
+        """
+
+    @abstractmethod
+    def add_product(self, block, p, q):
+        """q += (-c D - c^2 K) p, symmetric and linear in p."""
+
+    @abstractmethod
+    def build_levels(self, levels) -> None:
+        """Prepares what `add_level_block` needs; `levels` is a `solver.multilevel.LevelFields`."""
+
+    @abstractmethod
+    def add_level_block(self, n, c, D, levels):
+        """D, 6 numbers, plus the block of node n of the preconditioner's levels: s^T (-c D - c^2 K) s, s the node's hat."""
+
+    def set_time(self, t: float) -> None:  # noqa: B027 (most forces do not change)
+        """What changes with time by itself is set to what it is at t [s]."""
+
+    def geometry(self) -> dict[str, np.ndarray]:
+        """Arrays by name that a recording keeps, from which `quantities` are computed."""
+        return {}
+
+    def accept(self, h: float) -> bool:
+        """A step of h [s] was accepted; True where the force has changed by that."""
+        return False

@@ -1,0 +1,148 @@
+"""A force with a state of its own, written here: the package rolls it back, resumes it and preconditions it, unchanged."""
+
+import math
+
+import numpy as np
+import pytest
+import taichi as ti
+
+import taichi_cloth as tc
+from taichi_cloth.forces.bend import Bend
+from taichi_cloth.forces.force import Force
+
+FABRIC = tc.Fabric(0.2, tc.Stretch(500.0, k_d=0.5), tc.Shear(50.0), tc.Bend(3e-3))
+CREEP = 3.0  # 1/s, at which a hinge's rest angle goes to the angle that it has
+CELLS = 23  # 576 particles: enough for the multilevel preconditioner
+
+
+@ti.data_oriented
+class CreepingHinges(Bend):
+    """Hinges whose rest angle goes to their angle: theta_0' = CREEP (theta - theta_0), after every accepted step."""
+
+    def __init__(self, fields, model, scene, mode) -> None:
+        super().__init__(fields, model, scene, mode)
+        self.drift = model.remember("hinge_drift", self.elements.count)
+
+    @ti.func
+    def strain(self, e):
+        C, C_dot, g_e, g_a, g_b = Bend.strain(self, e)
+        return C - self.drift.now[e], C_dot, g_e, g_a, g_b
+
+    @ti.kernel
+    def creep(self, part: float):
+        for e in range(self.elements.count):
+            C, C_dot, g_e, g_a, g_b = self.strain(e)
+            self.drift.now[e] += part * C
+
+    def accept(self, h: float) -> bool:
+        """The rest angle follows."""
+        self.creep(1 - math.exp(-CREEP * h))
+        return True
+
+
+def make(**options) -> tc.Simulation:
+    """A strip held at one end that sags; its hinges creep."""
+    scene, mesh = tc.Scene(), tc.grid((0.3, 0.3), CELLS)
+    cloth = scene.add_cloth(mesh, tc.Fabric(FABRIC.density, FABRIC.stretch, FABRIC.shear))
+    scene.pin(cloth, "left")
+    scene.add_force(lambda fields, model, scene, K: CreepingHinges(fields, model, bent(scene), K))
+    return tc.Simulation(scene, 1 / 60, threads=1, **options)
+
+
+def bent(scene: tc.Scene) -> tc.Scene:
+    """The same cloth with bending, of which the simulation itself makes no hinges."""
+    copy = tc.Scene()
+    for cloth in scene.cloths:
+        copy.add_cloth(cloth.mesh, FABRIC)
+    return copy
+
+
+@pytest.fixture(scope="module")
+def sim():
+    made = make()
+    yield made
+    made.close()
+
+
+def drift(sim: tc.Simulation) -> np.ndarray:
+    return sim.model.remembered["hinge_drift"].now.to_numpy()
+
+
+def test_it_acts_and_its_part_of_the_levels_is_there(sim):
+    """The block of a node is s^T A s, summed over what its hat meets, hinges included."""
+    before = drift(sim)
+    assert not before.any()
+    for _ in range(4):
+        sim.step()
+    assert np.abs(drift(sim)).max() > 1e-3 and sim.energy()["bend"] > 0
+    levels = sim.integrator.system.preconditioner
+    force = next(f for f in levels.forces if isinstance(f, CreepingHinges))
+    assert force.bent.to_numpy()[:, 0].min() > 0
+    h = 1 / 60
+    sim._linearized(h)
+    levels.make(h, None)
+    whole = np.trace(np.linalg.inv(six(levels.inverse_l.to_numpy())), axis1=1, axis2=2)
+    k = force.bent.to_numpy().copy()
+    force.bent.fill(0)
+    levels.make(h, None)
+    without = np.trace(np.linalg.inv(six(levels.inverse_l.to_numpy())), axis1=1, axis2=2)
+    force.bent.from_numpy(k)
+    assert whole - without == pytest.approx(3 * h * h * k[:, 0] + 3 * h * k[:, 1], rel=1e-3)
+
+
+def six(rows: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) of rows xx xy xz yy yz zz."""
+    return rows[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+
+
+def test_a_rejected_step_leaves_it_as_it_was(sim, monkeypatch):
+    """Even where the force changes while a step is tried."""
+    before, attempt = drift(sim), sim.integrator.attempt
+    tried = []
+
+    def meddling(h, held_at, start):
+        out = attempt(h, held_at, start)
+        tried.append(drift(sim).copy())
+        if len(tried) == 1:
+            next(f for f in sim.force_terms if isinstance(f, CreepingHinges)).creep(0.5)
+            return type(out)("ENERGY", "made up", out.measures, out.solutions, out.seconds)
+        return out
+
+    monkeypatch.setattr(sim.integrator, "attempt", meddling)
+    record = sim.stepper.step(sim.time, 1 / 60, sim._held_at)
+    assert record.rejections == {"ENERGY": 1} and len(tried) == 2
+    assert (tried[0] == before).all() and (tried[1] == before).all() and (drift(sim) != before).any()
+
+
+def test_it_is_resumed_bit_for_bit(sim):
+    state = {name: np.array(array) for name, array in sim.checkpoint().items()}
+    other = make()
+    other.resume(state)
+    for _ in range(3):
+        sim.step()
+        other.step()
+    assert (sim.positions() == other.positions()).all() and (drift(sim) == drift(other)).all()
+    with pytest.raises(tc.SceneError, match="hinge_drift"):
+        other.resume({name: array for name, array in state.items() if "drift" not in name})
+    state["state_hinge_drift"] = state["state_hinge_drift"] * np.nan
+    with pytest.raises(tc.SceneError, match="hinge_drift is not finite"):
+        other.resume(state)
+    other.close()
+
+
+def test_a_force_that_lacks_a_part_is_not_made():
+    """Every part of the system asks for what the contract names; a force without it cannot be built, by name."""
+    wanted = {"rounding_energy", "build_stiffness", "add_force", "evaluate", "add_product", "build_levels", "add_level_block"}
+    assert Force.__abstractmethods__ == wanted
+    for name in wanted:
+        parts = {other: (lambda self, *_: None) for other in wanted - {name}}
+        with pytest.raises(TypeError, match=name):
+            type("Half", (Force,), parts)()
+
+
+def test_energy_gone_by_creep_is_the_forces_own(sim):
+    """What a step starts from is measured after the rest angles moved: the ledger does not take it for the step's."""
+    for _ in range(3):
+        record = sim.step()
+        assert abs(record.ledger["unaccounted"]) < 0.05 * sum(abs(e) for e in record.energies.values())
+    assert sim.stepper.start is None
