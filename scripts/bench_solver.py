@@ -59,7 +59,7 @@ def direct(sim: tc.Simulation):
     """A function that factorises and solves the assembled system of the free particles, and its name."""
     sim._probe = sim._later(Probe, sim.integrator.system.operator)
     A = assembled(sim).tocsc()
-    held = sim._held_at(sim.time, H).index
+    held = sim.prescribed.at(sim.time, H).index
     free = np.setdiff1d(np.arange(sim.model.n), held)
     rows = (3 * free[:, None] + np.arange(3)).ravel()
     A, b = A[rows][:, rows].tocsc(), sim.integrator.system.operator.b.to_numpy()[: sim.model.n].ravel()[rows]
@@ -87,7 +87,7 @@ def measure(kind: str, n: int, args: argparse.Namespace) -> dict:
         sim.set_state(x, v)
         sim.time = t
         method = sim._linearized(H)
-        held = sim._held_at(t, H)
+        held = sim.prescribed.at(t, H)
 
         def solve(method=method, held=held, name=name):
             solution = method.solve(1e-4, held, H)

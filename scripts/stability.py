@@ -210,7 +210,7 @@ def _faults(case: Case, sim: tc.Simulation, first: dict, x_0: np.ndarray, scale:
         slack = G * case.t * case.h / 2 + 0.01 * G * case.t**2  # backward Euler falls ahead by g t h / 2
         if abs(fallen - G * case.t**2 / 2) > slack:
             faults.append(f"falls {fallen:.3g} m and not {G * case.t**2 / 2:.3g}")
-    attached = sim._attachments.at(sim._script.attachments, sim.time)
+    attached = sim.prescribed.held(sim.time)
     if attached is not None:
         here = sim.model.read_particles()[0][attached.index]
         off = np.abs(np.einsum("kij,kj->ki", attached.projector, here - attached.target)).max()

@@ -25,9 +25,10 @@ from .solver.pcg import CONVERGED, Solution
 from .step import integrators
 from .step.choice import SAFETY, choose
 from .step.integrators.attempt import SOLVER
+from .step.prescribed import Prescribed
 from .step.stepper import ADVICE, Control, Stepper, StepRecord
 from .system.assembler import Meter
-from .system.constraints import Attachments, Constraint, Held, by_hand
+from .system.constraints import Constraint, Held, by_hand
 from .system.operator import ForceField, Operator, Probe
 from .system.quantities import collapsed, deformation, principal_stretches
 from .system.state import Model
@@ -92,9 +93,7 @@ class Simulation:
         if self.contacts is not None:
             self.notes += self.contacts.inspect()
         self.stepper = Stepper(self.model, self.integrator, self.meter, self.control)
-        self._script = scene.script.copy()
-        self._script.events.sort(key=lambda event: event.time)
-        self._attachments = Attachments(self.model, self.runtime.exchange)
+        self.prescribed = Prescribed(self.model, scene.script.copy(), self.force_terms, self.contacts)
         self._extra: list[Fields] = []  # made when first asked for
         self._force_field: ForceField | None = None
         self._probe: Probe | None = None
@@ -152,7 +151,7 @@ class Simulation:
         self.integrator.reset()
         if self.contacts is not None:
             self.contacts.clear()
-        self._attachments = Attachments(self.model, self.runtime.exchange)
+        self.prescribed.begin_anew()
 
     def _note_collapsed(self, x: np.ndarray) -> None:
         """Says which cloth at positions x (n, 3) [m] has triangles without a width."""
@@ -171,7 +170,7 @@ class Simulation:
 
     def forces(self) -> np.ndarray:
         """(n, 3) [N] internal plus external, at the current state."""
-        self._live()._set_time(self.time)
+        self._live().prescribed.set_time(self.time)
         if self._force_field is None:
             self._force_field = self._later(ForceField)
         self._force_field.compute()
@@ -210,7 +209,7 @@ class Simulation:
             SimulationError: where the solve does not converge, with its status.
         """
         if constraints is None:
-            held = self._held_at(self.time, h)
+            held = self.prescribed.at(self.time, h)
             solution = self._linearized(h).solve(self._cg_tol, held, h)
         else:
             held, z = by_hand(constraints, self.model, self.runtime.exchange)
@@ -299,7 +298,7 @@ class Simulation:
             out |= {f"levels_{k}": a for k, a in self.integrator.system.preconditioner.checkpoint().items()}
         if self.contacts is not None:
             out |= {f"contact_{k}": a for k, a in self.contacts.checkpoint().items()}
-        out |= {f"anchor_{k}": a for k, a in self._attachments.anchors.items()}
+        out |= {f"anchor_{k}": a for k, a in self.prescribed.checkpoint().items()}
         return out
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
@@ -318,7 +317,7 @@ class Simulation:
             raise SceneError(f"the checkpoint has no {missing}: it is of another version, or of a run with other options"
                              ) from None
         self._fire_events()
-        self._attachments.anchors.update({int(k[7:]): a for k, a in state.items() if k.startswith("anchor_")})
+        self.prescribed.resume({k[7:]: a for k, a in state.items() if k.startswith("anchor_")})
 
     def _restore(self, state: dict[str, np.ndarray]) -> None:
         for name, value in state.items():
@@ -357,11 +356,11 @@ class Simulation:
         record = None
         while end - self.time > ROUND_TIME * self.control.h_max or record is None:
             self._fire_events()
-            stop = min([end, *(e.time for e in self._script.events[:1])])
+            stop = min([end, *(e.time for e in self.prescribed.script.events[:1])])
             remaining = stop - self.time
             h = min(self.control.h_max, self.stepper.h) if self.control.adaptive else self.control.h_max
             steps = max(1, math.ceil(remaining / h - ROUND_TIME)) if remaining > h else 1
-            record = self.stepper.step(self.time, remaining / steps, self._held_at)
+            record = self.stepper.step(self.time, remaining / steps, self.prescribed.at)
             self.time = stop if steps == 1 and abs(record.t - stop) <= ROUND_TIME * record.h else record.t
             record.t = self.time
             if self.options.count_intersections:
@@ -371,30 +370,18 @@ class Simulation:
         return record
 
     def _fire_events(self) -> None:
-        while self._script.events and self._script.events[0].time <= self.time + ROUND_TIME * self.control.h_max:
-            event = self._script.events.pop(0)
-            with self.scene.running(self._script):
+        script = self.prescribed.script
+        while script.events and script.events[0].time <= self.time + ROUND_TIME * self.control.h_max:
+            event = script.events.pop(0)
+            with self.scene.running(script):
                 self.scene.fire(event)
-            self._script.events.sort(key=lambda e: e.time)
-
-    def _held_at(self, t: float, h: float) -> Held | None:
-        """Constraints at the end of a step from t to t + h; also sets the wind there, and the solids at both ends."""
-        self._set_time(t + h)
-        if self.contacts is not None and h > 0:
-            self.contacts.scan.set_time(t, h)
-        self._attachments.update(self._script.attachments, self.positions)
-        return self._attachments.at(self._script.attachments, t + h)
-
-    def _set_time(self, t: float) -> None:
-        """What changes with time by itself, such as the wind, as it is at t."""
-        for force in self.force_terms:
-            force.set_time(t)
+            script.events.sort(key=lambda e: e.time)
 
     def _linearized(self, h: float, held: Held | None = None):
         """The system, linearized at the current state for a step h, with y of the held particles."""
         h = checks.number("h", h, "s", least=SHORTEST, most=LONGEST)
         system = self._system()
-        self._set_time(self.time + h)
+        self.prescribed.set_time(self.time + h)
         self.model.save()
         system.operator.set_motion(h)
         if held is not None:

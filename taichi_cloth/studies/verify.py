@@ -57,13 +57,13 @@ def _run_to(sim: Simulation, t: float) -> Iterator[Check]:
 
     def look(sim: Simulation, frame: int) -> None:
         nonlocal worst
-        held = sim._attachments.at(sim._script.attachments, sim.time) if frame and not sim.scene.touches else None
+        held = sim.prescribed.held(sim.time) if frame and not sim.scene.touches else None
         if held is not None:
             off = sim.positions()[sim.model.user[held.index]] - sim.model.origin - held.target
             worst = max(worst, float(np.abs(np.einsum("kij,kj->ki", held.projector, off)).max()))
 
     sim.run(t, 1 / min(t, 1 / 60), look)
-    if sim._script.attachments and not sim.scene.touches:
+    if sim.prescribed.script.attachments and not sim.scene.touches:
         yield "pins drift by at most", f"{worst:.1e} m", worst <= DRIFT * max(size, 1.0)
     statuses = {r.status for r in sim.log} - {"CONVERGED", "EXPLICIT"}
     yield "every solve of every step converged", ", ".join(statuses) or f"{len(sim.log)} steps", not statuses

@@ -109,7 +109,7 @@ def test_a_rejected_step_leaves_it_as_it_was(sim, monkeypatch):
         return out
 
     monkeypatch.setattr(sim.integrator, "attempt", meddling)
-    record = sim.stepper.step(sim.time, 1 / 60, sim._held_at)
+    record = sim.stepper.step(sim.time, 1 / 60, sim.prescribed.at)
     assert record.rejections == {"ENERGY": 1} and len(tried) == 2
     assert (tried[0] == before).all() and (tried[1] == before).all() and (drift(sim) != before).any()
 

@@ -1,0 +1,52 @@
+"""What a script prescribes at a time: which particles are held and where, the wind, and where solids are."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..forces.force import Force
+from ..scene.scene import Script
+from ..system.constraints import Attachments, Held
+from ..system.state import Model
+
+
+class Prescribed:
+    """The boundary conditions of a run.
+
+    Attributes:
+        script: attachments and events that are still to come; it changes as the run goes on.
+    """
+
+    def __init__(self, model: Model, script: Script, forces: Sequence[Force], contacts) -> None:
+        self.model, self.script, self.forces, self.contacts = model, script, forces, contacts
+        self.script.events.sort(key=lambda event: event.time)
+        self.attachments = Attachments(model, model.exchange)
+
+    def at(self, t: float, h: float) -> Held | None:
+        """Constraints at the end of a step from t to t + h [s]; wind is set to that time, solids to both ends."""
+        self.set_time(t + h)
+        if self.contacts is not None and h > 0:
+            self.contacts.scan.set_time(t, h)
+        return self.held(t + h)
+
+    def held(self, t: float) -> Held | None:
+        """Constraints at t [s]."""
+        self.attachments.update(self.script.attachments, lambda: self.model.read()[0])
+        return self.attachments.at(self.script.attachments, t)
+
+    def set_time(self, t: float) -> None:
+        """What changes with time by itself, such as the wind, is set to what it is at t [s]."""
+        for force in self.forces:
+            force.set_time(t)
+
+    def begin_anew(self) -> None:
+        """Pins begin where their vertices now are."""
+        self.attachments = Attachments(self.model, self.model.exchange)
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """Where attachments began, by their keys."""
+        return {str(key): x for key, x in self.attachments.anchors.items()}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Goes on from what `checkpoint` gave."""
+        self.attachments.anchors.update({int(key): x for key, x in state.items()})
