@@ -49,7 +49,7 @@ def detection(cells: int, rounds: int) -> dict:
         start = time.perf_counter()
         layers.begin()
         layers.cover()
-        layers.free_way()
+        layers.collision_free_step()
         layers.look()
         times.append(time.perf_counter() - start)
     row = {"vertices": sim.vertex_count, "candidates": len(layers.candidates), "detect_ms": 1e3 * float(np.median(times[1:])),

@@ -19,7 +19,7 @@ import taichi_cloth as tc
 from taichi_cloth.system.operator import Probe
 
 H = 1 / 60
-ITERATIONS = 10  # of a team in one launch
+ITERATIONS = 10  # of a phase scheduler in one launch
 REPEAT = 20  # products a timing: a solve makes hundreds in a row, in one launch
 FABRIC = tc.Fabric(0.15, tc.Stretch(5000), tc.Shear(500), tc.Bend(5e-5))
 

@@ -27,11 +27,11 @@ from .step.choice import SAFETY, choose
 from .step.integrators.attempt import SOLVER
 from .step.prescribed import Prescribed
 from .step.stepper import ADVICE, Control, Stepper, StepRecord
-from .system.assembler import Meter
+from .system.assembler import Assembler
 from .system.constraints import Constraint, Held, by_hand
 from .system.operator import ForceField, Operator, Probe
 from .system.quantities import collapsed, deformation, principal_stretches
-from .system.state import Model
+from .system.state import ParticleState
 
 ROUND_TIME = 1e-9  # part of a step below which two times are the same
 H, H_EXPLICIT = 1 / 60, 0.1  # s, where none is given; explicit methods need it only to look at what they did
@@ -102,7 +102,7 @@ class Simulation:
     def _build(self, scene: Scene, h: float) -> None:
         """Everything that lives in fields."""
         fields = self._fields
-        self.model = Model(fields, scene, self.runtime)
+        self.model = ParticleState(fields, scene, self.runtime)
         self.notes: list[str] = []
         substep = self.options.substep
         self.force_terms = build_forces(fields, self.model, scene, self.options.K, substep and substep / SAFETY)
@@ -115,9 +115,9 @@ class Simulation:
         self.contacts = _contacts(fields, self.model, scene, h, self.runtime.arch == "cpu", self.options)
         operator, forces = None, list(self.force_terms)
         if self.integrator_name not in EXPLICIT:
-            forces += [self.contacts.touch] if self.contacts else []
+            forces += [self.contacts.force] if self.contacts else []
             operator = Operator(fields, self.model, forces)
-        self.meter = Meter(self.model, forces, self.runtime, operator)
+        self.meter = Assembler(self.model, forces, self.runtime, operator)
         self.integrator = integrators.build(self.integrator_name, fields, self.model, self.force_terms, self.meter,
                                             self.options, self.runtime, scene, self.contacts)
         fields.allocate()
@@ -417,10 +417,10 @@ class Simulation:
         return self
 
 
-def _contacts(fields: Fields, model: Model, scene: Scene, h: float, cpu: bool, options: Options):
+def _contacts(fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool, options: Options):
     """The contacts of a scene with solids, or with cloth that meets cloth; nothing of them is imported without."""
     if not scene.touches:
         return None
-    from .contact.response import Contacts
+    from .contact.contacts import Contacts
 
     return Contacts(fields, model, scene, h, cpu, options.tangles, options.contact)

@@ -12,19 +12,19 @@ HARD = "tests/hard/test_hard_contact.py"
 DRIVES = "tests/hard/test_drives.py"
 TESTS = (CONTACT, SHAPES, DRIVES)
 
-RESPONSE = "taichi_cloth/contact/response.py"
-PAIRS = "taichi_cloth/contact/pairs.py"
-HOLDING = "taichi_cloth/contact/holding.py"
-DETECTION = "taichi_cloth/contact/detection.py"
-DISTANCE = "taichi_cloth/contact/distance.py"
-SURFACES = "taichi_cloth/contact/mesh_detection.py"
-TREE = "taichi_cloth/contact/tree.py"
-SCAN = "taichi_cloth/contact/scan.py"
-TOUCH = "taichi_cloth/contact/touch.py"
-CLOSEST = "taichi_cloth/contact/closest.py"
-CROSSING = "taichi_cloth/contact/crossing.py"
-STATES = "taichi_cloth/contact/states.py"
-ROOM = "taichi_cloth/contact/room.py"
+RESPONSE = "taichi_cloth/contact/contacts.py"
+PAIRS = "taichi_cloth/contact/solid/pairs.py"
+HOLDING = "taichi_cloth/contact/solid/active_set.py"
+DETECTION = "taichi_cloth/contact/solid/vertices.py"
+DISTANCE = "taichi_cloth/contact/solid/sdf.py"
+SURFACES = "taichi_cloth/contact/solid/mesh.py"
+TREE = "taichi_cloth/contact/solid/tree.py"
+SCAN = "taichi_cloth/contact/solid/query.py"
+TOUCH = "taichi_cloth/contact/contact_force.py"
+CLOSEST = "taichi_cloth/contact/geometry.py"
+CROSSING = "taichi_cloth/contact/solid/crossing.py"
+STATES = "taichi_cloth/contact/solid/states.py"
+ROOM = "taichi_cloth/contact/solid/room.py"
 SOLIDS = "taichi_cloth/scene/solids.py"
 
 MUTATIONS = (
@@ -45,7 +45,7 @@ MUTATIONS = (
     (RESPONSE, "self.places = own[len(own) - pairs:], self.pressed.of(self.end())",
      "self.places = 0 * own[len(own) - pairs:], self.pressed.of(self.end())", "forces of pairs are not told", FORCES),
     ("taichi_cloth/step/integrators/backward_euler.py",
-     "                    self.contacts.bore(self.system.reaction_rows())\n",
+     "                    self.contacts.record_forces(self.system.reaction_rows())\n",
      "                    pass\n", "forces stay those of the solve before last", FORCES),
     (HOLDING, "force[mine] = made_up + (whole - made_up.sum(axis=0)) / len(mine)", "force[mine] = whole",
      "a particle's force counts for each of its contacts", f"{CONTACT}::test_the_corner_of_two_planes_is_loaded_once"),

@@ -5,18 +5,18 @@ claimed once and worked on; whoever ends the last one decides what comes next. T
 while take over blocks that nobody has claimed: a thread that the system has put aside between two blocks holds nobody up.
 Which thread works on a block makes no difference to the result.
 
-    team.start(FIRST)  # in a loop of its own before
-    for t in range(team.tasks):
+    phases.start(FIRST)  # in a loop of its own before
+    for t in range(phases.tasks):
         if t % TASK == 0:
             phase, kind, block, waited = 0, 0, 0, 0
             while kind != END:
-                phase, kind = team.phase(), team.kind()  # in this order
+                phase, kind = phases.phase(), phases.kind()  # in this order
                 if kind != END:
-                    block, waited = team.claim(t // TASK, phase, waited)
+                    block, waited = phases.claim(t // TASK, phase, waited)
                     if block >= 0:
                         ...  # the block's part of this kind of phase
-                        if team.last(phase):
-                            team.turn(...)  # what comes next
+                        if phases.last(phase):
+                            phases.turn(...)  # what comes next
 """
 
 import taichi as ti
@@ -30,7 +30,7 @@ PATIENT = 2000  # looks at a phase before a thread does the work of others
 
 
 @ti.data_oriented
-class Team:
+class PhaseScheduler:
     """Threads for a number of blocks, at most one each."""
 
     def __init__(self, fields: Fields, blocks: int) -> None:

@@ -1,12 +1,14 @@
-"""Cloth against solids and cloth: detection, and the response inside the solve. [BW98 §5, §6]
+"""Contact with solids and between layers of cloth: detection, and the response inside the solve. [BW98 §5, §6]
 
-- `distance`: distance and normal of analytic shapes; `closest`: of points, edges and triangles; `heap`: a tree of boxes.
-- `detection`: cloth vertices against analytic solids; `tree`, `mesh_detection`: against triangles, and the edges and
-  corners of solids against the edges and faces of cloth; all swept over the step.
-- `response`: which contacts hold, stick and slide, round by round of a step.
-- `candidates`, `layer_detection`, `near`: cloth near cloth; `layers`, `pressing`: its repulsion and friction; `tangles`: what
-  passes through already.
-- `touch`: what they add to the linear system besides held directions.
+- `geometry`: closest points of points, edges and triangles; `pair_geometry`: of many pairs; `bvh`: a tree of boxes.
+- `contact_force`: what contacts add to the linear system besides held directions; `points`: what it is made of.
+- `contacts`: what a step sees of all this: what the next solve holds, whether it settled, forces, checkpoints.
+- `solid/`: cloth against solids. `vertices` and `mesh` detect, over the step, vertices of cloth that meet analytic solids
+  and triangles, and edges and corners of solids that meet edges and faces of cloth; `pairs` presses those, `active_set`
+  and `states` say what holds, sticks and slides; `room` whether there is any.
+- `cloth/`: cloth against cloth. `broad_phase`, `narrow_phase` and `contact_pairs` find what is near; `barrier` is the law
+  of repulsion, `pair_kernels` linearises it with friction, `linearized` is what a solve took; `untangle` parts what passes
+  through already; `springs` are the paper's, for comparison.
 
 A scene without solids and cloth that meets cloth imports none of it.
 """

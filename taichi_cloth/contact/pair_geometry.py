@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from .closest import EDGE_EDGE, VERTEX_FACE, of_segments, on_triangle
+from .geometry import EDGE_EDGE, VERTEX_FACE, of_segments, on_triangle
 
 PARALLEL = 1e-3  # squared sine of the angle below which edges count less and less, as parallel ones have no closest points
 RAMP = 0.05  # part of an edge's length near its ends over which edge pairs fade: there vertices take over

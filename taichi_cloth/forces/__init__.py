@@ -7,7 +7,7 @@ from functools import partial
 
 from ..backend.fields import Fields
 from ..scene.scene import Scene
-from ..system.state import Model
+from ..system.state import ParticleState
 from .bend import Bend
 from .curvature_bend import CurvatureBend
 from .external import Drag, Gravity
@@ -15,7 +15,7 @@ from .force import Force
 from .membrane import Membrane
 
 
-def build_forces(fields: Fields, model: Model, scene: Scene, mode: str, substep: float | None = None) -> list[Force]:
+def build_forces(fields: Fields, model: ParticleState, scene: Scene, mode: str, substep: float | None = None) -> list[Force]:
     """The forces of a scene.
 
     Args:

@@ -11,7 +11,7 @@ from ..backend.fields import Fields
 from ..scene.fabric import pair
 from ..scene.scene import Scene
 from ..system.elements import Hinges, flat_turns, hinges, row_sums
-from ..system.state import Elements, Model
+from ..system.state import Elements, ParticleState
 from .conditions import sym, sym_outer, sym_scaled_identity
 from .force import Force
 from .hinge import COLLAPSED, hinge_condition, hinge_condition_change
@@ -27,7 +27,7 @@ class Bend(Force):
 
     energies, slow = ("bend",), True
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
         self.model, self.exact = model, mode == "paper"
         parts = [(c, hinges(c.mesh)) for c in scene.cloths if c.fabric.bend and c.fabric.bend.model == "hinge"]
         vertices = np.concatenate([model.particle[h.vertices + c.start] for c, h in parts])

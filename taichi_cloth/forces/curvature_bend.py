@@ -22,7 +22,7 @@ from ..errors import SceneError
 from ..scene.fabric import pair
 from ..scene.scene import Scene
 from ..system.elements import row_sums
-from ..system.state import Elements, Model
+from ..system.state import Elements, ParticleState
 from .conditions import sym_outer, sym_scaled_identity, unit
 from .curvature_fit import curvatures
 from .force import Force
@@ -38,7 +38,7 @@ class CurvatureBend(Force):
 
     energies, slow = ("bend",), True
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
         self.model, self._fields = model, fields
         vertices, weights, factors, faces = [], [], [], []
         for cloth in scene.cloths:

@@ -5,7 +5,7 @@ import taichi as ti
 
 from ..backend.fields import Fields
 from ..scene.scene import Scene
-from ..system.state import Elements, Model
+from ..system.state import Elements, ParticleState
 from .conditions import sym_outer, sym_scaled_identity, sym_times
 from .force import Force
 
@@ -16,7 +16,7 @@ class Gravity(Force):
 
     energies = ("gravity",)
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
         self.model = model
         self.g = [float(c) for c in scene.gravity]
 
@@ -74,7 +74,7 @@ class Drag(Force):
     into the implicit solve; its derivative by position is left out of the matrix.
     """
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
         self.model = model
         vertices = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths])
         self.elements = Elements(fields, model.blocks, vertices)

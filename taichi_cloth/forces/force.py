@@ -11,7 +11,7 @@ class Force(ABC):
 
     Make subclasses `ti.data_oriented`. Methods with a `block` are Taichi functions that work on the rows of one block. A
     force is made with (fields, model, scene, K), see `forces.build_forces`; fields that a step changes and that have to be
-    saved, rolled back and resumed are declared with `Model.remember`.
+    saved, rolled back and resumed are declared with `ParticleState.remember`.
 
     Attributes:
         energies: names of its energy terms; none for what has no energy.

@@ -11,7 +11,7 @@ from ..backend.fields import Fields
 from ..scene.fabric import pair
 from ..scene.scene import Scene
 from ..system.elements import row_sums, triangles
-from ..system.state import Elements, Model
+from ..system.state import Elements, ParticleState
 from .conditions import TINY, shear_stiffness, stretch_stiffness, sym, sym_outer, sym_times, sym_unpack, unit
 from .force import Force
 
@@ -38,7 +38,7 @@ class Membrane(Force):
 
     extremes = 2
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene, mode: str, substep: float | None = None) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str, substep: float | None = None) -> None:
         self.model, self.mode = model, mode
         cloths = [(k, c) for k, c in enumerate(scene.cloths) if c.fabric.stretch or c.fabric.shear]
         table = np.array([_row(c.fabric) for _, c in cloths])

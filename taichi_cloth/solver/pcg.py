@@ -1,4 +1,4 @@
-"""Preconditioned conjugate gradients with the filter of [BW98 §5.3]; on the CPU one launch a solve, by a team of threads.
+"""Preconditioned conjugate gradients with the filter of [BW98 §5.3]; on the CPU one launch a solve.
 
 Differs from [BW98 §5.2]: the preconditioner is the inverse of S P S on the free directions, and r and s are
 filtered where they are made, so that a constrained component never leaves z by more than rounding; the
@@ -14,13 +14,13 @@ import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
-from ..backend.phases import END, TASK, Team
+from ..backend.phases import END, TASK, PhaseScheduler
 from ..backend.runtime import Runtime
 from ..system.operator import Operator
 
 CONVERGED, MAX_ITERATIONS, BREAKDOWN, NOT_FINITE = "CONVERGED", "MAX_ITERATIONS", "BREAKDOWN", "NOT_FINITE"
 GO_ON, DONE, BROKEN, BAD = range(4)
-BEGIN, ITERATE, CHECK = range(3)  # stages of a team's solve
+BEGIN, ITERATE, CHECK = range(3)  # stages of a phase scheduler's solve
 COPY, MULTIPLY, RESTART, UPDATE, TAKE, GIVE, CORRECT = range(1, 8)  # kinds of its phases
 STAGE, STATE, DID, ROUND = range(4)  # what it counts
 FIRST, LAST = range(2)  # residual norms that it keeps
@@ -70,8 +70,8 @@ class PCG:
         self.partial = fields.real(self.blocks.count, 4, dtype=self.sum_type)
         # r.s now, r.s before, alpha before, |dv|_P^2, |dv|^2
         self.scalar = fields.real(5, dtype=self.sum_type)
-        self.together = runtime.arch == "cpu"  # a team, or a launch for each iteration
-        self.team = Team(fields, self.blocks.count if self.together else 1)
+        self.together = runtime.arch == "cpu"  # a phase scheduler, or a launch for each iteration
+        self.phases = PhaseScheduler(fields, self.blocks.count if self.together else 1)
         self.count, self.norm = fields.integer(4), fields.real(2, dtype=self.sum_type)
         self.history = fields.real(max_iterations + 1, dtype=self.sum_type)
         self.last, self.balanced = 0, balanced
@@ -217,21 +217,21 @@ class PCG:
 
     @ti.kernel
     def _together(self, tolerance: ti.f64, reference: ti.f64, zero: int, most: int) -> ti.types.vector(6, ti.f64):
-        """`_apart` in one launch, by a team."""
+        """`_apart` in one launch, by a phase scheduler."""
         for _ in range(1):
-            self.team.start(COPY)
+            self.phases.start(COPY)
             self.count[STAGE], self.count[STATE], self.count[DID], self.count[ROUND] = BEGIN, DONE, 0, 0
-        for t in range(self.team.tasks):
+        for t in range(self.phases.tasks):
             if t % TASK == 0:
                 phase, kind, block, waited = 0, COPY, 0, 0
                 while kind != END:
-                    phase, kind = self.team.phase(), self.team.kind()
+                    phase, kind = self.phases.phase(), self.phases.kind()
                     if kind != END:
-                        block, waited = self.team.claim(t // TASK, phase, waited)
+                        block, waited = self.phases.claim(t // TASK, phase, waited)
                         if block >= 0:
                             self.work(kind, block, zero)
-                            if self.team.last(phase):
-                                self.team.turn(self.after(kind, tolerance, reference, most))
+                            if self.phases.last(phase):
+                                self.phases.turn(self.after(kind, tolerance, reference, most))
         return ti.Vector([ti.cast(self.count[STATE], ti.f64), ti.cast(self.count[DID], ti.f64), self.norm[LAST],
                           self.norm[FIRST], self.scalar[3], self.scalar[4]])
 
@@ -279,7 +279,7 @@ class PCG:
 
     @ti.func
     def decide(self, tolerance, reference, most):
-        """What a team does after a residual or an iteration."""
+        """What a phase scheduler does after a residual or an iteration."""
         following = MULTIPLY
         if self.count[STAGE] == ITERATE:
             state = self.conclude((tolerance * self.norm[FIRST]) ** 2, self.count[DID])

@@ -7,7 +7,7 @@ import numpy as np
 from ..forces.force import Force
 from ..scene.scene import Script
 from ..system.constraints import Attachments, Held
-from ..system.state import Model
+from ..system.state import ParticleState
 
 
 class Prescribed:
@@ -17,7 +17,7 @@ class Prescribed:
         script: attachments and events that are still to come; it changes as the run goes on.
     """
 
-    def __init__(self, model: Model, script: Script, forces: Sequence[Force], contacts) -> None:
+    def __init__(self, model: ParticleState, script: Script, forces: Sequence[Force], contacts) -> None:
         self.model, self.script, self.forces, self.contacts = model, script, forces, contacts
         self.script.events.sort(key=lambda event: event.time)
         self.attachments = Attachments(model, model.exchange)

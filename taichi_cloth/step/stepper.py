@@ -10,8 +10,8 @@ import numpy as np
 from .. import checks
 from ..errors import SceneError, SimulationError
 from ..options import LONGEST, SHORTEST
-from ..system.assembler import Measures, Meter
-from ..system.state import Model
+from ..system.assembler import Assembler, Measures
+from ..system.state import ParticleState
 from .integrators.attempt import ACCURACY, APPROACH, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, STRETCH, Attempt
 
 CAREFUL = 0.9  # part of the step that error control thinks possible
@@ -116,7 +116,7 @@ class StepRecord:
 class Stepper:
     """Takes steps with an integrator, smaller ones where they go bad."""
 
-    def __init__(self, model: Model, integrator, meter: Meter, control: Control) -> None:
+    def __init__(self, model: ParticleState, integrator, meter: Assembler, control: Control) -> None:
         self.model, self.integrator, self.meter, self.control = model, integrator, meter, control
         self.h = control.h_max
         self.quiet = 0

@@ -8,7 +8,7 @@ import taichi as ti
 
 from ..backend.runtime import Runtime
 from .operator import Operator
-from .state import Model
+from .state import ParticleState
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Measures:
 
 
 @ti.data_oriented
-class Meter:
+class Assembler:
     """Measures a model under its forces, and linearizes them: both need the same strains.
 
     Args:
@@ -63,7 +63,7 @@ class Meter:
 
     operator: Operator
 
-    def __init__(self, model: Model, forces: list, runtime: Runtime, operator: Operator | None) -> None:
+    def __init__(self, model: ParticleState, forces: list, runtime: Runtime, operator: Operator | None) -> None:
         self.model, self.forces, self.blocks = model, forces, model.blocks
         self.operator = operator  # type: ignore[assignment]
         self.sum_type = ti.f32 if runtime.sums == "f32" else ti.f64

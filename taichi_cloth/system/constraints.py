@@ -14,7 +14,7 @@ from .. import checks
 from ..backend.fields import Fields
 from ..errors import SceneError, shown
 from ..scene.scene import Attachment, orthonormal
-from .state import Model
+from .state import ParticleState
 
 CONFLICT = 1e-9  # two attachments of one particle that ask for positions further apart than this [m] disagree
 
@@ -72,7 +72,7 @@ class Attachments:
         anchors: by an attachment's key, its cloth (n, 3) when it began [m].
     """
 
-    def __init__(self, model: Model, exchange: type) -> None:
+    def __init__(self, model: ParticleState, exchange: type) -> None:
         self.model, self.exchange = model, exchange
         self.anchors: dict[int, np.ndarray] = {}
 
@@ -104,7 +104,7 @@ class Attachments:
                     kernel_array(goal, self.exchange), moving, np.zeros(goal.shape, dtype=self.exchange))
 
 
-def by_hand(constraints: Sequence[Constraint], model: Model,
+def by_hand(constraints: Sequence[Constraint], model: ParticleState,
             exchange: type) -> tuple[Held | None, np.ndarray]:
     """Held particles and z (k, 3) from constraints in the user's order.
 
@@ -156,7 +156,7 @@ def _combine(index: np.ndarray, basis: np.ndarray, goal: np.ndarray) -> tuple[np
 class Filter:
     """Imposes held directions on the unknown: dv = z, and on the state that follows from it."""
 
-    def __init__(self, fields: Fields, model: Model, dv) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, dv) -> None:
         self.model, self.dv = model, dv
 
     @ti.kernel

@@ -1,13 +1,13 @@
 """The linear system of a step: A = M - c D - c^2 K and its right-hand side, matrix-free.
 
-`c` is h for backward Euler (18); methods with stages use their own. `measure.Meter` linearizes.
+`c` is h for backward Euler (18); methods with stages use their own. `measure.Assembler` linearizes.
 """
 
 import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
-from .state import Model
+from .state import ParticleState
 
 
 @ti.data_oriented
@@ -20,7 +20,7 @@ class Operator:
         P: (n, 6) diagonal blocks xx xy xz yy yz zz [kg].
     """
 
-    def __init__(self, fields: Fields, model: Model, forces: list) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, forces: list) -> None:
         self.model, self.forces, self.blocks = model, forces, model.blocks
         for force in forces:
             force.build_stiffness()
@@ -53,7 +53,7 @@ class Operator:
 class ForceField:
     """f [N] at the current state, for explicit steps and for who asks."""
 
-    def __init__(self, fields: Fields, model: Model, forces: list) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, forces: list) -> None:
         self.model, self.forces, self.blocks = model, forces, model.blocks
         self.f = fields.real(model.n, 3)
 
@@ -73,7 +73,7 @@ class ForceField:
 class Probe:
     """q = A p for a p from outside."""
 
-    def __init__(self, fields: Fields, model: Model, forces: list, operator: Operator) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, forces: list, operator: Operator) -> None:
         self.operator, self.blocks = operator, model.blocks
         self.p, self.q = fields.real(model.n, 3), fields.real(model.n, 3)
 

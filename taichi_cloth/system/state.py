@@ -80,7 +80,7 @@ class Remembered:
 
 
 @ti.data_oriented
-class Model:
+class ParticleState:
     """Particles: positions, velocities, masses, and the state that a rejected step goes back to.
 
     Everything else that a step changes and that belongs to the cloth is declared with `remember`, and is saved, rolled back,

@@ -11,14 +11,14 @@ import taichi as ti
 import taichi_cloth as tc
 from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
-from taichi_cloth.contact import repulsion
-from taichi_cloth.contact.closest import VERTEX_FACE
-from taichi_cloth.contact.layer_detection import PINCHED, LayerDetector
+from taichi_cloth.contact.cloth import barrier as repulsion
+from taichi_cloth.contact.cloth.barrier import FLOOR, SHALLOW, room
+from taichi_cloth.contact.cloth.narrow_phase import PINCHED, LayerDetector
+from taichi_cloth.contact.cloth.pair_kernels import MU, NOW, POTENTIAL, STIFF
+from taichi_cloth.contact.geometry import VERTEX_FACE
 from taichi_cloth.contact.points import Points
-from taichi_cloth.contact.pressing import MU, NOW, POTENTIAL, STIFF
-from taichi_cloth.contact.repulsion import FLOOR, SHALLOW, room
 from taichi_cloth.scene.intersections import self_crossings
-from taichi_cloth.system.state import Model
+from taichi_cloth.system.state import ParticleState
 
 FABRIC = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
 THICKNESS = 0.05
@@ -36,7 +36,7 @@ def soup(rng, count: int, spread: float = 10.0) -> tc.Scene:
 def detector(scene: tc.Scene, precision: str = "f64") -> LayerDetector:
     run = runtime.start("cpu", precision)
     fields = Fields(run.exchange)
-    model = Model(fields, scene, run)
+    model = ParticleState(fields, scene, run)
     made = LayerDetector(fields, model, scene, True, FLOOR)
     fields.allocate()
     made.model.save()
@@ -116,7 +116,7 @@ def test_only_what_strays_is_looked_for_again(rng, precision):
         d.cover()
         anew.cover()
         assert len({tuple(row) for row in d.candidates.tolist()}) == len(d.candidates)
-        assert d.free_way()[0] == anew.free_way()[0]
+        assert d.collision_free_step()[0] == anew.collision_free_step()[0]
         for swept in (False, True):
             p, q = d.look(swept), anew.look(swept)
             assert (p.key[p.order] == q.key[q.order]).all() and (p.end[p.order] == q.end[q.order]).all() and len(p.end) > 100
@@ -151,7 +151,7 @@ def test_the_free_way_is_free_and_not_too_short(rng, precision):
         d.begin()
         d.model.write_particles(x_0 + way, np.zeros_like(x_0))
         d.cover()
-        part, blocking = d.free_way()
+        part, blocking = d.collision_free_step()
         assert 0 < part <= 1 and (len(blocking) > 0) == (part < 1)
         end = x_0 + part * way
         edges, rows = self_crossings(end, d.faces)
@@ -202,14 +202,14 @@ def test_forces_of_pairs_are_the_slope_of_their_energy_on_a_ladder(rng):
     sim = tc.Simulation(soup(rng, 60), integrator="backward_euler")
     layers, x = sim.contacts.layers, sim.model.read_particles()[0]
     layers.clear()
-    p, (weighed, _) = layers.near, layers._weigh(layers.near)
+    p, (weighed, _) = layers.near, layers._evaluate(layers.near)
     own = p.end > (FLOOR + 0.1 * (1 - FLOOR)) * p.radius
     stiff = dict(zip(p.key[own].tolist(), weighed[STIFF][own].tolist()))
 
     def energy(at: np.ndarray) -> float:
         sim.model.write_particles(at, np.zeros_like(at))
         q = layers.detector.look()
-        now, _ = layers._weigh(q)
+        now, _ = layers._evaluate(q)
         return sum(stiff.get(key, 0.0) * part for key, part in zip(q.key.tolist(), (now[POTENTIAL] / now[STIFF]).tolist()))
 
     way = rng.normal(size=x.shape)
@@ -231,7 +231,7 @@ def test_degenerate_pairs_are_defined(precision):
         d = detector(scene, precision)
         d.begin()
         d.cover()
-        part, _ = d.free_way()
+        part, _ = d.collision_free_step()
         p = d.look()
         assert part == 1 and np.isfinite(p.weights).all() and np.isfinite(p.end).all() and np.isfinite(p.normal).all()
         assert np.allclose(p.weights.sum(axis=1), 0, atol=1e-5)
@@ -450,15 +450,14 @@ def step(touches):
 assert step(False).contacts is None
 sim = step(True)
 assert sim.log[-1].contacts > 500 and sim.contacts.layers is None
-assert not hasattr(sim.contacts.touch, "turns") and sim.contacts.touch.capacity < 8 * 576 + 40000
+assert not hasattr(sim.contacts.force, "turns") and sim.contacts.force.capacity < 8 * 576 + 40000
 """
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     lines = done.stdout.splitlines()
     assert lines[-2] == ""  # of a scene without solids and contact
     some = set(lines[-1].split())
-    own = {"candidates", "layer_detection", "layers", "near", "pair_geometry", "pressed", "pressing", "repulsion", "springs",
-           "tangles"}
-    assert some & {"contact.response", "contact.touch"} and not some & {f"contact.{m}" for m in own}
+    assert {"contact.contacts", "contact.contact_force"} <= some and not {m for m in some if m.startswith("contact.cloth")}
+    assert "contact.pair_geometry" not in some
     assert not {m for m in some if m.startswith("step")}
 
 
@@ -501,7 +500,7 @@ class Diagonal:
     """What points of contact add to the diagonal blocks."""
 
     def __init__(self, sim: tc.Simulation) -> None:
-        self.touch, self.blocks = sim.contacts.touch, sim.model.blocks
+        self.touch, self.blocks = sim.contacts.force, sim.model.blocks
         self.P = ti.Vector.field(6, ti.f64, shape=sim.model.n)
 
     @ti.kernel
@@ -520,11 +519,11 @@ def test_points_of_contact_join_the_product_and_its_diagonal(rng):
     p = Points(vertices, rng.normal(size=(40, 4)), block, rng.normal(size=(40, 3)), rng.normal(size=(40, 3)),
                rng.normal(size=(40, 4, 3)))
     v = rng.normal(size=(n, 3))
-    assert sim.contacts.touch.set(p)
+    assert sim.contacts.force.set(p)
     product, right = sim.product(v, 1 / 60), sim.right_hand_side(1 / 60)
     diagonal = Diagonal(sim)
     diagonal.add()
-    assert sim.contacts.touch.set(Points(p.vertices[:0], p.weights[:0], p.block[:0], p.rhs[:0]))
+    assert sim.contacts.force.set(Points(p.vertices[:0], p.weights[:0], p.block[:0], p.rhs[:0]))
     product -= sim.product(v, 1 / 60)
     right -= sim.right_hand_side(1 / 60)
     A, J = block[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3), np.zeros((40, 3, n, 3))

@@ -11,12 +11,12 @@ from reference import contact as ref
 import taichi_cloth as tc
 from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
-from taichi_cloth.contact import repulsion
-from taichi_cloth.contact.layer_detection import LayerDetector
+from taichi_cloth.contact.cloth import barrier as repulsion
+from taichi_cloth.contact.cloth.narrow_phase import LayerDetector
+from taichi_cloth.contact.cloth.pair_kernels import BACK, BEARS, FORCE, GAP, OWN, POTENTIAL, RUB, RUBBED, STIFF, STOPPED
 from taichi_cloth.contact.pair_geometry import between, closing, fading, gap
-from taichi_cloth.contact.pressing import BACK, BEARS, FORCE, GAP, OWN, POTENTIAL, RUB, RUBBED, STIFF, STOPPED
 from taichi_cloth.scene import intersections
-from taichi_cloth.system.state import Model
+from taichi_cloth.system.state import ParticleState
 
 THICK = (0.05, 0.03)  # m, of two cloths
 SKIN = 0.2 * 0.03  # m that particles may stray, of the thinner one's thickness
@@ -37,7 +37,7 @@ def soup(rng, count: int = 26, reach: float = 0.7) -> tc.Scene:
 def detector(scene: tc.Scene, precision: str = "f64") -> LayerDetector:
     run = runtime.start("cpu", precision, 1)
     fields = Fields(run.exchange)
-    model = Model(fields, scene, run)
+    model = ParticleState(fields, scene, run)
     made = LayerDetector(fields, model, scene, True, 0.2)
     fields.allocate()
     made.model.save()
@@ -208,7 +208,7 @@ def test_the_free_way_of_every_pair(rng):
         d.cover()
         part = np.ones(len(every.kind))
         part[every.rows(d.candidates)] = free_parts(d)
-        assert d.free_way()[0] == part.min()
+        assert d.collision_free_step()[0] == part.min()
         begins, ways = x[every.four], way[every.four]
         gone = ref.distances(every.kind, begins)
         floor = np.where(gone > 1.02 * every.radius / 5, every.radius / 5, 0.0)
@@ -295,7 +295,7 @@ def test_solves_are_told_what_the_reference_says(rng):
         assert (np.abs(points.rhs - r) / np.abs(r).max(axis=1, keepdims=True))[~wild].max() < 1e-5
         t = np.stack([pair.t for pair in pairs.values()])
         assert np.abs(points.turns - t)[~wild].max() < 1e-7 * np.abs(t[~wild]).max()
-        weighed = layers._weigh(p)[0]
+        weighed = layers._evaluate(p)[0]
         assert np.allclose(weighed[OWN], [q.own for q in pairs.values()], rtol=1e-12)
         assert np.allclose(weighed[STIFF], [q.stiff for q in pairs.values()], rtol=1e-12)
         assert np.allclose(weighed[POTENTIAL], [q.stiff * ref.repulsion(q.end, q.r)[0] for q in pairs.values()], rtol=1e-9,
@@ -306,7 +306,7 @@ def test_solves_are_told_what_the_reference_says(rng):
         model_at = ends[min(k + 1, 2)]
         model.write_particles(model_at, v_0)
         layers.detector.cover()
-        layers.bore()
+        layers.record_forces()
         layers.look()
         bore = {}
         led = np.zeros((6, len(pairs)))
@@ -358,7 +358,7 @@ def test_a_step_ends_when_forces_and_friction_agree(rng):
     layers.begin(H, x, True)
     for _ in range(3):  # the third is told what the second bore
         layers.points(x)
-        layers.bore()
+        layers.record_forces()
         layers.look()
     layers.was = layers.least
     assert layers.settled() and layers.count > 20

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from taichi_cloth.contact.detection import Found
-from taichi_cloth.contact.room import has_room, pinned_particles, walls
+from taichi_cloth.contact.solid.room import has_room, pinned_particles, walls
+from taichi_cloth.contact.solid.vertices import VertexContacts
 
 UP, DOWN = np.array([0.0, 1, 0]), np.array([0.0, -1, 0])
 THICK = np.array([0.01, 0.01])
@@ -16,7 +16,7 @@ def room(contacts, yields=(False, False), pinned=(), row=(0, 1, 2)) -> bool:
     """contacts: (particle, solid, normal, distance from its surface [m])."""
     index, solid, normal, distance = (np.array(v) for v in zip(*contacts))
     none = np.zeros(len(index))
-    found = Found(index, solid, normal, distance - THICK[solid], none, np.zeros((len(index), 3)))
+    found = VertexContacts(index, solid, normal, distance - THICK[solid], none, np.zeros((len(index), 3)))
     held = np.zeros(7, dtype=bool)
     held[list(pinned)] = True
     return bool(has_room(np.array([row]), FACES, walls(found, None, X, THICK), THICK, np.array(yields), held)[0])

@@ -19,7 +19,7 @@ CUBE = tc.Box((1.0, 1.0, 1.0)).core()[:2]
 def evaluate(shape, q: np.ndarray) -> np.ndarray:
     """(k, 4) distance and normal at points (k, 3), by the kernel's own function."""
     runtime.start("cpu", "f64")
-    from taichi_cloth.contact.distance import distance
+    from taichi_cloth.contact.solid.sdf import distance
 
     out = np.zeros((len(q), 4))
     p = ti.Vector((shape.parameters + [0.0] * 8)[:8])
@@ -67,7 +67,7 @@ def test_surface_lies_on_the_shape_and_faces_out(shape):
 
 def test_closest_points(rng):
     runtime.start("cpu", "f64")
-    from taichi_cloth.contact.closest import EDGE_EDGE, VERTEX_FACE, of_pair
+    from taichi_cloth.contact.geometry import EDGE_EDGE, VERTEX_FACE, of_pair
 
     points = rng.normal(size=(300, 5, 3))
     points[:20, 4] = points[:20, 3]  # degenerate triangles

@@ -7,7 +7,7 @@ import pytest
 import taichi as ti
 
 from taichi_cloth.backend import runtime, taichi_patches
-from taichi_cloth.system.state import Model
+from taichi_cloth.system.state import ParticleState
 
 
 @pytest.fixture(autouse=True)
@@ -51,7 +51,7 @@ def test_our_classes_are_bound_and_others_are_as_taichi_has_them():
     assert Heir(5.0).get() == 5 and Heir(5.0).half() == 2.5
     assert Static().double(2.0) == 4 and Static().seven == 7
     assert "__getattribute__" in vars(Plain)  # Taichi's own
-    assert "__getattribute__" not in vars(Model)
+    assert "__getattribute__" not in vars(ParticleState)
 
 
 def test_errors_in_kernels_of_others_show_the_line():
@@ -73,7 +73,7 @@ def test_fields_of_others_know_where_they_were_declared():
 def test_taichi_can_be_left_as_it_is():
     code = ("import taichi_cloth.system.state, taichi as ti; from taichi.lang import kernel_impl; "
             "print(ti.data_oriented.__module__, kernel_impl.textwrap.__name__, "
-            "'__getattribute__' in vars(taichi_cloth.system.state.Model))")
+            "'__getattribute__' in vars(taichi_cloth.system.state.ParticleState))")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True,
                           env={**__import__("os").environ, "TAICHI_CLOTH_PATCHES": "0"})
     assert done.stdout.split("\n")[-2] == "taichi.lang.kernel_impl textwrap True"

@@ -6,7 +6,7 @@ import taichi as ti
 
 from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
-from taichi_cloth.backend.phases import END, PATIENT, TASK, Team
+from taichi_cloth.backend.phases import END, PATIENT, TASK, PhaseScheduler
 
 WORK = 1
 
@@ -17,36 +17,36 @@ class Sums:
 
     def __init__(self, blocks: int, lazy: int) -> None:
         self.fields, self.blocks, self.lazy = Fields(np.float64), blocks, lazy
-        self.team = Team(self.fields, blocks)
+        self.phases = PhaseScheduler(self.fields, blocks)
         self.x, self.y, self.times = self.fields.integer(blocks), self.fields.integer(blocks), self.fields.integer(blocks)
         self.fields.allocate()
 
     @ti.kernel
     def run(self, phases: int):
         for _ in range(1):
-            self.team.start(WORK)
+            self.phases.start(WORK)
             for b in range(self.blocks):
                 self.x[b], self.y[b], self.times[b] = b + 1, 0, 0
-        for t in range(self.team.tasks):
+        for t in range(self.phases.tasks):
             if t % TASK == 0:
                 phase, kind, block, waited = 0, WORK, 0, 0
                 if t // TASK < self.lazy:
                     kind = END  # this thread never comes
                 while kind != END:
-                    phase, kind = self.team.phase(), self.team.kind()
+                    phase, kind = self.phases.phase(), self.phases.kind()
                     if kind != END:
-                        block, waited = self.team.claim(t // TASK, phase, waited)
+                        block, waited = self.phases.claim(t // TASK, phase, waited)
                         if block >= 0:
                             if phase % 2 == 0:
                                 self.y[block] = (self.x[(block + 1) % self.blocks] * 3 + self.x[block]) % 1009
                             else:
                                 self.x[block] = (self.y[(block + 1) % self.blocks] * 5 + self.y[block]) % 1009
                             self.times[block] += 1
-                            if self.team.last(phase):
+                            if self.phases.last(phase):
                                 following = WORK
                                 if phase + 1 == phases:
                                     following = END
-                                self.team.turn(following)
+                                self.phases.turn(following)
 
 
 def expected(blocks: int, phases: int) -> np.ndarray:

@@ -19,11 +19,11 @@ from ...backend.runtime import Runtime
 from ...errors import SceneError
 from ...options import EXPLICIT, Options
 from ...scene.scene import Scene
-from ...system.assembler import Meter
-from ...system.state import Model
+from ...system.assembler import Assembler
+from ...system.state import ParticleState
 
 
-def build(name: str, fields: Fields, model: Model, forces: list, meter: Meter, options: Options, runtime: Runtime,
+def build(name: str, fields: Fields, model: ParticleState, forces: list, meter: Assembler, options: Options, runtime: Runtime,
           scene: Scene, contacts=None):
     """The integrator of a name in `INTEGRATORS`; only what it needs is imported.
 

@@ -173,7 +173,7 @@ class BackwardEuler:
                 held, closing = contacts.hold()
                 self.model.restore()
             if contacts.crowded:
-                return held, (CONTACT, f"more than {contacts.touch.capacity} points of contact")
+                return held, (CONTACT, f"more than {contacts.force.capacity} points of contact")
             if closing > contacts.reach:
                 return held, (APPROACH, f"{closing:.3g} m in one step")
             self._linear(h, held, clock, solutions, warm=len(solutions) > 0)
@@ -240,7 +240,7 @@ class BackwardEuler:
                     ended = self.conclude(h, held, start, measures, MOST if last else LIGHT) if settled else None
                 if ended is not None:
                     if self.contacts is not None:
-                        self.contacts.bore(self.system.reaction_rows())
+                        self.contacts.record_forces(self.system.reaction_rows())
                     if self.contacts is not None and self.contacts.went_in():
                         return Attempt(CONTACT, "after further solves", measures, tuple(solutions), clock.seconds)
                     return Attempt(None, "", ended[0], tuple(solutions), clock.seconds, ledger=ended[1])

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...scene.scene import Scene
 from ...system.constraints import Held
-from ...system.state import Model
+from ...system.state import ParticleState
 
 MOST = 0.5  # part of the velocity of deformation that may be taken off in a step
 
@@ -19,7 +19,7 @@ MOST = 0.5  # part of the velocity of deformation that may be taken off in a ste
 class Brake:
     """On a model's cloths."""
 
-    def __init__(self, model: Model, scene: Scene) -> None:
+    def __init__(self, model: ParticleState, scene: Scene) -> None:
         self.model = model
         self.cloth = np.repeat(np.arange(len(scene.cloths)), [c.mesh.vertex_count for c in scene.cloths])[model.user]
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...backend.timing import Clock
-from ...contact.response import Verdict
+from ...contact.contacts import Verdict
 from ...solver.pcg import CONVERGED, Solution
 from ...system.assembler import Measures
 from ...system.constraints import Held
@@ -102,7 +102,7 @@ class Layered:
                 else:
                     contacts.set_touch()
             if contacts.crowded:
-                return (CONTACT, f"more than {contacts.touch.capacity} points of contact"), measures
+                return (CONTACT, f"more than {contacts.force.capacity} points of contact"), measures
             if closing > contacts.reach:
                 return (APPROACH, f"{closing:.3g} m in one step"), measures
             leads = self._solve(h, held, k == 0, clock, solutions)
@@ -166,7 +166,7 @@ class Layered:
             self.system.settle(held)
         with clock.part("C-S"):
             verdict = self.contacts.judge(self.system.reaction_rows())
-            layers.bore()
+            layers.record_forces()
             part = layers.advance()
         taken = 1.0
         while True:

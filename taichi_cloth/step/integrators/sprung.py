@@ -18,7 +18,7 @@ class Sprung:
         layers, before = self.layers, self.layers.seconds
         made = self.euler.solve_once(h, pins, start)
         if made.rejection is None:
-            layers.bore()
+            layers.record_forces()
             part = layers.advance()
             if part < 1:
                 if self.contacts.small:

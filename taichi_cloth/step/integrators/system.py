@@ -12,10 +12,10 @@ from ...options import Options
 from ...scene.scene import Scene
 from ...solver.pcg import PCG, Solution
 from ...solver.preconditioner import build_preconditioner
-from ...system.assembler import Measures, Meter
+from ...system.assembler import Assembler, Measures
 from ...system.constraints import Filter, Held
 from ...system.operator import Operator
-from ...system.state import Model
+from ...system.state import ParticleState
 
 ROUNDING = 64  # Phi may grow by this many roundings of its terms
 
@@ -32,8 +32,8 @@ class System:
         floor: energy [J] that this rounding amounts to.
     """
 
-    def __init__(self, fields: Fields, model: Model, operator: Operator, forces: list, meter: Meter, options: Options,
-                 runtime: Runtime, scene: Scene, contacts=None) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, operator: Operator, forces: list, meter: Assembler,
+                 options: Options, runtime: Runtime, scene: Scene, contacts=None) -> None:
         self.model, self.operator, self.meter, self.options, self.contacts = model, operator, meter, options, contacts
         self.scene = scene
         self.preconditioner = build_preconditioner(options.preconditioner, fields, self.operator, scene)
@@ -49,7 +49,7 @@ class System:
         self.floor = sum(force.rounding_energy(self.resolution) for force in forces)
 
     def linearize(self, c: float, moves: bool = False) -> Measures:
-        """A and b at the model's state, with `moves` b with the operator's motion; see `Meter`."""
+        """A and b at the model's state, with `moves` b with the operator's motion; see `Assembler`."""
         self.span = c
         return self.meter.linearize(c, moves)
 

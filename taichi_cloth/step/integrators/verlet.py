@@ -2,7 +2,7 @@
 
 Bending is so much softer than the membrane that it need not be evaluated as often: its force acts every few substeps
 with as many times its weight (an impulse method [Tuckerman, Berne, Martyna 1992]), which keeps the order.
-On the CPU all substeps of a step are one launch, by a team.
+On the CPU all substeps of a step are one launch, by a phase scheduler.
 """
 
 import math
@@ -12,13 +12,13 @@ import numpy as np
 import taichi as ti
 
 from ...backend.fields import Fields
-from ...backend.phases import END, TASK, Team
+from ...backend.phases import END, TASK, PhaseScheduler
 from ...backend.runtime import Runtime
 from ...backend.timing import Clock
 from ...scene.scene import Scene
-from ...system.assembler import Measures, Meter
+from ...system.assembler import Assembler, Measures
 from ...system.constraints import Held, project, row
-from ...system.state import Model
+from ...system.state import ParticleState
 from ..choice import SAFETY, stable_step
 from ..ledger import Work, gained, many_steps
 from .attempt import ENERGY, NOT_FINITE, Attempt
@@ -26,7 +26,7 @@ from .attempt import ENERGY, NOT_FINITE, Attempt
 SLOW = 16  # substeps between two evaluations of bending, at most
 SLOW_SAFETY = 0.5  # part of bending's own stable step that these take together
 STRAIGHT = 8  # substeps in which held particles that are led go along a line
-FORCE, MOVE = 1, 2  # kinds of a team's phases
+FORCE, MOVE = 1, 2  # kinds of a phase scheduler's phases
 ROUNDING = 64  # roundings of its terms by which energy may grow, and of positions
 GAIN = 0.001  # part of the motion's scale by which energy may grow in a step
 
@@ -44,8 +44,8 @@ class Verlet:
 
     system = None
 
-    def __init__(self, fields: Fields, model: Model, forces: list, meter: Meter, substep: float | None, runtime: Runtime,
-                 scene: Scene) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, forces: list, meter: Assembler, substep: float | None,
+                 runtime: Runtime, scene: Scene) -> None:
         self.model, self.meter, self.blocks = model, meter, model.blocks
         self.fast = [f for f in forces if not f.slow]
         self.slow = [f for f in forces if f.slow]
@@ -63,8 +63,8 @@ class Verlet:
         self.every = int(min(SLOW, max(1, SLOW_SAFETY * bending / self.stable_step))) if self.slow else 1
         if self.every == 1:
             self.stable_step = min(asked, stable_step(sum(f.rates[0] for f in forces), sum(f.rates[1] for f in forces)))
-        self.together = runtime.arch == "cpu"  # a team, or a launch for each substep
-        self.team = Team(fields, self.blocks.count if self.together else 1)
+        self.together = runtime.arch == "cpu"  # a phase scheduler, or a launch for each substep
+        self.phases = PhaseScheduler(fields, self.blocks.count if self.together else 1)
         self.damps = any(force.rates[1] > 0 for force in forces)
         self.subcycles = True
         self.part = SAFETY
@@ -156,30 +156,30 @@ class Verlet:
     def _together(self, h: float, steps: int, every: int, gust_x: float, gust_y: float, gust_z: float,
                   index: ti.types.ndarray(), projector: ti.types.ndarray(), start: ti.types.ndarray(),
                   target: ti.types.ndarray()):
-        """All substeps, by a team."""
+        """All substeps, by a phase scheduler."""
         for _ in range(1):
-            self.team.start(FORCE)
-        for t in range(self.team.tasks):
+            self.phases.start(FORCE)
+        for t in range(self.phases.tasks):
             if t % TASK == 0:
                 phase, kind, block, waited = 0, FORCE, 0, 0
                 while kind != END:
-                    phase, kind = self.team.phase(), self.team.kind()
+                    phase, kind = self.phases.phase(), self.phases.kind()
                     if kind != END:
-                        block, waited = self.team.claim(t // TASK, phase, waited)
+                        block, waited = self.phases.claim(t // TASK, phase, waited)
                         if block >= 0:
                             s, following = phase // 2, MOVE
                             if kind == FORCE:
                                 self.compute(block, s, every)
                             else:
                                 self.move(block, h, s, steps, every)
-                            if self.team.last(phase):
+                            if self.phases.last(phase):
                                 if kind == MOVE:
                                     self.lead(h, s, steps, index, projector, start, target)
                                     self.blow(s, steps, gust_x, gust_y, gust_z)
                                     following = FORCE
                                     if s == steps:
                                         following = END
-                                self.team.turn(following)
+                                self.phases.turn(following)
 
     @ti.kernel
     def _substep(self, h: float, s: int, steps: int, every: int, gust_x: float, gust_y: float, gust_z: float,

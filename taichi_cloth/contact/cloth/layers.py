@@ -1,6 +1,6 @@
 """Cloth against cloth: repulsion within a thickness and Coulomb friction between layers, inside the solve.
 
-Pairs of vertex and face, edge and edge repel each other (`repulsion`). Each is a point of `touch`: linearised along its
+Pairs of vertex and face, edge and edge repel each other (`repulsion`). Each is a point of contact: linearised along its
 normal, semidefinite, in the matrix-free product and the preconditioner. The first solve of a step linearises them where
 the last motion would lead; further solves, where the cloth then is. No solve is taken further than the way is free, so
 that what was apart stays apart.
@@ -18,19 +18,19 @@ import time
 
 import numpy as np
 
-from ..backend.fields import Fields
-from ..errors import SceneError
-from ..scene.scene import Scene
-from ..system.state import Model
-from . import pressing
-from .closest import VERTEX_FACE
-from .layer_detection import LayerDetector
-from .near import Near
-from .points import Points
-from .pressed import Met, Pressed
-from .repulsion import FLOOR, room
-from .states import rows_of
-from .tangles import Tangles
+from ...backend.fields import Fields
+from ...errors import SceneError
+from ...scene.scene import Scene
+from ...system.state import ParticleState
+from ..geometry import VERTEX_FACE
+from ..points import Points
+from ..solid.states import rows_of
+from . import pair_kernels
+from .barrier import FLOOR, room
+from .contact_pairs import ContactPairs
+from .linearized import LinearizedPairs, Met
+from .narrow_phase import LayerDetector
+from .untangle import Tangles
 
 PATIENCE = 3  # solves after which normal forces that friction goes by, and that still change, do so in the next step
 LAGGED = 0.1  # relative error of all friction that a first solve may leave
@@ -74,9 +74,9 @@ class Layers:
     """
 
     ROUNDS = 12
-    agreed, floor, kind = AGREED, FLOOR, pressing.Pressing
+    agreed, floor, kind = AGREED, FLOOR, pair_kernels.PairKernels
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene, h: float, cpu: bool, tangles: str) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool, tangles: str) -> None:
         self.model, self.h, self.h_usual = model, h, h
         self.detector = LayerDetector(fields, model, scene, cpu, self.floor)
         self.tangles = Tangles(model.n, self.detector.faces, self.detector.host_half, self.detector.may_meet, tangles)
@@ -85,9 +85,9 @@ class Layers:
         self.kernels = self.kind(fields, model, np.sqrt(mu)[model.user], h)
         self.gravity = scene.gravity
         self.boost = np.ones(model.n)
-        self._weighed: tuple[Near, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for
+        self._weighed: tuple[ContactPairs, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for
         self.kept = NOTHING  # what pairs bore in the last accepted step
-        self.pressed: Pressed | None = None
+        self.pressed: LinearizedPairs | None = None
         self.borne: np.ndarray = np.zeros(0)  # what they bore in the last solve [N]
         self.met: Met | None = None  # the last pairs, and those that the last solve took
         self.count, self.energy, self.least, self.was, self.off = 0, 0.0, 1.0, 1.0, 0
@@ -101,29 +101,29 @@ class Layers:
         self.detector.begin()
         if guess:
             self.near = self.detector.look(swept=True)  # of those that were candidates before
-            self._weigh(self.near)  # the model is not there any more when a solve asks for them
+            self._evaluate(self.near)  # the model is not there any more when a solve asks for them
 
     @timed
     def meet(self) -> bool:
         """Whether anything is in reach of anything where the model now is, or passes through it on the way there."""
         self.detector.cover()
         self.near = self.detector.look(swept=True)
-        return len(self.near.end) > 0 or self.detector.free_way()[0] < 1  # the free way misses nothing
+        return len(self.near.end) > 0 or self.detector.collision_free_step()[0] < 1  # the collision-free step misses nothing
 
     @timed
     def points(self, base: np.ndarray) -> Points:
-        """Pairs as points of `touch`, for a solve from positions base (n, 3)."""
+        """Pairs as points of contact, for a solve from positions base (n, 3)."""
         p, q, k = self.near, self.pressed if self.met is not None else None, len(self.near.end)
-        (weighed, turns), taken = self._weigh(p), np.empty((pressing.TAKEN, k))
+        (weighed, turns), taken = self._evaluate(p), np.empty((pair_kernels.TAKEN, k))
         block, rhs = np.empty((k, 6)), np.empty((k, 3))
         row = self.met.rows if self.met is not None else np.full(k, -1)
-        before = q.taken if q is not None else np.zeros((pressing.TAKEN, 1))
+        before = q.taken if q is not None else np.zeros((pair_kernels.TAKEN, 1))
         if k:
             there = self.there if self.met is None else base
             self.kernels.take(p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, weighed, turns, self.h,
                               int(not self.round), base, there, self._bore(p), row, before, taken, block, rhs)
         points = Points(p.vertices, p.weights, block, rhs, p.normal, turns)
-        self.pressed = Pressed(p, points, weighed, taken)
+        self.pressed = LinearizedPairs(p, points, weighed, taken)
         if self.met is not None:
             self.met = Met(self.pressed, p, self._lead(self.pressed))
         self.round += 1
@@ -131,7 +131,7 @@ class Layers:
             return points
         return Points.join([points, self.tangles.points(self.x, base, self.model.mass, self.h, self.h_usual)])
 
-    def _bore(self, p: Near) -> np.ndarray:
+    def _bore(self, p: ContactPairs) -> np.ndarray:
         """(k,) [N] what pairs bore in the last solve, or, where that is not known, -1."""
         if self.met is None:
             where, bore = rows_of(self.kept["key"], p.key), self.kept["force"]
@@ -143,7 +143,7 @@ class Layers:
     def advance(self) -> float:
         """Part of the way from where the last solve began to where the model now is that nothing passes through on."""
         self.detector.cover()
-        part, self.blocking = self.detector.free_way()
+        part, self.blocking = self.detector.collision_free_step()
         return part
 
     @timed
@@ -151,8 +151,8 @@ class Layers:
         """Of the repulsion [J] where the model now is, for an attempt at a state that no step led to."""
         return self._energy(self.detector.look())
 
-    def _energy(self, p: Near) -> float:
-        return float(np.sum(self._weigh(p)[0][pressing.POTENTIAL]))
+    def _energy(self, p: ContactPairs) -> float:
+        return float(np.sum(self._evaluate(p)[0][pair_kernels.POTENTIAL]))
 
     @timed
     def look(self) -> None:
@@ -164,32 +164,33 @@ class Layers:
         self.least = float(np.min(p.end / p.radius, initial=1.0))
 
     @timed
-    def bore(self) -> None:
+    def record_forces(self) -> None:
         """Remembers what pairs bore in the last solve, which the model now shows the end of."""
         q = self.pressed
         assert q is not None
-        self.borne = np.maximum(q.repelled(self._lead(q)[pressing.GAP]), 0.0)
+        self.borne = np.maximum(q.repelled(self._lead(q)[pair_kernels.GAP]), 0.0)
 
     @timed
     def settled(self) -> bool:
         """Whether forces are what the last solve took them to be, and nothing has come too near by it."""
         p, q, met = self.near, self.pressed, self.met
         assert q is not None and met is not None
-        weighed, row, bears = self._weigh(p)[0], met.rows, q.taken[pressing.BEARS]
-        now, taken = weighed[pressing.NOW], met.repelled
+        weighed, row, bears = self._evaluate(p)[0], met.rows, q.taken[pair_kernels.BEARS]
+        now, taken = weighed[pair_kernels.NOW], met.repelled
         gone = np.ones(len(taken), dtype=bool)
         gone[row[row >= 0]] = False
         force = np.concatenate([now - np.where(row >= 0, taken[row], 0.0) if len(taken) else now, taken[gone]])
-        own = np.concatenate([weighed[pressing.OWN], q.weighed[pressing.OWN][gone]])
+        own = np.concatenate([weighed[pair_kernels.OWN], q.weighed[pair_kernels.OWN][gone]])
         radius = np.concatenate([p.radius, q.near.radius[gone]])
         allowed = own * np.maximum(LOOSE * np.linalg.norm(self.gravity), GIVE * radius / self.h**2)
         total = float(np.sum(now))
         wrong = np.where(np.abs(force) > allowed, np.abs(force), 0.0)
         self.off = int(np.sum(wrong > 0)) if np.sum(wrong) > AGREED * total else 0
         rubs_as = float(np.sum(bears))
-        lag = abs(float(np.sum(weighed[pressing.COULOMB])) - rubs_as)
+        lag = abs(float(np.sum(weighed[pair_kernels.COULOMB])) - rubs_as)
         late = lag > LAGGED * rubs_as and self.round <= PATIENCE
-        over = float(np.sum(np.maximum(met.led[pressing.RUBBED] - pressing.CONE * bears, 0) + met.led[pressing.BACK] * bears))
+        beyond = np.maximum(met.led[pair_kernels.RUBBED] - pair_kernels.CONE * bears, 0)
+        over = float(np.sum(beyond + met.led[pair_kernels.BACK] * bears))
         rubs = over > RUBBED * rubs_as and self.round == 1  # what it still is then, it is in the next step
         left, was = room(np.array([self.least, self.was]), np.ones(2)).tolist()
         return not self.off and not rubs and not late and left > min(CLOSE / 3, was / 2, 2 * was)
@@ -205,8 +206,8 @@ class Layers:
         if q is None or met is None or not len(q.near.end):
             return 0.0
         change = np.where(met.rows >= 0, q.near.factor[met.rows] / p.factor - 1, 0.0)
-        lost = met.led[pressing.RUB] + met.led[pressing.STOPPED]
-        return float(np.sum(lost) + np.sum(change * self._weigh(p)[0][pressing.POTENTIAL]))
+        lost = met.led[pair_kernels.RUB] + met.led[pair_kernels.STOPPED]
+        return float(np.sum(lost) + np.sum(change * self._evaluate(p)[0][pair_kernels.POTENTIAL]))
 
     @timed
     def commit(self) -> None:
@@ -315,19 +316,19 @@ class Layers:
             self.tangles.commit()
         self.detector.let_rest(self.tangles.resting)
 
-    def _weigh(self, p: Near) -> tuple[np.ndarray, np.ndarray]:
+    def _evaluate(self, p: ContactPairs) -> tuple[np.ndarray, np.ndarray]:
         """((., k) numbers, (k, 4, 3) turns) of pairs as they are, see `pressing`."""
         if self._weighed is None or self._weighed[0] is not p:
-            out, turns = np.empty((pressing.WEIGHED, len(p.end))), np.empty((len(p.end), 4, 3))
+            out, turns = np.empty((pair_kernels.WEIGHED, len(p.end))), np.empty((len(p.end), 4, 3))
             if len(p.end):
-                self.kernels.weigh(p.pair, p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, self.boost, self.h,
+                self.kernels.evaluate(p.pair, p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, self.boost, self.h,
                                    out, turns)
             self._weighed = p, out, turns
         return self._weighed[1:]
 
-    def _lead(self, q: Pressed) -> np.ndarray:
+    def _lead(self, q: LinearizedPairs) -> np.ndarray:
         """(., j) numbers of pairs that a solve took, where the model now is."""
-        p, out = q.near, np.empty((pressing.LED, len(q.near.end)))
+        p, out = q.near, np.empty((pair_kernels.LED, len(q.near.end)))
         if len(p.end):
             self.kernels.lead(p.vertices, p.weights, p.normal, p.radius, p.factor, q.weighed, q.points.turns, q.taken, self.h,
                               out)

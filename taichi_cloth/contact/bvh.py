@@ -12,7 +12,7 @@ LEAF = 4
 
 
 @ti.data_oriented
-class BoxHeap:
+class BVH:
     """Boxes over `count` items; who owns the items writes the boxes of leaves, and `merge` makes the others."""
 
     def __init__(self, fields: Fields, count: int) -> None:

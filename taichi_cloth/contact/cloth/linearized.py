@@ -5,14 +5,14 @@ from functools import cached_property
 
 import numpy as np
 
-from .near import Near
-from .points import Points
-from .pressing import AT, BEARS, DRAG, FORCE, GAP, SLOPE, WAY
-from .states import tangential
+from ..points import Points
+from ..solid.states import tangential
+from .contact_pairs import ContactPairs
+from .pair_kernels import AT, BEARS, DRAG, FORCE, GAP, SLOPE, WAY
 
 
 @dataclass(frozen=True)
-class Pressed:
+class LinearizedPairs:
     """Pairs as a solve took them.
 
     Attributes:
@@ -21,7 +21,7 @@ class Pressed:
         weighed, taken: (., k) numbers of theirs, see `pressing`.
     """
 
-    near: Near
+    near: ContactPairs
     points: Points
     weighed: np.ndarray
     taken: np.ndarray
@@ -50,8 +50,8 @@ class Met:
         led: (., j) numbers of the former there, see `pressing`.
     """
 
-    took: Pressed
-    near: Near
+    took: LinearizedPairs
+    near: ContactPairs
     led: np.ndarray
 
     @cached_property

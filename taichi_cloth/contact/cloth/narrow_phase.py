@@ -1,19 +1,19 @@
 """Cloth near cloth: how near vertices and faces, edges and edges come to each other on a path, and how far everything may go
 along it.
 
-What may be near is known from `candidates`; distances and the free way are taken pair by pair.
+What may be near is known from `candidates`; distances and the collision-free step are taken pair by pair.
 """
 
 import numpy as np
 import taichi as ti
 
-from ..backend.fields import Fields
-from ..scene.scene import Scene
-from ..system.state import Model
-from .candidates import ROUNDING, Candidates
-from .closest import VERTEX_FACE
-from .near import Near
-from .pair_geometry import between, closing, fading, gap
+from ...backend.fields import Fields
+from ...scene.scene import Scene
+from ...system.state import ParticleState
+from ..geometry import VERTEX_FACE
+from ..pair_geometry import between, closing, fading, gap
+from .broad_phase import ROUNDING, Candidates
+from .contact_pairs import ContactPairs
 
 STRIDES = 48
 KEEP = 0.2  # of a pair's distance above its floor that a path must leave
@@ -33,7 +33,7 @@ class LayerDetector(Candidates):
         floor: part of the distance that pairs should keep which nothing passes that was above it.
     """
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene, cpu: bool, floor: float) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, scene: Scene, cpu: bool, floor: float) -> None:
         super().__init__(fields, model, scene, cpu)
         self.floor = floor
         owner = np.concatenate([np.full(c.mesh.vertex_count, k) for k, c in enumerate(scene.cloths)])[model.user]
@@ -52,7 +52,7 @@ class LayerDetector(Candidates):
         """Paths begin where the model is saved."""
         self._from_saved()
 
-    def free_way(self) -> tuple[float, np.ndarray]:
+    def collision_free_step(self) -> tuple[float, np.ndarray]:
         """(part of the path that nothing passes through another on, the pairs (k, 3) that do not allow all of it)."""
         c = self.candidates
         if not len(c):
@@ -63,7 +63,7 @@ class LayerDetector(Candidates):
         least = float(part.min())
         return least, c[part < 1]
 
-    def look(self, swept: bool = False) -> Near:
+    def look(self, swept: bool = False) -> ContactPairs:
         """Pairs that are in reach of each other where the model is; with `swept` also those that went through on the path."""
         c = self.candidates
         if len(c):
@@ -78,7 +78,7 @@ class LayerDetector(Candidates):
         near = np.flatnonzero(rows[:, 11])
         c, v, r = (a.take(near, axis=0).astype(kind) for a, kind in ((c, np.int64), (vertices, np.int64), (rows, np.float64)))
         weights, start, end, normal, factor, radius = (np.ascontiguousarray(r[:, k]) for k in COLUMNS)
-        return Near(c, v, weights, start, end, normal, factor, radius)
+        return ContactPairs(c, v, weights, start, end, normal, factor, radius)
 
     @ti.kernel
     def _from_saved(self):

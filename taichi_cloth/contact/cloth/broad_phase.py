@@ -8,13 +8,13 @@ are looked for again, and only theirs.
 import numpy as np
 import taichi as ti
 
-from ..backend.fields import Fields
-from ..scene.mesh import face_edges
-from ..scene.scene import Scene
-from ..system.state import Model
-from .closest import EDGE_EDGE, VERTEX_FACE
-from .heap import LEAF, BoxHeap, morton
-from .pair_geometry import apart, between, closing, corners_of
+from ...backend.fields import Fields
+from ...scene.mesh import face_edges
+from ...scene.scene import Scene
+from ...system.state import ParticleState
+from ..bvh import BVH, LEAF, morton
+from ..geometry import EDGE_EDGE, VERTEX_FACE
+from ..pair_geometry import apart, between, closing, corners_of
 
 CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
 FACES_A_CHUNK = 8
@@ -31,11 +31,11 @@ class Candidates:
         edges: (e, 2) particles; faces: (m, 3); both in an order of their own.
         start: (n, 3) where the path that is looked at begins; it ends where the model is.
         left, walked: (n, 3) where the paths began and ended that pairs were looked for on.
-        candidates: (k, 3) pairs that may be near, see `Near.pair`; distances: (k,) of them at `walked` [m].
+        candidates: (k, 3) pairs that may be near, see `ContactPairs.pair`; distances: (k,) of them at `walked` [m].
         fresh: whether they cover paths near that.
     """
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene, cpu: bool) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, scene: Scene, cpu: bool) -> None:
         self.model, self.exchange = model, fields.exchange
         meeting = [k for k, c in enumerate(scene.cloths) if c.contact is not None]
         faces = np.concatenate([model.particle[scene.cloths[k].mesh.faces + scene.cloths[k].start] for k in meeting])
@@ -53,7 +53,7 @@ class Candidates:
         vertices, first = np.unique(self.faces.T.ravel(), return_index=True)
         vertices, self.first_vertex = _owned(fields, vertices, first % m, m)
         self.own_vertex = fields.integer(len(vertices), data=vertices)
-        self.boxes = BoxHeap(fields, m)
+        self.boxes = BVH(fields, m)
         self.count, self.edge_count, self.leaves = m, len(self.edges), -(-m // LEAF)
         self.face = fields.integer(m, 3, self.faces)
         self.face_hull, self.edge_hull = fields.real(m, 12), fields.real(len(self.edges), 12)

@@ -5,11 +5,11 @@ from functools import cached_property
 
 import numpy as np
 
-from .states import rows_of
+from ..solid.states import rows_of
 
 
 @dataclass(frozen=True)
-class Near:
+class ContactPairs:
     """Pairs on a path.
 
     Attributes:
@@ -42,7 +42,7 @@ class Near:
         """(k,) rows sorted by key."""
         return np.argsort(self.key)
 
-    def rows_of(self, others: "Near") -> np.ndarray:
+    def rows_of(self, others: "ContactPairs") -> np.ndarray:
         """(k,) where each of other pairs is among these, or -1."""
         if others is self:
             return np.arange(len(self.key))

@@ -21,15 +21,15 @@ import numpy as np
 from ..backend.fields import Fields
 from ..scene.scene import Scene
 from ..system.constraints import Held
-from ..system.state import Model
-from .detection import Found
-from .holding import hold_together
-from .pairs import PAIR, Pairs, Step, left, press
+from ..system.state import ParticleState
+from .contact_force import ContactForce
 from .points import Points
-from .room import has_room, pinned_particles, walls
-from .scan import Scanner
-from .states import EYE, States, rows_of, sym_outer, sym_times, tangential
-from .touch import Touch
+from .solid.active_set import hold_together
+from .solid.pairs import PAIR, Pairs, Step, left, press
+from .solid.query import Scanner
+from .solid.room import has_room, pinned_particles, walls
+from .solid.states import EYE, States, rows_of, sym_outer, sym_times, tangential
+from .solid.vertices import VertexContacts
 
 PENETRATION = 1e-2  # of the thickness that a particle may end inside it without a further round
 TOLERATED = 0.3  # of the thickness: the same after further rounds, and where little would hold it; the next step brings it out
@@ -69,7 +69,7 @@ class Contacts:
 
     ROUNDS = 6
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene, h: float, cpu: bool,
+    def __init__(self, fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool,
                  tangles: str = "untangle", law: str = "repulsion") -> None:
         self.h_usual = h  # the stiffness of pairs goes with it, and stays when steps get smaller
         self.model, self.solids, self.exchange = model, scene.solids, model.exchange
@@ -77,12 +77,12 @@ class Contacts:
         self.layers, self.sprung = None, False  # the latter: whether cloth is kept from cloth by springs
         self.layered = False  # whether the step is made with layers in mind
         if any(c.contact is not None for c in scene.cloths):
-            from .layers import Layers
-            from .springs import Springs
+            from .cloth.layers import Layers
+            from .cloth.springs import Springs
 
             self.layers = (Springs if law == "springs" else Layers)(fields, model, scene, h, cpu, tangles)
             self.sprung = law == "springs"
-        self.touch = Touch(fields, model, self.layers is not None)
+        self.force = ContactForce(fields, model, self.layers is not None)
         self.friction = np.array([s.friction for s in self.solids])
         self.thickness = np.array([s.thickness for s in self.solids])
         self.scan = Scanner(fields, model, scene)
@@ -96,7 +96,7 @@ class Contacts:
         self.count, self.unsettled = 0, 0
         self.pressed: Pairs | None = None
         self.places = np.zeros((0, 3)), np.zeros((0, 3))
-        self.found = self.active = Found.none()
+        self.found = self.active = VertexContacts.none()
         self.state, self.total = States(), np.zeros((0, 3))
 
     def begin(self, h: float, held: Held | None, x: np.ndarray, v: np.ndarray) -> None:
@@ -126,7 +126,7 @@ class Contacts:
     def pass_by(self) -> None:
         """A step without contact was accepted."""
         self.accepted = self.trial = self.state = States()
-        self.active, self.total, self.pressed = Found.none(), np.zeros((0, 3)), None
+        self.active, self.total, self.pressed = VertexContacts.none(), np.zeros((0, 3)), None
         self.warm, self.count, self.unsettled = False, 0, 0
         self.spared = np.maximum(self.spared - self.h, 0)
         if self.layers is not None:
@@ -160,7 +160,7 @@ class Contacts:
 
     def clear(self) -> None:
         """Forgets all contacts: the state was changed from outside."""
-        self.accepted, self.warm, self.found = States(), False, Found.none()
+        self.accepted, self.warm, self.found = States(), False, VertexContacts.none()
         self.spared[:] = 0
         self.crossed = self.crossed_before = self.scan.find_crossings()
         if self.layers is not None:
@@ -182,7 +182,7 @@ class Contacts:
         return self.model.read_particles()[0]
 
     def hold(self) -> tuple[Held | None, float]:
-        """What the next solve holds, pins included, and the largest closing distance [m]; fills `touch`."""
+        """What the next solve holds, pins included, and the largest closing distance [m]; fills `force`."""
         f, old = self.found, self.trial
         known, where = old.find(f.key)
         active = known | (f.gap < 0)
@@ -263,7 +263,7 @@ class Contacts:
         return out
 
     def set_touch(self) -> None:
-        """Friction of what slides, and pairs, as points of `touch`."""
+        """Friction of what slides, and pairs, as points of contact."""
         f, s, h = self.active, self.state, self.h
         mu = self.friction[f.solid]
         slides = ~s.stick & (mu * s.force > 0)
@@ -291,12 +291,12 @@ class Contacts:
         if self.layers is not None and self.layered:
             self.of_layers = self.layers.points(self.base[0])
             every = Points.join([self.points, self.of_layers])
-        self.crowded = not self.touch.set(every)
+        self.crowded = not self.force.set(every)
 
     def judge(self, reaction: np.ndarray) -> Verdict:
         """What must change after a solve; `reaction` (k, 3) [N s] on the held particles, in `hold`'s order."""
         f, s, h = self.active, self.state, self.h
-        F, normal = self.bore(reaction)
+        F, normal = self.record_forces(reaction)
         tangent = F - normal[:, None] * f.normal
         shear = np.linalg.norm(tangent, axis=1)
         mu = self.friction[f.solid]
@@ -333,7 +333,7 @@ class Contacts:
         matters = bad or entered or disagree or (wrong > float(np.sum(force)) and self.round <= PATIENCE)
         return Verdict(max(changes, 1) if matters else 0, float(np.max(depth, initial=0.0)), bad)
 
-    def bore(self, reaction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def record_forces(self, reaction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What contacts bore in the last solve, which was taken whole; `reaction` as in `judge`.
 
         Returns:
@@ -411,13 +411,13 @@ class Contacts:
         """What went wrong in the smallest of steps is pinched between solids, and does not keep steps small for a while."""
         self.spared[self._wrong()] = SPARED
 
-    def _inside(self) -> Found:
+    def _inside(self) -> VertexContacts:
         """What ends inside a solid's thickness, is not held, or held at another plane, and not pinched."""
         f, t = self.found, self.thickness[self.found.solid]
         strayed = (f.gap < -self.deep[f.solid]) & (f.gap < f.start_gap - PENETRATION * t)
         return f.take((f.gap < 0) & (~np.isin(f.key, self.active.key) | strayed) & (self.spared[f.index] == 0))
 
-    def _left(self, inside: Found) -> tuple[int, bool]:
+    def _left(self, inside: VertexContacts) -> tuple[int, bool]:
         """(pairs that are left closer than they should be, whether they or what is inside ended too deep)."""
         bad = bool((inside.gap < -self.deep[inside.solid]).any())
         if self.near is None:

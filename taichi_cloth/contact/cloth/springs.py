@@ -9,16 +9,16 @@ Differs from [BW98 §6]: a step on whose way cloth would pass through cloth is t
 import numpy as np
 import taichi as ti
 
+from .contact_pairs import ContactPairs
 from .layers import Layers
-from .near import Near
-from .pressing import Pressing
+from .pair_kernels import PairKernels
 
 STRONG = 25.0  # times as stiff as repulsion where cloth begins to touch
 DAMPING = 1.0  # of a spring, over critical
 
 
 @ti.data_oriented
-class Springing(Pressing):
+class SpringKernels(PairKernels):
     """Pairs of a model's cloths with springs between them."""
 
     @ti.func
@@ -40,8 +40,8 @@ class Springs(Layers):
         here: pairs where the step begins.
     """
 
-    here: Near
-    floor, kind = 0.0, Springing  # a spring keeps nothing from it
+    here: ContactPairs
+    floor, kind = 0.0, SpringKernels  # a spring keeps nothing from it
 
     def begin(self, h: float, x: np.ndarray, guess: bool) -> None:
         """A new attempt from the saved positions (n, 3), from where the pairs are known."""

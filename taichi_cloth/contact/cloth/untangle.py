@@ -1,17 +1,17 @@
 """Cloth that passes through cloth where it should not: found, left alone by contact, and pulled apart. numpy only.
 
 A scene may start with crossings, and solids may press layers through each other. What crosses, and what is near it,
-is left out of repulsion and of the free way, until it is apart. Meanwhile each crossing edge is led out of its triangle,
-along the direction in which the contour that the two surfaces have in common gets shorter. [Volino,
+is left out of repulsion and of the collision-free step, until it is apart. Meanwhile each crossing edge is led out of its
+triangle, along the direction in which the contour that the two surfaces have in common gets shorter. [Volino,
 Magnenat-Thalmann 2006]
 """
 
 import numpy as np
 
-from ..scene.intersections import self_crossings
-from ..scene.mesh import face_edges
-from .points import Points
-from .states import sym_outer, sym_times, unit
+from ...scene.intersections import self_crossings
+from ...scene.mesh import face_edges
+from ..points import Points
+from ..solid.states import sym_outer, sym_times, unit
 
 RINGS = 2  # of neighbours round a crossing that rest with it
 PULL = 1.0  # of a thickness that a crossing is moved in a usual step
@@ -81,7 +81,7 @@ class Tangles:
         self.resting |= self.until > 0
 
     def points(self, x_0: np.ndarray, base: np.ndarray, mass: np.ndarray, h: float, h_usual: float) -> Points:
-        """What leads edges and triangles apart, as points of `touch`."""
+        """What leads edges and triangles apart, as points of contact."""
         k = len(self.rows)
         if not k or self.policy != "untangle":
             return Points(np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 6)), np.zeros((0, 3)))

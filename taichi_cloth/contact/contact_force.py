@@ -13,7 +13,7 @@ from ..backend.fields import Fields
 from ..backend.ordering import touching
 from ..forces.conditions import sym_both, sym_outer, sym_times
 from ..forces.force import Force
-from ..system.state import Model
+from ..system.state import ParticleState
 from .points import CORNERS, Points
 
 ROOM, LAYERED = 8, 40  # points a particle that there is room for, without and with cloth that meets cloth, and
@@ -21,12 +21,12 @@ SPARE = 32768  # more
 
 
 @ti.data_oriented
-class Touch(Force):
+class ContactForce(Force):
     """Points of contact as a force of the operator."""
 
     of_contact = True
 
-    def __init__(self, fields: Fields, model: Model, layered: bool = False) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, layered: bool = False) -> None:
         self.model, self._fields, self.layered = model, fields, layered
         self.capacity = (LAYERED if layered else ROOM) * model.n + SPARE
         self.first = fields.integer(model.blocks.count + 1, data=np.zeros(model.blocks.count + 1))

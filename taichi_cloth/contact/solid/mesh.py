@@ -8,15 +8,15 @@ conservative advancement: strides of the distance left over the speed left, whic
 import numpy as np
 import taichi as ti
 
-from ..backend.fields import Fields
-from ..scene.mesh import face_edges
-from ..scene.scene import Scene
-from ..system.state import Model
-from .closest import EDGE_EDGE, VERTEX_FACE, of_pair, on_triangle
-from .detection import HIT, KEEP, SAME_SIDE, SLOTS, WIDTH, carry
-from .heap import LEAF
+from ...backend.fields import Fields
+from ...scene.mesh import face_edges
+from ...scene.scene import Scene
+from ...system.state import ParticleState
+from ..bvh import LEAF
+from ..geometry import EDGE_EDGE, VERTEX_FACE, of_pair, on_triangle
 from .pairs import PAIR, Pairs
 from .tree import TriangleTree
+from .vertices import HIT, KEEP, SAME_SIDE, SLOTS, WIDTH, carry
 
 STRIDES = 24
 FORWARD = 0.8  # cosine between a pair's directions when it comes near and at the end for the end's to be taken
@@ -28,7 +28,7 @@ COLUMNS = 18  # numbers of a pair, see `Pairs`
 class SurfaceDetector:
     """Vertices of cloth against the surfaces of mesh solids: the nearest contact of each."""
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene, tree: TriangleTree) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, scene: Scene, tree: TriangleTree) -> None:
         self.model, self.tree = model, tree
         self.thickness = fields.real(len(scene.solids), data=np.array([s.thickness for s in scene.solids]))
         self.deforms = fields.integer(len(scene.solids), data=np.array([int(s.deforms) for s in scene.solids]))
@@ -161,7 +161,7 @@ class SurfaceDetector:
 class PairDetector:
     """Edges and corners of solids against edges and faces of cloth."""
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene, tree: TriangleTree) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, scene: Scene, tree: TriangleTree) -> None:
         self.model, self.tree = model, tree
         faces = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths])
         edges = np.sort(face_edges(faces), axis=1) @ np.array([model.n, 1])

@@ -1,4 +1,4 @@
-"""The arithmetic of pairs of cloth, pair by pair in kernels: what they weigh, how a solve takes them, where it leads them.
+"""The arithmetic of pairs of cloth, pair by pair in kernels: what they evaluate, how a solve takes them, where it leads them.
 
 Arrays of numbers have a row for each kind of number, named below, and a column for each pair.
 """
@@ -6,11 +6,11 @@ Arrays of numbers have a row for each kind of number, named below, and a column 
 import numpy as np
 import taichi as ti
 
-from ..backend.fields import Fields
-from ..forces.conditions import sym_outer, sym_scaled_identity
-from ..system.state import Model
-from .closest import EDGE_EDGE
-from .repulsion import SHALLOW, height, law, potential
+from ...backend.fields import Fields
+from ...forces.conditions import sym_outer, sym_scaled_identity
+from ...system.state import ParticleState
+from ..geometry import EDGE_EDGE
+from .barrier import SHALLOW, height, law, potential
 
 STEEP = 4.0  # size of a turn from which on friction fades: edges near parallel would turn each other by large normal forces
 FLAT = 1e-6  # over that: from which on there is none
@@ -31,7 +31,7 @@ GAP, RUBBED, BACK, RUB, STOPPED, LED = range(6)
 
 
 @ti.data_oriented
-class Pressing:
+class PairKernels:
     """Pairs of a model's cloths.
 
     Args:
@@ -39,12 +39,12 @@ class Pressing:
         h: the largest step [s].
     """
 
-    def __init__(self, fields: Fields, model: Model, friction: np.ndarray, h: float) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, friction: np.ndarray, h: float) -> None:
         self.model, self.h_usual = model, h
         self.friction = fields.real(model.n, data=friction)
 
     @ti.kernel
-    def weigh(self, pair: ti.types.ndarray(), vertices: ti.types.ndarray(), weights: ti.types.ndarray(),
+    def evaluate(self, pair: ti.types.ndarray(), vertices: ti.types.ndarray(), weights: ti.types.ndarray(),
               normals: ti.types.ndarray(), end: ti.types.ndarray(), radius: ti.types.ndarray(), factor: ti.types.ndarray(),
               boost: ti.types.ndarray(), h: float, out: ti.types.ndarray(), turns: ti.types.ndarray()):
         """Pairs as they are, and their turns (k, 4, 3); `boost` (n,) factors of the particles' stiffness."""

@@ -7,10 +7,10 @@ still slip past it. A step that leaves a new crossing behind is not accepted whi
 import numpy as np
 import taichi as ti
 
-from ..system.state import Model
-from .closest import of_segments, on_triangle
-from .heap import LEAF
-from .mesh_detection import PairDetector
+from ...system.state import ParticleState
+from ..bvh import LEAF
+from ..geometry import of_segments, on_triangle
+from .mesh import PairDetector
 from .tree import TriangleTree
 
 
@@ -18,7 +18,7 @@ from .tree import TriangleTree
 class CrossingCounter:
     """Faces of cloth against the triangles of a tree, both where they are at the end of the step."""
 
-    def __init__(self, model: Model, pairs: PairDetector, tree: TriangleTree) -> None:
+    def __init__(self, model: ParticleState, pairs: PairDetector, tree: TriangleTree) -> None:
         self.model, self.pairs, self.tree = model, pairs, tree
         self._found: np.ndarray = np.zeros(pairs.count, dtype=np.int32)
 

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 import taichi as ti
 
-from ..backend.fields import Fields
-from ..scene.scene import Scene
-from ..scene.solids import MESH
-from ..system.state import Model
-from .distance import distance
+from ...backend.fields import Fields
+from ...scene.scene import Scene
+from ...scene.solids import MESH
+from ...system.state import ParticleState
+from .sdf import distance
 
 SLOTS = 3  # contacts of one vertex
 WIDTH = 9  # numbers of a contact: normal (3), gap at the end, gap at the start, carried start (3), solid
@@ -25,7 +25,7 @@ SAME_SIDE = 0.7  # cosine between normals at the hit and at the end for the end'
 
 
 @dataclass(frozen=True)
-class Found:
+class VertexContacts:
     """Contacts of vertices with solids, sorted by particle.
 
     Attributes:
@@ -50,21 +50,21 @@ class Found:
         return self.index.astype(np.int64) * 65536 + self.solid
 
     @classmethod
-    def none(cls) -> "Found":
+    def none(cls) -> "VertexContacts":
         """No contact."""
         k = np.zeros(0, dtype=np.int64)
         return cls(k, k, np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
 
-    def take(self, which: np.ndarray) -> "Found":
+    def take(self, which: np.ndarray) -> "VertexContacts":
         """Some of them."""
-        return Found(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
+        return VertexContacts(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
 
 
 @ti.data_oriented
 class VertexDetector:
     """Vertices against the analytic solids of a scene."""
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, scene: Scene) -> None:
         self.model = model
         which = [k for k, s in enumerate(scene.solids) if s.shape.kind != MESH]
         self.kinds = tuple(sorted({scene.solids[k].shape.kind for k in which}))

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..system.constraints import Held, kernel_array
-from .detection import Found
+from ...system.constraints import Held, kernel_array
+from .vertices import VertexContacts
 
 APART = 0.3  # sine of the angle between directions below which the second is no further constraint of a particle
 
@@ -24,7 +24,7 @@ class Holding:
     alone: np.ndarray
     rows: np.ndarray
 
-    def forces(self, f: Found, on_held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def forces(self, f: VertexContacts, on_held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(forces [N] (k, 3) of contacts on their particles, their parts (k,) along the normals) from those on what is held.
 
         Several contacts of one particle share its force: by their normals, and evenly what these cannot make up.
@@ -43,7 +43,8 @@ class Holding:
         return force, normal
 
 
-def hold_together(f: Found, stick: np.ndarray, lift: np.ndarray, pinned: Held | None, n: int, exchange: type) -> Holding:
+def hold_together(f: VertexContacts, stick: np.ndarray, lift: np.ndarray, pinned: Held | None, n: int,
+                  exchange: type) -> Holding:
     """Contacts and pins of n particles as one.
 
     Args:
@@ -78,7 +79,7 @@ def hold_together(f: Found, stick: np.ndarray, lift: np.ndarray, pinned: Held | 
     return Holding(Held(kernel_array(all_index, np.int32), P, goal, True, shift), alone, row[f.index])
 
 
-def _combine(f: Found, stick: np.ndarray, shifts: np.ndarray, i: int, pinned: Held | None) -> tuple:
+def _combine(f: VertexContacts, stick: np.ndarray, shifts: np.ndarray, i: int, pinned: Held | None) -> tuple:
     """Everything that holds particle i, one direction after the other: (i, projector, target, y)."""
     rows: list[tuple[np.ndarray, float, float]] = []  # direction, position along it, y along it
     if pinned is not None and i in pinned.index:

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from ..backend.fields import Fields
-from ..scene.scene import Scene
-from ..scene.solids import MESH, Solid, SolidMesh
-from ..system.constraints import kernel_array
-from ..system.state import Model
-from .detection import SLOTS, WIDTH, Found, VertexDetector
+from ...backend.fields import Fields
+from ...scene.scene import Scene
+from ...scene.solids import MESH, Solid, SolidMesh
+from ...system.constraints import kernel_array
+from ...system.state import ParticleState
 from .pairs import Pairs
 from .tree import TriangleTree, smooth
+from .vertices import SLOTS, WIDTH, VertexContacts, VertexDetector
 
 
 class Scanner:
@@ -22,7 +22,7 @@ class Scanner:
         pokes: (solids,) whether a solid could come through a triangle of cloth; yields: (solids,) whether it deforms.
     """
 
-    def __init__(self, fields: Fields, model: Model, scene: Scene) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, scene: Scene) -> None:
         self.model, self.solids, self.exchange, self.time = model, scene.solids, model.exchange, 0.0
         self.thickness = np.array([s.thickness for s in self.solids])
         edges = np.concatenate([np.linalg.norm(np.diff(c.positions[c.mesh.faces], axis=1), axis=2).ravel()
@@ -38,7 +38,7 @@ class Scanner:
         self.tree = self.surfaces = self.pairs = self.crossings = None
         if poking:
             from .crossing import CrossingCounter
-            from .mesh_detection import PairDetector, SurfaceDetector
+            from .mesh import PairDetector, SurfaceDetector
 
             self.tree = TriangleTree(fields, scene, poking, model.origin, longest)
             self.surfaces = SurfaceDetector(fields, model, scene, self.tree) if any(meshes) else None
@@ -93,7 +93,7 @@ class Scanner:
         if self.tree is not None:
             self.tree.set_time(t, h)
 
-    def detect(self) -> Found:
+    def detect(self) -> VertexContacts:
         """Contacts of the particles on their way from the saved to the current positions."""
         if self.vertices is not None:
             self.vertices.detect(self.poses, self._slots, self._rows)
@@ -103,7 +103,7 @@ class Scanner:
         pick = np.arange(SLOTS)[None, :] < self._slots[i][:, None]
         rows = self._rows[i][pick].astype(np.float64)
         index = np.repeat(i, self._slots[i])
-        return Found(index, rows[:, 8].astype(np.int64), rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5:8])
+        return VertexContacts(index, rows[:, 8].astype(np.int64), rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5:8])
 
     def find_crossings(self, grown: bool = False) -> np.ndarray:
         """(k, 3) particles of the cloth's in pairs of triangles of cloth and solids that cross; none where nothing pokes.

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..system.constraints import Held
-from .detection import Found
+from ...system.constraints import Held
 from .pairs import Pairs
+from .vertices import VertexContacts
 
 FACING = -0.5  # cosine between the normals of two surfaces below which they face each other
 
@@ -31,7 +31,7 @@ class Walls:
     normal: np.ndarray
 
 
-def walls(found: Found, near: Pairs | None, x: np.ndarray, thickness: np.ndarray) -> Walls:
+def walls(found: VertexContacts, near: Pairs | None, x: np.ndarray, thickness: np.ndarray) -> Walls:
     """What particles at x (n, 3) touch, and the places of pairs; thickness (solids,) [m]."""
     height = found.gap + thickness[found.solid]
     parts = [(np.repeat(found.index[:, None], 3, axis=1), found.solid, x[found.index] - height[:, None] * found.normal,

@@ -6,11 +6,11 @@ Its boxes hold the triangles at the start and at the end of a step, and so on al
 import numpy as np
 import taichi as ti
 
-from ..backend.fields import Fields
-from ..scene.mesh import face_edges
-from ..scene.scene import Scene
-from ..scene.solids import MESH, Cylinder, SolidMesh
-from .heap import LEAF, BoxHeap, morton
+from ...backend.fields import Fields
+from ...scene.mesh import face_edges
+from ...scene.scene import Scene
+from ...scene.solids import MESH, Cylinder, SolidMesh
+from ..bvh import BVH, LEAF, morton
 
 FLAT, RIM = 0.01, 0.5  # angles [rad] that an edge must have to be one, on any solid and on a smooth cylinder
 
@@ -52,7 +52,7 @@ class TriangleTree:
                                         for (_, s), x in zip(self.solids, locals_)])[all_corners].mean(axis=1))
         self.vertex_count = start
         self.count = len(order)
-        self.boxes = BoxHeap(fields, self.count)
+        self.boxes = BVH(fields, self.count)
         self.x = fields.real(start, 6)
         self.normal = fields.real(start, 3)
         self.corners = fields.integer(self.count, 3, all_corners[order])
