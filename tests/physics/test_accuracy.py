@@ -46,7 +46,7 @@ def test_the_error_asked_for_is_kept_where_cloth_meets_a_ball():
     scene = scenefile.read(str(FOLDER / "sphere_drape.py"))
 
     def at(**options) -> tuple[np.ndarray, int]:
-        sim = tc.Simulation(scene.make({"cells": 25}), **options)
+        sim = tc.Simulation(scene.make({"cells": 16}), **options)
         sim.run(0.2, 100)
         assert max(r.contacts for r in sim.log) > 5
         x, steps = sim.positions(), len(sim.log)

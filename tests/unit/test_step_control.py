@@ -15,7 +15,7 @@ class Counted:
 
     def __init__(self, script=()):
         self.script, self.asked, self.calls = list(script), [], []
-        self.order = 2
+        self.order, self.forces = 2, ()
 
     def save(self):
         self.calls.append("save")
