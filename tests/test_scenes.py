@@ -12,6 +12,8 @@ from reference.geometry import against_solids
 import taichi_cloth as tc
 from taichi_cloth.app import scenefile
 
+pytestmark = pytest.mark.slow
+
 FOLDER = pathlib.Path(__file__).parents[1] / "scenes"
 NAMES = sorted(p.stem for p in FOLDER.glob("*.py"))
 
@@ -74,7 +76,7 @@ def test_debug_mode_does_catch_one(tmp_path):
     script = tmp_path / "out_of_bounds.py"
     script.write_text(f'''
 import numpy as np, taichi_cloth as tc
-from taichi_cloth import scenefile
+from taichi_cloth.app import scenefile
 sim = tc.Simulation(scenefile.read({str(FOLDER / "swing.py")!r}).make({{"n": 11}}), debug=True)
 sim.integrator.system.operator.alter_motion(np.array([125], dtype=np.int32), np.zeros((1, 3)))
 ''')

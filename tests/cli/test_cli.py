@@ -51,6 +51,7 @@ def out(tmp_path_factory):
     return folder, done
 
 
+@pytest.mark.slow
 def test_run_writes_what_it_says(out):
     folder, done = out
     assert sorted(p.name for p in folder.iterdir()) == ["checkpoints", "frames", "geometry.npz", "images", "manifest.json",
@@ -77,6 +78,7 @@ def test_pictures_show_cloth_on_a_ground(out):
     assert np.abs(first - last).max() > 40  # it moved
 
 
+@pytest.mark.slow
 def test_another_runs_files_are_safe(out, tmp_path):
     folder, _ = out
     (folder / "mine.txt").write_text("keep")
@@ -113,6 +115,7 @@ def test_bad_usage_ends_with_2_and_names_the_culprit(args, words):
     assert words in done.stderr and "Traceback" not in done.stderr
 
 
+@pytest.mark.slow
 def test_giving_up_ends_with_3_and_keeps_the_frames(tmp_path):
     scene = tmp_path / "wild.py"
     scene.write_text('''"""Pulled apart."""
@@ -136,6 +139,7 @@ def check(sim):
     assert call("check", scene, "--duration", "0.05", "--fps", "20").returncode == 1
 
 
+@pytest.mark.slow
 def test_interrupt_leaves_whole_frames(tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "taichi_cloth", "run", "hang", "--out", str(tmp_path / "o"), "--duration", "60",
@@ -153,6 +157,7 @@ def test_interrupt_leaves_whole_frames(tmp_path):
     assert json.loads((tmp_path / "o" / "manifest.json").read_text())["status"] == "interrupted"
 
 
+@pytest.mark.slow
 def test_check_list_doctor_and_help():
     done = call("check", "swing", "--small")
     assert done.returncode == 0 and done.stdout.count("ok ") == 3
@@ -165,6 +170,7 @@ def test_check_list_doctor_and_help():
     assert "taichi_cloth.app.cli" in modules and "taichi.lang" not in modules and "numpy" not in modules
 
 
+@pytest.mark.slow
 def test_scene_file_takes_the_same_flags():
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run([sys.executable, "scenes/hang.py", "--no-images", "--set", "n=7", "--duration", "0.1"],

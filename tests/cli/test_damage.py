@@ -5,6 +5,8 @@ import sys
 import pytest
 from test_cli import ROOT
 
+pytestmark = pytest.mark.slow
+
 sys.path.append(str(ROOT / "scripts"))
 
 

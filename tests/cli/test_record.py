@@ -39,6 +39,7 @@ def run(tmp_path_factory):
                            frames=[recording.frame(k) for k in recording.frames()], manifest=recording.manifest)
 
 
+@pytest.mark.slow
 def test_frames_are_at_their_times_with_positions_and_velocities(run):
     assert [float(f["t"]) for f in run.frames] == pytest.approx([k / FPS for k in range(FRAMES + 1)], abs=1e-12)
     falling = slice(16, 32)

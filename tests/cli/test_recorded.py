@@ -45,6 +45,7 @@ def killed(folder, when) -> None:
     assert process.wait() == -signal.SIGKILL, "it was over before it could be killed"
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_bitwise(whole, tmp_path):
     """Killed in the middle of a frame; its last checkpoint cut short as if killed in the middle of that."""
     folder = tmp_path / "killed"
@@ -67,6 +68,7 @@ def test_a_killed_run_goes_on_bitwise(whole, tmp_path):
     assert "the motion agrees in all 16 frames" in said.stdout and "settings" not in said.stdout
 
 
+@pytest.mark.slow
 def test_going_on_is_refused_where_things_changed(whole, tmp_path):
     folder = shutil.copytree(whole, tmp_path / "copy")
     done = call("run", "sphere_drape", "--out", folder, *RUN, "--resume", "--precision", "f32")
@@ -80,6 +82,7 @@ def test_going_on_is_refused_where_things_changed(whole, tmp_path):
 
 
 @pytest.mark.parametrize("name, integrator", [("trampoline", "backward_euler"), ("swing", "verlet")])
+@pytest.mark.slow
 def test_checkpoints_hold_everything_that_decides(name, integrator):
     """Events, motions, rejections and step sizes included."""
     scene = scenefile.read(str(ROOT / "scenes" / f"{name}.py"))
@@ -149,6 +152,7 @@ def test_blender_reads_the_cache(whole, tmp_path):
     assert np.abs(x.reshape(-1, 3) - recording.frame(10)["x"]).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_drawn_again_and_compared(whole, tmp_path):
     done = call("render", whole, "--to", tmp_path / "again", "--size", "96x64", "--every", "5", "--heat", "stretch", "--wire",
                 "--quality", "standard", "--caption", "t = {t}", "--sheet", "4", "--apng", "--camera", "1,1,1:0,0,0")

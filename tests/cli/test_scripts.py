@@ -5,6 +5,8 @@ import json
 import pytest
 from test_cli import ROOT, call_script
 
+pytestmark = pytest.mark.slow
+
 BENCHES = {
     "bench_product": ["--sizes", "9", "--precision", "f64", "--rounds", "1"],
     "bench_solver": ["--sizes", "9", "--meshes", "sheet", "slit", "--rounds", "1", "--direct-rounds", "1"],

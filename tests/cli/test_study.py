@@ -3,7 +3,10 @@
 import csv
 import json
 
+import pytest
 from test_cli import call
+
+pytestmark = pytest.mark.slow
 
 
 def test_study_writes_tables(tmp_path):

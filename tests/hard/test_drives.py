@@ -12,6 +12,8 @@ import taichi_cloth as tc
 sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "scripts"))
 from fuzzing import drives  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 NEEDLE = pytest.mark.xfail(strict=True, reason="a needle at 10 m/s comes nearer than a fifth of the thickness, or through, in "
                                                "steps of 1/30 s")
 

@@ -10,6 +10,8 @@ from reference.geometry import against_solids
 import taichi_cloth as tc
 from taichi_cloth.app import scenefile
 
+pytestmark = pytest.mark.slow
+
 FABRIC = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
 
 

@@ -27,6 +27,7 @@ def thrown():
     return sim.log, v, v[flies.start:]
 
 
+@pytest.mark.slow
 def test_a_sheet_at_20_m_s_does_not_pass_through_one_that_is_held_at_a_point(thrown):
     log, v, thrown_v = thrown
     assert [r.intersections for r in log] == [r.tangled for r in log] == [0] * len(log)
@@ -35,5 +36,6 @@ def test_a_sheet_at_20_m_s_does_not_pass_through_one_that_is_held_at_a_point(thr
 
 
 @pytest.mark.xfail(strict=True, reason="what an impact presses to its floor has none any more, and comes nearer step by step")
+@pytest.mark.slow
 def test_nor_does_it_come_nearer_than_a_fifth_of_the_thickness(thrown):
     assert min(r.least for r in thrown[0]) >= 0.2 * (1 - 1e-6)

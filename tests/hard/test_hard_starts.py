@@ -77,6 +77,7 @@ def test_corner_jerked_at_10_metres_a_second():
 
 
 @pytest.mark.parametrize("stretch", [1000.0, 100_000.0])
+@pytest.mark.slow
 def test_hang_at_paper_size_needs_no_smaller_step(stretch):
     from taichi_cloth.app import scenefile
 

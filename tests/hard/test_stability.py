@@ -13,6 +13,7 @@ _spec.loader.exec_module(stability)
 
 @pytest.mark.parametrize("name", ["stiff", "masses", "slivers", "collapsed", "folded", "half", "inverted", "fast pins",
                                   "jerked", "gusts", "far away", "all held"])
+@pytest.mark.slow
 def test_default_passes(name):
     row = stability.run(stability.CASES[name], "safe")
     assert row["passed"], row

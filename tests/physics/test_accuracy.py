@@ -26,12 +26,14 @@ def swung():
     return made, {(r.case.integrator, r.case.tolerance): r for r in made.rows}
 
 
+@pytest.mark.slow
 def test_second_order_has_an_eighth_of_the_papers_error_for_no_more_iterations(swung):
     _, rows = swung
     paper, second = rows["backward_euler", None], rows["tr_bdf2", None]
     assert second.error < paper.error / 8 and second.iterations <= paper.iterations, (paper, second)
 
 
+@pytest.mark.slow
 def test_the_error_asked_for_is_kept(swung):
     made, rows = swung
     assert made.predictable == pytest.approx(0.5)
@@ -41,6 +43,7 @@ def test_the_error_asked_for_is_kept(swung):
     assert rows["verlet", None].error < 1e-3
 
 
+@pytest.mark.slow
 def test_the_error_asked_for_is_kept_where_cloth_meets_a_ball():
     """At .2 s the sheet has been on the ball for 60 ms; from .22 s on references part."""
     scene = scenefile.read(str(FOLDER / "sphere_drape.py"))
@@ -61,6 +64,7 @@ def test_the_error_asked_for_is_kept_where_cloth_meets_a_ball():
     assert rms(at(h=1 / 60)[0] - fine) > 3e-3
 
 
+@pytest.mark.slow
 def test_softened_steps_come_to_the_stiff_motion_as_they_get_smaller():
     """Stretch that is too stiff to be seen need not be stepped through: error at .5 s for substeps 9, 3 and 1 times stable."""
     made = study("swing", lambda: SWING.make({"n": 26, "stretch": 1e5}),
@@ -84,6 +88,7 @@ def test_energy_never_grows_by_much_and_the_step_says_why_it_fell_back():
 @pytest.mark.parametrize("settings, tolerance, wanted", [
     ({"n": 11}, None, "verlet"), ({"n": 26, "stretch": 1e5}, None, "safe"),
     ({"n": 26, "stretch": 1e5}, 1e-3, "verlet"), ({"n": 11}, 1e-5, "safe")])
+@pytest.mark.slow
 def test_auto_picks_by_stiffness_and_tolerance_and_says_why(settings, tolerance, wanted):
     sim = tc.Simulation(SWING.make(settings), h=1 / 60, integrator="auto", tolerance=tolerance)
     assert sim.integrator_name == wanted and sim.notes[0].startswith(f"integrator {wanted}: ")
@@ -91,6 +96,7 @@ def test_auto_picks_by_stiffness_and_tolerance_and_says_why(settings, tolerance,
     sim.close()
 
 
+@pytest.mark.slow
 def test_wind_changes_within_a_step():
     """Explicit and implicit steps of 1/60 s see a gust of .5 s as small ones do: with the wind of its end alone the
     explicit one was off by 6e-3 m."""

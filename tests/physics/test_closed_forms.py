@@ -12,6 +12,7 @@ G = 9.81
 
 @pytest.mark.parametrize("integrator", ["backward_euler", "newton_euler", "safe", "verlet"])
 @pytest.mark.parametrize("precision, tolerance", [("f64", 1e-13), ("f32", 2e-6)])
+@pytest.mark.slow
 def test_free_fall_is_exact(integrator, precision, tolerance):
     scene = tc.Scene()
     v_0 = np.array([0.3, 1.0, -0.2])
@@ -82,6 +83,7 @@ def swing(h, integrator="backward_euler", t=0.2, parts=(1.0,)):
 
 
 @pytest.mark.parametrize("integrator, order", [("backward_euler", 1), ("newton_euler", 1), ("tr_bdf2", 2), ("verlet", 2)])
+@pytest.mark.slow
 def test_methods_converge_to_one_limit(integrator, order):
     """Halving the step halves or quarters the error against Richardson's extrapolation of another method."""
     steps = [0.2 / n for n in ((80, 160, 320) if order == 1 or integrator == "verlet" else (20, 40, 80))]
@@ -95,6 +97,7 @@ def test_methods_converge_to_one_limit(integrator, order):
         assert abs(np.log2(error[-2] / error[-1]) - 2) < 0.1, error
 
 
+@pytest.mark.slow
 def test_the_pitch_of_a_string_is_of_second_order_in_the_mesh():
     """A strip stretched by 5 % swings as a string, f = sqrt(k (l - 1) / (sigma l)) / 2 m; seen after 5 1/4 swings."""
     k, stretch, size = 500.0, 1.05, 1e-4
@@ -132,6 +135,7 @@ def test_explicit_steps_are_stable_and_not_needlessly_small():
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.5])
+@pytest.mark.slow
 def test_a_substep_is_kept_and_softens_only_what_it_must(damping):
     mesh = tc.grid(1.0, 10)
     uv = mesh.uv.copy()
@@ -181,6 +185,7 @@ def test_drag_brings_cloth_to_the_wind():
     assert np.abs(sim.velocities().mean(axis=0) - np.array([3.0, 1.0, 0]) * (1 - left)).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_far_from_the_origin_in_f32():
     ends = []
     for shift in (0.0, 1e4):

@@ -23,6 +23,7 @@ def sheet_on_sheet(friction: float, gravity, gap: float = THICKNESS, v=(0.0, 0.0
     return sim, np.arange(upper.vertex_count) + b.start
 
 
+@pytest.mark.slow
 def test_pressed_sheets_lift_apart_freely():
     sim, upper = sheet_on_sheet(0.3, (0, -9.81, 0))
     for _ in range(20):
@@ -36,6 +37,7 @@ def test_pressed_sheets_lift_apart_freely():
     sim.close()
 
 
+@pytest.mark.slow
 def test_smooth_sheets_glide():
     sim, upper = sheet_on_sheet(0.0, (0, -9.81, 0), v=(2.0, 0, 0))
     for _ in range(10):
@@ -53,6 +55,7 @@ def test_the_upper_sheet_falls_freely():
     sim.close()
 
 
+@pytest.mark.slow
 def test_what_rests_does_not_creep():
     sim, upper = sheet_on_sheet(0.3, (0, -9.81, 0))
     for _ in range(30):
@@ -66,6 +69,7 @@ def test_what_rests_does_not_creep():
 
 
 @pytest.mark.parametrize("degrees", [12, 25])
+@pytest.mark.slow
 def test_a_sheet_slides_on_a_sheet_as_coulomb_says(degrees):
     mu, angle = 0.3, math.radians(degrees)
     sim, upper = sheet_on_sheet(mu, 9.81 * np.array([math.sin(angle), -math.cos(angle), 0]))
@@ -84,6 +88,7 @@ def test_a_sheet_slides_on_a_sheet_as_coulomb_says(degrees):
     sim.close()
 
 
+@pytest.mark.slow
 def test_springs_of_the_paper_carry_a_sheet_with_one_solve_a_step():
     """They hold what falls on them apart, by forces that add up to nothing, and know nothing of what is not near yet."""
     sim, upper = sheet_on_sheet(0.3, (0, -9.81, 0), gap=1.05 * THICKNESS, contact="springs")
@@ -96,6 +101,7 @@ def test_springs_of_the_paper_carry_a_sheet_with_one_solve_a_step():
     sim.close()
 
 
+@pytest.mark.slow
 def test_springs_let_nothing_through_that_comes_fast():
     sim, upper = sheet_on_sheet(0.3, (0, 0, 0), gap=0.2, v=(0, -5.0, 0), contact="springs")
     while sim.time < 0.07:
@@ -113,6 +119,7 @@ def test_springs_let_nothing_through_that_comes_fast():
 
 
 @pytest.mark.parametrize("mu", [0.2, 0.5])
+@pytest.mark.slow
 def test_a_strip_between_plates_slips_at_the_force_of_both(mu):
     """Drawn slowly from between the floor and a loaded sheet that can only rise and fall."""
     scene, meets, speed = tc.Scene(), tc.ClothContact(THICKNESS, mu), 0.2

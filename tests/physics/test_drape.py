@@ -3,6 +3,10 @@
 import importlib.util
 import pathlib
 
+import pytest
+
+pytestmark = pytest.mark.slow
+
 _spec = importlib.util.spec_from_file_location("validate", pathlib.Path(__file__).parents[2] / "scripts" / "validate.py")
 assert _spec is not None and _spec.loader is not None
 validate = importlib.util.module_from_spec(_spec)

@@ -7,6 +7,8 @@ import pytest
 
 import taichi_cloth as tc
 
+pytestmark = pytest.mark.slow
+
 G = 9.81
 
 

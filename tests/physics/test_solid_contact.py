@@ -7,6 +7,8 @@ import pytest
 
 import taichi_cloth as tc
 
+pytestmark = pytest.mark.slow
+
 G = 9.81
 FABRIC = tc.Fabric(0.2, tc.Stretch(1000, k_d=0.5), tc.Shear(100, k_d=0.05), tc.Bend(5e-5))
 

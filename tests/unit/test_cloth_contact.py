@@ -70,6 +70,7 @@ def triangle_distance(p, a, b, c) -> float:
     return min(segment_distance(p, p + 1e-12, *ends) for ends in ((a, b), (b, c), (c, a)))
 
 
+@pytest.mark.slow
 def test_all_near_pairs_are_found_once(rng):
     d = detector(soup(rng, 60))
     d.begin()
@@ -98,6 +99,7 @@ def test_all_near_pairs_are_found_once(rng):
 
 
 @pytest.mark.parametrize("precision", ["f64", "f32"])
+@pytest.mark.slow
 def test_only_what_strays_is_looked_for_again(rng, precision):
     scene = soup(rng, 150)
     d, anew = detector(scene, precision), detector(scene, precision)
@@ -138,6 +140,7 @@ def test_what_is_near_at_rest_keeps_half_of_that(rng):
 
 
 @pytest.mark.parametrize("precision", ["f64", "f32"])
+@pytest.mark.slow
 def test_the_free_way_is_free_and_not_too_short(rng, precision):
     scene = soup(rng, 80, 2.5)
     d = detector(scene, precision)
@@ -220,6 +223,7 @@ def test_forces_of_pairs_are_the_slope_of_their_energy_on_a_ladder(rng):
 
 
 @pytest.mark.parametrize("precision", ["f64", "f32"])
+@pytest.mark.slow
 def test_degenerate_pairs_are_defined(precision):
     """Parallel edges do not count, but the vertices at their ends do; a vertex over an edge or a corner meets all faces there,
     with the same normal; what lies in a plane or on a thing has a finite answer."""
@@ -267,6 +271,7 @@ def two_sheets(gap: float, v=(0.0, 0.0, 0.0), friction: float = 0.0, cells: int 
     return scene, a, tc.Simulation(scene, **{"h": 1 / 60, "integrator": "backward_euler", **kwargs})
 
 
+@pytest.mark.slow
 def test_forces_of_layers_add_up_to_nothing():
     scene, a, sim = two_sheets(0.03, (0.3, -2.0, 0.0))
     n = a.mesh.vertex_count
@@ -298,6 +303,7 @@ def test_energy_with_that_of_repulsion_never_grows():
 
 
 @pytest.mark.parametrize("precision", ["f64", "f32"])
+@pytest.mark.slow
 def test_what_hits_does_not_pass(precision):
     scene, a, sim = two_sheets(0.05, (0.0, -6.0, 0.0), 0.2, precision=precision, count_intersections=True)
     for _ in range(8):
@@ -310,6 +316,7 @@ def test_what_hits_does_not_pass(precision):
     sim.close()
 
 
+@pytest.mark.slow
 def test_the_same_twice_and_resumed():
     scene, a, sim = two_sheets(0.02, (0.2, -1.0, 0.0), 0.3, gravity=(0, -9.81, 0))
     while not (sim.log and sim.log[-1].layers):
@@ -340,6 +347,7 @@ def crossing_scene() -> tc.Scene:
     return scene
 
 
+@pytest.mark.slow
 def test_what_starts_crossed_is_counted_named_and_pulled_apart():
     sim = tc.Simulation(crossing_scene(), h=1 / 60, count_intersections=True)
     before = sim.intersections()
@@ -353,6 +361,7 @@ def test_what_starts_crossed_is_counted_named_and_pulled_apart():
     sim.close()
 
 
+@pytest.mark.slow
 def test_a_run_resumed_in_contact_goes_on_bit_for_bit(rng):
     """With layers that press, rub, are tangled and pinched, and stiffened pairs; and all of that decides how it goes on."""
     def start() -> tc.Simulation:
@@ -392,6 +401,7 @@ def test_a_run_resumed_in_contact_goes_on_bit_for_bit(rng):
     again.close()
 
 
+@pytest.mark.slow
 def test_tangles_can_be_left_alone_or_refused():
     with pytest.raises(tc.SceneError, match="pass through each other at the start"):
         tc.Simulation(crossing_scene(), tangles="abort")
@@ -405,6 +415,7 @@ def test_tangles_can_be_left_alone_or_refused():
     sim.close()
 
 
+@pytest.mark.slow
 def test_cloths_can_pass_through_each_other():
     scene, mesh, contact = tc.Scene(gravity=None), tc.grid(0.2, 4), tc.ClothContact(0.005)
     a = scene.add_cloth(mesh, FABRIC, contact=contact)
@@ -430,6 +441,7 @@ def test_explicit_steps_refuse_it_and_bad_values_are_named():
         scene.add_cloth(tc.grid(1.0, 2), FABRIC, contact=0.01)
 
 
+@pytest.mark.slow
 def test_without_contact_none_of_it_is_imported():
     """A mesh large enough for the multilevel preconditioner: no contact at all; on a solid: none of cloth against cloth."""
     code = """
@@ -461,6 +473,7 @@ assert not hasattr(sim.contacts.force, "turns") and sim.contacts.force.capacity 
     assert not {m for m in some if m.startswith("step")}
 
 
+@pytest.mark.slow
 def test_a_pair_is_neither_pushed_nor_turned_nor_braked_as_it_turns(rng):
     """Weights add up to 0, the normal is that of the shortest way, and the turns make up for the gap between the two places at
     which friction acts."""

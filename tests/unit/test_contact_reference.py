@@ -194,6 +194,7 @@ def free_parts(d: LayerDetector) -> np.ndarray:
     return part.astype(float)
 
 
+@pytest.mark.slow
 def test_the_free_way_of_every_pair(rng):
     """It leaves a fifth of what is above the floor, a fifth of r, and comes as near to that as a twentieth of it; what it
     does not stop does not come so near, nor into reach, and nothing is missed. No pair goes as far as to where it touches."""
@@ -254,6 +255,7 @@ def reference_pairs(sim, p, at, x_0, boost) -> dict:
     return out
 
 
+@pytest.mark.slow
 def test_solves_are_told_what_the_reference_says(rng):
     """Three solves of a step half as large as usual: stiffness, force, slope, stop, turns, friction as damping and as sliding;
     then what they led to: energy, friction, its potential, what stops approaches, and forces on particles."""

@@ -67,6 +67,7 @@ def test_an_irregular_cantilever_has_its_rigidity(rng):
     assert (np.linalg.eigvalsh(K)[:3] < 1e-6).all() and np.linalg.eigvalsh(K)[3] > 0.1  # only planes cost nothing
 
 
+@pytest.mark.slow
 def test_rigidity_does_not_depend_on_the_triangulation(rng):
     """A cylinder of curvature 1: energy D/2 an area, on a jittered mesh, bent along any direction; hinges are off."""
     uv, mesh = jittered(rng, 16)

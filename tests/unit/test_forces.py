@@ -70,6 +70,7 @@ def test_force_is_minus_energy_gradient(rng, part):
 
 @pytest.mark.parametrize("part", PARTS)
 @pytest.mark.parametrize("K", ["paper", "gauss_newton", "projected"])
+@pytest.mark.slow
 def test_stiffness_against_differences(rng, part, K):
     sim, x, v = simulation(rng, part, K)
     zero, p = np.zeros_like(v), rng.normal(size=x.shape)
@@ -123,6 +124,7 @@ def test_invariant_under_rigid_motion(rng):
 
 
 @pytest.mark.parametrize("K", ["paper", "gauss_newton", "projected"])
+@pytest.mark.slow
 def test_right_hand_side_and_diagonal(rng, K):
     sim, x, v = simulation(rng, K=K, gravity=(0, 0, -9.81))
     h = 0.01
@@ -166,6 +168,7 @@ def test_seam_hinges_use_the_mean_of_their_sides(rng):
 
 
 @pytest.mark.parametrize("K", ["projected", "gauss_newton", "paper"])
+@pytest.mark.slow
 def test_collapsed_and_folded_states_are_defined(rng, K):
     mesh, scene = tc.grid(1.0, 2), tc.Scene()
     scene.add_cloth(mesh, FULL)
@@ -194,6 +197,7 @@ def hinge(theta, rest=0.0, **kwargs):
 
 
 @pytest.mark.parametrize("rest", [0.0, -0.9])
+@pytest.mark.slow
 def test_a_fold_that_passes_through_itself_has_no_jump(rest):
     """Energy and force change by no more than the step of the angle says, all the way round."""
     sim, fold = hinge(0.5, rest, threads=1)
@@ -225,6 +229,7 @@ def test_a_fold_of_exactly_pi_is_pushed_to_one_side():
     assert np.isfinite(sim.forces()).all() and np.abs(sim.forces()).max() > 1
 
 
+@pytest.mark.slow
 def test_a_triangle_that_turns_inside_out_has_no_jump():
     """Its tip goes through the edge: the angle jumps by pi there, energy and force do not."""
     sim, _ = hinge(0.5, threads=1)
@@ -243,6 +248,7 @@ def test_a_triangle_that_turns_inside_out_has_no_jump():
     assert energies[0] - energies[-1] == pytest.approx(work, rel=2e-2)
 
 
+@pytest.mark.slow
 def test_what_is_not_named_does_not_exist():
     scene = tc.Scene(gravity=None)
     scene.add_cloth(tc.grid(1.0, 3), tc.Fabric(0.2, tc.Stretch(100)))
@@ -261,6 +267,7 @@ def test_what_is_not_named_does_not_exist():
 
 @pytest.mark.parametrize("bend", ["hinge", "curvature"])
 @pytest.mark.parametrize("jitter", [0.0, 0.02])
+@pytest.mark.slow
 def test_rates_bound_the_fastest_mode_of_flat_cloth(bend, jitter, rng):
     mesh = tc.grid(1.0, 9)
     uv = mesh.uv + rng.uniform(-jitter, jitter, mesh.uv.shape)

@@ -7,6 +7,8 @@ import pytest
 
 import taichi_cloth as tc
 
+pytestmark = pytest.mark.slow
+
 TOLERANCE = 1e-9  # relative: both sides are float64, the reference by dense algebra
 
 

@@ -34,6 +34,7 @@ def field(sim: tc.Simulation, rows) -> np.ndarray:
     return sim.model.to_user(rows.to_numpy())
 
 
+@pytest.mark.slow
 def test_a_tr_bdf2_step_solves_the_formulas_two_stages():
     """TR to t + g h, BDF2 from there to t + h [Hosea & Shampine 1996], with forces taken from outside."""
     sim = tc.Simulation(led(moves=False), h=1 / 90, integrator="tr_bdf2", newton_tol=1e-12, cg_tol=1e-12, newton_max=60)
@@ -53,6 +54,7 @@ def test_a_tr_bdf2_step_solves_the_formulas_two_stages():
     other.close()
 
 
+@pytest.mark.slow
 def test_verlets_substeps_are_kicks_and_drifts():
     """Two substeps by hand; damping by the velocity predicted at the whole substep; bending as the rest."""
     fabric = tc.Fabric(0.2, tc.Stretch((900, 700), 0.6), tc.Shear(150, 0.1), tc.Bend(0.4, 1e-4))
@@ -104,6 +106,7 @@ def test_restoring_brings_back_all_that_a_step_starts_from():
     assert (model.x_saved.to_numpy() == x).all()
 
 
+@pytest.mark.slow
 def test_newton_goes_no_further_than_its_potential_falls():
     """A solve's answer a hundred times too long is taken back until the potential falls, x with it."""
     sim = tc.Simulation(led(moves=False), h=1 / 60, integrator="tr_bdf2")
@@ -133,6 +136,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
+@pytest.mark.slow
 def test_going_on_from_a_checkpoint_is_going_on(name):
     """Bit for bit, also for what a step remembers of the one before: forces implied, debts, step sizes, substeps."""
     whole = tc.Simulation(led(), **CASES[name])
@@ -178,6 +182,7 @@ def test_what_tr_bdf2_and_safe_remember_comes_back():
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
+@pytest.mark.slow
 def test_an_error_asked_for_is_kept_where_a_pin_starts_at_speed(tolerance):
     """The jump of half a metre a second is the script's, and no error: it made the run give up at t = 0."""
 

@@ -63,6 +63,7 @@ def led(air=None, damped=K_D) -> tc.Scene:
 
 
 @pytest.mark.parametrize("integrator", ["newton_euler", "tr_bdf2"])
+@pytest.mark.slow
 def test_all_of_a_converged_step_is_accounted_for(integrator):
     """Pins that work, wind, damping and the method's own: nothing is left but rounding, step by step."""
     sim = tc.Simulation(led(tc.Air(normal=0.8, tangential=0.1, wind=(2.0, 0.5, 1.0))), h=1 / 90, integrator=integrator,
@@ -83,6 +84,7 @@ def test_all_of_a_converged_step_is_accounted_for(integrator):
     sim.close()
 
 
+@pytest.mark.slow
 def test_each_term_of_a_backward_euler_step_is_what_forces_do():
     """Work of pins, wind and damping from forces and velocities at the end of the step, the method's own from its formula."""
     calm, windy = (tc.Simulation(led(air), h=1 / 60, integrator="backward_euler", stretch_limit=9.0)
@@ -123,6 +125,7 @@ def twisted(turn: float) -> tc.Scene:
 
 
 @pytest.mark.parametrize("integrator, part", [("backward_euler", 1e-9), ("newton_euler", 1e-9), ("safe", 0.03)])
+@pytest.mark.slow
 def test_a_twisted_sheet_gains_nothing(integrator, part):
     """Backward Euler's potential does not bound kinetic energy where bending is not convex: its steps gained 45 J."""
     sim = tc.Simulation(twisted(2.8), h=1 / 60, integrator=integrator, stretch_limit=9.0)

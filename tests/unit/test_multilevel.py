@@ -39,6 +39,7 @@ def simulation(meshes, **kwargs) -> tc.Simulation:
 
 @pytest.mark.parametrize("name", MESHES)
 @pytest.mark.parametrize("together", [True, False])
+@pytest.mark.slow
 def test_it_is_symmetric_and_positive_on_what_is_free(name, together):
     sim = simulation(MESHES[name])
     sim.solve(1 / 60)
@@ -57,6 +58,7 @@ def test_it_is_symmetric_and_positive_on_what_is_free(name, together):
 
 
 @pytest.mark.parametrize("name", ["sheet", "hole and slit", "two pieces", "tube"])
+@pytest.mark.slow
 def test_same_answer_with_all_preconditioners(name):
     answers = []
     for preconditioner in ("multilevel", "block_jacobi") if name != "tube" else ("jacobi", "none"):
@@ -68,6 +70,7 @@ def test_same_answer_with_all_preconditioners(name):
 
 
 @pytest.mark.parametrize("mesh", [tc.grid(1.0, 40), slit(40)], ids=["sheet", "hole and slit"])
+@pytest.mark.slow
 def test_iterations(mesh):
     count = {}
     for preconditioner in ("multilevel", "block_jacobi"):
@@ -82,6 +85,7 @@ def test_iterations(mesh):
 
 
 @pytest.mark.parametrize("n", [46, 67, 74])
+@pytest.mark.slow
 def test_in_f32_at_sizes_whose_spacing_is_no_binary_number(n):
     """Hats that meet a point by a rounding only once had blocks whose determinant was none in f32."""
     scene = tc.Scene()
@@ -93,6 +97,7 @@ def test_in_f32_at_sizes_whose_spacing_is_no_binary_number(n):
     sim.close()
 
 
+@pytest.mark.slow
 def test_a_team_and_launch_by_launch_agree():
     answers = []
     for threads, together in ((2, True), (2, False), (3, True), (1, True)):
@@ -107,6 +112,7 @@ def test_a_team_and_launch_by_launch_agree():
     assert max(np.abs(x - answers[0][0]).max() for x, _ in answers) < 1e-10
 
 
+@pytest.mark.slow
 def test_levels_that_last_are_made_anew_when_they_have_aged(monkeypatch):
     monkeypatch.setattr(multilevel, "WORTH", 500)
     sim = simulation(MESHES["sheet"], integrator="backward_euler")
@@ -167,6 +173,7 @@ def test_what_auto_takes():
         tc.Simulation(small, preconditioner="multilvl")
 
 
+@pytest.mark.slow
 def test_levels_have_the_diagonal_of_what_is_free():
     """D_l is the block diagonal of (S Q_l)^T A S Q_l, particles held by pins and by contacts taken into account, hinges
     apart; see the next test for them."""
@@ -212,6 +219,7 @@ def test_levels_have_the_diagonal_of_what_is_free():
                 assert np.abs(mine - D).max() < 1e-5 * np.abs(D).max()
 
 
+@pytest.mark.slow
 def test_levels_have_the_trace_of_hinges_in_flat_cloth(rng):
     """`bent` of a node is the trace of Q_l^T A_bend Q_l of the flat sheet, whatever the mesh and its state now."""
     sheet = slit(6)

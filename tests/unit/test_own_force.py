@@ -68,6 +68,7 @@ def drift(sim: tc.Simulation) -> np.ndarray:
     return sim.model.remembered["hinge_drift"].now.to_numpy()
 
 
+@pytest.mark.slow
 def test_it_acts_and_its_part_of_the_levels_is_there(sim):
     """The block of a node is s^T A s, summed over what its hat meets, hinges included."""
     before = drift(sim)
@@ -114,6 +115,7 @@ def test_a_rejected_step_leaves_it_as_it_was(sim, monkeypatch):
     assert (tried[0] == before).all() and (tried[1] == before).all() and (drift(sim) != before).any()
 
 
+@pytest.mark.slow
 def test_it_is_resumed_bit_for_bit(sim):
     state = {name: np.array(array) for name, array in sim.checkpoint().items()}
     other = make()

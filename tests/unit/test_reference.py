@@ -90,6 +90,7 @@ def particles(sim, values):
 
 
 @pytest.mark.parametrize("name", STATES)
+@pytest.mark.slow
 def test_energies_forces_and_matrices(case, name):
     scene, sim, K = case
     rng = np.random.default_rng(811 + STATES.index(name))
@@ -158,6 +159,7 @@ def test_solutions_with_held_directions(case, name):
     assert_close(sim.constraint_forces(), impulse / h, 1e-8)
 
 
+@pytest.mark.slow
 def test_a_step_of_backward_euler():
     """With a pin and a vertex that is led."""
     rng = np.random.default_rng(523)

@@ -38,6 +38,7 @@ def test_solids_are_where_they_are_at_a_time():
         assert geometry.triangles(solid(frames), t)[0] == pytest.approx(CUBE + moved)
 
 
+@pytest.mark.slow
 def test_faces_come_nearer_than_their_corners(rng):
     x, faces = np.array([[-1.0, 0.2, -1], [1, 0.2, -1], [0, 0.2, 1]]), np.array([[0, 1, 2]])
     for shape in (tc.Sphere(0.1), tc.SolidMesh(*tc.Box((0.2, 0.2, 0.2)).core()[:2]), tc.Box((0.2, 0.2, 0.2), 0.05)):

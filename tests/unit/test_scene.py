@@ -157,6 +157,7 @@ def test_motion_rows_follow_the_order_given():
     assert sim.positions()[3, 0] == 5 and sim.positions()[1, 0] == 7
 
 
+@pytest.mark.slow
 def test_events_end_steps_and_leave_the_scene_as_it_was():
     scene, cloth = sheet()
     times = []

@@ -54,6 +54,7 @@ def dense_solution(sim, h, constraints):
 
 
 @pytest.mark.parametrize("K", ["projected", "gauss_newton"])
+@pytest.mark.slow
 def test_against_dense(rng, K):
     sim = build(rng, K)
     n, h = sim.vertex_count, 0.02
@@ -69,6 +70,7 @@ def test_against_dense(rng, K):
 
 
 @pytest.mark.parametrize("precision, rounding", [("f64", 2e-15), ("f32", 1e-6)])
+@pytest.mark.slow
 def test_constraints_are_exact_at_any_iteration_count(rng, precision, rounding):
     sim = build(rng, precision=precision, cg_tol=1e-30)
     constraints = random_constraints(rng, sim.vertex_count)
@@ -82,6 +84,7 @@ def test_constraints_are_exact_at_any_iteration_count(rng, precision, rounding):
             assert np.abs(c.basis @ (dv[c.vertex] - c.z)).max() < rounding * (1 + np.linalg.norm(c.z))
 
 
+@pytest.mark.slow
 def test_residual_history_and_tolerance(rng):
     sim = build(rng, cg_tol=1e-6)
     sim.solve(0.02, random_constraints(rng, sim.vertex_count))
@@ -90,6 +93,7 @@ def test_residual_history_and_tolerance(rng):
     assert s.residual <= 2e-6 and history[-1] < 1e-4 * history[0]
 
 
+@pytest.mark.slow
 def test_indefinite_matrix_is_a_breakdown_not_an_answer(rng):
     mesh = tc.grid(1.0, 4)
     scene = tc.Scene()
@@ -123,6 +127,7 @@ def test_bad_constraints(rng):
         tc.Constraint(0, z=(0, np.nan, 0))
 
 
+@pytest.mark.slow
 def test_mass_modification_gives_the_same_answer(rng):
     """[BW98 (14)]: (I - h W D - h^2 W K) dv = W b + z with W = S/m, not symmetric, by GMRES, against the filtered CG."""
     sim = build(rng)

@@ -50,6 +50,7 @@ def test_solver_that_does_not_converge_is_not_accepted():
         sim.run(1, 10)
 
 
+@pytest.mark.slow
 def test_fixed_step_does_what_it_is_told_and_reports():
     sim = jerked(limit=1e-7, adaptive=False)
     sim.run(0.2, 60)
@@ -79,6 +80,7 @@ def test_step_takes_exactly_the_time_asked_for():
         sim.step(-1)
 
 
+@pytest.mark.slow
 def test_energy_test_mends_what_one_solve_would_blow_up():
     mesh = tc.grid(1.0, 10)
     scene = tc.Scene(gravity=None)
@@ -110,6 +112,7 @@ def test_closed_and_superseded_simulations_say_so():
         first.positions()
 
 
+@pytest.mark.slow
 def test_bitwise_repeatable():
     def final():
         sim = jerked(limit=0.05, precision="f32")

@@ -36,6 +36,7 @@ def run(**options) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.array(x), np.array(energy), np.array(stretch)
 
 
+@pytest.mark.slow
 def test_errors_are_those_of_positions_computed_afresh():
     said: list[str] = []
     found = study("swing", make, [Case("backward_euler", 1 / 60), Case("tr_bdf2", 1 / 30)], T, 1 / 1000, said.append)

@@ -58,6 +58,7 @@ class Wrong(OneThread):
         return (1 + 1e-6) * super().solve(h, constraints)
 
 
+@pytest.mark.slow
 def test_all_hold_where_nothing_is_wrong():
     found = list(verify.verify(make, 0.05, OneThread))
     assert len(found) == len(WORDS)
@@ -65,6 +66,7 @@ def test_all_hold_where_nothing_is_wrong():
         assert words in name and good, (name, figure)
 
 
+@pytest.mark.slow
 def test_each_fails_where_what_it_checks_is_wrong():
     found = list(verify.verify(make, 0.05, Wrong))
     assert len(found) == len(WORDS)
