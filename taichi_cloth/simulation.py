@@ -23,8 +23,8 @@ from .scene.intersections import count_crossings, count_self_crossings
 from .scene.scene import Scene
 from .solver.pcg import CONVERGED, Solution
 from .step import integrators
+from .step.attempt import SOLVER
 from .step.choice import SAFETY, choose
-from .step.integrators.attempt import SOLVER
 from .step.prescribed import Prescribed
 from .step.stepper import ADVICE, Control, Stepper, StepRecord
 from .system.assembler import Assembler

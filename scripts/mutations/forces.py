@@ -173,6 +173,6 @@ MUTATIONS = (
      "velocities that are not finite pass",
      "tests/unit/test_reference.py::test_measures_of_stretch"),
     (MODEL, "mass[vertices + cloth.start] += extra", "mass[vertices] += extra", "point masses land on the first cloth"),
-    ("taichi_cloth/step/integrators/backward_euler.py", "alpha * (self.operator.motion[i] + h * self.solver.dv[i])",
-     "alpha * (self.operator.motion[i] + self.solver.dv[i])", "a step's positions", STEP),
+    ("taichi_cloth/step/nonlinear/system.py", "part * (self.operator.motion[i] + h * self.solver.dv[i])",
+     "part * (self.operator.motion[i] + self.solver.dv[i])", "a step's positions", STEP),
 )

@@ -18,7 +18,7 @@ CROSSED = UNIT + "test_what_starts_crossed_is_counted_named_and_pulled_apart"
 HITS = UNIT + "test_what_hits_does_not_pass[f64] tests/hard/test_hard_layers.py"
 SPRINGS = PHYSICS + "test_springs_of_the_paper_carry_a_sheet_with_one_solve_a_step " + PHYSICS + (
     "test_springs_let_nothing_through_that_comes_fast")
-LAYERED = "taichi_cloth/step/integrators/layered.py"
+NONLINEAR = "taichi_cloth/step/nonlinear/"
 
 MUTATIONS = (
     (CONTACT + "geometry.py",
@@ -183,14 +183,18 @@ MUTATIONS = (
      "what was pinched rests for ever", RESUMED),
     (CONTACT + "cloth/untangle.py", "self.edges, self.rows = self.found", "self.edges, self.rows = self.edges, self.rows",
      "crossings of the last step but one", CROSSED),
-    (LAYERED, "            layers.count_tangled()\n", "            pass\n", "tangles of the step's beginning logged", CROSSED),
-    (LAYERED, "if part < taken:", "if part < 0:", "solves taken whole", HITS),
-    (LAYERED, "move(h, part if first else part - taken)", "move(h, part)", "shortened solves taken twice", HITS),
-    (LAYERED, "contacts.smallest or (contacts.small and held is not None and held.moving)", "contacts.small",
+    (NONLINEAR + "layer_contact.py", "            self.layers.count_tangled()\n", "            pass\n",
+     "tangles of the step's beginning logged", CROSSED),
+    (NONLINEAR + "newton.py", "if part < taken:", "if part < 0:", "solves taken whole", HITS),
+    (NONLINEAR + "euler.py", "self.system.shift(self.c, part - taken)", "self.system.shift(self.c, part)",
+     "shortened solves taken twice", HITS),
+    (NONLINEAR + "layer_contact.py", "contacts.smallest or (contacts.small and held is not None and held.moving)",
+     "contacts.small",
      "what comes fast is let go", "tests/hard/test_hard_layers.py"),
-    (LAYERED, "        self.model.restore()\n        again =", "        again =", "a step made again from where it ended",
+    (NONLINEAR + "layer_contact.py", "                return made\n            self.system.model.restore()\n",
+     "                return made\n", "a step made again from where it ended",
      HITS),
-    ("taichi_cloth/step/integrators/sprung.py", "if part < 1:", "if part < 0:", "springs let through", SPRINGS),
+    (NONLINEAR + "spring_contact.py", "if part < 1:", "if part < 0:", "springs let through", SPRINGS),
     (CONTACT + "cloth/springs.py", "ti.max(radius - d, 0.0)", "ti.max(d - radius, 0.0)", "springs pull", SPRINGS),
     (CONTACT + "cloth/springs.py", "STRONG = 25.0", "STRONG = 0.25", "springs a hundred times too soft", SPRINGS),
     (CONTACT + "contacts.py", "self.layers.count > 0 or self.layers.tangles.active", "self.layers.count > 0",

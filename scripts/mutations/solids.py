@@ -44,9 +44,8 @@ MUTATIONS = (
      "forces of points: the damping's sign", FORCES),
     (RESPONSE, "self.places = own[len(own) - pairs:], self.pressed.of(self.end())",
      "self.places = 0 * own[len(own) - pairs:], self.pressed.of(self.end())", "forces of pairs are not told", FORCES),
-    ("taichi_cloth/step/integrators/backward_euler.py",
-     "                    self.contacts.record_forces(self.system.reaction_rows())\n",
-     "                    pass\n", "forces stay those of the solve before last", FORCES),
+    ("taichi_cloth/step/nonlinear/solid_contact.py", "        contacts.record_forces(self.system.reaction_rows())\n",
+     "        pass\n", "forces stay those of the solve before last", FORCES),
     (HOLDING, "force[mine] = made_up + (whole - made_up.sum(axis=0)) / len(mine)", "force[mine] = whole",
      "a particle's force counts for each of its contacts", f"{CONTACT}::test_the_corner_of_two_planes_is_loaded_once"),
     # friction
@@ -98,7 +97,7 @@ MUTATIONS = (
      "the mean acceleration in contact is not resumed", RESUME),
     ("taichi_cloth/step/integrators/safe.py", 'self.touching, self.largest, self.mean = bool(state["touching"])',
      'self.touching, self.largest, self.mean = False', "that cloth touches is not resumed", RESUME),
-    ("taichi_cloth/step/integrators/backward_euler.py", 'self.solver.dv.from_numpy(state["dv"])', "pass",
+    ("taichi_cloth/step/integrators/backward_euler.py", 'self.system.solver.dv.from_numpy(state["dv"])', "pass",
      "the last change of velocity is not resumed", RESUME),
     # detection
     (DETECTION, "R_1, p_1 = pose(poses, self.solid[s], 12)", "R_1, p_1 = pose(poses, self.solid[s], 0)",

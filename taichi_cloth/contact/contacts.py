@@ -15,6 +15,7 @@ surface that it would otherwise have gone through, so that a solid is met inelas
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -75,7 +76,7 @@ class Contacts:
         self.model, self.solids, self.exchange = model, scene.solids, model.exchange
         self.gravity = scene.gravity
         self.layers, self.sprung = None, False  # the latter: whether cloth is kept from cloth by springs
-        self.layered = False  # whether the step is made with layers in mind
+        self.together = False  # whether layers of cloth are part of the attempt's problem
         if any(c.contact is not None for c in scene.cloths):
             from .cloth.layers import Layers
             from .cloth.springs import Springs
@@ -99,14 +100,16 @@ class Contacts:
         self.found = self.active = VertexContacts.none()
         self.state, self.total = States(), np.zeros((0, 3))
 
-    def begin(self, h: float, held: Held | None, x: np.ndarray, v: np.ndarray) -> None:
-        """A new attempt from the saved state (n, 3); the model is at its predicted end."""
+    def begin(self, h: float, held: Held | None, x: np.ndarray, v: np.ndarray, together: bool = False) -> None:
+        """A new attempt from the saved state (n, 3); the model is at its predicted end. With `together`, layers of cloth are
+        part of its problem from the first solve on."""
+        self.together = together
         self.h, self.pinned, self.x, self.v = h, held, x, v
         self.trial, self.released = self.accepted, np.zeros(0, dtype=np.int64)
         self.round, self.warm, self.crossed = 0, False, self.crossed_before
         self._look()
         if self.layers is not None:
-            self.layers.begin(h, x, self.layered)
+            self.layers.begin(h, x, together)
 
     def commit(self) -> None:
         """The step was accepted: the next begins from its contacts."""
@@ -188,7 +191,7 @@ class Contacts:
         active = known | (f.gap < 0)
         again = np.isin(f.key, self.released)
         active &= ~again | (f.gap < -PENETRATION * self.thickness[f.solid])
-        if self.layered:  # solves go on from each other: what had to be held again stays held
+        if self.together:  # solves go on from each other: what had to be held again stays held
             self.released = np.setdiff1d(self.released, f.key[active])
         f, slip, known, where = f.take(active), self.slip[active], known[active], where[active]
         k, mu, mass = len(f.index), self.friction[f.solid], self.model.mass[f.index]
@@ -216,7 +219,7 @@ class Contacts:
         self.base = self.x + self.h * self.v, self.v  # where the solve begins
         if held is not None:
             self.base[0][held.index] += held.y
-        if not self.layered:
+        if not self.together:
             self.set_touch()
         return held, float(np.max(-lift, initial=0.0))
 
@@ -233,7 +236,7 @@ class Contacts:
         power = np.einsum("ki,ki->k", self._point_forces(p), p.of(moved))
         friction, edges = power[layered:layered + sliding].sum(), power[layered + sliding:].sum()
         layers = power[:layered].sum()
-        if self.layered and self.layers is not None:
+        if self.together and self.layers is not None:
             layers = np.einsum("ki,ki->", self._point_forces(self.of_layers), self.of_layers.of(moved))
         return float(friction), float(edges), float(layers)
 
@@ -288,7 +291,7 @@ class Contacts:
             step = Step(h, self.h_usual, self.x, *self.base)
             points.append(press(near, step, self.model.mass, self.thickness[near.solid], self.friction[near.solid]))
         self.points = every = Points.join(points)
-        if self.layers is not None and self.layered:
+        if self.layers is not None and self.together:
             self.of_layers = self.layers.points(self.base[0])
             every = Points.join([self.points, self.of_layers])
         self.crowded = not self.force.set(every)
@@ -302,7 +305,7 @@ class Contacts:
         mu = self.friction[f.solid]
         pulls = normal < -PULL * np.maximum(self.model.mass[f.index] * np.linalg.norm(self.gravity),
                                             np.mean(np.abs(normal)) if len(normal) else 0.0)
-        if self.layered and self.round >= RELEASES:
+        if self.together and self.round >= RELEASES:
             pulls[:] = False  # what layers press in again and again stays held until the next step
         breaks = s.stick & ~pulls & (shear > mu * np.maximum(normal, 0) * (1 + CONE))
         self._look()
@@ -425,6 +428,15 @@ class Contacts:
         nearer, lost = left(self.near, self.pressed, self.thickness[self.near.solid])
         minded = (self.spared[self.near.vertices] == 0).all(axis=1)
         return int(np.sum(nearer & minded)), bad or bool((lost & minded).any())
+
+    def counts(self) -> dict[str, Any]:
+        """What a step's record says of contact, by the names of `Attempt`."""
+        out = {"contacts": self.count, "unsettled": self.unsettled, "crossings": self.crossings, "pinched": self.pinched}
+        if self.layers is None:
+            return out
+        layers, tangles = self.layers, self.layers.tangles
+        return out | {"unsettled": self.unsettled + layers.off, "pinched": self.pinched + tangles.pinched,
+                      "layers": layers.count, "least": layers.least, "tangled": tangles.count}
 
     def forces_on_particles(self) -> np.ndarray:
         """(n, 3) [N] on each particle in the last round, in particle order."""

@@ -12,7 +12,7 @@ from ..errors import SceneError, SimulationError
 from ..options import LONGEST, SHORTEST
 from ..system.assembler import Assembler, Measures
 from ..system.state import ParticleState
-from .integrators.attempt import ACCURACY, APPROACH, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, STRETCH, Attempt
+from .attempt import ACCURACY, APPROACH, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, STRETCH, Attempt
 
 CAREFUL = 0.9  # part of the step that error control thinks possible
 PARTS = ("EVAL", "CG", "C-C", "C-S")  # [BW98 table 1]: forces and matrix, solve, cloth-cloth, cloth-solid contact

@@ -3,7 +3,7 @@
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.step.integrators.attempt import Attempt
+from taichi_cloth.step.attempt import Attempt
 from taichi_cloth.step.stepper import Control, Stepper
 from taichi_cloth.system.assembler import Measures
 

@@ -248,7 +248,7 @@ class Layers:
 
     def pass_without(self) -> None:
         """Nothing met in the step as it was made."""
-        self.energy, self.count, self.least = 0.0, 0, 1.0
+        self.energy, self.count, self.least, self.off = 0.0, 0, 1.0, 0
         self.pressed = self.met = None
 
     def pass_by(self) -> None:

@@ -13,9 +13,9 @@ import numpy as np
 
 from ...system.assembler import Measures
 from ...system.constraints import Held
-from .attempt import ACCURACY, ENERGY, NEWTON, NOT_FINITE, SOLVER, Attempt
+from ..attempt import ACCURACY, ENERGY, NEWTON, NOT_FINITE, SOLVER, Attempt
+from ..nonlinear.system import System
 from .backward_euler import BackwardEuler
-from .system import System
 from .tr_bdf2 import HORIZON, TRBDF2
 
 REDONE = (ENERGY, NEWTON, NOT_FINITE, SOLVER)

@@ -28,10 +28,12 @@ from ...options import Options
 from ...solver.pcg import CONVERGED, Solution
 from ...system.assembler import Measures
 from ...system.constraints import Held, project
+from ..attempt import ACCURACY, ENERGY, SOLVER, Attempt
 from ..ledger import Work, gained, three_stages
-from .attempt import ACCURACY, ENERGY, SOLVER, Attempt
-from .newton import FIRST, Effort, Newton, Stage
-from .system import System
+from ..nonlinear.newton import minimize
+from ..nonlinear.problem import Outcome
+from ..nonlinear.stage import FIRST, Effort, Stage
+from ..nonlinear.system import System
 
 C = 1 - math.sqrt(0.5)
 GAMMA = 2 - math.sqrt(2)
@@ -58,7 +60,6 @@ class TRBDF2:
 
     def __init__(self, fields: Fields, system: System, options: Options, gravity: np.ndarray) -> None:
         self.system, self.options, self.model = system, options, system.model
-        self.newton = Newton(fields, system)
         n = self.model.n
         self.a_0, self.v_g, self.a_g, self.v_p = (fields.real(n, 3) for _ in range(4))  # a_0 = F_0/M
         self.known = False  # whether a_0 is, or follows from the last step
@@ -73,7 +74,7 @@ class TRBDF2:
 
     def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
         """One step; see the package."""
-        clock, c = Clock(), C * h
+        clock, c, system = Clock(), C * h, self.system
         solutions: list[Solution] = []
         effort = self._effort(h)
         pins = held_at(0.0)
@@ -82,14 +83,14 @@ class TRBDF2:
         with clock.part("EVAL"):
             self._base(0, c, self.c, int(fresh))
             self.c, self.tried = 0.0, c
-        first = self.newton.solve(c, middle, effort, clock, solutions, True)
+        first = minimize(Stage(system, c, middle, effort, True, clock, solutions), effort.most)
         if first.rejection:
             return replace(self._failed(first, "first stage", solutions, clock), measures=None)  # not at the step's end
         power = self._reaction_power(middle, c)
         with clock.part("EVAL"):
             self._base(1, c, 0.0, 0)
         held = held_at(h)
-        stage = self.newton.solve(c, held, effort, clock, solutions, False)
+        stage = minimize(Stage(system, c, held, effort, False, clock, solutions), effort.most)
         if stage.rejection:
             return self._failed(stage, "second stage", solutions, clock)
         with clock.part("EVAL"):
@@ -152,7 +153,7 @@ class TRBDF2:
             cg_tol = cg_tol or FIRST
         elif moved is None:
             moved, part = CALM * C * h, PART
-        return Effort(moved, part, cg_tol, options.newton_max)
+        return Effort(moved, part, cg_tol, max(options.newton_max, 1))
 
     def _remember(self, held: Held | None, c: float, clock: Clock) -> bool:
         """Whether a_0 is f(x_0, v_0)/M, now in b, where no step implies it: at the start, and when pins have come or gone."""
@@ -166,7 +167,7 @@ class TRBDF2:
         self.known, self.c = True, 0.0
         return True
 
-    def _failed(self, stage: Stage, which: str, solutions: list[Solution], clock: Clock) -> Attempt:
+    def _failed(self, stage: Outcome, which: str, solutions: list[Solution], clock: Clock) -> Attempt:
         return Attempt(stage.rejection, f"{which}: {stage.detail}", stage.measures, tuple(solutions), clock.seconds)
 
     def _reaction_power(self, held: Held | None, c: float) -> float:
@@ -213,7 +214,8 @@ class TRBDF2:
                 self.v_p[i] = v_base
                 x_base, guess = x_0 + ti.static(A) * (self.model.x[i] - x_0), v_0 + (v_g - v_0) / ti.static(GAMMA)
             self.model.v_base[i] = v_base
-            self.newton.put(i, c, x_base, guess)
+            self.model.v[i] = guess
+            self.model.x[i] = x_base + c * guess
 
     @ti.kernel
     def _lag(self, c: float) -> float:

@@ -19,9 +19,9 @@ from ...scene.scene import Scene
 from ...system.assembler import Assembler, Measures
 from ...system.constraints import Held, project, row
 from ...system.state import ParticleState
+from ..attempt import ENERGY, NOT_FINITE, Attempt
 from ..choice import SAFETY, stable_step
 from ..ledger import Work, gained, many_steps
-from .attempt import ENERGY, NOT_FINITE, Attempt
 
 SLOW = 16  # substeps between two evaluations of bending, at most
 SLOW_SAFETY = 0.5  # part of bending's own stable step that these take together

@@ -156,8 +156,22 @@ class System:
         """RMS of the last solve's dv over the particles [m/s]."""
         return self.solver.rms
 
+    @ti.kernel
+    def place(self, h: float, part: float):
+        """v = part (v_0 + dv), x = x_0 + part (motion + h dv), from the saved state; motion = h v_0 + y"""
+        for i in range(self.model.n):
+            self.model.v[i] = part * (self.model.v_saved[i] + self.solver.dv[i])
+            self.model.x[i] = self.model.x_saved[i] + part * (self.operator.motion[i] + h * self.solver.dv[i])
 
-def phi(measures: Measures, c: float) -> float:
-    """The stage's potential [J]; NaN counts as infinite."""
-    value = measures.change + measures.potential + c * measures.dissipation
-    return value if np.isfinite(value) else np.inf
+    @ti.kernel
+    def shift(self, c: float, part: float):
+        """v += part dv, x += part c dv"""
+        for i in range(self.model.n):
+            self.model.v[i] += part * self.solver.dv[i]
+            self.model.x[i] += part * c * self.solver.dv[i]
+
+    @ti.kernel
+    def fall(self, h: float, x: float, y: float, z: float):
+        """dv = h g"""
+        for i in range(self.model.n):
+            self.solver.dv[i] = h * ti.Vector([x, y, z])

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from ...solver.pcg import Solution
-from ...system.assembler import Measures
-from ..ledger import Ledger
+from ..solver.pcg import Solution
+from ..system.assembler import Measures
+from .ledger import Ledger
 
 STRETCH, ENERGY, SOLVER, NOT_FINITE = "STRETCH", "ENERGY", "SOLVER", "NOT_FINITE"
 CONTACT, APPROACH, NEWTON, ACCURACY = "CONTACT", "APPROACH", "NEWTON", "ACCURACY"

@@ -1,0 +1,77 @@
+"""The test of energy that a backward Euler step has to pass, and what is done about the little that it may be over.
+
+Kinetic and potential energy must not grow by more than the work put in (`ledger`). Phi does not bound kinetic energy, and
+where E is not convex even its minimum may gain some: what is over in the end, or is so little that no further solve is
+worth it, is taken off the velocities (`brake`).
+"""
+
+import math
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from ...system.assembler import Measures
+from ...system.constraints import Held
+from ..ledger import Ledger, Work, gained, one_stage
+from .brake import Brake
+from .system import System
+
+LIGHT = 0.01  # part of the velocity of deformation that is taken off rather than solved again
+PINCHED = 0.1  # part of all works by which these may be off in steps too small to be tried smaller
+PRESSED = 1e-3  # part of the energy of pressed layers by which that may be off there
+
+
+class EnergyTest:
+    """On the steps of a system, with its contacts where it has some."""
+
+    def __init__(self, system: System) -> None:
+        self.system, self.model, self.meter, self.contacts = system, system.model, system.meter, system.contacts
+        self.brake = Brake(self.model, system.scene)
+
+    def conclude(self, h: float, held: Held | None, start: Measures, measures: Measures, most: float,
+                 stiffened: float | None = None) -> tuple[Measures, Ledger] | None:
+        """(measures, ledger) of the step as it is, if its energy has not grown beyond work and rounding, or after what it has
+        grown by was taken off velocities; None where that is too much.
+
+        Args:
+            most: part of the velocities that may be taken off.
+            stiffened: energy [J] that layers of cloth may have been given; None: what they were.
+        """
+        work = self.work(h, held, start, measures)
+        ledger = one_stage(h, start, measures, work)
+        if stiffened is not None:
+            work = replace(work, layers=min(work.layers, stiffened))
+        over = gained(start, measures, work) - max(0.0, ledger.wind) - self.system.rounding(h, start, measures)
+        if self.contacts is not None and self.contacts.small:  # nothing smaller does better where cloth is pinched: how it is
+            # moved out need not be paid for, and works are off by as much as forces may be
+            over += min(work.lifted, 0.0) - PINCHED * sum(abs(value) for value in asdict(work).values())
+            over -= PRESSED * measures.energies.get("contact", 0.0)
+        if not over > 0:
+            return measures, ledger
+        if not (math.isfinite(over) and self.brake.take(over, held, most)):
+            return None
+        slower = replace(self.meter.measure(), stretch_change=measures.stretch_change)
+        energies = {**measures.energies, **slower.energies}
+        lost = measures.energies["kinetic"] - slower.energies["kinetic"]
+        return (replace(slower, energies=energies),
+                replace(ledger, kinetic=ledger.kinetic - lost, method=ledger.method + lost, braked=lost))
+
+    def work(self, h: float, held: Held | None, start: Measures, measures: Measures) -> Work:
+        """What was put in by what holds, touches and alters positions, as the last solve took it."""
+        by_pins = by_solids = lifted = lowered = friction = edges = layers = 0.0
+        if held is not None and held.moving and len(held.index):
+            reaction = self.system.reaction_rows()  # J
+            v, dv, y = self.system.motion_rows(held, h)
+            power = np.einsum("ki,ki->k", reaction, v)
+            solids = up = np.zeros(len(power), dtype=bool)
+            if self.contacts is not None:
+                solids, up = self.contacts.rows_held(len(power))
+            by_pins, by_solids = float(power[~solids].sum()), float(power[solids].sum())
+            altered = np.einsum("ki,ki->k", reaction - self.model.mass[held.index][:, None] * dv, y) / h
+            lifted, lowered = float(altered[up].sum()), float(altered[~up].sum())
+        if self.contacts is not None:
+            if self.contacts.small:  # what no smaller step can do better is let be
+                lifted, lowered = lifted + lowered, 0.0
+            friction, edges, layers = self.contacts.works()
+            layers += measures.energies.get("contact", 0.0) - start.energies.get("contact", 0.0)
+        return Work(by_pins, by_solids + edges, lifted, lowered, friction, layers)

@@ -1,0 +1,128 @@
+"""The problem of a backward Euler step without contact: the paper's linear solve (18), and more Newton steps where it does
+not hold.
+
+The first Newton step, from rest at x_0, is (18); its line search accepts it as it is if energy has not grown beyond the
+work put in: the paper's cheap case. Else it is shortened until Phi is no more than that of standing still, and Newton goes
+on from there, until a full Newton step is taken and the energy is right. With `converge` it always goes on, until a
+Newton step moves the cloth by less than `newton_tol`: nonlinear backward Euler.
+
+Differs from [BW98]: the test and what follows it; the paper accepts every solve.
+"""
+
+from ...backend.timing import Clock
+from ...options import CG_TOL, NEWTON_TOL
+from ...solver.pcg import Solution
+from ...system.assembler import Measures
+from ...system.constraints import Held
+from ..attempt import ENERGY, NEWTON
+from ..ledger import Ledger
+from .brake import MOST
+from .energy import LIGHT, EnergyTest
+from .problem import Outcome, StepProblem, phi
+from .system import System
+
+
+class EulerStep(StepProblem):
+    """A step of size c from the model's saved state, which its current state equals.
+
+    Args:
+        start: measures there.
+        converge: whether Newton's method goes on until it has converged.
+    """
+
+    def __init__(self, system: System, energy: EnergyTest, converge: bool, h: float, held: Held | None, start: Measures,
+                 clock: Clock, solutions: list[Solution]) -> None:
+        super().__init__(system, h, held, start, clock, solutions)
+        self.energy, self.converge, self.start = energy, converge, start
+        self.cg_tol = system.options.cg_tol or CG_TOL
+        self.settled = False  # whether the last Newton step was a full one, and small enough
+        self.ended: tuple[Measures, Ledger] | None = None  # the first one's, with its energy right
+
+    def solve(self, k: int) -> Outcome | None:
+        """See `StepProblem`. The first Newton step places the model at its end."""
+        return self.further() if k else self.first()
+
+    def first(self) -> Outcome | None:
+        """(18) from the saved state."""
+        self.solve_linear()
+        return self.unsolved()
+
+    def solve_linear(self) -> None:
+        """(18) with what is held; the model ends in what it says."""
+        system, h, held = self.system, self.c, self.held
+        with self.clock.part("EVAL"):
+            system.operator.set_motion(h)
+            if self.system.contacts is not None and held is not None:
+                system.operator.alter_motion(held.index, held.y)
+            system.linearize(h, moves=True)
+        with self.clock.part("CG"):
+            self.solutions.append(system.solve(self.cg_tol, held, h, warm=len(self.solutions) > 0, lasting=True))
+        with self.clock.part("EVAL"):
+            system.place(h, 1.0)
+            system.settle(held)
+
+    def further(self) -> Outcome | None:
+        """A Newton step from where the model is; what is held is where it must be."""
+        with self.clock.part("EVAL"):
+            self.system.linearize(self.c)
+        with self.clock.part("CG"):
+            self.solutions.append(self.system.solve(self.cg_tol, self.held, lasting=True))
+        self.level = self.potential(self.before)
+        return self.unsolved()
+
+    def advance(self, k: int) -> float:
+        """See `StepProblem`."""
+        if k:
+            self.shift(k, 1.0, 0.0)
+        return 1.0
+
+    def shift(self, k: int, part: float, taken: float) -> None:
+        """See `StepProblem`."""
+        with self.clock.part("EVAL"):
+            if k:
+                self.system.shift(self.c, part - taken)
+            else:
+                self.system.place(self.c, part)
+
+    def measure(self, k: int) -> Measures:
+        """See `StepProblem`."""
+        with self.clock.part("EVAL"):
+            return self.system.meter.measure()
+
+    def acceptable(self, k: int, part: float, measures: Measures) -> bool:
+        """See `StepProblem`. The first step needs the right energy, or less Phi than standing still."""
+        if k or not measures.finite:
+            return self.decreases(measures)
+        if part == 1:
+            if not self.converge:
+                with self.clock.part("EVAL"):
+                    self.ended = self.energy.conclude(self.c, self.held, self.start, measures, LIGHT)
+            self.level = self.start.total + self.system.rounding(self.c, self.start, measures)
+        moving = self.held is not None and self.held.moving  # a shorter first step would leave the constraints behind
+        return self.ended is not None or moving or phi(measures, self.c) <= self.level
+
+    def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
+        """See `StepProblem`."""
+        if self.ended is not None:
+            return Outcome(None, "", *self.ended)
+        options = self.system.options
+        self.settled = k > 0 and part == 1
+        if not self.settled:
+            return None
+        if self.converge:
+            self.settled = self.c * self.system.rms_change() <= (options.newton_tol or NEWTON_TOL)
+        if not self.settled:
+            return None
+        last = self.converge or len(self.solutions) > options.newton_max
+        with self.clock.part("EVAL"):
+            self.system.settle(self.held)
+            ended = self.energy.conclude(self.c, self.held, self.start, measures, MOST if last else LIGHT)
+        return None if ended is None else self.finish(*ended)
+
+    def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
+        """Of a step that took more than (18)."""
+        return Outcome(None, "", measures, ledger)
+
+    def give_up(self, measures: Measures) -> Outcome:
+        """See `StepProblem`."""
+        return Outcome(NEWTON if self.converge and not self.settled else ENERGY, f"{len(self.solutions)} solves", measures)

@@ -1,0 +1,196 @@
+"""The problem of a backward Euler step in which cloth may meet cloth, and when a step is one.
+
+The first Newton step is (18), with the contacts that the last motion leads to; each further one takes contacts, of layers
+and of solids, as they are where it begins. None goes further than its collision-free step size. The step is made when a
+Newton step could be taken whole, its forces are what contacts then have, and its energy has not grown beyond the work put
+in. Intersections that are pulled apart are given energy.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ...backend.timing import Clock
+from ...contact.contacts import Verdict
+from ...solver.pcg import Solution
+from ...system.assembler import Measures
+from ...system.constraints import Held
+from ..attempt import APPROACH, CONTACT
+from ..ledger import Ledger
+from .brake import MOST
+from .energy import EnergyTest
+from .euler import EulerStep
+from .newton import minimize
+from .problem import Outcome, phi
+from .solid_contact import predict
+from .system import System
+
+BOLD = 4  # Newton steps before the potential has a say in how far they go
+MEMORY = 3  # of the last potentials one must not be passed
+TIMID = 0.2  # part of a Newton step below which it is not shortened for the potential's sake
+SMOOTH = 1e-3  # part of the repulsion's energy that is not worth a shorter step
+RETRIES = 10  # attempts at a small step, each without the pairs that kept the last from going all of its way
+NEARLY = 1e-7  # m that a held direction may be off its target
+
+
+class LayerStep(EulerStep):
+    """A step with layers of cloth in its problem.
+
+    Attributes:
+        released: whether pairs that leave no room were released, so that the step is worth another attempt.
+    """
+
+    def __init__(self, system: System, energy: EnergyTest, h: float, pins: Held | None, start: Measures, clock: Clock,
+                 solutions: list[Solution]) -> None:
+        super().__init__(system, energy, False, h, pins, start, clock, solutions)
+        self.contacts, self.layers = system.contacts, system.contacts.layers
+        with clock.part("C-S"):
+            known = self.contacts.warm
+            predict(system, h, pins, together=True)
+            system.model.restore()
+            stored = self.layers.energy if known else self.layers.energy_here()
+        self.stiffened = stored - start.energies.get("contact", 0.0)  # J, of pairs that got stiffer between steps
+        self.levels: list[float] = []  # Phi at the start of each Newton step
+        self.leads = True  # whether held directions were still on their way to their targets
+        self.verdict = Verdict(0, 0.0, False)
+        self.agreed = self.released = False
+        self.part = 0.0
+
+    def solve(self, k: int) -> Outcome | None:
+        """See `StepProblem`."""
+        contacts = self.contacts
+        with self.clock.part("C-S"):
+            self.held, closing = contacts.hold()
+            self.layers.detector.arrive()
+            if k:
+                contacts.rebase()
+            else:
+                contacts.set_touch()
+        if contacts.crowded:
+            return Outcome(CONTACT, f"more than {contacts.force.capacity} points of contact", self.before)
+        if closing > contacts.reach:
+            return Outcome(APPROACH, f"{closing:.3g} m in one step", self.before)
+        self.linear(k)
+        unsolved = self.unsolved()
+        if unsolved is not None:
+            return replace(unsolved, measures=self.before)
+        self.levels.append(self.potential(self.before) if k else math.inf)
+        self.level = math.inf if k < BOLD or self.leads else max(self.levels[-MEMORY:])
+        return None
+
+    def linear(self, k: int) -> None:
+        """Linearization and solve, from where the model is."""
+        system, h, held = self.system, self.c, self.held
+        with self.clock.part("EVAL"):
+            if k == 0:
+                system.operator.set_motion(h)
+                if held is not None:
+                    system.operator.alter_motion(held.index, held.y)
+            system.linearize(h, moves=k == 0)
+        with self.clock.part("CG"):
+            z = system.to_go(held, h) if k else None
+            self.solutions.append(system.solve(self.cg_tol, held, h, z=z))
+        self.leads = k == 0
+        if z is not None and held is not None and len(z):
+            self.leads = bool(np.abs(np.einsum("kij,kj->ki", held.projector, z)).max() * h > NEARLY)
+
+    def advance(self, k: int) -> float:
+        """See `StepProblem`. States of contacts with solids are judged at the end of the whole Newton step."""
+        with self.clock.part("EVAL"):
+            if k:
+                self.system.shift(self.c, 1.0)
+            else:
+                self.system.place(self.c, 1.0)
+            self.system.settle(self.held)
+        with self.clock.part("C-S"):
+            self.verdict = self.contacts.judge(self.system.reaction_rows())
+            self.layers.record_forces()
+            return self.layers.advance()
+
+    def measure(self, k: int) -> Measures:
+        """See `StepProblem`; with the repulsion of layers."""
+        with self.clock.part("EVAL"):
+            self.layers.look()
+            measures = self.system.meter.measure()
+        return replace(measures, energies={**measures.energies, "contact": self.layers.energy})
+
+    def acceptable(self, k: int, part: float, measures: Measures) -> bool:
+        """See `StepProblem`."""
+        if part < TIMID or self.level == math.inf:
+            return True
+        slack = SMOOTH * self.layers.energy + self.system.rounding(self.c, measures)
+        return self.potential(measures) <= self.level + slack
+
+    def potential(self, measures: Measures) -> float:
+        """Phi [J] with what friction, pairs and layers add to it."""
+        return phi(measures, self.c) + self.contacts.lagged(self.c)
+
+    def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
+        """See `StepProblem`."""
+        self.part, contacts = part, self.contacts
+        with self.clock.part("C-S"):
+            if part < 1:
+                contacts.stop_short()
+            again = self.verdict.changes and k < contacts.ROUNDS
+            self.agreed = part == 1 and self.layers.settled() and not again
+        ended = self.conclude(measures) if self.agreed else None
+        return None if ended is None else self.finish(*ended)
+
+    def conclude(self, measures: Measures) -> tuple[Measures, Ledger] | None:
+        """As `EnergyTest.conclude`; what is pulled apart may be given energy."""
+        given = math.inf if self.layers.tangles.active else self.stiffened
+        return self.energy.conclude(self.c, self.held, self.start, measures, MOST, given)
+
+    def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
+        """Whether solids let the step pass."""
+        contacts, verdict = self.contacts, self.verdict
+        with self.clock.part("C-S"):
+            if verdict.changes and verdict.bad and contacts.may_shrink():
+                return Outcome(CONTACT, f"{verdict.deepest:.2g} thicknesses inside a solid", measures)
+            if contacts.went_through():
+                return Outcome(CONTACT, f"{contacts.crossings} crossings with solids", measures)
+        return Outcome(None, "", measures, ledger)
+
+    def give_up(self, measures: Measures) -> Outcome:
+        """See `StepProblem`. The smallest of steps are taken as they are; what leaves no room in them is released."""
+        contacts, layers, held = self.contacts, self.layers, self.held
+        ended = self.conclude(measures) if self.part == 1 and contacts.small else None
+        if ended is not None:
+            return self.finish(*ended)
+        if self.part < 1 and (contacts.smallest or (contacts.small and held is not None and held.moving)):
+            self.released = layers.let_go(contacts.smallest)  # else nothing presses that does not give way
+        why = "its energy grew" if self.agreed else (f"{layers.off} pairs unsettled, smallest gap {layers.least:.2g} of "
+                                                     "what it should be")
+        return Outcome(CONTACT, f"between layers of cloth, after {len(self.solutions)} solves: a collision-free step is "
+                       f"{self.part:.2g} of the last, {why}", measures)
+
+
+class LayerPolicy:
+    """When layers of cloth are part of a step's problem: if they met, or crossed, at the end of the last step, else in a
+    second attempt, if the first one shows that they meet."""
+
+    def __init__(self, system: System, energy: EnergyTest) -> None:
+        self.system, self.energy, self.layers = system, energy, system.contacts.layers
+
+    def attempt(self, apart: Callable[[], Outcome], h: float, pins: Held | None, start: Measures, clock: Clock,
+                solutions: list[Solution]) -> Outcome:
+        """A step; `apart` makes it without layers."""
+        if not (self.layers.count > 0 or self.layers.tangles.active):
+            made = apart()
+            if made.rejection is not None:
+                return made
+            if not self.layers.meet():
+                self.layers.pass_without()
+                return made
+            self.system.model.restore()
+        for _ in range(RETRIES):
+            problem = LayerStep(self.system, self.energy, h, pins, start, clock, solutions)
+            made = minimize(problem, self.layers.ROUNDS)
+            if not problem.released:
+                break
+            self.system.model.restore()
+        if self.layers.tangles.active:
+            self.layers.count_tangled()
+        return made

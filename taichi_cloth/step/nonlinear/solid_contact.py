@@ -1,0 +1,82 @@
+"""The problem of a backward Euler step in contact with solids. [BW98 §5, §6]
+
+The first Newton step is (18) by an active set: solves of the same linearization, from the saved state, go on until the
+states of all contacts agree with the answer. Further Newton steps hold the same contacts, with friction and pairs taken
+anew from where they begin; what they add to Phi counts.
+"""
+
+from ...system.assembler import Measures
+from ..attempt import APPROACH, CONTACT
+from ..ledger import Ledger
+from .euler import EulerStep
+from .problem import Outcome
+from .system import System
+
+
+def predict(system: System, h: float, pins, together: bool) -> None:
+    """The model goes where the last step's change of velocity would lead it, and contacts are looked for on the way.
+
+    Args:
+        together: whether layers of cloth are part of the problem.
+    """
+    contacts = system.contacts
+    x, v = system.model.read_particles()
+    system.operator.set_motion(h)
+    if not contacts.warm:
+        system.fall(h, *contacts.gravity)
+    system.place(h, 1.0)
+    system.settle(pins)
+    contacts.begin(h, pins, x, v, together)
+
+
+class SolidStep(EulerStep):
+    """As `EulerStep`; `held` are the pins at first, then what the last solve held."""
+
+    def first(self) -> Outcome | None:
+        """(18) with the contacts that agree with it."""
+        contacts = self.system.contacts
+        with self.clock.part("C-S"):
+            predict(self.system, self.c, self.held, together=False)
+        while True:
+            with self.clock.part("C-S"):
+                self.held, closing = contacts.hold()
+                self.system.model.restore()
+            if contacts.crowded:
+                return self.refuse(CONTACT, f"more than {contacts.force.capacity} points of contact")
+            if closing > contacts.reach:
+                return self.refuse(APPROACH, f"{closing:.3g} m in one step")
+            self.solve_linear()
+            unsolved = self.unsolved()
+            if unsolved is not None:
+                return unsolved
+            with self.clock.part("C-S"):
+                verdict = contacts.judge(self.system.reaction_rows())
+            if verdict.changes and contacts.round < contacts.ROUNDS:
+                continue
+            if verdict.changes and verdict.bad and contacts.may_shrink():
+                return self.refuse(CONTACT, f"{verdict.deepest:.2g} thicknesses inside")
+            with self.clock.part("C-S"):
+                through = contacts.went_through()
+            return self.refuse(CONTACT, f"{contacts.crossings} crossings") if through else None
+
+    def refuse(self, name: str, detail: str) -> Outcome:
+        """The end of a step that contact does not allow."""
+        return Outcome(name, detail, self.system.meter.measure())
+
+    def further(self) -> Outcome | None:
+        """See `EulerStep`."""
+        with self.clock.part("EVAL"):
+            self.system.contacts.rebase()
+        return super().further()
+
+    def potential(self, measures: Measures) -> float:
+        """Phi [J] with what friction and pairs add to it."""
+        return super().potential(measures) + self.system.contacts.lagged(self.c)
+
+    def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
+        """Whether anything ended too deep after further Newton steps that held the same contacts."""
+        contacts = self.system.contacts
+        contacts.record_forces(self.system.reaction_rows())
+        if contacts.went_in():
+            return Outcome(CONTACT, "after further solves", measures)
+        return Outcome(None, "", measures, ledger)
