@@ -12,7 +12,12 @@ HARD = "tests/hard/test_hard_contact.py"
 DRIVES = "tests/hard/test_drives.py"
 TESTS = (CONTACT, SHAPES, DRIVES)
 
-RESPONSE = "taichi_cloth/contact/contacts.py"
+FACADE = "taichi_cloth/contact/contacts.py"
+POINTS = "taichi_cloth/contact/points.py"
+STEP = "taichi_cloth/contact/step_start.py"
+RESPONSE = "taichi_cloth/contact/solid/solid_contacts.py"
+SLIDING = "taichi_cloth/contact/solid/sliding.py"
+DEPTH = "taichi_cloth/contact/solid/penetration.py"
 PAIRS = "taichi_cloth/contact/solid/pairs.py"
 HOLDING = "taichi_cloth/contact/solid/active_set.py"
 DETECTION = "taichi_cloth/contact/solid/vertices.py"
@@ -23,7 +28,7 @@ SCAN = "taichi_cloth/contact/solid/query.py"
 TOUCH = "taichi_cloth/contact/contact_force.py"
 CLOSEST = "taichi_cloth/contact/geometry.py"
 CROSSING = "taichi_cloth/contact/solid/crossing.py"
-STATES = "taichi_cloth/contact/solid/states.py"
+ROWS = "taichi_cloth/contact/rows.py"
 ROOM = "taichi_cloth/contact/solid/room.py"
 SOLIDS = "taichi_cloth/scene/solids.py"
 
@@ -33,17 +38,16 @@ MUTATIONS = (
      "loads on solids have the wrong sign", FORCES),
     (RESPONSE, "-np.cross(arm, force[mine]).sum(axis=0))", "np.cross(arm, force[mine]).sum(axis=0))",
      "torques on solids have the wrong sign", FORCES),
-    (RESPONSE, "np.add.at(out, self.active.index, self.total)", "np.add.at(out, self.active.index, -self.total)",
+    (RESPONSE, "contacts.index, self.forces.held)", "contacts.index, -self.forces.held)",
      "contact forces have the wrong sign", FORCES),
-    (RESPONSE, "self.total[self.slides] += rubs", "self.total[self.slides] -= rubs", "sliding friction is told reversed",
+    (RESPONSE, "held[self.sliding.rows] += self", "held[self.sliding.rows] -= self", "sliding friction is told reversed",
      FORCES),
     (RESPONSE, "arm = at[mine] - solid.pose(self.scan.time)[1]", "arm = at[mine] - solid.pose(0.0)[1]",
      "torques are taken about where solids began", FORCES),
-    (RESPONSE, "return (p.rhs - sym_times(p.block, p.of(self.end() - self.base[0]) / self.h)) / self.h",
-     "return (p.rhs + sym_times(p.block, p.of(self.end() - self.base[0]) / self.h)) / self.h",
+    (POINTS, "return (self.rhs - sym_times(", "return (self.rhs + sym_times(",
      "forces of points: the damping's sign", FORCES),
-    (RESPONSE, "self.places = own[len(own) - pairs:], self.pressed.of(self.end())",
-     "self.places = 0 * own[len(own) - pairs:], self.pressed.of(self.end())", "forces of pairs are not told", FORCES),
+    (RESPONSE, "Forces(held, self.pressing.forces(moved, h), at)",
+     "Forces(held, 0 * self.pressing.forces(moved, h), at)", "forces of pairs are not told", FORCES),
     ("taichi_cloth/step/nonlinear/solid_contact.py", "        contacts.record_forces(self.system.reaction_rows())\n",
      "        pass\n", "forces stay those of the solve before last", FORCES),
     (HOLDING, "force[mine] = made_up + (whole - made_up.sum(axis=0)) / len(mine)", "force[mine] = whole",
@@ -51,15 +55,14 @@ MUTATIONS = (
     # friction
     (RESPONSE, "push[breaks] = tangent[breaks]", "push[breaks] = -tangent[breaks]",
      "what begins to slide is pushed the other way", BEGINS),
-    (RESPONSE, "-u / np.maximum(speed, 1e-30)[:, None], push)", "u / np.maximum(speed, 1e-30)[:, None], push)",
+    (SLIDING, "-u / np.maximum(speed, 1e-30)[:, None], push)", "u / np.maximum(speed, 1e-30)[:, None], push)",
      "fast sliding friction drives on", f"{FRICTION}::test_braking"),
     (RESPONSE, "(shear > mu * np.maximum(normal, 0) * (1 + CONE))", "(shear > 2 * mu * np.maximum(normal, 0) * (1 + CONE))",
      "what sticks bears twice what Coulomb allows", f"{BEGINS} {FRICTION}"),
-    (RESPONSE, "f, size = f.take(slides), mu[slides] * s.force[slides]",
-     "f, size = f.take(slides), 0.9 * mu[slides] * s.force[slides]",
+    (SLIDING, "friction[rows] * states.force[rows], slip", "0.9 * friction[rows] * states.force[rows], slip",
      "sliding friction is a tenth too small", f"{BEGINS} {FRICTION}::test_braking"),
     (RESPONSE, "stick &= mu > 0", "stick &= mu >= 0", "smooth solids stick", f"{CONTACT} {FRICTION}"),
-    (RESPONSE, "turns = self.slides & ~pulls & (self.lag <= SLOW)", "turns = ~self.slides & ~pulls & (self.lag <= SLOW)",
+    (RESPONSE, "turns = slides & ~pulls", "turns = ~slides & ~pulls",
      "what came to rest never sticks", f"{FRICTION} {CONTACT}"),
     # holding
     (HOLDING, "projectors[stick] = np.eye(3)", "projectors[~stick] = np.eye(3)",
@@ -74,23 +77,23 @@ MUTATIONS = (
      f"{CONTACT} {FRICTION}"),
     (RESPONSE, "down = 2 * np.maximum(nearing, 0) + FALL", "down = 0 * np.maximum(nearing, 0) + FALL",
      "fast cloth is not stopped at the surface"),
-    (RESPONSE, "lift = np.clip(-f.start_gap, -down, self.push_limit * share)",
-     "lift = np.clip(-f.start_gap, -down, 0 * share)",
+    (RESPONSE, "PUSH * self.scan.edge * start.share", "0 * self.scan.edge * start.share",
      "what is inside is not pushed out", f"{HARD}::test_cloth_that_starts_inside_is_pushed_out_and_counted"),
     (RESPONSE, "active = known | (f.gap < 0)", "active = known & (f.gap < 0)", "new contacts are not taken up"),
     # states from step to step, and resumed
-    (RESPONSE, "self.accepted, self.warm, self.crossed_before = self.trial, True, self.crossed",
-     "self.accepted, self.warm, self.crossed_before = States(), True, self.crossed", "states are lost from step to step",
+    (RESPONSE, "self.accepted, self.penetration.before = self.trial,", "self.accepted, self.penetration.before = States(),",
+     "states are lost from step to step",
      f"{FRICTION} {CONTACT}"),
     (RESPONSE, '''for name in ("key", "stick", "force", "push")))
 ''', '''for name in ("key", "stick", "force", "push")))
         self.accepted.push[:] = 0
 ''', "which way things begin to slide is not resumed", RESUME),
-    (RESPONSE, 'self.warm, self.spared = bool(state["warm"]), state["spared"].copy()',
-     'self.warm = bool(state["warm"])', "what is pinched is not resumed", RESUME),
-    (RESPONSE, 'self.warm, self.spared = bool(state["warm"]),', 'self.warm, self.spared = False,',
+    (RESPONSE, '        self.penetration.spared = state["spared"].copy()\n', "",
+     "what is pinched is not resumed", RESUME),
+    (FACADE, 'self.warm = bool(state["warm"])', 'self.warm = False',
      "where cloth was led is not resumed", RESUME),
-    (RESPONSE, 'self.crossed = self.crossed_before = state["crossed"]', 'self.crossed = state["crossed"]',
+    (RESPONSE, 'self.penetration.crossed = self.penetration.before = state["crossed"]',
+     'self.penetration.crossed = state["crossed"]',
      "crossings that were there are not resumed", RESUME),
     ("taichi_cloth/step/integrators/safe.py", 'float(state["largest"]), state["mean"]',
      'float(state["largest"]), 0 * state["mean"]',
@@ -149,9 +152,9 @@ MUTATIONS = (
      "crossings are overlooked", f"{SHAPES}::test_crossings_of_a_state_are_seen"),
     (CROSSING, "if n.dot(p) * n.dot(q) < 0:", "if n.dot(p) * n.dot(q) > 0:", "edges on one side of a triangle cross it",
      f"{SHAPES}::test_crossings_of_a_state_are_seen"),
-    (RESPONSE, "return self._crossed_more() and self.may_shrink()", "return False", "crossings reject no step",
+    (RESPONSE, "return self.penetration.look_across() and self.may_shrink(start)", "return False", "crossings reject no step",
      DRIVES),
-    (RESPONSE, "return self.h <= self.h_usual / SMALLER", "return self.h <= self.h_usual * SMALLER",
+    (STEP, "return self.h <= self.h_usual / SMALLER", "return self.h <= self.h_usual * SMALLER",
      "every step is the smallest",
      f"{HARD} {DRIVES}"),
     (ROOM, "near = between < thickness", "near = between < 1e9 + thickness", "solids far apart leave no room",
@@ -172,7 +175,7 @@ MUTATIONS = (
      "push = -w[k] * r\n                if ti.static(self.layered):\n                    push += self.turn(e, k).dot(r)",
      "points in the product: sign",
      f"{FORCES} {DRIVES}"),
-    (STATES, "return rows - np.einsum", "return rows + np.einsum", "slip has a part along the normal",
+    (ROWS, "return rows - np.einsum", "return rows + np.einsum", "slip has a part along the normal",
      f"{FRICTION} {CONTACT}"),
     (SOLIDS, "frame = min(max(t * float(self.fps), 0.0)", "frame = min(max(t / float(self.fps), 0.0)",
      "sequences run at the wrong speed", SHAPES),

@@ -2,10 +2,12 @@
 
 - `geometry`: closest points of points, edges and triangles; `pair_geometry`: of many pairs; `bvh`: a tree of boxes.
 - `contact_force`: what contacts add to the linear system besides held directions; `points`: what it is made of.
-- `contacts`: what a step sees of all this: what the next solve holds, whether it settled, forces, checkpoints.
+- `contacts`: what a step sees of all this: what the next solve holds, whether it settled, forces, checkpoints; `step_start`:
+  where an attempt begins.
 - `solid/`: cloth against solids. `vertices` and `mesh` detect, over the step, vertices of cloth that meet analytic solids
-  and triangles, and edges and corners of solids that meet edges and faces of cloth; `pairs` presses those, `active_set`
-  and `states` say what holds, sticks and slides; `room` whether there is any.
+  and triangles, and edges and corners of solids that meet edges and faces of cloth. `solid_contacts` says what holds
+  (`active_set`), sticks and slides (`sliding`: friction); `pairs` presses edges and corners; `penetration` and `room`
+  say what is too deep.
 - `cloth/`: cloth against cloth. `broad_phase`, `narrow_phase` and `contact_pairs` find what is near; `barrier` is the law
   of repulsion, `pair_kernels` linearises it with friction, `linearized` is what a solve took; `untangle` parts what passes
   through already; `springs` are the paper's, for comparison.

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .rows import sym_times
+
 CORNERS = 4
 
 
@@ -43,6 +45,20 @@ class Points:
         if self.turns is not None and self.normal is not None:
             push += np.einsum("kai,ki->ka", self.turns, forces)[:, :, None] * self.normal[:, None, :]
         np.add.at(to, self.vertices, push)
+
+    def forces(self, moved: np.ndarray, h: float) -> np.ndarray:
+        """(k, 3) [N] on the points, where particles moved by (n, 3) [m] in a solve of a step of h [s]: (r - A J dv)/h."""
+        return (self.rhs - sym_times(self.block, self.of(moved) / h)) / h
+
+    def potential(self, moved: np.ndarray, h: float) -> float:
+        """What they add to the incremental potential [J] there: sum 1/2 (J dv)^T A J dv - r . J dv."""
+        dv = self.of(moved) / h
+        return float(np.sum((sym_times(self.block, dv) / 2 - self.rhs) * dv))
+
+    @staticmethod
+    def none() -> "Points":
+        """No points."""
+        return Points(np.zeros((0, CORNERS), dtype=np.int64), np.zeros((0, CORNERS)), np.zeros((0, 6)), np.zeros((0, 3)))
 
     @staticmethod
     def join(parts: Sequence["Points"]) -> "Points":

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..solid.states import rows_of
+from ..rows import rows_of
 
 
 @dataclass(frozen=True)

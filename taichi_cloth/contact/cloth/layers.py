@@ -24,7 +24,7 @@ from ...scene.scene import Scene
 from ...system.state import ParticleState
 from ..geometry import VERTEX_FACE
 from ..points import Points
-from ..solid.states import rows_of
+from ..rows import rows_of
 from . import pair_kernels
 from .barrier import FLOOR, room
 from .contact_pairs import ContactPairs

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from ..points import Points
-from ..solid.states import tangential
+from ..rows import tangential
 from .contact_pairs import ContactPairs
 from .pair_kernels import AT, BEARS, DRAG, FORCE, GAP, SLOPE, WAY
 

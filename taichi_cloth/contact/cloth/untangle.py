@@ -11,7 +11,7 @@ import numpy as np
 from ...scene.intersections import self_crossings
 from ...scene.mesh import face_edges
 from ..points import Points
-from ..solid.states import sym_outer, sym_times, unit
+from ..rows import sym_outer, sym_times, unit
 
 RINGS = 2  # of neighbours round a crossing that rest with it
 PULL = 1.0  # of a thickness that a crossing is moved in a usual step

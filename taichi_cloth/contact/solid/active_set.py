@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...system.constraints import Held, kernel_array
+from .states import States
 from .vertices import VertexContacts
 
 APART = 0.3  # sine of the angle between directions below which the second is no further constraint of a particle
@@ -41,6 +42,31 @@ class Holding:
                 made_up = normal[mine, None] * f.normal[mine]
                 force[mine] = made_up + (whole - made_up.sum(axis=0)) / len(mine)
         return force, normal
+
+
+@dataclass(frozen=True)
+class ActiveSet:
+    """The contacts that a solve holds.
+
+    Attributes:
+        contacts: k of them; states: what is known of each.
+        slip: (k, 3) their velocity against the solid before the solve [m/s].
+        lift: (k,) how far [m] each moves its particle along its normal.
+        holding: them and pins, as what the solve's filter holds.
+    """
+
+    contacts: VertexContacts
+    states: States
+    slip: np.ndarray
+    lift: np.ndarray
+    holding: Holding
+
+    @classmethod
+    def none(cls) -> "ActiveSet":
+        """Nothing."""
+        nothing = np.zeros(0)
+        return cls(VertexContacts.none(), States(), np.zeros((0, 3)), nothing,
+                   Holding(None, nothing.astype(bool), nothing.astype(np.int64)))
 
 
 def hold_together(f: VertexContacts, stick: np.ndarray, lift: np.ndarray, pinned: Held | None, n: int,

@@ -67,7 +67,7 @@ class LayerStep(EulerStep):
             if k:
                 contacts.rebase()
             else:
-                contacts.set_touch()
+                contacts.set_points()
         if contacts.crowded:
             return Outcome(CONTACT, f"more than {contacts.force.capacity} points of contact", self.before)
         if closing > contacts.reach:

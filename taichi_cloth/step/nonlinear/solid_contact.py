@@ -40,6 +40,7 @@ class SolidStep(EulerStep):
         while True:
             with self.clock.part("C-S"):
                 self.held, closing = contacts.hold()
+                contacts.set_points()
                 self.system.model.restore()
             if contacts.crowded:
                 return self.refuse(CONTACT, f"more than {contacts.force.capacity} points of contact")

@@ -1,0 +1,123 @@
+"""What a step leaves too deep inside solids, too near to their edges, or across: and whether it may be left there.
+
+Such a step is tried smaller; one that is small already is taken as it is where solids leave no room (`room`). What goes
+wrong then is pinched: for a while it does not make steps small again.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..step_start import StepStart
+from .pairs import Pairs, left
+from .query import Scanner
+from .room import has_room, pinned_particles, walls
+from .vertices import VertexContacts
+
+PENETRATION = 1e-2  # of the thickness that a particle may end inside it without a further round
+DEEP, DEEPER = 0.5, 0.7  # of the thickness: what ends deeper is not accepted; where pairs guard faces and edges of cloth too
+SPARED = 0.1  # s for which what is pinched does not make steps small again
+
+
+@dataclass(frozen=True)
+class Nearby:
+    """What cloth meets on its way from the saved state to where the model was.
+
+    Attributes:
+        there: (n, 3) positions where it was [m].
+        vertices: contacts of particles; slip: (k, 3) their velocity against the solid [m/s].
+        pairs: with edges and corners of solids; None where none has any.
+    """
+
+    there: np.ndarray
+    vertices: VertexContacts
+    slip: np.ndarray
+    pairs: Pairs | None
+
+    @property
+    def any_pairs(self) -> bool:
+        """Whether there are pairs."""
+        return self.pairs is not None and len(self.pairs.key) > 0
+
+
+class Penetration:
+    """Of a model's cloth into solids.
+
+    Attributes:
+        deep: (solids,) depth [m] that is not accepted.
+        spared: (n,) time [s] for which it does not matter how deep inside solids particles end.
+        crossed: (k, 3) particles of triangles that cross solids' at the end of the attempt; before: at its beginning.
+    """
+
+    def __init__(self, n: int, scan: Scanner, thickness: np.ndarray) -> None:
+        self.scan, self.thickness = scan, thickness
+        self.deep = np.where(scan.pokes, DEEPER, DEEP) * thickness
+        self.spared = np.zeros(n)
+        self.crossed = self.before = np.zeros((0, 3), dtype=np.int64)
+
+    def inside(self, f: VertexContacts, held: np.ndarray) -> VertexContacts:
+        """Of contacts, those that end inside a solid's thickness and are not among the keys that are held, or are held at
+        another plane, and are not pinched."""
+        strayed = (f.gap < -self.deep[f.solid]) & (f.gap < f.start_gap - PENETRATION * self.thickness[f.solid])
+        return f.take((f.gap < 0) & (~np.isin(f.key, held) | strayed) & (self.spared[f.index] == 0))
+
+    def left(self, near: Nearby, inside: VertexContacts, pressed: Pairs | None) -> tuple[int, bool]:
+        """(pairs that are left closer than they should be, whether they or what is inside ended too deep).
+
+        Args:
+            pressed: pairs as the last solve took them.
+        """
+        bad = bool((inside.gap < -self.deep[inside.solid]).any())
+        if near.pairs is None:
+            return 0, bad
+        nearer, lost = left(near.pairs, pressed, self.thickness[near.pairs.solid])
+        minded = (self.spared[near.pairs.vertices] == 0).all(axis=1)
+        return int(np.sum(nearer & minded)), bad or bool((lost & minded).any())
+
+    def may_shrink(self, start: StepStart, near: Nearby, held: np.ndarray, pressed: Pairs | None) -> bool:
+        """Whether a step that goes wrong is to be tried smaller, and not taken as the best there is."""
+        if not start.small:
+            return True
+        there = walls(near.vertices, near.pairs, near.there, self.thickness)
+        return bool(has_room(self.wrong(near, held, pressed), self.scan.faces, there, self.thickness, self.scan.yields,
+                             pinned_particles(start.pins, len(self.spared))).any())
+
+    def look_across(self) -> bool:
+        """Looks for crossings where the model is; whether there are more than at the beginning, pinched ones apart."""
+        self.crossed = self.scan.find_crossings()
+        return self.more_crossed
+
+    @property
+    def more_crossed(self) -> bool:
+        """Whether more crosses than at the beginning of the attempt, where crossings were last looked for."""
+        return len(self._minded(self.crossed)) > len(self._minded(self.before))
+
+    def crossings(self, f: VertexContacts) -> int:
+        """Pairs of triangles of cloth and solids that cross, and particles inside solids without edges or corners."""
+        inside = ~self.scan.pokes[f.solid] & (f.gap < -self.thickness[f.solid])
+        across = self.scan.find_crossings(grown=True) if self.scan.rounded else self.crossed
+        return len(across) + int(inside.sum())
+
+    def wrong(self, near: Nearby, held: np.ndarray, pressed: Pairs | None) -> np.ndarray:
+        """(k, 3) particles of what ends too deep inside solids, too near to them or across."""
+        inside = self.inside(near.vertices, held)
+        deep = inside.index[inside.gap < -self.deep[inside.solid]]
+        rows = [np.repeat(deep[:, None], 3, axis=1)]
+        if near.pairs is not None:
+            lost = left(near.pairs, pressed, self.thickness[near.pairs.solid])[1]
+            rows.append(self._minded(near.pairs.own_vertices[lost]))
+        if self.more_crossed:
+            rows.append(self._minded(self.crossed))
+        return np.concatenate(rows)
+
+    def pass_time(self, h: float) -> None:
+        """A step of h [s] was accepted."""
+        self.spared = np.maximum(self.spared - h, 0)
+
+    def spare(self, particles: np.ndarray) -> None:
+        """Particles are pinched between solids."""
+        self.spared[particles] = SPARED
+
+    def _minded(self, vertices: np.ndarray) -> np.ndarray:
+        """Those rows (k, .) of particles none of which is pinched."""
+        return vertices[(self.spared[vertices] == 0).all(axis=1)]

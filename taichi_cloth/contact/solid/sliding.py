@@ -1,0 +1,57 @@
+"""Coulomb friction of particles that slide on solids, as points of contact. numpy only.
+
+The force is -mu lambda u/|u|, with the last known normal force lambda. Where it cannot stop the slip u that is expected
+within the step, it is linearised about it: constant along u, a damping across. Where it could, it is a damping in all
+directions with the |u| expected: it never pushes backwards, and bounds the friction's work from above, so that solves
+go downhill. What has just begun to slide feels its cone's force against the shear.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..points import Points
+from ..rows import EYE, sym_outer, sym_times
+from .states import States
+from .vertices import VertexContacts
+
+SLOW = 5e-5  # slip [m/s] below which friction holds
+
+
+@dataclass(frozen=True)
+class Sliding:
+    """Contacts of an active set that slide.
+
+    Attributes:
+        rows: (k,) which contacts of the set do.
+        lag: (k,) slip [m/s] at which friction of a contact was taken as a damping; infinite where it was not.
+        points: one for each that slides.
+    """
+
+    rows: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    lag: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    points: Points = field(default_factory=Points.none)
+
+
+def slide(f: VertexContacts, states: States, slip: np.ndarray, friction: np.ndarray, mass: np.ndarray, h: float,
+          x: np.ndarray, v: np.ndarray) -> Sliding:
+    """Friction of what slides.
+
+    Args:
+        slip: (k, 3) expected velocity against the solid [m/s]; friction: (k,) mu of each contact's solid.
+        mass: (n,) [kg]; x: (n, 3) saved positions [m]; v: (n, 3) velocities that the solve begins with [m/s].
+    """
+    rows = ~states.stick & (friction * states.force > 0)
+    f, size, u, push = f.take(rows), friction[rows] * states.force[rows], slip[rows], states.push[rows]
+    fresh, speed = push.any(axis=1), np.linalg.norm(u, axis=1)
+    stopped = size * h / mass[f.index]  # slip that friction would stop in a step
+    fast = ~fresh & (speed > stopped)
+    push = np.where(fast[:, None], -u / np.maximum(speed, 1e-30)[:, None], push)
+    speed = np.where(fresh, stopped, np.maximum(speed, SLOW))
+    lag = np.full(len(rows), np.inf)
+    lag[np.flatnonzero(rows)[~fast & ~fresh]] = speed[~fast & ~fresh]
+    block = (h * size / speed)[:, None] * (EYE - sym_outer(f.normal) - sym_outer(push))
+    start = v[f.index] - (f.carried - x[f.index]) / h  # slip with which the solve begins
+    rhs = h * size[:, None] * push - sym_times(block, start)
+    vertices, weights = np.repeat(f.index[:, None], 4, axis=1), np.tile([1.0, 0, 0, 0], (len(u), 1))
+    return Sliding(rows, lag, Points(vertices, weights, block, rhs))

@@ -1,0 +1,317 @@
+"""Cloth against solids: which contacts hold, stick and slide, round by round of a step. [BW98 §5, §6]
+
+A particle in contact has its normal direction held (all directions while friction holds it), moves with the
+solid (z), and is brought to the surface by y, inside the solve. The solve's own constraint force then says what
+must change: a contact that pulls is released, one that shears beyond Coulomb's cone slides, one that has come to
+rest sticks, a particle that ends inside is added. Rounds of solves go on until what changes does not matter.
+
+Differs from [BW98 §6]: states are settled within the step, not in the next; y also brings a particle down to the
+surface that it would otherwise have gone through, so that a solid is met inelastically, without a bounce.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...backend.fields import Fields
+from ...scene.scene import Scene
+from ...system.state import ParticleState
+from ..points import Points
+from ..rows import rows_of, tangential
+from ..step_start import StepStart
+from .active_set import ActiveSet, hold_together
+from .pairs import PAIR, Pairs, Step, press
+from .penetration import PENETRATION, Nearby, Penetration
+from .query import Scanner
+from .sliding import SLOW, Sliding, slide
+from .states import States
+from .vertices import VertexContacts
+
+TOLERATED = 0.3  # of the thickness: the same after further rounds, and where little would hold it; the next step brings it out
+PULL = 1e-3  # of a particle's weight (or of the mean contact force) that a contact may pull before it is released
+CONE = 1e-4  # relative excess over mu lambda before a contact slides
+WEAK = 0.5  # of the cone: friction must be below it for what slides slowly to stick
+PATIENCE = 1  # rounds after which states that still change do so in the next step
+RELEASES = 4  # rounds in which contacts are released, where layers of cloth press on each other
+AGREED, AGREED_SHEAR = 3e-3, 3e-2  # part of all normal forces by which contacts may pull, or lack what would hold particles
+# that end inside, and shear beyond the cone, in a step: their states change in the next
+FALL = 0.5  # of the thickness: from higher than that and than its motion leads, nothing is brought down to a solid
+LAGGED = 0.1  # relative error of the friction forces that a first round may leave
+REACH, PUSH = 4.0, 0.25  # mean edges that a particle may close in on a solid in one step; that it is pushed out in a usual
+# one: more would tear at the triangles
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a round came to.
+
+    Attributes:
+        changes: contacts whose state must change, or 0 where they do not matter within this step.
+        deepest: how deep [m] anything ends inside a thickness.
+        bad: whether something ends so deep that the step cannot be accepted.
+    """
+
+    changes: int
+    deepest: float
+    bad: bool
+
+
+@dataclass(frozen=True)
+class Forces:
+    """What solids put on cloth in the last solve.
+
+    Attributes:
+        held: (k, 3) [N] on the particles of the active set, with friction of what slides.
+        pairs: (j, 3) [N] on the places of pairs; at: (j, 3) where these are [m].
+    """
+
+    held: np.ndarray
+    pairs: np.ndarray
+    at: np.ndarray
+
+
+NO_FORCES = Forces(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
+
+
+class SolidContacts:
+    """The contacts of a model's cloth with a scene's solids.
+
+    Attributes:
+        scan: looks for them; penetration: judges what is too deep.
+        friction: (solids,) mu.
+        accepted: states with which the last accepted step ended; trial: those of the last solve of this attempt.
+        released: keys of contacts that were released in this attempt.
+        near: what was met when last looked; active: what the last solve held; sliding, pressed, pressing: friction, pairs
+            and their points as it took them; forces: what they came to.
+        round: solves of this attempt; unsettled: contacts that would have changed in one more.
+    """
+
+    def __init__(self, fields: Fields, model: ParticleState, scene: Scene) -> None:
+        self.model, self.gravity, self.solids = model, scene.gravity, scene.solids
+        self.friction, thickness = (np.array([getattr(s, name) for s in self.solids]) for name in ("friction", "thickness"))
+        self.scan = Scanner(fields, model, scene)
+        self.penetration = Penetration(model.n, self.scan, thickness)
+        self.trial = self.accepted = States()
+        self.released = np.zeros(0, dtype=np.int64)
+        self.round = self.unsettled = 0
+        self.near = Nearby(np.zeros((model.n, 3)), VertexContacts.none(), np.zeros((0, 3)), None)
+        self.active = ActiveSet.none()
+        self.sliding, self.pressing, self.forces = Sliding(), Points.none(), NO_FORCES
+        self.pressed: Pairs | None = None
+
+    @property
+    def thickness(self) -> np.ndarray:
+        """(solids,) [m]"""
+        return self.penetration.thickness
+
+    @property
+    def reach(self) -> float:
+        """How far [m] a particle may close in on a solid in one step."""
+        return REACH * self.scan.edge
+
+    def begin(self, start: StepStart) -> None:
+        """A new attempt; the model is at its predicted end."""
+        self.trial, self.released, self.round = self.accepted, np.zeros(0, dtype=np.int64), 0
+        self.penetration.crossed = self.penetration.before
+        self.look(start)
+
+    def look(self, start: StepStart) -> None:
+        """What cloth meets on its way to where it now is, and how fast it slips there."""
+        f, there = self.scan.detect(), self.model.read_particles()[0]
+        self.near = Nearby(there, f, tangential((there[f.index] - f.carried) / start.h, f.normal), self.scan.find_pairs())
+
+    def stop_short(self) -> None:
+        """The model went a part of its way only: edges and corners of solids are met as they are from there."""
+        self.near = replace(self.near, there=self.model.read_particles()[0], pairs=self.scan.find_pairs())
+
+    @property
+    def touching(self) -> bool:
+        """Whether anything was met when last looked."""
+        return bool((self.near.vertices.gap < 0).any()) or self.near.any_pairs
+
+    def hold(self, start: StepStart) -> float:
+        """Chooses what the next solve holds, pins included: `active`. Returns the largest closing distance [m]."""
+        f, old, h = self.near.vertices, self.trial, start.h
+        known, where = old.find(f.key)
+        active = known | (f.gap < 0)
+        again = np.isin(f.key, self.released)
+        active &= ~again | (f.gap < -PENETRATION * self.thickness[f.solid])
+        if start.together:  # solves go on from each other: what had to be held again stays held
+            self.released = np.setdiff1d(self.released, f.key[active])
+        f, slip, known, where = f.take(active), self.near.slip[active], known[active], where[active]
+        k, mu, mass = len(f.index), self.friction[f.solid], self.model.mass[f.index]
+        stick, force, push = np.zeros(k, dtype=bool), np.zeros(k), np.zeros((k, 3))
+        if known.any():
+            stick[known], force[known] = old.stick[where[known]], old.force[where[known]]
+            push[known] = old.push[where[known]]
+        new = ~known
+        if new.any():  # what stops the approach, and carries the weight
+            n = f.normal[new]
+            arrive = start.v[f.index[new]] - (f.carried[new] - start.x[f.index[new]]) / h
+            force[new] = mass[new] * np.maximum(0, -np.einsum("ki,ki->k", n, arrive) / h
+                                                - n @ self.gravity)
+            stick[new] = np.linalg.norm(slip[new], axis=1) * mass[new] <= mu[new] * force[new] * h
+        stick &= mu > 0
+        nearing = np.einsum("ki,ki->k", f.normal, f.carried - start.x[f.index] - h * start.v[f.index])
+        down = 2 * np.maximum(nearing, 0) + FALL * start.share * self.thickness[f.solid]  # no further than its own way leads
+        lift = np.clip(-f.start_gap, -down, PUSH * self.scan.edge * start.share)  # small steps move as fast as large ones
+        holding = hold_together(f, stick, lift, start.pins, self.model.n, self.model.exchange)
+        self.active = ActiveSet(f, States(f.key, stick, force, push), slip, lift, holding)
+        return float(np.max(-lift, initial=0.0))
+
+    def take_points(self, start: StepStart, base: tuple[np.ndarray, np.ndarray]) -> list[Points]:
+        """Friction of what slides, and pairs, for a solve that begins at base: positions and velocities, each (n, 3)."""
+        a, mass = self.active, self.model.mass
+        self.sliding = slide(a.contacts, a.states, a.slip, self.friction[a.contacts.solid], mass, start.h, start.x, base[1])
+        if self.near.pairs is None:
+            return [self.sliding.points]
+        t = self.thickness
+        self.pressed = near = self.near.pairs.moved(self._to_go(), PAIR * t[self.near.pairs.solid])
+        self.pressing = press(near, Step(start.h, start.h_usual, start.x, *base), mass, t[near.solid],
+                              self.friction[near.solid])
+        return [self.sliding.points, self.pressing]
+
+    def _to_go(self) -> np.ndarray:
+        """(n, 3) how far what is held has to go from where pairs were looked for."""
+        out, held = np.zeros_like(self.near.there), self.active.holding.held
+        if held is not None:
+            out[held.index] = np.einsum("kij,kj->ki", held.projector, held.target - self.near.there[held.index])
+        return out
+
+    def judge(self, start: StepStart, reaction: np.ndarray, moved: np.ndarray) -> Verdict:
+        """What must change after a solve.
+
+        Args:
+            reaction: (k, 3) impulse [N s] on the held particles, in the order of what was held.
+            moved: (n, 3) what the solve moved particles by [m].
+        """
+        f, s, h, weight = self.active.contacts, self.active.states, start.h, np.linalg.norm(self.gravity)
+        F, normal = self.record_forces(reaction, moved, h)
+        tangent = F - normal[:, None] * f.normal
+        shear = np.linalg.norm(tangent, axis=1)
+        mu = self.friction[f.solid]
+        pulls = normal < -PULL * np.maximum(self.model.mass[f.index] * weight,
+                                            np.mean(np.abs(normal)) if len(normal) else 0.0)
+        if start.together and self.round >= RELEASES:
+            pulls[:] = False  # what layers press in again and again stays held until the next step
+        breaks = s.stick & ~pulls & (shear > mu * np.maximum(normal, 0) * (1 + CONE))
+        self.look(start)
+        here = rows_of(self.near.vertices.key, f.key)
+        slip_now = np.where((here >= 0)[:, None], self.near.slip[here] if len(self.near.slip) else 0.0, 0.0)
+        speed = np.linalg.norm(slip_now, axis=1)
+        slides = self.sliding.rows
+        turns = slides & ~pulls & (self.sliding.lag <= SLOW) & (speed < WEAK * SLOW)
+        force = np.maximum(normal, 0)
+        off = float(np.sum(mu * np.abs(force - s.force) * slides))
+        disagree = off > LAGGED * float(np.sum(mu * force * slides)) and self.round == 0
+        wrong = float(np.sum(-normal[pulls])) / AGREED + float(np.sum((shear - mu * force)[breaks])) / AGREED_SHEAR
+        stick = (s.stick & ~breaks) | turns
+        push = np.zeros_like(tangent)
+        push[breaks] = tangent[breaks] / np.maximum(shear[breaks], 1e-30)[:, None]
+        keep = ~pulls
+        self.released = np.concatenate([self.released, f.key[pulls]])
+        self.trial = States(f.key[keep], stick[keep], force[keep], push[keep])
+        inside = self.penetration.inside(self.near.vertices, f.key)
+        depth = -inside.gap / self.thickness[inside.solid]
+        lacks = -float(np.sum(self.model.mass[inside.index] * inside.gap)) / h**2
+        few = self.round > 0 or lacks < AGREED * float(np.sum(force))
+        entered = int(np.sum(depth > (TOLERATED if few else PENETRATION)))
+        self.round += 1
+        changes = int(pulls.sum() + breaks.sum() + turns.sum()) + entered
+        self.unsettled = changes
+        close, bad = self.penetration.left(self.near, inside, self.pressed)
+        entered += close
+        matters = bad or entered or disagree or (wrong > float(np.sum(force)) and self.round <= PATIENCE)
+        return Verdict(max(changes, 1) if matters else 0, float(np.max(depth, initial=0.0)), bad)
+
+    def record_forces(self, reaction: np.ndarray, moved: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+        """What contacts bore in the last solve, which was taken whole; arguments as in `judge`.
+
+        Returns:
+            (forces (k, 3) [N] on what is held, their parts (k,) along the normals); sliding friction is not among them.
+        """
+        f, states = self.active.contacts, self.active.states
+        F, normal = self.active.holding.forces(f, reaction / h)
+        held = np.where(states.stick[:, None], F, normal[:, None] * f.normal)
+        held[self.sliding.rows] += self.sliding.points.forces(moved, h)
+        self.forces = replace(NO_FORCES, held=held)
+        if self.pressed is not None:
+            at = self.pressed.of(self.model.read_particles()[0])
+            self.forces = Forces(held, self.pressing.forces(moved, h), at)
+        return F, normal
+
+    def went_in(self, start: StepStart) -> bool:
+        """Whether something ended too deep, or through, after further solves that held the same contacts."""
+        self.look(start)
+        inside = self.penetration.inside(self.near.vertices, self.active.contacts.key)
+        bad = self.penetration.left(self.near, inside, self.pressed)[1]
+        return (bad and self.may_shrink(start)) or self.went_through(start)
+
+    def may_shrink(self, start: StepStart) -> bool:
+        """As `Penetration.may_shrink`."""
+        return self.penetration.may_shrink(start, self.near, self.active.contacts.key, self.pressed)
+
+    def went_through(self, start: StepStart) -> bool:
+        """Whether cloth passes through solids where it did not before, in a step that can still be made smaller."""
+        return self.penetration.look_across() and self.may_shrink(start)
+
+    def rows_held(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Of rows of what is held (count,): whether solids hold them, and not pins alone; whether they are brought out of
+        solids that they were inside of."""
+        solids, out, rows = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool), self.active.holding.rows
+        solids[rows] = True
+        out[rows[self.active.lift > 0]] = True
+        return solids, out
+
+    def commit(self, start: StepStart) -> None:
+        """The step was accepted: the next begins from its contacts. What went wrong in a small one is pinched."""
+        self.penetration.pass_time(start.h)
+        if start.small:
+            self.penetration.spare(self.penetration.wrong(self.near, self.active.contacts.key, self.pressed))
+        self.accepted, self.penetration.before = self.trial, self.penetration.crossed
+
+    def pass_by(self, h: float) -> None:
+        """A step without contact was accepted."""
+        self.accepted = self.trial = States()
+        self.active, self.forces, self.pressed, self.unsettled = ActiveSet.none(), NO_FORCES, None, 0
+        self.penetration.pass_time(h)
+
+    def clear(self) -> None:
+        """Forgets all contacts: the state was changed from outside."""
+        self.accepted, self.near = States(), replace(self.near, vertices=VertexContacts.none())
+        self.penetration.spared[:] = 0
+        self.penetration.crossed = self.penetration.before = self.scan.find_crossings()
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """What is remembered from step to step, as arrays by name."""
+        states = {name: getattr(self.accepted, name) for name in ("key", "stick", "force", "push")}
+        return {**states, "crossed": self.penetration.before, "spared": self.penetration.spared}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Goes on from what `checkpoint` gave."""
+        self.accepted = States(*(state[name] for name in ("key", "stick", "force", "push")))
+        self.penetration.spared = state["spared"].copy()
+        self.penetration.crossed = self.penetration.before = state["crossed"]
+
+    def forces_on_particles(self) -> np.ndarray:
+        """(n, 3) [N] on each particle in the last solve, in particle order."""
+        out = np.zeros((self.model.n, 3))
+        np.add.at(out, self.active.contacts.index, self.forces.held)
+        if self.pressed is not None:
+            p = self.pressed
+            np.add.at(out, p.vertices, p.weights[:, :, None] * self.forces.pairs[:, None, :])
+        return out
+
+    def loads(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """(force [N], torque [N m] about the origin) on each solid, by name."""
+        f = self.active.contacts
+        at, force, which = self.model.read_particles()[0][f.index], self.forces.held, f.solid
+        if self.pressed is not None:
+            at, force = np.concatenate([at, self.forces.at]), np.concatenate([force, self.forces.pairs])
+            which = np.concatenate([which, self.pressed.solid])
+        out = {}
+        for k, solid in enumerate(self.solids):
+            mine = which == k
+            arm = at[mine] - solid.pose(self.scan.time)[1] + self.model.origin
+            out[solid.name] = (-force[mine].sum(axis=0), -np.cross(arm, force[mine]).sum(axis=0))
+        return out
