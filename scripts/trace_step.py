@@ -6,7 +6,8 @@
 The scene runs until the time given, then one step is traced by Python's own profiler hook. A call counts where a
 function of one file calls one of another file, directly or through something outside the package. It is upward where the
 file called could import the caller and not the other way round: by their places in the imports that the package's
-modules make, followed from file to file.
+modules make, followed from file to file. A method that overrides one of a base class is called by way of that class's
+file: who imports the base may call what implements it.
 """
 
 import argparse
@@ -18,7 +19,7 @@ from collections import Counter
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "scenes")]
 PACKAGE = ROOT / "taichi_cloth"
-LEFT_OUT = str(PACKAGE / "taichi_patches.py")  # binds kernels to their objects
+LEFT_OUT = str(PACKAGE / "backend" / "taichi_patches.py")  # binds kernels to their objects
 
 
 def imported(path: pathlib.Path) -> set[str]:
@@ -57,6 +58,7 @@ class Trace:
 
     def __init__(self) -> None:
         self.calls: list[tuple[str, str, str]] = []  # caller's file, file called, function
+        self.declared: dict[tuple[str, str], set[str]] = {}  # by file and function: files of bases that declare it
         self.stack: list[str] = []
 
     def __enter__(self) -> "Trace":
@@ -76,7 +78,13 @@ class Trace:
             return
         name = str(pathlib.Path(file).relative_to(PACKAGE))
         if self.stack and self.stack[-1] != name:
-            self.calls.append((self.stack[-1], name, frame.f_code.co_name))
+            function = frame.f_code.co_name
+            self.calls.append((self.stack[-1], name, function))
+            if (name, function) not in self.declared:
+                owner = type(frame.f_locals.get("self"))
+                bases = [getattr(sys.modules[c.__module__], "__file__", None) for c in owner.__mro__ if function in vars(c)]
+                self.declared[name, function] = {str(pathlib.Path(f).relative_to(PACKAGE)) for f in bases
+                                                 if f is not None and f.startswith(str(PACKAGE))}
         self.stack.append(name)
 
 
@@ -106,7 +114,8 @@ def main() -> int:
     solves = sum(record.solves for record in made)
     files = {name for call in trace.calls for name in call[:2]}
     above = reach()
-    upward = [c for c in trace.calls if c[0] in above[c[1]] and c[1] not in above[c[0]]]
+    upward = [c for c in trace.calls if c[0] in above[c[1]]
+              and not (above[c[0]] & ({c[1]} | trace.declared[c[1], c[2]]))]
     seen: set[str] = set()
     back = 0
     for _, name, _ in trace.calls:
