@@ -28,6 +28,7 @@ from .step.choice import SAFETY, choose
 from .step.prescribed import Prescribed
 from .step.stepper import ADVICE, Control, Stepper, StepRecord
 from .system.assembler import Assembler
+from .system.checkpoint import VERSION, below
 from .system.constraints import Constraint, Held, by_hand
 from .system.operator import ForceField, Operator, Probe
 from .system.quantities import collapsed, deformation, principal_stretches
@@ -291,15 +292,19 @@ class Simulation:
     def checkpoint(self) -> dict[str, np.ndarray]:
         """Everything that decides how the simulation goes on, as arrays by name; see `resume`."""
         self._live()
-        out = {**self.model.checkpoint(), "time": np.array(self.time), "records": np.array(len(self.log))}
-        out |= {f"step_{k}": a for k, a in self.stepper.checkpoint().items()}
-        out |= {f"integrator_{k}": a for k, a in self.integrator.checkpoint().items()}
-        if self.integrator.system is not None:
-            out |= {f"levels_{k}": a for k, a in self.integrator.system.preconditioner.checkpoint().items()}
-        if self.contacts is not None:
-            out |= {f"contact_{k}": a for k, a in self.contacts.checkpoint().items()}
-        out |= {f"anchor_{k}": a for k, a in self.prescribed.checkpoint().items()}
+        out = {"version": np.array(VERSION), "time": np.array(self.time), "records": np.array(len(self.log))}
+        for name, part in self._parts().items():
+            out |= {f"{name}.{key}": array for key, array in part.checkpoint().items()}
         return out
+
+    def _parts(self) -> dict[str, Any]:
+        """What remembers something, by name."""
+        parts = {"particles": self.model, "step": self.stepper, "integrator": self.integrator}
+        if self.integrator.system is not None:
+            parts["preconditioner"] = self.integrator.system.preconditioner
+        if self.contacts is not None:
+            parts["contacts"] = self.contacts
+        return parts | {"script": self.prescribed}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
         """Goes on where `checkpoint` was taken, bit for bit on the same machine, threads and precision.
@@ -311,31 +316,20 @@ class Simulation:
         """
         self._live()
         checks.instance("resume: state", state, dict)
-        try:
-            self._restore(state)
-        except KeyError as missing:
-            raise SceneError(f"the checkpoint has no {missing}: it is of another version, or of a run with other options"
-                             ) from None
-        self._fire_events()
-        self.prescribed.resume({k[7:]: a for k, a in state.items() if k.startswith("anchor_")})
-
-    def _restore(self, state: dict[str, np.ndarray]) -> None:
+        version = int(state.get("version", 0))
+        if version != VERSION:
+            raise SceneError(f"the checkpoint is of version {version}, and this taichi_cloth goes on from version {VERSION}")
         for name, value in state.items():
-            if name in ("time", "step_h") or name.startswith("anchor_"):
-                if not np.isfinite(value).all():
-                    raise SceneError(f"the checkpoint's {name} is not finite")
-
-        def part(name: str) -> dict[str, np.ndarray]:
-            return {key[len(name):]: value for key, value in state.items() if key.startswith(name)}
-
-        self.model.resume(state)
-        self.time = float(state["time"])
-        self.stepper.resume(part("step_"))
-        self.integrator.resume(part("integrator_"))
-        if self.integrator.system is not None:
-            self.integrator.system.preconditioner.resume(part("levels_"))
-        if self.contacts is not None:
-            self.contacts.resume(part("contact_"))
+            if (name in ("time", "step.h") or name.startswith("script.")) and not np.isfinite(value).all():
+                raise SceneError(f"the checkpoint's {name} is not finite")
+        try:
+            self.time = float(state["time"])
+            for name, part in self._parts().items():
+                part.resume(below(name, state))
+        except KeyError as missing:
+            raise SceneError(f"the checkpoint has no {missing}: it is of a run with other options") from None
+        self._fire_events()
+        self.prescribed.resume(below("script", state))  # attachments that events began, began where they did
 
     def close(self) -> None:
         """Gives the memory of the fields back; the simulation is over."""

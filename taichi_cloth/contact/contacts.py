@@ -6,6 +6,7 @@ import numpy as np
 
 from ..backend.fields import Fields
 from ..scene.scene import Scene
+from ..system.checkpoint import Checkpointed
 from ..system.constraints import Held
 from ..system.state import ParticleState
 from .contact_force import ContactForce
@@ -15,7 +16,7 @@ from .solid.solid_contacts import SolidContacts, Verdict
 from .step_start import StepStart
 
 
-class Contacts:
+class Contacts(Checkpointed):
     """The contacts of a model's cloth with a scene's solids, and of its cloths with each other.
 
     Attributes:
@@ -28,6 +29,7 @@ class Contacts:
     """
 
     ROUNDS = 6
+    STATE = ("solids", "warm", "layers")
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool,
                  tangles: str = "untangle", law: str = "repulsion") -> None:
@@ -210,18 +212,6 @@ class Contacts:
         self.solids.clear()
         if self.layers is not None:
             self.layers.clear()
-
-    def checkpoint(self) -> dict[str, np.ndarray]:
-        """What is remembered from step to step, as arrays by name."""
-        layers = {} if self.layers is None else {f"layer_{k}": a for k, a in self.layers.checkpoint().items()}
-        return {**self.solids.checkpoint(), "warm": np.array(self.warm), **layers}
-
-    def resume(self, state: dict[str, np.ndarray]) -> None:
-        """Goes on from what `checkpoint` gave."""
-        self.solids.resume(state)
-        self.warm = bool(state["warm"])
-        if self.layers is not None:
-            self.layers.resume({k[6:]: a for k, a in state.items() if k.startswith("layer_")})
 
     def forces_on_particles(self) -> np.ndarray:
         """(n, 3) [N] on each particle in the last solve, in particle order."""

@@ -16,6 +16,7 @@ from ..backend.fields import Fields
 from ..forces.conditions import sym, sym_scaled_identity, sym_times, sym_unpack
 from ..scene.mesh import face_edges
 from ..scene.scene import Scene
+from ..system.checkpoint import Checkpointed
 from ..system.constraints import Held
 from ..system.operator import Operator
 from .lattice import Gather, Level, coordinates, gather, levels, meeting, squares
@@ -59,7 +60,7 @@ class LevelFields:
 
 
 @ti.data_oriented
-class Multilevel:
+class Multilevel(Checkpointed):
     """Block Jacobi on the particles and on every level; `sweep` applies it to all of a field at once."""
 
     pointwise = False
@@ -122,17 +123,6 @@ class Multilevel:
         """Iterations of the first solve after `make`: how well the levels still do."""
         self.cost = self.cost or iterations
         self.excess += max(iterations - self.cost, 0)
-
-    def checkpoint(self) -> dict[str, np.ndarray]:
-        """The levels as they were made, and how well they did."""
-        age = np.array([self.cost, self.excess, self.kept, self.wait, self.pause])
-        return {"inverse": self.inverse_l.to_numpy(), "made_for": self.made_for, "age": age}
-
-    def resume(self, state: dict[str, np.ndarray]) -> None:
-        """Goes on from what `checkpoint` gave."""
-        self.inverse_l.from_numpy(state["inverse"])
-        self.made_for = state["made_for"]
-        self.cost, self.excess, self.kept, self.wait, self.pause = state["age"].tolist()
 
     @ti.func
     def filter(self, i, r):

@@ -5,12 +5,13 @@ import taichi as ti
 
 from ..backend.fields import Fields
 from ..forces.conditions import sym, sym_scaled_identity, sym_times, sym_unpack
+from ..system.checkpoint import Checkpointed
 from ..system.constraints import Held
 from ..system.operator import Operator
 
 
 @ti.data_oriented
-class Pointwise:
+class Pointwise(Checkpointed):
     """(S P S)^-1 on the free directions of each particle, 0 on the constrained ones: symmetric, 6 numbers.
 
     Args:
@@ -60,13 +61,6 @@ class Pointwise:
     def took(self, iterations: int) -> None:
         """Iterations of the first solve after `make`."""
 
-    def checkpoint(self) -> dict[str, np.ndarray]:
-        """Nothing is kept from step to step."""
-        return {}
-
-    def resume(self, state: dict[str, np.ndarray]) -> None:
-        """Nothing to go on from."""
-
     @ti.kernel
     def _hold_partly(self, index: ti.types.ndarray(), held: ti.types.ndarray()):
         """(S P S + I - S)^-1 - (I - S), the two parts of the sum alike in size."""
@@ -97,4 +91,3 @@ class Pointwise:
     def norm_sqr(self, i, x):
         """x_i . P_i x_i"""
         return x.dot(sym_times(self.block(i), x))
-

@@ -6,16 +6,19 @@ import numpy as np
 
 from ..forces.force import Force
 from ..scene.scene import Script
+from ..system.checkpoint import Checkpointed
 from ..system.constraints import Attachments, Held
 from ..system.state import ParticleState
 
 
-class Prescribed:
+class Prescribed(Checkpointed):
     """The boundary conditions of a run.
 
     Attributes:
         script: attachments and events that are still to come; it changes as the run goes on.
     """
+
+    STATE = ("anchors",)
 
     def __init__(self, model: ParticleState, script: Script, forces: Sequence[Force], contacts) -> None:
         self.model, self.script, self.forces, self.contacts = model, script, forces, contacts
@@ -43,10 +46,11 @@ class Prescribed:
         """Pins begin where their vertices now are."""
         self.attachments = Attachments(self.model, self.model.exchange)
 
-    def checkpoint(self) -> dict[str, np.ndarray]:
-        """Where attachments began, by their keys."""
+    @property
+    def anchors(self) -> dict[str, np.ndarray]:
+        """Where cloths were when attachments began, by the attachments' keys."""
         return {str(key): x for key, x in self.attachments.anchors.items()}
 
-    def resume(self, state: dict[str, np.ndarray]) -> None:
-        """Goes on from what `checkpoint` gave."""
-        self.attachments.anchors.update({int(key): x for key, x in state.items()})
+    @anchors.setter
+    def anchors(self, anchors: dict[str, np.ndarray]) -> None:
+        self.attachments.anchors.update({int(key): x for key, x in anchors.items()})

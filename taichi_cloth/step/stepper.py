@@ -5,12 +5,11 @@ import time
 from dataclasses import asdict, dataclass, field
 from functools import partial
 
-import numpy as np
-
 from .. import checks
 from ..errors import SceneError, SimulationError
 from ..options import LONGEST, SHORTEST
 from ..system.assembler import Assembler, Measures
+from ..system.checkpoint import Checkpointed
 from ..system.state import ParticleState
 from .attempt import ACCURACY, APPROACH, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, STRETCH, Attempt
 
@@ -113,8 +112,10 @@ class StepRecord:
     ledger: dict[str, float] = field(default_factory=dict)
 
 
-class Stepper:
+class Stepper(Checkpointed):
     """Takes steps with an integrator, smaller ones where they go bad."""
+
+    STATE = ("h", "quiet", "measured")
 
     def __init__(self, model: ParticleState, integrator, meter: Assembler, control: Control) -> None:
         self.model, self.integrator, self.meter, self.control = model, integrator, meter, control
@@ -158,15 +159,14 @@ class Stepper:
             h = self.h = max(h * smaller, control.h_min)
             self.quiet = 0
 
-    def checkpoint(self) -> dict[str, np.ndarray]:
-        """Step size, quiet steps, and the measures of the current state, as they were computed."""
-        start = None if self.start is None else asdict(self.start)
-        return {"h": np.array(self.h), "quiet": np.array(self.quiet), "start": np.array(json.dumps(start))}
+    @property
+    def measured(self) -> str:
+        """`start`, as it was computed."""
+        return json.dumps(None if self.start is None else asdict(self.start))
 
-    def resume(self, state: dict[str, np.ndarray]) -> None:
-        """Goes on from what `checkpoint` gave."""
-        self.h, self.quiet = float(state["h"]), int(state["quiet"])
-        start = json.loads(str(state["start"]))
+    @measured.setter
+    def measured(self, text: str) -> None:
+        start = json.loads(text)
         self.start = None if start is None else Measures(**start)
 
     def judge(self, attempt: Attempt) -> str | None:

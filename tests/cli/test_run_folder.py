@@ -172,10 +172,10 @@ def test_a_shorter_run_than_there_is_already_is_refused(again, capsys):
 def test_a_state_that_is_not_finite_is_refused(finished):
     state = Recording(finished.out).last_checkpoint()[1]
     sim = tc.Simulation(finished.file.make({}), integrator="verlet", threads=1)
-    for name in ("x", "v", "time"):
+    for name in ("particles.x", "particles.v", "time"):
         bad = dict(state)
         bad[name] = np.where(np.arange(state[name].size).reshape(state[name].shape) == 0, np.nan, state[name])
-        with pytest.raises(tc.SceneError, match=f"checkpoint's {name} is not finite"):
+        with pytest.raises(tc.SceneError, match=f"checkpoint's {name.split('.')[-1]} is not finite"):
             sim.resume(bad)
 
 

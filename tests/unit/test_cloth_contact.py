@@ -331,9 +331,11 @@ def test_the_same_twice_and_resumed():
     for _ in range(4):
         again.step()
     assert np.array_equal(again.positions(), end)
-    del state["contact_spared"]
-    with pytest.raises(tc.SceneError, match="no 'spared': it is of another version"):
-        again.resume(state)
+    for change, what in (({"version": np.array(1)}, "of version 1, and this"), ({}, "no 'spared': it is of a run with other")):
+        broken = {**state, **change}
+        del broken["contacts.solids.penetration.spared"]
+        with pytest.raises(tc.SceneError, match=what):
+            again.resume(broken)
     again.close()
 
 
@@ -384,19 +386,22 @@ def test_a_run_resumed_in_contact_goes_on_bit_for_bit(rng):
     layers.detector.let_rest(layers.tangles.resting)
     sim.step()
     state, last = sim.checkpoint(), sim.log[-1]
-    assert min(last.layers, last.tangled, last.pinched, len(state["contact_layer_force"])) >= 10
+    assert min(last.layers, last.tangled, last.pinched, len(state["contacts.layers.kept.force"])) >= 10
     whole = end(sim)
-    rested = np.maximum(state["contact_layer_until"] - (sim.time - float(state["time"])), 0)
+    rested = np.maximum(state["contacts.layers.tangles.until"] - (sim.time - float(state["time"])), 0)
     assert np.allclose(layers.tangles.until, rested, atol=1e-12) and rested.max() > 0.01
     sim.close()
     again = start()
     again.resume(state)
     assert np.array_equal(end(again), whole)
-    for name, other in (("force", 0.0), ("boost", 1.0), ("until", 0.0), ("tangled", False)):
-        again.resume({**state, f"contact_layer_{name}": np.full_like(state[f"contact_layer_{name}"], other)})
+    for name, other in (("kept.force", 0.0), ("boost", 1.0), ("tangles.until", 0.0), ("tangles.rows", None)):
+        changed = {f"contacts.layers.{name}": other}
+        if other is None:  # no crossing
+            changed = {f"contacts.layers.tangles.{part}": None for part in ("edges", "rows")}
+        again.resume({**state, **{k: state[k][:0] if a is None else np.full_like(state[k], a) for k, a in changed.items()}})
         assert not np.array_equal(end(again), whole), name
     again.resume(state)  # what it went through in between has left nothing behind
-    assert again.contacts.layers.was == state["contact_layer_was"] < 1
+    assert again.contacts.layers.was == state["contacts.layers.was"] < 1
     assert np.array_equal(end(again), whole)
     again.close()
 

@@ -126,7 +126,7 @@ def test_it_is_resumed_bit_for_bit(sim):
     assert (sim.positions() == other.positions()).all() and (drift(sim) == drift(other)).all()
     with pytest.raises(tc.SceneError, match="hinge_drift"):
         other.resume({name: array for name, array in state.items() if "drift" not in name})
-    state["state_hinge_drift"] = state["state_hinge_drift"] * np.nan
+    state["particles.state_hinge_drift"] = state["particles.state_hinge_drift"] * np.nan
     with pytest.raises(tc.SceneError, match="hinge_drift is not finite"):
         other.resume(state)
     other.close()

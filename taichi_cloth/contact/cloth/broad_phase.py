@@ -11,6 +11,7 @@ import taichi as ti
 from ...backend.fields import Fields
 from ...scene.mesh import face_edges
 from ...scene.scene import Scene
+from ...system.checkpoint import Checkpointed
 from ...system.state import ParticleState
 from ..bvh import BVH, LEAF, morton
 from ..geometry import EDGE_EDGE, VERTEX_FACE
@@ -24,7 +25,7 @@ SKIN = 0.4  # of half the thickness: how far paths may stray from where they wer
 
 
 @ti.data_oriented
-class Candidates:
+class Candidates(Checkpointed):
     """Pairs of the cloths of a scene that have a `contact`.
 
     Attributes:
@@ -34,6 +35,8 @@ class Candidates:
         candidates: (k, 3) pairs that may be near, see `ContactPairs.pair`; distances: (k,) of them at `walked` [m].
         fresh: whether they cover paths near that.
     """
+
+    STATE = ("candidates", "distances", "walked", "fresh")
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, cpu: bool) -> None:
         self.model, self.exchange = model, fields.exchange

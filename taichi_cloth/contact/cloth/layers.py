@@ -21,6 +21,7 @@ import numpy as np
 from ...backend.fields import Fields
 from ...errors import SceneError
 from ...scene.scene import Scene
+from ...system.checkpoint import Checkpointed
 from ...system.state import ParticleState
 from ..geometry import VERTEX_FACE
 from ..points import Points
@@ -63,7 +64,7 @@ def timed(method):
     return inner
 
 
-class Layers:
+class Layers(Checkpointed):
     """The contacts of a model's cloths with each other and with themselves.
 
     Attributes:
@@ -74,6 +75,7 @@ class Layers:
     """
 
     ROUNDS = 12
+    STATE = ("kept", "count", "energy", "was", "boost", "detector", "tangles")
     agreed, floor, kind = AGREED, FLOOR, pair_kernels.PairKernels
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool, tangles: str) -> None:
@@ -293,27 +295,9 @@ class Layers:
             raise SceneError(f"{what}; tangles='untangle' pulls them apart, 'ignore' leaves them")
         return [f"{what}: they are " + ("pulled apart" if self.tangles.policy == "untangle" else "left alone until apart")]
 
-    def checkpoint(self) -> dict[str, np.ndarray]:
-        """What is remembered from step to step, as arrays by name."""
-        numbers = {name: np.array(getattr(self, name)) for name in ("count", "energy", "was")}
-        d = self.detector
-        return {**self.kept, **numbers, "boost": self.boost, "candidates": d.candidates, "distances": d.distances,
-                "walked": d.walked.to_numpy(), "fresh": np.array(d.fresh),
-                "until": self.tangles.until, "tangled": np.array(self.tangles.active)}
-
-    def resume(self, state: dict[str, np.ndarray]) -> None:
-        """Goes on from what `checkpoint` gave."""
-        self.kept = {name: state[name] for name in ("key", "force")}
-        self.count = int(state["count"])
+    def resumed(self) -> None:
+        """See `Checkpointed`."""
         self._weighed = None
-        self.boost, self.energy, self.was = state["boost"].copy(), float(state["energy"]), float(state["was"])
-        self.detector.walked.from_numpy(state["walked"])
-        self.detector.candidates, self.detector.distances = state["candidates"], state["distances"]
-        self.detector.fresh = bool(state["fresh"])
-        self.tangles.until = state["until"].copy()
-        if state["tangled"]:
-            self.count_tangled()
-            self.tangles.commit()
         self.detector.let_rest(self.tangles.resting)
 
     def _evaluate(self, p: ContactPairs) -> tuple[np.ndarray, np.ndarray]:

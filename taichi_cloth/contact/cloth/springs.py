@@ -59,8 +59,8 @@ class Springs(Layers):
         super().clear()
         self.here = self.near
 
-    def resume(self, state: dict[str, np.ndarray]) -> None:
-        """Goes on from what `checkpoint` gave."""
-        super().resume(state)
+    def resumed(self) -> None:
+        """See `Checkpointed`: the next step begins with what is near where the last one ended."""
+        super().resumed()
         self.look()
         self.here = self.near

@@ -10,6 +10,7 @@ import numpy as np
 
 from ...scene.intersections import self_crossings
 from ...scene.mesh import face_edges
+from ...system.checkpoint import Checkpointed
 from ..points import Points
 from ..rows import sym_outer, sym_times, unit
 
@@ -19,7 +20,7 @@ PULL_STIFF = 10.0  # stiffness of that over mass / h^2
 LET_GO = 0.1  # s for which what was pinched rests
 
 
-class Tangles:
+class Tangles(Checkpointed):
     """The crossings of a model's cloths.
 
     Args:
@@ -31,7 +32,11 @@ class Tangles:
         count: crossing (edge, triangle) pairs where cloth was last looked at; pinched: particles that were let go, as no way
             was free for them.
         resting: (n,) whether pairs of a particle with another such rest.
+        until: (n,) time [s] for which what was pinched rests.
+        edges, rows: (k, 2) particles and (k,) rows of faces that crossed where the step begins.
     """
+
+    STATE = ("until", "edges", "rows")
 
     def __init__(self, n: int, faces: np.ndarray, half: np.ndarray, meets, policy: str) -> None:
         self.n, self.faces, self.half, self.meets, self.policy = n, faces, half, meets, policy
@@ -43,6 +48,11 @@ class Tangles:
         self.resting = np.zeros(n, dtype=bool)
         self.edges, self.rows = np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64)  # where the step begins
         self.found = self.edges, self.rows  # where cloth was last looked at
+
+    def resumed(self) -> None:
+        """See `Checkpointed`."""
+        self.found = self.edges, self.rows
+        self._rest()
 
     @property
     def active(self) -> bool:
@@ -68,6 +78,10 @@ class Tangles:
         """Where cloth was last looked at, h [s] later, the next step begins."""
         self.edges, self.rows = self.found
         self.until = np.maximum(self.until - h, 0)
+        self._rest()
+
+    def _rest(self) -> None:
+        """What is near a crossing rests, and what was pinched."""
         near = np.zeros(self.n, dtype=bool)
         near[self.edges.ravel()] = True
         near[self.faces[self.rows].ravel()] = True

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...system.checkpoint import Checkpointed
 from ..step_start import StepStart
 from .pairs import Pairs, left
 from .query import Scanner
@@ -40,7 +41,7 @@ class Nearby:
         return self.pairs is not None and len(self.pairs.key) > 0
 
 
-class Penetration:
+class Penetration(Checkpointed):
     """Of a model's cloth into solids.
 
     Attributes:
@@ -49,11 +50,17 @@ class Penetration:
         crossed: (k, 3) particles of triangles that cross solids' at the end of the attempt; before: at its beginning.
     """
 
+    STATE = ("before", "spared")
+
     def __init__(self, n: int, scan: Scanner, thickness: np.ndarray) -> None:
         self.scan, self.thickness = scan, thickness
         self.deep = np.where(scan.pokes, DEEPER, DEEP) * thickness
         self.spared = np.zeros(n)
         self.crossed = self.before = np.zeros((0, 3), dtype=np.int64)
+
+    def resumed(self) -> None:
+        """See `Checkpointed`."""
+        self.crossed = self.before
 
     def inside(self, f: VertexContacts, held: np.ndarray) -> VertexContacts:
         """Of contacts, those that end inside a solid's thickness and are not among the keys that are held, or are held at

@@ -15,6 +15,7 @@ import numpy as np
 
 from ...backend.fields import Fields
 from ...scene.scene import Scene
+from ...system.checkpoint import Checkpointed
 from ...system.state import ParticleState
 from ..points import Points
 from ..rows import rows_of, tangential
@@ -73,7 +74,7 @@ class Forces:
 NO_FORCES = Forces(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3)))
 
 
-class SolidContacts:
+class SolidContacts(Checkpointed):
     """The contacts of a model's cloth with a scene's solids.
 
     Attributes:
@@ -85,6 +86,8 @@ class SolidContacts:
             and their points as it took them; forces: what they came to.
         round: solves of this attempt; unsettled: contacts that would have changed in one more.
     """
+
+    STATE = ("accepted", "penetration")
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene) -> None:
         self.model, self.gravity, self.solids = model, scene.gravity, scene.solids
@@ -281,17 +284,6 @@ class SolidContacts:
         self.accepted, self.near = States(), replace(self.near, vertices=VertexContacts.none())
         self.penetration.spared[:] = 0
         self.penetration.crossed = self.penetration.before = self.scan.find_crossings()
-
-    def checkpoint(self) -> dict[str, np.ndarray]:
-        """What is remembered from step to step, as arrays by name."""
-        states = {name: getattr(self.accepted, name) for name in ("key", "stick", "force", "push")}
-        return {**states, "crossed": self.penetration.before, "spared": self.penetration.spared}
-
-    def resume(self, state: dict[str, np.ndarray]) -> None:
-        """Goes on from what `checkpoint` gave."""
-        self.accepted = States(*(state[name] for name in ("key", "stick", "force", "push")))
-        self.penetration.spared = state["spared"].copy()
-        self.penetration.crossed = self.penetration.before = state["crossed"]
 
     def forces_on_particles(self) -> np.ndarray:
         """(n, 3) [N] on each particle in the last solve, in particle order."""

@@ -10,12 +10,11 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-
 from ...backend.timing import Clock
 from ...options import Options
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
+from ...system.checkpoint import Checkpointed
 from ...system.constraints import Held
 from ..attempt import Attempt
 from ..nonlinear.energy import EnergyTest
@@ -25,14 +24,16 @@ from ..nonlinear.problem import Outcome
 from ..nonlinear.system import System
 
 
-class BackwardEuler:
+class BackwardEuler(Checkpointed):
     """[BW98 §3.1, §6] on a system."""
 
     stable_step = math.inf
+    STATE = ("dv",)
 
     def __init__(self, system: System, options: Options, converge: bool = False) -> None:
         self.system, self.options, self.converge = system, options, converge
         self.contacts, self.energy = system.contacts, EnergyTest(system)
+        self.dv = system.solver.dv  # the last change of velocity, from which contacts predict the next
         self.problem: type[EulerStep] = EulerStep
         self.policy: Any = None  # who makes steps of cloth that may meet cloth
         if self.contacts is None:
@@ -74,11 +75,3 @@ class BackwardEuler:
         """The last attempt was accepted."""
         if self.contacts is not None:
             self.contacts.commit()
-
-    def checkpoint(self) -> dict[str, np.ndarray]:
-        """The last change of velocity, from which contacts predict the next."""
-        return {"dv": self.system.solver.dv.to_numpy()}
-
-    def resume(self, state: dict[str, np.ndarray]) -> None:
-        """Goes on from what `checkpoint` gave."""
-        self.system.solver.dv.from_numpy(state["dv"])

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ...system.assembler import Measures
+from ...system.checkpoint import Checkpointed
 from ...system.constraints import Held
 from ..attempt import ACCURACY, ENERGY, NEWTON, NOT_FINITE, SOLVER, Attempt
 from ..nonlinear.system import System
@@ -25,7 +26,7 @@ LAPSE = 0.02  # s, over which the acceleration of cloth in contact is averaged
 TOUCH = "TOUCH"
 
 
-class Safe:
+class Safe(Checkpointed):
     """TR-BDF2 with backward Euler to fall back on.
 
     Args:
@@ -33,6 +34,7 @@ class Safe:
     """
 
     stable_step = math.inf
+    STATE = ("accurate", "robust", "touching", "largest", "mean")
 
     def __init__(self, system: System, accurate: TRBDF2, robust: BackwardEuler, only_contact: bool = False) -> None:
         self.system, self.accurate, self.robust, self.only_contact = system, accurate, robust, only_contact
@@ -81,18 +83,6 @@ class Safe:
         """The state was changed by hand."""
         self.accurate.reset()
         self.touching, self.mean = False, np.zeros((self.model.n, 3))
-
-    def checkpoint(self) -> dict[str, np.ndarray]:
-        """What the two remember."""
-        parts = (("accurate", self.accurate), ("robust", self.robust))
-        state = {f"{name}_{k}": a for name, part in parts for k, a in part.checkpoint().items()}
-        return {**state, "touching": np.array(self.touching), "largest": np.array(self.largest), "mean": self.mean}
-
-    def resume(self, state: dict[str, np.ndarray]) -> None:
-        """Goes on from what `checkpoint` gave."""
-        for name, part in (("accurate_", self.accurate), ("robust_", self.robust)):
-            part.resume({k[len(name):]: a for k, a in state.items() if k.startswith(name)})
-        self.touching, self.largest, self.mean = bool(state["touching"]), float(state["largest"]), state["mean"]
 
     def _touches(self, h: float, held: Held | None) -> bool:
         """Whether the step as taken meets a solid."""

@@ -27,6 +27,7 @@ from ...backend.timing import Clock
 from ...options import Options
 from ...solver.pcg import CONVERGED, Solution
 from ...system.assembler import Measures
+from ...system.checkpoint import Checkpointed
 from ...system.constraints import Held, project
 from ..attempt import ACCURACY, ENERGY, SOLVER, Attempt
 from ..ledger import Work, gained, three_stages
@@ -51,12 +52,15 @@ SHARE = 0.1  # of the error allowed in a step that Newton's method may leave
 HORIZON = 0.5  # s: time in which a run may gather the error asked for
 FILTER = 0.01  # relative residual of the solve that filters the error estimate
 
+NO_PINS: tuple[np.ndarray, np.ndarray] = np.zeros(0, dtype=np.int32), np.zeros((0, 3, 3))
+
 
 @ti.data_oriented
-class TRBDF2:
+class TRBDF2(Checkpointed):
     """TR-BDF2 on a system."""
 
     stable_step = math.inf
+    STATE = ("a_0", "v_p", "c", "power", "debt", "motion", "known", "pins")
 
     def __init__(self, fields: Fields, system: System, options: Options, gravity: np.ndarray) -> None:
         self.system, self.options, self.model = system, options, system.model
@@ -65,7 +69,7 @@ class TRBDF2:
         self.known = False  # whether a_0 is, or follows from the last step
         self.c = 0.0  # of the last step [s], while a_0 is still to be taken from it: (v_1 - v_p)/c
         self.tried = 0.0  # of the last attempt
-        self.pins: tuple = ()
+        self.pins = NO_PINS  # particles and projectors
         self.power = 0.0  # of the constraints [W] at the end of the last step
         self.power_1 = 0.0
         self.debt = self.debt_1 = 0.0  # energy [J] that steps gained and have not lost again; after the attempt
@@ -125,20 +129,6 @@ class TRBDF2:
         """The state was changed by hand, or by another method that left a debt [J]."""
         self.known, self.power, self.c, self.debt, self.motion = False, 0.0, 0.0, debt, 0.0
 
-    def checkpoint(self) -> dict[str, np.ndarray]:
-        """The force implied by the last step."""
-        index, projector = self.pins if self.pins else (np.zeros(0, np.int32), np.zeros((0, 3, 3)))
-        numbers = {name: np.array(getattr(self, name)) for name in ("c", "power", "debt", "motion", "known")}
-        return {"a_0": self.a_0.to_numpy(), "v_p": self.v_p.to_numpy(), **numbers, "pins": index, "directions": projector}
-
-    def resume(self, state: dict[str, np.ndarray]) -> None:
-        """Goes on from what `checkpoint` gave."""
-        self.a_0.from_numpy(state["a_0"])
-        self.v_p.from_numpy(state["v_p"])
-        self.c, self.power, self.debt, self.motion = (float(state[name]) for name in ("c", "power", "debt", "motion"))
-        self.known = bool(state["known"])
-        self.pins = (state["pins"], state["directions"]) if len(state["pins"]) else ()
-
     def _scale(self, h: float, start: Measures, end: Measures) -> float:
         """Energy [J] that counts in a step: of the motion, now or a while ago, and of a slow fall."""
         self.motion_1 = max(start.energies["kinetic"], end.energies["kinetic"], self.motion * math.exp(-h / LAPSE))
@@ -157,8 +147,8 @@ class TRBDF2:
 
     def _remember(self, held: Held | None, c: float, clock: Clock) -> bool:
         """Whether a_0 is f(x_0, v_0)/M, now in b, where no step implies it: at the start, and when pins have come or gone."""
-        pins = () if held is None else (held.index, held.projector)
-        same = len(pins) == len(self.pins) and all(np.array_equal(p, q) for p, q in zip(pins, self.pins))
+        pins = NO_PINS if held is None else (held.index, held.projector)
+        same = all(np.array_equal(p, q) for p, q in zip(pins, self.pins))
         if self.known and same:
             return False
         self.pins = pins

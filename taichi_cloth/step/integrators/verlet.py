@@ -17,6 +17,7 @@ from ...backend.runtime import Runtime
 from ...backend.timing import Clock
 from ...scene.scene import Scene
 from ...system.assembler import Assembler, Measures
+from ...system.checkpoint import Checkpointed
 from ...system.constraints import Held, project, row
 from ...system.state import ParticleState
 from ..attempt import ENERGY, NOT_FINITE, Attempt
@@ -32,7 +33,7 @@ GAIN = 0.001  # part of the motion's scale by which energy may grow in a step
 
 
 @ti.data_oriented
-class Verlet:
+class Verlet(Checkpointed):
     """Velocity Verlet on a model.
 
     Args:
@@ -43,6 +44,7 @@ class Verlet:
     """
 
     system = None
+    STATE = ("part",)
 
     def __init__(self, fields: Fields, model: ParticleState, forces: list, meter: Assembler, substep: float | None,
                  runtime: Runtime, scene: Scene) -> None:
@@ -123,14 +125,6 @@ class Verlet:
     def reset(self) -> None:
         """The state was changed by hand: nothing is remembered."""
         self.waiting = False
-
-    def checkpoint(self) -> dict[str, np.ndarray]:
-        """The part of the stable step that is taken."""
-        return {"part": np.array(self.part)}
-
-    def resume(self, state: dict[str, np.ndarray]) -> None:
-        """Goes on from what `checkpoint` gave."""
-        self.part = float(state["part"])
 
     def _wind(self) -> np.ndarray:
         """Of the time that constraints were last asked for [m/s]."""
