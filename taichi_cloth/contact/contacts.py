@@ -79,7 +79,7 @@ class Contacts(Checkpointed):
         self.warm = False
         self.solids.begin(self.start)
         if self.layers is not None:
-            self.layers.begin(h, x, together)
+            self.layers.begin(self.start, together)
 
     def hold(self) -> tuple[Held | None, float]:
         """(what the next solve holds, pins included; the largest closing distance [m])"""
@@ -164,7 +164,7 @@ class Contacts(Checkpointed):
     def meets(self, h: float, pins: Held | None, x: np.ndarray, v: np.ndarray) -> bool:
         """Whether cloth that went from the saved state (n, 3) to where the model now is meets anything on its way."""
         self.begin(h, pins, x, v)
-        layered = self.layers is not None and (self.layers.tangles.active or self.layers.meet())
+        layered = self.layers is not None and (self.layers.intersections.active or self.layers.meet())
         return self.solids.touching or layered
 
     def pass_by(self) -> None:
@@ -177,7 +177,7 @@ class Contacts(Checkpointed):
     @property
     def touching(self) -> bool:
         """Whether the last step had contacts."""
-        layered = self.layers is not None and (self.layers.count > 0 or self.layers.tangles.active)
+        layered = self.layers is not None and (self.layers.count > 0 or self.layers.intersections.active)
         return self.count > 0 or self.solids.near.any_pairs or layered
 
     @property
@@ -196,7 +196,7 @@ class Contacts(Checkpointed):
         out = {"contacts": self.count, "unsettled": self.solids.unsettled, "crossings": self.crossings, "pinched": pinched}
         if self.layers is None:
             return out
-        layers, tangles = self.layers, self.layers.tangles
+        layers, tangles = self.layers, self.layers.intersections
         return out | {"unsettled": self.solids.unsettled + layers.off, "pinched": pinched + tangles.pinched,
                       "layers": layers.count, "least": layers.least, "tangled": tangles.count}
 

@@ -41,7 +41,7 @@ def test_what_solids_give_is_what_cloth_gets(h):
         assert load == pytest.approx(-force.sum(axis=0), abs=1e-9)
         arm = sim.positions() - [0.1 * math.sin(9 * sim.time), 0, 0]
         assert torque == pytest.approx(-np.cross(arm, force).sum(axis=0), abs=1e-6)
-        edges = max(edges, len(sim.contacts.solids.pressed.key))
+        edges = max(edges, len(sim.contacts.solids.linearized.key))
     assert sim.log[-1].contacts > 0 and edges > 0
 
 
@@ -138,7 +138,7 @@ def test_a_run_is_resumed_in_contact_bit_for_bit(scene, options):
     while whole.time < 0.25:
         whole.step()
         c, pinched = whole.contacts.solids, whole.contacts.counts()["pinched"]
-        if len(c.accepted.key) and len(c.pressed.key) and (options or c.accepted.push.any() and pinched):
+        if len(c.accepted.key) and len(c.linearized.key) and (options or c.accepted.push.any() and pinched):
             break
     else:
         pytest.fail("the scene never has all of that at once")

@@ -113,7 +113,7 @@ def test_only_what_strays_is_looked_for_again(rng, precision):
             each.model.save()
             each.begin()
             each.model.write_particles(x + way, np.zeros_like(x))
-        again += 0 < d.strayed() < 0.3 * len(x) and d.fresh
+        again += 0 < d.displaced_count() < 0.3 * len(x) and d.fresh
         anew.fresh = False
         d.cover()
         anew.cover()
@@ -382,22 +382,22 @@ def test_a_run_resumed_in_contact_goes_on_bit_for_bit(rng):
         sim.step()
     layers = sim.contacts.layers
     layers.boost = rng.choice([1.0, 3.0], size=sim.model.n)
-    layers.tangles.let_go(rng.choice(sim.model.n, 10, replace=False))
-    layers.detector.let_rest(layers.tangles.resting)
+    layers.intersections.release(rng.choice(sim.model.n, 10, replace=False))
+    layers.detector.let_rest(layers.intersections.resting)
     sim.step()
     state, last = sim.checkpoint(), sim.log[-1]
     assert min(last.layers, last.tangled, last.pinched, len(state["contacts.layers.kept.force"])) >= 10
     whole = end(sim)
-    rested = np.maximum(state["contacts.layers.tangles.until"] - (sim.time - float(state["time"])), 0)
-    assert np.allclose(layers.tangles.until, rested, atol=1e-12) and rested.max() > 0.01
+    rested = np.maximum(state["contacts.layers.intersections.until"] - (sim.time - float(state["time"])), 0)
+    assert np.allclose(layers.intersections.until, rested, atol=1e-12) and rested.max() > 0.01
     sim.close()
     again = start()
     again.resume(state)
     assert np.array_equal(end(again), whole)
-    for name, other in (("kept.force", 0.0), ("boost", 1.0), ("tangles.until", 0.0), ("tangles.rows", None)):
+    for name, other in (("kept.force", 0.0), ("boost", 1.0), ("intersections.until", 0.0), ("intersections.rows", None)):
         changed = {f"contacts.layers.{name}": other}
         if other is None:  # no crossing
-            changed = {f"contacts.layers.tangles.{part}": None for part in ("edges", "rows")}
+            changed = {f"contacts.layers.intersections.{part}": None for part in ("edges", "rows")}
         again.resume({**state, **{k: state[k][:0] if a is None else np.full_like(state[k], a) for k, a in changed.items()}})
         assert not np.array_equal(end(again), whole), name
     again.resume(state)  # what it went through in between has left nothing behind
@@ -485,10 +485,10 @@ def test_a_pair_is_neither_pushed_nor_turned_nor_braked_as_it_turns(rng):
     sim = tc.Simulation(soup(rng, 90), integrator="backward_euler")
     layers, x = sim.contacts.layers, sim.model.read_particles()[0]
     layers.clear()
-    layers.begin(1 / 60, x, True)
+    layers.begin(dataclasses.replace(layers.start, h=1 / 60, x=x), True)
     sim.model.write_particles(2 * x, np.zeros_like(x))  # a solve asks for them from elsewhere
     layers.points(x)
-    took, p = layers.pressed, layers.near
+    took, p = layers.linearized, layers.near
     assert len(p.end) > 50 and np.allclose(p.along(x), p.end, rtol=1e-12, atol=1e-15)
     across = rng.normal(size=(len(p.end), 3))
     across -= np.einsum("ki,ki->k", across, p.normal)[:, None] * p.normal

@@ -163,7 +163,7 @@ def test_all_pairs_in_reach_are_found_as_they_are(rng, precision):
             d.model.write_particles(x, np.zeros_like(x))
             d.model.save()
             d.begin()
-            assert d.strayed() == 0
+            assert d.displaced_count() == 0
         p = d.look()
         x = d.model.read_particles()[0].astype(float)
         rows, four = every.rows(p.pair), x[every.four]
@@ -188,7 +188,7 @@ def test_all_pairs_in_reach_are_found_as_they_are(rng, precision):
 
 def free_parts(d: LayerDetector) -> np.ndarray:
     """(k,) what each candidate allows of the path."""
-    d.strayed()
+    d.displaced_count()
     part = np.empty(len(d.candidates), dtype=d.exchange)
     d._free(d.candidates, d.distances, part)
     return part.astype(float)
@@ -263,8 +263,8 @@ def test_solves_are_told_what_the_reference_says(rng):
     sim = tc.Simulation(scene, h=H, integrator="backward_euler", threads=1)
     layers, model = sim.contacts.layers, sim.model
     layers.clear()
-    layers.tangles.resting[:] = False  # what passes through counts like all else
-    layers.detector.let_rest(layers.tangles.resting)
+    layers.intersections.resting[:] = False  # what passes through counts like all else
+    layers.detector.let_rest(layers.intersections.resting)
     layers.boost = rng.choice([1.0, 4.0], size=model.n)
     x_0, v_0 = model.read_particles()
     model.save()
@@ -273,7 +273,7 @@ def test_solves_are_told_what_the_reference_says(rng):
     model_at = ends[0]
     layers.detector.begin()
     layers.detector.cover()
-    layers.begin(H / 2, x_0, True)
+    layers.begin(dataclasses.replace(layers.start, h=H / 2, x=x_0), True)
     before, slid, stuck, new = Solve({}, {}), 0, 0, 0
     bore: dict = {}
     for k in range(3):
@@ -328,14 +328,14 @@ def test_solves_are_told_what_the_reference_says(rng):
             led[STOPPED, row] = pair.stopping * ref.stop(now, pair.r, pair.began) ** 2 / 2
             J = ref.jacobian(pair.w, points.turns[row], pair.n)
             if wild[row]:
-                friction = layers.pressed.friction(layers.pressed.slip(model_at - x_0) / (H / 2))[row]
+                friction = layers.linearized.friction(layers.linearized.slip(model_at - x_0) / (H / 2))[row]
             np.add.at(forces, v, (J.T @ (normal * pair.n + friction)).reshape(4, 3))
         tame = np.flatnonzero(~wild)
-        mine = layers._lead(layers.pressed)
+        mine = layers._lead(layers.linearized)
         for row in range(5):
             one = {GAP: GAP, RUBBED: RUBBED, BACK: BACK, RUB: RUB, STOPPED: STOPPED}[row]
             assert np.allclose(mine[one, tame], led[one, tame], rtol=1e-6, atol=1e-12 + 1e-9 * np.abs(led[one, tame]).max())
-        assert np.allclose(layers.borne, list(bore.values()), rtol=1e-8, atol=1e-9)
+        assert np.allclose(layers.last_forces, list(bore.values()), rtol=1e-8, atol=1e-9)
         assert np.abs(layers.forces() - forces).max() < 1e-6 * np.abs(forces).max()
         before = Solve(pairs, taken)
     energy = sum(q.stiff * ref.repulsion(q.end, q.r)[0]
@@ -357,14 +357,14 @@ def test_a_step_ends_when_forces_and_friction_agree(rng):
     sim = tc.Simulation(soup(rng), h=H, integrator="backward_euler", threads=1)
     layers, x = sim.contacts.layers, sim.model.read_particles()[0]
     layers.clear()
-    layers.begin(H, x, True)
+    layers.begin(dataclasses.replace(layers.start, h=H, x=x), True)
     for _ in range(3):  # the third is told what the second bore
         layers.points(x)
         layers.record_forces()
         layers.look()
     layers.was = layers.least
     assert layers.settled() and layers.count > 20
-    taken = layers.pressed.taken
+    taken = layers.linearized.taken
     taken[BEARS] *= 0.5
     assert not layers.settled()
     layers.round = 4  # from then on friction may change in the next step

@@ -20,8 +20,8 @@ from ..pair_geometry import apart, between, closing, corners_of
 CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
 FACES_A_CHUNK = 8
 ROUNDING = 1e-4  # part by which distances may be off
-MOST = 0.5  # of all particles: if more have strayed, all pairs are looked for
-SKIN = 0.4  # of half the thickness: how far paths may stray from where they were walked for
+MOST = 0.5  # of all particles: if more were displaced by more than the skin, all pairs are looked for
+SKIN = 0.4  # of half the thickness: how far paths may lead from where the tree was walked for
 
 
 @ti.data_oriented
@@ -60,7 +60,7 @@ class Candidates(Checkpointed):
         self.count, self.edge_count, self.leaves = m, len(self.edges), -(-m // LEAF)
         self.face = fields.integer(m, 3, self.faces)
         self.face_hull, self.edge_hull = fields.real(m, 12), fields.real(len(self.edges), 12)
-        self.changed = fields.integer(2 * self.boxes.first_leaf)  # whether a box has faces with particles that strayed
+        self.changed = fields.integer(2 * self.boxes.first_leaf)  # whether a box has faces with displaced particles
         self.face_low, self.face_high = fields.real(m, 3), fields.real(m, 3)  # swept box, with what belongs to it round it
         self.cloth = fields.integer(m, data=cloth)
         self.edge = fields.integer(len(self.edges), 2, self.edges)
@@ -71,11 +71,11 @@ class Candidates(Checkpointed):
                                for c in scene.cloths])[model.user]
         self.host_half, self._cloth_of = half, cloth
         self.half = fields.real(model.n, data=half)  # of the thickness [m]
-        self.skin = SKIN * float(half[half > 0].min())  # [m] that a path may stray from where it was walked for
+        self.skin = SKIN * float(half[half > 0].min())  # [m] that a path may lead from where the tree was walked for
         self.start, self.left, self.walked = (fields.real(model.n, 3) for _ in range(3))
-        self.stray_now, self.stray = fields.real(model.n), fields.real(model.n)  # [m] from `walked`; anywhere on the path
+        self.displaced_now, self.displaced = fields.real(model.n), fields.real(model.n)  # [m] from `walked`; on all the path
         self.moved = fields.integer(model.n)  # whether the particle's pairs are looked for
-        self._strays: np.ndarray = np.zeros(1, dtype=np.int32)
+        self._displaced_count: np.ndarray = np.zeros(1, dtype=np.int32)
         self.candidates: np.ndarray = np.zeros((0, 3), dtype=np.int32)
         self.distances: np.ndarray = np.zeros(0, dtype=self.exchange)
         self.fresh = False
@@ -90,10 +90,10 @@ class Candidates(Checkpointed):
 
     def cover(self) -> None:
         """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model."""
-        strayed = self.strayed() if self.fresh else self.model.n
-        if not strayed:
+        count = self.displaced_count() if self.fresh else self.model.n
+        if not count:
             return
-        everything = strayed > MOST * self.model.n
+        everything = count > MOST * self.model.n
         found = self._look_for(everything)
         apart: np.ndarray = np.empty(len(found), dtype=self.exchange)
         if len(found):
@@ -108,13 +108,13 @@ class Candidates(Checkpointed):
             apart = np.concatenate([self.distances.take(kept), apart])
         self.candidates, self.distances, self.fresh = found, apart, True
 
-    def strayed(self) -> int:
+    def displaced_count(self) -> int:
         """How many particles, on their path, leave where the candidates were walked for by more than the skin."""
-        self._stray(self._strays)
-        return int(self._strays[0])
+        self._measure_displaced(self._displaced_count)
+        return int(self._displaced_count[0])
 
     def _look_for(self, everything: bool) -> np.ndarray:
-        """(k, 3) pairs of what strayed, or all, that may come within reach, and twice the skin, on their paths."""
+        """(k, 3) pairs of what is displaced, or all, that may come within reach, and twice the skin, on their paths."""
         self._refit(int(everything))
         while True:
             self._walk(self.rows, self._found)
@@ -124,19 +124,19 @@ class Candidates(Checkpointed):
         return np.concatenate([rows[:k] for rows, k in zip(self.rows, self._found.tolist())])
 
     @ti.kernel
-    def _stray(self, count: ti.types.ndarray()):
+    def _measure_displaced(self, count: ti.types.ndarray()):
         """How far particles are, and begin, from where they were walked for."""
         for _ in range(1):
             far = 0
             for i in range(self.model.n):
                 here, there = (self.model.x[i] - self.walked[i]).norm(), (self.start[i] - self.walked[i]).norm()
-                self.stray_now[i], self.stray[i] = here, ti.max(here, there)
-                far += ti.cast(self.stray[i] > self.skin, ti.i32)
+                self.displaced_now[i], self.displaced[i] = here, ti.max(here, there)
+                far += ti.cast(self.displaced[i] > self.skin, ti.i32)
             count[0] = far
 
     @ti.kernel
     def _stays(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):
-        """Which candidates are of none that strayed."""
+        """Which candidates have no displaced particle."""
         for k in range(rows.shape[0]):
             out[k] = 1 - self.stirs(self.corners(rows[k, 0], rows[k, 1], rows[k, 2]))
 
@@ -156,7 +156,7 @@ class Candidates(Checkpointed):
 
     @ti.func
     def stirs(self, v):
-        """1 if one of four particles strayed."""
+        """1 if one of four particles is displaced beyond the skin."""
         return ti.min(self.moved[v[0]] + self.moved[v[1]] + self.moved[v[2]] + self.moved[v[3]], 1)
 
     @ti.func
@@ -174,7 +174,7 @@ class Candidates(Checkpointed):
     @ti.kernel
     def _refit(self, everything: int):
         for i in range(self.model.n):
-            self.moved[i] = ti.max(everything, ti.cast(self.stray[i] > self.skin, ti.i32))
+            self.moved[i] = ti.max(everything, ti.cast(self.displaced[i] > self.skin, ti.i32))
             if self.moved[i] == 1:
                 self.left[i], self.walked[i] = self.start[i], self.model.x[i]
             else:

@@ -32,6 +32,12 @@ class ContactPairs:
     factor: np.ndarray
     radius: np.ndarray
 
+    @staticmethod
+    def none() -> "ContactPairs":
+        """No pairs."""
+        ids, nothing = np.zeros((0, 4), dtype=np.int64), np.zeros(0)
+        return ContactPairs(ids[:, :3], ids, np.zeros((0, 4)), nothing, nothing, np.zeros((0, 3)), nothing, nothing)
+
     @cached_property
     def key(self) -> np.ndarray:
         """(k,) one number each."""

@@ -13,12 +13,10 @@ Differs from [BW98 §6]: the paper's damped springs act on what is near at the s
 `springs`.
 """
 
-import functools
-import time
-
 import numpy as np
 
 from ...backend.fields import Fields
+from ...backend.timing import Stopwatch, timed
 from ...errors import SceneError
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
@@ -26,12 +24,13 @@ from ...system.state import ParticleState
 from ..geometry import VERTEX_FACE
 from ..points import Points
 from ..rows import rows_of
+from ..step_start import StepStart
 from . import pair_kernels
 from .barrier import FLOOR, room
 from .contact_pairs import ContactPairs
-from .linearized import LinearizedPairs, Met
+from .linearized import Comparison, LinearizedPairs
 from .narrow_phase import LayerDetector
-from .untangle import Tangles
+from .untangle import Intersections
 
 PATIENCE = 3  # solves after which normal forces that friction goes by, and that still change, do so in the next step
 LAGGED = 0.1  # relative error of all friction that a first solve may leave
@@ -47,23 +46,6 @@ STIFFER, SOFTER, STIFFEST = 4.0, 0.8, 64.0  # factors from usual step to usual s
 NOTHING: dict[str, np.ndarray] = {"key": np.zeros(0, dtype=np.int64), "force": np.zeros(0)}
 
 
-def timed(method):
-    """Adds a method's wall time to `seconds` of its object; those it calls in turn are not counted again."""
-
-    @functools.wraps(method)
-    def inner(self, *args):
-        if self.inside:
-            return method(self, *args)
-        self.inside, began = True, time.perf_counter()
-        try:
-            return method(self, *args)
-        finally:
-            self.inside = False
-            self.seconds += time.perf_counter() - began
-
-    return inner
-
-
 class Layers(Checkpointed):
     """The contacts of a model's cloths with each other and with themselves.
 
@@ -71,17 +53,18 @@ class Layers(Checkpointed):
         count: pairs in contact after the last solve; energy: of their repulsion [J].
         least: smallest distance of any pair over what it should keep; 1 where none is in contact.
         off: pairs whose force was not what the last solve took it to be.
-        seconds: wall time spent here.
     """
 
     ROUNDS = 12
-    STATE = ("kept", "count", "energy", "was", "boost", "detector", "tangles")
+    STATE = ("kept", "count", "energy", "was", "boost", "detector", "intersections")
     agreed, floor, kind = AGREED, FLOOR, pair_kernels.PairKernels
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool, tangles: str) -> None:
-        self.model, self.h, self.h_usual = model, h, h
+        nowhere = np.zeros((model.n, 3))
+        self.model, self.start = model, StepStart(h, h, nowhere, nowhere)
         self.detector = LayerDetector(fields, model, scene, cpu, self.floor)
-        self.tangles = Tangles(model.n, self.detector.faces, self.detector.host_half, self.detector.may_meet, tangles)
+        d = self.detector
+        self.intersections = Intersections(model.n, d.faces, d.host_half, d.may_meet, tangles)
         mu = np.concatenate([np.full(c.mesh.vertex_count, c.contact.friction if c.contact else 0.0)
                              for c in scene.cloths])
         self.kernels = self.kind(fields, model, np.sqrt(mu)[model.user], h)
@@ -89,17 +72,26 @@ class Layers(Checkpointed):
         self.boost = np.ones(model.n)
         self._weighed: tuple[ContactPairs, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for
         self.kept = NOTHING  # what pairs bore in the last accepted step
-        self.pressed: LinearizedPairs | None = None
-        self.borne: np.ndarray = np.zeros(0)  # what they bore in the last solve [N]
-        self.met: Met | None = None  # the last pairs, and those that the last solve took
+        self.linearized: LinearizedPairs | None = None
+        self.last_forces: np.ndarray = np.zeros(0)  # what they bore in the last solve [N]
+        self.near = ContactPairs.none()  # where cloth was last looked at
+        self.compared: Comparison | None = None  # those, and the ones that the last solve took
+        self.there = nowhere  # where the first solve of an attempt takes the pairs
+        self.round = 0  # solves of the attempt
+        self.blocking = self.detector.candidates  # pairs that a collision-free step stops at
         self.count, self.energy, self.least, self.was, self.off = 0, 0.0, 1.0, 1.0, 0
-        self.seconds, self.inside = 0.0, False
+        self.watch = Stopwatch()
+
+    @property
+    def seconds(self) -> float:
+        """Wall time spent here."""
+        return self.watch.seconds
 
     @timed
-    def begin(self, h: float, x: np.ndarray, guess: bool) -> None:
-        """A new attempt from the saved positions x (n, 3); the model is at its predicted end, with `guess` looked at there."""
-        self.h, self.x = h, x
-        self.round, self.there, self.met, self._weighed = 0, self.model.read_particles()[0], None, None
+    def begin(self, start: StepStart, guess: bool) -> None:
+        """A new attempt; the model is at its predicted end, with `guess` looked at there."""
+        self.start = start
+        self.round, self.there, self.compared, self._weighed = 0, self.model.read_particles()[0], None, None
         self.detector.begin()
         if guess:
             self.near = self.detector.look(swept=True)  # of those that were candidates before
@@ -115,30 +107,30 @@ class Layers(Checkpointed):
     @timed
     def points(self, base: np.ndarray) -> Points:
         """Pairs as points of contact, for a solve from positions base (n, 3)."""
-        p, q, k = self.near, self.pressed if self.met is not None else None, len(self.near.end)
+        p, q, k = self.near, self.linearized if self.compared is not None else None, len(self.near.end)
         (weighed, turns), taken = self._evaluate(p), np.empty((pair_kernels.TAKEN, k))
         block, rhs = np.empty((k, 6)), np.empty((k, 3))
-        row = self.met.rows if self.met is not None else np.full(k, -1)
+        row = self.compared.rows if self.compared is not None else np.full(k, -1)
         before = q.taken if q is not None else np.zeros((pair_kernels.TAKEN, 1))
         if k:
-            there = self.there if self.met is None else base
-            self.kernels.take(p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, weighed, turns, self.h,
-                              int(not self.round), base, there, self._bore(p), row, before, taken, block, rhs)
+            there = self.there if self.compared is None else base
+            self.kernels.take(p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, weighed, turns, self.start.h,
+                              int(not self.round), base, there, self._last_forces(p), row, before, taken, block, rhs)
         points = Points(p.vertices, p.weights, block, rhs, p.normal, turns)
-        self.pressed = LinearizedPairs(p, points, weighed, taken)
-        if self.met is not None:
-            self.met = Met(self.pressed, p, self._lead(self.pressed))
+        self.linearized = LinearizedPairs(p, points, weighed, taken)
+        if self.compared is not None:
+            self.compared = Comparison(self.linearized, p, self._lead(self.linearized))
         self.round += 1
-        if not self.tangles.active:
+        if not self.intersections.active:
             return points
-        return Points.join([points, self.tangles.points(self.x, base, self.model.mass, self.h, self.h_usual)])
+        return Points.join([points, self.intersections.points(self.start, base, self.model.mass)])
 
-    def _bore(self, p: ContactPairs) -> np.ndarray:
+    def _last_forces(self, p: ContactPairs) -> np.ndarray:
         """(k,) [N] what pairs bore in the last solve, or, where that is not known, -1."""
-        if self.met is None:
+        if self.compared is None:
             where, bore = rows_of(self.kept["key"], p.key), self.kept["force"]
         else:
-            where, bore = self.met.rows, self.borne
+            where, bore = self.compared.rows, self.last_forces
         return np.where(where >= 0, bore[where], -1.0) if len(bore) else np.full(len(where), -1.0)
 
     @timed
@@ -160,7 +152,7 @@ class Layers(Checkpointed):
     def look(self) -> None:
         """Pairs as they are where the model now is."""
         self.near = p = self.detector.look()
-        self.met = None if self.pressed is None else Met(self.pressed, p, self._lead(self.pressed))
+        self.compared = None if self.linearized is None else Comparison(self.linearized, p, self._lead(self.linearized))
         self.energy = self._energy(p)
         self.count = len(p.end)
         self.least = float(np.min(p.end / p.radius, initial=1.0))
@@ -168,31 +160,31 @@ class Layers(Checkpointed):
     @timed
     def record_forces(self) -> None:
         """Remembers what pairs bore in the last solve, which the model now shows the end of."""
-        q = self.pressed
+        q = self.linearized
         assert q is not None
-        self.borne = np.maximum(q.repelled(self._lead(q)[pair_kernels.GAP]), 0.0)
+        self.last_forces = np.maximum(q.repelled(self._lead(q)[pair_kernels.GAP]), 0.0)
 
     @timed
     def settled(self) -> bool:
         """Whether forces are what the last solve took them to be, and nothing has come too near by it."""
-        p, q, met = self.near, self.pressed, self.met
-        assert q is not None and met is not None
-        weighed, row, bears = self._evaluate(p)[0], met.rows, q.taken[pair_kernels.BEARS]
-        now, taken = weighed[pair_kernels.NOW], met.repelled
+        p, q, compared = self.near, self.linearized, self.compared
+        assert q is not None and compared is not None
+        weighed, row, bears = self._evaluate(p)[0], compared.rows, q.taken[pair_kernels.BEARS]
+        now, taken = weighed[pair_kernels.NOW], compared.repelled
         gone = np.ones(len(taken), dtype=bool)
         gone[row[row >= 0]] = False
         force = np.concatenate([now - np.where(row >= 0, taken[row], 0.0) if len(taken) else now, taken[gone]])
         own = np.concatenate([weighed[pair_kernels.OWN], q.weighed[pair_kernels.OWN][gone]])
         radius = np.concatenate([p.radius, q.near.radius[gone]])
-        allowed = own * np.maximum(LOOSE * np.linalg.norm(self.gravity), GIVE * radius / self.h**2)
+        allowed = own * np.maximum(LOOSE * np.linalg.norm(self.gravity), GIVE * radius / self.start.h**2)
         total = float(np.sum(now))
         wrong = np.where(np.abs(force) > allowed, np.abs(force), 0.0)
         self.off = int(np.sum(wrong > 0)) if np.sum(wrong) > AGREED * total else 0
         rubs_as = float(np.sum(bears))
         lag = abs(float(np.sum(weighed[pair_kernels.COULOMB])) - rubs_as)
         late = lag > LAGGED * rubs_as and self.round <= PATIENCE
-        beyond = np.maximum(met.led[pair_kernels.RUBBED] - pair_kernels.CONE * bears, 0)
-        over = float(np.sum(beyond + met.led[pair_kernels.BACK] * bears))
+        beyond = np.maximum(compared.led[pair_kernels.RUBBED] - pair_kernels.CONE * bears, 0)
+        over = float(np.sum(beyond + compared.led[pair_kernels.BACK] * bears))
         rubs = over > RUBBED * rubs_as and self.round == 1  # what it still is then, it is in the next step
         left, was = room(np.array([self.least, self.was]), np.ones(2)).tolist()
         return not self.off and not rubs and not late and left > min(CLOSE / 3, was / 2, 2 * was)
@@ -204,25 +196,25 @@ class Layers(Checkpointed):
         Friction, and the stop of approaches, of the pairs of that solve; and what repulsion would be with their factors:
         factors change from place to place and have no force.
         """
-        q, p, met = self.pressed, self.near, self.met
-        if q is None or met is None or not len(q.near.end):
+        q, p, compared = self.linearized, self.near, self.compared
+        if q is None or compared is None or not len(q.near.end):
             return 0.0
-        change = np.where(met.rows >= 0, q.near.factor[met.rows] / p.factor - 1, 0.0)
-        lost = met.led[pair_kernels.RUB] + met.led[pair_kernels.STOPPED]
+        change = np.where(compared.rows >= 0, q.near.factor[compared.rows] / p.factor - 1, 0.0)
+        lost = compared.led[pair_kernels.RUB] + compared.led[pair_kernels.STOPPED]
         return float(np.sum(lost) + np.sum(change * self._evaluate(p)[0][pair_kernels.POTENTIAL]))
 
     @timed
     def commit(self) -> None:
         """The step was accepted."""
-        p, q = self.near, self.pressed
+        p, q = self.near, self.linearized
         part = np.full(self.model.n, np.inf)
         np.minimum.at(part, p.vertices, np.broadcast_to(room(p.end, p.radius)[:, None], p.vertices.shape))
-        if self.tangles.active:
-            self.tangles.commit(self.h)
-            self.detector.let_rest(self.tangles.resting)
+        if self.intersections.active:
+            self.intersections.commit(self.start.h)
+            self.detector.let_rest(self.intersections.resting)
         self.was = self.least
-        self.kept = NOTHING if q is None else {"key": q.near.key[q.near.order], "force": self.borne[q.near.order]}
-        share = min(self.h / self.h_usual, 1.0)
+        self.kept = NOTHING if q is None else {"key": q.near.key[q.near.order], "force": self.last_forces[q.near.order]}
+        share = self.start.share
         self.boost = np.where(part < CLOSE, np.minimum(STIFFER**share * self.boost, STIFFEST),
                               np.where(part > WIDE, np.maximum(SOFTER**share * self.boost, 1.0), self.boost))
         self._weighed = None
@@ -231,9 +223,9 @@ class Layers(Checkpointed):
     @timed
     def count_tangled(self) -> None:
         """Counts what crosses where the model now is."""
-        self.tangles.look(self.model.read_particles()[0])
+        self.intersections.look(self.model.read_particles()[0])
 
-    def let_go(self, every: bool) -> bool:
+    def release(self, every: bool) -> bool:
         """What leaves no way free is pinched, and rests for a while; whether anything was let go.
 
         Only what hardly moves within the step: what comes fast is not pinched, a smaller step stops it. With `every`, all.
@@ -242,41 +234,41 @@ class Layers(Checkpointed):
         four = np.array([[i, *d.faces[j]] if kind == VERTEX_FACE else [*d.edges[i], *d.edges[j]]
                          for i, j, kind in self.blocking.tolist()], dtype=np.int64).reshape(-1, 4)
         v = self.model.read_saved()[1][four]
-        moves = self.h * np.linalg.norm(v - v.mean(axis=1, keepdims=True), axis=2).max(axis=1, initial=0.0)
+        moves = self.start.h * np.linalg.norm(v - v.mean(axis=1, keepdims=True), axis=2).max(axis=1, initial=0.0)
         four = four[every | (moves < PINCHING * d.host_half[four[:, 0]])]
-        self.tangles.let_go(four.ravel())
-        d.let_rest(self.tangles.resting)
+        self.intersections.release(four.ravel())
+        d.let_rest(self.intersections.resting)
         return len(four) > 0
 
     def pass_without(self) -> None:
         """Nothing met in the step as it was made."""
         self.energy, self.count, self.least, self.off = 0.0, 0, 1.0, 0
-        self.pressed = self.met = None
+        self.linearized = self.compared = None
 
     def pass_by(self) -> None:
-        """A step in which nothing met was accepted."""
+        """A step in which nothing compared was accepted."""
         self.pass_without()
         self.commit()
 
     def forces(self) -> np.ndarray:
         """(n, 3) [N] of layers on each other where the model now is, in particle order; they add up to 0."""
         out = np.zeros((self.model.n, 3))
-        q = self.pressed
+        q = self.linearized
         if q is not None:
             x, p = self.model.read_particles()[0], q.near
-            friction = q.friction(q.slip(x - self.x) / self.h)
+            friction = q.friction(q.slip(x - self.start.x) / self.start.h)
             q.points.spread(q.repelled(p.along(x))[:, None] * p.normal + friction, out)
         return out
 
     def clear(self) -> None:
         """The state was changed from outside."""
-        self.kept, self.pressed = NOTHING, None
+        self.kept, self.linearized = NOTHING, None
         self.boost[:], self._weighed = 1.0, None
         self.model.save()
-        self.tangles.until[:] = 0
+        self.intersections.until[:] = 0
         self.count_tangled()
-        self.tangles.commit()
-        self.detector.let_rest(self.tangles.resting)
+        self.intersections.commit()
+        self.detector.let_rest(self.intersections.resting)
         self.detector.begin()
         self.detector.cover()
         self.look()
@@ -287,26 +279,27 @@ class Layers(Checkpointed):
         Raises:
             SceneError: cloth passes through cloth, and the policy is "abort".
         """
-        count = self.tangles.count
+        count = self.intersections.count
         if not count:
             return []
         what = f"{count} pairs of an edge and a triangle of cloth pass through each other at the start"
-        if self.tangles.policy == "abort":
+        if self.intersections.policy == "abort":
             raise SceneError(f"{what}; tangles='untangle' pulls them apart, 'ignore' leaves them")
-        return [f"{what}: they are " + ("pulled apart" if self.tangles.policy == "untangle" else "left alone until apart")]
+        pulled = self.intersections.policy == "untangle"
+        return [f"{what}: they are " + ("pulled apart" if pulled else "left alone until apart")]
 
     def resumed(self) -> None:
         """See `Checkpointed`."""
         self._weighed = None
-        self.detector.let_rest(self.tangles.resting)
+        self.detector.let_rest(self.intersections.resting)
 
     def _evaluate(self, p: ContactPairs) -> tuple[np.ndarray, np.ndarray]:
         """((., k) numbers, (k, 4, 3) turns) of pairs as they are, see `pressing`."""
         if self._weighed is None or self._weighed[0] is not p:
             out, turns = np.empty((pair_kernels.WEIGHED, len(p.end))), np.empty((len(p.end), 4, 3))
             if len(p.end):
-                self.kernels.evaluate(p.pair, p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, self.boost, self.h,
-                                   out, turns)
+                self.kernels.evaluate(p.pair, p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, self.boost,
+                                      self.start.h, out, turns)
             self._weighed = p, out, turns
         return self._weighed[1:]
 
@@ -314,6 +307,6 @@ class Layers(Checkpointed):
         """(., j) numbers of pairs that a solve took, where the model now is."""
         p, out = q.near, np.empty((pair_kernels.LED, len(q.near.end)))
         if len(p.end):
-            self.kernels.lead(p.vertices, p.weights, p.normal, p.radius, p.factor, q.weighed, q.points.turns, q.taken, self.h,
-                              out)
+            self.kernels.lead(p.vertices, p.weights, p.normal, p.radius, p.factor, q.weighed, q.points.turns, q.taken,
+                              self.start.h, out)
         return out

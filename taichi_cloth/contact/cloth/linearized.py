@@ -42,7 +42,7 @@ class LinearizedPairs:
 
 
 @dataclass(frozen=True)
-class Met:
+class Comparison:
     """Pairs that a solve took, where the model is, next to those that are there.
 
     Attributes:

@@ -57,7 +57,7 @@ class LayerDetector(Candidates):
         c = self.candidates
         if not len(c):
             return 1.0, c
-        self.strayed()
+        self.displaced_count()
         part: np.ndarray = np.empty(len(c), dtype=self.exchange)
         self._free(c, self.distances, part)
         least = float(part.min())
@@ -67,7 +67,7 @@ class LayerDetector(Candidates):
         """Pairs that are in reach of each other where the model is; with `swept` also those that went through on the path."""
         c = self.candidates
         if len(c):
-            self.strayed()
+            self.displaced_count()
             flag: np.ndarray = np.empty(len(c), dtype=np.int32)
             self._reach(c, self.distances, int(swept), flag)
             c = c.take(np.flatnonzero(flag), axis=0)
@@ -102,11 +102,11 @@ class LayerDetector(Candidates):
         return p, q, r, s, dp, dq, dr, ds
 
     @ti.func
-    def strays(self, kind, v, swept):
+    def slack(self, kind, v, swept):
         """By how much a pair's distance may differ from that where it was walked for, now or, swept, anywhere on the path."""
-        s = ti.Vector([self.stray_now[v[0]], self.stray_now[v[1]], self.stray_now[v[2]], self.stray_now[v[3]]])
+        s = ti.Vector([self.displaced_now[v[0]], self.displaced_now[v[1]], self.displaced_now[v[2]], self.displaced_now[v[3]]])
         if swept:
-            s = ti.Vector([self.stray[v[0]], self.stray[v[1]], self.stray[v[2]], self.stray[v[3]]])
+            s = ti.Vector([self.displaced[v[0]], self.displaced[v[1]], self.displaced[v[2]], self.displaced[v[3]]])
         out = ti.max(s[0], s[1]) + ti.max(s[2], s[3])
         if kind == VERTEX_FACE:
             out = s[0] + ti.max(s[1], s[2], s[3])
@@ -132,9 +132,9 @@ class LayerDetector(Candidates):
             kind = rows[k, 2]
             v = self.corners(rows[k, 0], rows[k, 1], kind)
             part[k] = 1.0
-            floor, stray = self.floor * (self.half[v[0]] + self.half[v[3]]), self.strays(kind, v, 1)
-            if (1 - KEEP) * (distances[k] - floor) > (1 + KEEP) * (1 + ROUNDING) * stray + ROUNDING * floor:
-                continue  # it began no further away than by its stray, and ends no nearer
+            floor, slack = self.floor * (self.half[v[0]] + self.half[v[3]]), self.slack(kind, v, 1)
+            if (1 - KEEP) * (distances[k] - floor) > (1 + KEEP) * (1 + ROUNDING) * slack + ROUNDING * floor:
+                continue  # it began no further away than by its slack, and ends no nearer
             p, q, r, s, dp, dq, dr, ds = self.path(v, 1)
             speed = closing(kind, dp, dq, dr, ds)
             if (1 - KEEP) * (gap(kind, p, q, r, s) - floor) < speed and not self.rests(v):
@@ -164,7 +164,7 @@ class LayerDetector(Candidates):
             v = self.corners(rows[k, 0], rows[k, 1], kind)
             flag[k] = 0
             reach = self.half[v[0]] + self.half[v[3]] + 1e-12
-            if distances[k] - self.strays(kind, v, swept) > (1 + ROUNDING) * reach:
+            if distances[k] - self.slack(kind, v, swept) > (1 + ROUNDING) * reach:
                 continue
             p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
             reach += closing(kind, dp, dq, dr, ds)

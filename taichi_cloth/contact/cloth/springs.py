@@ -6,9 +6,9 @@ and pairs that come near within it are not known of. Friction is that of `layers
 Differs from [BW98 §6]: a step on whose way cloth would pass through cloth is tried smaller, and not taken.
 """
 
-import numpy as np
 import taichi as ti
 
+from ..step_start import StepStart
 from .contact_pairs import ContactPairs
 from .layers import Layers
 from .pair_kernels import PairKernels
@@ -43,9 +43,9 @@ class Springs(Layers):
     here: ContactPairs
     floor, kind = 0.0, SpringKernels  # a spring keeps nothing from it
 
-    def begin(self, h: float, x: np.ndarray, guess: bool) -> None:
-        """A new attempt from the saved positions (n, 3), from where the pairs are known."""
-        super().begin(h, x, False)
+    def begin(self, start: StepStart, guess: bool) -> None:
+        """A new attempt, from where the pairs are known."""
+        super().begin(start, False)
         self.near = self.here
 
     def commit(self) -> None:

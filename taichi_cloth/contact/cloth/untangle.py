@@ -13,14 +13,15 @@ from ...scene.mesh import face_edges
 from ...system.checkpoint import Checkpointed
 from ..points import Points
 from ..rows import sym_outer, sym_times, unit
+from ..step_start import StepStart
 
 RINGS = 2  # of neighbours round a crossing that rest with it
 PULL = 1.0  # of a thickness that a crossing is moved in a usual step
 PULL_STIFF = 10.0  # stiffness of that over mass / h^2
-LET_GO = 0.1  # s for which what was pinched rests
+RELEASED = 0.1  # s for which what was pinched rests
 
 
-class Tangles(Checkpointed):
+class Intersections(Checkpointed):
     """The crossings of a model's cloths.
 
     Args:
@@ -89,14 +90,14 @@ class Tangles(Checkpointed):
             near[self.faces[near[self.faces].any(axis=1)].ravel()] = True
         self.resting = near | (self.until > 0)
 
-    def let_go(self, particles: np.ndarray) -> None:
+    def release(self, particles: np.ndarray) -> None:
         """Lets pairs of particles rest for a while."""
-        self.until[particles] = LET_GO
+        self.until[particles] = RELEASED
         self.resting |= self.until > 0
 
-    def points(self, x_0: np.ndarray, base: np.ndarray, mass: np.ndarray, h: float, h_usual: float) -> Points:
+    def points(self, start: StepStart, base: np.ndarray, mass: np.ndarray) -> Points:
         """What leads edges and triangles apart, as points of contact."""
-        k = len(self.rows)
+        k, x_0, h = len(self.rows), start.x, start.h
         if not k or self.policy != "untangle":
             return Points(np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 6)), np.zeros((0, 3)))
         face = self.faces[self.rows]
@@ -111,7 +112,7 @@ class Tangles(Checkpointed):
                                    np.column_stack([face, face[:, 0]])])
         weights = np.concatenate([np.column_stack([1 - s, s, zero, zero]), np.column_stack([w, zero])])
         way = np.concatenate([way, -way])
-        step = 2 * PULL * np.tile(self.half[face[:, 0]], 2) * min(h / h_usual, 1.0)
+        step = 2 * PULL * np.tile(self.half[face[:, 0]], 2) * start.share
         own = 1 / np.maximum((weights**2 / mass[vertices]).sum(axis=1), 1e-300)
         block = (PULL_STIFF * own)[:, None] * sym_outer(way)
         gone = np.einsum("ka,kai->ki", weights, (base - x_0)[vertices])

@@ -65,28 +65,28 @@ class Penetration(Checkpointed):
     def inside(self, f: VertexContacts, held: np.ndarray) -> VertexContacts:
         """Of contacts, those that end inside a solid's thickness and are not among the keys that are held, or are held at
         another plane, and are not pinched."""
-        strayed = (f.gap < -self.deep[f.solid]) & (f.gap < f.start_gap - PENETRATION * self.thickness[f.solid])
-        return f.take((f.gap < 0) & (~np.isin(f.key, held) | strayed) & (self.spared[f.index] == 0))
+        moved_on = (f.gap < -self.deep[f.solid]) & (f.gap < f.start_gap - PENETRATION * self.thickness[f.solid])
+        return f.take((f.gap < 0) & (~np.isin(f.key, held) | moved_on) & (self.spared[f.index] == 0))
 
-    def left(self, near: Nearby, inside: VertexContacts, pressed: Pairs | None) -> tuple[int, bool]:
+    def left(self, near: Nearby, inside: VertexContacts, linearized: Pairs | None) -> tuple[int, bool]:
         """(pairs that are left closer than they should be, whether they or what is inside ended too deep).
 
         Args:
-            pressed: pairs as the last solve took them.
+            linearized: pairs as the last solve took them.
         """
         bad = bool((inside.gap < -self.deep[inside.solid]).any())
         if near.pairs is None:
             return 0, bad
-        nearer, lost = left(near.pairs, pressed, self.thickness[near.pairs.solid])
+        nearer, lost = left(near.pairs, linearized, self.thickness[near.pairs.solid])
         minded = (self.spared[near.pairs.vertices] == 0).all(axis=1)
         return int(np.sum(nearer & minded)), bad or bool((lost & minded).any())
 
-    def may_shrink(self, start: StepStart, near: Nearby, held: np.ndarray, pressed: Pairs | None) -> bool:
+    def may_shrink(self, start: StepStart, near: Nearby, held: np.ndarray, linearized: Pairs | None) -> bool:
         """Whether a step that goes wrong is to be tried smaller, and not taken as the best there is."""
         if not start.small:
             return True
         there = walls(near.vertices, near.pairs, near.there, self.thickness)
-        return bool(has_room(self.wrong(near, held, pressed), self.scan.faces, there, self.thickness, self.scan.yields,
+        return bool(has_room(self.wrong(near, held, linearized), self.scan.faces, there, self.thickness, self.scan.yields,
                              pinned_particles(start.pins, len(self.spared))).any())
 
     def look_across(self) -> bool:
@@ -105,13 +105,13 @@ class Penetration(Checkpointed):
         across = self.scan.find_crossings(grown=True) if self.scan.rounded else self.crossed
         return len(across) + int(inside.sum())
 
-    def wrong(self, near: Nearby, held: np.ndarray, pressed: Pairs | None) -> np.ndarray:
+    def wrong(self, near: Nearby, held: np.ndarray, linearized: Pairs | None) -> np.ndarray:
         """(k, 3) particles of what ends too deep inside solids, too near to them or across."""
         inside = self.inside(near.vertices, held)
         deep = inside.index[inside.gap < -self.deep[inside.solid]]
         rows = [np.repeat(deep[:, None], 3, axis=1)]
         if near.pairs is not None:
-            lost = left(near.pairs, pressed, self.thickness[near.pairs.solid])[1]
+            lost = left(near.pairs, linearized, self.thickness[near.pairs.solid])[1]
             rows.append(self._minded(near.pairs.own_vertices[lost]))
         if self.more_crossed:
             rows.append(self._minded(self.crossed))

@@ -82,7 +82,7 @@ class SolidContacts(Checkpointed):
         friction: (solids,) mu.
         accepted: states with which the last accepted step ended; trial: those of the last solve of this attempt.
         released: keys of contacts that were released in this attempt.
-        near: what was met when last looked; active: what the last solve held; sliding, pressed, pressing: friction, pairs
+        near: what was met when last looked; active: what the last solve held; sliding, linearized, pressing: friction, pairs
             and their points as it took them; forces: what they came to.
         round: solves of this attempt; unsettled: contacts that would have changed in one more.
     """
@@ -100,7 +100,7 @@ class SolidContacts(Checkpointed):
         self.near = Nearby(np.zeros((model.n, 3)), VertexContacts.none(), np.zeros((0, 3)), None)
         self.active = ActiveSet.none()
         self.sliding, self.pressing, self.forces = Sliding(), Points.none(), NO_FORCES
-        self.pressed: Pairs | None = None
+        self.linearized: Pairs | None = None
 
     @property
     def thickness(self) -> np.ndarray:
@@ -169,7 +169,7 @@ class SolidContacts(Checkpointed):
         if self.near.pairs is None:
             return [self.sliding.points]
         t = self.thickness
-        self.pressed = near = self.near.pairs.moved(self._to_go(), PAIR * t[self.near.pairs.solid])
+        self.linearized = near = self.near.pairs.moved(self._to_go(), PAIR * t[self.near.pairs.solid])
         self.pressing = press(near, Step(start.h, start.h_usual, start.x, *base), mass, t[near.solid],
                               self.friction[near.solid])
         return [self.sliding.points, self.pressing]
@@ -222,7 +222,7 @@ class SolidContacts(Checkpointed):
         self.round += 1
         changes = int(pulls.sum() + breaks.sum() + turns.sum()) + entered
         self.unsettled = changes
-        close, bad = self.penetration.left(self.near, inside, self.pressed)
+        close, bad = self.penetration.left(self.near, inside, self.linearized)
         entered += close
         matters = bad or entered or disagree or (wrong > float(np.sum(force)) and self.round <= PATIENCE)
         return Verdict(max(changes, 1) if matters else 0, float(np.max(depth, initial=0.0)), bad)
@@ -238,8 +238,8 @@ class SolidContacts(Checkpointed):
         held = np.where(states.stick[:, None], F, normal[:, None] * f.normal)
         held[self.sliding.rows] += self.sliding.points.forces(moved, h)
         self.forces = replace(NO_FORCES, held=held)
-        if self.pressed is not None:
-            at = self.pressed.of(self.model.read_particles()[0])
+        if self.linearized is not None:
+            at = self.linearized.of(self.model.read_particles()[0])
             self.forces = Forces(held, self.pressing.forces(moved, h), at)
         return F, normal
 
@@ -247,12 +247,12 @@ class SolidContacts(Checkpointed):
         """Whether something ended too deep, or through, after further solves that held the same contacts."""
         self.look(start)
         inside = self.penetration.inside(self.near.vertices, self.active.contacts.key)
-        bad = self.penetration.left(self.near, inside, self.pressed)[1]
+        bad = self.penetration.left(self.near, inside, self.linearized)[1]
         return (bad and self.may_shrink(start)) or self.went_through(start)
 
     def may_shrink(self, start: StepStart) -> bool:
         """As `Penetration.may_shrink`."""
-        return self.penetration.may_shrink(start, self.near, self.active.contacts.key, self.pressed)
+        return self.penetration.may_shrink(start, self.near, self.active.contacts.key, self.linearized)
 
     def went_through(self, start: StepStart) -> bool:
         """Whether cloth passes through solids where it did not before, in a step that can still be made smaller."""
@@ -270,13 +270,13 @@ class SolidContacts(Checkpointed):
         """The step was accepted: the next begins from its contacts. What went wrong in a small one is pinched."""
         self.penetration.pass_time(start.h)
         if start.small:
-            self.penetration.spare(self.penetration.wrong(self.near, self.active.contacts.key, self.pressed))
+            self.penetration.spare(self.penetration.wrong(self.near, self.active.contacts.key, self.linearized))
         self.accepted, self.penetration.before = self.trial, self.penetration.crossed
 
     def pass_by(self, h: float) -> None:
         """A step without contact was accepted."""
         self.accepted = self.trial = States()
-        self.active, self.forces, self.pressed, self.unsettled = ActiveSet.none(), NO_FORCES, None, 0
+        self.active, self.forces, self.linearized, self.unsettled = ActiveSet.none(), NO_FORCES, None, 0
         self.penetration.pass_time(h)
 
     def clear(self) -> None:
@@ -289,8 +289,8 @@ class SolidContacts(Checkpointed):
         """(n, 3) [N] on each particle in the last solve, in particle order."""
         out = np.zeros((self.model.n, 3))
         np.add.at(out, self.active.contacts.index, self.forces.held)
-        if self.pressed is not None:
-            p = self.pressed
+        if self.linearized is not None:
+            p = self.linearized
             np.add.at(out, p.vertices, p.weights[:, :, None] * self.forces.pairs[:, None, :])
         return out
 
@@ -298,9 +298,9 @@ class SolidContacts(Checkpointed):
         """(force [N], torque [N m] about the origin) on each solid, by name."""
         f = self.active.contacts
         at, force, which = self.model.read_particles()[0][f.index], self.forces.held, f.solid
-        if self.pressed is not None:
+        if self.linearized is not None:
             at, force = np.concatenate([at, self.forces.at]), np.concatenate([force, self.forces.pairs])
-            which = np.concatenate([which, self.pressed.solid])
+            which = np.concatenate([which, self.linearized.solid])
         out = {}
         for k, solid in enumerate(self.solids):
             mine = which == k

@@ -140,7 +140,7 @@ class LayerStep(EulerStep):
 
     def conclude(self, measures: Measures) -> tuple[Measures, Ledger] | None:
         """As `EnergyTest.conclude`; what is pulled apart may be given energy."""
-        given = math.inf if self.layers.tangles.active else self.stiffened
+        given = math.inf if self.layers.intersections.active else self.stiffened
         return self.energy.conclude(self.c, self.held, self.start, measures, MOST, given)
 
     def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
@@ -160,7 +160,7 @@ class LayerStep(EulerStep):
         if ended is not None:
             return self.finish(*ended)
         if self.part < 1 and (contacts.smallest or (contacts.small and held is not None and held.moving)):
-            self.released = layers.let_go(contacts.smallest)  # else nothing presses that does not give way
+            self.released = layers.release(contacts.smallest)  # else nothing presses that does not give way
         why = "its energy grew" if self.agreed else (f"{layers.off} pairs unsettled, smallest gap {layers.least:.2g} of "
                                                      "what it should be")
         return Outcome(CONTACT, f"between layers of cloth, after {len(self.solutions)} solves: a collision-free step is "
@@ -177,7 +177,7 @@ class LayerPolicy:
     def attempt(self, apart: Callable[[], Outcome], h: float, pins: Held | None, start: Measures, clock: Clock,
                 solutions: list[Solution]) -> Outcome:
         """A step; `apart` makes it without layers."""
-        if not (self.layers.count > 0 or self.layers.tangles.active):
+        if not (self.layers.count > 0 or self.layers.intersections.active):
             made = apart()
             if made.rejection is not None:
                 return made
@@ -191,6 +191,6 @@ class LayerPolicy:
             if not problem.released:
                 break
             self.system.model.restore()
-        if self.layers.tangles.active:
+        if self.layers.intersections.active:
             self.layers.count_tangled()
         return made

@@ -21,10 +21,10 @@ class SpringPolicy:
             part = layers.advance()
             if part < 1:
                 if self.contacts.small:
-                    layers.let_go(self.contacts.smallest)
+                    layers.release(self.contacts.smallest)
                 detail = f"cloth would pass through cloth, a collision-free step is {part:.2g} of it"
                 made = replace(made, rejection=CONTACT, detail=detail)
             layers.look()
-        if layers.tangles.active:
+        if layers.intersections.active:
             layers.count_tangled()
         return made
