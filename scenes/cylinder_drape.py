@@ -7,13 +7,13 @@ import numpy as np
 import taichi_cloth as tc
 
 RUN = {"duration": 2.0, "fps": 30, "h": 1 / 60, "cg_tol": 1e-3}
-SMALL = {"n": 17}
+SMALL = {"cells": 16}
 RADIUS, LENGTH, THICKNESS = 0.2, 0.8, 0.005
 
 
-def build(n: int = 51, friction: float = 0.3, stretch: float = 1000.0) -> tc.Scene:
-    """n vertices a side of a sheet of 1 m x 1 m, in the paper 51."""
-    mesh = tc.grid(1.0, n - 1)
+def build(cells: int = 50, friction: float = 0.3, stretch: float = 1000.0) -> tc.Scene:
+    """A sheet of 1 m x 1 m; in the paper 50 cells a side."""
+    mesh = tc.grid(1.0, cells)
     scene = tc.Scene(view=tc.View(ground=-0.75, camera=tc.Camera((1.4, 0.75, 1.8), (0, -0.15, 0), 36)))
     scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(stretch), tc.Shear(stretch / 10), tc.Bend(5e-5)),
                     positions=mesh.x + [-0.5, RADIUS + THICKNESS + 0.05, 0.5])

@@ -7,15 +7,15 @@ import numpy as np
 import taichi_cloth as tc
 
 RUN = {"duration": 0.4, "fps": 30, "h": 1 / 60}
-SMALL = {"n": 9}
+SMALL = {"cells": 8}
 DENSITY = 0.2
 
 
-def build(n: int = 21, stretch: float = 20000.0) -> tc.Scene:
-    """n vertices a side of 1 m, stretch stiffness [N/m]; held at its upper edge, dropped from horizontal."""
+def build(cells: int = 20, stretch: float = 20000.0) -> tc.Scene:
+    """Cells along a side of 1 m, stretch stiffness [N/m]; held at its upper edge, dropped from horizontal."""
     fabric = tc.Fabric(DENSITY, tc.Stretch(stretch), tc.Shear(stretch / 10), tc.Bend(5e-5))
     scene = tc.Scene(view=tc.View(reach=0.7))
-    cloth = scene.add_cloth(tc.grid(1.0, n - 1), fabric)
+    cloth = scene.add_cloth(tc.grid(1.0, cells), fabric)
     scene.pin(cloth, "top")
     return scene
 

@@ -7,11 +7,11 @@ import numpy as np
 import taichi_cloth as tc
 
 RUN = {"duration": 3.0, "fps": 30, "h": 1 / 60}
-SMALL = {"n": 10}
+SMALL = {"cells": 10}
 
 
-def build(n: int = 40, speed: float = 6.0) -> tc.Scene:
-    """n cells along the flag's 1.5 m, wind speed [m/s]."""
+def build(cells: int = 40, speed: float = 6.0) -> tc.Scene:
+    """Cells along the flag's 1.5 m, wind speed [m/s]."""
 
     def wind(t: float) -> tuple[float, float, float]:
         gust = 1 + 0.3 * math.sin(2.1 * t) + 0.15 * math.sin(5.3 * t + 1)
@@ -20,7 +20,7 @@ def build(n: int = 40, speed: float = 6.0) -> tc.Scene:
     fabric = tc.Fabric(0.12, tc.Stretch(2000, k_d=1.0), tc.Shear(200, k_d=0.1), tc.Bend(3e-5, k_d=1e-7))
     scene = tc.Scene(air=tc.Air(normal=0.6, tangential=0.03, wind=wind), view=tc.View(
         tc.Camera((1.7, 0.9, 3.2), (0.75, 0.25, 0.0), 35.0), ground=-0.7))
-    cloth = scene.add_cloth(tc.grid((1.5, 0.9), (n, round(n * 0.6)), plane="xy"), fabric)
+    cloth = scene.add_cloth(tc.grid((1.5, 0.9), (cells, round(cells * 0.6)), plane="xy"), fabric)
     scene.pin(cloth, "left")
     return scene
 

@@ -5,12 +5,12 @@ import numpy as np
 import taichi_cloth as tc
 
 RUN = {"duration": 2.0, "fps": 30, "h": 1 / 60}
-SMALL = {"n": 13}
+SMALL = {"cells": 12}
 
 
-def build(n: int = 51, size: float = 1.0, stretch: float = 1000.0, density: float = 0.15) -> tc.Scene:
-    """n vertices a side, size [m], stretch stiffness [N/m], density [kg/m^2]."""
-    mesh = tc.grid(size, n - 1)
+def build(cells: int = 50, size: float = 1.0, stretch: float = 1000.0, density: float = 0.15) -> tc.Scene:
+    """Cells along a side, size [m], stretch stiffness [N/m], density [kg/m^2]."""
+    mesh = tc.grid(size, cells)
     fabric = tc.Fabric(density, tc.Stretch(stretch, k_d=stretch * 1e-3), tc.Shear(stretch / 10, k_d=stretch * 1e-4),
                        tc.Bend(5e-5, k_d=2e-7))
     scene = tc.Scene(air=tc.Air(normal=0.3, tangential=0.02), view=tc.View(tc.Camera(

@@ -5,14 +5,14 @@ import numpy as np
 import taichi_cloth as tc
 
 RUN = {"duration": 1.0, "fps": 30, "h": 1 / 60}
-SMALL = {"n": 11}
+SMALL = {"cells": 10}
 
 
-def build(n: int = 26, stretch: float = 1000.0) -> tc.Scene:
-    """n vertices a side of 1 m, stretch stiffness [N/m]; shear is a tenth; no damping."""
+def build(cells: int = 25, stretch: float = 1000.0) -> tc.Scene:
+    """Cells along a side of 1 m, stretch stiffness [N/m]; shear is a tenth; no damping."""
     fabric = tc.Fabric(0.2, tc.Stretch(stretch), tc.Shear(stretch / 10), tc.Bend(5e-5))
     scene = tc.Scene(view=tc.View(tc.Camera((2.3, 0.5, 1.9), (0.45, -0.4, 0.1), 38.0), ground=-1.35))
-    cloth = scene.add_cloth(tc.grid(1.0, n - 1), fabric)
+    cloth = scene.add_cloth(tc.grid(1.0, cells), fabric)
     scene.pin(cloth, "top_left")
     scene.pin(cloth, "top_right")
     return scene

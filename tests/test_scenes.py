@@ -77,7 +77,7 @@ def test_debug_mode_does_catch_one(tmp_path):
     script.write_text(f'''
 import numpy as np, taichi_cloth as tc
 from taichi_cloth.app import scenefile
-sim = tc.Simulation(scenefile.read({str(FOLDER / "swing.py")!r}).make({{"n": 11}}), debug=True)
+sim = tc.Simulation(scenefile.read({str(FOLDER / "swing.py")!r}).make({{"cells": 10}}), debug=True)
 sim.integrator.system.operator.alter_motion(np.array([125], dtype=np.int32), np.zeros((1, 3)))
 ''')
     root = str(FOLDER.parent)

@@ -190,8 +190,8 @@ def _typed(rng: np.random.Generator, precision: str) -> Outcome:
 
     actions = [a for a in _flags(cli) if a.option_strings and a.dest not in ("help", "out", "to")]
     action, word = actions[rng.integers(len(actions))], WORDS[rng.integers(len(WORDS))]
-    argv = ["run", "hang", "--set", "n=3", "--duration", "0.02", "--fps", "50", "--no-images", "--threads", "1", "--precision",
-            precision, action.option_strings[-1], *([word] if action.nargs != 0 else [])]
+    argv = ["run", "hang", "--set", "cells=2", "--duration", "0.02", "--fps", "50", "--no-images", "--threads", "1",
+            "--precision", precision, action.option_strings[-1], *([word] if action.nargs != 0 else [])]
     said = io.StringIO()
     with _aside(), contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         try:

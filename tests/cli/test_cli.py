@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 ROOT = pathlib.Path(__file__).parents[2]
-QUICK = ["--set", "n=9", "--duration", "0.1", "--fps", "20", "--size", "64x48"]
+QUICK = ["--set", "cells=8", "--duration", "0.1", "--fps", "20", "--size", "64x48"]
 
 
 def call(*args, cwd=None, **kwargs):
@@ -58,7 +58,7 @@ def test_run_writes_what_it_says(out):
                                                         "telemetry.jsonl"]
     assert [p.name for p in sorted((folder / "images").iterdir())] == ["00000.png", "00001.png", "00002.png"]
     manifest = json.loads((folder / "manifest.json").read_text())
-    assert manifest["status"] == "finished" and manifest["settings"]["n"] == 9
+    assert manifest["status"] == "finished" and manifest["settings"]["cells"] == 8
     assert manifest["runtime"]["arch"] == "cpu" and manifest["runtime"]["precision"] == "f32"
     assert manifest["model"] == {"vertices": 81, "triangles": 128, "solids": 0, "notes": []}
     records = [json.loads(line) for line in (folder / "telemetry.jsonl").read_text().splitlines()]
@@ -97,8 +97,8 @@ def test_another_runs_files_are_safe(out, tmp_path):
 @pytest.mark.parametrize("args, words", [
     (("run", "hnag"), "did you mean 'hang'"),
     (("run", "hang", "--set", "m=3"), "no option 'm'"),
-    (("run", "hang", "--set", "n=many"), "needs a whole number"),
-    (("run", "hang", "--set", "n"), "needs name=value"),
+    (("run", "hang", "--set", "cells=many"), "needs a whole number"),
+    (("run", "hang", "--set", "cells"), "needs name=value"),
     (("run", "hang", "--h", "0"), "--h = 0.0: must be a positive number"),
     (("run", "hang", "--h", "a/b"), "no number"),
     (("run", "hang", "--size", "10"), "needs WIDTHxHEIGHT"),
@@ -143,7 +143,7 @@ def check(sim):
 def test_interrupt_leaves_whole_frames(tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "taichi_cloth", "run", "hang", "--out", str(tmp_path / "o"), "--duration", "60",
-               "--size", "320x200", "--set", "n=21"]
+               "--size", "320x200", "--set", "cells=20"]
     process = subprocess.Popen(command, env=environment, cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     for _ in range(600):
         if len(list((tmp_path / "o" / "images").glob("*.png"))) >= 3 or process.poll() is not None:
@@ -173,6 +173,6 @@ def test_check_list_doctor_and_help():
 @pytest.mark.slow
 def test_scene_file_takes_the_same_flags():
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "scenes/hang.py", "--no-images", "--set", "n=7", "--duration", "0.1"],
+    done = subprocess.run([sys.executable, "scenes/hang.py", "--no-images", "--set", "cells=6", "--duration", "0.1"],
                           capture_output=True, text=True, cwd=ROOT, env=environment, check=False)
     assert done.returncode == 0 and "0.1 s simulated" in done.stdout, done.stderr

@@ -29,7 +29,7 @@ SAID = (
     ("theory/layers.md", "(at most {:g} times)", "contact/cloth/layers.py", "STIFFEST"),
     ("theory/layers.md", "within {:.0%} of all forces", "contact/cloth/layers.py", "AGREED"),
     ("theory/layers.md", "d_f + {:g}\\,(d_0 - d_f)", "contact/cloth/narrow_phase.py", "KEEP"),
-    ("theory/layers.md", "rest for {:g} s", "contact/cloth/untangle.py", "LET_GO"),
+    ("theory/layers.md", "rest for {:g} s", "contact/cloth/untangle.py", "RELEASED"),
 )
 
 

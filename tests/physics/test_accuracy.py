@@ -22,7 +22,7 @@ def rms(x: np.ndarray) -> float:
 def swung():
     cases = [Case("backward_euler", 1 / 60), Case("tr_bdf2", 1 / 60), Case("verlet", 1 / 60),
              *(Case("safe", 1 / 30, tolerance) for tolerance in (1e-2, 1e-3, 1e-4))]
-    made = study("swing", lambda: SWING.make({"n": 26}), cases, 0.5, 1 / 1000)
+    made = study("swing", lambda: SWING.make({"cells": 25}), cases, 0.5, 1 / 1000)
     return made, {(r.case.integrator, r.case.tolerance): r for r in made.rows}
 
 
@@ -67,7 +67,7 @@ def test_the_error_asked_for_is_kept_where_cloth_meets_a_ball():
 @pytest.mark.slow
 def test_softened_steps_come_to_the_stiff_motion_as_they_get_smaller():
     """Stretch that is too stiff to be seen need not be stepped through: error at .5 s for substeps 9, 3 and 1 times stable."""
-    made = study("swing", lambda: SWING.make({"n": 26, "stretch": 1e5}),
+    made = study("swing", lambda: SWING.make({"cells": 25, "stretch": 1e5}),
                  [Case("verlet", 1 / 30, substep=times) for times in (9, 3, 1)], 0.5, 1 / 1000)
     errors, work = zip(*((row.error, row.evaluations) for row in made.rows))
     assert 0.02 < errors[0] < 0.06 and 0.003 < errors[1] < 0.01 and errors[2] < 2e-3, errors
@@ -76,7 +76,7 @@ def test_softened_steps_come_to_the_stiff_motion_as_they_get_smaller():
 
 
 def test_energy_never_grows_by_much_and_the_step_says_why_it_fell_back():
-    scene = SWING.make({"n": 11})
+    scene = SWING.make({"cells": 10})
     sim = tc.Simulation(scene, h=1 / 30)
     start = sum(sim.energy().values())
     sim.run(1.0, 30)
@@ -86,8 +86,8 @@ def test_energy_never_grows_by_much_and_the_step_says_why_it_fell_back():
 
 
 @pytest.mark.parametrize("settings, tolerance, wanted", [
-    ({"n": 11}, None, "verlet"), ({"n": 26, "stretch": 1e5}, None, "safe"),
-    ({"n": 26, "stretch": 1e5}, 1e-3, "verlet"), ({"n": 11}, 1e-5, "safe")])
+    ({"cells": 10}, None, "verlet"), ({"cells": 25, "stretch": 1e5}, None, "safe"),
+    ({"cells": 25, "stretch": 1e5}, 1e-3, "verlet"), ({"cells": 10}, 1e-5, "safe")])
 @pytest.mark.slow
 def test_auto_picks_by_stiffness_and_tolerance_and_says_why(settings, tolerance, wanted):
     sim = tc.Simulation(SWING.make(settings), h=1 / 60, integrator="auto", tolerance=tolerance)
@@ -103,7 +103,7 @@ def test_wind_changes_within_a_step():
     flag = scenefile.read(str(FOLDER / "flag.py"))
 
     def at(integrator: str, h: float) -> np.ndarray:
-        sim = tc.Simulation(flag.make({"n": 10}), h=h, integrator=integrator)
+        sim = tc.Simulation(flag.make({"cells": 10}), h=h, integrator=integrator)
         sim.run(0.2, 10)
         x = sim.positions()
         sim.close()

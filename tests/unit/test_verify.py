@@ -113,7 +113,7 @@ def test_the_exit_code_says_whether_all_hold(results, code, monkeypatch, capsys)
         yield from ((f"check {k}", f"{k} m", good) for k, good in enumerate(results))
 
     monkeypatch.setattr(verify, "verify", found)
-    args = argparse.Namespace(scene="hang", set=["n=4"], small=False, time=0.125)
+    args = argparse.Namespace(scene="hang", set=["cells=3"], small=False, time=0.125)
     assert cli_study.COMMANDS["verify"](args) == code
     lines = capsys.readouterr().out.splitlines()
     assert lines == [f"{'ok    ' if good else 'FAILED'} check {k}: {k} m" for k, good in enumerate(results)]
