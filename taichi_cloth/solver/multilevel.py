@@ -119,7 +119,7 @@ class Multilevel(Checkpointed):
         self.finish(span)
         self.made_for, self.cost, self.excess, self.kept = made_for, 0, 0, 0
 
-    def took(self, iterations: int) -> None:
+    def count_iterations(self, iterations: int) -> None:
         """Iterations of the first solve after `make`: how well the levels still do."""
         self.cost = self.cost or iterations
         self.excess += max(iterations - self.cost, 0)
@@ -217,34 +217,34 @@ class Multilevel(Checkpointed):
     def sweep(self, r: ti.template()):
         """The levels' part for a filtered r: afterwards `correction(i)` has it for every particle."""
         for n in range(self.start[1]):
-            self.take(n, r)
+            self.restrict(n, r)
         for _ in range(1):
             self.coarse()
         for n in range(self.start[1]):
-            self.give(n)
+            self.prolong(n)
 
     @ti.func
-    def take_block(self, block, r: ti.template()):
+    def restrict_block(self, block, r: ti.template()):
         """The finest level's sums, a block's share."""
         for n in range(self.start[1] * block // self.blocks, self.start[1] * (block + 1) // self.blocks):
-            self.take(n, r)
+            self.restrict(n, r)
 
     @ti.func
-    def give_block(self, block):
+    def prolong_block(self, block):
         """The finest level's values, a block's share."""
         for n in range(self.start[1] * block // self.blocks, self.start[1] * (block + 1) // self.blocks):
-            self.give(n)
+            self.prolong(n)
 
     @ti.func
     def coarse(self):
         """Sums of all levels but the finest, each from the one below, and their values from the coarsest down."""
         for n in range(self.start[1], self.nodes):
-            self.take(n, self.r)
+            self.restrict(n, self.r)
         for back in range(self.nodes - self.start[1]):
-            self.give(self.nodes - 1 - back)
+            self.prolong(self.nodes - 1 - back)
 
     @ti.func
-    def take(self, n, values: ti.template()):
+    def restrict(self, n, values: ti.template()):
         """A node's sum of values below it."""
         total = ti.Vector.zero(float, 3)
         for k in range(self.takes.first[n], self.takes.first[n + 1]):
@@ -252,7 +252,7 @@ class Multilevel(Checkpointed):
         self.r[n] = total
 
     @ti.func
-    def give(self, n):
+    def prolong(self, n):
         """A node's value: its own, and what the level above says."""
         z = sym_times(self.inverse_l[n], self.r[n])
         if n < self.start[-2]:

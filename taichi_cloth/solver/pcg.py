@@ -251,9 +251,9 @@ class PCG:
             self.update(block)
         if ti.static(not self.preconditioner.pointwise):
             if kind == TAKE:
-                self.preconditioner.take_block(block, self.r)
+                self.preconditioner.restrict_block(block, self.r)
             elif kind == GIVE:
-                self.preconditioner.give_block(block)
+                self.preconditioner.prolong_block(block)
             elif kind == CORRECT:
                 self.correct(block, 1)
 

@@ -58,7 +58,7 @@ class Pointwise(Checkpointed):
             self.S[fully[k]] = ti.Vector.zero(float, 6)
             self.inverse[fully[k]] = ti.Vector.zero(float, 6)
 
-    def took(self, iterations: int) -> None:
+    def count_iterations(self, iterations: int) -> None:
         """Iterations of the first solve after `make`."""
 
     @ti.kernel

@@ -79,7 +79,7 @@ class System:
             self.preconditioner.make(self.span, held, lasting)
         solution = self.solver.solve(tolerance, held is None and not warm, warm, zero)
         if fresh and not warm:
-            self.preconditioner.took(solution.iterations)
+            self.preconditioner.count_iterations(solution.iterations)
         return solution
 
     def reaction(self) -> np.ndarray:
