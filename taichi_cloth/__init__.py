@@ -17,7 +17,7 @@ _NAMES = {
     "io.solid": "load_solid",
     "scene.fabric": "Stretch Shear Bend Fabric ClothContact",
     "scene.scene": "Scene Cloth Air",
-    "scene.solids": "Plane Sphere Capsule Box Cylinder SolidMesh Solid",
+    "scene.primitives": "Plane Sphere Capsule Box Cylinder", "scene.solids": "SolidMesh Solid",
     "scene.view": "Camera View",
     "system.constraints": "Constraint",
     "options": "Options",

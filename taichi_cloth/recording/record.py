@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ..scene.solids import Plane, Solid
+from ..scene.primitives import Plane
+from ..scene.solids import Solid
 from ..simulation import Simulation
 
 

@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from ...scene.solids import BOX, CAPSULE, CYLINDER, PLANE, SPHERE
+from ...scene.primitives import BOX, CAPSULE, CYLINDER, PLANE, SPHERE
 
 TINY = 1e-20
 KINDS = (PLANE, SPHERE, CAPSULE, BOX, CYLINDER)
