@@ -95,6 +95,9 @@ MUTATIONS = (
     # Newton
     ("taichi_cloth/step/nonlinear/newton.py", "or problem.acceptable(k, part, measures):", "or True:",
      "no line search", f"{INSIDE}::test_newton_goes_no_further_than_its_potential_falls"),
+    ("taichi_cloth/step/nonlinear/solid_contact.py", "super().potential(measures) + self.system.contacts.lagged(self.c)",
+     "super().potential(measures)", "contacts have no part in the potential",
+     "tests/physics/test_solid_contact.py::test_nonlinear_backward_euler_goes_on_in_contact"),
     ("taichi_cloth/step/nonlinear/system.py", "self.model.x[i] += part * c *", "self.model.x[i] += c *",
      "positions go all the way", f"{INSIDE}::test_newton_goes_no_further_than_its_potential_falls"),
     # Verlet

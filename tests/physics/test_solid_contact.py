@@ -45,6 +45,17 @@ def test_what_solids_give_is_what_cloth_gets(h):
     assert sim.log[-1].contacts > 0 and edges > 0
 
 
+def test_nonlinear_backward_euler_goes_on_in_contact():
+    """Friction that slides and pairs at edges count in the potential that Newton's method goes down on: without them no step
+    was short enough for it."""
+    scene, _ = over(8, 0.3, 0.031)
+    scene.add_solid(tc.Plane((math.sin(0.4), math.cos(0.4), 0.0)), friction=0.2, thickness=0.005, position=(0.0, -0.07, 0.0))
+    sim = tc.Simulation(scene, h=1 / 60, integrator="newton_euler", threads=1)
+    for _ in range(18):
+        assert sim.step().rejections == {}
+    assert max(r.solves for r in sim.log) > 2 and sim.log[-1].contacts > 50
+
+
 @pytest.mark.parametrize("h", [1 / 15, 1 / 30, 1 / 60])
 def test_forces_are_told_after_steps_that_took_more_solves(h):
     """A tablecloth at large steps, whose first solves the energy test does not accept."""

@@ -80,12 +80,9 @@ class StepProblem(ABC):
     def give_up(self, measures: Measures) -> Outcome:
         """After the last Newton step."""
 
-    def decreases(self, measures: Measures) -> bool:
-        """Whether Phi does not grow from `before`: by more than R does, which depends on x too, what the forces rightly know
-        nothing of."""
-        slack = self.system.rounding(self.c, self.before, measures)
-        slack += self.c * abs(measures.dissipation - self.before.dissipation)
-        return self.potential(measures) <= self.level + slack
+    def decreases(self, measures: Measures, slack: float = 0.0) -> bool:
+        """Whether Phi does not grow from `before` by more than rounding and a slack [J]."""
+        return self.potential(measures) <= self.level + self.system.rounding(self.c, self.before, measures) + slack
 
     def potential(self, measures: Measures) -> float:
         """Phi [J] where the model is; NaN counts as infinite."""

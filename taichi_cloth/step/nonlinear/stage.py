@@ -86,8 +86,12 @@ class Stage(StepProblem):
             return self.system.linearize(self.c) if self.linearized else self.system.meter.measure()
 
     def acceptable(self, k: int, part: float, measures: Measures) -> bool:
-        """See `StepProblem`. A shorter first step would leave moving constraints behind."""
-        return (k == 0 and self.held is not None and self.held.moving) or self.decreases(measures)
+        """See `StepProblem`. A shorter first step would leave moving constraints behind.
+
+        R depends on x too, which the forces rightly know nothing of: by as much as it changes, Phi may grow.
+        """
+        lags = self.c * abs(measures.dissipation - self.before.dissipation)
+        return (k == 0 and self.held is not None and self.held.moving) or self.decreases(measures, lags)
 
     def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
         """See `StepProblem`."""
