@@ -67,7 +67,7 @@ MUTATIONS = (
     ("taichi_cloth/step/integrators/tr_bdf2.py", "(v_0 - self.v_p[i]) / before", "(v_0 - self.v_p[i]) / c",
      "the implied force goes by the wrong step", f"{RESUME}[tr_bdf2] {STAGES}"),
     ("taichi_cloth/step/integrators/tr_bdf2.py", "middle = held_at(GAMMA * h)", "middle = held_at(h)",
-     "the middle is held where the end is", ACCOUNTED),
+     "the middle is held where the end is", f"{INSIDE}::test_tr_bdf2_holds_what_is_led_where_it_is_at_each_stage"),
     ("taichi_cloth/step/integrators/tr_bdf2.py",
      "WEIGHT = math.sqrt(2) / 4", "WEIGHT = 0.4", "the ledger's quadrature", ACCOUNTED),
     ("taichi_cloth/step/integrators/tr_bdf2.py", "- self.a_0[i]\n                v_base += ti.static(A)",

@@ -64,6 +64,7 @@ def test_against_dense(rng, K):
         expected, force = dense_solution(sim, h, constraints)
         sim.solve(h, constraints)  # the dense products above linearized anew
         assert np.abs(dv - expected).max() < 1e-8 * np.abs(expected).max()
+        assert sim.solution.iterations < 2 * 3 * n  # conjugate directions end, steepest descent does not
         assert np.abs(sim.constraint_forces() - force).max() < 1e-7 * max(np.abs(force).max(), 1e-3)
         for c in constraints:
             assert np.abs(c.basis @ (dv[c.vertex] - c.z)).max() < 1e-13 * np.linalg.norm(c.z)
