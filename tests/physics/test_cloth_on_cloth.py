@@ -98,6 +98,9 @@ def test_springs_of_the_paper_carry_a_sheet_with_one_solve_a_step():
     weight = 9.81 * sim.model.mass[sim.model.particle[upper]].sum()
     forces = sim.model.to_user(sim.contacts.layers.forces())
     assert np.abs(forces.sum(axis=0)).max() < 1e-12 and forces[upper, 1].sum() == pytest.approx(weight, rel=0.01)
+    lower = np.setdiff1d(np.arange(sim.vertex_count), np.arange(sim.vertex_count)[upper])
+    x = sim.positions()[:, 1]
+    assert 0.97 * THICKNESS < x[upper].mean() - x[lower].mean() < THICKNESS  # a spring gives by .02 mm
     sim.close()
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from taichi_cloth.contact.cloth.pair_kernels import MU, NOW, POTENTIAL, STIFF
 from taichi_cloth.contact.geometry import VERTEX_FACE
 from taichi_cloth.contact.points import Points
 from taichi_cloth.scene.intersections import self_crossings
+from taichi_cloth.step.nonlinear.layer_contact import LayerStep
 from taichi_cloth.system.state import ParticleState
 
 FABRIC = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
@@ -337,6 +339,41 @@ def test_the_same_twice_and_resumed():
         with pytest.raises(tc.SceneError, match=what):
             again.resume(broken)
     again.close()
+
+
+@pytest.mark.slow
+def test_a_step_in_which_layers_turn_out_to_meet_begins_anew():
+    """Its second attempt starts from the saved state, and not from where the first one ended."""
+    sim = two_sheets(0.02, (0.3, -2.0, 0.0))[2]
+    while not sim.log or not sim.log[-1].layers:
+        x, v = sim.model.read_particles()
+        sim.step()
+    start = sim.contacts.start
+    assert start.together and start.h == sim.log[-1].h == pytest.approx(1 / 60)
+    assert (start.x == x).all() and (start.v == v).all()
+    layers = sim.contacts.layers
+    assert sim.contacts.touching and layers.count > 0 and not layers.intersections.active
+    layers.count = 0  # what crosses keeps contact in mind, also where all of its pairs rest
+    assert not sim.contacts.touching
+    layers.intersections.resting[3] = True
+    assert sim.contacts.touching
+    sim.close()
+
+
+@pytest.mark.parametrize("small, smallest, moving, part, released", [
+    (True, False, True, 0.5, True), (True, False, False, 0.5, False), (True, True, False, 0.5, True),
+    (False, False, True, 0.5, False), (True, True, True, 1.0, False)])
+def test_only_what_nothing_else_can_make_room_for_is_released(small, smallest, moving, part, released):
+    """In a small step against what is led, in the smallest whatever comes; nowhere else, and not what went all its way."""
+    asked = []
+    step = LayerStep.__new__(LayerStep)
+    step.layers = SimpleNamespace(release=lambda every: asked.append(every) or True, off=3, least=0.2,
+                                  intersections=SimpleNamespace(active=False))
+    step.contacts = SimpleNamespace(small=small, smallest=smallest)
+    step.held, step.part, step.agreed, step.released = SimpleNamespace(moving=moving), part, False, False
+    step.solutions, step.conclude = [], lambda measures: None
+    assert step.give_up(None).rejection == "CONTACT" and step.released is released
+    assert asked == ([smallest] if released else [])
 
 
 def crossing_scene() -> tc.Scene:
