@@ -1,0 +1,86 @@
+"""Bugs in the linear solve: held directions, preconditioners, lattices, conjugate gradients."""
+
+SOLVE, LEVELS = "tests/unit/test_solver.py", "tests/unit/test_multilevel.py"
+REFERENCE = "tests/unit/test_reference.py::test_solutions_with_held_directions"
+DENSE, EXACT = f"{SOLVE}::test_against_dense", f"{SOLVE}::test_constraints_are_exact_at_any_iteration_count"
+SYMMETRIC = f"{LEVELS}::test_it_is_symmetric_and_positive_on_what_is_free"
+ITERATIONS, HATS = f"{LEVELS}::test_iterations", f"{LEVELS}::test_hats_add_up_and_nest"
+DIAGONAL = f"{LEVELS}::test_levels_have_the_diagonal_of_what_is_free"
+AGE = f"{LEVELS}::test_levels_that_last_are_made_anew_when_they_have_aged"
+TESTS = (SOLVE, LEVELS)
+
+PCG, MULTI = "taichi_cloth/solver/pcg.py", "taichi_cloth/solver/multilevel.py"
+POINT, LATTICE = "taichi_cloth/solver/pointwise.py", "taichi_cloth/solver/lattice.py"
+HELD, OPERATOR = "taichi_cloth/system/constraints.py", "taichi_cloth/system/operator.py"
+
+MUTATIONS = (
+    # held directions
+    (HELD, "self.dv[i] += project(projector, k, row(z, k) - self.dv[i])", "self.dv[i] += project(projector, k, row(z, k))",
+     "z is added to what was there", "tests/unit/test_step_control.py tests/physics/test_solid_contact.py " + DENSE),
+    (HELD, "z = (row(target, k) - row(y, k) - self.model.x[i]) / h - self.model.v[i]",
+     "z = (row(target, k) - self.model.x[i]) / h - self.model.v[i]", "held particles get speed from y",
+     "tests/physics/test_solid_contact.py tests/physics/test_friction.py"),
+    (HELD, "z = (row(target, k) - row(y, k) - self.model.x[i]) / h - self.model.v[i]",
+     "z = (row(target, k) - row(y, k) - self.model.x[i]) / h", "held particles keep their speed besides",
+     "tests/unit/test_stepper.py tests/unit/test_ledger.py"),
+    (HELD, "out[a] += ti.cast(projector[k, a, b], float) * x[b]",
+     "out[a] += ti.cast(projector[k, a, a], float) * x[b] * (a == b)",
+     "directions that are not axes are held by their components", f"{DENSE} {REFERENCE}"),
+    (HELD, "values = np.einsum(\"adi,ai->ad\", basis[index == p], goals).reshape(-1)",
+     "values = np.einsum(\"adi,ai->ad\", basis[index == p], 0 * goals).reshape(-1)", "a particle that two pins hold goes to 0",
+     "tests/unit/test_stepper.py tests/unit/test_scene.py tests/unit/test_description.py"),
+    (HELD, "self.dv[i] = way / c", "self.dv[i] = way", "what is led in a stage goes by the distance, not by a speed",
+     "tests/unit/test_integrators.py tests/unit/test_ledger.py"),
+    (OPERATOR, "self.motion[i] += ti.Vector([ti.cast(y[k, 0], float)", "self.motion[i] -= ti.Vector([ti.cast(y[k, 0], float)",
+     "y along x goes the other way", f"{DENSE} {REFERENCE}"),
+    # block Jacobi
+    (POINT, "P = sym_unpack(self.block(index[k]))", "P = ti.Matrix.identity(float, 3)",
+     "half-held particles are preconditioned by 1", f"{ITERATIONS} {SOLVE}"),
+    (POINT, "self.S[index[k]] = sym(S)", "self.S[index[k]] = sym(C)", "held and free directions change places",
+     f"{DENSE} {EXACT}"),
+    (POINT, "self.S[fully[k]] = ti.Vector.zero(float, 6)", "self.S[fully[k]] = ti.Vector([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])",
+     "fully held particles are free", f"{DENSE} {EXACT}"),
+    (POINT, "self.is_held[i] = 0\n", "pass\n", "who was held stays held", "tests/unit/test_stepper.py " + DENSE),
+    # levels
+    (MULTI, "w *= w * self.free(i)", "w *= w", "hats do not end at held particles", f"{DIAGONAL} {SYMMETRIC}"),
+    (MULTI, "own = sym(S @ sym_unpack(own) @ S)", "own = own", "contact's diagonal is not filtered",
+     f"{DIAGONAL} {LEVELS}"),
+    (MULTI, "                    own += self.T[i]\n", "                    pass\n", "levels know nothing of contact", DIAGONAL),
+    (MULTI, "total += self.take_weight[k] * values", "total += values", "restriction without weights",
+     f"{SYMMETRIC} {ITERATIONS}"),
+    (MULTI, "z += self.parent_weight[n][k] * self.z[self.parent[n][k]]", "z += 0 * self.z[self.parent[n][k]]",
+     "coarse levels have no say", f"{ITERATIONS} {SYMMETRIC}"),
+    (MULTI, "z += self.weight[i][k] * self.z[self.node[i][k]]", "z += self.z[self.node[i][k]]",
+     "prolongation without weights", SYMMETRIC),
+    (MULTI, "self.inverse_l[n] = sym(sym_unpack(D).inverse()) / size", "self.inverse_l[n] = sym(sym_unpack(D).inverse())",
+     "nodes are not scaled back", ITERATIONS),
+    (MULTI, "self.excess <= WORTH", "True", "levels last for ever", AGE),
+    (MULTI, "and np.array_equal(made_for, self.made_for)", "", "levels last though other directions are held", AGE),
+    (MULTI, "if lasting and not self.touches", "if lasting", "levels last in contact", LEVELS),
+    # lattices
+    (LATTICE, "weights.append(np.where(bits, part, 1 - part).prod(axis=1))",
+     "weights.append(np.where(bits, 1 - part, part).prod(axis=1))",
+     "hats are upside down", f"{HATS} {ITERATIONS}"),
+    (LATTICE, "owner, where, links = keys[:, 0], keys[:, 1:] / 2, _sharing(node, weight)",
+     "owner, where, links = keys[:, 0], keys[:, 1:] / 1, _sharing(node, weight)", "levels do not get coarser", HATS),
+    (LATTICE, "node, keys = _split(node, weight, keys, links)", "node, keys = node, keys", "a slit does not part hats",
+     f"{LEVELS}::test_a_slit_parts_hats"),
+    (LATTICE, "low = np.stack([points[piece == p].min(axis=0)", "low = np.stack([points[piece == p].max(axis=0)",
+     "lattices begin at the other corner", HATS),
+    (LATTICE, "total = np.bincount(index, value[keep])", "total = np.bincount(index, value[keep] > 0)",
+     "composed hats count instead of adding", HATS),
+    (LATTICE, "out += np.bincount(node[:, p], factor[here] * value[:, p] * total, level.count)",
+     "out += np.bincount(node[:, p], factor[here] * value[:, p] ** 2, level.count)", "hinges' hats do not act together",
+     f"{LEVELS}::test_levels_have_the_trace_of_hinges_in_flat_cloth"),
+    # conjugate gradients
+    (PCG, "self.dv[i] = ti.cast(b / m, float)", "self.dv[i] = ti.cast(0 * b / m, float)", "free cloth begins at rest",
+     "tests/unit/test_integrators.py::test_free_fall_is_exact tests/physics/test_closed_forms.py"),
+    (PCG, "self.dv[i] = self.dv[i] + ti.cast(r / m, float)", "self.dv[i] = self.dv[i] - ti.cast(r / m, float)",
+     "momentum that a solve lacks is taken off again", "tests/physics/test_closed_forms.py tests/unit/test_stepper.py"),
+    (PCG, "r = self.preconditioner.filter(i, self.operator.b[i] - self.As[i])", "r = self.operator.b[i] - self.As[i]",
+     "the residual is not filtered", f"{EXACT} {DENSE}"),
+    (PCG, "if norm < 0 or first < 0:", "if False:", "a breakdown is no breakdown",
+     f"{SOLVE}::test_indefinite_matrix_is_a_breakdown_not_an_answer tests/unit/test_golden.py"),
+    (PCG, "if norm <= SLACK * allowed * first:", "if True:", "all that ends has converged", f"{EXACT} {SOLVE}"),
+    (PCG, "ROUNDING * self.epsilon * math.sqrt(max(size, 0.0)) / first", "1.0", "any residual is rounding", f"{SOLVE} {DENSE}"),
+)
