@@ -45,7 +45,8 @@ MUTATIONS = (
     (MULTI, "w *= w * self.free(i)", "w *= w", "hats do not end at held particles", f"{DIAGONAL} {SYMMETRIC}"),
     (MULTI, "own = sym(S @ sym_unpack(own) @ S)", "own = own", "contact's diagonal is not filtered",
      f"{DIAGONAL} {LEVELS}"),
-    (MULTI, "                    own += self.T[i]\n", "                    pass\n", "levels know nothing of contact", DIAGONAL),
+    (MULTI, "                    own += self.T[i]\n", "                    pass\n", "levels know nothing of contact",
+     DIAGONAL),
     (MULTI, "total += self.take_weight[k] * values", "total += values", "restriction without weights",
      f"{SYMMETRIC} {ITERATIONS}"),
     (MULTI, "z += self.parent_weight[n][k] * self.z[self.parent[n][k]]", "z += 0 * self.z[self.parent[n][k]]",
@@ -82,5 +83,6 @@ MUTATIONS = (
     (PCG, "if norm < 0 or first < 0:", "if False:", "a breakdown is no breakdown",
      f"{SOLVE}::test_indefinite_matrix_is_a_breakdown_not_an_answer tests/unit/test_golden.py"),
     (PCG, "if norm <= SLACK * allowed * first:", "if True:", "all that ends has converged", f"{EXACT} {SOLVE}"),
-    (PCG, "ROUNDING * self.epsilon * math.sqrt(max(size, 0.0)) / first", "1.0", "any residual is rounding", f"{SOLVE} {DENSE}"),
+    (PCG, "ROUNDING * self.epsilon * math.sqrt(max(size, 0.0)) / first", "1.0", "any residual is rounding",
+     f"{SOLVE} {DENSE}"),
 )

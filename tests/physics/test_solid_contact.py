@@ -156,6 +156,8 @@ def test_a_run_is_resumed_in_contact_bit_for_bit(scene, options):
     resumed = tc.Simulation(scene(), h=1 / 60, threads=1, **options)
     resumed.resume({k: np.array(a) for k, a in whole.checkpoint().items()})
     assert resumed.contacts.counts()["pinched"] == pinched
+    crossed = c.penetration.before
+    assert (resumed.contacts.solids.penetration.before == crossed).all() and (options or len(crossed))
     for _ in range(5):
         last, record = whole.step(), resumed.step()
         for name in ("positions", "velocities", "contact_forces"):

@@ -162,6 +162,10 @@ def test_rotations():
     R = rotation_matrix((0.3, -0.2, 0.9))
     assert np.allclose(R @ R.T, np.eye(3)) and np.allclose(R @ [0.3, -0.2, 0.9], [0.3, -0.2, 0.9])
     assert np.trace(R) == pytest.approx(1 + 2 * np.cos(np.linalg.norm([0.3, -0.2, 0.9])))
+    solid = tc.Scene().add_solid(tc.SolidMesh(*CUBE), friction=0.0, thickness=0.01, position=(1.0, 2.0, 3.0),
+                                 rotation=lambda t: (0, 0, t))
+    x, y, z = solid.surface_at(0.0).T - [[1], [2], [3]]
+    assert np.allclose(solid.surface_at(np.pi / 2), np.column_stack([1 - y, 2 + x, 3 + z]))  # a quarter turn about z
 
 
 def test_solids_from_files(tmp_path):
@@ -218,5 +222,8 @@ def test_crossings_of_a_state_are_seen(rng):
         sim.set_state(x, 0 * x)
         exact = count_crossings(x, mesh.faces, solid.surface_at(0), cube.faces)
         assert (sim.contacts.crossings > 0) == (exact > 0)
+        assert not sim.contacts.went_through()  # what crossed before is not held against a step
+        sim.contacts.solids.penetration.before = np.zeros((0, 3), dtype=np.int64)
+        assert sim.contacts.went_through() == (exact > 0)
         seen.append(exact > 0)
     assert 10 < sum(seen) < 50

@@ -166,3 +166,30 @@ def test_mass_modification_gives_the_same_answer(rng):
         Q.append(w / H[k + 1, k])
     answer = (np.array(Q[: len(y)]).T @ y).reshape(n, 3)
     assert np.abs(answer - dv).max() < 1e-8 * np.abs(dv).max()
+
+
+def test_what_two_pins_hold_in_one_direction_each_stays_in_both():
+    """The position that suits them all; and what is half held is preconditioned by its block on what is free."""
+    scene, mesh = tc.Scene(), tc.grid(0.5, 4)
+    cloth = scene.add_cloth(mesh, FULL, mesh.x + [0.7, 0.2, -0.3])
+    scene.pin(cloth, [3], (1.0, 1.0, 0.0))
+    scene.pin(cloth, [3], (0.0, 1.0, 1.0))
+    scene.pin(cloth, [20], "y")
+    sim = tc.Simulation(scene, h=1 / 60, integrator="backward_euler", preconditioner="block_jacobi", threads=1)
+    for _ in range(3):
+        sim.step()
+    moved = sim.positions() - cloth.positions
+    assert np.abs(moved[3] @ [[1, 0], [1, 1], [0, 1]]).max() < 1e-12 and np.abs(moved[3]).max() > 1e-5
+    assert abs(moved[20, 1]) < 1e-12
+    blocks, inverse = (unpacked(a.to_numpy()) for a in (sim.integrator.system.operator.P,
+                                                        sim.integrator.system.preconditioner.inverse))
+    held = np.array([[1.0, 1, 0], [0, 1, 1]])
+    free = {3: np.eye(3) - np.linalg.pinv(held) @ held, 20: np.diag([1.0, 0, 1]), 7: np.eye(3)}
+    for vertex, S in free.items():
+        i = sim.model.particle[vertex]
+        np.testing.assert_allclose(inverse[i], np.linalg.pinv(S @ blocks[i] @ S, rcond=1e-9), rtol=1e-8, atol=1e-8)
+
+
+def unpacked(rows: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) from (n, 6) xx xy xz yy yz zz."""
+    return rows[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)

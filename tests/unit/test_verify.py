@@ -74,6 +74,29 @@ def test_each_fails_where_what_it_checks_is_wrong():
         assert words in name and not good, (name, figure)
 
 
+class Rough(OneThread):
+    """Only its solves are off, by a millionth."""
+
+    def solve(self, h, constraints=None):
+        return (1 + 1e-6) * super().solve(h, constraints)
+
+
+@pytest.mark.slow
+def test_a_millionth_off_is_no_solution():
+    cloth = make().cloths[0]
+    for kind, good in ((OneThread, True), (Rough, False)):
+        assert verify._against_direct(cloth, cloth.positions, kind)[2] is good
+
+
+def test_what_falls_is_weighed_with_its_point_masses():
+    """A sheet that contracts as it falls: only its centre of mass, heavy corner included, falls with g."""
+    scene, mesh = tc.Scene(), tc.grid(1.0, 4)
+    cloth = scene.add_cloth(mesh, FULL, positions=1.05 * mesh.x)
+    scene.add_mass(cloth, [0], 0.1)
+    (_, figure, good), = verify._fall(scene, OneThread)
+    assert good, figure
+
+
 class Springs:
     """A linear system with an exact answer, as `verify` asks for it."""
 
