@@ -189,14 +189,12 @@ class Filter:
                 self.model.x[i] = self.model.x[i] + way
 
     @ti.kernel
-    def impose(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), z: ti.types.ndarray(), zero: int):
-        """dv = S dv + (I - S) z, with `zero` S dv = 0."""
+    def impose(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), z: ti.types.ndarray()):
+        """dv = (I - S) z"""
         for i in range(self.model.n):
-            if zero == 1:
-                self.dv[i] = ti.Vector.zero(float, 3)
+            self.dv[i] = ti.Vector.zero(float, 3)
         for k in range(index.shape[0]):
-            i = index[k]
-            self.dv[i] += project(projector, k, row(z, k) - self.dv[i])
+            self.dv[index[k]] = project(projector, k, row(z, k))
 
 
 @ti.func

@@ -99,7 +99,8 @@ def test_a_spinning_edge(rng):
     assert max(r.contacts for r in sim.log) > 0
 
 
-@pytest.mark.parametrize("shape", [tc.Sphere(0.2), tc.SolidMesh(*tc.Box((0.4, 0.4, 0.4)).core()[:2])], ids=["analytic", "mesh"])
+@pytest.mark.parametrize("shape", [tc.Sphere(0.2), tc.SolidMesh(*tc.Box((0.4, 0.4, 0.4)).core()[:2])],
+                         ids=["analytic", "mesh"])
 def test_cloth_that_starts_inside_is_pushed_out_and_counted(shape):
     mesh = tc.grid(0.3, 12)
     scene = tc.Scene(gravity=None)

@@ -133,6 +133,21 @@ def test_levels_that_last_are_made_anew_when_they_have_aged(monkeypatch):
     assert len(made) >= before + 2 and levels.pause > 0  # they did not last: not tried again at once
 
 
+@pytest.mark.slow
+def test_levels_do_not_last_in_contact():
+    """What contact adds to the matrix changes from solve to solve: levels are made for each."""
+    mesh, scene = tc.grid(0.5, 7), tc.Scene()
+    scene.add_cloth(mesh, FABRIC, positions=mesh.x + [0, 0.006, 0])
+    scene.add_solid(tc.Plane(), friction=0.1, thickness=0.005)
+    sim = tc.Simulation(scene, h=1 / 60, preconditioner="multilevel", integrator="backward_euler")
+    levels, made = sim.integrator.system.preconditioner, []
+    finish = levels.finish
+    levels.finish = lambda span: (made.append(len(sim.log)), finish(span))
+    for _ in range(4):
+        sim.step()
+    assert len(made) == sum(r.solves for r in sim.log) >= 4 and sim.log[-1].contacts == 64
+
+
 def test_hats_add_up_and_nest(rng):
     """Every level's hats sum to 1 at every particle, and reproduce linear functions of the material."""
     points = rng.uniform(size=(200, 2))

@@ -70,7 +70,7 @@ class System:
         self.held, self._kept = held, None
         zero = not warm and (held is None or (z is None and not h > 0 and not lead > 0))
         if held is not None and z is not None:
-            self.filter.impose(held.index, held.projector, z, int(not warm))
+            self.filter.impose(held.index, held.projector, z)
         elif held is not None and h > 0:
             self.filter.prescribe(held.index, held.projector, held.target, held.y, h, int(not warm))
         elif held is not None and lead > 0:
