@@ -6,6 +6,8 @@ from reference.geometry import point_triangle, segment_segment, signed_distance
 
 import taichi_cloth as tc
 
+pytestmark = pytest.mark.slow
+
 H, THICK, SAMPLES, COUNT = 1 / 30, 0.01, 300, 1500
 SPEEDS = ((3.0, 0.0, 1.0), (0.0, 4.0, 0.0), (-2.0, 1.0, 2.0), (0.0, -3.0, 0.0))
 
