@@ -4,7 +4,7 @@ from ...system.assembler import Measures
 from ..attempt import NOT_FINITE
 from .problem import Outcome, StepProblem
 
-HALVINGS = 12
+HALVINGS = 9  # of a Newton step; one that helps at no size is left there: an exact fold needs that little to find a side
 
 
 def minimize(problem: StepProblem, most: int) -> Outcome:
