@@ -195,7 +195,7 @@ def test_measures_of_stretch():
         return np.array([[np.linalg.norm(w) / b for w, b in zip(deformation(x[face], uv), (1.1, 0.9))]
                          for face, uv in zip(mesh.faces, mesh.corner_uv)])
 
-    for size in (1.3, 0.4):  # stretches, then shortens
+    for size in (1.3, 0.4, np.array([0.3, 1, 1]), np.array([1, 1, 0.3])):  # stretches, shortens, along u or v alone
         x_0, v_0 = sim.model.read_particles()
         x_1, v_1 = size * x_0 + 0.01 * rng.normal(size=x_0.shape), v_0 + rng.normal(size=v_0.shape)
         sim.model.save()
