@@ -6,7 +6,7 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth.backend.timing import Clock
 from taichi_cloth.step.nonlinear.euler import EulerStep
-from taichi_cloth.step.nonlinear.newton import line_search
+from taichi_cloth.step.nonlinear.newton import line_search, minimize
 from taichi_cloth.step.nonlinear.problem import phi
 from taichi_cloth.step.nonlinear.stage import Effort, Stage
 
@@ -142,6 +142,19 @@ def test_newton_goes_no_further_than_its_potential_falls():
         assert 0 < part < 0.1 and phi(measures, c) <= phi(before, c)
         np.testing.assert_allclose(model.read_particles()[1], v + part * 100 * dv, rtol=1e-12)
         np.testing.assert_allclose(model.read_particles()[0], x + part * c * 100 * dv, rtol=1e-12)
+
+
+def test_a_first_solve_that_is_not_finite_is_not_shortened_but_named():
+    """With what is led a shorter step would leave it behind."""
+    sim = tc.Simulation(led(), h=1 / 60, integrator="backward_euler")
+    made, held = sim.integrator, sim.prescribed.at(0.0, 1 / 60)
+    sim.model.save()
+    start = sim.meter.measure()
+    problem = EulerStep(made.system, made.energy, False, 1 / 60, held, start, Clock(), [])
+    place, parts = made.system.place, []
+    made.system.place = lambda h, part: (parts.append(part), place(h, part), sim.model.v.fill(np.nan))
+    assert minimize(problem, 9).rejection == "NOT_FINITE" and parts == [1.0]
+    sim.close()
 
 
 CASES = {

@@ -91,8 +91,10 @@ class EulerStep(StepProblem):
 
     def acceptable(self, k: int, part: float, measures: Measures) -> bool:
         """See `StepProblem`. The first step needs the right energy, or less Phi than standing still."""
-        if k or not measures.finite:
+        if k:
             return self.decreases(measures)
+        if not measures.finite:
+            return True  # nothing to shorten: the step ends there, by name
         if part == 1:
             if not self.converge:
                 with self.clock.part("EVAL"):
