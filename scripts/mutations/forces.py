@@ -5,6 +5,7 @@ TESTS = (f"{REFERENCE}[projected-crumpled]", f"{REFERENCE}[projected-folded]")
 PAPER = f"{REFERENCE}[paper-crumpled] {REFERENCE}[paper-folded] {REFERENCE}[paper-collapsed]"
 COLLAPSED = f"{REFERENCE}[projected-collapsed]"
 FOLDS = "tests/unit/test_forces.py::test_a_fold_that_passes_through_itself_has_no_jump"
+TURNS = "tests/unit/test_forces.py::test_turns_of_flat_hinges_are_the_change_of_their_angles"
 RATES = "tests/unit/test_forces.py::test_rates_bound_the_fastest_mode_of_flat_cloth"
 HELD = "tests/unit/test_reference.py::test_solutions_with_held_directions[projected-wavy]"
 CURVES = "tests/unit/test_curvature_bend.py"
@@ -155,7 +156,7 @@ MUTATIONS = (
     (ELEMENTS, "(along[s][:, ::-1] /", "(along[s] /", "bending's warp and weft are swapped"),
     (ELEMENTS, "np.where(edges[a, 0] == edges[b, 0], feet[:, 1], 1 - feet[:, 1])",
      "np.where(edges[a, 0] != edges[b, 0], feet[:, 1], 1 - feet[:, 1])", "the second side of a hinge runs the wrong way",
-     RATES),
+     TURNS),
     (ELEMENTS, "((length_a + length_b) / 2) ** 2", "length_a ** 2", "a seam's length is that of one side", SEAM),
     (ELEMENTS, "np.repeat(mesh.material_areas * density / 3, 3)", "np.repeat(mesh.material_areas * density / 2, 3)", "masses"),
     # the system, measures, masses

@@ -82,8 +82,8 @@ def hinge_angle(x: np.ndarray) -> np.ndarray:
 
 
 def flat_turns(h: Hinges) -> np.ndarray:
-    """(k, 4) d theta / d height of a flat hinge's vertices [1/m]."""
-    per_height = np.sqrt(h.length2)[:, None] / (2 * h.areas)
+    """(k, 4) d theta / d height of a flat hinge's vertices [1/m], height going along the normals."""
+    per_height = -np.sqrt(h.length2)[:, None] / (2 * h.areas)
     return np.column_stack([-((1 - h.feet) * per_height).sum(axis=1), -(h.feet * per_height).sum(axis=1), per_height])
 
 
