@@ -19,7 +19,8 @@ from collections import Counter
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "scenes")]
 PACKAGE = ROOT / "taichi_cloth"
-LEFT_OUT = str(PACKAGE / "backend" / "taichi_patches.py")  # binds kernels to their objects
+LEFT_OUT = {str(PACKAGE / "backend" / name) for name in ("taichi_patches.py", "timing.py")}  # what binds kernels to their
+# objects, and what times methods, are no part of where a step goes
 
 
 def imported(path: pathlib.Path) -> set[str]:
@@ -70,7 +71,7 @@ class Trace:
 
     def _event(self, frame, event: str, _arg) -> None:
         file = frame.f_code.co_filename
-        if event not in ("call", "return") or not file.startswith(str(PACKAGE)) or file == LEFT_OUT:
+        if event not in ("call", "return") or not file.startswith(str(PACKAGE)) or file in LEFT_OUT:
             return
         if event == "return":
             if self.stack:
@@ -94,7 +95,7 @@ def main() -> int:
     parser.add_argument("--cells", type=int, default=36)
     parser.add_argument("--until", type=float, default=0.4, help="simulated seconds before the step that is traced")
     parser.add_argument("--h", type=float, default=1 / 60)
-    parser.add_argument("--all", action="store_true", help="prints every pair of files")
+    parser.add_argument("--all", action="store_true", help="prints every call")
     args = parser.parse_args()
     import importlib
     from dataclasses import replace
@@ -115,7 +116,7 @@ def main() -> int:
     files = {name for call in trace.calls for name in call[:2]}
     above = reach()
     upward = [c for c in trace.calls if c[0] in above[c[1]]
-              and not (above[c[0]] & ({c[1]} | trace.declared[c[1], c[2]]))]
+              and not ({c[0]} | above[c[0]]) & ({c[1]} | trace.declared[c[1], c[2]])]
     seen: set[str] = set()
     back = 0
     for _, name, _ in trace.calls:
@@ -128,8 +129,8 @@ def main() -> int:
     for (caller, called, function), n in Counter(upward).most_common():
         print(f"upward: {caller} -> {called}: {function} ({n})")
     if args.all:
-        for (caller, called), n in Counter(call[:2] for call in trace.calls).most_common():
-            print(f"{n:5} {caller} -> {called}")
+        for (caller, called, function), n in Counter(trace.calls).most_common():
+            print(f"{n:5} {caller} -> {called}: {function}")
     return 0
 
 

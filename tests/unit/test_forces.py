@@ -287,7 +287,8 @@ def test_rates_bound_the_fastest_mode_of_flat_cloth(bend, jitter, rng):
     mesh = tc.grid(1.0, 9)
     uv = mesh.uv + rng.uniform(-jitter, jitter, mesh.uv.shape)
     mesh = tc.TriMesh(np.column_stack([uv[:, 0], 0 * uv[:, 0], uv[:, 1]]), mesh.faces, uv)
-    for parts in ({"stretch": tc.Stretch((1000, 600)), "shear": tc.Shear(100)}, {"shear": tc.Shear(100)}, {"bend": tc.Bend((1e-3, 2e-3), model=bend)}):
+    for parts in ({"stretch": tc.Stretch((1000, 600)), "shear": tc.Shear(100)}, {"shear": tc.Shear(100)},
+                  {"bend": tc.Bend((1e-3, 2e-3), model=bend)}):
         scene = tc.Scene(gravity=None)
         scene.add_cloth(mesh, tc.Fabric(0.2, **parts))
         sim, h = tc.Simulation(scene, preconditioner="none"), 1.0

@@ -6,6 +6,7 @@ it comes within the thickness there is a contact: a plane that the vertex must b
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import taichi as ti
@@ -44,7 +45,7 @@ class VertexContacts:
     start_gap: np.ndarray
     carried: np.ndarray
 
-    @property
+    @cached_property
     def key(self) -> np.ndarray:
         """(k,) one number for particle and solid."""
         return self.index.astype(np.int64) * 65536 + self.solid

@@ -8,7 +8,6 @@ R half the dissipated power; `nonlinear.euler` says how far it is gone after, `n
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 from ...backend.timing import Clock
 from ...options import Options
@@ -18,9 +17,7 @@ from ...system.checkpoint import Checkpointed
 from ...system.constraints import Held
 from ..attempt import Attempt
 from ..nonlinear.energy import EnergyTest
-from ..nonlinear.euler import EulerStep
-from ..nonlinear.newton import minimize
-from ..nonlinear.problem import Outcome
+from ..nonlinear.euler import EulerPolicy
 from ..nonlinear.system import System
 
 
@@ -34,21 +31,24 @@ class BackwardEuler(Checkpointed):
         self.system, self.options, self.converge = system, options, converge
         self.contacts, self.energy = system.contacts, EnergyTest(system)
         self.dv = system.solver.dv  # the last change of velocity, from which contacts predict the next
-        self.problem: type[EulerStep] = EulerStep
-        self.policy: Any = None  # who makes steps of cloth that may meet cloth
-        if self.contacts is None:
-            return
-        from ..nonlinear.solid_contact import SolidStep
+        self.policy = self._policy()
 
-        self.problem, layers = SolidStep, self.contacts.layers
-        if layers is not None and self.contacts.sprung:
+    def _policy(self) -> EulerPolicy:
+        """What problems a step is made of."""
+        contacts, with_what = self.contacts, (self.system, self.energy, self.converge)
+        if contacts is None:
+            return EulerPolicy(*with_what)
+        if contacts.layers is None:
+            from ..nonlinear.solid_contact import SolidPolicy
+
+            return SolidPolicy(*with_what)
+        if contacts.sprung:
             from ..nonlinear.spring_contact import SpringPolicy
 
-            self.policy = SpringPolicy(system)
-        elif layers is not None:
-            from ..nonlinear.layer_contact import LayerPolicy
+            return SpringPolicy(*with_what)
+        from ..nonlinear.layer_contact import LayerPolicy
 
-            self.policy = LayerPolicy(system, self.energy)
+        return LayerPolicy(*with_what)
 
     def reset(self) -> None:
         """The state was changed by hand: nothing is remembered."""
@@ -59,12 +59,7 @@ class BackwardEuler(Checkpointed):
         solutions: list[Solution] = []
         layers = None if contacts is None else contacts.layers
         before = 0.0 if layers is None else layers.seconds
-
-        def apart() -> Outcome:
-            problem = self.problem(self.system, self.energy, self.converge, h, held, start, clock, solutions)
-            return minimize(problem, 1 + self.options.newton_max)
-
-        made = apart() if self.policy is None else self.policy.attempt(apart, h, held, start, clock, solutions)
+        made = self.policy.attempt(h, held, start, clock, solutions)
         if layers is not None:
             spent = layers.seconds - before
             clock.seconds |= {"C-C": spent, "C-S": max(clock.seconds.get("C-S", 0.0) - spent, 0.0)}

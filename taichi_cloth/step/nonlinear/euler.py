@@ -18,6 +18,7 @@ from ..attempt import ENERGY, NEWTON
 from ..ledger import Ledger
 from .brake import MOST
 from .energy import LIGHT, EnergyTest
+from .newton import minimize
 from .problem import Outcome, StepProblem, phi
 from .system import System
 
@@ -128,3 +129,17 @@ class EulerStep(StepProblem):
     def give_up(self, measures: Measures) -> Outcome:
         """See `StepProblem`."""
         return Outcome(NEWTON if self.converge and not self.settled else ENERGY, f"{len(self.solutions)} solves", measures)
+
+
+class EulerPolicy:
+    """What problems a step is made of: here one `EulerStep`, by the single solve (18) and `newton_max` more where needed."""
+
+    step = EulerStep
+
+    def __init__(self, system: System, energy: EnergyTest, converge: bool) -> None:
+        self.system, self.energy, self.converge = system, energy, converge
+
+    def attempt(self, h: float, pins: Held | None, start: Measures, clock: Clock, solutions: list[Solution]) -> Outcome:
+        """A step from the saved state; its solves are added to `solutions`."""
+        problem = self.step(self.system, self.energy, self.converge, h, pins, start, clock, solutions)
+        return minimize(problem, 1 + self.system.options.newton_max)

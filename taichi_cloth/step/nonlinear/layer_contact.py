@@ -7,7 +7,6 @@ in. Intersections that are pulled apart are given energy.
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +23,7 @@ from .energy import EnergyTest
 from .euler import EulerStep
 from .newton import minimize
 from .problem import Outcome, phi
-from .solid_contact import predict
+from .solid_contact import SolidPolicy, predict
 from .system import System
 
 BOLD = 4  # Newton steps before the potential has a say in how far they go
@@ -167,18 +166,18 @@ class LayerStep(EulerStep):
                        f"{self.part:.2g} of the last, {why}", measures)
 
 
-class LayerPolicy:
+class LayerPolicy(SolidPolicy):
     """When layers of cloth are part of a step's problem: if they met, or crossed, at the end of the last step, else in a
     second attempt, if the first one shows that they meet."""
 
-    def __init__(self, system: System, energy: EnergyTest) -> None:
-        self.system, self.energy, self.layers = system, energy, system.contacts.layers
+    def __init__(self, system: System, energy: EnergyTest, converge: bool) -> None:
+        super().__init__(system, energy, converge)
+        self.layers = system.contacts.layers
 
-    def attempt(self, apart: Callable[[], Outcome], h: float, pins: Held | None, start: Measures, clock: Clock,
-                solutions: list[Solution]) -> Outcome:
-        """A step; `apart` makes it without layers."""
+    def attempt(self, h: float, pins: Held | None, start: Measures, clock: Clock, solutions: list[Solution]) -> Outcome:
+        """See `EulerPolicy`."""
         if not (self.layers.count > 0 or self.layers.intersections.active):
-            made = apart()
+            made = super().attempt(h, pins, start, clock, solutions)
             if made.rejection is not None:
                 return made
             if not self.layers.meet():

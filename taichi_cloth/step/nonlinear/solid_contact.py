@@ -8,7 +8,7 @@ anew from where they begin; what they add to Phi counts.
 from ...system.assembler import Measures
 from ..attempt import APPROACH, CONTACT
 from ..ledger import Ledger
-from .euler import EulerStep
+from .euler import EulerPolicy, EulerStep
 from .problem import Outcome
 from .system import System
 
@@ -81,3 +81,9 @@ class SolidStep(EulerStep):
         if contacts.went_in():
             return Outcome(CONTACT, "after further solves", measures)
         return Outcome(None, "", measures, ledger)
+
+
+class SolidPolicy(EulerPolicy):
+    """Steps in contact with solids."""
+
+    step = SolidStep

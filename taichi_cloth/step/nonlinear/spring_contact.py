@@ -1,27 +1,29 @@
 """Backward Euler steps in which cloth is kept from cloth by springs: one solve, and no further than nothing collides."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
+from ...backend.timing import Clock
+from ...solver.pcg import Solution
+from ...system.assembler import Measures
+from ...system.constraints import Held
 from ..attempt import CONTACT
 from .problem import Outcome
+from .solid_contact import SolidPolicy
 
 
-class SpringPolicy:
-    """Steps of a system whose cloth meets cloth, by `contact.cloth.springs`."""
+class SpringPolicy(SolidPolicy):
+    """Steps with the springs of `contact.cloth.springs` among their forces."""
 
-    def __init__(self, system) -> None:
-        self.contacts, self.layers = system.contacts, system.contacts.layers
-
-    def attempt(self, apart: Callable[[], Outcome], *_) -> Outcome:
-        """As `LayerPolicy.attempt`; `apart` makes the step, with springs among its forces."""
-        made, layers = apart(), self.layers
+    def attempt(self, h: float, pins: Held | None, start: Measures, clock: Clock, solutions: list[Solution]) -> Outcome:
+        """See `EulerPolicy`."""
+        contacts, made = self.system.contacts, super().attempt(h, pins, start, clock, solutions)
+        layers = contacts.layers
         if made.rejection is None:
             layers.record_forces()
             part = layers.advance()
             if part < 1:
-                if self.contacts.small:
-                    layers.release(self.contacts.smallest)
+                if contacts.small:
+                    layers.release(contacts.smallest)
                 detail = f"cloth would pass through cloth, a collision-free step is {part:.2g} of it"
                 made = replace(made, rejection=CONTACT, detail=detail)
             layers.look()
