@@ -29,7 +29,8 @@ from .step.prescribed import Prescribed
 from .step.stepper import ADVICE, Control, Stepper, StepRecord
 from .system.assembler import Assembler
 from .system.checkpoint import VERSION, below
-from .system.constraints import Constraint, Held, by_hand
+from .system.constraints import Constraint, by_hand
+from .system.held import Held
 from .system.operator import ForceField, Operator, Probe
 from .system.quantities import collapsed, deformation, principal_stretches
 from .system.state import ParticleState
@@ -110,8 +111,7 @@ class Simulation:
         self.notes += [note for force in self.force_terms for note in force.notes]
         if self.integrator_name == "auto":
             tolerance = self.options.tolerance
-            self.integrator_name, why = choose(self.force_terms, scene.touches, h, tolerance,
-                                                            self.control.adaptive)
+            self.integrator_name, why = choose(self.force_terms, scene, h, tolerance, self.control.adaptive)
             self.notes.append(f"integrator {self.integrator_name}: {why}")
         self.contacts = _contacts(fields, self.model, scene, h, self.runtime.arch == "cpu", self.options)
         operator, forces = None, list(self.force_terms)
@@ -147,6 +147,8 @@ class Simulation:
         x, v = (checks.array(f"set_state: {name}", value, (self.vertex_count, 3), row="vertex")
                 for name, value in (("positions", x), ("velocities", v)))
         self._live().model.write(x, v)
+        if self.model.sewn is not None:
+            self.model.sewn.look(x[self.model.user])
         self._note_collapsed(x)
         self.stepper.start = None
         self.integrator.reset()

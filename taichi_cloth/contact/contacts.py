@@ -7,7 +7,7 @@ import numpy as np
 from ..backend.fields import Fields
 from ..scene.scene import Scene
 from ..system.checkpoint import Checkpointed
-from ..system.constraints import Held
+from ..system.held import Held
 from ..system.state import ParticleState
 from .contact_force import ContactForce
 from .points import Points

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..system.constraints import Held
+from ..system.held import Held
 
 SMALLER = 64  # times smaller than the usual, a step is taken though cloth ends inside or across, where there is no room
 SMALLEST = 2048  # times smaller than the usual, layers that leave no way free are pinched however fast they come

@@ -8,9 +8,10 @@ import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
+from ..scene.fabric import Bend as BendFabric
 from ..scene.fabric import pair
-from ..scene.scene import Scene
-from ..system.elements import Hinges, flat_turns, hinges, row_sums
+from ..scene.scene import Cloth, Scene, Seam
+from ..system.elements import Hinges, flat_turns, hinges, row_sums, seam_hinges
 from ..system.state import Elements, ParticleState
 from .conditions import sym, sym_outer, sym_scaled_identity
 from .force import Force
@@ -29,10 +30,12 @@ class Bend(Force):
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
         self.model, self.exact = model, mode == "paper"
-        parts = [(c, hinges(c.mesh)) for c in scene.cloths if c.fabric.bend and c.fabric.bend.model == "hinge"]
+        bent = [c for c in scene.cloths if c.fabric.bend and c.fabric.bend.model == "hinge"]
+        seams = [(s, seam_hinges(s.cloth.mesh, s.a, s.b)) for s in scene.seams if s.cloth in bent and s.stiffness > 0]
+        parts = [(c, hinges(c.mesh)) for c in bent] + [(s.cloth, h) for s, h in seams]
         vertices = np.concatenate([model.particle[h.vertices + c.start] for c, h in parts])
         self.elements = Elements(fields, model.blocks, vertices)
-        rest = np.concatenate([_rest(c, h) for c, h in parts])
+        rest = np.concatenate([_rest(c, h) for c, h in parts[:len(bent)]] + [_seam_rest(s, h) for s, h in seams])
         self.host_rest = rest
         self.host_hinges, self.host_turns = vertices, np.concatenate([flat_turns(h) for _, h in parts])
         self.damps = bool(rest[:, 1].any())
@@ -238,11 +241,22 @@ class Bend(Force):
         return {"hinges": self.model.user[self.host_hinges], "hinge_k": k, "hinge_rest": theta_0}
 
 
-def _rest(cloth, h: Hinges) -> np.ndarray:
+def _rest(cloth: Cloth, h: Hinges) -> np.ndarray:
     """(hinges, 4): k [N m], k_d [N m s], theta_0, and the least squared normal [m^4]."""
     bend = cloth.fabric.bend
-    weight = h.length2 / h.areas.sum(axis=1)
-    k, k_d = (weight * (h.across @ np.array(pair(value))) for value in (bend.D, bend.k_d))
+    assert bend is not None
     given = bend.rest == "given" or (bend.rest is None and cloth.mesh.flattened)
-    theta_0 = h.angle if given else np.zeros(len(k))
-    return np.column_stack([k, k_d, theta_0, (2 * COLLAPSED * h.areas.min(axis=1)) ** 2])
+    return _rows(bend, h, h.angle if given else 0.0)
+
+
+def _seam_rest(seam: Seam, h: Hinges) -> np.ndarray:
+    """The same of a seam's hinges."""
+    bend = seam.cloth.fabric.bend
+    assert bend is not None
+    return _rows(bend, h, h.angle if seam.rest == "given" else seam.rest, seam.stiffness)
+
+
+def _rows(bend: BendFabric, h: Hinges, theta_0, factor: float = 1.0) -> np.ndarray:
+    weight = factor * h.length2 / h.areas.sum(axis=1)
+    k, k_d = (weight * (h.across @ np.array(pair(value))) for value in (bend.D, bend.k_d))
+    return np.column_stack([k, k_d, np.broadcast_to(theta_0, k.shape), (2 * COLLAPSED * h.areas.min(axis=1)) ** 2])

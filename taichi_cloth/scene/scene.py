@@ -96,6 +96,23 @@ class Attachment:
         return value[self.order] if value.ndim == 2 else value
 
 
+@dataclass(frozen=True, eq=False)
+class Seam:
+    """Two rows of a cloth's vertices that are sewn to each other, one by one; made by `Scene.sew`.
+
+    Attributes:
+        a, b: (k,) vertices.
+        rest: angle of the seam's hinges at rest [rad], or "given": that of the cloth's mesh.
+        stiffness: factor of their bending stiffness.
+    """
+
+    cloth: Cloth
+    a: np.ndarray
+    b: np.ndarray
+    rest: float | str
+    stiffness: float
+
+
 @dataclass(frozen=True)
 class Air:
     """Viscous air drag per area, f/A = -normal (n.u) n - tangential (u - (n.u) n), u = velocity - wind.
@@ -168,6 +185,7 @@ class Scene:
         self.apart: list[tuple[Cloth, Cloth]] = []  # pairs that pass through each other
         self.masses: list[tuple[Cloth, np.ndarray, float]] = []
         self.forces: list[Callable] = []
+        self.seams: list[Seam] = []
         self.script = Script()
         self._key = itertools.count()
 
@@ -198,6 +216,41 @@ class Scene:
             make: a class, or a function, that makes a `forces.force.Force` of (fields, model, scene, K).
         """
         self.forces.append(checks.function("add_force: make", make, "fields", "model", "scene", "K"))
+
+    def sew(self, cloth: Cloth, a: ArrayLike, b: ArrayLike, rest: float | str = "flat", stiffness: float = 1.0) -> Seam:
+        """Sews two rows of vertices of a cloth to each other, one by one.
+
+        They move as one, exactly; what is apart is led together first, at .5 m/s at most. Where vertices that follow each
+        other in a row are the ends of an edge, in both rows, the two edges have a hinge. Three and more layers are seams
+        between two of them each.
+
+        Args:
+            a, b: (k,) vertices; where both are the same, as at the tip of a dart, nothing is sewn.
+            rest: "flat", "given" (the angle in the cloth's mesh), or the angle of the seam at rest [rad].
+            stiffness: factor of its hinges' bending stiffness; with 0 there are none.
+
+        Raises:
+            SceneError: rows of different lengths, a vertex twice in a row, or nothing to sew.
+        """
+        self._own(cloth)
+        if isinstance(a, str) or isinstance(b, str):
+            raise SceneError(f"sew: vertices of {cloth.name!r} must be given in order, not as the name of a group")
+        rows = [_used(cloth, row) for row in (a, b)]
+        if len(rows[0]) != len(rows[1]):
+            raise SceneError(f"sew: {len(rows[0])} vertices of {cloth.name!r} to {len(rows[1])}: rows must be as long as each "
+                             "other")
+        for row in rows:
+            names, count = np.unique(row[:-1] if row[0] == row[-1] and len(row) > 2 else row, return_counts=True)
+            if count.max() > 1:
+                raise SceneError(f"sew: vertex {names[count > 1][0]} of {cloth.name!r} is named twice in a row")
+        if (rows[0] == rows[1]).all():
+            raise SceneError(f"sew: the two rows of {cloth.name!r} are the same: there is nothing to sew")
+        if isinstance(rest, str):
+            rest = 0.0 if checks.choice("sew: rest", rest, ("flat", "given")) == "flat" else rest
+        else:
+            rest = checks.number("sew: rest", rest, "rad", least=-np.pi, most=np.pi)
+        self.seams.append(Seam(cloth, rows[0], rows[1], rest, checks.number("sew: stiffness", stiffness, least=0.0)))
+        return self.seams[-1]
 
     def pass_through(self, a: Cloth, b: Cloth) -> None:
         """Lets two cloths that have a contact pass through each other."""

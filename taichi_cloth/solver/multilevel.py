@@ -17,7 +17,7 @@ from ..forces.conditions import sym, sym_scaled_identity, sym_times, sym_unpack
 from ..scene.mesh import face_edges
 from ..scene.scene import Scene
 from ..system.checkpoint import Checkpointed
-from ..system.constraints import Held
+from ..system.held import Held
 from ..system.operator import Operator
 from .lattice import Gather, Level, coordinates, gather, levels, meeting, squares
 from .pointwise import Pointwise
@@ -123,6 +123,11 @@ class Multilevel(Checkpointed):
         """Iterations of the first solve after `make`: how well the levels still do."""
         self.cost = self.cost or iterations
         self.excess += max(iterations - self.cost, 0)
+
+    @ti.func
+    def average(self, i, q: ti.template()):
+        """The seams' part of S."""
+        return self.jacobi.average(i, q)
 
     @ti.func
     def filter(self, i, r):
@@ -262,7 +267,20 @@ class Multilevel(Checkpointed):
 
     @ti.func
     def correction(self, i):
-        """The levels' part at particle i, after `sweep`."""
+        """The levels' part at particle i, after `sweep`; of what is sewn together the mean."""
+        out = self.interpolated(i)
+        if ti.static(self.jacobi.sews):
+            k = self.jacobi.sewn.of[i]
+            if k >= 0:
+                lo, hi = self.jacobi.sewn.begins[k], self.jacobi.sewn.begins[k + 1]
+                out = ti.Vector.zero(float, 3)
+                for j in range(lo, hi):
+                    out += self.interpolated(self.jacobi.sewn.members[j]) / (hi - lo)
+        return out
+
+    @ti.func
+    def interpolated(self, i):
+        """The levels' values at particle i."""
         z = ti.Vector.zero(float, 3)
         for k in ti.static(range(self.width)):
             z += self.weight[i][k] * self.z[self.node[i][k]]

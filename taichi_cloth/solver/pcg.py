@@ -184,7 +184,8 @@ class PCG:
         """r = b - As, the particles' own part of s, and the block's parts of r.s and |dv|_P^2"""
         rs, size, square = ti.cast(0, self.sum_type), ti.cast(0, self.sum_type), ti.cast(0, self.sum_type)
         for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
-            r = self.preconditioner.filter(i, self.operator.b[i] - self.As[i])
+            r = self.preconditioner.filter(i, self.preconditioner.average(i, self.operator.b)
+                                           - self.preconditioner.average(i, self.As))
             s = self.preconditioner.apply(i, r)
             self.r[i], self.s[i] = r, s
             self.c[i], self.Ac[i] = ti.Vector.zero(float, 3), ti.Vector.zero(float, 3)
@@ -326,7 +327,7 @@ class PCG:
         a, b = ti.cast(alpha, float), ti.cast(beta, float)
         rs = ti.cast(0, self.sum_type)
         for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
-            c, Ac = self.s[i] + b * self.c[i], self.As[i] + b * self.Ac[i]
+            c, Ac = self.s[i] + b * self.c[i], self.preconditioner.average(i, self.As) + b * self.Ac[i]
             self.c[i], self.Ac[i] = c, Ac
             self.dv[i] = self.dv[i] + a * c  # an += would be atomic
             r = self.preconditioner.filter(i, self.r[i] - a * Ac)

@@ -6,7 +6,7 @@ import taichi as ti
 from ..backend.fields import Fields
 from ..forces.conditions import sym, sym_scaled_identity, sym_times, sym_unpack
 from ..system.checkpoint import Checkpointed
-from ..system.constraints import Held
+from ..system.held import Held
 from ..system.operator import Operator
 
 
@@ -21,15 +21,16 @@ class Pointwise(Checkpointed):
     pointwise = True  # what it makes of r_i depends on r_i alone
 
     def __init__(self, fields: Fields, operator: Operator, kind: str = "block_jacobi") -> None:
-        self.operator, self.kind = operator, kind
+        self.operator, self.kind, self.sewn = operator, kind, operator.model.sewn
+        self.sews = self.sewn is not None
         n = operator.model.n
         self.inverse = fields.real(n, 6)
         self.is_held, self.S = fields.integer(n), fields.real(n, 6)
 
     @ti.func
     def block(self, i):
-        """P_i, 6 numbers."""
-        P = self.operator.P[i]
+        """P_i, 6 numbers; of what is sewn together the mean."""
+        P = self.average(i, self.operator.P)
         if ti.static(self.kind == "jacobi"):
             P = ti.Vector([P[0], 0.0, 0.0, P[3], 0.0, P[5]])
         if ti.static(self.kind == "none"):
@@ -74,6 +75,14 @@ class Pointwise(Checkpointed):
             self.is_held[index[k]] = 1
             self.S[index[k]] = sym(S)
             self.inverse[index[k]] = sym(0.5 * (free + free.transpose()))
+
+    @ti.func
+    def average(self, i, q: ti.template()):
+        """q_i, or its mean over what particle i is sewn to: the seams' part of S."""
+        out = q[i]
+        if ti.static(self.sews):
+            out = self.sewn.mean(i, q)
+        return out
 
     @ti.func
     def filter(self, i, r):

@@ -2,6 +2,8 @@
 
 import math
 
+from ..scene.scene import Scene
+
 SAFETY = 0.9  # part of the stable step that explicit ones take
 SUBSTEPS = 150  # in a step, up to which explicit ones cost less than TR-BDF2's solves (swing, 26 to 101 squared: 133 to 213)
 ACCURATE = 4  # times as many where the error asked for is small: explicit ones have it without asking
@@ -9,14 +11,16 @@ EXPLICIT_ERROR = 1e-3  # m: and so is this small
 FINEST = 1e-4  # m: explicit steps estimate no error, so that a smaller one is not theirs to promise
 
 
-def choose(forces: list, touches: bool, h: float, tolerance: float | None, adaptive: bool) -> tuple[str, str]:
+def choose(forces: list, scene: Scene, h: float, tolerance: float | None, adaptive: bool) -> tuple[str, str]:
     """(the method that "auto" stands for, why): explicit where it is stable at no more substeps than a solve costs.
 
     Args:
         h: step asked for [s]; tolerance: error asked for [m], or None.
     """
-    if touches:
+    if scene.touches:
         return "safe", "the scene has contact, which explicit methods do not know"
+    if scene.seams:
+        return "safe", "the scene has seams, which explicit methods do not know"
     if not adaptive:
         return "safe", "fixed steps are too large to be explicit ones"
     if tolerance is not None and tolerance < FINEST:

@@ -7,7 +7,8 @@ import numpy as np
 from ..forces.force import Force
 from ..scene.scene import Script
 from ..system.checkpoint import Checkpointed
-from ..system.constraints import Attachments, Held
+from ..system.constraints import Attachments
+from ..system.held import Held
 from ..system.state import ParticleState
 
 
@@ -30,7 +31,8 @@ class Prescribed(Checkpointed):
         self.set_time(t + h)
         if self.contacts is not None and h > 0:
             self.contacts.scan.set_time(t, h)
-        return self.held(t + h)
+        held, sewn = self.held(t + h), self.model.sewn
+        return held if sewn is None else sewn.spread(held, h)
 
     def held(self, t: float) -> Held | None:
         """Constraints at t [s]."""

@@ -1,7 +1,4 @@
-"""Constraints of a step: for each held particle the held directions, and where they must be. [BW98 §5.1]
-
-`held` is I - S, the projector on the held directions.
-"""
+"""Constraints of a step: for each held particle the held directions, and where they must be. [BW98 §5.1]"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -14,6 +11,7 @@ from .. import checks
 from ..backend.fields import Fields
 from ..errors import SceneError, shown
 from ..scene.scene import Attachment, orthonormal
+from .held import Held, kernel_array
 from .state import ParticleState
 
 CONFLICT = 1e-9  # two attachments of one particle that ask for positions further apart than this [m] disagree
@@ -44,25 +42,6 @@ class Constraint:
         for name, unit in (("z", "m/s"), ("y", "m")):
             value = checks.vector(f"constraint of vertex {self.vertex}: {name}", getattr(self, name), unit)
             object.__setattr__(self, name, value)
-
-
-@dataclass(frozen=True)
-class Held:
-    """The held particles of a step.
-
-    Attributes:
-        index: (k,) particles.
-        projector: (k, 3, 3) I - S.
-        target: (k, 3) positions [m] that the held directions must have at the end of the step.
-        moving: whether any of them is led along a path, or by a solid.
-        y: (k, 3) part of the way there [m] that is an alteration of position, not motion; 0 for pins.
-    """
-
-    index: np.ndarray
-    projector: np.ndarray
-    target: np.ndarray
-    moving: bool
-    y: np.ndarray
 
 
 class Attachments:
@@ -125,11 +104,6 @@ def by_hand(constraints: Sequence[Constraint], model: ParticleState,
     index = model.particle[vertices].astype(np.int32)
     z, y = (kernel_array([getattr(c, name) for c in constraints], exchange) for name in "zy")
     return Held(index, kernel_array(projector, exchange), np.zeros((len(index), 3), dtype=exchange), False, y), z
-
-
-def kernel_array(values: ArrayLike, dtype: type) -> np.ndarray:
-    """An array as kernels take it: contiguous, of the type they were compiled for."""
-    return np.ascontiguousarray(values, dtype=dtype)
 
 
 def _padded(directions: np.ndarray) -> np.ndarray:

@@ -73,6 +73,44 @@ def hinges(mesh: TriMesh) -> Hinges:
     return Hinges(vertices, ((length_a + length_b) / 2) ** 2, areas, feet, across, hinge_angle(mesh.x[vertices]))
 
 
+def seam_hinges(mesh: TriMesh, a: np.ndarray, b: np.ndarray) -> Hinges:
+    """Hinges over a seam of rows a, b (k,) of a mesh: where two vertices that follow each other are the ends of a border edge
+    in both rows. Edge and first triangle are those of row a.
+    """
+    faces, corner = mesh.faces, mesh.corner_uv
+    m, edges = len(faces), np.sort(face_edges(faces), axis=1)
+    n = mesh.vertex_count
+    codes, first, count = np.unique(edges @ np.array([n, 1]), return_index=True, return_counts=True)
+
+    def border(row: np.ndarray) -> np.ndarray:
+        """(k - 1,) row of `edges` between vertices that follow each other, or -1."""
+        code = np.sort(np.stack([row[:-1], row[1:]], axis=1), axis=1) @ np.array([n, 1])
+        where = np.minimum(np.searchsorted(codes, code), len(codes) - 1)
+        return np.where((codes[where] == code) & (count[where] == 1), first[where], -1)
+
+    both = np.stack([border(a), border(b)])
+    k = np.flatnonzero((both >= 0).all(axis=0) & (both[0] != both[1]))
+    lengths, areas, sides, across, tips = [], [], [], [], []
+    for side, row in ((0, a), (1, b)):
+        f, c = both[side, k] % m, both[side, k] // m
+        along = corner[f, (c + 1) % 3] - corner[f, c]
+        length = np.linalg.norm(along, axis=1)
+        foot = np.einsum("ij,ij->i", corner[f, (c + 2) % 3] - corner[f, c], along) / length**2
+        forward = faces[f, c] == row[k]  # the triangle's edge begins where the row's does
+        lengths.append(length)
+        areas.append(mesh.material_areas[f])
+        sides.append(np.where(forward, foot, 1 - foot))
+        across.append((along[:, ::-1] / length[:, None]) ** 2)
+        tips.append(faces[f, (c + 2) % 3])
+    turned = faces[both[0, k] % m, both[0, k] // m] != a[k]  # edges run as those of the triangles of row a do
+    i, j = np.where(turned, a[k + 1], a[k]), np.where(turned, a[k], a[k + 1])
+    feet = np.stack(sides, axis=1)
+    feet = np.where(turned[:, None], 1 - feet, feet)
+    vertices = np.stack([i, j, *tips], axis=1)
+    return Hinges(vertices, ((lengths[0] + lengths[1]) / 2) ** 2, np.stack(areas, axis=1), feet, (across[0] + across[1]) / 2,
+                  hinge_angle(mesh.x[vertices]))
+
+
 def hinge_angle(x: np.ndarray) -> np.ndarray:
     """(k,) angle theta in (-pi, pi] between the normals of two triangles; x (k, 4, 3) as in `Hinges.vertices`."""
     e, a, b = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], x[:, 3] - x[:, 0]

@@ -1,5 +1,7 @@
 """Particles and blocks as Taichi fields, in the order of `ordering`; users see their own order."""
 
+from typing import Any
+
 import numpy as np
 import taichi as ti
 
@@ -89,6 +91,7 @@ class ParticleState:
     Attributes:
         n: number of simulated particles.
         user: (n,) the user's vertex of each particle.
+        sewn: clusters of particles that are sewn together, or None.
         v_base: velocity [m/s] that a step or stage starts from: the saved one, unless a method sets another.
         origin: (3,) [m] taken off all positions, not zero only far from the world's origin.
     """
@@ -109,6 +112,11 @@ class ParticleState:
         self.origin = _local_origin(self.start_positions)
         self.mass = _masses(scene)[self.user]
         self.blocks = Blocks(fields, self.n, runtime)
+        self.sewn: Any = None
+        if scene.seams:
+            from .seams import Clusters
+
+            self.sewn = Clusters(fields, self, scene)
         self._fields = fields
         self.remembered: dict[str, Remembered] = {}
         self.x = fields.real(self.n, 3, self.start_positions[self.user] - self.origin)

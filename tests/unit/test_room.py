@@ -47,7 +47,7 @@ def test_what_is_pinned_there_has_none():
 
 
 def test_pins_that_leave_a_direction_free_hold_nothing():
-    from taichi_cloth.system.constraints import Held
+    from taichi_cloth.system.held import Held
 
     projectors = np.stack([np.eye(3), np.diag([1.0, 1, 0])])
     held = Held(np.array([1, 2], dtype=np.int32), projectors, np.zeros((2, 3)), False, np.zeros((2, 3)))

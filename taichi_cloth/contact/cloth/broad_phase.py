@@ -71,6 +71,8 @@ class Candidates(Checkpointed):
                                for c in scene.cloths])[model.user]
         self.host_half, self._cloth_of = half, cloth
         self.half = fields.real(model.n, data=half)  # of the thickness [m]
+        self.host_knot = np.arange(model.n) if model.sewn is None else model.sewn.knot
+        self.knot = fields.integer(model.n, data=self.host_knot)  # the same for what is sewn together
         self.skin = SKIN * float(half[half > 0].min())  # [m] that a path may lead from where the tree was walked for
         self.start, self.left, self.walked = (fields.real(model.n, 3) for _ in range(3))
         self.displaced_now, self.displaced = fields.real(model.n), fields.real(model.n)  # [m] from `walked`; on all the path
@@ -245,14 +247,16 @@ class Candidates(Checkpointed):
                     a, b = g, f
                 for k in range(self.first_vertex[a], self.first_vertex[a + 1]):
                     v, c = self.own_vertex[k], self.face[b]
-                    if v != c[0] and v != c[1] and v != c[2] and self.stirs(ti.Vector([v, c[0], c[1], c[2]])):
+                    u, c_0, c_1, c_2 = self.knot[v], self.knot[c[0]], self.knot[c[1]], self.knot[c[2]]
+                    if u != c_0 and u != c_1 and u != c_2 and self.stirs(ti.Vector([v, c[0], c[1], c[2]])):
                         if apart(self.hull(v, v, v), self.face_hull[b], reach) == 0:
                             self.put(v, b, VERTEX_FACE, chunk, count, rows)
                             count += 1
             for p in range(self.first_edge[f], self.first_edge[f + 1]):
                 for q in range(self.first_edge[g], self.first_edge[g + 1]):
                     c, d = self.edge[p], self.edge[q]
-                    if c[0] != d[0] and c[0] != d[1] and c[1] != d[0] and c[1] != d[1] and self.stirs(
+                    c_0, c_1, d_0, d_1 = self.knot[c[0]], self.knot[c[1]], self.knot[d[0]], self.knot[d[1]]
+                    if c_0 != d_0 and c_0 != d_1 and c_1 != d_0 and c_1 != d_1 and self.stirs(
                             ti.Vector([c[0], c[1], d[0], d[1]])):
                         if apart(self.edge_hull[p], self.edge_hull[q], reach) == 0:
                             self.put(p, q, EDGE_EDGE, chunk, count, rows)

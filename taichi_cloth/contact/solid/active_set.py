@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...system.constraints import Held, kernel_array
+from ...system.held import Held, kernel_array
 from .states import States
 from .vertices import VertexContacts
 

@@ -5,7 +5,7 @@ import numpy as np
 from ...backend.fields import Fields
 from ...scene.scene import Scene
 from ...scene.solids import MESH, Solid, SolidMesh
-from ...system.constraints import kernel_array
+from ...system.held import kernel_array
 from ...system.state import ParticleState
 from .pairs import Pairs
 from .tree import TriangleTree, smooth

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...system.constraints import Held
+from ...system.held import Held
 from .pairs import Pairs
 from .vertices import VertexContacts
 

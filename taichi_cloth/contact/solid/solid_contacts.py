@@ -159,6 +159,8 @@ class SolidContacts(Checkpointed):
         down = 2 * np.maximum(nearing, 0) + FALL * start.share * self.thickness[f.solid]  # no further than its own way leads
         lift = np.clip(-f.start_gap, -down, PUSH * self.scan.edge * start.share)  # small steps move as fast as large ones
         holding = hold_together(f, stick, lift, start.pins, self.model.n, self.model.exchange)
+        if self.model.sewn is not None:
+            holding = replace(holding, held=self.model.sewn.spread(holding.held, h))
         self.active = ActiveSet(f, States(f.key, stick, force, push), slip, lift, holding)
         return float(np.max(-lift, initial=0.0))
 

@@ -32,11 +32,14 @@ def build(name: str, fields: Fields, model: ParticleState, forces: list, meter: 
         contacts: `contact.response.Contacts` with the scene's solids, or None.
 
     Raises:
-        SceneError: the method does not know contact.
+        SceneError: the method does not know contact, or seams.
     """
     if name in EXPLICIT:
         if contacts is not None:
             raise SceneError(f"integrator {name!r} knows no contact, with solids or between layers of cloth: use 'safe' or "
+                             "'backward_euler'")
+        if scene.seams:
+            raise SceneError(f"integrator {name!r} solves no system, and seams are constraints of one: use 'safe' or "
                              "'backward_euler'")
         from .verlet import Verlet
 
@@ -50,7 +53,7 @@ def build(name: str, fields: Fields, model: ParticleState, forces: list, meter: 
         return BackwardEuler(system, options, converge=name == "newton_euler")
     from .tr_bdf2 import TRBDF2
 
-    if name == "tr_bdf2" and contacts is None:
+    if name == "tr_bdf2" and contacts is None and not scene.seams:
         return TRBDF2(fields, system, options, scene.gravity)
     from .backward_euler import BackwardEuler
     from .safe import Safe

@@ -14,7 +14,7 @@ from ...options import Options
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
 from ...system.checkpoint import Checkpointed
-from ...system.constraints import Held
+from ...system.held import Held
 from ..attempt import Attempt
 from ..nonlinear.energy import EnergyTest
 from ..nonlinear.euler import EulerPolicy

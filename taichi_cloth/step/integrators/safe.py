@@ -13,7 +13,7 @@ import numpy as np
 
 from ...system.assembler import Measures
 from ...system.checkpoint import Checkpointed
-from ...system.constraints import Held
+from ...system.held import Held
 from ..attempt import ACCURACY, ENERGY, NEWTON, NOT_FINITE, SOLVER, Attempt
 from ..nonlinear.system import System
 from .backward_euler import BackwardEuler
@@ -23,7 +23,7 @@ REDONE = (ENERGY, NEWTON, NOT_FINITE, SOLVER)
 STUBBORN = 64  # with error control, a step that fails is tried smaller until it is so much smaller than the largest
 SLOW = 4  # and without, until it is so much smaller: two small steps are far more accurate than backward Euler's one
 LAPSE = 0.02  # s, over which the acceleration of cloth in contact is averaged
-TOUCH = "TOUCH"
+TOUCH = "TOUCH"  # cloth touches something, or is still being sewn
 
 
 class Safe(Checkpointed):
@@ -48,7 +48,7 @@ class Safe(Checkpointed):
         """One step; see the package."""
         self.largest = max(self.largest, h)
         made, reason = None, TOUCH
-        if not self.touching:
+        if not self.touching and not (self.model.sewn is not None and self.model.sewn.open):
             self.last = self.accurate
             made = self.accurate.attempt(h, held_at, start)
             reason = made.rejection or ""

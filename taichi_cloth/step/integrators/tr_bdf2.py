@@ -28,7 +28,8 @@ from ...options import Options
 from ...solver.pcg import CONVERGED, Solution
 from ...system.assembler import Measures
 from ...system.checkpoint import Checkpointed
-from ...system.constraints import Held, project
+from ...system.constraints import project
+from ...system.held import Held
 from ..attempt import ACCURACY, ENERGY, SOLVER, Attempt
 from ..ledger import Work, gained, three_stages
 from ..nonlinear.newton import minimize
@@ -154,6 +155,8 @@ class TRBDF2(Checkpointed):
         self.pins = pins
         with clock.part("EVAL"):
             self.system.linearize(c)
+            if self.model.sewn is not None:
+                self.model.sewn.distribute(self.system.operator.b)
         self.known, self.c = True, 0.0
         return True
 

@@ -18,7 +18,8 @@ from ...backend.timing import Clock
 from ...scene.scene import Scene
 from ...system.assembler import Assembler, Measures
 from ...system.checkpoint import Checkpointed
-from ...system.constraints import Held, project, row
+from ...system.constraints import project, row
+from ...system.held import Held
 from ...system.state import ParticleState
 from ..attempt import ENERGY, NOT_FINITE, Attempt
 from ..choice import SAFETY, stable_step

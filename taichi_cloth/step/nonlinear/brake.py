@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from ...scene.scene import Scene
-from ...system.constraints import Held
+from ...system.held import Held
 from ...system.state import ParticleState
 
 MOST = 0.5  # part of the velocity of deformation that may be taken off in a step

@@ -11,7 +11,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from ...system.assembler import Measures
-from ...system.constraints import Held
+from ...system.held import Held
 from ..ledger import Ledger, Work, gained, one_stage
 from .brake import Brake
 from .system import System

@@ -13,7 +13,7 @@ from ...backend.timing import Clock
 from ...options import CG_TOL, NEWTON_TOL
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
-from ...system.constraints import Held
+from ...system.held import Held
 from ..attempt import ENERGY, NEWTON
 from ..ledger import Ledger
 from .brake import MOST

@@ -15,7 +15,7 @@ from ...backend.timing import Clock
 from ...contact.contacts import Verdict
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
-from ...system.constraints import Held
+from ...system.held import Held
 from ..attempt import APPROACH, CONTACT
 from ..ledger import Ledger
 from .brake import MOST

@@ -14,7 +14,7 @@ import numpy as np
 from ...backend.timing import Clock
 from ...solver.pcg import CONVERGED, Solution
 from ...system.assembler import Measures
-from ...system.constraints import Held
+from ...system.held import Held
 from ..attempt import SOLVER
 from ..ledger import Ledger
 from .system import System

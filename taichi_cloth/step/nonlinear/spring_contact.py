@@ -5,7 +5,7 @@ from dataclasses import replace
 from ...backend.timing import Clock
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
-from ...system.constraints import Held
+from ...system.held import Held
 from ..attempt import CONTACT
 from .problem import Outcome
 from .solid_contact import SolidPolicy

@@ -7,7 +7,7 @@ import numpy as np
 from ...backend.timing import Clock
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
-from ...system.constraints import Held
+from ...system.held import Held
 from ..attempt import NEWTON
 from .newton import HALVINGS
 from .problem import Outcome, StepProblem

@@ -13,7 +13,8 @@ from ...scene.scene import Scene
 from ...solver.pcg import PCG, Solution
 from ...solver.preconditioner import build_preconditioner
 from ...system.assembler import Assembler, Measures
-from ...system.constraints import Filter, Held
+from ...system.constraints import Filter
+from ...system.held import Held
 from ...system.operator import Operator
 from ...system.state import ParticleState
 
@@ -68,16 +69,19 @@ class System:
             fresh: False keeps all of the preconditioner of the last solve, of a similar system with the same directions held.
         """
         self.held, self._kept = held, None
-        zero = not warm and (held is None or (z is None and not h > 0 and not lead > 0))
+        sewn = self.model.sewn if h > 0 and self.model.sewn is not None and self.model.sewn.open else None
+        if sewn is not None:
+            sewn.lead(self.solver.dv, h, int(not warm))
+        zero = not warm and sewn is None and (held is None or (z is None and not h > 0 and not lead > 0))
         if held is not None and z is not None:
             self.filter.impose(held.index, held.projector, z)
         elif held is not None and h > 0:
-            self.filter.prescribe(held.index, held.projector, held.target, held.y, h, int(not warm))
+            self.filter.prescribe(held.index, held.projector, held.target, held.y, h, int(not warm and sewn is None))
         elif held is not None and lead > 0:
             self.filter.lead(held.index, held.projector, held.target, lead)
         if fresh:
             self.preconditioner.make(self.span, held, lasting)
-        solution = self.solver.solve(tolerance, held is None and not warm, warm, zero)
+        solution = self.solver.solve(tolerance, held is None and not warm and sewn is None, warm, zero)
         if fresh and not warm:
             self.preconditioner.count_iterations(solution.iterations)
         return solution
@@ -100,7 +104,14 @@ class System:
             return np.zeros((0, 3))
         rows = np.empty((len(held.index), 3), dtype=held.target.dtype)
         self._gather_reaction(held.index, rows)
-        return np.einsum("kij,kj->ki", held.projector.astype(np.float64), rows.astype(np.float64))
+        impulse = rows.astype(np.float64)
+        if self.model.sewn is not None:
+            impulse = self.model.sewn.shared(held.index, impulse)
+        return np.einsum("kij,kj->ki", held.projector.astype(np.float64), impulse)
+
+    def tension(self) -> np.ndarray:
+        """(n, 3) impulse [N s] that seams put on particles in the last solve; none in all on what is sewn together."""
+        return self.model.sewn.tension(self.solver.As.to_numpy().astype(np.float64) - self.operator.b.to_numpy())
 
     def motion_rows(self, held: Held, h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(v, v - v_0 [m/s], x - x_0 - h v [m]), each (k, 3), of the held particles."""
@@ -135,9 +146,11 @@ class System:
                 z[k, d] = (target[k, d] - self.model.x[index[k]][d]) / c
 
     def settle(self, held: Held | None) -> None:
-        """Held directions exactly at their targets."""
+        """Held directions exactly at their targets, what has been sewn together in one place."""
         if held is not None:
             self.filter.lead(held.index, held.projector, held.target, 0.0)
+        if self.model.sewn is not None:
+            self.model.sewn.settle(self.resolution)
 
     def rounding(self, h: float, *measures: Measures) -> float:
         """How much of Phi [J] is rounding: of its terms, and of positions as they are stored."""

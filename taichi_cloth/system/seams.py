@@ -1,0 +1,259 @@
+"""Seams as constraints of the solve: sewn particles move as one.
+
+What is sewn together forms clusters. On a cluster the filter S takes the mean over its members,
+
+    (S q)_i = 1/k sum_j q_j,
+
+an orthogonal projector: S A S is the matrix of the welded cloth, on the panels' own particles. What S leaves out,
+(I - S) A dv, is the seam's tension. Members that are apart are led together by z: their velocities against the mean are what
+closes the gap, at most `CLOSING`.
+"""
+
+import numpy as np
+import taichi as ti
+
+from ..backend.fields import Fields
+from ..errors import SceneError
+from ..scene.scene import Scene
+from .checkpoint import Checkpointed
+from .held import Held, kernel_array
+
+CLOSING = 0.5  # m/s at most at which a seam closes
+TOGETHER = 1e-7  # m within which what is sewn is put into one place
+SPANNED = 1e-9  # part of the largest below which a direction of what holds a cluster is none
+
+
+@ti.data_oriented
+class Clusters(Checkpointed):
+    """The clusters of a model's particles.
+
+    Attributes:
+        label: (n,) cluster of each particle, or -1.
+        member: (m,) the members, cluster by cluster; first: (clusters + 1,) where each one's begin.
+        gap: largest distance [m] of a member from the mean of its cluster, where the last solve put it.
+    """
+
+    STATE = ("gap",)
+
+    def __init__(self, fields: Fields, model, scene: Scene) -> None:
+        self.model = model
+        a, b = (np.concatenate([model.particle[getattr(s, name) + s.cloth.start] for s in scene.seams]) for name in "ab")
+        self.label = connected(model.n, a, b)
+        self.member = np.flatnonzero(self.label >= 0)[np.argsort(self.label[self.label >= 0], kind="stable")]
+        self.count = int(self.label.max(initial=-1)) + 1
+        self.first = np.searchsorted(self.label[self.member], np.arange(self.count + 1))
+        self._refuse_collapsed(scene)
+        total = np.bincount(self.label[self.member], model.mass[self.member], self.count)
+        self.share = model.mass[self.member] / total[self.label[self.member]]
+        self.of = fields.integer(model.n, data=self.label)
+        self.begins = fields.integer(self.count + 1, data=self.first)
+        self.members = fields.integer(len(self.member), data=self.member)
+        self._gap: np.ndarray = np.zeros(1, dtype=model.exchange)
+        self.gap = 0.0
+        self.look(model.start_positions[model.user])
+
+    @property
+    def _own(self) -> np.ndarray:
+        """(m,) cluster of each member."""
+        return self.label[self.member]
+
+    @property
+    def knot(self) -> np.ndarray:
+        """(n,) one particle of each cluster for all of them; itself for what is not sewn."""
+        out = np.arange(self.model.n)
+        out[self.member] = self.member[self.first[self._own]]
+        return out
+
+    @property
+    def open(self) -> bool:
+        """Whether anything that is sewn is still apart."""
+        return self.gap > 0
+
+    def _refuse_collapsed(self, scene: Scene) -> None:
+        for cloth in scene.cloths:
+            corner = self.label[self.model.particle[cloth.mesh.faces + cloth.start]]
+            twice = (corner >= 0) & (corner == np.roll(corner, 1, axis=1))
+            if twice.any():
+                f = int(np.flatnonzero(twice.any(axis=1))[0])
+                raise SceneError(f"the seams of {cloth.name!r} sew two corners of face {f} to each other: "
+                                 f"vertices {cloth.mesh.faces[f].tolist()}")
+
+    def _mean(self, rows: np.ndarray) -> np.ndarray:
+        """(clusters, 3) means of rows (m, 3) of the members."""
+        size = np.diff(self.first)[:, None]
+        return np.add.reduceat(rows, self.first[:-1], axis=0) / size
+
+    # in kernels
+
+    @ti.func
+    def mean(self, i, q: ti.template()):
+        """(S q)_i, the same bits for all members."""
+        out = q[i]
+        k = self.of[i]
+        if k >= 0:
+            lo, hi = self.begins[k], self.begins[k + 1]
+            first = q[self.members[lo]]
+            rest = first * 0
+            for j in range(lo + 1, hi):
+                rest += q[self.members[j]] - first
+            out = first + rest / (hi - lo)
+        return out
+
+    @ti.kernel
+    def lead(self, dv: ti.template(), h: float, zero: int):
+        """dv = S dv + z, z the change of the members' velocities against their mean that closes the gap in h, or as much of
+        it as CLOSING allows."""
+        for k in range(self.count):
+            lo, hi = self.begins[k], self.begins[k + 1]
+            x, v, change = self.model.x[0] * 0, self.model.x[0] * 0, self.model.x[0] * 0
+            for j in range(lo, hi):
+                i = self.members[j]
+                x += self.model.x[i] / (hi - lo)
+                v += self.model.v[i] / (hi - lo)
+                if zero == 0:
+                    change += dv[i] / (hi - lo)
+            widest = 0.0
+            for j in range(lo, hi):
+                widest = ti.max(widest, (self.model.x[self.members[j]] - x).norm())
+            rate = 1 / h
+            if widest > CLOSING * h:
+                rate = CLOSING / widest
+            for j in range(lo, hi):
+                i = self.members[j]
+                dv[i] = change - rate * (self.model.x[i] - x) - (self.model.v[i] - v)
+
+    @ti.kernel
+    def distribute(self, q: ti.template()):
+        """q_i = m_i / (sum_j m_j) sum_j q_j: forces that give members the same acceleration."""
+        for k in range(self.count):
+            lo, hi = self.begins[k], self.begins[k + 1]
+            total, mass = self.model.x[0] * 0, 0.0
+            for j in range(lo, hi):
+                total += q[self.members[j]]
+                mass += self.model.m[self.members[j]]
+            for j in range(lo, hi):
+                q[self.members[j]] = self.model.m[self.members[j]] / mass * total
+
+    @ti.kernel
+    def _settle(self, near: float, gap: ti.types.ndarray()):
+        """What is together within `near` [m] is put into one place, bit for bit."""
+        for _ in range(1):
+            gap[0] = 0.0
+            for k in range(self.count):
+                lo, hi = self.begins[k], self.begins[k + 1]
+                x = self.mean(self.members[lo], self.model.x)
+                widest = 0.0
+                for j in range(lo, hi):
+                    widest = ti.max(widest, (self.model.x[self.members[j]] - x).norm())
+                if widest < near:
+                    for j in range(lo, hi):
+                        self.model.x[self.members[j]] = x
+                else:
+                    gap[0] = ti.max(gap[0], widest)
+
+    # for a step
+
+    def look(self, x: np.ndarray) -> None:
+        """Measures the gap at positions x (n, 3)."""
+        same = x[self.member] == x[self.member[self.first[self._own]]]
+        away = x[self.member] - self._mean(x[self.member])[self._own]
+        self.gap = 0.0 if same.all() else float(np.linalg.norm(away, axis=1).max())
+
+    def settle(self, resolution: float) -> None:
+        """Members that came together are put into one place; `resolution` [m] is what positions are rounded to."""
+        if self.open:
+            self._settle(max(TOGETHER, 8 * resolution), self._gap)
+            self.gap = float(self._gap[0])
+
+    def spread(self, held: Held | None, h: float) -> Held | None:
+        """What holds a member holds its cluster: rows for all members, behind those that are there.
+
+        Args:
+            h: step [s] in which members that are apart come nearer.
+        """
+        if held is None or not (mine := self.label[held.index] >= 0).any():
+            return held
+        groups, group = np.unique(self.label[held.index[mine]], return_inverse=True)
+        left = self._left(h)
+        P = held.projector[mine].astype(np.float64)
+        goal = held.target[mine] - left[held.index[mine]]
+        total, asked, y = np.zeros((len(groups), 3, 3)), np.zeros((len(groups), 3)), np.zeros((len(groups), 3))
+        np.add.at(total, group, P)
+        np.add.at(asked, group, np.einsum("kij,kj->ki", P, goal))
+        np.add.at(y, group, np.einsum("kij,kj->ki", P, held.y[mine]))
+        values, vectors = np.linalg.eigh(total)
+        spans = values > SPANNED * values[:, -1:]
+        inverse = np.einsum("gij,gj,gkj->gik", vectors, np.where(spans, 1 / np.where(spans, values, 1), 0), vectors)
+        projector = np.einsum("gij,gj,gkj->gik", vectors, spans.astype(float), vectors)
+        target, y = (np.einsum("gij,gj->gi", inverse, b) for b in (asked, y))
+        whole = spans.all(axis=1)
+        projector[whole] = np.eye(3)
+        full = np.trace(P, axis1=1, axis2=2) > 2.5
+        target[group[full]] = goal[full]  # as it is, bit for bit
+        row = np.full(self.count, -1)
+        row[groups] = np.arange(len(groups))
+        missing = self.member[(row[self._own] >= 0) & ~np.isin(self.member, held.index)]
+        index = np.concatenate([held.index, missing])
+        at = np.concatenate([np.flatnonzero(mine), np.arange(len(held.index), len(index))])
+        of = row[self.label[index[at]]]
+        new = (projector[of], target[of] + left[index[at]], y[of])
+        P, goal, y = (_replaced(old, at, value, len(index)) for old, value in zip((held.projector, held.target, held.y), new))
+        return Held(kernel_array(index, np.int32), P, goal, held.moving or self.open, y)
+
+    def _left(self, h: float) -> np.ndarray:
+        """(n, 3) where particles will be against the mean of their clusters after a step of h [s]."""
+        out = np.zeros((self.model.n, 3))
+        if self.open:
+            x = self.model.read_particles()[0][self.member]
+            away = x - self._mean(x)[self._own]
+            widest = np.maximum.reduceat(np.linalg.norm(away, axis=1), self.first[:-1])
+            kept = 1 - np.minimum(1.0, CLOSING * h / np.maximum(widest, 1e-300))
+            out[self.member] = kept[self._own, None] * away
+        return out
+
+    def shared(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Of impulses (k, 3) on what is held, index (k,) with all members of its clusters: what acts on a cluster from
+        outside, by its members' masses, without what they do to each other."""
+        mine = np.flatnonzero(self.label[index] >= 0)
+        if not len(mine):
+            return rows
+        own = self.label[index[mine]]
+        total = np.stack([np.bincount(own, rows[mine, c], self.count) for c in range(3)], axis=1)
+        share = np.zeros(self.model.n)
+        share[self.member] = self.share
+        out = rows.copy()
+        out[mine] = share[index[mine], None] * total[own]
+        return out
+
+    def tension(self, residual: np.ndarray) -> np.ndarray:
+        """(n, 3) the part of A dv - b (n, 3) that members put on each other."""
+        rows = residual[self.member]
+        total = np.stack([np.bincount(self._own, rows[:, c], self.count) for c in range(3)], axis=1)
+        out = np.zeros_like(residual)
+        out[self.member] = rows - self.share[:, None] * total[self._own]
+        return out
+
+
+def _replaced(old: np.ndarray, at: np.ndarray, value: np.ndarray, n: int) -> np.ndarray:
+    """Rows of an array, n of them, some of which are replaced."""
+    out = np.zeros((n, *old.shape[1:]), dtype=old.dtype)
+    out[:len(old)] = old
+    out[at] = value
+    return out
+
+
+def connected(n: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(n,) a number from 0 for what pairs a, b (k,) connect, -1 for what has no partner."""
+    label = np.arange(n)
+    while True:
+        low = np.minimum(label[a], label[b])
+        now = label.copy()
+        np.minimum.at(now, a, low)
+        np.minimum.at(now, b, low)
+        now = now[now]
+        if (now == label).all():
+            break
+        label = now
+    root, index, size = np.unique(label, return_inverse=True, return_counts=True)
+    several = size > 1
+    return np.where(several[index], (np.cumsum(several) - 1)[index], -1)
