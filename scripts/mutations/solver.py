@@ -80,6 +80,8 @@ MUTATIONS = (
     (PCG, "if norm < 0 or first < 0:", "if False:", "a breakdown is no breakdown",
      f"{SOLVE}::test_indefinite_matrix_is_a_breakdown_not_an_answer tests/unit/test_golden.py"),
     (PCG, "if norm <= SLACK * allowed * first:", "if True:", "all that ends has converged", f"{EXACT} {SOLVE}"),
+    (MULTI, 'STATE = ("inverse_l", "made_for", ', 'STATE = ("made_for", ', "levels are forgotten on resume",
+     f"{LEVELS}::test_a_run_goes_on_with_the_levels_that_it_had"),
     (PCG, "ROUNDING * self.epsilon * math.sqrt(max(size, 0.0)) / first", "1.0", "any residual is rounding",
      f"{SOLVE} {DENSE}"),
 )

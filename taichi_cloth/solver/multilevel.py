@@ -64,6 +64,7 @@ class Multilevel(Checkpointed):
     """Block Jacobi on the particles and on every level; `sweep` applies it to all of a field at once."""
 
     pointwise = False
+    STATE = ("inverse_l", "made_for", "cost", "excess", "kept", "wait", "pause")
 
     def __init__(self, fields: Fields, operator: Operator, scene: Scene) -> None:
         self.jacobi, self.operator = Pointwise(fields, operator), operator

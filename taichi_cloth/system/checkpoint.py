@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-VERSION = 2  # of what checkpoints hold
+VERSION = 3  # of what checkpoints hold
 
 
 class Checkpointed:

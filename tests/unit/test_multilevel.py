@@ -133,6 +133,25 @@ def test_levels_that_last_are_made_anew_when_they_have_aged(monkeypatch):
     assert len(made) >= before + 2 and levels.pause > 0  # they did not last: not tried again at once
 
 
+@pytest.mark.parametrize("integrator", ["backward_euler", "newton_euler"])
+@pytest.mark.slow
+def test_a_run_goes_on_with_the_levels_that_it_had(integrator):
+    """Bit for bit: levels that were made a few steps ago are part of what a checkpoint has."""
+    def mid_fall():
+        return simulation([tc.grid(1.0, 9)], integrator=integrator, threads=1)
+
+    sim = mid_fall()
+    for _ in range(8):
+        sim.step()
+    assert sim.integrator.system.preconditioner.kept > 0
+    resumed, state = mid_fall(), sim.checkpoint()
+    resumed.resume(state)
+    for _ in range(4):
+        sim.step()
+        resumed.step()
+        assert (sim.positions() == resumed.positions()).all() and (sim.velocities() == resumed.velocities()).all()
+
+
 @pytest.mark.slow
 def test_levels_do_not_last_in_contact():
     """What contact adds to the matrix changes from solve to solve: levels are made for each."""
