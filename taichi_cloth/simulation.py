@@ -147,8 +147,6 @@ class Simulation:
         x, v = (checks.array(f"set_state: {name}", value, (self.vertex_count, 3), row="vertex")
                 for name, value in (("positions", x), ("velocities", v)))
         self._live().model.write(x, v)
-        if self.model.sewn is not None:
-            self.model.sewn.look(x[self.model.user])
         self._note_collapsed(x)
         self.stepper.start = None
         self.integrator.reset()
@@ -227,6 +225,13 @@ class Simulation:
         """(n, 3) [N] of the constraints in the last step or solve, (A dv - b)/h; 0 in free directions."""
         system = self._system()
         return self.model.to_user(system.reaction())
+
+    def seam_forces(self) -> np.ndarray:
+        """(n, 3) [N] that seams put on vertices in the last step or solve; they add up to 0 on what is sewn together."""
+        system = self._system()
+        if self.model.sewn is None:
+            return np.zeros((self.vertex_count, 3))
+        return self.model.to_user(system.tension() / system.span)
 
     def contact_forces(self) -> np.ndarray:
         """(n, 3) [N] of solids on the cloth in the last step, friction included."""

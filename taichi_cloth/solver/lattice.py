@@ -55,11 +55,12 @@ def coordinates(mesh: TriMesh) -> np.ndarray:
     return mesh.uv if mesh.uv is not None and mesh.uv.ndim == 2 and not mesh.flattened else mesh.x
 
 
-def levels(points: np.ndarray, piece: np.ndarray, spacing: float, links: np.ndarray) -> list[Level]:
+def levels(points: np.ndarray, piece: np.ndarray, spacing: float, links: np.ndarray, most: int = 0) -> list[Level]:
     """Lattices over points (n, d) of numbered pieces (n,), the finest two spacings [m] apart.
 
     Args:
         links: (e, 2) pairs of points that are connected, the mesh's edges.
+        most: nodes of a level that may be the coarsest; SMALLEST a piece where that is more.
     """
     out: list[Level] = []
     low = np.stack([points[piece == p].min(axis=0) for p in range(piece.max() + 1)])[piece]
@@ -74,7 +75,7 @@ def levels(points: np.ndarray, piece: np.ndarray, spacing: float, links: np.ndar
         else:
             composed = node, weight
         out.append(Level(len(keys), *composed, None, None))
-        if len(keys) <= SMALLEST * (piece.max() + 1):
+        if len(keys) <= max(most, SMALLEST * (piece.max() + 1)):
             break
         owner, where, links = keys[:, 0], keys[:, 1:] / 2, _sharing(node, weight)
     return out

@@ -19,6 +19,7 @@ from ..scene.scene import Scene
 from ..system.checkpoint import Checkpointed
 from ..system.held import Held
 from ..system.operator import Operator
+from .coarse import MOST, Coarse
 from .lattice import Gather, Level, coordinates, gather, levels, meeting, squares
 from .pointwise import Pointwise
 
@@ -64,13 +65,14 @@ class Multilevel(Checkpointed):
     """Block Jacobi on the particles and on every level; `sweep` applies it to all of a field at once."""
 
     pointwise = False
-    STATE = ("inverse_l", "made_for", "cost", "excess", "kept", "wait", "pause")
+    STATE = ("inverse_l", "made_for", "cost", "excess", "kept", "wait", "pause", "coarsest")
 
     def __init__(self, fields: Fields, operator: Operator, scene: Scene) -> None:
         self.jacobi, self.operator = Pointwise(fields, operator), operator
         model = operator.model
         edges = np.concatenate([np.linalg.norm(np.diff(c.mesh.corner_uv, axis=1), axis=2).ravel() for c in scene.cloths])
-        made = levels(*_material(scene, model), float(np.median(edges)), _links(scene, model))
+        self.exact = model.sewn is not None
+        made = levels(*_material(scene, model), float(np.median(edges)), _links(scene, model), MOST if self.exact else 0)
         self.start = np.cumsum([0] + [level.count for level in made]).tolist()
         self.nodes = self.start[-1]
         self.width = width = made[0].node.shape[1]
@@ -102,10 +104,16 @@ class Multilevel(Checkpointed):
             self.T = fields.real(model.n, 6)
         for force in self.forces:
             force.build_levels(LevelFields(fields, made))
+        self.coarsest: Coarse | None = None
+        if self.exact:
+            faces = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths])
+            self.coarsest = Coarse(fields, operator, self.jacobi, made[-1], self.start[-2], faces)
 
     def make(self, span: float, held: Held | None, lasting: bool = False) -> None:
         """For a system as linearized with c = span [s]; the levels, if they are lasting, not before they have aged."""
         self.jacobi.make(span, held)
+        if self.coarsest is not None:
+            self.coarsest.make(span)
         rows = np.zeros((0, 10)) if held is None else np.column_stack([held.index, held.projector.reshape(-1, 9)])
         made_for = np.append(rows.ravel().astype(np.float64), np.float32(span))  # without its last digits
         if lasting and not self.touches and np.array_equal(made_for, self.made_for):
@@ -124,6 +132,8 @@ class Multilevel(Checkpointed):
         """Iterations of the first solve after `make`: how well the levels still do."""
         self.cost = self.cost or iterations
         self.excess += max(iterations - self.cost, 0)
+        if self.coarsest is not None:
+            self.coarsest.count_iterations(iterations)
 
     @ti.func
     def average(self, i, q: ti.template()):
@@ -260,7 +270,14 @@ class Multilevel(Checkpointed):
     @ti.func
     def prolong(self, n):
         """A node's value: its own, and what the level above says."""
-        z = sym_times(self.inverse_l[n], self.r[n])
+        z = ti.Vector.zero(float, 3)
+        if ti.static(self.exact):
+            if n >= self.start[-2]:
+                z = self.coarsest.solve(n, self.r)
+            else:
+                z = sym_times(self.inverse_l[n], self.r[n])
+        else:
+            z = sym_times(self.inverse_l[n], self.r[n])
         if n < self.start[-2]:
             for k in ti.static(range(self.width)):
                 z += self.parent_weight[n][k] * self.z[self.parent[n][k]]

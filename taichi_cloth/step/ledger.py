@@ -24,7 +24,7 @@ class Work:
     """Work on the cloth in a step [J].
 
     Attributes:
-        pins: of pins and motions of a script.
+        pins: of pins and motions of a script, and of seams while they close.
         solids: of solids: by what they hold, their friction that sticks, and their edges and corners.
         lifted: of alterations of position (y) that bring out what is inside solids.
         lowered: of those that bring down to a solid what would else go through it: its motion has to pay for them.

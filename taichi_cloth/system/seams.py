@@ -15,25 +15,23 @@ import taichi as ti
 from ..backend.fields import Fields
 from ..errors import SceneError
 from ..scene.scene import Scene
-from .checkpoint import Checkpointed
 from .held import Held, kernel_array
 
 CLOSING = 0.5  # m/s at most at which a seam closes
 TOGETHER = 1e-7  # m within which what is sewn is put into one place
+RESTING = 1e-6  # m/s within which it then moves as one
 SPANNED = 1e-9  # part of the largest below which a direction of what holds a cluster is none
 
 
 @ti.data_oriented
-class Clusters(Checkpointed):
+class Clusters:
     """The clusters of a model's particles.
 
     Attributes:
         label: (n,) cluster of each particle, or -1.
         member: (m,) the members, cluster by cluster; first: (clusters + 1,) where each one's begin.
-        gap: largest distance [m] of a member from the mean of its cluster, where the last solve put it.
+        led: whether the last solve closed gaps.
     """
-
-    STATE = ("gap",)
 
     def __init__(self, fields: Fields, model, scene: Scene) -> None:
         self.model = model
@@ -48,9 +46,8 @@ class Clusters(Checkpointed):
         self.of = fields.integer(model.n, data=self.label)
         self.begins = fields.integer(self.count + 1, data=self.first)
         self.members = fields.integer(len(self.member), data=self.member)
-        self._gap: np.ndarray = np.zeros(1, dtype=model.exchange)
-        self.gap = 0.0
-        self.look(model.start_positions[model.user])
+        self._apart: np.ndarray = np.zeros(2, dtype=model.exchange)
+        self.led = False
 
     @property
     def _own(self) -> np.ndarray:
@@ -66,8 +63,15 @@ class Clusters(Checkpointed):
 
     @property
     def open(self) -> bool:
-        """Whether anything that is sewn is still apart."""
-        return self.gap > 0
+        """Whether anything that is sewn is apart, or moves apart, where the model is."""
+        self._measure(self._apart)
+        return bool(self._apart.any())
+
+    @property
+    def gap(self) -> float:
+        """Largest distance [m] of a particle from the mean of its cluster."""
+        self._measure(self._apart)
+        return float(self._apart[0])
 
     def _refuse_collapsed(self, scene: Scene) -> None:
         for cloth in scene.cloths:
@@ -99,23 +103,22 @@ class Clusters(Checkpointed):
             out = first + rest / (hi - lo)
         return out
 
+    def lead(self, dv, h: float, zero: int) -> bool:
+        """Whether anything is apart; if so, dv becomes S dv + z (S dv = 0 with `zero`)."""
+        self.led = self.open
+        if self.led:
+            self._lead(dv, h, zero)
+        return self.led
+
     @ti.kernel
-    def lead(self, dv: ti.template(), h: float, zero: int):
+    def _lead(self, dv: ti.template(), h: float, zero: int):
         """dv = S dv + z, z the change of the members' velocities against their mean that closes the gap in h, or as much of
         it as CLOSING allows."""
         for k in range(self.count):
             lo, hi = self.begins[k], self.begins[k + 1]
-            x, v, change = self.model.x[0] * 0, self.model.x[0] * 0, self.model.x[0] * 0
-            for j in range(lo, hi):
-                i = self.members[j]
-                x += self.model.x[i] / (hi - lo)
-                v += self.model.v[i] / (hi - lo)
-                if zero == 0:
-                    change += dv[i] / (hi - lo)
-            widest = 0.0
-            for j in range(lo, hi):
-                widest = ti.max(widest, (self.model.x[self.members[j]] - x).norm())
-            rate = 1 / h
+            some = self.members[lo]
+            x, v, change = self.mean(some, self.model.x), self.mean(some, self.model.v), (1 - zero) * self.mean(some, dv)
+            widest, rate = self.spread_of(k, self.model.x), 1 / h
             if widest > CLOSING * h:
                 rate = CLOSING / widest
             for j in range(lo, hi):
@@ -134,36 +137,43 @@ class Clusters(Checkpointed):
             for j in range(lo, hi):
                 q[self.members[j]] = self.model.m[self.members[j]] / mass * total
 
+    @ti.func
+    def spread_of(self, k, q: ti.template()):
+        """Largest distance of a member's q from the mean of its cluster k."""
+        widest = 0.0
+        for j in range(self.begins[k], self.begins[k + 1]):
+            i = self.members[j]
+            widest = ti.max(widest, (q[i] - self.mean(i, q)).norm())
+        return widest
+
     @ti.kernel
-    def _settle(self, near: float, gap: ti.types.ndarray()):
-        """What is together within `near` [m] is put into one place, bit for bit."""
+    def _measure(self, out: ti.types.ndarray()):
+        """Largest distances of positions [m] and velocities [m/s] from their means."""
         for _ in range(1):
-            gap[0] = 0.0
+            x, v = 0.0, 0.0
             for k in range(self.count):
-                lo, hi = self.begins[k], self.begins[k + 1]
-                x = self.mean(self.members[lo], self.model.x)
-                widest = 0.0
-                for j in range(lo, hi):
-                    widest = ti.max(widest, (self.model.x[self.members[j]] - x).norm())
-                if widest < near:
-                    for j in range(lo, hi):
-                        self.model.x[self.members[j]] = x
-                else:
-                    gap[0] = ti.max(gap[0], widest)
+                x, v = ti.max(x, self.spread_of(k, self.model.x)), ti.max(v, self.spread_of(k, self.model.v))
+            out[0], out[1] = x, v
+
+    @ti.kernel
+    def _settle(self, near: float, slow: float):
+        """What is together within `near` [m] is put into one place, bit for bit; so are velocities within `slow` [m/s]."""
+        for k in range(self.count):
+            if self.spread_of(k, self.model.x) < near:
+                same = self.spread_of(k, self.model.v) < slow
+                some = self.members[self.begins[k]]
+                x, v = self.mean(some, self.model.x), self.mean(some, self.model.v)
+                for j in range(self.begins[k], self.begins[k + 1]):
+                    self.model.x[self.members[j]] = x
+                    if same:
+                        self.model.v[self.members[j]] = v
 
     # for a step
 
-    def look(self, x: np.ndarray) -> None:
-        """Measures the gap at positions x (n, 3)."""
-        same = x[self.member] == x[self.member[self.first[self._own]]]
-        away = x[self.member] - self._mean(x[self.member])[self._own]
-        self.gap = 0.0 if same.all() else float(np.linalg.norm(away, axis=1).max())
-
     def settle(self, resolution: float) -> None:
-        """Members that came together are put into one place; `resolution` [m] is what positions are rounded to."""
-        if self.open:
-            self._settle(max(TOGETHER, 8 * resolution), self._gap)
-            self.gap = float(self._gap[0])
+        """What came together is put into one place; `resolution` [m] is what positions are rounded to."""
+        if self.led:
+            self._settle(max(TOGETHER, 8 * resolution), RESTING)
 
     def spread(self, held: Held | None, h: float) -> Held | None:
         """What holds a member holds its cluster: rows for all members, behind those that are there.

@@ -69,6 +69,8 @@ class EnergyTest:
             by_pins, by_solids = float(power[~solids].sum()), float(power[solids].sum())
             altered = np.einsum("ki,ki->k", reaction - self.model.mass[held.index][:, None] * dv, y) / h
             lifted, lowered = float(altered[up].sum()), float(altered[~up].sum())
+        if self.model.sewn is not None and self.model.sewn.led:
+            by_pins += float(np.sum(self.system.tension() * self.model.read_particles()[1]))
         if self.contacts is not None:
             if self.contacts.small:  # what no smaller step can do better is let be
                 lifted, lowered = lifted + lowered, 0.0

@@ -69,9 +69,9 @@ class System:
             fresh: False keeps all of the preconditioner of the last solve, of a similar system with the same directions held.
         """
         self.held, self._kept = held, None
-        sewn = self.model.sewn if h > 0 and self.model.sewn is not None and self.model.sewn.open else None
-        if sewn is not None:
-            sewn.lead(self.solver.dv, h, int(not warm))
+        sewn = self.model.sewn if h > 0 else None
+        if sewn is not None and not sewn.lead(self.solver.dv, h, int(not warm)):
+            sewn = None
         zero = not warm and sewn is None and (held is None or (z is None and not h > 0 and not lead > 0))
         if held is not None and z is not None:
             self.filter.impose(held.index, held.projector, z)

@@ -1,0 +1,247 @@
+"""Seams: sewn cloth is as cloth that was never cut; what seams carry, how they bend, gather and close."""
+
+import numpy as np
+import pytest
+from reference.geometry import against_solids, cloth_crossings
+
+import taichi_cloth as tc
+
+FABRIC = tc.Fabric(0.2, tc.Stretch(1000, 1), tc.Shear(100, 0.1), tc.Bend(1e-4, 1e-6))
+
+
+def cut(mesh: tc.TriMesh, at: float, axis: int = 0):
+    """The mesh cut along a line of its pattern: (mesh, row, row beyond the cut, vertex of the whole mesh of each)."""
+    beyond = mesh.uv[mesh.faces].mean(axis=1)[:, axis] > at
+    row = np.flatnonzero(np.abs(mesh.uv[:, axis] - at) < 1e-9)
+    row = row[np.argsort(mesh.uv[row, 1 - axis])]
+    n = mesh.vertex_count
+    of, new = np.concatenate([np.arange(n), row]), np.arange(n)
+    new[row] = n + np.arange(len(row))
+    faces = np.where(beyond[:, None], new[mesh.faces], mesh.faces)
+    return tc.TriMesh(mesh.x[of], faces, mesh.uv[of]), row, n + np.arange(len(row)), of
+
+
+def side_of(mesh: tc.TriMesh, vertex: int) -> np.ndarray:
+    """(n,) whether a vertex hangs together with the given one."""
+    label = np.arange(mesh.vertex_count)
+    for _ in range(mesh.vertex_count):
+        low = label[mesh.faces].min(axis=1)
+        before = label.copy()
+        for k in range(3):
+            np.minimum.at(label, mesh.faces[:, k], low)
+        if (label == before).all():
+            break
+    return label == label[vertex]
+
+
+@pytest.mark.parametrize("integrator", ["backward_euler", "safe", "newton_euler"])
+@pytest.mark.parametrize("preconditioner", ["block_jacobi", "multilevel"])
+@pytest.mark.slow
+def test_cut_and_sewn_again(integrator, preconditioner):
+    whole = tc.grid(1.0, 12)
+    parts, a, b, of = cut(whole, 0.5)
+    ends = []
+    for mesh in (whole, parts):
+        scene = tc.Scene()
+        cloth = scene.add_cloth(mesh, FABRIC)
+        scene.pin(cloth, [0, 12])
+        if mesh is parts:
+            scene.sew(cloth, a, b)
+        sim = tc.Simulation(scene, h=1 / 100, integrator=integrator, preconditioner=preconditioner, cg_tol=1e-9)
+        sim.run(0.5, fps=20)
+        ends.append((sim.positions(), sim.velocities()))
+        sim.close()
+    (x, v), (sewn, sewn_v) = ends
+    assert np.abs(sewn - x[of]).max() < 1e-8 and np.abs(sewn_v - v[of]).max() < 1e-6
+    assert (sewn[a] == sewn[b]).all() and (sewn_v[a] == sewn_v[b]).all()
+    assert np.abs(x - whole.x).max() > 0.3
+
+
+@pytest.mark.parametrize("precision", ["f64", "f32"])
+def test_three_layers_on_one_edge_stay_together(precision):
+    """A pleat: three strips on one row, the middle one sewn to both."""
+    strip, n = tc.grid((0.4, 0.1), (8, 2)), 27
+    x = np.concatenate([strip.x + [0, y, 0] for y in (0.0, 0.0, 0.0)])
+    mesh = tc.TriMesh(x, np.concatenate([strip.faces + k * n for k in range(3)]), np.tile(strip.uv, (3, 1)))
+    scene = tc.Scene()
+    cloth = scene.add_cloth(mesh, FABRIC)
+    row = np.arange(9)
+    scene.sew(cloth, row, row + n)
+    scene.sew(cloth, row + n, row + 2 * n)
+    scene.pin(cloth, 0)
+    scene.pin(cloth, 2 * n + 8)
+    sim, kind = tc.Simulation(scene, h=1 / 60, precision=precision), {"f32": np.float32, "f64": float}[precision]
+    for _ in range(20):
+        sim.step()
+        x, v = sim.positions(), sim.velocities()
+        assert (x[row] == x[row + n]).all() and (x[row] == x[row + 2 * n]).all() and (v[row] == v[row + 2 * n]).all()
+        for pinned in (0, 8):
+            assert (x[[pinned, pinned + n, pinned + 2 * n]] == mesh.x[pinned].astype(kind)).all()
+    assert np.ptp(x[:, 1]) > 0.05
+
+
+@pytest.mark.slow
+def test_a_strip_of_four_pieces_hangs_as_one():
+    """sigma g L^2 / 2k longer, and each seam bears what hangs below it."""
+    length, k, density = 1.0, 400.0, 0.3
+    mesh = tc.grid((0.1, length), (2, 40), plane="xy")
+    seams = []
+    for at in (0.25, 0.5, 0.75):
+        mesh, a, b, _ = cut(mesh, at, axis=1)
+        seams.append((a, b))
+    scene = tc.Scene()
+    cloth = scene.add_cloth(mesh, tc.Fabric(density, tc.Stretch(k, 4), tc.Shear(k, 4)))
+    for a, b in seams:
+        scene.sew(cloth, a, b)
+    top = np.flatnonzero(mesh.uv[:, 1] > length - 1e-9)
+    scene.pin(cloth, top)
+    sim = tc.Simulation(scene, h=0.05, integrator="backward_euler", cg_tol=1e-9)
+    sim.run(10.0, fps=1)
+    x, f = sim.positions(), sim.seam_forces()
+    assert np.ptp(x[:, 1]) - length == pytest.approx(density * 9.81 * length**2 / (2 * k), rel=1e-3)
+    for (a, b), at in zip(seams, (0.25, 0.5, 0.75)):
+        weight = density * 9.81 * 0.1 * at
+        below = sum(f[row, 1].sum() for row in (a, b) if side_of(mesh, row[0])[mesh.uv[:, 1].argmin()] or row is a)
+        assert abs(below) == pytest.approx(weight, rel=1e-3)
+        assert np.abs(f[a].sum(axis=0) + f[b].sum(axis=0)).max() < 1e-9
+
+
+@pytest.mark.parametrize("rest", [0.7, -0.4, "flat"])
+def test_a_seam_comes_to_its_angle(rest):
+    mesh, a, b, _ = cut(tc.grid((0.4, 0.2), (4, 2)), 0.2)
+    scene = tc.Scene(gravity=None)
+    stiff = tc.Fabric(0.2, tc.Stretch(1000, 10), tc.Shear(1000, 10), tc.Bend(1e-2, 1e-2))
+    start = mesh.x + np.where(side_of(mesh, b[0]), 0.2, 0.0)[:, None] * (mesh.uv[:, :1] - 0.2) * [0, 1, 0]
+    cloth = scene.add_cloth(mesh, stiff, positions=start)
+    scene.sew(cloth, a, b, rest=rest, stiffness=2.0)
+    sim = tc.Simulation(scene, h=0.05, integrator="backward_euler", cg_tol=1e-10)
+    sim.run(30.0, fps=1)
+    x = sim.positions()
+    normals = [np.cross(x[f[1]] - x[f[0]], x[f[2]] - x[f[0]]) for f in mesh.faces]
+    normals = np.array([n / np.linalg.norm(n) for n in normals])
+    beyond = side_of(mesh, b[0])[mesh.faces[:, 0]]
+    left, right = normals[~beyond].mean(axis=0), normals[beyond].mean(axis=0)
+    along = x[a[-1]] - x[a[0]]
+    angle = np.arctan2(np.cross(left, right) @ along / np.linalg.norm(along), left @ right)
+    assert abs(angle) == pytest.approx(0.0 if rest == "flat" else abs(rest), abs=1e-4)
+    assert rest == "flat" or np.sign(angle) == np.sign(rest)
+
+
+
+
+@pytest.mark.slow
+def test_gathered_lengths():
+    """Strips of .5 and .4 m held flat and sewn along a side: it is (k1 + k2)/(k1/L1 + k2/L2) long, with k1 = k2."""
+    long, short = tc.grid((0.5, 0.05), (20, 2)), tc.grid((0.4, 0.05), (20, 2))
+    n = long.vertex_count
+    x = np.concatenate([long.x, short.x + [0.05, 0, 0.05]])
+    mesh = tc.TriMesh(x, np.concatenate([long.faces, short.faces + n]), np.concatenate([long.uv, short.uv + [0, 1]]))
+    scene = tc.Scene(gravity=None)
+    cloth = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch((300, 1e-3), (3, 0))))
+    a, b = np.arange(21), n + 42 + np.arange(21)
+    scene.sew(cloth, a, b)
+    scene.pin(cloth, np.arange(2 * n), "y")
+    sim = tc.Simulation(scene, h=0.02, integrator="backward_euler", cg_tol=1e-9)
+    sim.run(4.0, fps=1)
+    x = sim.positions()
+    assert (x[a] == x[b]).all() and (x[:, 1] == 0).all()
+    assert np.ptp(x[a, 0]) == pytest.approx(2 / (1 / 0.5 + 1 / 0.4), rel=1e-3)
+    assert np.linalg.norm(np.diff(x[a], axis=0), axis=1).sum() == pytest.approx(np.ptp(x[a, 0]), rel=1e-3)
+
+
+@pytest.mark.slow
+def test_what_is_apart_is_led_together_and_stays_so():
+    """At .5 m/s at most, whatever step; energy is that of the seam's work."""
+    mesh, a, b, _ = cut(tc.grid(0.5, 10), 0.25)
+    away = side_of(mesh, b[0])
+    x = mesh.x + away[:, None] * [0.1, 0.05, 0]
+    for integrator in ("backward_euler", "safe"):
+        scene = tc.Scene(gravity=None)
+        cloth = scene.add_cloth(mesh, FABRIC, positions=x)
+        scene.pin(cloth, 0)
+        scene.sew(cloth, a, b)
+        sim = tc.Simulation(scene, h=1 / 60, integrator=integrator)
+        gaps = [np.linalg.norm(x[a] - x[b], axis=1).max()]
+        for _ in range(20):
+            sim.step()
+            now = sim.positions()
+            gaps.append(np.linalg.norm(now[a] - now[b], axis=1).max())
+            assert gaps[-1] > gaps[-2] - 2 * 0.5 * sim.log[-1].h * 1.001
+        assert gaps[5] < gaps[0] and gaps[-1] == 0.0 and (sim.velocities()[a] == sim.velocities()[b]).all()
+        assert (now[0] == x[0]).all()
+        sim.close()
+
+
+@pytest.mark.slow
+def test_sewn_cloth_in_contact():
+    """A sheet of six pieces falls on a ball and itself: as the whole one, no crossing, seams closed."""
+    whole = tc.grid(0.6, 18)
+    mesh, seams, of = whole, [], np.arange(whole.vertex_count)
+    for at, axis in ((0.2, 0), (0.4, 0), (0.3, 1)):
+        mesh, a, b, here = cut(mesh, at, axis)
+        of = of[here]
+        seams.append((a, b))
+    ends = []
+    for m in (whole, mesh):
+        scene = tc.Scene()
+        cloth = scene.add_cloth(m, FABRIC, positions=m.x + [-0.27, 0.02, 0.31], contact=tc.ClothContact(0.004, 0.3))
+        scene.add_solid(tc.Sphere(0.1), friction=0.4, thickness=0.004, position=(0, -0.1, 0))
+        if m is mesh:
+            for a, b in seams:
+                scene.sew(cloth, a, b)
+        sim = tc.Simulation(scene, h=1 / 60)
+        for _ in range(36):
+            sim.step()
+            assert all(crossed == 0 and least > 0.2 for least, crossed in against_solids(sim).values())
+            assert cloth_crossings(sim) == 0
+        x = sim.positions()
+        ends.append(x)
+        load = sum(force for force, _ in sim.solid_loads().values())
+        assert np.abs(sim.contact_forces().sum(axis=0) + load).max() < 1e-6
+        if m is mesh:
+            assert all((x[a] == x[b]).all() for a, b in seams)
+        sim.close()
+    assert np.sqrt(np.mean(np.sum((ends[1] - ends[0][of]) ** 2, axis=1))) < 5e-3
+
+
+@pytest.mark.slow
+def test_iterations_of_sewn_cloth():
+    """Six strips take no more than 1.4 times the iterations of a sheet."""
+    count = []
+    for pieces in (1, 6):
+        mesh, seams = tc.grid(1.0, 42), []
+        for k in range(1, pieces):
+            mesh, a, b, _ = cut(mesh, k / pieces)
+            seams.append((a, b))
+        scene = tc.Scene()
+        cloth = scene.add_cloth(mesh, FABRIC)
+        scene.pin(cloth, [0, 42])
+        for a, b in seams:
+            scene.sew(cloth, a, b)
+        sim = tc.Simulation(scene, h=1 / 60, integrator="backward_euler", cg_tol=1e-4, preconditioner="multilevel")
+        for _ in range(4):
+            sim.step()
+        count.append(np.mean([r.iterations / r.solves for r in sim.log]))
+        sim.close()
+    assert count[1] < 1.4 * count[0], count
+
+
+def test_what_cannot_be_sewn():
+    mesh, a, b, _ = cut(tc.grid(0.4, 4), 0.2)
+    scene = tc.Scene()
+    cloth = scene.add_cloth(mesh, FABRIC)
+    for rows, what in (((a, b[:-1]), "as long as each other"), ((a, a), "nothing to sew"), (("left", b), "in order"),
+                       ((a[[0, 0, 1]], b[:3]), "named twice"), (([99], [0]), "99")):
+        with pytest.raises((tc.SceneError, tc.MeshError), match=what):
+            scene.sew(cloth, *rows)
+    for rest in ("bent", 4.0, float("nan")):
+        with pytest.raises(tc.SceneError, match="rest"):
+            scene.sew(cloth, a, b, rest=rest)
+    with pytest.raises(tc.SceneError, match="stiffness"):
+        scene.sew(cloth, a, b, stiffness=-1)
+    scene.sew(cloth, a, b)
+    with pytest.raises(tc.SceneError, match="seams are constraints"):
+        tc.Simulation(scene, integrator="verlet")
+    scene.sew(cloth, a[1:], b[:-1])
+    with pytest.raises(tc.SceneError, match="sew two corners of face"):
+        tc.Simulation(scene)
