@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from taichi_cloth.contact.solid.room import has_room, pinned_particles, walls
+from taichi_cloth.contact.solid.room import Walls, has_room, pinned_particles, walls
 from taichi_cloth.contact.solid.vertices import VertexContacts
 
 UP, DOWN = np.array([0.0, 1, 0]), np.array([0.0, -1, 0])
@@ -39,6 +39,19 @@ def test_room(contacts, free):
 def test_a_body_that_closes_on_itself_leaves_none():
     overlapping = [(0, 0, UP, 0.001), (1, 0, DOWN, -0.004)]
     assert room(overlapping) and not room(overlapping, (True, False))
+
+
+def test_the_point_of_a_needle_leaves_room_round_it():
+    """Cloth on a side of the needle and, from the other side, on its point: the point lies in the plane of the side, and the
+    side below that of the contact with the point."""
+    def sides(lean: float) -> bool:
+        normal = np.array([[1.0, 0, 0], [-0.6, 0.8, 0]])
+        point = np.array([[0.0, 0, 0], [lean, 0.001, 0]])
+        around = Walls(np.array([[0, 0, 0], [0, 1, 2]]), np.zeros(2, dtype=int), point, normal)
+        return bool(has_room(np.array([[0, 1, 2]]), FACES, around, THICK, np.zeros(2, dtype=bool), np.zeros(7, dtype=bool))[0])
+
+    assert sides(0.0) and sides(1e-9) and sides(-1e-9) and sides(1e-5)
+    assert not sides(0.004)  # the sides of a groove, 4 mm wide
 
 
 def test_what_is_pinned_there_has_none():

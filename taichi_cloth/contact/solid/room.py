@@ -12,6 +12,7 @@ from ...system.held import Held
 from .pairs import Pairs
 from .vertices import VertexContacts
 
+ABOVE = 1e-2  # of the thickness that a wall must be above another's plane for there to be room between
 FACING = -0.5  # cosine between the normals of two surfaces below which they face each other
 
 
@@ -72,5 +73,6 @@ def _closes(mine: np.ndarray, w: Walls, thickness: np.ndarray, yields: np.ndarra
     between = np.einsum("ij,kij->ki", n, p[:, None] - p[None, :])  # of wall k above the plane of wall i
     facing = n @ n.T < FACING
     near = between < thickness[s][:, None] + thickness[s][None, :]
-    apart = (s[:, None] != s[None, :]) | yields[s][None, :] | (between > 0)  # else one body lies between them
+    above = between > ABOVE * thickness[s][:, None]  # both ways, or they are the sides of a point or an edge
+    apart = (s[:, None] != s[None, :]) | yields[s][None, :] | (above & above.T)  # else one body lies between them
     return bool((facing & near & apart).any())
