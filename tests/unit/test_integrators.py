@@ -232,3 +232,19 @@ def test_an_error_asked_for_is_kept_where_a_pin_starts_at_speed(tolerance):
 
     off = at(tolerance=tolerance) - at(h=1 / 1500, integrator="verlet")
     assert np.sqrt(np.mean(np.sum(off**2, axis=1))) < tolerance
+
+
+@pytest.mark.parametrize("integrator", ["backward_euler", "newton_euler", "tr_bdf2", "safe", "verlet"])
+def test_a_pin_that_holds_what_had_a_velocity(integrator):
+    """No Newton step is shortened on the way to the pins: what is recorded is the energy that there is."""
+    mesh, scene = tc.grid(0.4, 6), tc.Scene()
+    fabric = tc.Fabric(0.03, tc.Stretch(700, 0.7), tc.Shear(70), tc.Bend(1.5e-6))
+    cloth = scene.add_cloth(mesh, fabric, velocities=(-0.7, -0.01, 0.6))
+    scene.pin(cloth, np.flatnonzero(mesh.x[:, 0] < 1e-9))
+    sim = tc.Simulation(scene, h=1 / 30, integrator=integrator)
+    for _ in range(3):
+        sim.step()
+        recorded, there = sim.log[-1].energies, sim.energy()
+        assert recorded == pytest.approx(there, rel=1e-9, abs=1e-12)
+    assert sum(there.values()) < 0.03
+    sim.close()

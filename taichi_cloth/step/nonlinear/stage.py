@@ -14,6 +14,7 @@ from .problem import Outcome, StepProblem
 from .system import System
 
 FIRST, OTHERS = 0.03, 0.1  # relative residuals of a stage's solves: they need not be more exact than the linearization
+OFF = 64  # roundings of positions by which held directions may be off their targets
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,16 @@ class Stage(StepProblem):
         self.linearized = False  # where the model is
         self.first = self.moved = np.inf  # RMS of the first and of the last change [m]
         self.rest = np.inf  # of those to come, over the last
+        self.led = self.leads()
+
+    def leads(self) -> bool:
+        """Whether the first iteration has to bring held directions to their targets: these move, or the guess left them, as
+        where a pin holds what had a velocity."""
+        to_go = self.system.to_go(self.held, self.c)
+        if to_go is None or self.held is None:
+            return False
+        off = np.abs(np.einsum("kij,kj->ki", self.held.projector, to_go)).max(initial=0.0)
+        return self.held.moving or self.c * off > OFF * self.system.resolution
 
     def solve(self, k: int) -> Outcome | None:
         """See `StepProblem`."""
@@ -86,12 +97,12 @@ class Stage(StepProblem):
             return self.system.linearize(self.c) if self.linearized else self.system.meter.measure()
 
     def acceptable(self, k: int, part: float, measures: Measures) -> bool:
-        """See `StepProblem`. A shorter first step would leave moving constraints behind.
+        """See `StepProblem`. A shorter first step would leave constraints behind.
 
         R depends on x too, which the forces rightly know nothing of: by as much as it changes, Phi may grow.
         """
         lags = self.c * abs(measures.dissipation - self.before.dissipation)
-        return (k == 0 and self.held is not None and self.held.moving) or self.decreases(measures, lags)
+        return (k == 0 and self.led) or self.decreases(measures, lags)
 
     def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
         """See `StepProblem`."""
