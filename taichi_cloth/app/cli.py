@@ -54,6 +54,11 @@ def _dispatch(args: argparse.Namespace) -> int:
         return _list()
     if args.command == "doctor":
         return _doctor()
+    if args.command == "fabrics":
+        from ..scene.fabrics import table
+
+        print(table())
+        return OK
     if args.command in cli_recorded.COMMANDS:
         return cli_recorded.COMMANDS[args.command](args)
     if args.command in cli_study.COMMANDS:
@@ -190,6 +195,7 @@ def _parser() -> argparse.ArgumentParser:
     cli_study.add_parsers(commands)
     commands.add_parser("list", help="scenes, one line each")
     commands.add_parser("doctor", help="what runs on this machine")
+    commands.add_parser("fabrics", help="measured cloths, with their sources")
     return parser
 
 

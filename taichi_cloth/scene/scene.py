@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..errors import SceneError, did_you_mean, shown
 from .fabric import ClothContact, Fabric
+from .garment import Garment
 from .mesh import TriMesh
 from .solids import Shape, Solid, Value
 from .view import View
@@ -207,6 +208,19 @@ class Scene:
         if name in (c.name for c in self.cloths):
             raise SceneError(f"there is a cloth named {name!r} already")
         self.cloths.append(cloth)
+        return cloth
+
+    def add_garment(self, garment: Garment, fabric: Fabric, velocities: ArrayLike | None = None, name: str | None = None,
+                    color: tuple[float, float, float] | None = None, contact: ClothContact | None = None) -> Cloth:
+        """Adds a garment's panels as one piece of cloth, and sews its seams.
+
+        Args:
+            velocities, name, color, contact: as in `add_cloth`.
+        """
+        checks.instance("add_garment: garment", garment, Garment)
+        cloth = self.add_cloth(garment.mesh, fabric, garment.positions, velocities, name, color, contact)
+        for a, b, rest in garment.seams:
+            self.sew(cloth, a, b, rest)
         return cloth
 
     def add_force(self, make: Callable) -> None:

@@ -1,0 +1,69 @@
+"""Edges of a panel: straight, Bezier and circular, and points at equal arc length on them. numpy only."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+FINE = 512  # pieces in which a curve's length is measured
+
+
+@dataclass(frozen=True)
+class Curve:
+    """An edge from one corner of a panel to another.
+
+    Attributes:
+        start, end: numbers of the corners.
+        kind: "line", "quadratic", "cubic" or "circle".
+        parameters: of the Bezier curves control points (1 or 2, 2) against the edge, along it and to its left, in parts of its
+            length; of the circle (radius, whether it is the large arc, whether it bends to the right).
+        label: what the file calls it, or "".
+    """
+
+    start: int
+    end: int
+    kind: str = "line"
+    parameters: tuple = ()
+    label: str = ""
+
+    def points(self, corners: np.ndarray, t: np.ndarray) -> np.ndarray:
+        """(k, 2) at parameters t (k,) in 0..1, for corners (n, 2)."""
+        a, b = corners[self.start], corners[self.end]
+        t = t[:, None]
+        if self.kind == "line":
+            return (1 - t) * a + t * b
+        if self.kind == "circle":
+            return self._arc(a, b, t)
+        along = b - a
+        left = np.array([-along[1], along[0]])
+        control = [a + p[0] * along + p[1] * left for p in self.parameters]
+        if self.kind == "quadratic":
+            return (1 - t) ** 2 * a + 2 * t * (1 - t) * control[0] + t**2 * b
+        return (1 - t) ** 3 * a + 3 * t * (1 - t) ** 2 * control[0] + 3 * t**2 * (1 - t) * control[1] + t**3 * b
+
+    def _arc(self, a: np.ndarray, b: np.ndarray, t: np.ndarray) -> np.ndarray:
+        radius, large, right = self.parameters
+        along = b - a
+        chord = float(np.linalg.norm(along))
+        left = np.array([-along[1], along[0]]) / chord
+        height = math.sqrt(max(radius**2 - chord**2 / 4, 0.0))
+        middle = (a + b) / 2 + left * height * (1 if bool(large) != bool(right) else -1)
+        begin, finish = (math.atan2(*(p - middle)[::-1]) for p in (a, b))
+        turn = (finish - begin) % (2 * math.pi)
+        turn = turn if right else turn - 2 * math.pi  # with y up, a positive turn bends to the right of its chord
+        angle = begin + t * turn
+        return middle + radius * np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
+
+    def length(self, corners: np.ndarray) -> float:
+        """[m]"""
+        return float(np.linalg.norm(np.diff(self.points(corners, np.linspace(0, 1, FINE + 1)), axis=0), axis=1).sum())
+
+    def divided(self, corners: np.ndarray, count: int) -> np.ndarray:
+        """(count + 1, 2) points, both ends among them, at equal arc length."""
+        if self.kind == "line":
+            return self.points(corners, np.linspace(0, 1, count + 1))
+        t = np.linspace(0, 1, FINE + 1)
+        way = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(self.points(corners, t), axis=0), axis=1))])
+        out = self.points(corners, np.interp(np.linspace(0, way[-1], count + 1), way, t))
+        out[0], out[-1] = corners[self.start], corners[self.end]
+        return out

@@ -1,0 +1,94 @@
+"""Patterns in GarmentCode's JSON format. [Korosteleva, Sorkine-Hornung 2023]
+
+Panels have corners [cm], edges that are straight or curved, a translation [cm] and a rotation R_z R_y R_x [degrees];
+stitches join two edges, the start of one to the end of the other unless "right_wrong" says otherwise.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from .. import checks
+from ..errors import SceneError
+from .curves import Curve
+from .pattern import Panel, Pattern, Stitch
+
+CENTIMETRES = 100.0  # units in a metre, where a file does not say
+
+
+def read_garmentcode(path: Path) -> Pattern:
+    """The pattern of a file.
+
+    Raises:
+        SceneError: a file that cannot be read, or in which something is missing or wrong, by name.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except ValueError as error:
+        raise SceneError(f"{path}: is no JSON: {error}") from None
+    try:
+        body = data["pattern"]
+        per_metre = float(data.get("properties", {}).get("units_in_meter", CENTIMETRES))
+        if not (np.isfinite(per_metre) and per_metre > 0):
+            raise SceneError(f"units_in_meter = {per_metre}: must be a positive number")
+        order = body.get("panel_order") or list(body["panels"])
+        panels = tuple(_panel(name, body["panels"][name], per_metre) for name in order)
+        return Pattern(panels, tuple(_stitch(k, s) for k, s in enumerate(body.get("stitches", []))))
+    except SceneError as error:
+        raise SceneError(f"{path}: {error}") from None
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise SceneError(f"{path}: is no pattern in GarmentCode's format: {type(error).__name__}: {error}") from None
+
+
+def _panel(name: str, panel: dict, per_metre: float) -> Panel:
+    count = len(panel["vertices"])
+    corners = checks.array(f"vertices of panel {name!r}", panel["vertices"], (count, 2), row="corner") / per_metre
+    edges = tuple(_edge(name, k, e, corners, per_metre) for k, e in enumerate(panel["edges"]))
+    translation = checks.vector(f"translation of panel {name!r}", panel.get("translation", (0, 0, 0)), "cm") / per_metre
+    angles = np.radians(checks.vector(f"rotation of panel {name!r}", panel.get("rotation", (0, 0, 0)), "degrees"))
+    return Panel(checks.name("panel name", name), corners, edges, translation, _turned(angles))
+
+
+def _turned(angles: np.ndarray) -> np.ndarray:
+    """R_z R_y R_x for angles (3,) [rad] about x, y and z."""
+    (cx, cy, cz), (sx, sy, sz) = np.cos(angles), np.sin(angles)
+    x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    return z @ y @ x
+
+
+def _edge(panel: str, k: int, edge: dict, corners: np.ndarray, per_metre: float) -> Curve:
+    what = f"edge {k} of panel {panel!r}"
+    start, end = (int(i) for i in edge["endpoints"])
+    for i in (start, end):
+        if not 0 <= i < len(corners):
+            raise SceneError(f"{what} ends at corner {i}; there are {len(corners)}")
+    chord = float(np.linalg.norm(corners[end] - corners[start]))
+    if not chord > 0:
+        raise SceneError(f"{what} has no length")
+    label, bend = str(edge.get("label", "") or ""), edge.get("curvature")
+    if bend is None:
+        return Curve(start, end, label=label)
+    if isinstance(bend, list):  # as older files have it
+        bend = {"type": "quadratic", "params": [bend]}
+    kind = checks.choice(f"{what}: curvature", bend["type"], ("quadratic", "cubic", "circle"))
+    if kind == "circle":
+        radius, large, right = bend["params"]
+        radius = checks.number(f"{what}: radius", radius, "cm", positive=True) / per_metre
+        if 2 * radius < chord * (1 - 1e-6):
+            raise SceneError(f"{what}: a circle of radius {radius:.4g} m does not reach over {chord:.4g} m")
+        return Curve(start, end, kind, (max(radius, chord / 2), bool(large), bool(right)), label)
+    count = {"quadratic": 1, "cubic": 2}[kind]
+    control = checks.array(f"{what}: control points", bend["params"], (count, 2), row="point")
+    return Curve(start, end, kind, tuple(map(tuple, control.tolist())), label)
+
+
+def _stitch(k: int, stitch: list) -> Stitch:
+    if not isinstance(stitch, list) or len(stitch) < 2:
+        raise SceneError(f"stitch {k} must be two edges")
+    a, b = ((str(end["panel"]), int(end["edge"])) for end in stitch[:2])
+    return Stitch(a, b, together="right_wrong" in stitch[2:])

@@ -1,0 +1,136 @@
+"""A sewing pattern: panels in the plane, where they hang round the body, and which edges are sewn to each other."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .. import checks
+from ..errors import SceneError
+from ..scene.garment import Garment
+from ..scene.mesh import TriMesh
+from .curves import Curve
+from .mesher import mesh_polygon
+
+MOST_RATIO = 3.0  # of the lengths of two edges that are sewn to each other
+TALLEST = 10.0  # m that a pattern may be in any direction where it hangs
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A piece of cloth, cut out along a closed line.
+
+    Attributes:
+        corners: (k, 2) [m].
+        edges: k curves, each from the end of the one before.
+        translation: (3,) [m]; rotation: (3, 3): where (u, v, 0) hangs.
+    """
+
+    name: str
+    corners: np.ndarray
+    edges: tuple[Curve, ...]
+    translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+
+    def __post_init__(self) -> None:
+        for k, edge in enumerate(self.edges):
+            if self.edges[k - 1].end != edge.start:
+                raise SceneError(f"panel {self.name!r}: edge {k} begins at corner {edge.start}, and the edge before ends at "
+                                 f"corner {self.edges[k - 1].end}: edges go round, each from where the last one ends")
+        if len(self.edges) < 2 or len({e.start for e in self.edges}) < len(self.edges):
+            raise SceneError(f"panel {self.name!r}: its edges are no closed line through {len(self.edges)} corners")
+
+    def placed(self, uv: np.ndarray) -> np.ndarray:
+        """(n, 3) [m] of pattern coordinates (n, 2)."""
+        return np.insert(uv, 2, 0.0, axis=1) @ self.rotation.T + self.translation
+
+
+@dataclass(frozen=True)
+class Stitch:
+    """Two edges that are sewn to each other.
+
+    Attributes:
+        a, b: (name of the panel, number of the edge).
+        together: whether both run the same way; else the start of one meets the end of the other.
+        rest: angle of the seam at rest, as in `Scene.sew`.
+    """
+
+    a: tuple[str, int]
+    b: tuple[str, int]
+    together: bool = False
+    rest: float | str = "flat"
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Panels and stitches.
+
+    Raises:
+        SceneError: a stitch that names no edge, an edge that is sewn twice, or edges whose lengths do not fit.
+    """
+
+    panels: tuple[Panel, ...]
+    stitches: tuple[Stitch, ...] = ()
+
+    def __post_init__(self) -> None:
+        by_name = {p.name: p for p in self.panels}
+        if len(by_name) < len(self.panels):
+            raise SceneError("pattern: two panels have one name")
+        seen: dict[tuple[str, int], int] = {}
+        for k, stitch in enumerate(self.stitches):
+            for name, edge in (stitch.a, stitch.b):
+                if name not in by_name:
+                    raise SceneError(f"stitch {k}: there is no panel {name!r}; there are {', '.join(by_name)}")
+                if not 0 <= edge < len(by_name[name].edges):
+                    raise SceneError(f"stitch {k}: panel {name!r} has no edge {edge}; it has {len(by_name[name].edges)}")
+                if (name, edge) in seen:
+                    raise SceneError(f"edge {edge} of panel {name!r} is sewn twice, by stitches {seen[name, edge]} and {k}")
+                seen[name, edge] = k
+            one, other = (self.length(*end) for end in (stitch.a, stitch.b))
+            if max(one, other) > MOST_RATIO * min(one, other):
+                raise SceneError(f"stitch {k}: edge {stitch.a[1]} of {stitch.a[0]!r} is {one:.4g} m long and edge "
+                                 f"{stitch.b[1]} of {stitch.b[0]!r} {other:.4g} m: more than {MOST_RATIO:g} to 1 is no "
+                                 "gathering")
+        for panel in self.panels:
+            x = panel.placed(panel.corners)
+            if np.abs(x).max() > TALLEST:
+                raise SceneError(f"panel {panel.name!r} hangs {np.abs(x).max():.3g} m away: are the pattern's units right?")
+
+    def length(self, panel: str, edge: int) -> float:
+        """Of an edge [m]."""
+        p = next(p for p in self.panels if p.name == panel)
+        return p.edges[edge].length(p.corners)
+
+    def mesh(self, spacing: float) -> Garment:
+        """Triangles with edges about `spacing` [m] long; edges that are sewn to each other have as many points.
+
+        Raises:
+            MeshError: a panel that crosses itself, or has no triangles of that size.
+        """
+        spacing = checks.number("spacing", spacing, "m", positive=True)
+        count = {(p.name, k): max(1, math.ceil(e.length(p.corners) / spacing - 1e-6))
+                 for p in self.panels for k, e in enumerate(p.edges)}
+        for stitch in self.stitches:
+            count[stitch.a] = count[stitch.b] = max(count[stitch.a], count[stitch.b])
+        x, uv, faces, start = [], [], [], 0
+        groups: dict[str, np.ndarray] = {}
+        rows: dict[tuple[str, int], np.ndarray] = {}
+        for panel in self.panels:
+            lines = [edge.divided(panel.corners, count[panel.name, k]) for k, edge in enumerate(panel.edges)]
+            border = np.concatenate([line[:-1] for line in lines])
+            points, triangles = mesh_polygon(border, spacing, panel.name)
+            at = start
+            for k, (edge, line) in enumerate(zip(panel.edges, lines)):
+                row = start + (at - start + np.arange(len(line))) % len(border)
+                rows[panel.name, k] = row
+                at += len(line) - 1
+                if edge.label:
+                    groups[edge.label] = np.union1d(groups.get(edge.label, np.zeros(0, dtype=int)), row)
+            groups[panel.name] = start + np.arange(len(points))
+            uv.append(points)
+            x.append(panel.placed(points))
+            faces.append(triangles + start)
+            start += len(points)
+        seams = tuple((rows[s.a], rows[s.b] if s.together else rows[s.b][::-1], s.rest) for s in self.stitches)
+        mesh = TriMesh(np.concatenate(x), np.concatenate(faces), np.concatenate(uv), groups)
+        return Garment(mesh, seams)

@@ -1,0 +1,69 @@
+"""Measured cloths, in SI units, as others have published them: `tc.fabrics["shirting"]`. What was not measured is left out.
+
+- Wang, O'Brien, Ramamoorthi 2011, "Data-driven elastic models for cloth", as shipped with ARCSim: density, stretch at small
+  strains and at 17 %, shear and bending, of which here the small-strain ones.
+- Clyde, Teran, Tamstorf 2017, "Modeling and data-driven parameter estimation for woven fabrics", as tabulated by Codim-IPC:
+  which of its directions is warp is inferred. Their bending is the median of a class of fabrics of Feng et al. 2022.
+
+Nobody measured damping, nor friction with skin or with themselves: damping is 0 here, and friction is yours to choose.
+"""
+
+from dataclasses import dataclass
+
+from .fabric import Bend, Fabric, Shear, Stretch
+
+WANG = "Wang et al. 2011, as shipped with ARCSim"
+CLYDE = "Clyde et al. 2017, as tabulated by Codim-IPC; bending: class median of Feng et al. 2022"
+
+
+@dataclass(frozen=True)
+class Measured(Fabric):
+    """A fabric with where its numbers come from.
+
+    Attributes:
+        source: who measured it.
+        thickness: [m], or None where it was not measured.
+        far: stretch stiffness [N/m] of (warp, weft) at a strain of 17 %, where it was measured.
+    """
+
+    source: str = ""
+    thickness: float | None = None
+    far: tuple[float, float] | None = None
+
+
+def _wang(density: float, k: tuple[float, float], shear: float, D: tuple[float, float],
+          far: tuple[float, float] | None = None) -> Measured:
+    bend = Bend((D[0] * 1e-6, D[1] * 1e-6))
+    return Measured(density, Stretch(k), Shear(shear), bend, WANG, far=far)
+
+
+def _clyde(density: float, k: tuple[float, float], shear: float, D: tuple[float, float], thickness: float) -> Measured:
+    return Measured(density, Stretch(k), Shear(shear), Bend((D[0] * 1e-6, D[1] * 1e-6)), CLYDE, thickness * 1e-3)
+
+
+fabrics: dict[str, Measured] = {
+    "interlock": _wang(0.187, (33.0, 69.0), 37.0, (5.8, 3.6), (93.0, 812.0)),
+    "rib_knit": _wang(0.276, (86.0, 130.0), 83.0, (11.6, 8.1), (105.0, 509.0)),
+    "ponte": _wang(0.284, (62.0, 88.0), 32.0, (9.1, 9.3), (157.0, 384.0)),
+    "swimwear": _wang(0.204, (96.0, 209.0), 61.0, (15.0, 13.0), (81.0, 249.0)),
+    "jacket_polyester": _wang(0.113, (86.0, 343.0), 14.0, (3.6, 5.1), (150.0, 810.0)),
+    "trousers": _wang(0.220, (4033.0, 4070.0), 105.0, (31.0, 31.0)),
+    "tablecloth": _wang(0.128, (4004.0, 4055.0), 19.0, (13.0, 7.8)),
+    "denim": _wang(0.324, (411.0, 2028.0), 53.0, (16.0, 24.0)),
+    "shirting": _clyde(0.104, (2800.0, 4501.0), 97.0, (8.6, 5.2), 0.18),
+    "charmeuse": _clyde(0.083, (774.0, 1790.0), 51.0, (3.2, 3.2), 0.18),
+    "canvas": _clyde(0.294, (2844.0, 10496.0), 532.0, (20.0, 14.0), 0.53),
+    "wool_coating": _clyde(0.481, (2931.0, 2840.0), 237.0, (75.0, 39.0), 1.28),
+}
+
+
+def table() -> str:
+    """The fabrics as lines of text."""
+    head = f"{'fabric':18}{'kg/m2':>7}{'k warp':>8}{'weft':>8}{'shear':>7}{'D warp':>8}{'weft':>7}{'mm':>6}  source"
+    lines = [head, f"{'':18}{'':7}{'N/m':>8}{'N/m':>8}{'N/m':>7}{'uN m':>8}{'uN m':>7}"]
+    for name, f in fabrics.items():
+        assert f.stretch and f.shear and f.bend and isinstance(f.stretch.k, tuple) and isinstance(f.bend.D, tuple)
+        thick = "" if f.thickness is None else f"{1e3 * f.thickness:.2f}"
+        stiff = f"{f.stretch.k[0]:8.0f}{f.stretch.k[1]:8.0f}{f.shear.k:7.0f}"
+        lines.append(f"{name:18}{f.density:7.3f}{stiff}{1e6 * f.bend.D[0]:8.1f}{1e6 * f.bend.D[1]:7.1f}{thick:>6}  {f.source}")
+    return "\n".join([*lines, "Damping and friction were not measured."])
