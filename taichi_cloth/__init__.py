@@ -21,6 +21,7 @@ _NAMES = {
     "garment": "load_pattern",
     "garment.pattern": "Pattern Panel Stitch",
     "garment.curves": "Curve",
+    "garment.dressing": "dress",
     "scene.scene": "Scene Cloth Air",
     "scene.primitives": "Plane Sphere Capsule Box Cylinder", "scene.solids": "SolidMesh Solid",
     "scene.view": "Camera View",

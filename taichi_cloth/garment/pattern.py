@@ -24,6 +24,7 @@ class Panel:
         corners: (k, 2) [m].
         edges: k curves, each from the end of the one before.
         translation: (3,) [m]; rotation: (3, 3): where (u, v, 0) hangs.
+        round_radius: [m] the panel is bent round its v axis, as a sleeve round an arm; 0 leaves it flat.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Panel:
     edges: tuple[Curve, ...]
     translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
     rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    round_radius: float = 0.0
 
     def __post_init__(self) -> None:
         for k, edge in enumerate(self.edges):
@@ -42,7 +44,11 @@ class Panel:
 
     def placed(self, uv: np.ndarray) -> np.ndarray:
         """(n, 3) [m] of pattern coordinates (n, 2)."""
-        return np.insert(uv, 2, 0.0, axis=1) @ self.rotation.T + self.translation
+        flat = np.insert(uv, 2, 0.0, axis=1)
+        if self.round_radius > 0:
+            angle = uv[:, 0] / self.round_radius
+            flat[:, 0], flat[:, 2] = self.round_radius * np.sin(angle), self.round_radius * np.cos(angle)
+        return flat @ self.rotation.T + self.translation
 
 
 @dataclass(frozen=True)

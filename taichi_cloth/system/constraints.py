@@ -163,12 +163,14 @@ class Filter:
                 self.model.x[i] = self.model.x[i] + way
 
     @ti.kernel
-    def impose(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), z: ti.types.ndarray()):
-        """dv = (I - S) z"""
+    def impose(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), z: ti.types.ndarray(), zero: int):
+        """dv = S dv + (I - S) z; with `zero`, S dv = 0."""
         for i in range(self.model.n):
-            self.dv[i] = ti.Vector.zero(float, 3)
+            if zero == 1:
+                self.dv[i] = ti.Vector.zero(float, 3)
         for k in range(index.shape[0]):
-            self.dv[index[k]] = project(projector, k, row(z, k))
+            i = index[k]
+            self.dv[i] += project(projector, k, row(z, k) - self.dv[i])
 
 
 @ti.func

@@ -103,27 +103,34 @@ class Clusters:
             out = first + rest / (hi - lo)
         return out
 
-    def lead(self, dv, h: float, zero: int) -> bool:
-        """Whether anything is apart; if so, dv becomes S dv + z (S dv = 0 with `zero`)."""
+    def lead(self, dv, h: float, zero: bool, again: bool) -> bool:
+        """Whether anything is apart; if so, dv becomes S dv + z (S dv = 0 with `zero`).
+
+        Args:
+            again: the model is no longer at the start of the step: x + h dv is where it goes, and not x + h (v + dv).
+        """
         self.led = self.open
         if self.led:
-            self._lead(dv, h, zero)
+            self._lead(dv, h, int(zero), int(again))
         return self.led
 
     @ti.kernel
-    def _lead(self, dv: ti.template(), h: float, zero: int):
-        """dv = S dv + z, z the change of the members' velocities against their mean that closes the gap in h, or as much of
-        it as CLOSING allows."""
+    def _lead(self, dv: ti.template(), h: float, zero: int, again: int):
+        """dv = S dv + z, z the change of the members' velocities against their mean that closes the gap at the start of the
+        step in h, or as much of it as CLOSING allows."""
         for k in range(self.count):
             lo, hi = self.begins[k], self.begins[k + 1]
             some = self.members[lo]
             x, v, change = self.mean(some, self.model.x), self.mean(some, self.model.v), (1 - zero) * self.mean(some, dv)
-            widest, rate = self.spread_of(k, self.model.x), 1 / h
+            began, widest = self.mean(some, self.model.x_saved), self.spread_of(k, self.model.x_saved)
+            kept = 0.0  # of the gap
             if widest > CLOSING * h:
-                rate = CLOSING / widest
+                kept = 1 - CLOSING * h / widest
             for j in range(lo, hi):
                 i = self.members[j]
-                dv[i] = change - rate * (self.model.x[i] - x) - (self.model.v[i] - v)
+                dv[i] = change + (kept * (self.model.x_saved[i] - began) - (self.model.x[i] - x)) / h
+                if again == 0:
+                    dv[i] -= self.model.v[i] - v
 
     @ti.kernel
     def distribute(self, q: ti.template()):

@@ -101,8 +101,8 @@ class EulerStep(StepProblem):
                 with self.clock.part("EVAL"):
                     self.ended = self.energy.conclude(self.c, self.held, self.start, measures, LIGHT)
             self.level = self.start.total + self.system.rounding(self.c, self.start, measures)
-        moving = self.held is not None and self.held.moving  # a shorter first step would leave the constraints behind
-        return self.ended is not None or moving or phi(measures, self.c) <= self.level
+        # a shorter first step would leave behind what is led
+        return self.ended is not None or self.system.leads or phi(measures, self.c) <= self.level
 
     def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
         """See `StepProblem`."""

@@ -90,7 +90,7 @@ class LayerStep(EulerStep):
             system.linearize(h, moves=k == 0)
         with self.clock.part("CG"):
             z = system.to_go(held, h) if k else None
-            self.solutions.append(system.solve(self.cg_tol, held, h, z=z))
+            self.solutions.append(system.solve(self.cg_tol, held, h, z=z, again=k > 0))
         self.leads = k == 0
         if z is not None and held is not None and len(z):
             self.leads = bool(np.abs(np.einsum("kij,kj->ki", held.projector, z)).max() * h > NEARLY)

@@ -29,6 +29,7 @@ class System:
         contacts: `contact.response.Contacts`, or None.
         held: of the last solve.
         span: c [s] that it was linearized with.
+        leads: whether the last solve led something: pins that move, solids, seams that close.
         resolution: what positions are rounded to [m].
         floor: energy [J] that this rounding amounts to.
     """
@@ -42,7 +43,7 @@ class System:
         self.solver = PCG(fields, self.operator, self.preconditioner, runtime, options.cg_max_iterations, alone)
         self.filter = Filter(fields, model, self.solver.dv)
         self.held: Held | None = None
-        self.span = 0.0
+        self.span, self.leads = 0.0, False
         self._kept: np.ndarray | None = None
         self.epsilon = runtime.epsilon
         extent = float(np.abs(model.start_positions[model.user] - model.origin).max())
@@ -55,7 +56,8 @@ class System:
         return self.meter.linearize(c, moves)
 
     def solve(self, tolerance: float, held: Held | None, h: float = 0.0, z: np.ndarray | None = None,
-              warm: bool = False, fresh: bool = True, lead: float = 0.0, lasting: bool = False) -> Solution:
+              warm: bool = False, fresh: bool = True, lead: float = 0.0, lasting: bool = False,
+              again: bool = False) -> Solution:
         """Solves the system as linearized.
 
         Args:
@@ -66,15 +68,18 @@ class System:
             warm: starts from the last solve's dv.
             lead: span [s] in which positions x + lead dv get to the targets, instead of h.
             lasting: coarse levels made for an earlier system may do.
+            again: whether the model is no longer at the start of the step of size h.
             fresh: False keeps all of the preconditioner of the last solve, of a similar system with the same directions held.
         """
         self.held, self._kept = held, None
-        sewn = self.model.sewn if h > 0 else None
-        if sewn is not None and not sewn.lead(self.solver.dv, h, int(not warm)):
+        self.leads = held is not None and held.moving
+        sewn = self.model.sewn if h > 0 else None  # of which something is apart
+        if sewn is not None and not sewn.lead(self.solver.dv, h, not warm, again):
             sewn = None
+        self.leads |= sewn is not None
         zero = not warm and sewn is None and (held is None or (z is None and not h > 0 and not lead > 0))
         if held is not None and z is not None:
-            self.filter.impose(held.index, held.projector, z)
+            self.filter.impose(held.index, held.projector, z, int(sewn is None))
         elif held is not None and h > 0:
             self.filter.prescribe(held.index, held.projector, held.target, held.y, h, int(not warm and sewn is None))
         elif held is not None and lead > 0:

@@ -1,0 +1,138 @@
+"""From panels that hang round a body to a garment that it wears: sewn without weight, then let down.
+
+1. Sewing: no gravity, air that calms, seams that close (`system.seams`), the body smooth; cloth does not meet itself, as
+   panels have to pass each other's edges.
+2. Settling: gravity, the body's friction, cloth that meets itself; until the cloth rests.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .. import checks
+from ..errors import SceneError
+from ..scene.fabric import ClothContact, Fabric
+from ..scene.garment import Garment
+from ..scene.scene import Air, Scene
+from ..scene.solids import Solid, SolidMesh
+from ..simulation import Simulation
+
+CALM = 2.0  # N s/m^3, drag of the air in which seams are closed
+SEWING = 3.0  # s in which seams have to close
+SPARED = 0.5  # of the solids' thickness that cloth keeps from them meanwhile
+SLOW, SHORTEST = 0.05, 0.5  # m/s, RMS, at which cloth rests, not before so many s
+
+
+@dataclass(frozen=True)
+class Dressed:
+    """What came of dressing.
+
+    Attributes:
+        garment: as it is worn.
+        sewn: s that closing the seams took; settled: s until it came to rest, or was told to end; rests: which of them.
+        speed: RMS at the end [m/s].
+        intersections: edges of cloth through triangles of cloth at the end, counted exactly; None where it does not meet
+            itself.
+    """
+
+    garment: Garment
+    sewn: float
+    settled: float
+    rests: bool
+    speed: float
+    intersections: int | None
+
+    def report(self) -> str:
+        """A few words."""
+        crossed = "" if self.intersections is None else f", {self.intersections} crossings with itself"
+        rest = "at rest" if self.rests else f"still moving at {self.speed:.2g} m/s"
+        return f"seams closed after {self.sewn:.2f} s, {rest} after {self.settled:.2f} s more{crossed}"
+
+
+def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact | None = None, longest: float = 4.0,
+          h: float = 1 / 60, tell: Callable[[str], None] | None = None) -> Dressed:
+    """Dresses the solids of a scene, as they are at time 0.
+
+    Args:
+        garment: panels round the body, outside of it.
+        contact: how the cloth meets itself once it is sewn.
+        longest: s after which settling ends, at rest or not.
+        tell: called with a line a tenth of a second of simulated time.
+
+    Raises:
+        SceneError: panels that start inside the body, or seams that do not close, by name.
+    """
+    checks.instance("dress: garment", garment, Garment)
+    checks.instance("dress: body", body, Scene)
+    longest = checks.number("dress: longest", longest, "s", positive=True)
+    still = [_still(s) for s in body.solids]
+    scene = Scene(gravity=None, air=Air(CALM, CALM))
+    scene.solids += [replace(s, thickness=SPARED * s.thickness, friction=0.0) for s in still]
+    scene.add_garment(garment, fabric)
+    sim = Simulation(scene, h=h)
+    try:
+        _refuse_inside(sim, garment)
+        while sim.model.sewn is not None and sim.model.sewn.gap > 0:
+            if sim.time > SEWING:
+                raise SceneError(_left_open(sim.positions(), garment))
+            _advance(sim, tell, f"sewing, gap {sim.model.sewn.gap:.3g} m")
+        x, sewn = sim.positions(), sim.time
+    finally:
+        sim.close()
+    scene = Scene(gravity=body.gravity, air=body.air)
+    scene.solids += still
+    scene.add_garment(replace(garment, positions=x), fabric, contact=contact)
+    sim = Simulation(scene, h=h)
+    try:
+        speed = np.inf
+        while sim.time < longest and (speed > SLOW or sim.time < SHORTEST):
+            _advance(sim, tell, f"settling, {speed:.2g} m/s")
+            speed = float(np.sqrt(np.mean(np.sum(sim.velocities() ** 2, axis=1))))
+        count = sim.intersections() if contact is not None else None
+        return Dressed(replace(garment, positions=sim.positions()), sewn, sim.time, speed <= SLOW, speed, count)
+    finally:
+        sim.close()
+
+
+def _advance(sim: Simulation, tell: Callable[[str], None] | None, what: str) -> None:
+    """A tenth of a second."""
+    sim.run(0.1, fps=10)
+    if tell is not None:
+        tell(f"{sim.time:.1f} s, {what}")
+
+
+def _still(solid: Solid) -> Solid:
+    """A solid as it is at time 0."""
+    R, p = solid.pose(0.0)
+    shape = solid.shape
+    if isinstance(shape, SolidMesh) and len(shape.x) > 1:
+        shape = SolidMesh(shape.shape_at(0.0), shape.faces)
+    return replace(solid, shape=shape, position=p, rotation=R)
+
+
+def _refuse_inside(sim: Simulation, garment: Garment) -> None:
+    """Refuses panels that start inside a solid."""
+    if sim.contacts is None:
+        return
+    scan, model = sim.contacts.scan, sim.model
+    model.save()
+    scan.set_time(0.0, sim.control.h_max)
+    found = scan.detect()
+    inside = found.start_gap + scan.thickness[found.solid] < 0
+    if not inside.any():
+        return
+    vertex = model.user[found.index[inside]]
+    solid = sim.scene.solids[int(found.solid[inside][0])].name
+    panel = next((name for name, index in garment.mesh.groups.items() if vertex[0] in index), "the garment")
+    raise SceneError(f"dress: {len(np.unique(vertex))} vertices start inside the body, the first of them of {panel!r} in "
+                     f"{solid!r}: hang the panels further out")
+
+
+def _left_open(x: np.ndarray, garment: Garment) -> str:
+    gaps = [float(np.linalg.norm(x[a] - x[b], axis=1).max()) for a, b, _ in garment.seams]
+    k = int(np.argmax(gaps))
+    of = [next((name for name, index in garment.mesh.groups.items() if row[len(row) // 2] in index), "?")
+          for row in garment.seams[k][:2]]
+    return (f"dress: {sum(g > 0 for g in gaps)} of {len(gaps)} seams are still open after {SEWING:g} s; the widest is seam "
+            f"{k}, of {of[0]!r} and {of[1]!r}, with {max(gaps):.3g} m")
