@@ -124,15 +124,19 @@ def _refuse_inside(sim: Simulation, garment: Garment) -> None:
         return
     vertex = model.user[found.index[inside]]
     solid = sim.scene.solids[int(found.solid[inside][0])].name
-    panel = next((name for name, index in garment.mesh.groups.items() if vertex[0] in index), "the garment")
-    raise SceneError(f"dress: {len(np.unique(vertex))} vertices start inside the body, the first of them of {panel!r} in "
-                     f"{solid!r}: hang the panels further out")
+    raise SceneError(f"dress: {len(np.unique(vertex))} vertices start inside the body, the first of them of "
+                     f"{_panel(garment, vertex[0])!r} in {solid!r}: hang the panels further out")
+
+
+def _panel(garment: Garment, vertex: int) -> str:
+    """The panel that a vertex is of: of the groups that have it the largest, labels of edges being smaller."""
+    having = {name: len(index) for name, index in garment.mesh.groups.items() if vertex in index}
+    return max(having, key=having.__getitem__, default="the garment")
 
 
 def _left_open(x: np.ndarray, garment: Garment) -> str:
     gaps = [float(np.linalg.norm(x[a] - x[b], axis=1).max()) for a, b, _ in garment.seams]
     k = int(np.argmax(gaps))
-    of = [next((name for name, index in garment.mesh.groups.items() if row[len(row) // 2] in index), "?")
-          for row in garment.seams[k][:2]]
+    of = [_panel(garment, row[len(row) // 2]) for row in garment.seams[k][:2]]
     return (f"dress: {sum(g > 0 for g in gaps)} of {len(gaps)} seams are still open after {SEWING:g} s; the widest is seam "
             f"{k}, of {of[0]!r} and {of[1]!r}, with {max(gaps):.3g} m")

@@ -1,0 +1,176 @@
+"""Sewing patterns: what is read, meshed, placed, refused; garments in files; measured fabrics."""
+
+import json
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth.garment.mesher import mesh_polygon
+from taichi_cloth.scene.garment import load_garment
+
+pytest.importorskip("scipy", reason="meshing patterns needs the extra `garment`")
+
+
+def skirt(**change) -> dict:
+    """A front with a dart and a back that is longer along one side, in GarmentCode's format."""
+    front = {"translation": [0, 90, 15], "rotation": [0, 0, 0],
+             "vertices": [[-30, 0], [30, 0], [22, 50], [2, 50], [0, 38], [-2, 50], [-22, 50]],
+             "edges": [{"endpoints": [0, 1], "label": "hem"}, {"endpoints": [1, 2], "curvature": {"type": "quadratic",
+                                                                                                    "params": [[0.5, -0.1]]}},
+                       {"endpoints": [2, 3], "label": "waist"}, {"endpoints": [3, 4]}, {"endpoints": [4, 5]},
+                       {"endpoints": [5, 6], "label": "waist"},
+                       {"endpoints": [6, 0], "curvature": [0.5, -0.1]}]}
+    back = {"translation": [0, 90, -15], "rotation": [0, 180, 0], "vertices": [[-30, 0], [30, 0], [20, 52], [-20, 52]],
+            "edges": [{"endpoints": [0, 1], "label": "hem"}, {"endpoints": [1, 2]},
+                      {"endpoints": [2, 3], "curvature": {"type": "circle", "params": [30, 0, 1]}, "label": "waist"},
+                      {"endpoints": [3, 0], "curvature": {"type": "cubic", "params": [[0.3, 0.02], [0.7, -0.02]]}}]}
+    end = lambda panel, edge: {"panel": panel, "edge": edge}  # noqa: E731
+    stitches = [[end("front", 1), end("back", 3)], [end("front", 6), end("back", 1)], [end("front", 3), end("front", 4)]]
+    return {"pattern": {"panels": {"front": front, "back": back}, "stitches": stitches, "panel_order": ["front", "back"]},
+            "properties": {"units_in_meter": 100, **change}}
+
+
+def read(tmp_path, data) -> tc.Pattern:
+    path = tmp_path / "skirt.json"
+    path.write_text(json.dumps(data))
+    return tc.load_pattern(path)
+
+
+def least_angles(mesh: tc.TriMesh) -> np.ndarray:
+    corner, out = mesh.corner_uv, []
+    for k in range(3):
+        a, b = corner[:, (k + 1) % 3] - corner[:, k], corner[:, (k + 2) % 3] - corner[:, k]
+        cosine = np.einsum("ij,ij->i", a, b) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
+        out.append(np.degrees(np.arccos(cosine)))
+    return np.min(out, axis=0)
+
+
+@pytest.mark.parametrize("spacing", [0.04, 0.02, 0.011])
+def test_a_pattern_is_meshed(tmp_path, spacing):
+    """Good triangles that fill the panels, rows of seams that fit, in the places that the file gives."""
+    garment = read(tmp_path, skirt()).mesh(spacing)
+    mesh, angles = garment.mesh, least_angles(garment.mesh)
+    assert angles.min() > 20 and angles.mean() > 53
+    front = mesh.material_areas[np.isin(mesh.faces[:, 0], mesh.groups["front"])].sum()
+    outline = 0.5 * (0.60 + 0.44) * 0.50 - 0.5 * 0.04 * 0.12
+    bulge = 2 / 3 * 0.5 * 0.1 * np.hypot(0.08, 0.50) ** 2  # of a quadratic curve, two thirds of its control triangle
+    assert front == pytest.approx(outline + 2 * bulge, rel=6 * spacing**1)
+    for (a, b, rest), stitched in zip(garment.seams, (("front", "back"), ("front", "back"), ("front", "front"))):
+        assert len(a) == len(b) and rest == "flat"
+        assert np.isin(a, mesh.groups[stitched[0]]).all() and np.isin(b, mesh.groups[stitched[1]]).all()
+        lengths = [np.linalg.norm(np.diff(mesh.uv[row], axis=0), axis=1) for row in (a, b)]
+        assert all(np.ptp(part) < 0.02 * part.mean() for part in lengths)  # equal by arc length
+        assert all(part.mean() < 1.001 * spacing * 1.1 for part in lengths)
+    side, other, _ = garment.seams[0]
+    assert mesh.x[side[0], 1] == pytest.approx(0.9) and mesh.x[other[0], 1] == pytest.approx(0.9)  # hem to hem
+    assert mesh.x[side[0], 0] == pytest.approx(0.30) and mesh.x[other[0], 0] == pytest.approx(0.30)
+    assert mesh.x[side, 2] == pytest.approx(0.15) and mesh.x[other, 2] == pytest.approx(-0.15)
+    dart = garment.seams[2]
+    assert dart[0][-1] == dart[1][-1] and np.linalg.norm(mesh.uv[dart[0][0]] - mesh.uv[dart[1][0]]) == pytest.approx(0.04)
+    hem = mesh.uv[mesh.groups["hem"]]
+    assert np.abs(hem[:, 1]).max() < 1e-12 and len(hem) == 2 * (int(np.ceil(0.6 / spacing - 1e-6)) + 1)
+
+
+def test_circles_bend_to_their_side():
+    """Small and large arcs, left and right: through the point that geometry says."""
+    corners = np.array([[0.0, 0.0], [2.0, 0.0]])
+    for large in (False, True):
+        for right in (False, True):
+            curve = tc.Curve(0, 1, "circle", (1.25, large, right))
+            middle = curve.points(corners, np.array([0.5]))[0]
+            depth = 1.25 + 0.75 if large else 1.25 - 0.75
+            assert middle == pytest.approx([1.0, -depth if right else depth])
+            sweep = 2 * np.arcsin(0.8)
+            assert curve.length(corners) == pytest.approx(1.25 * (2 * np.pi - sweep if large else sweep), rel=1e-4)
+            assert np.ptp(np.linalg.norm(np.diff(curve.divided(corners, 9), axis=0), axis=1)) < 1e-3
+
+
+def test_stitches_that_run_together(tmp_path):
+    data = skirt()
+    data["pattern"]["stitches"][0].append("right_wrong")
+    rows = read(tmp_path, data).mesh(0.04).seams
+    other = read(tmp_path, skirt()).mesh(0.04).seams
+    assert (rows[0][1] == other[0][1][::-1]).all() and (rows[1][1] == other[1][1]).all()
+
+
+@pytest.mark.parametrize("change, what", [
+    (lambda p: p["stitches"].append([{"panel": "front", "edge": 1}, {"panel": "back", "edge": 0}]), "sewn twice"),
+    (lambda p: p["stitches"].append([{"panel": "sleeve", "edge": 1}, {"panel": "back", "edge": 0}]), "no panel 'sleeve'"),
+    (lambda p: p["stitches"].append([{"panel": "front", "edge": 9}, {"panel": "back", "edge": 0}]), "no edge 9"),
+    (lambda p: (p["stitches"].append([{"panel": "front", "edge": 2}, {"panel": "back", "edge": 0}]),
+                p["panels"]["back"]["vertices"][0].__setitem__(0, -40)), "0.2 m long.*0.7 m"),
+    (lambda p: p["panels"]["back"]["edges"].pop(1), "edge 1 begins at corner 2"),
+    (lambda p: p["panels"]["back"]["edges"][2]["curvature"].update(params=[3, 0, 1]), "does not reach"),
+    (lambda p: p["panels"]["back"]["edges"][0].update(endpoints=[0, 7]), "corner 7"),
+    (lambda p: p["panels"]["back"].pop("vertices"), "vertices"),
+    (lambda p: p["panels"]["back"]["vertices"][0].__setitem__(0, float("nan")), "vertices of panel 'back'"),
+    (lambda p: p.pop("panels"), "panels"),
+])
+def test_what_is_wrong_with_a_pattern_is_named(tmp_path, change, what):
+    data = skirt()
+    change(data["pattern"])
+    with pytest.raises(tc.SceneError, match=what):
+        read(tmp_path, data)
+
+
+def test_units_and_files(tmp_path):
+    with pytest.raises(tc.SceneError, match="units right"):
+        read(tmp_path, skirt(units_in_meter=1))
+    with pytest.raises(tc.SceneError, match="positive"):
+        read(tmp_path, skirt(units_in_meter=0))
+    for name, text, what in (("a.json", "{", "no JSON"), ("b.json", "[]", "no pattern"), ("c.txt", "", ".json")):
+        (tmp_path / name).write_text(text)
+        with pytest.raises(tc.SceneError, match=what):
+            tc.load_pattern(tmp_path / name)
+    with pytest.raises(tc.SceneError, match="cannot be read"):
+        tc.load_pattern(tmp_path / "missing.json")
+
+
+def test_a_line_that_crosses_itself_is_refused():
+    with pytest.raises(tc.MeshError, match="'bow': its border crosses itself"):
+        mesh_polygon(np.array([[0.0, 0], [1, 1], [1, 0], [0, 1]]), 0.1, "bow")
+
+
+def test_a_garment_in_a_file(tmp_path):
+    garment = read(tmp_path, skirt()).mesh(0.05)
+    path = tmp_path / "skirt.npz"
+    garment.save(path)
+    again = load_garment(path)
+    assert (again.mesh.x == garment.mesh.x).all() and (again.mesh.faces == garment.mesh.faces).all()
+    assert (again.positions == garment.positions).all() and again.gap() == garment.gap() > 0.2
+    assert all((p[0] == q[0]).all() and (p[1] == q[1]).all() and p[2] == q[2] for p, q in zip(again.seams, garment.seams))
+    assert set(again.mesh.groups) == set(garment.mesh.groups)
+    data = path.read_bytes()
+    for damaged in (data[:-40], b"", data[:30] + b"\0\0\0\0" + data[34:]):
+        path.write_bytes(damaged)
+        with pytest.raises(tc.SceneError, match="skirt.npz"):
+            load_garment(path)
+    with pytest.raises(tc.SceneError, match="cannot be written"):
+        garment.save(tmp_path / "no" / "where.npz")
+
+
+def test_measured_fabrics_have_a_source():
+    assert len(tc.fabrics) == 12
+    for name, fabric in tc.fabrics.items():
+        assert isinstance(fabric, tc.Fabric) and fabric.source and name.isidentifier()
+        assert 0.05 < fabric.density < 0.6 and fabric.stretch.k_d == fabric.bend.k_d == 0
+        assert 3e-6 < min(fabric.bend.D) and max(fabric.bend.D) < 1e-4 and fabric.shear.k < min(fabric.stretch.k) * 1.2
+
+
+@pytest.mark.slow
+def test_dressing(tmp_path):
+    """The skirt is sewn round a cylinder and hangs on it; panels that start inside the body are refused."""
+    garment = read(tmp_path, skirt()).mesh(0.05)
+    fabric = tc.Fabric(0.2, tc.Stretch(300, 0.3), tc.Shear(40, 0.04), tc.Bend(1e-5, 1e-7))
+
+    def body(radius: float) -> tc.Scene:
+        scene = tc.Scene()
+        scene.add_solid(tc.Capsule((0, 0.4, 0), (0, 1.6, 0), radius), friction=0.8, thickness=0.004, name="trunk")
+        return scene
+
+    made = tc.dress(garment, fabric, body(0.125), contact=tc.ClothContact(0.003, 0.3), longest=0.6)
+    assert made.garment.gap() == 0 and 0.2 < made.sewn < 1 and made.intersections == 0 and "seams closed" in made.report()
+    assert np.hypot(*made.garment.positions[:, [0, 2]].T).min() > 0.125
+    with pytest.raises(tc.SceneError, match="'front' in 'trunk'"):
+        tc.dress(garment, fabric, body(0.17))
