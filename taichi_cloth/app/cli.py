@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import Field
 
 from ..options import ARCHS, BY_NAME
+from . import dressing
 from . import recorded as cli_recorded
 from . import studies as cli_study
 from .recorded import look_flags, number_of, size_of
@@ -59,6 +60,8 @@ def _dispatch(args: argparse.Namespace) -> int:
 
         print(table())
         return OK
+    if args.command == "dress":
+        return dressing.run(args)
     if args.command in cli_recorded.COMMANDS:
         return cli_recorded.COMMANDS[args.command](args)
     if args.command in cli_study.COMMANDS:
@@ -193,6 +196,7 @@ def _parser() -> argparse.ArgumentParser:
     _simulation_flags(check)
     cli_recorded.add_parsers(commands)
     cli_study.add_parsers(commands)
+    dressing.add_parser(commands)
     commands.add_parser("list", help="scenes, one line each")
     commands.add_parser("doctor", help="what runs on this machine")
     commands.add_parser("fabrics", help="measured cloths, with their sources")

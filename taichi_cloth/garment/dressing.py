@@ -87,7 +87,7 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
     try:
         speed = np.inf
         while sim.time < longest and (speed > SLOW or sim.time < SHORTEST):
-            _advance(sim, tell, f"settling, {speed:.2g} m/s")
+            _advance(sim, tell, "settling" + (f", {speed:.2g} m/s" if np.isfinite(speed) else ""))
             speed = float(np.sqrt(np.mean(np.sum(sim.velocities() ** 2, axis=1))))
         count = sim.intersections() if contact is not None else None
         return Dressed(replace(garment, positions=sim.positions()), sewn, sim.time, speed <= SLOW, speed, count)

@@ -1,0 +1,45 @@
+"""The command `dress`: a pattern and a body become a garment in a file."""
+
+import argparse
+from pathlib import Path
+
+from .recorded import number_of
+
+
+def add_parser(commands) -> None:
+    """`dress` and its flags."""
+    parser = commands.add_parser("dress", help="sew a pattern round a body and let it down")
+    add = parser.add_argument
+    add("pattern", help="a pattern in GarmentCode's JSON format")
+    add("--body", required=True, metavar="MESH", help="the body: .obj, .ply, .stl, .npz, ... [m]; of a sequence the first frame")
+    add("--out", required=True, metavar="FILE", help="the garment, a .npz for tc.load_garment")
+    add("--fabric", default="shirting", help="one of those that `fabrics` prints (shirting)")
+    add("--spacing", type=number_of, default=0.02, metavar="M", help="edge length of the cloth's triangles (0.02)")
+    add("--thickness", type=number_of, default=0.003, metavar="M", help="of the cloth and of the body's skin (0.003)")
+    add("--friction", type=number_of, default=0.3, metavar="X", help="of cloth on the body and on itself (0.3)")
+    add("--longest", type=number_of, default=4.0, metavar="S", help="simulated time after which settling ends (4)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Dresses; returns the exit code."""
+    from .. import checks
+    from ..errors import SceneError
+    from ..garment import load_pattern
+    from ..garment.dressing import dress
+    from ..io.solid import load_solid
+    from ..scene.fabric import ClothContact
+    from ..scene.fabrics import fabrics
+    from ..scene.scene import Scene
+
+    name = checks.choice("--fabric", args.fabric, tuple(fabrics))
+    out = Path(args.out)
+    if out.suffix != ".npz" or not out.parent.is_dir():
+        raise SceneError(f"--out {args.out}: must be a .npz in a folder that is there")
+    garment = load_pattern(args.pattern).mesh(args.spacing)
+    print(f"{len(garment.seams)} seams, {garment.mesh.vertex_count} vertices, {garment.mesh.face_count} triangles")
+    body = Scene()
+    body.add_solid(load_solid(args.body), friction=args.friction, thickness=args.thickness, name="body")
+    made = dress(garment, fabrics[name], body, ClothContact(args.thickness, args.friction), args.longest, tell=print)
+    made.garment.save(out)
+    print(f"{made.report()}\nwritten to {out}")
+    return 0
