@@ -184,8 +184,8 @@ class PCG:
         """r = b - As, the particles' own part of s, and the block's parts of r.s and |dv|_P^2"""
         rs, size, square = ti.cast(0, self.sum_type), ti.cast(0, self.sum_type), ti.cast(0, self.sum_type)
         for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
-            r = self.preconditioner.filter(i, self.preconditioner.average(i, self.operator.b)
-                                           - self.preconditioner.average(i, self.As))
+            left = self.preconditioner.average(i, self.operator.b) - self.preconditioner.average(i, self.As)
+            r = self.preconditioner.filter(i, left)
             s = self.preconditioner.apply(i, r)
             self.r[i], self.s[i] = r, s
             self.c[i], self.Ac[i] = ti.Vector.zero(float, 3), ti.Vector.zero(float, 3)
