@@ -11,7 +11,7 @@ def add_parser(commands) -> None:
     parser = commands.add_parser("dress", help="sew a pattern round a body and let it down")
     add = parser.add_argument
     add("pattern", help="a pattern in GarmentCode's JSON format")
-    add("--body", required=True, metavar="MESH", help="the body: .obj, .ply, .stl, .npz, ... [m]; of a sequence the first frame")
+    add("--body", required=True, metavar="MESH", help="the body [m]: .obj, .ply, .stl or .npz; the first frame of a sequence")
     add("--out", required=True, metavar="FILE", help="the garment, a .npz for tc.load_garment")
     add("--fabric", default="shirting", help="one of those that `fabrics` prints (shirting)")
     add("--spacing", type=number_of, default=0.02, metavar="M", help="edge length of the cloth's triangles (0.02)")
