@@ -274,22 +274,25 @@ class PairDetector:
                     difference, w, along = self.pair(kind, i, j, v_0, v_1, v_2, ti.min(s, 1.0))
                     d = difference.norm()
                     n = difference / ti.max(d, 1e-20)
+            most = d_1 - r_0
             if s > 1 or n_1.dot(n) > FORWARD:  # else it turned a long way, or passed through: as when it came near
                 n, w, along = n_1, w_1, along_1
+            elif n_1.dot(n) < 0:
+                most = r  # passed through: no distance at the end, but where it came near
             out = self.tree.normal[i] + self.tree.normal[j]
             if info[2] == 0 or n.dot(out) > INWARD * out.norm() - 1e-6:  # else it is the far side of the solid
-                self.write(kind, f, t, k, shift, n, w, along, i, j, v_0, v_1, v_2, r_0, r, poses, found, rows)
+                self.write(kind, f, t, k, shift, n, w, along, most, i, j, v_0, v_1, v_2, r_0, r, poses, found, rows)
 
     @ti.func
-    def write(self, kind, f, t, k, shift, n, w, along, i, j, v_0, v_1, v_2, r_0, r, poses: ti.template(),
+    def write(self, kind, f, t, k, shift, n, w, along, most, i, j, v_0, v_1, v_2, r_0, r, poses: ti.template(),
               found: ti.template(), rows: ti.template()):
-        """Writes a pair down where it ends within range."""
+        """Writes a pair down where it ends within range; its distance is `most` at most, that of what then is nearest."""
         x = ti.static(self.model.x)
         x_0 = ti.static(self.model.x_saved)
         at_1 = (1 - along) * self.tree.vertex(i, 1.0) + along * self.tree.vertex(j, 1.0)
         at_0 = (1 - along) * self.tree.vertex(i, 0.0) + along * self.tree.vertex(j, 0.0)
         here = w[0] * x[v_0] + w[1] * x[v_1] + w[2] * x[v_2]
-        gap = n.dot(here - at_1) - r_0
+        gap = ti.min(n.dot(here - at_1) - r_0, most)
         if gap < r - r_0:
             start = w[0] * x_0[v_0] + w[1] * x_0[v_1] + w[2] * x_0[v_2]
             carried = start + at_1 - at_0
