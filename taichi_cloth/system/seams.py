@@ -132,18 +132,6 @@ class Clusters:
                 if again == 0:
                     dv[i] -= self.model.v[i] - v
 
-    @ti.kernel
-    def distribute(self, q: ti.template()):
-        """q_i = m_i / (sum_j m_j) sum_j q_j: forces that give members the same acceleration."""
-        for k in range(self.count):
-            lo, hi = self.begins[k], self.begins[k + 1]
-            total, mass = self.model.x[0] * 0, 0.0
-            for j in range(lo, hi):
-                total += q[self.members[j]]
-                mass += self.model.m[self.members[j]]
-            for j in range(lo, hi):
-                q[self.members[j]] = self.model.m[self.members[j]] / mass * total
-
     @ti.func
     def spread_of(self, k, q: ti.template()):
         """Largest distance of a member's q from the mean of its cluster k."""

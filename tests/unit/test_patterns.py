@@ -1,6 +1,7 @@
 """Sewing patterns: what is read, meshed, placed, refused; garments in files; measured fabrics."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -86,6 +87,18 @@ def test_circles_bend_to_their_side():
             assert np.ptp(np.linalg.norm(np.diff(curve.divided(corners, 9), axis=0), axis=1)) < 1e-3
 
 
+def test_panels_turn_about_x_then_y_then_z(tmp_path):
+    from scipy.spatial.transform import Rotation
+
+    data = skirt()
+    data["pattern"]["panels"]["back"]["rotation"] = [20, 50, -70]
+    garment = read(tmp_path, data).mesh(0.05)
+    index = garment.mesh.groups["back"]
+    flat = np.insert(garment.mesh.uv[index], 2, 0.0, axis=1)
+    turned = Rotation.from_euler("xyz", [20, 50, -70], degrees=True).apply(flat) + [0, 0.9, -0.15]
+    assert np.abs(garment.mesh.x[index] - turned).max() < 1e-12
+
+
 def test_stitches_that_run_together(tmp_path):
     data = skirt()
     data["pattern"]["stitches"][0].append("right_wrong")
@@ -134,6 +147,7 @@ def test_a_line_that_crosses_itself_is_refused():
 
 def test_a_garment_in_a_file(tmp_path):
     garment = read(tmp_path, skirt()).mesh(0.05)
+    garment = replace(garment, positions=garment.positions + [0.1, 0, 0.3])
     path = tmp_path / "skirt.npz"
     garment.save(path)
     again = load_garment(path)

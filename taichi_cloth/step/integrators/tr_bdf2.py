@@ -155,8 +155,6 @@ class TRBDF2(Checkpointed):
         self.pins = pins
         with clock.part("EVAL"):
             self.system.linearize(c)
-            if self.model.sewn is not None:
-                self.model.sewn.distribute(self.system.operator.b)
         self.known, self.c = True, 0.0
         return True
 
