@@ -22,9 +22,9 @@ def build_forces(fields: Fields, model: ParticleState, scene: Scene, mode: str, 
         mode: K of the conditions, as `options.Options` has it.
         substep: explicit step [s] for which triangles are softened, see `Membrane`; None leaves them as they are.
     """
-    bends = [c.fabric.bend.model for c in scene.cloths if c.fabric.bend and c.mesh.has_hinges]
+    bends = [f.bend.model for c in scene.cloths if c.mesh.has_hinges for f in c.fabrics if f.bend]
     wanted = (
-        (partial(Membrane, substep=substep), any(c.fabric.stretch or c.fabric.shear for c in scene.cloths)),
+        (partial(Membrane, substep=substep), any(f.stretch or f.shear for c in scene.cloths for f in c.fabrics)),
         (Bend, any(bend == "hinge" for bend in bends)),
         (CurvatureBend, any(bend == "curvature" for bend in bends)),
         (Gravity, bool(scene.gravity.any())),

@@ -8,7 +8,6 @@ import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
-from ..scene.fabric import Bend as BendFabric
 from ..scene.fabric import pair
 from ..scene.scene import Cloth, Scene, Seam
 from ..system.elements import Hinges, flat_turns, hinges, row_sums, seam_hinges
@@ -30,7 +29,7 @@ class Bend(Force):
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
         self.model, self.exact = model, mode == "paper"
-        bent = [c for c in scene.cloths if c.fabric.bend and c.fabric.bend.model == "hinge"]
+        bent = [c for c in scene.cloths if any(f.bend and f.bend.model == "hinge" for f in c.fabrics)]
         seams = [(s, seam_hinges(s.cloth.mesh, s.a, s.b)) for s in scene.seams if s.cloth in bent and s.stiffness > 0]
         parts = [(c, hinges(c.mesh)) for c in bent] + [(s.cloth, h) for s, h in seams]
         vertices = np.concatenate([model.particle[h.vertices + c.start] for c, h in parts])
@@ -243,20 +242,21 @@ class Bend(Force):
 
 def _rest(cloth: Cloth, h: Hinges) -> np.ndarray:
     """(hinges, 4): k [N m], k_d [N m s], theta_0, and the least squared normal [m^4]."""
-    bend = cloth.fabric.bend
-    assert bend is not None
+    bend = next(f.bend for f in cloth.fabrics if f.bend)
     given = bend.rest == "given" or (bend.rest is None and cloth.mesh.flattened)
-    return _rows(bend, h, h.angle if given else 0.0)
+    return _rows(cloth, h, h.angle if given else 0.0)
 
 
 def _seam_rest(seam: Seam, h: Hinges) -> np.ndarray:
     """The same of a seam's hinges."""
-    bend = seam.cloth.fabric.bend
-    assert bend is not None
-    return _rows(bend, h, h.angle if seam.rest == "given" else seam.rest, seam.stiffness)
+    return _rows(seam.cloth, h, h.angle if seam.rest == "given" else seam.rest, seam.stiffness)
 
 
-def _rows(bend: BendFabric, h: Hinges, theta_0, factor: float = 1.0) -> np.ndarray:
-    weight = factor * h.length2 / h.areas.sum(axis=1)
-    k, k_d = (weight * (h.across @ np.array(pair(value))) for value in (bend.D, bend.k_d))
+def _rows(cloth: Cloth, h: Hinges, theta_0, factor: float = 1.0) -> np.ndarray:
+    """Stiffness and damping of a hinge are the mean of its two sides'."""
+    weight, of = factor * h.length2 / h.areas.sum(axis=1), cloth.fabric_of[h.faces]
+    k, k_d = np.zeros((2, len(of)))
+    for name, total in (("D", k), ("k_d", k_d)):
+        values = np.array([pair(getattr(f.bend, name)) if f.bend else (0.0, 0.0) for f in cloth.fabrics])
+        total[:] = weight * np.einsum("hj,hj->h", h.across, values[of].mean(axis=1))
     return np.column_stack([k, k_d, np.broadcast_to(theta_0, k.shape), (2 * COLLAPSED * h.areas.min(axis=1)) ** 2])

@@ -81,7 +81,7 @@ class Drag(Force):
         air = scene.air
         assert air is not None  # build_forces makes no drag without air
         self.normal, self.tangential = float(air.normal), float(air.tangential)
-        density = min(c.fabric.density for c in scene.cloths)
+        density = min(f.density for c in scene.cloths for f in c.fabrics)
         self.rates = (0.0, max(self.normal, self.tangential) / density)
         self.gusty = callable(air.wind)
         self.air, self.now = air, air.wind_at(0.0)

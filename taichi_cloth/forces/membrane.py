@@ -40,18 +40,19 @@ class Membrane(Force):
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str, substep: float | None = None) -> None:
         self.model, self.mode = model, mode
-        cloths = [(k, c) for k, c in enumerate(scene.cloths) if c.fabric.stretch or c.fabric.shear]
-        table = np.array([_row(c.fabric) for _, c in cloths])
-        parts = [triangles(c.mesh) for _, c in cloths]
-        vertices = np.concatenate([model.particle[p.vertices + c.start] for p, (_, c) in zip(parts, cloths)])
+        cloths = [c for c in scene.cloths if any(f.stretch or f.shear for f in c.fabrics)]
+        table = np.array([_row(f) for c in cloths for f in c.fabrics])
+        parts = [triangles(c.mesh) for c in cloths]
+        vertices = np.concatenate([model.particle[p.vertices + c.start] for p, c in zip(parts, cloths)])
         self.elements = Elements(fields, model.blocks, vertices)
         per_entry = self.elements.per_entry
         inverse = np.concatenate([p.inverse for p in parts]).reshape(-1, 4)
         area = np.concatenate([p.area for p in parts])
-        material = np.repeat(np.arange(len(parts)), [len(p.area) for p in parts])
+        first = np.cumsum([0] + [len(c.fabrics) for c in cloths])
+        material = np.concatenate([c.fabric_of + k for c, k in zip(cloths, first)])
         # squared frequency [1/s^2] and damping rate [1/s] that no mode at rest exceeds, as each particle has them
         k = table[material] * area[:, None]
-        rates = [_row_bounds(vertices, inverse, model.mass, k[:, first:first + 3]) for first in (K_U, D_U)]
+        rates = [_row_bounds(vertices, inverse, model.mass, k[:, column:column + 3]) for column in (K_U, D_U)]
         self.notes: list[str] = []
         if substep is not None:
             omega2, damping = rates
@@ -61,7 +62,7 @@ class Membrane(Force):
             if (left < 1).any():
                 self.notes.append(f"for the substep asked for, {np.sum(left < 1)} of {len(left)} triangles keep but "
                                   f"{100 * left.min():.2g} % or more of their stretch and shear stiffness")
-            rates = [_row_bounds(vertices, inverse, model.mass, k[:, first:first + 3]) for first in (K_U, D_U)]
+            rates = [_row_bounds(vertices, inverse, model.mass, k[:, column:column + 3]) for column in (K_U, D_U)]
         self.rates = tuple(float(r.max()) for r in rates)
         self.inverse = fields.real(self.elements.count, 4, per_entry(inverse))
         self.area = fields.real(self.elements.count, data=per_entry(area))

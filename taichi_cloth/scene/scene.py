@@ -27,6 +27,7 @@ class Cloth:
         start: index of its first vertex in the simulation's arrays.
         positions, velocities: (n, 3) at time 0 [m], [m/s].
         contact: how it meets other cloth; None passes through.
+        panels: (rows of faces, their fabric): parts that are of another fabric.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Cloth:
     start: int
     color: tuple[float, float, float] | None = None
     contact: ClothContact | None = None
+    panels: tuple[tuple[np.ndarray, Fabric], ...] = ()
 
     def __post_init__(self) -> None:
         what = checks.name("cloth name", self.name)
@@ -48,6 +50,27 @@ class Cloth:
         object.__setattr__(self, "start", checks.integer(f"start of {what!r}", self.start, least=0))
         object.__setattr__(self, "color", checks.maybe(self.color, checks.color, f"color of {what!r}"))
         checks.maybe(self.contact, checks.instance, f"contact of {what!r}", ClothContact)
+        models = {f.bend.model for f in self.fabrics if f.bend}
+        if len(models) > 1 or (self.panels and models == {"curvature"}):
+            raise SceneError(f"panels of {what!r}: all fabrics of a cloth bend over hinges, or it has one fabric")
+
+    @property
+    def fabrics(self) -> tuple[Fabric, ...]:
+        """All that it is made of, the cloth's own first."""
+        return self.fabric, *(fabric for _, fabric in self.panels)
+
+    @property
+    def fabric_of(self) -> np.ndarray:
+        """(m,) which of `fabrics` each face is of."""
+        out = np.zeros(self.mesh.face_count, dtype=np.int64)
+        for k, (rows, _) in enumerate(self.panels, 1):
+            out[rows] = k
+        return out
+
+    @property
+    def density(self) -> np.ndarray:
+        """(m,) of each face [kg/m^2]."""
+        return np.array([f.density for f in self.fabrics])[self.fabric_of]
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +215,8 @@ class Scene:
 
     def add_cloth(self, mesh: TriMesh, fabric: Fabric, positions: ArrayLike | None = None,
                   velocities: ArrayLike | None = None, name: str | None = None,
-                  color: tuple[float, float, float] | None = None, contact: ClothContact | None = None) -> Cloth:
+                  color: tuple[float, float, float] | None = None, contact: ClothContact | None = None,
+                  panels: dict[str, Fabric] | None = None) -> Cloth:
         """Adds a piece of cloth.
 
         Args:
@@ -200,25 +224,28 @@ class Scene:
             velocities: (n, 3) or (3,) at time 0 [m/s]; zero where None.
             color: (3,) linear RGB in 0..1 for pictures.
             contact: how it meets itself and other cloth that has a contact; None passes through, and costs nothing.
+            panels: fabrics of faces all of whose corners are in a group of the mesh, by the groups' names.
         """
         name = f"cloth{len(self.cloths)}" if name is None else name
         x = checks.instance("add_cloth: mesh", mesh, TriMesh).x if positions is None else positions
         v = np.zeros(3) if velocities is None else velocities
-        cloth = Cloth(name, mesh, fabric, x, v, self.vertex_count, color, contact)  # type: ignore[arg-type]
+        parts = _panels(mesh, {} if panels is None else checks.instance("add_cloth: panels", panels, dict))
+        cloth = Cloth(name, mesh, fabric, x, v, self.vertex_count, color, contact, parts)  # type: ignore[arg-type]
         if name in (c.name for c in self.cloths):
             raise SceneError(f"there is a cloth named {name!r} already")
         self.cloths.append(cloth)
         return cloth
 
     def add_garment(self, garment: Garment, fabric: Fabric, velocities: ArrayLike | None = None, name: str | None = None,
-                    color: tuple[float, float, float] | None = None, contact: ClothContact | None = None) -> Cloth:
+                    color: tuple[float, float, float] | None = None, contact: ClothContact | None = None,
+                    panels: dict[str, Fabric] | None = None) -> Cloth:
         """Adds a garment's panels as one piece of cloth, and sews its seams.
 
         Args:
-            velocities, name, color, contact: as in `add_cloth`.
+            velocities, name, color, contact, panels: as in `add_cloth`.
         """
         checks.instance("add_garment: garment", garment, Garment)
-        cloth = self.add_cloth(garment.mesh, fabric, garment.positions, velocities, name, color, contact)
+        cloth = self.add_cloth(garment.mesh, fabric, garment.positions, velocities, name, color, contact, panels)
         for a, b, rest in garment.seams:
             self.sew(cloth, a, b, rest)
         return cloth
@@ -433,6 +460,18 @@ def orthonormal(directions: object) -> np.ndarray:
         return unit
     q, _ = np.linalg.qr(unit.T)
     return q.T
+
+
+def _panels(mesh: TriMesh, fabrics: dict[str, Fabric]) -> tuple[tuple[np.ndarray, Fabric], ...]:
+    """(rows of faces, fabric) of groups of vertices."""
+    out = []
+    for name, fabric in fabrics.items():
+        checks.instance(f"fabric of panel {name!r}", fabric, Fabric)
+        rows = np.flatnonzero(np.isin(mesh.faces, mesh.select(name)).all(axis=1))
+        if not len(rows):
+            raise SceneError(f"panel {name!r}: no face has all of its corners in that group")
+        out.append((rows, fabric))
+    return tuple(out)
 
 
 def _used(cloth: Cloth, vertices: object) -> np.ndarray:

@@ -139,7 +139,7 @@ def _fall(scene: Scene, simulate: type[Simulation]) -> Iterator[Check]:
     scene.air = None
     mass = np.zeros(scene.vertex_count)
     for cloth in scene.cloths:
-        mass[cloth.start: cloth.start + cloth.mesh.vertex_count] = lumped_mass(cloth.mesh, cloth.fabric.density)
+        mass[cloth.start: cloth.start + cloth.mesh.vertex_count] = lumped_mass(cloth.mesh, cloth.density)
         cloth.velocities[:] = 0
     for cloth, vertices, extra in scene.masses:
         mass[vertices + cloth.start] += extra

@@ -28,6 +28,7 @@ class Hinges:
 
     Attributes:
         vertices: (k, 4) edge i, j and the opposite vertices of the two triangles.
+        faces: (k, 2) the triangles.
         length2: (k,) squared length of the edge in the material plane [m^2], the mean of its two sides.
         areas: (k, 2) of the two triangles [m^2].
         feet: (k, 2) where the perpendiculars from the opposite vertices meet the edge, in parts of it from i.
@@ -37,6 +38,7 @@ class Hinges:
     """
 
     vertices: np.ndarray
+    faces: np.ndarray
     length2: np.ndarray
     areas: np.ndarray
     feet: np.ndarray
@@ -70,7 +72,8 @@ def hinges(mesh: TriMesh) -> Hinges:
     feet = np.column_stack([np.einsum("ij,ij->i", third[s], along[s]) for s in (a, b)])
     feet /= np.column_stack([length_a, length_b]) ** 2
     feet[:, 1] = np.where(edges[a, 0] == edges[b, 0], feet[:, 1], 1 - feet[:, 1])
-    return Hinges(vertices, ((length_a + length_b) / 2) ** 2, areas, feet, across, hinge_angle(mesh.x[vertices]))
+    sides = np.column_stack([a % m, b % m])
+    return Hinges(vertices, sides, ((length_a + length_b) / 2) ** 2, areas, feet, across, hinge_angle(mesh.x[vertices]))
 
 
 def seam_hinges(mesh: TriMesh, a: np.ndarray, b: np.ndarray) -> Hinges:
@@ -107,8 +110,8 @@ def seam_hinges(mesh: TriMesh, a: np.ndarray, b: np.ndarray) -> Hinges:
     feet = np.stack(sides, axis=1)
     feet = np.where(turned[:, None], 1 - feet, feet)
     vertices = np.stack([i, j, *tips], axis=1)
-    return Hinges(vertices, ((lengths[0] + lengths[1]) / 2) ** 2, np.stack(areas, axis=1), feet, (across[0] + across[1]) / 2,
-                  hinge_angle(mesh.x[vertices]))
+    return Hinges(vertices, both[:, k].T % m, ((lengths[0] + lengths[1]) / 2) ** 2, np.stack(areas, axis=1), feet,
+                  (across[0] + across[1]) / 2, hinge_angle(mesh.x[vertices]))
 
 
 def hinge_angle(x: np.ndarray) -> np.ndarray:
@@ -135,8 +138,8 @@ def row_sums(vertices: np.ndarray, sizes: np.ndarray, mass: np.ndarray) -> np.nd
     return np.bincount(vertices.ravel(), sizes.sum(axis=2).ravel(), len(mass)) / mass
 
 
-def lumped_mass(mesh: TriMesh, density: float) -> np.ndarray:
-    """(n,) a third of the mass of each of a vertex's triangles [kg]."""
+def lumped_mass(mesh: TriMesh, density: float | np.ndarray) -> np.ndarray:
+    """(n,) a third of the mass of each of a vertex's triangles [kg]; density of all, or (m,) of each [kg/m^2]."""
     mass = np.zeros(mesh.vertex_count)
     np.add.at(mass, mesh.faces.ravel(), np.repeat(mesh.material_areas * density / 3, 3))
     return mass

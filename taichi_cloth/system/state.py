@@ -241,7 +241,7 @@ class ParticleState:
 
 def _masses(scene: Scene) -> np.ndarray:
     """(user's n,) [kg]"""
-    mass = np.concatenate([lumped_mass(c.mesh, c.fabric.density) for c in scene.cloths])
+    mass = np.concatenate([lumped_mass(c.mesh, c.density) for c in scene.cloths])
     for cloth, vertices, extra in scene.masses:
         mass[vertices + cloth.start] += extra
     if not (np.isfinite(mass).all() and (mass > 1e-30).sum() == len(np.unique(np.concatenate(

@@ -299,3 +299,37 @@ def test_rates_bound_the_fastest_mode_of_flat_cloth(bend, jitter, rng):
         bound = sum(force.rates[0] for force in sim.force_terms)
         assert fastest * (1 - 1e-9) < bound < 3 * fastest
         sim.close()
+
+
+def test_panels_of_other_fabrics(rng):
+    """Energies, masses and hinges of a mesh in two fabrics: those of its parts, and the mean where they meet."""
+    mesh = tc.grid(1.0, 4)
+    left, right = np.flatnonzero(mesh.uv[:, 0] < 0.51), np.flatnonzero(mesh.uv[:, 0] > 0.49)
+    mesh = tc.TriMesh(mesh.x, mesh.faces, mesh.uv, {"right": right})
+    one = tc.Fabric(0.1, tc.Stretch((500, 300), 1), tc.Shear(50), tc.Bend((1e-3, 2e-3)))
+    other = tc.Fabric(0.4, tc.Stretch(2000, 3), bend=tc.Bend(5e-3))
+    x = mesh.x + 0.05 * rng.normal(size=mesh.x.shape)
+
+    def energies(fabric, panels=None, faces=None):
+        scene = tc.Scene(gravity=None)
+        part = mesh if faces is None else tc.TriMesh(mesh.x, mesh.faces[faces], mesh.uv)
+        scene.add_cloth(part, fabric, positions=x, panels=panels)
+        return tc.Simulation(scene)
+
+    of_right = np.isin(mesh.faces, right).all(axis=1)
+    both = energies(one, {"right": other})
+    parts = [energies(one, faces=~of_right), energies(other, faces=of_right)]
+    assert (both.scene.cloths[0].fabric_of == of_right).all() and 0 < of_right.sum() < len(of_right) and len(left)
+    for term in ("stretch_u", "stretch_v", "shear"):
+        assert both.energy()[term] == pytest.approx(sum(p.energy().get(term, 0.0) for p in parts), rel=1e-12)
+    h = hinges(mesh)
+    D = np.where(of_right[h.faces][:, :, None], [5e-3, 5e-3], [1e-3, 2e-3]).mean(axis=1)
+    k = h.length2 / h.areas.sum(axis=1) * (h.across * D).sum(axis=1)
+    theta = hinge_angle(x[h.vertices])
+    assert both.energy()["bend"] == pytest.approx(0.5 * np.sum(k * theta**2), rel=1e-9)
+    mass = lumped_mass(mesh, np.where(of_right, 0.4, 0.1))
+    assert np.abs(both.model.mass - mass[both.model.user]).max() < 1e-15 and mass.sum() == pytest.approx(0.25)
+    for fabric, panels, what in ((one, {"right": tc.Fabric(1.0, bend=tc.Bend(1e-3, model="curvature"))}, "bend over hinges"),
+                                 (one, {"left": other}, "left"), (one, {"right": 3}, "right"), (one, [other], "panels")):
+        with pytest.raises((tc.SceneError, tc.MeshError), match=what):
+            energies(fabric, panels)
