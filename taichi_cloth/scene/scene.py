@@ -12,6 +12,7 @@ from .. import checks
 from ..errors import SceneError, did_you_mean, shown
 from .fabric import ClothContact, Fabric
 from .garment import Garment
+from .glue import Places, places
 from .mesh import TriMesh
 from .solids import Shape, Solid, Value
 from .view import View
@@ -85,6 +86,7 @@ class Attachment:
         key: stays the same when some of the vertices are released.
         selected: the vertices that the path speaks of, released ones included.
         order: (k,) rows of the path's value in the order of rising vertex index.
+        solid: what the vertices ride on, from where they are when the attachment begins, at time `since` [s]; or None.
     """
 
     cloth: Cloth
@@ -95,6 +97,14 @@ class Attachment:
     key: int
     selected: np.ndarray
     order: np.ndarray
+    solid: Solid | None = None
+    since: float = 0.0
+    found: dict[bytes, Places] = field(default_factory=dict, repr=False)  # the places that it last rode on
+
+    @property
+    def leads(self) -> bool:
+        """Whether it moves its vertices."""
+        return self.path is not None or self.solid is not None
 
     def target(self, t: float, anchor: np.ndarray) -> np.ndarray:
         """(k, 3) positions [m] of `vertices` at time t [s]; `anchor` (n, 3) is the cloth when it began.
@@ -103,6 +113,12 @@ class Attachment:
             SceneError: where the path returns a wrong shape or a number that is not finite.
         """
         here = anchor[self.vertices]
+        if self.solid is not None:
+            key = here.tobytes()
+            if key not in self.found:
+                self.found.clear()
+                self.found[key] = places(self.solid, self.since, here)
+            return self.found[key].at(self.solid, t)
         if self.path is None:
             return here
         value = self.checked(t)
@@ -357,6 +373,23 @@ class Scene:
         checks.function("move: path", path, "time")
         self._attach(cloth, vertices, directions, path, checks.flag("move: relative", relative))
 
+    def attach(self, cloth: Cloth, vertices: object, solid: Solid, since: float = 0.0) -> None:
+        """Lets vertices ride on a solid, from where they are: at the nearest place of its surface, as that turns and moves.
+
+        `unpin` lets them go.
+
+        Args:
+            since: when this begins [s]; in an event, the event's own time.
+
+        Raises:
+            SceneError: a solid of another scene.
+        """
+        if not any(solid is s for s in self.solids):
+            names = [s.name for s in self.solids]
+            raise SceneError(f"attach: not a solid of this scene: {shown(getattr(solid, 'name', solid))}; there are {names}")
+        since = checks.number("attach: since", since, "s", least=0.0)
+        self._attach(cloth, vertices, None, None, False, solid, since)
+
     def unpin(self, cloth: Cloth, vertices: object = None) -> None:
         """Releases vertices (all of the cloth's where None) from every pin and motion.
 
@@ -411,7 +444,8 @@ class Scene:
             what = cloth.name if isinstance(cloth, Cloth) else cloth
             raise SceneError(f"not a cloth of this scene: {shown(what)}; {did_you_mean(what, names)}")
 
-    def _attach(self, cloth: Cloth, vertices: object, directions: object, path: Path | None, relative: bool) -> None:
+    def _attach(self, cloth: Cloth, vertices: object, directions: object, path: Path | None, relative: bool,
+                solid: Solid | None = None, since: float = 0.0) -> None:
         self._own(cloth)
         index = _used(cloth, vertices)
         order = np.argsort(index, kind="stable")
@@ -419,7 +453,7 @@ class Scene:
             raise SceneError("move: a vertex is named twice")
         basis = orthonormal(directions)
         selected = np.unique(index)
-        attachment = Attachment(cloth, selected, basis, path, relative, next(self._key), selected, order)
+        attachment = Attachment(cloth, selected, basis, path, relative, next(self._key), selected, order, solid, since)
         if path is not None:
             attachment.checked(0.0)
         self._check_overlap(attachment)
@@ -427,7 +461,7 @@ class Scene:
 
     def _check_overlap(self, new: Attachment) -> None:
         for old in self.script.attachments:
-            if old.cloth is not new.cloth or (old.path is None and new.path is None):
+            if old.cloth is not new.cloth or not (old.leads or new.leads):
                 continue
             shared = np.intersect1d(old.vertices, new.vertices)
             rank = np.linalg.matrix_rank(np.concatenate([old.directions, new.directions]), tol=1e-9)

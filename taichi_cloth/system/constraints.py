@@ -75,7 +75,7 @@ class Attachments:
         index = np.concatenate([self.model.particle[a.vertices + a.cloth.start] for a in attachments])
         basis = np.concatenate([np.broadcast_to(_padded(a.directions), (len(a.vertices), 3, 3)) for a in attachments])
         goal = np.concatenate([a.target(t, self.anchors[a.key]) for a in attachments]) - self.model.origin
-        moving = any(a.path is not None for a in attachments)
+        moving = any(a.leads for a in attachments)
         projector = np.einsum("kdi,kdj->kij", basis, basis)
         if len(np.unique(index)) < len(index):
             index, projector, goal = _combine(index, basis, goal)

@@ -1,0 +1,85 @@
+"""Vertices that ride on a solid: at the nearest place of its surface, in that place's own frame. numpy only."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .solids import Solid, SolidMesh
+
+CHUNK = 1 << 21  # pairs of a point and a triangle that are looked at together
+
+
+@dataclass(frozen=True)
+class Places:
+    """Places on or near a solid.
+
+    Attributes:
+        faces: (k, 3) vertices of the solid's surface, for solids that deform; None for those that do not.
+        weights: (k, 3) of the nearest place of that triangle.
+        offset: (k, 3) from it, in the triangle's frame [m]; of a solid that does not deform, the places in its own frame.
+    """
+
+    faces: np.ndarray | None
+    weights: np.ndarray
+    offset: np.ndarray
+
+    def at(self, solid: Solid, t: float) -> np.ndarray:
+        """(k, 3) where they are at time t [s]."""
+        if self.faces is None:
+            R, p = solid.pose(t)
+            return self.offset @ R.T + p
+        corner = solid.surface_at(t)[self.faces]
+        return np.einsum("ka,kai->ki", self.weights, corner) + np.einsum("kij,kj->ki", _frames(corner), self.offset)
+
+
+def places(solid: Solid, t: float, points: np.ndarray) -> Places:
+    """Of points (k, 3) [m] at time t [s]."""
+    if not (isinstance(solid.shape, SolidMesh) and solid.deforms):
+        R, p = solid.pose(t)
+        return Places(None, np.zeros((len(points), 3)), (points - p) @ R)
+    x, faces = solid.surface_at(t), solid.shape.faces
+    corner = x[faces]
+    face, weights = np.empty(len(points), dtype=np.int64), np.empty((len(points), 3))
+    step = max(1, CHUNK // len(faces))
+    for first in range(0, len(points), step):
+        here = points[first:first + step]
+        w = _closest(here[:, None], corner[None])
+        d = np.linalg.norm(np.einsum("pfa,fai->pfi", w, corner) - here[:, None], axis=2)
+        best = d.argmin(axis=1)
+        face[first:first + step], weights[first:first + step] = best, w[np.arange(len(here)), best]
+    mine = corner[face]
+    away = points - np.einsum("ka,kai->ki", weights, mine)
+    return Places(faces[face], weights, np.einsum("kij,ki->kj", _frames(mine), away))
+
+
+def _frames(corner: np.ndarray) -> np.ndarray:
+    """(k, 3, 3) columns: along the first edge, across it, normal, of triangles (k, 3, 3)."""
+    e = corner[:, 1] - corner[:, 0]
+    n = np.cross(e, corner[:, 2] - corner[:, 0])
+    e, n = (v / np.maximum(np.linalg.norm(v, axis=1, keepdims=True), 1e-300) for v in (e, n))
+    return np.stack([e, np.cross(n, e), n], axis=2)
+
+
+def _closest(p: np.ndarray, corner: np.ndarray) -> np.ndarray:
+    """(..., 3) weights of the places of triangles (..., 3, 3) that are nearest to points (..., 3)."""
+    a, b, c = (corner[..., k, :] for k in range(3))
+
+    def on_edge(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        way = v - u
+        return np.clip(((p - u) * way).sum(axis=-1) / np.maximum((way**2).sum(axis=-1), 1e-300), 0, 1)
+
+    n = np.cross(b - a, c - a)
+    size = np.maximum((n**2).sum(axis=-1), 1e-300)
+    inner = np.stack([(np.cross(c - b, p - b) * n).sum(axis=-1), (np.cross(a - c, p - c) * n).sum(axis=-1),
+                      (np.cross(b - a, p - a) * n).sum(axis=-1)], axis=-1) / size[..., None]
+    zero, choices = np.zeros(inner.shape[:-1]), []
+    for k, (u, v) in enumerate(((a, b), (b, c), (c, a))):
+        t = on_edge(u, v)
+        rows = [zero, zero, zero]
+        rows[k], rows[(k + 1) % 3] = 1 - t, t
+        choices.append(np.stack(rows, axis=-1))
+    weights = np.stack(choices)
+    points = np.einsum("e...a,...ai->e...i", weights, np.broadcast_to(corner, (*zero.shape, 3, 3)))
+    nearest = np.linalg.norm(points - p, axis=-1).argmin(axis=0)
+    border = np.take_along_axis(weights, nearest[None, ..., None], axis=0)[0]
+    return np.where((inner >= 0).all(axis=-1)[..., None], inner, border)
