@@ -96,7 +96,7 @@ MUTATIONS = (
     (HINGE, "dt_a = (da.dot(e) + a.dot(de) - t_a * d_e2) / e2", "dt_a = (da.dot(e) + a.dot(de)) / e2",
      "exact K of a hinge: feet move",
      PAPER),
-    (BEND, "weight = factor * h.length2 / h.areas.sum(axis=1)", "weight = factor * h.length2 / (2 * h.areas.sum(axis=1))",
+    (BEND, "factor * h.length2 / h.areas.sum(axis=1)", "factor * h.length2 / (2 * h.areas.sum(axis=1))",
      "hinges half as stiff"),
     (BEND, "given = bend.rest == \"given\" or", "given = bend.rest == \"flat\" or", "rest='given' is taken as flat",
      "tests/unit/test_forces.py::test_rest_shape_has_no_force"),

@@ -80,7 +80,7 @@ MUTATIONS = (
      "relative paths start elsewhere", DESCRIPTION),
     ("taichi_cloth/scene/scene.py", "if len(shared) and rank < len(old.directions) + len(new.directions):",
      "if len(shared) and rank < len(old.directions):", "two motions of one vertex are taken", DESCRIPTION),
-    ("taichi_cloth/scene/scene.py", "if old.cloth is not new.cloth or (old.path is None and new.path is None):",
+    ("taichi_cloth/scene/scene.py", "if old.cloth is not new.cloth or not (old.leads or new.leads):",
      "if old.path is None and new.path is None:", "cloths hold each other's vertices", DESCRIPTION),
     ("taichi_cloth/scene/scene.py", "stay = a.vertices if a.cloth is not cloth else a.vertices[~np.isin(a.vertices, free)]",
      "stay = a.vertices if a.cloth is not cloth else a.vertices[np.isin(a.vertices, free)]", "unpin keeps what it frees",

@@ -44,7 +44,7 @@ MUTATIONS = (
     (ELEMENTS, "vertices = np.stack([i, j, *tips], axis=1)", "vertices = np.stack([j, i, *tips], axis=1)",
      "a seam's angle turned round",
      ANGLE),
-    (BEND, "s.cloth in bent and s.stiffness > 0", "False", "seams without hinges", ANGLE),
+    (BEND, "s.cloth.name in names and s.stiffness > 0", "False", "seams without hinges", ANGLE),
     (BEND, 'h.angle if seam.rest == "given" else seam.rest', 'h.angle if seam.rest == "given" else 0.0',
      "seams are all flat", ANGLE),
     (CURVES, "(1 if bool(large) != bool(right) else -1)", "(1 if bool(large) == bool(right) else -1)",

@@ -30,7 +30,8 @@ class Bend(Force):
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
         self.model, self.exact = model, mode == "paper"
         bent = [c for c in scene.cloths if any(f.bend and f.bend.model == "hinge" for f in c.fabrics)]
-        seams = [(s, seam_hinges(s.cloth.mesh, s.a, s.b)) for s in scene.seams if s.cloth in bent and s.stiffness > 0]
+        names = {c.name for c in bent}
+        seams = [(s, seam_hinges(s.cloth.mesh, s.a, s.b)) for s in scene.seams if s.cloth.name in names and s.stiffness > 0]
         parts = [(c, hinges(c.mesh)) for c in bent] + [(s.cloth, h) for s, h in seams]
         vertices = np.concatenate([model.particle[h.vertices + c.start] for c, h in parts])
         self.elements = Elements(fields, model.blocks, vertices)

@@ -181,6 +181,32 @@ def test_what_is_apart_is_led_together_and_stays_so():
 
 
 @pytest.mark.slow
+def test_a_run_that_is_sewn_goes_on_bit_for_bit():
+    """From before its gaps are closed; the coarsest level that was found goes on too."""
+    mesh, a, b, _ = cut(tc.grid(0.5, 14), 0.25)
+    x = mesh.x + side_of(mesh, b[0])[:, None] * [0.05, 0.02, 0]
+
+    def make() -> tc.Simulation:
+        scene = tc.Scene()
+        cloth = scene.add_cloth(mesh, FABRIC, positions=x)
+        scene.pin(cloth, [0, 14])
+        scene.sew(cloth, a, b)
+        return tc.Simulation(scene, h=1 / 60, preconditioner="multilevel", threads=1)
+
+    for steps in (2, 8):
+        sim, again = make(), make()
+        for _ in range(steps):
+            sim.step()
+        again.resume(sim.checkpoint())
+        for _ in range(4):
+            sim.step()
+            again.step()
+        assert (sim.positions() == again.positions()).all() and (sim.velocities() == again.velocities()).all()
+        sim.close()
+        again.close()
+
+
+@pytest.mark.slow
 def test_sewn_cloth_in_contact():
     """A sheet of six pieces falls on a ball and itself: as the whole one, no crossing, seams closed."""
     whole = tc.grid(0.6, 18)
