@@ -19,6 +19,7 @@ _NAMES = {
     "scene.fabrics": "fabrics",
     "scene.garment": "Garment load_garment",
     "garment": "load_pattern",
+    "garment.stitched": "load_stitched",
     "garment.pattern": "Pattern Panel Stitch",
     "garment.curves": "Curve",
     "garment.dressing": "dress",
