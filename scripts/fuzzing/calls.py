@@ -48,6 +48,7 @@ tc.Air(1.0) tc.View() {"a":1} {"a":[0]} {1:[0]} {"a":["x"]} {"a":[99]} {"":[0]} 
 
 MESH, FABRIC = "tc.grid(1.0, 2)", "tc.Fabric(0.2, tc.Stretch(100))"
 SCENE = f"scene = tc.Scene(); cloth = scene.add_cloth({MESH}, {FABRIC})"
+CORNERS, EDGES = "[[0.0, 0], [1, 0], [0, 1]]", "(tc.Curve(0, 1), tc.Curve(1, 2), tc.Curve(2, 0))"
 TRIANGLE = "[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]"
 
 # (what comes first, what is called, right arguments in the callable's order). A name that is not given has its default.
@@ -75,7 +76,16 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
     ("", "tc.Scene", {"gravity": "(0, -9.81, 0)", "air": "tc.Air(0.5)", "view": "tc.View()"}),
     ("", "tc.Cloth", {"name": '"a"', "mesh": MESH, "fabric": FABRIC, "positions": f"{MESH}.x",
                       "velocities": "np.zeros((9, 3))", "start": "0", "color": "(0.5, 0.5, 1)",
-                      "contact": "tc.ClothContact(0.01)"}),
+                      "contact": "tc.ClothContact(0.01)", "panels": f"((np.array([0]), {FABRIC}),)"}),
+    ("", "tc.Curve", {"start": "0", "end": "1", "kind": '"circle"', "parameters": "(1.0, False, True)", "label": '"hem"'}),
+    ("", "tc.Panel", {"name": '"a"', "corners": CORNERS, "edges": EDGES, "translation": "np.zeros(3)",
+                      "rotation": "np.eye(3)", "round_radius": "0.0"}),
+    ("", "tc.Stitch", {"a": '("a", 0)', "b": '("a", 1)', "together": "True", "rest": "0.5"}),
+    ("", "tc.Pattern", {"panels": f'(tc.Panel("a", {CORNERS}, {EDGES}),)', "stitches": '(tc.Stitch(("a", 0), ("a", 1)),)'}),
+    ("", "tc.Garment", {"mesh": MESH, "seams": '(([0, 1], [7, 6], "flat"),)', "positions": f"{MESH}.x"}),
+    ("", "tc.load_pattern", {"path": '"none.json"'}),
+    ("", "tc.load_garment", {"path": '"none.npz"'}),
+    ("", "tc.load_stitched", {"path": "OBJ", "stitches": "None", "scale": "1.0"}),
     ("", "tc.Air", {"normal": "0.5", "tangential": "0.1", "wind": "(1, 0, 0)"}),
     ("", "tc.Plane", {"normal": "(0, 1, 0)", "size": "1.0"}),
     ("", "tc.Sphere", {"radius": "1.0"}),
@@ -98,7 +108,14 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
     ('solid = tc.Solid("a", tc.Sphere(1), 0.1, 0.1, (0, 0, 0), (0, 0, 0))', "solid.surface_at", {"t": "0.1"}),
     ("mesh = tc.SolidMesh(np.zeros((2, 3, 3)) + np.eye(3), [[0, 1, 2]], 10)", "mesh.shape_at", {"t": "0.1"}),
     (SCENE, "scene.add_cloth", {"mesh": MESH, "fabric": FABRIC, "positions": f"{MESH}.x", "velocities": "(0, 0, 1)",
-                                "name": '"b"', "color": "(0.5, 0.5, 1)", "contact": "tc.ClothContact(0.01)"}),
+                                "name": '"b"', "color": "(0.5, 0.5, 1)", "contact": "tc.ClothContact(0.01)",
+                                "panels": f'{{"left": {FABRIC}}}'}),
+    (SCENE, "scene.add_garment", {"garment": f'tc.Garment({MESH}, (([0, 1], [7, 6], "flat"),))', "fabric": FABRIC,
+                                  "velocities": "(0, 0, 1)", "name": '"b"', "color": "(0.5, 0.5, 1)",
+                                  "contact": "tc.ClothContact(0.01)", "panels": "None"}),
+    (SCENE, "scene.sew", {"cloth": "cloth", "a": "[0, 1]", "b": "[7, 6]", "rest": "0.5", "stiffness": "1.0"}),
+    (SCENE + "; ball = scene.add_solid(tc.Sphere(1), 0.1, 0.01)", "scene.attach",
+     {"cloth": "cloth", "vertices": "[0, 1]", "solid": "ball", "since": "0.1"}),
     (SCENE, "scene.add_solid", {"shape": "tc.Sphere(1)", "friction": "0.1", "thickness": "0.01",
                                 "position": "lambda t: (t, 0, 0)", "rotation": "(0, 1, 0)", "name": '"b"',
                                 "color": "(0.5, 0.5, 1)"}),
@@ -122,6 +139,8 @@ RUNNING: list[tuple[str, str, dict[str, str]]] = [
     (STARTED, "sim.solve", {"h": "1/60", "constraints": "[tc.Constraint(0)]"}),
     (STARTED, "sim.step", {"h": "1/60"}),
     (STARTED, "sim.run", {"duration": "0.02", "fps": "60", "on_frame": "lambda sim, frame: None", "resumed": "None"}),
+    ("body = tc.Scene()", "tc.dress", {"garment": f"tc.Garment({MESH}, ())", "fabric": FABRIC, "body": "body",
+                                       "contact": "None", "longest": "0.1", "h": "1/60", "tell": "None"}),
     (STARTED, "sim.resume", {"state": "sim.checkpoint()"}),
 ]
 # What a right argument may also be, and so stays as it is.
@@ -277,7 +296,7 @@ def missing() -> list[str]:
     out = []
     for name in set(tc.__all__) - {"__version__", "run"}:  # run takes the process's flags, and ends it
         thing = getattr(tc, name)
-        if isinstance(thing, type) and issubclass(thing, Exception):
+        if not callable(thing) or isinstance(thing, type) and issubclass(thing, Exception):
             continue
         out += [f"tc.{name}({a})" for a in set(_arguments(thing)) - there.get(f"tc.{name}", set())]
     for kind, name in ((tc.Scene, "scene"), (tc.Simulation, "sim")):

@@ -5,7 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .. import checks
+from ..errors import SceneError, shown
+
 FINE = 512  # pieces in which a curve's length is measured
+CONTROLS = {"quadratic": 1, "cubic": 2}  # points
 
 
 @dataclass(frozen=True)
@@ -25,6 +29,27 @@ class Curve:
     kind: str = "line"
     parameters: tuple = ()
     label: str = ""
+
+    def __post_init__(self) -> None:
+        set_ = object.__setattr__
+        for name in ("start", "end"):
+            set_(self, name, checks.integer(f"curve: {name}", getattr(self, name), least=0))
+        checks.choice("curve: kind", self.kind, ("line", *CONTROLS, "circle"))
+        if not (isinstance(self.label, str) and not self.label):
+            set_(self, "label", checks.name("curve: label", self.label))
+        if not isinstance(self.parameters, (list, tuple)):
+            raise SceneError(f"curve: parameters = {shown(self.parameters)}: must be a tuple")
+        if self.kind == "line" and len(self.parameters):
+            raise SceneError("curve: a line has no parameters")
+        if self.kind == "circle":
+            if len(self.parameters) != 3:
+                raise SceneError("curve: a circle has the parameters radius, large, right")
+            radius, large, right = self.parameters
+            set_(self, "parameters", (checks.number("curve: radius", radius, "m", positive=True),
+                                      checks.flag("curve: large", large), checks.flag("curve: right", right)))
+        elif self.kind != "line":
+            points = checks.array("curve: control points", self.parameters, (CONTROLS[self.kind], 2), row="point")
+            set_(self, "parameters", tuple(map(tuple, points.tolist())))
 
     def points(self, corners: np.ndarray, t: np.ndarray) -> np.ndarray:
         """(k, 2) at parameters t (k,) in 0..1, for corners (n, 2)."""

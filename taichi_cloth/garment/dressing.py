@@ -65,6 +65,10 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
     """
     checks.instance("dress: garment", garment, Garment)
     checks.instance("dress: body", body, Scene)
+    checks.instance("dress: fabric", fabric, Fabric)
+    checks.maybe(contact, checks.instance, "dress: contact", ClothContact)
+    checks.maybe(tell, checks.function, "dress: tell", "line")
+    h = checks.number("dress: h", h, "s", positive=True, most=0.1)
     longest = checks.number("dress: longest", longest, "s", positive=True)
     still = [_still(s) for s in body.solids]
     scene = Scene(gravity=None, air=Air(CALM, CALM))

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .. import checks
-from ..errors import SceneError
-from ..scene.garment import Garment
+from ..errors import SceneError, shown
+from ..scene.garment import Garment, seam_angle
 from ..scene.mesh import TriMesh
 from .curves import Curve
 from .mesher import mesh_polygon
@@ -35,6 +35,20 @@ class Panel:
     round_radius: float = 0.0
 
     def __post_init__(self) -> None:
+        what, set_ = f"panel {checks.name('panel name', self.name)!r}: ", object.__setattr__
+        set_(self, "corners", checks.array(what + "corners", self.corners, ("n", 2), row="corner"))
+        if not isinstance(self.edges, (list, tuple)):
+            raise SceneError(f"{what}edges = {shown(self.edges)}: must be Curve objects in a tuple")
+        set_(self, "edges", tuple(checks.instance(what + "edge", e, Curve) for e in self.edges))
+        set_(self, "translation", checks.vector(what + "translation", self.translation, "m"))
+        R = checks.array(what + "rotation", self.rotation, (3, 3))
+        if not (np.allclose(R @ R.T, np.eye(3), atol=1e-6) and np.linalg.det(R) > 0):
+            raise SceneError(f"{what}the matrix is no rotation")
+        set_(self, "rotation", R)
+        set_(self, "round_radius", checks.number(what + "round_radius", self.round_radius, "m", least=0.0))
+        last = max((max(e.start, e.end) for e in self.edges), default=-1)
+        if last >= len(self.corners):
+            raise SceneError(f"{what}an edge ends at corner {last}; there are {len(self.corners)}")
         for k, edge in enumerate(self.edges):
             if self.edges[k - 1].end != edge.start:
                 raise SceneError(f"panel {self.name!r}: edge {k} begins at corner {edge.start}, and the edge before ends at "
@@ -66,6 +80,15 @@ class Stitch:
     together: bool = False
     rest: float | str = "flat"
 
+    def __post_init__(self) -> None:
+        for name in ("a", "b"):
+            end = getattr(self, name)
+            if not (isinstance(end, (list, tuple)) and len(end) == 2 and isinstance(end[0], str)):
+                raise SceneError(f"stitch: {name} = {shown(end)}: must be (name of a panel, number of an edge)")
+            object.__setattr__(self, name, (end[0], checks.integer(f"stitch: {name}, edge", end[1], least=0)))
+        object.__setattr__(self, "together", checks.flag("stitch: together", self.together))
+        object.__setattr__(self, "rest", seam_angle("stitch: rest", self.rest))
+
 
 @dataclass(frozen=True)
 class Pattern:
@@ -79,6 +102,13 @@ class Pattern:
     stitches: tuple[Stitch, ...] = ()
 
     def __post_init__(self) -> None:
+        for name, kind in (("panels", Panel), ("stitches", Stitch)):
+            several = getattr(self, name)
+            if not isinstance(several, (list, tuple)):
+                raise SceneError(f"pattern: {name} = {shown(several)}: must be {kind.__name__} objects in a tuple")
+            object.__setattr__(self, name, tuple(checks.instance(f"pattern: {name}", one, kind) for one in several))
+        if not self.panels:
+            raise SceneError("pattern: has no panels")
         by_name = {p.name: p for p in self.panels}
         if len(by_name) < len(self.panels):
             raise SceneError("pattern: two panels have one name")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import checks
-from ..errors import SceneError
+from ..errors import SceneError, shown
 from .mesh import TriMesh
 
 Row = tuple[np.ndarray, np.ndarray, float | str]
@@ -31,6 +31,9 @@ class Garment:
     def __post_init__(self) -> None:
         checks.instance("garment: mesh", self.mesh, TriMesh)
         n = self.mesh.vertex_count
+        if not isinstance(self.seams, (list, tuple)):
+            raise SceneError(f"garment: seams = {shown(self.seams)}: must be rows (a, b, rest) in a tuple")
+        object.__setattr__(self, "seams", tuple(_seam(k, seam, n) for k, seam in enumerate(self.seams)))
         x = self.mesh.x if self.positions is None else self.positions
         object.__setattr__(self, "positions", checks.array("garment: positions", x, (n, 3), row="vertex"))
 
@@ -60,6 +63,25 @@ class Garment:
             raise SceneError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
+def seam_angle(what: str, rest: object) -> float | str:
+    """A seam's angle at rest: 0 for "flat", "given", or a number [rad]."""
+    if isinstance(rest, str):
+        return 0.0 if checks.choice(what, rest, ("flat", "given")) == "flat" else "given"
+    return checks.number(what, rest, "rad", least=-np.pi, most=np.pi)
+
+
+def _seam(k: int, seam: object, n: int) -> Row:
+    if not (isinstance(seam, (list, tuple)) and len(seam) == 3):
+        raise SceneError(f"garment: seam {k} = {shown(seam)}: must be (a, b, rest)")
+    rows = [np.asarray(row) for row in seam[:2]]
+    for row in rows:
+        if row.ndim != 1 or not np.issubdtype(row.dtype, np.integer) or not len(row) or row.min() < 0 or row.max() >= n:
+            raise SceneError(f"garment: seam {k}: its rows must be vertices from 0 to {n - 1}")
+    if len(rows[0]) != len(rows[1]):
+        raise SceneError(f"garment: seam {k}: {len(rows[0])} vertices to {len(rows[1])}")
+    return rows[0], rows[1], seam_angle(f"garment: rest of seam {k}", seam[2])
+
+
 def load_garment(path: str | Path) -> Garment:
     """A garment that `Garment.save` wrote.
 
@@ -72,13 +94,10 @@ def load_garment(path: str | Path) -> Garment:
             data = {name: file[name] for name in file.files}
         groups = {name[6:]: index for name, index in data.items() if name.startswith("group_")}
         mesh = TriMesh(data["x"], data["faces"], data["corner_uv"], groups)
-        seams = tuple((*data[f"seam_{k}"], _angle(str(rest))) for k, rest in enumerate(data["rest"]))
+        rests = [rest if rest == "given" else float(rest) for rest in data["rest"].tolist()]
+        seams = tuple((*data[f"seam_{k}"], rest) for k, rest in enumerate(rests))
         return Garment(mesh, seams, data["positions"])  # type: ignore[arg-type]
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (KeyError, ValueError, EOFError, TypeError, zipfile.BadZipFile, MemoryError, NotImplementedError) as error:
         raise SceneError(f"{path}: is no garment: {type(error).__name__}: {error}") from None
-
-
-def _angle(text: str) -> float | str:
-    return text if text in ("flat", "given") else float(text)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..errors import SceneError, did_you_mean, shown
 from .fabric import ClothContact, Fabric
-from .garment import Garment
+from .garment import Garment, seam_angle
 from .glue import Places, places
 from .mesh import TriMesh
 from .solids import Shape, Solid, Value
@@ -51,6 +51,7 @@ class Cloth:
         object.__setattr__(self, "start", checks.integer(f"start of {what!r}", self.start, least=0))
         object.__setattr__(self, "color", checks.maybe(self.color, checks.color, f"color of {what!r}"))
         checks.maybe(self.contact, checks.instance, f"contact of {what!r}", ClothContact)
+        object.__setattr__(self, "panels", _checked_panels(what, self.panels, self.mesh.face_count))
         models = {f.bend.model for f in self.fabrics if f.bend}
         if len(models) > 1 or (self.panels and models == {"curvature"}):
             raise SceneError(f"panels of {what!r}: all fabrics of a cloth bend over hinges, or it has one fabric")
@@ -243,7 +244,8 @@ class Scene:
             panels: fabrics of faces all of whose corners are in a group of the mesh, by the groups' names.
         """
         name = f"cloth{len(self.cloths)}" if name is None else name
-        x = checks.instance("add_cloth: mesh", mesh, TriMesh).x if positions is None else positions
+        checks.instance("add_cloth: mesh", mesh, TriMesh)
+        x = mesh.x if positions is None else positions
         v = np.zeros(3) if velocities is None else velocities
         parts = _panels(mesh, {} if panels is None else checks.instance("add_cloth: panels", panels, dict))
         cloth = Cloth(name, mesh, fabric, x, v, self.vertex_count, color, contact, parts)  # type: ignore[arg-type]
@@ -302,10 +304,7 @@ class Scene:
                 raise SceneError(f"sew: vertex {names[count > 1][0]} of {cloth.name!r} is named twice in a row")
         if (rows[0] == rows[1]).all():
             raise SceneError(f"sew: the two rows of {cloth.name!r} are the same: there is nothing to sew")
-        if isinstance(rest, str):
-            rest = 0.0 if checks.choice("sew: rest", rest, ("flat", "given")) == "flat" else rest
-        else:
-            rest = checks.number("sew: rest", rest, "rad", least=-np.pi, most=np.pi)
+        rest = seam_angle("sew: rest", rest)
         self.seams.append(Seam(cloth, rows[0], rows[1], rest, checks.number("sew: stiffness", stiffness, least=0.0)))
         return self.seams[-1]
 
@@ -494,6 +493,17 @@ def orthonormal(directions: object) -> np.ndarray:
         return unit
     q, _ = np.linalg.qr(unit.T)
     return q.T
+
+
+def _checked_panels(what: str, panels: object, count: int) -> tuple[tuple[np.ndarray, Fabric], ...]:
+    """(rows of faces, fabric) of a cloth with so many faces."""
+    if not isinstance(panels, (list, tuple)) or not all(isinstance(p, (list, tuple)) and len(p) == 2 for p in panels):
+        raise SceneError(f"panels of {what!r}: {shown(panels)}: must be (rows of faces, fabric), any number of them")
+    out = []
+    for rows, fabric in panels:
+        index = checks.indices(f"panels of {what!r}: faces", rows, count)
+        out.append((index, checks.instance(f"panels of {what!r}: fabric", fabric, Fabric)))
+    return tuple(out)
 
 
 def _panels(mesh: TriMesh, fabrics: dict[str, Fabric]) -> tuple[tuple[np.ndarray, Fabric], ...]:

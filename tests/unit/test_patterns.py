@@ -58,7 +58,7 @@ def test_a_pattern_is_meshed(tmp_path, spacing):
     bulge = 2 / 3 * 0.5 * 0.1 * np.hypot(0.08, 0.50) ** 2  # of a quadratic curve, two thirds of its control triangle
     assert front == pytest.approx(outline + 2 * bulge, rel=6 * spacing**1)
     for (a, b, rest), stitched in zip(garment.seams, (("front", "back"), ("front", "back"), ("front", "front"))):
-        assert len(a) == len(b) and rest == "flat"
+        assert len(a) == len(b) and rest == 0.0
         assert np.isin(a, mesh.groups[stitched[0]]).all() and np.isin(b, mesh.groups[stitched[1]]).all()
         lengths = [np.linalg.norm(np.diff(mesh.uv[row], axis=0), axis=1) for row in (a, b)]
         assert all(np.ptp(part) < 0.02 * part.mean() for part in lengths)  # equal by arc length
