@@ -189,3 +189,9 @@ def test_solids_turn_triangles_round():
     corner = solid.x[0][solid.faces]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     assert (np.einsum("ij,ij->i", normal, corner.mean(axis=1)) > 0).all()  # all out of the box round the origin
+
+
+@pytest.mark.parametrize("color", [(-0.1, 0.5, 0.5), (0.5, 1.1, 0.5), (0.5, 0.5), (0.5, 0.5, float("nan"))])
+def test_colours_are_three_parts_from_0_to_1(color):
+    with pytest.raises(tc.SceneError, match="each from 0 to 1"):
+        tc.Scene().add_solid(tc.Sphere(1.0), 0.1, 0.01, color=color)
