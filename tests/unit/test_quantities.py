@@ -6,7 +6,7 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth.backend import runtime
 from taichi_cloth.recording import record
-from taichi_cloth.system.quantities import QUANTITIES, deformation, evaluate, principal_stretches
+from taichi_cloth.system.quantities import QUANTITIES, deformation, evaluate, on_vertices, principal_stretches
 
 
 @pytest.fixture(params=["hinge", "curvature"])
@@ -31,6 +31,12 @@ def test_bend_energy_adds_up(crumpled):
     density = evaluate("bend", geometry, frame)
     area = 0.25 / 36 * np.bincount(geometry["faces"].ravel(), minlength=49) / 6  # a third of each triangle of equal area
     assert float(density @ area) == pytest.approx(crumpled.energy()["bend"], rel=1e-4)
+
+
+def test_means_over_a_vertex_are_weighted_by_area():
+    """A vertex of triangles of 1 and 3 m^2 with the values 10 and 2; one of neither."""
+    out = on_vertices(np.array([10.0, 2.0]), np.array([[0, 1, 2], [0, 2, 3]]), np.array([1.0, 3.0]), 5)
+    assert out == pytest.approx([4, 10, 4, 2, 0])
 
 
 def test_every_quantity_has_a_value_a_vertex(crumpled):
