@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.scene import intersections
 from taichi_cloth.scene.boxes import near
 from taichi_cloth.scene.intersections import count_self_crossings, self_crossings
 
@@ -75,3 +76,12 @@ def test_a_fine_patch_beside_a_floor_takes_little_memory(far, rng):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 150e6
+
+
+def test_touching_is_no_crossing():
+    """An edge that ends within a triangle touches it; a little longer, it goes through."""
+    x, triangle = np.array([[0.0, 0, 0], [1, 0, 0], [0, 0, 1]]), np.array([[0, 1, 2]])
+    for end, count in ((0.0, 0), (1e-12, 0), (-1e-12, 1)):
+        other = np.array([[0.25, 1.0, 0.25], [0.25, end, 0.25], [5.0, 1.0, 0.25]])
+        assert intersections.count_crossings(x, triangle, other, np.array([[0, 1, 2]])) >= count
+        assert (intersections.count_crossings(x, triangle, other, np.array([[0, 1, 2]])) > 0) == (count > 0)

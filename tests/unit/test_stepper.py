@@ -122,3 +122,16 @@ def test_bitwise_repeatable():
         return x
 
     assert (final() == final()).all()
+
+
+def test_a_summary_adds_up_what_steps_say():
+    """Rejections by name over all steps, not those of one."""
+    from taichi_cloth.app.runner import summary
+
+    scene = tc.Scene()
+    scene.add_cloth(tc.grid(1.0, 2), tc.Fabric(0.2, tc.Stretch(100)))
+    sim = tc.Simulation(scene, h=1 / 60, integrator="backward_euler")
+    for found in ({"CONTACT": 2}, {"CONTACT": 1, "ENERGY": 1}, {}):
+        sim.step()
+        sim.log[-1].rejections = found
+    assert summary(sim)["rejections"] == {"CONTACT": 3, "ENERGY": 1} and summary(sim)["steps"] == 3
