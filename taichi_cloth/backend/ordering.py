@@ -63,6 +63,20 @@ def _far_vertex(start: int, neighbours: np.ndarray, first: np.ndarray, n: int) -
     return int(last[np.argmin(degree[last])])
 
 
+def components(n: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(n,) the smallest index of all that are connected with each, by pairs a, b (k,)."""
+    label = np.arange(n)
+    while True:
+        low = np.minimum(label[a], label[b])
+        now = label.copy()
+        np.minimum.at(now, a, low)
+        np.minimum.at(now, b, low)
+        now = now[now]
+        if (now == label).all():
+            return label
+        label = now
+
+
 def block_bounds(n: int, count: int) -> np.ndarray:
     """(count + 1,) first vertices of `count` blocks of nearly equal size."""
     return np.linspace(0, n, min(count, n) + 1).round().astype(np.int64)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..backend.ordering import components
 from ..scene.mesh import TriMesh
 
 SMALLEST = 12  # nodes of a level below which there is no coarser one
@@ -106,20 +107,11 @@ def _split(node: np.ndarray, weight: np.ndarray, keys: np.ndarray, links: np.nda
     n, c = node.shape
     i, j = links.T
     used = weight > 0
-    label = np.arange(n * c)  # of each point's place in each of its hats
     ends = [np.flatnonzero((node[i, a] == node[j, b]) & used[i, a] & used[j, b]) for a in range(c) for b in range(c)]
     slots = [(a, b) for a in range(c) for b in range(c)]
     u = np.concatenate([i[e] * c + a for e, (a, _) in zip(ends, slots)])
     v = np.concatenate([j[e] * c + b for e, (_, b) in zip(ends, slots)])
-    while True:
-        low = np.minimum(label[u], label[v])
-        now = label.copy()
-        np.minimum.at(now, u, low)
-        np.minimum.at(now, v, low)
-        now = now[now]
-        if (now == label).all():
-            break
-        label = now
+    label = components(n * c, u, v)  # of each point's place in each of its hats
     flat = used.ravel()
     first, index = np.unique(label[flat], return_inverse=True)
     out = np.zeros(n * c, dtype=np.int64)

@@ -13,6 +13,7 @@ import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.ordering import components
 from ..errors import SceneError
 from ..scene.scene import Scene
 from .held import Held, kernel_array
@@ -249,16 +250,6 @@ def _replaced(old: np.ndarray, at: np.ndarray, value: np.ndarray, n: int) -> np.
 
 def connected(n: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(n,) a number from 0 for what pairs a, b (k,) connect, -1 for what has no partner."""
-    label = np.arange(n)
-    while True:
-        low = np.minimum(label[a], label[b])
-        now = label.copy()
-        np.minimum.at(now, a, low)
-        np.minimum.at(now, b, low)
-        now = now[now]
-        if (now == label).all():
-            break
-        label = now
-    root, index, size = np.unique(label, return_inverse=True, return_counts=True)
+    _, index, size = np.unique(components(n, a, b), return_inverse=True, return_counts=True)
     several = size > 1
     return np.where(several[index], (np.cumsum(several) - 1)[index], -1)
