@@ -14,10 +14,16 @@ INTEGRATORS = ("auto", "safe", "tr_bdf2", "backward_euler", "newton_euler", "ver
 EXPLICIT = ("verlet",)
 PRECONDITIONERS = ("auto", "multilevel", "block_jacobi", "jacobi", "none")
 SHORTEST, LONGEST = 1e-12, 100.0  # steps [s] that may be asked for: time has no digits for shorter ones
-H_MIN_FACTOR = 4096.0  # h_min is h over this, where it is not given
+USUAL = 1 / 60  # s: where steps are larger, contact is as stiff, and tried in as small steps, as with that one
+H_MIN_FACTOR = 4096.0  # h_min is `usual(h)` over this, where it is not given
 ARCHS, PRECISIONS = ("cpu", "cuda", "vulkan", "metal"), ("f32", "f64")
 MACHINE = ("arch", "precision", "threads", "quiet", "debug")  # what Taichi is started with, and recorded as what runs
 APART = (*MACHINE, "h", "h_min", "count_intersections")  # a record has steps as control keeps them; counting decides nothing
+
+
+def usual(h: float) -> float:
+    """The step [s] that contact goes by where the largest is h."""
+    return min(h, USUAL)
 
 
 def _option(default: Any, kind: str, meaning: str, flag: str | None = None, unit: str = "", **bounds: Any) -> Any:
@@ -60,7 +66,7 @@ class Options:
         True, "flag", "a step that goes bad is tried again, smaller; where False exactly the steps asked for are done",
         "--fixed-step")
     h_min: float | None = _option(
-        None, "number", f"smallest step [s]; h / {H_MIN_FACTOR:g} where None", None, "s", positive=True)
+        None, "number", f"smallest step [s]; where None h, or 1/60 s where that is less, over {H_MIN_FACTOR:g}", None, "s", positive=True)
     stretch_limit: float = _option(
         0.5, "number", "largest change of a triangle's stretch |w|/b in a step", "--stretch-limit", positive=True)
     newton_max: int = _option(

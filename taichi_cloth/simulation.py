@@ -18,7 +18,7 @@ from .backend import runtime
 from .backend.fields import Fields
 from .errors import BackendError, SceneError, SimulationError
 from .forces import build_forces
-from .options import CG_TOL, EXPLICIT, H_MIN_FACTOR, LONGEST, MACHINE, SHORTEST, Options, signature
+from .options import CG_TOL, EXPLICIT, H_MIN_FACTOR, LONGEST, MACHINE, SHORTEST, Options, signature, usual
 from .scene.intersections import count_crossings, count_self_crossings
 from .scene.scene import Scene
 from .solver.pcg import CONVERGED, Solution
@@ -71,7 +71,7 @@ class Simulation:
         asked = Options() if options is None else checks.instance("options", options, Options)
         asked = Options.named({**vars(asked), **({} if h is None else {"h": h}), **named})
         bound, h = asked.h is not None, asked.h or H
-        self.control = Control(h, asked.h_min or h / H_MIN_FACTOR, asked.adaptive, asked.stretch_limit)
+        self.control = Control(h, asked.h_min or usual(h) / H_MIN_FACTOR, asked.adaptive, asked.stretch_limit)
         if asked.preconditioner == "auto" and asked.K == "paper":  # an indefinite matrix has indefinite levels
             asked = replace(asked, preconditioner="block_jacobi")
         self.options = asked

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..options import usual
 from ..system.held import Held
 
 SMALLER = 64  # times smaller than the usual, a step is taken though cloth ends inside or across, where there is no room
@@ -36,9 +37,9 @@ class StepStart:
     @property
     def small(self) -> bool:
         """Whether the step is so small that smaller ones do not help where there is no room."""
-        return self.h <= self.h_usual / SMALLER
+        return self.h <= usual(self.h_usual) / SMALLER
 
     @property
     def smallest(self) -> bool:
         """Whether there is hardly a smaller step to try."""
-        return self.h <= self.h_usual / SMALLEST
+        return self.h <= usual(self.h_usual) / SMALLEST

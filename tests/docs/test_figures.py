@@ -17,7 +17,7 @@ SAID = (
     ("theory/time.md", "every up to {:g} substeps", "step/integrators/verlet.py", "SLOW"),
     ("theory/time.md", "{:g} of that is taken", "step/choice.py", "SAFETY"),
     ("theory/time.md", "no more than {:g} substeps", "step/choice.py", "SUBSTEPS"),
-    ("theory/time.md", "(`h`/{:g})", "options.py", "H_MIN_FACTOR"),
+    ("theory/time.md", "(`h`/{:g},", "options.py", "H_MIN_FACTOR"),
     ("theory/solver.md", "`multilevel` from {:g} particles on", "solver/preconditioner.py", "WORTH_LEVELS"),
     ("theory/solver.md", "(up to {:g} times)", "solver/pcg.py", "RESTARTS"),
     ("theory/solver.md", "age has cost {:g} iterations", "solver/multilevel.py", "WORTH"),

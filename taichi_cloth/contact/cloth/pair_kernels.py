@@ -8,6 +8,7 @@ import taichi as ti
 
 from ...backend.fields import Fields
 from ...forces.conditions import sym_outer, sym_scaled_identity
+from ...options import usual
 from ...system.state import ParticleState
 from ..geometry import EDGE_EDGE
 from .barrier import SHALLOW, height, law, potential
@@ -17,7 +18,6 @@ FLAT = 1e-6  # over that: from which on there is none
 PRESS = 12.0  # stiffness of a pair over mass / h^2, h the largest step
 STOP = 30.0  # the same of what stops an approach, h this step
 CREEP = 2e-5  # slip [m/s] below which friction between layers is viscous
-USUAL = 1 / 60  # s: repulsion is as stiff as in steps of that size where steps are larger
 CONE = 1.02  # times the most that friction can be, above which what it damps slides
 
 # of a pair as it is: the mass that its distance has [kg], its stiffness [N/m], its distance where the step began, along its
@@ -41,7 +41,7 @@ class PairKernels:
     """
 
     def __init__(self, fields: Fields, model: ParticleState, friction: np.ndarray, h: float) -> None:
-        self.model, self.h_usual = model, min(h, USUAL)
+        self.model, self.h_usual = model, usual(h)
         self.friction = fields.real(model.n, data=friction)
 
     @ti.kernel
