@@ -9,9 +9,9 @@ forces F_i = -dV + damping + air + held + contact + r at its stages i, r being w
 
 so that the method's own part is what its velocities and the curvature of V take in a step. What is unaccounted for is
 the work of what solves left undone, and rounding. Backward Euler has one stage, w = h, at the end: there the first part
-of `method` is 1/2 |dv|_M^2. It also alters positions by y, which are no motion: x_1 = x_0 + h v_1 + y. The force
-f = (M dv - J)/h of all but what holds (impulse J) does not work on y but is worked against: y puts -f . y in, and
-`method` has it too.
+of `method` is 1/2 |dv|_M^2. It also alters positions by y, which are no motion: x_1 = x_0 + h v_1 + y. Only V is altered
+with them, damping and friction go by v: y puts dV . y in, and the second part of `method` has it too, so that neither is
+negative where V is convex.
 """
 
 from dataclasses import asdict, dataclass, fields

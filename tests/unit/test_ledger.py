@@ -113,6 +113,32 @@ def test_each_term_of_a_backward_euler_step_is_what_forces_do():
     calm.close()
 
 
+@pytest.mark.slow
+def test_what_alters_positions_works_against_elastic_forces_alone(rng):
+    """A stiff, much damped sheet that starts inside a plane: dE . y from energies at both sides of the end of the step."""
+    mesh, h = tc.grid(0.3, 6), 1 / 480
+    scene = tc.Scene()
+    v = rng.normal(scale=0.3, size=mesh.x.shape)
+    place = mesh.x + [0, 0.004, 0] + rng.normal(scale=0.0005, size=mesh.x.shape)
+    scene.add_cloth(mesh, fabric(k=1e5, shear=1e4, damped=1e3), place, velocities=v)
+    scene.add_solid(tc.Plane(), thickness=0.005, friction=0.4)
+    sim = tc.Simulation(scene, h=h, integrator="backward_euler", threads=1)
+    x = sim.positions()
+    record = sim.step()
+    end, u = sim.positions(), sim.velocities()
+    assert record.h == h
+    y = end - x - h * u
+    sides = []
+    for part in (1e-3, -1e-3):
+        sim.set_state(end + part * y, u)
+        sides.append(sum(e for name, e in sim.energy().items() if name != "kinetic"))
+    sim.close()
+    taken = (sides[0] - sides[1]) / 2e-3
+    row = record.ledger
+    assert row["lifted"] + row["lowered"] == pytest.approx(taken, rel=1e-5) and abs(taken) > 1e-3
+    assert row["damping"] > 0.1 * taken and row["method"] > 0
+
+
 def twisted(turn: float) -> tc.Scene:
     """A free sheet whose bending is stiff against its stretch, turned by so much [rad] a half width."""
     mesh = tc.grid(1.0, 8)

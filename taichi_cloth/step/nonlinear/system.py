@@ -118,21 +118,19 @@ class System:
         """(n, 3) impulse [N s] that seams put on particles in the last solve; none in all on what is sewn together."""
         return self.model.sewn.tension(self.solver.As.to_numpy().astype(np.float64) - self.operator.b.to_numpy())
 
-    def motion_rows(self, held: Held, h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(v, v - v_0 [m/s], x - x_0 - h v [m]), each (k, 3), of the held particles."""
-        v, dv, y = (np.empty_like(held.target) for _ in range(3))
-        self._gather_motion(held.index, h, v, dv, y)
-        return v.astype(np.float64), dv.astype(np.float64), y.astype(np.float64)
+    def motion_rows(self, held: Held, h: float) -> tuple[np.ndarray, np.ndarray]:
+        """(v [m/s], x - x_0 - h v [m]), each (k, 3), of the held particles."""
+        v, y = (np.empty_like(held.target) for _ in range(2))
+        self._gather_motion(held.index, h, v, y)
+        return v.astype(np.float64), y.astype(np.float64)
 
     @ti.kernel
-    def _gather_motion(self, index: ti.types.ndarray(), h: float, v: ti.types.ndarray(), dv: ti.types.ndarray(),
-                       y: ti.types.ndarray()):
+    def _gather_motion(self, index: ti.types.ndarray(), h: float, v: ti.types.ndarray(), y: ti.types.ndarray()):
         """The same of particles index[k]"""
         for k in range(index.shape[0]):
             i = index[k]
             for c in ti.static(range(3)):
                 v[k, c] = self.model.v[i][c]
-                dv[k, c] = self.model.v[i][c] - self.model.v_saved[i][c]
                 y[k, c] = self.model.x[i][c] - self.model.x_saved[i][c] - h * self.model.v[i][c]
 
     def to_go(self, held: Held | None, c: float) -> np.ndarray | None:
