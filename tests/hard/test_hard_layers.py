@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from reference.contact import all_pairs, distances, spans
 
 import taichi_cloth as tc
-from reference.contact import all_pairs, distances, spans
 
 FABRIC = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
 THICKNESS = 0.005
@@ -12,8 +12,8 @@ THICKNESS = 0.005
 
 @pytest.fixture(scope="module")
 def thrown():
-    """A sheet at 20 m/s onto one that is held at a point, and meshed more finely: (log, positions after each step, velocities of
-    all, the cloths).
+    """A sheet at 20 m/s onto one that is held at a point, and meshed more finely: (log, positions after each step,
+    velocities, the cloths).
 
     In a step of 1/10 s it goes 2 m, and in a 64th of that still six times the thickness.
     """

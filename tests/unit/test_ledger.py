@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
+from reference.energy import energies
 
 import taichi_cloth as tc
 from taichi_cloth.step.ledger import totals
-from taichi_cloth.system import elements
-from taichi_cloth.system.quantities import deformation
 
 K, K_D, SHEAR, D, DENSITY = (900.0, 700.0), 0.6, 150.0, 2e-3, 0.2
 CONVERGED = {"newton_tol": 1e-11, "cg_tol": 1e-12, "newton_max": 60}
@@ -14,35 +13,6 @@ CONVERGED = {"newton_tol": 1e-11, "cg_tol": 1e-12, "newton_max": 60}
 
 def fabric(k=K, shear=SHEAR, bend=D, damped=K_D, density=DENSITY) -> tc.Fabric:
     return tc.Fabric(density, tc.Stretch(k, damped), tc.Shear(shear), tc.Bend(bend))
-
-
-def energies(sim: tc.Simulation) -> tuple[float, float]:
-    """(kinetic, potential) [J] of one cloth on a regular grid, from its positions and velocities alone."""
-    cloth = sim.scene.cloths[0]
-    mesh, bend = cloth.mesh, cloth.fabric.bend
-    x, v = sim.positions(), sim.velocities()
-    p = mesh.corner_uv
-    a, b = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
-    area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
-    mass = np.bincount(mesh.faces.ravel(), np.repeat(cloth.fabric.density * area / 3, 3), minlength=len(x))
-    w = deformation(x, mesh.faces, p)
-    w_u, w_v = w[:, :, 0], w[:, :, 1]
-    k = np.broadcast_to(cloth.fabric.stretch.k, 2)
-    total = np.sum(area / 2 * (k[0] * (np.linalg.norm(w_u, axis=1) - 1) ** 2 + k[1] * (np.linalg.norm(w_v, axis=1) - 1) ** 2
-                               + cloth.fabric.shear.k * np.einsum("mi,mi->m", w_u, w_v) ** 2))
-    if bend is not None:
-        h = elements.hinges(mesh)
-        corner = x[h.vertices]
-        angle = elements.hinge_angle(corner)
-        left = np.pi - np.abs(angle)
-        angle = np.where(left < 0.2, np.pi - 0.1 - left**2 / 0.4, np.abs(angle))  # level where a fold closes
-        for arm in (2, 3):  # and nothing where a triangle collapses
-            size = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, arm] - corner[:, 0]), axis=1) / 2
-            part = np.minimum(size / (0.1 * h.areas.min(axis=1)), 1.0)
-            angle = angle * part * (2 - part)
-        total += np.sum(bend.D / 2 * h.length2 / h.areas.sum(axis=1) * angle**2)
-    total -= np.sum(mass * (x @ sim.scene.gravity))
-    return float(np.sum(mass * np.sum(v**2, axis=1)) / 2), float(total)
 
 
 def masses(sim: tc.Simulation) -> np.ndarray:
