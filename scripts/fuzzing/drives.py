@@ -1,4 +1,5 @@
-"""Random drives: a box, capsule, torus of triangles or needle driven into a sheet that hangs or is held all round.
+"""Random drives: a box, capsule, torus of triangles or needle driven into a sheet that hangs or is held all round, and that
+may meet itself.
 
 Two meshes of cloth and one of the torus: scenes of the same make share their compiled kernels.
 """
@@ -21,7 +22,7 @@ shape = tc.SolidMesh(x, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 SCENE = """mesh = tc.grid(0.5, {cells}, plane="xy")
 scene = tc.Scene()
 fabric = tc.Fabric({density}, tc.Stretch({k}, {k_d}), tc.Shear({k_s}), tc.Bend({D}))
-cloth = scene.add_cloth(mesh, fabric, positions=mesh.x - [0.25, 0.25, 0])
+cloth = scene.add_cloth(mesh, fabric, positions=mesh.x - [0.25, 0.25, 0], contact={contact})
 pinned = np.flatnonzero({held})
 scene.pin(cloth, pinned)
 {shape}scene.add_solid(shape, friction={friction}, thickness={thickness}, rotation={rotation},
@@ -62,7 +63,8 @@ def case(seed: int) -> tuple[str, int]:
                         D=pick(1e-6, 1e-3), held=HELD[held], shape=shape,
                         friction=round(float(rng.uniform(0, 0.8)), 2), thickness=pick(0.002, 0.008),
                         rotation=tuple(turned), x=place(.1), y=place(.1) if held == "rim" else round(place(.15) - .05, 3),
-                        z=-REACH - 0.01, speed=speed, way=way, h=f"{h:.6g}")
+                        z=-REACH - 0.01, speed=speed, way=way, h=f"{h:.6g}",
+                        contact="tc.ClothContact(0.004, 0.3)" if rng.random() < 0.5 else "None")
     return code, int(min(max(way / speed / h + 4, 6), 90))
 
 

@@ -1,4 +1,5 @@
-"""A scene run step by step, and judged by geometry of its own after each: distances, crossings, pins, the log."""
+"""A scene run step by step, and judged by geometry and energies of its own after each: distances, crossings, pins, energy
+against the work that the log has, the log."""
 
 import pathlib
 import sys
@@ -7,12 +8,64 @@ import numpy as np
 
 sys.path.append(str(pathlib.Path(__file__).resolve().parents[2] / "tests"))
 from fuzz import FAILED, GAVE_UP, OK, Outcome  # noqa: E402
+from reference.energy import energies  # noqa: E402
 from reference.geometry import against_solids, cloth_crossings  # noqa: E402
 
 import taichi_cloth as tc  # noqa: E402
 
 NEAREST = 0.2  # of the thickness that cloth keeps from a solid where there is room
 DUST = 1e-3  # of the thickness: the search for the nearest place may be off by so much
+WORKS = ("pins", "solids", "lifted", "lowered", "friction", "layers", "wind")
+GAINED = 0.03  # of the largest kinetic energy and of all work: what TR-BDF2 may gain and has to lose again
+PINCHED = 0.1  # of all work: the same of backward Euler, in steps too small to be tried smaller
+ROUNDING = {"f64": 1e-9, "f32": 1e-3}  # of energies and work
+ROUNDED = 16  # times the energy of cloth whose vertices are each off by as much as numbers are rounded
+
+
+class Balance:
+    """Energy from positions and velocities, step by step, against the log's change of it and the log's work."""
+
+    def __init__(self, sim) -> None:
+        self.sim, self.steps, self.rounding = sim, 0, ROUNDING[sim.options.precision]
+        self.kinetic, potential = energies(sim)
+        self.total, self.layers = self.kinetic + potential, 0.0  # J; and stored between layers
+        self.work = self.grown = self.lowest = 0.0
+        self.floor = sum(_rounded(c, np.finfo(np.float32 if sim.options.precision == "f32" else float).eps)
+                         for c in sim.scene.cloths)
+
+    def judge(self) -> str:
+        """What is wrong with the last step, or ""."""
+        new, (kinetic, potential) = self.sim.log[self.steps:], energies(self.sim)
+        layers = new[-1].energies.get("contact", 0.0)
+        change = kinetic + potential + layers - self.total - self.layers
+        self.steps, self.total, self.layers = len(self.sim.log), kinetic + potential, layers
+        self.kinetic = max(self.kinetic, kinetic)
+        logged = sum(r.ledger["kinetic"] + r.ledger["potential"] for r in new)
+        put_in, works = (sum(size(r.ledger[name]) for r in new for name in WORKS) for size in (float, abs))
+        self.work += works
+        scale = self.kinetic + abs(potential) + self.work
+        rounding = self.rounding * scale + ROUNDED * self.floor
+        if abs(change - logged) > rounding:
+            return f"energy changed by {change:.6g} J, by the log {logged:.6g} J"
+        grown = change - put_in
+        self.grown += grown
+        self.lowest = min(self.lowest, self.grown)
+        robust = all(r.fell_back for r in new)
+        small = min(r.h for r in new) <= min(self.sim.control.h_max, 1 / 60) / 64
+        if robust and grown > rounding + PINCHED * works * small:
+            return f"energy grew by {grown:.3g} J beyond the work put in, kinetic {kinetic:.3g} J"
+        if self.grown - self.lowest > GAINED * (self.kinetic + self.work) + rounding * len(self.sim.log):
+            return f"energy grew by {self.grown - self.lowest:.3g} J in all beyond the work put in, kinetic {kinetic:.3g} J"
+        return ""
+
+
+def _rounded(cloth, epsilon: float) -> float:
+    """Energy [J] that stretch has where all places are off by an epsilon of the cloth's extent."""
+    p = cloth.mesh.corner_uv
+    a, b = p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]
+    area, edge = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2, np.linalg.norm(a, axis=1)
+    strain = epsilon * np.abs(cloth.positions).max() / edge
+    return float(np.sum(area / 2 * np.max(cloth.fabric.stretch.k) * strain**2))
 
 
 def run(code: str, steps: int, precision: str) -> Outcome:
@@ -35,10 +88,10 @@ def run(code: str, steps: int, precision: str) -> Outcome:
 
 
 def _follow(sim, fixed: np.ndarray, steps: int, code: str) -> Outcome:
-    start = sim.positions()
+    start, balance = sim.positions(), Balance(sim)
     for k in range(1, steps + 1):
         sim.step()
-        wrong = _judge(sim, start, fixed)
+        wrong = _judge(sim, start, fixed) or balance.judge()
         if wrong:
             return Outcome(FAILED, f"after {k} steps, at t = {sim.time:.6g} s: {wrong}\n{code}\n"
                                    f"for _ in range({k}):\n    sim.step()")
