@@ -12,6 +12,7 @@ ACCOUNTED = f"{LEDGER}::test_all_of_a_converged_step_is_accounted_for"
 TERMS = f"{LEDGER}::test_each_term_of_a_backward_euler_step_is_what_forces_do"
 TWISTED = f"{LEDGER}::test_a_twisted_sheet_gains_nothing"
 BRAKE = f"{LEDGER}::test_slowing_down_keeps_momenta_and_what_is_held"
+ALTERS = f"{LEDGER}::test_what_alters_positions_works_against_elastic_forces_alone"
 PINS = f"{LEDGER}::test_verlets_pins_work_as_much_as_the_energy_grows"
 SOLVER = "tests/unit/test_solver.py"
 LEVELS = "tests/unit/test_multilevel.py"
@@ -19,6 +20,10 @@ LEVELS = "tests/unit/test_multilevel.py"
 TESTS = (CONTROL, INSIDE)
 
 MUTATIONS = (
+    ("taichi_cloth/step/nonlinear/energy.py", "taken = self.meter.measure().rate", "taken = 0.0",
+     "alterations of position cost nothing", ALTERS),
+    ("taichi_cloth/step/nonlinear/energy.py", "motion[index] = y", "motion[index] = -y",
+     "alterations of position give what they cost", ALTERS),
     # what forces declare as changed by steps
     ("taichi_cloth/system/state.py", "            part.restore()\n", "            pass\n",
      "rollback leaves a force's state", "tests/unit/test_own_force.py"),

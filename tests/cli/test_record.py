@@ -134,10 +134,12 @@ def test_files_are_there_for_every_frame(run):
     assert frame == 4 and int(state["records"]) == at + 1 and float(state["time"]) == pytest.approx(4 / FPS)
 
 
-def test_the_report_tells_the_same(run, tmp_path):
+def test_the_report_tells_the_same(run, tmp_path, monkeypatch):
     file = tmp_path / "report.html"
+    log = [{**r, "contacts": r["contacts"] + k % 3} for k, r in enumerate(run.log)]  # it has 16 in each step
+    monkeypatch.setattr(Recording, "telemetry", lambda recording: log)
     assert cli.main(["report", str(run.out), "--to", str(file)]) == 0
-    text, log = file.read_text(), run.log
+    text = file.read_text()
     for name, value in (("vertices", "32"), ("triangles", "36"), ("hinges", str(len(run.g["hinges"]))), ("solids", "2"),
                         ("most contacts in a step", str(max(r["contacts"] for r in log))), ("steps", str(len(log))),
                         ("worst residual of a solve", f"{max(r['residual'] for r in log):.2g}"),
