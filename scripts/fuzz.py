@@ -66,7 +66,8 @@ class Worker:
         if self.process is None:
             context = multiprocessing.get_context("spawn")
             self.seeds, self.results = context.Queue(), context.Queue()
-            self.process = context.Process(target=work, args=(self.kind, self.precision, self.seeds, self.results), daemon=True)
+            args = (self.kind, self.precision, self.seeds, self.results)
+            self.process = context.Process(target=work, args=args, daemon=True)
             self.process.start()
         self.seeds.put(seed)
         waited = 0.0

@@ -164,3 +164,26 @@ def test_verlets_pins_work_as_much_as_the_energy_grows():
     work = sum(r.ledger["pins"] for r in sim.log)
     assert work > 0.02 and sum(energies(sim)) - start == pytest.approx(work, rel=2e-2)
     sim.close()
+
+
+@pytest.mark.parametrize("steps", [60, 240])
+@pytest.mark.slow
+def test_a_sheet_that_comes_to_rest_on_a_plane_gains_nothing(steps, rng):
+    """The default method, through first contact; energy and its largest part, that of the fall, from positions."""
+    mesh, scene = tc.grid(0.6, 8), tc.Scene()
+    scene.add_cloth(mesh, fabric(5000.0, 500.0), mesh.x + [0, 0.02, 0] + rng.normal(scale=5e-4, size=mesh.x.shape))
+    scene.add_solid(tc.Plane(), friction=0.3, thickness=0.005)
+    sim = tc.Simulation(scene, h=1 / steps, threads=1)
+    kinetic, total = zip(*((t, t + v) for t, v in energy_at_each_step(sim, steps // 4)))
+    weight = masses(sim).sum() * 9.81
+    sim.close()
+    before = total[0] - min(total)
+    assert before > 0.01 * weight and max(np.diff(total)) < 1e-3 * before
+    assert max(kinetic) < 1.2 * before and kinetic[-1] < 0.02 * max(kinetic)
+
+
+def energy_at_each_step(sim: tc.Simulation, steps: int):
+    yield energies(sim)
+    for _ in range(steps):
+        sim.step()
+        yield energies(sim)
