@@ -19,6 +19,7 @@ import results
 from bench_product import REPEAT, sheet, timings
 
 import taichi_cloth as tc
+from taichi_cloth.backend.rows import read
 from taichi_cloth.forces.bend import Bend
 from taichi_cloth.forces.membrane import Membrane
 
@@ -49,7 +50,7 @@ def measure(n: int, precision: str, rounds: int, folder: str) -> dict:
     arrays = [model.blocks.bounds.astype(np.int32), model.mass.astype(dtype)]
     for force, values in ((membrane, membrane.A), (bend, bend.g)):
         arrays += [force.elements.entries.first.astype(np.int32), force.elements.host_vertices.astype(np.int32),
-                   values.to_numpy()[: force.elements.count].astype(dtype)]
+                   read(values)[: force.elements.count].astype(dtype)]
     x = p[model.user].astype(dtype)
     q = np.empty_like(x)
     arrays = [np.ascontiguousarray(a) for a in [*arrays, x]]

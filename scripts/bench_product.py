@@ -16,6 +16,7 @@ import scipy
 import scipy.sparse
 
 import taichi_cloth as tc
+from taichi_cloth.backend.rows import read
 from taichi_cloth.system.operator import Probe
 
 H = 1 / 60
@@ -47,7 +48,7 @@ def assembled(sim: tc.Simulation) -> scipy.sparse.bsr_matrix:
     for force in sim.force_terms:
         if hasattr(force, "elements"):
             e = force.elements
-            vertices = e.vertices.to_numpy()[e.entries.primary]
+            vertices = read(e.vertices)[e.entries.primary]
             k = vertices.shape[1]
             pattern = pattern + scipy.sparse.csr_matrix((np.ones(len(vertices) * k * k), (
                 np.repeat(vertices, k, axis=1).ravel(), np.tile(vertices, k).ravel())), shape=(n, n))

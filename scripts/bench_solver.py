@@ -17,6 +17,7 @@ import scipy.sparse.linalg
 from bench_product import FABRIC, assembled
 
 import taichi_cloth as tc
+from taichi_cloth.backend.rows import read
 from taichi_cloth.system.operator import Probe
 
 H = 1 / 60
@@ -62,7 +63,7 @@ def direct(sim: tc.Simulation):
     held = sim.prescribed.at(sim.time, H).index
     free = np.setdiff1d(np.arange(sim.model.n), held)
     rows = (3 * free[:, None] + np.arange(3)).ravel()
-    A, b = A[rows][:, rows].tocsc(), sim.integrator.system.operator.b.to_numpy()[: sim.model.n].ravel()[rows]
+    A, b = A[rows][:, rows].tocsc(), read(sim.integrator.system.operator.b)[: sim.model.n].ravel()[rows]
     try:
         from sksparse.cholmod import cholesky
 

@@ -66,7 +66,8 @@ class Options:
         True, "flag", "a step that goes bad is tried again, smaller; where False exactly the steps asked for are done",
         "--fixed-step")
     h_min: float | None = _option(
-        None, "number", f"smallest step [s]; where None h, or 1/60 s where that is less, over {H_MIN_FACTOR:g}", None, "s", positive=True)
+        None, "number", f"smallest step [s]; where None h, or 1/60 s where that is less, over {H_MIN_FACTOR:g}", None, "s",
+        positive=True)
     stretch_limit: float = _option(
         0.5, "number", "largest change of a triangle's stretch |w|/b in a step", "--stretch-limit", positive=True)
     newton_max: int = _option(

@@ -80,7 +80,7 @@ class Simulation:
         self.runtime = runtime.start(*(getattr(asked, name) for name in MACHINE))
         self._generation, self._open = runtime.generation(), True
         self.integrator_name = asked.integrator
-        self._fields = Fields(self.runtime.exchange)
+        self._fields = Fields(self.runtime.exchange, self.runtime.debug)
         try:
             self._build(scene, h)
         except BaseException:
@@ -403,7 +403,7 @@ class Simulation:
 
     def _later(self, kind, *args):
         """An object with fields of its own, for what most runs never ask for."""
-        fields = Fields(self.runtime.exchange)
+        fields = Fields(self.runtime.exchange, self.runtime.debug)
         made = kind(fields, self.model, self.force_terms, *args)
         fields.allocate()
         self._extra.append(fields)

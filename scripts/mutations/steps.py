@@ -27,7 +27,7 @@ MUTATIONS = (
     # what forces declare as changed by steps
     ("taichi_cloth/system/state.py", "            part.restore()\n", "            pass\n",
      "rollback leaves a force's state", "tests/unit/test_own_force.py"),
-    ("taichi_cloth/system/state.py", "self.remembered[name].now.from_numpy(value)", "pass",
+    ("taichi_cloth/system/state.py", "write(self.remembered[name].now, value)", "pass",
      "a force's state is forgotten on resume", "tests/unit/test_own_force.py"),
     ("taichi_cloth/step/stepper.py", "self.start = None if any(changed) else measures", "self.start = measures",
      "energy after a force's own change is not measured", "tests/unit/test_own_force.py"),

@@ -10,6 +10,7 @@ import numpy as np
 import taichi as ti
 
 from . import runtime
+from .rows import capacity
 
 CHUNK = 1 << 22  # numbers that are handed to a kernel at once
 
@@ -27,12 +28,15 @@ class Filled:
 class Fields:
     """A tree of fields. Declare, then `allocate`; `free` gives the memory back.
 
+    Numbers that differ from mesh to mesh belong into fields, where kernels read them: what is an attribute is compiled in.
+
     Args:
         exchange: numpy type of arrays handed to kernels.
+        exact: whether fields have no more rows than are asked for, so that checks of bounds see what is beyond.
     """
 
-    def __init__(self, exchange: type) -> None:
-        self.exchange = exchange
+    def __init__(self, exchange: type, exact: bool = False) -> None:
+        self.exchange, self.exact = exchange, exact
         runtime.hold(self)
         self._builder = ti.FieldsBuilder()
         self._tree = None
@@ -53,9 +57,14 @@ class Fields:
     def aside(self, n: int, width: int):
         """A field of n rows in a tree of its own: the compiler sees that what is written to it changes nothing else."""
         field, builder = ti.Vector.field(width, float), ti.FieldsBuilder()
-        builder.dense(ti.i, n).place(field)
+        builder.dense(ti.i, self.room(n)).place(field)
+        field.rows = n
         self._aside.append(builder.finalize())
         return field
+
+    def room(self, n: int) -> int:
+        """Rows that a field of n rows gets."""
+        return max(n, 1) if self.exact else capacity(n)
 
     def allocate(self) -> None:
         """Allocates and fills every field that was declared."""
@@ -80,7 +89,8 @@ class Fields:
         runtime.let_go(self)
 
     def _place(self, field, n: int, width: int, data: np.ndarray | None, filled: list[Filled]):
-        self._builder.dense(ti.i, max(n, 1)).place(field)
+        self._builder.dense(ti.i, self.room(n)).place(field)
+        field.rows = n
         if data is not None:
             data = np.asarray(data)
             if data.size != n * width:

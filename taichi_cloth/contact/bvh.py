@@ -16,8 +16,8 @@ class BVH:
     """Boxes over `count` items; who owns the items writes the boxes of leaves, and `merge` makes the others."""
 
     def __init__(self, fields: Fields, count: int) -> None:
-        self.count = count
-        leaves = -(-count // LEAF)
+        leaves = -(-fields.room(count) // LEAF)  # those beyond the items have boxes that meet nothing
+        self.size = fields.integer(1, data=np.array([count]))  # items, as kernels read them
         self.first_leaf = 2 ** max(1, int(np.ceil(np.log2(max(leaves, 1)))))
         self.low, self.high = fields.real(2 * self.first_leaf, 3), fields.real(2 * self.first_leaf, 3)
 

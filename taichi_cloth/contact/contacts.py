@@ -72,6 +72,11 @@ class Contacts(Checkpointed):
         """As `StepStart.smallest`."""
         return self.start.smallest
 
+    @property
+    def layered(self) -> bool:
+        """Whether layers of cloth are part of the solves of this attempt."""
+        return self.layers is not None and (self.sprung or self.start.together)
+
     def begin(self, h: float, pins: Held | None, x: np.ndarray, v: np.ndarray, together: bool = False) -> None:
         """A new attempt from the saved state (n, 3); the model is at its predicted end. With `together`, layers of cloth are
         part of its problem from the first solve on."""
@@ -140,8 +145,13 @@ class Contacts(Checkpointed):
         def work(p: Points) -> float:
             return float(np.einsum("ki,ki->k", p.forces(moved, h), p.of(way)).sum())
 
-        layered = self.layers is not None and (self.sprung or self.start.together)
-        return work(self.solids.sliding.points), work(self.solids.pressing), work(self.between) if layered else 0.0
+        return work(self.solids.sliding.points), work(self.solids.pressing), work(self.between) if self.layered else 0.0
+
+    def against_layers(self, y: np.ndarray) -> float:
+        """What altering positions by y (n, 3) takes [J] against the forces of cloth on cloth in the last solve."""
+        if not self.layered:
+            return 0.0
+        return -float(np.einsum("ki,ki->k", self.between.forces(self._moved(), self.start.h), self.between.of(y)).sum())
 
     def rows_held(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """As `SolidContacts.rows_held`."""

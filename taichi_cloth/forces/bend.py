@@ -8,8 +8,9 @@ import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
+from ..scene.cloth import Cloth, Seam
 from ..scene.fabric import pair
-from ..scene.scene import Cloth, Scene, Seam
+from ..scene.scene import Scene
 from ..system.elements import Hinges, flat_turns, hinges, row_sums, seam_hinges
 from ..system.state import Elements, ParticleState
 from .conditions import sym, sym_outer, sym_scaled_identity
@@ -35,7 +36,8 @@ class Bend(Force):
         parts = [(c, hinges(c.mesh)) for c in bent] + [(s.cloth, h) for s, h in seams]
         vertices = np.concatenate([model.particle[h.vertices + c.start] for c, h in parts])
         self.elements = Elements(fields, model.blocks, vertices)
-        rest = np.concatenate([_rest(c, h) for c, h in parts[:len(bent)]] + [_seam_rest(s, h) for s, h in seams])
+        rest = np.concatenate([_creased(scene, c, h, _rest(c, h)) for c, h in parts[:len(bent)]]
+                              + [_seam_rest(s, h) for s, h in seams])
         self.host_rest = rest
         self.host_hinges, self.host_turns = vertices, np.concatenate([flat_turns(h) for _, h in parts])
         self.damps = bool(rest[:, 1].any())
@@ -246,6 +248,19 @@ def _rest(cloth: Cloth, h: Hinges) -> np.ndarray:
     bend = next(f.bend for f in cloth.fabrics if f.bend)
     given = bend.rest == "given" or (bend.rest is None and cloth.mesh.flattened)
     return _rows(cloth, h, h.angle if given else 0.0)
+
+
+def _creased(scene: Scene, cloth: Cloth, h: Hinges, rest: np.ndarray) -> np.ndarray:
+    """The same with what creases say of their edges."""
+    plain = rest[:, :2].copy()
+    code = np.sort(h.vertices[:, :2], axis=1) @ np.array([cloth.mesh.vertex_count, 1])
+    order = np.argsort(code)
+    for crease in scene.creases:
+        if crease.cloth is cloth:
+            wanted = crease.edges @ np.array([cloth.mesh.vertex_count, 1])
+            rows = order[np.searchsorted(code, wanted, sorter=order)]
+            rest[rows, :2], rest[rows, 2] = crease.stiffness * plain[rows], crease.angle
+    return rest
 
 
 def _seam_rest(seam: Seam, h: Hinges) -> np.ndarray:

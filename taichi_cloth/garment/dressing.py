@@ -12,9 +12,10 @@ import numpy as np
 
 from .. import checks
 from ..errors import SceneError
+from ..scene.air import Air
 from ..scene.fabric import ClothContact, Fabric
 from ..scene.garment import Garment
-from ..scene.scene import Air, Scene
+from ..scene.scene import Scene
 from ..scene.solids import Solid, SolidMesh
 from ..simulation import Simulation
 

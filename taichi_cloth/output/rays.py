@@ -7,6 +7,8 @@ every picture.
 import numpy as np
 import taichi as ti
 
+from ..backend.rows import capacity
+
 LEAF = 4
 FAR = 1e30
 
@@ -20,11 +22,12 @@ class RayTree:
     """
 
     def __init__(self, count: int) -> None:
-        self.count = count
-        leaves = -(-count // LEAF)
+        room = capacity(count)
+        leaves = -(-room // LEAF)  # those beyond the triangles have boxes that nothing enters
         self.first_leaf = 1 << max(1, int(np.ceil(np.log2(max(leaves, 1)))))
         self.low, self.high = (ti.Vector.field(3, ti.f32, 2 * self.first_leaf) for _ in range(2))
-        self.a, self.e, self.f = (ti.Vector.field(3, ti.f32, count) for _ in range(3))  # a corner and two edges
+        self.a, self.e, self.f = (ti.Vector.field(3, ti.f32, room) for _ in range(3))  # a corner and two edges
+        self.size = ti.field(ti.i32, 1)  # triangles, as kernels read them
 
     def build(self, x: np.ndarray, faces: np.ndarray) -> None:
         """Takes the triangles of faces (count, 3) at positions (n, 3)."""
@@ -33,9 +36,10 @@ class RayTree:
 
     @ti.kernel
     def _fill(self, corners: ti.types.ndarray()):
+        self.size[0] = corners.shape[0]
         for leaf in range(self.first_leaf):
             low, high = ti.Vector([FAR, FAR, FAR], ti.f32), ti.Vector([-FAR, -FAR, -FAR], ti.f32)
-            for t in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.count)):
+            for t in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, corners.shape[0])):
                 p = ti.Vector([corners[t, 0], corners[t, 1], corners[t, 2]])
                 q = ti.Vector([corners[t, 3], corners[t, 4], corners[t, 5]])
                 r = ti.Vector([corners[t, 6], corners[t, 7], corners[t, 8]])
@@ -62,7 +66,7 @@ class RayTree:
             else:
                 if inside:
                     first = (node - self.first_leaf) * LEAF
-                    for t in range(first, ti.min(first + LEAF, self.count)):
+                    for t in range(first, ti.min(first + LEAF, self.size[0])):
                         if self.meets(t, origin, way, reach):
                             hit = 1
                 node += 1

@@ -3,208 +3,23 @@
 import contextlib
 import itertools
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
 from ..errors import SceneError, did_you_mean, shown
+from .air import Air
+from .attachment import Attachment, Event, Path, Script, orthonormal
+from .cloth import Cloth, Seam, panels_of, used_vertices
+from .crease import Crease
+from .crease import make as make_crease
 from .fabric import ClothContact, Fabric
 from .garment import Garment, seam_angle
-from .glue import Places, places
 from .mesh import TriMesh
 from .solids import Shape, Solid, Value
 from .view import View
-
-Path = Callable[[float], ArrayLike]
-
-
-@dataclass(frozen=True, eq=False)
-class Cloth:
-    """A piece of cloth in a scene; made by `Scene.add_cloth` and handed to `pin`, `move` and the rest.
-
-    Attributes:
-        start: index of its first vertex in the simulation's arrays.
-        positions, velocities: (n, 3) at time 0 [m], [m/s].
-        contact: how it meets other cloth; None passes through.
-        panels: (rows of faces, their fabric): parts that are of another fabric.
-    """
-
-    name: str
-    mesh: TriMesh
-    fabric: Fabric
-    positions: np.ndarray
-    velocities: np.ndarray
-    start: int
-    color: tuple[float, float, float] | None = None
-    contact: ClothContact | None = None
-    panels: tuple[tuple[np.ndarray, Fabric], ...] = ()
-
-    def __post_init__(self) -> None:
-        what = checks.name("cloth name", self.name)
-        n = checks.instance(f"mesh of {what!r}", self.mesh, TriMesh).vertex_count
-        checks.instance(f"fabric of {what!r}", self.fabric, Fabric)
-        object.__setattr__(self, "positions", checks.array(f"positions of {what!r}", self.positions, (n, 3), row="vertex"))
-        v = checks.array(f"velocities of {what!r}", self.velocities, (n, 3), (3,), row="vertex")
-        object.__setattr__(self, "velocities", np.broadcast_to(v, (n, 3)).copy())
-        object.__setattr__(self, "start", checks.integer(f"start of {what!r}", self.start, least=0))
-        object.__setattr__(self, "color", checks.maybe(self.color, checks.color, f"color of {what!r}"))
-        checks.maybe(self.contact, checks.instance, f"contact of {what!r}", ClothContact)
-        object.__setattr__(self, "panels", _checked_panels(what, self.panels, self.mesh.face_count))
-        models = {f.bend.model for f in self.fabrics if f.bend}
-        if len(models) > 1 or (self.panels and models == {"curvature"}):
-            raise SceneError(f"panels of {what!r}: all fabrics of a cloth bend over hinges, or it has one fabric")
-
-    @property
-    def fabrics(self) -> tuple[Fabric, ...]:
-        """All that it is made of, the cloth's own first."""
-        return self.fabric, *(fabric for _, fabric in self.panels)
-
-    @property
-    def fabric_of(self) -> np.ndarray:
-        """(m,) which of `fabrics` each face is of."""
-        out = np.zeros(self.mesh.face_count, dtype=np.int64)
-        for k, (rows, _) in enumerate(self.panels, 1):
-            out[rows] = k
-        return out
-
-    @property
-    def density(self) -> np.ndarray:
-        """(m,) of each face [kg/m^2]."""
-        return np.array([f.density for f in self.fabrics])[self.fabric_of]
-
-
-@dataclass(frozen=True, eq=False)
-class Attachment:
-    """Vertices held or led in 1 to 3 directions.
-
-    Attributes:
-        vertices: indices in the cloth.
-        directions: (d, 3) orthonormal rows.
-        path: None holds the vertices where they are when the attachment begins.
-        relative: whether the path gives displacements from there, or positions.
-        key: stays the same when some of the vertices are released.
-        selected: the vertices that the path speaks of, released ones included.
-        order: (k,) rows of the path's value in the order of rising vertex index.
-        solid: what the vertices ride on, from where they are when the attachment begins, at time `since` [s]; or None.
-    """
-
-    cloth: Cloth
-    vertices: np.ndarray
-    directions: np.ndarray
-    path: Path | None
-    relative: bool
-    key: int
-    selected: np.ndarray
-    order: np.ndarray
-    solid: Solid | None = None
-    since: float = 0.0
-    found: dict[bytes, Places] = field(default_factory=dict, repr=False)  # the places that it last rode on
-
-    @property
-    def leads(self) -> bool:
-        """Whether it moves its vertices."""
-        return self.path is not None or self.solid is not None
-
-    def target(self, t: float, anchor: np.ndarray) -> np.ndarray:
-        """(k, 3) positions [m] of `vertices` at time t [s]; `anchor` (n, 3) is the cloth when it began.
-
-        Raises:
-            SceneError: where the path returns a wrong shape or a number that is not finite.
-        """
-        here = anchor[self.vertices]
-        if self.solid is not None:
-            key = here.tobytes()
-            if key not in self.found:
-                self.found.clear()
-                self.found[key] = places(self.solid, self.since, here)
-            return self.found[key].at(self.solid, t)
-        if self.path is None:
-            return here
-        value = self.checked(t)
-        if value.ndim == 2:
-            value = value[np.searchsorted(self.selected, self.vertices)]
-        return here + value if self.relative else np.broadcast_to(value, here.shape)
-
-    def checked(self, t: float) -> np.ndarray:
-        """The path's value at t, checked for shape and finiteness; rows sorted by vertex."""
-        k = len(self.selected)
-        what = f"the path that moves {k} vertices of {self.cloth.name!r}, at t = {t:g} s"
-        shapes = [(k, 3)] + ([(3,)] if self.relative or k == 1 else [])
-        hint = "" if self.relative else "; relative=True takes one displacement for all"
-        value = checks.array(what, self.path(t), *shapes, hint=hint)  # type: ignore[misc, arg-type]
-        return value[self.order] if value.ndim == 2 else value
-
-
-@dataclass(frozen=True, eq=False)
-class Seam:
-    """Two rows of a cloth's vertices that are sewn to each other, one by one; made by `Scene.sew`.
-
-    Attributes:
-        a, b: (k,) vertices.
-        rest: angle of the seam's hinges at rest [rad], or "given": that of the cloth's mesh.
-        stiffness: factor of their bending stiffness.
-    """
-
-    cloth: Cloth
-    a: np.ndarray
-    b: np.ndarray
-    rest: float | str
-    stiffness: float
-
-
-@dataclass(frozen=True)
-class Air:
-    """Viscous air drag per area, f/A = -normal (n.u) n - tangential (u - (n.u) n), u = velocity - wind.
-
-    Args:
-        normal, tangential: coefficients [N s/m^3], at least 0 and not both 0.
-        wind: velocity of the air [m/s], (3,) or a function of time [s] that returns it.
-    """
-
-    normal: float
-    tangential: float = 0.0
-    wind: ArrayLike | Callable[[float], ArrayLike] = (0.0, 0.0, 0.0)
-
-    def __post_init__(self) -> None:
-        for name in ("normal", "tangential"):
-            value = checks.number(f"air {name}", getattr(self, name), "N s/m^3", least=0.0)
-            object.__setattr__(self, name, value)
-        wind = checks.function("air wind", self.wind, "time") if callable(self.wind) else checks.vector("air wind", self.wind)
-        object.__setattr__(self, "wind", wind)
-        if self.normal == self.tangential == 0:
-            raise SceneError("air with both coefficients 0 does nothing: leave it out")
-        self.wind_at(0.0)
-
-    def wind_at(self, t: float) -> np.ndarray:
-        """(3,) wind [m/s] at time t [s].
-
-        Raises:
-            SceneError: a wrong shape or a number that is not finite.
-        """
-        t = checks.number("t", t, "s")
-        return checks.vector(f"the wind at t = {t:g} s", self.wind(t) if callable(self.wind) else self.wind, "m/s")
-
-
-@dataclass(frozen=True)
-class Event:
-    """A function to be called when simulated time reaches `time` [s]."""
-
-    time: float
-    action: Callable
-
-
-@dataclass
-class Script:
-    """The part of a scene that events may change while a simulation runs."""
-
-    attachments: list[Attachment] = field(default_factory=list)
-    events: list[Event] = field(default_factory=list)
-
-    def copy(self) -> "Script":
-        """A copy whose lists are its own."""
-        return Script(list(self.attachments), list(self.events))
 
 
 class Scene:
@@ -227,6 +42,7 @@ class Scene:
         self.masses: list[tuple[Cloth, np.ndarray, float]] = []
         self.forces: list[Callable] = []
         self.seams: list[Seam] = []
+        self.creases: list[Crease] = []
         self.script = Script()
         self._key = itertools.count()
 
@@ -247,7 +63,7 @@ class Scene:
         checks.instance("add_cloth: mesh", mesh, TriMesh)
         x = mesh.x if positions is None else positions
         v = np.zeros(3) if velocities is None else velocities
-        parts = _panels(mesh, {} if panels is None else checks.instance("add_cloth: panels", panels, dict))
+        parts = panels_of(mesh, {} if panels is None else checks.instance("add_cloth: panels", panels, dict))
         cloth = Cloth(name, mesh, fabric, x, v, self.vertex_count, color, contact, parts)  # type: ignore[arg-type]
         if name in (c.name for c in self.cloths):
             raise SceneError(f"there is a cloth named {name!r} already")
@@ -294,7 +110,7 @@ class Scene:
         self._own(cloth)
         if isinstance(a, str) or isinstance(b, str):
             raise SceneError(f"sew: vertices of {cloth.name!r} must be given in order, not as the name of a group")
-        rows = [_used(cloth, row) for row in (a, b)]
+        rows = [used_vertices(cloth, row) for row in (a, b)]
         if len(rows[0]) != len(rows[1]):
             raise SceneError(f"sew: {len(rows[0])} vertices of {cloth.name!r} to {len(rows[1])}: rows must be as long as each "
                              "other")
@@ -307,6 +123,23 @@ class Scene:
         rest = seam_angle("sew: rest", rest)
         self.seams.append(Seam(cloth, rows[0], rows[1], rest, checks.number("sew: stiffness", stiffness, least=0.0)))
         return self.seams[-1]
+
+    def crease(self, cloth: Cloth, angle: ArrayLike, line: ArrayLike | None = None, edges: ArrayLike | None = None,
+               stiffness: float = 1.0) -> Crease:
+        """Bends edges of a cloth at rest, as ironed pleats are; later creases take the place of earlier ones.
+
+        Args:
+            angle: at rest [rad], -pi to pi, one or (k,) for `edges`; positive where the side that normals point to opens.
+            line: (p, 2) points of the pattern [m]; the mesh's edges on the straight ways between them.
+            edges: (k, 2) vertices, instead.
+            stiffness: factor of the edges' bending stiffness; with 0 they are free to turn.
+
+        Raises:
+            SceneError: no edge there, a fabric that does not bend over hinges, or an angle beyond pi.
+        """
+        self._own(cloth)
+        self.creases.append(make_crease(cloth, angle, line, edges, stiffness))
+        return self.creases[-1]
 
     def pass_through(self, a: Cloth, b: Cloth) -> None:
         """Lets two cloths that have a contact pass through each other."""
@@ -422,7 +255,7 @@ class Scene:
         """Adds a point mass [kg] to each of the vertices."""
         self._own(cloth)
         mass = checks.number("point mass", mass, "kg", positive=True)
-        self.masses.append((cloth, _used(cloth, vertices), mass))
+        self.masses.append((cloth, used_vertices(cloth, vertices), mass))
 
     @contextlib.contextmanager
     def running(self, script: Script) -> Iterator[None]:
@@ -446,7 +279,7 @@ class Scene:
     def _attach(self, cloth: Cloth, vertices: object, directions: object, path: Path | None, relative: bool,
                 solid: Solid | None = None, since: float = 0.0) -> None:
         self._own(cloth)
-        index = _used(cloth, vertices)
+        index = used_vertices(cloth, vertices)
         order = np.argsort(index, kind="stable")
         if path is not None and len(np.unique(index)) < len(index):
             raise SceneError("move: a vertex is named twice")
@@ -467,63 +300,3 @@ class Scene:
             if len(shared) and rank < len(old.directions) + len(new.directions):
                 raise SceneError(f"vertex {shared[0]} of {new.cloth.name!r} is already held or moved in that direction:"
                                  " unpin it first")
-
-
-def orthonormal(directions: object) -> np.ndarray:
-    """(d, 3) orthonormal rows that span the given directions: None, axis letters, or 1 to 3 vectors.
-
-    Raises:
-        SceneError: an unknown axis, a wrong shape, or directions that are not independent.
-    """
-    if directions is None:
-        return np.eye(3)
-    if isinstance(directions, str):
-        for axis in directions or " ":
-            checks.choice("axis", axis, ("x", "y", "z"))
-        return np.eye(3)[sorted({"xyz".index(a) for a in directions})]
-    rows = np.atleast_2d(checks.array("directions", directions, (3,), (1, 3), (2, 3), (3, 3), row="vector"))
-    length = np.linalg.norm(rows, axis=1)
-    unit = rows / np.where(length > 0, length, 1)[:, None]
-    if np.linalg.matrix_rank(unit, tol=1e-9) < len(rows):
-        raise SceneError(f"directions {rows.tolist()} are not independent")
-    if len(rows) == 3:
-        return np.eye(3)
-    # unit axes stay as they are, bit for bit
-    if np.allclose(unit @ unit.T, np.eye(len(rows)), rtol=0, atol=1e-15):
-        return unit
-    q, _ = np.linalg.qr(unit.T)
-    return q.T
-
-
-def _checked_panels(what: str, panels: object, count: int) -> tuple[tuple[np.ndarray, Fabric], ...]:
-    """(rows of faces, fabric) of a cloth with so many faces."""
-    if not isinstance(panels, (list, tuple)) or not all(isinstance(p, (list, tuple)) and len(p) == 2 for p in panels):
-        raise SceneError(f"panels of {what!r}: {shown(panels)}: must be (rows of faces, fabric), any number of them")
-    out = []
-    for rows, fabric in panels:
-        index = checks.indices(f"panels of {what!r}: faces", rows, count)
-        out.append((index, checks.instance(f"panels of {what!r}: fabric", fabric, Fabric)))
-    return tuple(out)
-
-
-def _panels(mesh: TriMesh, fabrics: dict[str, Fabric]) -> tuple[tuple[np.ndarray, Fabric], ...]:
-    """(rows of faces, fabric) of groups of vertices."""
-    out = []
-    for name, fabric in fabrics.items():
-        checks.instance(f"fabric of panel {name!r}", fabric, Fabric)
-        rows = np.flatnonzero(np.isin(mesh.faces, mesh.select(name)).all(axis=1))
-        if not len(rows):
-            raise SceneError(f"panel {name!r}: no face has all of its corners in that group")
-        out.append((rows, fabric))
-    return tuple(out)
-
-
-def _used(cloth: Cloth, vertices: object) -> np.ndarray:
-    """The selected vertices, all of which belong to a face."""
-    index = cloth.mesh.select(vertices)
-    if not len(index):
-        raise SceneError(f"the selection {vertices!r} of {cloth.name!r} is empty")
-    loose = index[~np.isin(index, cloth.mesh.faces)]
-    if len(loose):
-        raise SceneError(f"vertex {loose[0]} of {cloth.name!r} belongs to no face and is not simulated")
-    return index

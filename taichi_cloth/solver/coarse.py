@@ -11,6 +11,7 @@ import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.rows import write
 from ..system.checkpoint import Checkpointed
 from ..system.operator import Operator
 from .lattice import Level
@@ -37,7 +38,8 @@ class Coarse(Checkpointed):
                  faces: np.ndarray) -> None:
         self.operator, self.jacobi, self.blocks = operator, jacobi, operator.blocks
         self.forces = [force for force in operator.forces if not force.of_contact]
-        self.first, self.count, self.width = first, level.count, level.node.shape[1]
+        self.count, self.width = level.count, level.node.shape[1]
+        self.size = fields.integer(2, data=np.array([first, level.count]))  # as kernels read them
         n = operator.model.n
         self.node, self.weight = fields.integer(n, self.width, level.node), fields.real(n, self.width, level.weight)
         self.p, self.q = fields.real(n, 3), fields.real(n, 3)
@@ -58,8 +60,8 @@ class Coarse(Checkpointed):
             good = values > LEAST * values[-1]
             inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T
             k = self.count
-            self.inverse.from_numpy(inverse.reshape(k, 3, k, 3).transpose(0, 2, 1, 3).reshape(k * k, 9)
-                                    .astype(self.operator.model.exchange))
+            write(self.inverse, inverse.reshape(k, 3, k, 3).transpose(0, 2, 1, 3).reshape(k * k, 9)
+                  .astype(self.operator.model.exchange))
             self.span, self.cost, self.excess = span, 0, 0
 
     def count_iterations(self, iterations: int) -> None:
@@ -87,18 +89,18 @@ class Coarse(Checkpointed):
     @ti.kernel
     def _probe(self, picked: ti.types.ndarray(), d: int, out: ti.types.ndarray()):
         """S A S times the sum of some nodes' hats along axis d."""
-        for i in range(self.operator.model.n):
+        for i in range(self.operator.model.rows()):
             w = 0.0
             for k in ti.static(range(self.width)):
                 if picked[self.node[i][k]] == 1:
                     w += self.weight[i][k]
             self.q[i] = w * ti.Vector([float(d == 0), float(d == 1), float(d == 2)])
-        for i in range(self.operator.model.n):
+        for i in range(self.operator.model.rows()):
             self.p[i] = self.jacobi.filter(i, self.jacobi.average(i, self.q))
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
                 self.multiply(t // self.blocks.grain)
-        for i in range(self.operator.model.n):
+        for i in range(self.operator.model.rows()):
             r = self.jacobi.filter(i, self.jacobi.average(i, self.q))
             for c in ti.static(range(3)):
                 out[i, c] = r[c]
@@ -115,8 +117,9 @@ class Coarse(Checkpointed):
     def solve(self, n, r: ti.template()):
         """Node n's value of A_c^-1 r."""
         z = ti.Vector.zero(float, 3)
-        for m in range(self.count):
-            B, v = self.inverse[(n - self.first) * self.count + m], r[self.first + m]
+        first, count = self.size[0], self.size[1]
+        for m in range(count):
+            B, v = self.inverse[(n - first) * count + m], r[first + m]
             z += ti.Vector([B[0] * v[0] + B[1] * v[1] + B[2] * v[2], B[3] * v[0] + B[4] * v[1] + B[5] * v[2],
                             B[6] * v[0] + B[7] * v[1] + B[8] * v[2]])
         return z

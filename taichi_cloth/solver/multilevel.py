@@ -75,6 +75,8 @@ class Multilevel(Checkpointed):
         made = levels(*_material(scene, model), float(np.median(edges)), _links(scene, model), MOST if self.exact else 0)
         self.start = np.cumsum([0] + [level.count for level in made]).tolist()
         self.nodes = self.start[-1]
+        self.size = fields.integer(3, data=np.array([self.start[1], self.start[-2], self.nodes]))
+        # as kernels read them: nodes of the finest level, of all but the coarsest, of all
         self.width = width = made[0].node.shape[1]
         self.blocks = model.blocks.count
         self.r, self.z = fields.real(self.nodes, 3), fields.real(self.nodes, 3)
@@ -164,7 +166,7 @@ class Multilevel(Checkpointed):
     @ti.kernel
     def _touch_diagonal(self):
         """T = diagonal blocks of the points of contact."""
-        for i in range(self.operator.model.n):
+        for i in range(self.operator.model.rows()):
             self.T[i] = ti.Vector.zero(float, 6)
         for t in range(self.operator.blocks.count * self.operator.blocks.grain):
             if t % self.operator.blocks.grain == 0:
@@ -172,7 +174,7 @@ class Multilevel(Checkpointed):
 
     @ti.kernel
     def _build_levels(self, c: float):
-        for n in range(self.nodes):
+        for n in range(self.size[2]):
             D = ti.Vector.zero(float, 6)
             for k in range(self.particles.first[n], self.particles.first[n + 1]):
                 i = self.particles.source[k]
@@ -232,32 +234,32 @@ class Multilevel(Checkpointed):
     @ti.func
     def sweep(self, r: ti.template()):
         """The levels' part for a filtered r: afterwards `correction(i)` has it for every particle."""
-        for n in range(self.start[1]):
+        for n in range(self.size[0]):
             self.restrict(n, r)
         for _ in range(1):
             self.coarse()
-        for n in range(self.start[1]):
+        for n in range(self.size[0]):
             self.prolong(n)
 
     @ti.func
     def restrict_block(self, block, r: ti.template()):
         """The finest level's sums, a block's share."""
-        for n in range(self.start[1] * block // self.blocks, self.start[1] * (block + 1) // self.blocks):
+        for n in range(self.size[0] * block // self.blocks, self.size[0] * (block + 1) // self.blocks):
             self.restrict(n, r)
 
     @ti.func
     def prolong_block(self, block):
         """The finest level's values, a block's share."""
-        for n in range(self.start[1] * block // self.blocks, self.start[1] * (block + 1) // self.blocks):
+        for n in range(self.size[0] * block // self.blocks, self.size[0] * (block + 1) // self.blocks):
             self.prolong(n)
 
     @ti.func
     def coarse(self):
         """Sums of all levels but the finest, each from the one below, and their values from the coarsest down."""
-        for n in range(self.start[1], self.nodes):
+        for n in range(self.size[0], self.size[2]):
             self.restrict(n, self.r)
-        for back in range(self.nodes - self.start[1]):
-            self.prolong(self.nodes - 1 - back)
+        for back in range(self.size[2] - self.size[0]):
+            self.prolong(self.size[2] - 1 - back)
 
     @ti.func
     def restrict(self, n, values: ti.template()):
@@ -272,13 +274,13 @@ class Multilevel(Checkpointed):
         """A node's value: its own, and what the level above says."""
         z = ti.Vector.zero(float, 3)
         if ti.static(self.exact):
-            if n >= self.start[-2]:
+            if n >= self.size[1]:
                 z = self.coarsest.solve(n, self.r)
             else:
                 z = sym_times(self.inverse_l[n], self.r[n])
         else:
             z = sym_times(self.inverse_l[n], self.r[n])
-        if n < self.start[-2]:
+        if n < self.size[1]:
             for k in ti.static(range(self.width)):
                 z += self.parent_weight[n][k] * self.z[self.parent[n][k]]
         self.z[n] = z

@@ -144,16 +144,16 @@ class PCG:
         """dv = sum of b / sum of m"""
         for _ in range(1):
             b, m = ti.Vector.zero(self.sum_type, 3), ti.cast(0, self.sum_type)
-            for i in range(self.operator.model.n):
+            for i in range(self.operator.model.rows()):
                 b += self.operator.b[i]
                 m += self.operator.model.m[i]
-            for i in range(self.operator.model.n):
+            for i in range(self.operator.model.rows()):
                 self.dv[i] = ti.cast(b / m, float)
 
     @ti.kernel
     def _residual(self, zero: int):
         """r = b - A dv, s = P^-1 r, r.s; A dv is left in As."""
-        for i in range(self.operator.model.n):
+        for i in range(self.operator.model.rows()):
             if zero == 1:
                 self.dv[i] = ti.Vector.zero(float, 3)
             self.s[i] = self.dv[i]
@@ -172,10 +172,10 @@ class PCG:
         """Adds the translation whose momentum the answer lacks: however rough a solve, what is free falls as it should."""
         for _ in range(1):
             r, m = ti.Vector.zero(self.sum_type, 3), ti.cast(0, self.sum_type)
-            for i in range(self.operator.model.n):
+            for i in range(self.operator.model.rows()):
                 r += self.r[i]
                 m += self.operator.model.m[i]
-            for i in range(self.operator.model.n):
+            for i in range(self.operator.model.rows()):
                 self.dv[i] = self.dv[i] + ti.cast(r / m, float)
                 self.As[i] = self.As[i] + self.operator.model.m[i] * ti.cast(r / m, float)
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..forces.force import Force
-from ..scene.scene import Script
+from ..scene.attachment import Script
 from ..system.checkpoint import Checkpointed
 from ..system.constraints import Attachments
 from ..system.held import Held

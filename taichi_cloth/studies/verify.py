@@ -10,8 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from .. import checks
+from ..scene.cloth import Cloth
 from ..scene.mesh import TriMesh
-from ..scene.scene import Cloth, Scene
+from ..scene.scene import Scene
 from ..simulation import Simulation
 from ..solver.pcg import CONVERGED
 from ..system.elements import lumped_mass

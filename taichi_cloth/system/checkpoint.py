@@ -17,6 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from ..backend.rows import read, write
+
 VERSION = 3  # of what checkpoints hold
 
 
@@ -53,7 +55,7 @@ def _arrays(name: str, value: Any) -> Iterator[tuple[str, Any]]:
     if isinstance(value, Checkpointed):
         yield from ((f"{name}.{key}", array) for key, array in value.checkpoint().items())
     elif hasattr(value, "to_numpy"):
-        yield name, value.to_numpy()
+        yield name, read(value)
     elif is_dataclass(value):
         for field in fields(value):
             yield from _arrays(f"{name}.{field.name}", getattr(value, field.name))
@@ -74,7 +76,7 @@ def _value(name: str, old: Any, state: dict[str, np.ndarray]) -> Any:
     if isinstance(old, Checkpointed):
         old.resume(below(name, state))
     elif hasattr(old, "from_numpy"):
-        old.from_numpy(state[name])
+        write(old, state[name])
     elif is_dataclass(old):
         kind: Any = type(old)
         return kind(**{f.name: _value(f"{name}.{f.name}", getattr(old, f.name), state) for f in fields(old)})

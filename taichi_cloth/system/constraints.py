@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..backend.fields import Fields
 from ..errors import SceneError, shown
-from ..scene.scene import Attachment, orthonormal
+from ..scene.attachment import Attachment, orthonormal
 from .held import Held, kernel_array
 from .state import ParticleState
 
@@ -140,7 +140,7 @@ class Filter:
 
         With `zero`, S dv = 0.
         """
-        for i in range(self.model.n):
+        for i in range(self.model.rows()):
             if zero == 1:
                 self.dv[i] = ti.Vector.zero(float, 3)
         for k in range(index.shape[0]):
@@ -151,7 +151,7 @@ class Filter:
     @ti.kernel
     def lead(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), target: ti.types.ndarray(), c: float):
         """dv = (I - S) (target - x)/c; with c = 0 x goes there, to where it must be without the last rounding of x + h v."""
-        for i in range(self.model.n):
+        for i in range(self.model.rows()):
             if c > 0:
                 self.dv[i] = ti.Vector.zero(float, 3)
         for k in range(index.shape[0]):
@@ -165,7 +165,7 @@ class Filter:
     @ti.kernel
     def impose(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), z: ti.types.ndarray(), zero: int):
         """dv = S dv + (I - S) z; with `zero`, S dv = 0."""
-        for i in range(self.model.n):
+        for i in range(self.model.rows()):
             if zero == 1:
                 self.dv[i] = ti.Vector.zero(float, 3)
         for k in range(index.shape[0]):

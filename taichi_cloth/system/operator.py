@@ -7,6 +7,7 @@ import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.rows import read, write
 from .state import ParticleState
 
 
@@ -30,7 +31,7 @@ class Operator:
     @ti.kernel
     def set_motion(self, h: float):
         """motion = h v"""
-        for i in range(self.model.n):
+        for i in range(self.model.rows()):
             self.motion[i] = h * self.model.v[i]
 
     @ti.kernel
@@ -79,9 +80,9 @@ class Probe:
 
     def product(self, p: np.ndarray) -> np.ndarray:
         """(n, 3) A p, in particle order."""
-        self.p.from_numpy(p)
+        write(self.p, p)
         self.apply(1)
-        return self.q.to_numpy()
+        return read(self.q)
 
     @ti.kernel
     def apply(self, times: int):

@@ -46,6 +46,7 @@ class Clusters:
         self.share = model.mass[self.member] / total[self.label[self.member]]
         self.of = fields.integer(model.n, data=self.label)
         self.begins = fields.integer(self.count + 1, data=self.first)
+        self.size = fields.integer(1, data=np.array([self.count]))  # clusters, as kernels read them
         self.members = fields.integer(len(self.member), data=self.member)
         self._apart: np.ndarray = np.zeros(2, dtype=model.exchange)
         self.led = False
@@ -119,7 +120,7 @@ class Clusters:
     def _lead(self, dv: ti.template(), h: float, zero: int, again: int):
         """dv = S dv + z, z the change of the members' velocities against their mean that closes the gap at the start of the
         step in h, or as much of it as CLOSING allows."""
-        for k in range(self.count):
+        for k in range(self.size[0]):
             lo, hi = self.begins[k], self.begins[k + 1]
             some = self.members[lo]
             x, v, change = self.mean(some, self.model.x), self.mean(some, self.model.v), (1 - zero) * self.mean(some, dv)
@@ -147,14 +148,14 @@ class Clusters:
         """Largest distances of positions [m] and velocities [m/s] from their means."""
         for _ in range(1):
             x, v = 0.0, 0.0
-            for k in range(self.count):
+            for k in range(self.size[0]):
                 x, v = ti.max(x, self.spread_of(k, self.model.x)), ti.max(v, self.spread_of(k, self.model.v))
             out[0], out[1] = x, v
 
     @ti.kernel
     def _settle(self, near: float, slow: float):
         """What is together within `near` [m] is put into one place, bit for bit; so are velocities within `slow` [m/s]."""
-        for k in range(self.count):
+        for k in range(self.size[0]):
             if self.spread_of(k, self.model.x) < near:
                 same = self.spread_of(k, self.model.v) < slow
                 some = self.members[self.begins[k]]

@@ -7,6 +7,7 @@ import taichi as ti
 
 from ..backend.fields import Fields
 from ..backend.ordering import Entries, block_bounds, cuthill_mckee, partition
+from ..backend.rows import read, write
 from ..backend.runtime import Runtime
 from ..errors import MeshError, SceneError
 from ..scene.scene import Scene
@@ -65,19 +66,19 @@ class Remembered:
     """
 
     def __init__(self, fields: Fields, n: int, width: int, data: np.ndarray | None) -> None:
-        self.n = n
+        self.size = fields.integer(1, data=np.array([n]))
         self.now, self.saved = fields.real(n, width, data), fields.real(n, width)
 
     @ti.kernel
     def save(self):
         """saved = now"""
-        for i in range(self.n):
+        for i in range(self.size[0]):
             self.saved[i] = self.now[i]
 
     @ti.kernel
     def restore(self):
         """now = saved"""
-        for i in range(self.n):
+        for i in range(self.size[0]):
             self.now[i] = self.saved[i]
 
 
@@ -135,6 +136,11 @@ class ParticleState:
         self.remembered[name] = Remembered(self._fields, n, width, data)
         return self.remembered[name]
 
+    @ti.func
+    def rows(self):
+        """n, as kernels read it."""
+        return self.blocks.row[self.blocks.count]
+
     def save(self) -> None:
         """Remembers the state, for `restore`."""
         self._save()
@@ -150,7 +156,7 @@ class ParticleState:
     def checkpoint(self) -> dict[str, np.ndarray]:
         """All of the state, as arrays by name."""
         x, v = self.read_particles()
-        return {"x": x, "v": v, **{f"state_{name}": part.now.to_numpy() for name, part in self.remembered.items()}}
+        return {"x": x, "v": v, **{f"state_{name}": read(part.now) for name, part in self.remembered.items()}}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
         """Goes on from what `checkpoint` gave.
@@ -166,9 +172,9 @@ class ParticleState:
                 raise SceneError(f"the checkpoint's {name} is not finite")
         self.write_particles(state["x"], state["v"])
         for name, value in parts.items():
-            if value.shape != self.remembered[name].now.to_numpy().shape:
+            if value.shape != read(self.remembered[name].now).shape:
                 raise SceneError(f"the checkpoint's {name} has the shape {value.shape}: it is of another mesh")
-            self.remembered[name].now.from_numpy(value)
+            write(self.remembered[name].now, value)
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         """(positions [m], velocities [m/s]), each (user's n, 3) float64; vertices without a face stay put."""
@@ -212,28 +218,28 @@ class ParticleState:
 
     @ti.kernel
     def _read(self, x_of: ti.template(), v_of: ti.template(), x: ti.types.ndarray(), v: ti.types.ndarray()):
-        for i in range(self.n):
+        for i in range(self.rows()):
             for c in ti.static(range(3)):
                 x[i, c] = x_of[i][c]
                 v[i, c] = v_of[i][c]
 
     @ti.kernel
     def _write(self, x: ti.types.ndarray(), v: ti.types.ndarray()):
-        for i in range(self.n):
+        for i in range(self.rows()):
             for c in ti.static(range(3)):
                 self.x[i][c] = x[i, c]
                 self.v[i][c] = v[i, c]
 
     @ti.kernel
     def _save(self):
-        for i in range(self.n):
+        for i in range(self.rows()):
             self.x_saved[i] = self.x[i]
             self.v_saved[i] = self.v[i]
             self.v_base[i] = self.v[i]
 
     @ti.kernel
     def _restore(self):
-        for i in range(self.n):
+        for i in range(self.rows()):
             self.x[i] = self.x_saved[i]
             self.v[i] = self.v_saved[i]
             self.v_base[i] = self.v_saved[i]

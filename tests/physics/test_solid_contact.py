@@ -127,9 +127,9 @@ def test_what_sticks_goes_where_the_solid_goes():
 def pressed() -> tc.Scene:
     """A sheet over the sharp edges of a sliding box, pressed on it by a block of triangles, beyond what leaves it room."""
     scene, _ = over(6)
-    scene.add_solid(tc.Box((0.2, 0.04, 0.2)), friction=0.3, thickness=0.005,
+    scene.add_solid(tc.Box((0.2, 0.04, 0.2)), friction=0.2, thickness=0.005,
                     position=lambda t: (0.03 * math.sin(20 * t), 0.0, 0.0))
-    scene.add_solid(tc.SolidMesh(*tc.Box((0.1, 0.1, 0.1)).core()[:2]), friction=0.3, thickness=0.005,
+    scene.add_solid(tc.SolidMesh(*tc.Box((0.1, 0.1, 0.1)).core()[:2]), friction=0.2, thickness=0.005,
                     position=lambda t: (0.0, 0.084 - 0.2 * min(t, 0.08), 0.0), rotation=(0.0, 0.4, 0.0), name="press")
     return scene
 

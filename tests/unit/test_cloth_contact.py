@@ -109,7 +109,7 @@ def test_only_what_strays_is_looked_for_again(rng, precision):
     again = 0
     for k in range(15):
         far = (rng.uniform(size=(len(x), 1)) < 0.1 * (k % 3)) * 0.1
-        way = (far + 0.3 * d.skin) * rng.normal(size=x.shape)
+        way = (far + 0.3 * d.skin[0]) * rng.normal(size=x.shape)
         for each in (d, anew):
             each.model.write_particles(x, np.zeros_like(x))
             each.model.save()

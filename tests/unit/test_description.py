@@ -8,8 +8,8 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth.app import cli, scenefile
 from taichi_cloth.errors import ScriptError
+from taichi_cloth.scene.attachment import orthonormal
 from taichi_cloth.scene.fabric import pair
-from taichi_cloth.scene.scene import orthonormal
 
 SHAPES = {"alternating": tc.grid((2.0, 1.0), (4, 3)), "uniform": tc.grid((2.0, 1.0), (4, 3), "uniform", "xy"),
           "cross": tc.grid((2.0, 1.0), (4, 3), "cross"), "strip": tc.strip(3.0, 0.5, 12),

@@ -5,6 +5,7 @@ import pytest
 from conftest import FULL
 
 import taichi_cloth as tc
+from taichi_cloth.backend.rows import read
 from taichi_cloth.system.elements import flat_turns, hinge_angle, hinges, lumped_mass
 
 PARTS = {
@@ -134,7 +135,7 @@ def test_right_hand_side_and_diagonal(rng, K):
     n = len(x)
     dense = np.stack([sim.product(e.reshape(n, 3), h).ravel() for e in np.eye(3 * n)], axis=1)
     assert np.abs(dense - dense.T).max() < 1e-12 * np.abs(dense).max()
-    P = sim.integrator.system.operator.P.to_numpy()[:n]
+    P = read(sim.integrator.system.operator.P)[:n]
     for particle, vertex in enumerate(sim.model.user):
         block = dense[3 * vertex: 3 * vertex + 3, 3 * vertex: 3 * vertex + 3]
         assert np.abs(P[particle] - block[np.triu_indices(3)]).max() < 1e-12 * np.abs(dense).max()
@@ -333,3 +334,48 @@ def test_panels_of_other_fabrics(rng):
                                  (one, {"left": other}, "left"), (one, {"right": 3}, "right"), (one, [other], "panels")):
         with pytest.raises((tc.SceneError, tc.MeshError), match=what):
             energies(fabric, panels)
+
+
+@pytest.mark.parametrize("angle", [0.7, -0.4])
+def test_a_crease_comes_to_its_angle(angle):
+    """By a line over the pattern; positive where the side that normals point to opens. Beside it the cloth is flat."""
+    mesh = tc.grid((0.4, 0.2), (4, 2))
+    scene = tc.Scene(gravity=None)
+    stiff = tc.Fabric(0.2, tc.Stretch(1000, 10), tc.Shear(1000, 10), tc.Bend(1e-2, 1e-2))
+    cloth = scene.add_cloth(mesh, stiff, velocities=[0.0, 0.01, 0.0])
+    crease = scene.crease(cloth, 1.0, edges=[[7, 12], [7, 2]])
+    assert crease.edges.tolist() == [[7, 12], [2, 7]]
+    assert scene.crease(cloth, angle, line=[(0.2, 0.0), (0.2, 0.2)], stiffness=2.0).edges.tolist() == [[2, 7], [7, 12]]
+    sim = tc.Simulation(scene, h=0.05, integrator="backward_euler", cg_tol=1e-10)
+    sim.run(30.0, fps=1)
+    x = sim.positions()
+    sim.close()
+    normals = np.cross(x[mesh.faces[:, 1]] - x[mesh.faces[:, 0]], x[mesh.faces[:, 2]] - x[mesh.faces[:, 0]])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    right = mesh.corner_uv.mean(axis=1)[:, 0] > 0.2
+    for side in (right, ~right):
+        assert normals[side] == pytest.approx(np.broadcast_to(normals[side][0], normals[side].shape), abs=1e-6)
+    a, b = normals[~right][0], normals[right][0]
+    outwards = x[[4, 9, 14]].mean(axis=0) - x[[0, 5, 10]].mean(axis=0)
+    assert np.arccos(a @ b) == pytest.approx(abs(angle), abs=1e-4) and np.sign((b - a) @ outwards) == np.sign(angle)
+
+
+def test_creases_that_cannot_be(rng):
+    mesh = tc.grid((0.4, 0.2), (4, 2))
+    scene = tc.Scene()
+    cloth = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(1e-5)))
+    curved = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(1e-5, model="curvature")))
+    other = tc.Scene().add_cloth(mesh, cloth.fabric, name="other")
+    for what, given in (("line over the pattern, or edges", {}), ("line over", {"line": [(0, 0), (1, 1)], "edges": [[2, 7]]}),
+                        ("no edge between two", {"line": [(0.15, 0), (0.15, 0.2)]}), ("two points", {"line": [(0.2, 0)]}),
+                        ("needs shape", {"line": [0.2, 0]}), ("vertices 0 and 1", {"edges": [[0, 1]]}),
+                        ("out of range", {"edges": [[2, 70]]}), ("twice", {"edges": [[2, 7], [7, 2]]}),
+                        ("no edges", {"edges": np.zeros((0, 2), dtype=int)})):
+        with pytest.raises(tc.SceneError, match=what):
+            scene.crease(cloth, 0.5, **given)
+    for what, target, angle, factor in (("beyond|-pi to pi", cloth, 4.0, 1.0), ("shape", cloth, [0.1, 0.2], 1.0),
+                                        ("stiffness", cloth, 0.1, -1.0), ("over hinges", curved, 0.1, 1.0),
+                                        ("not a cloth of this scene", other, 0.1, 1.0)):
+        with pytest.raises(tc.SceneError, match=what):
+            scene.crease(target, angle, edges=[[2, 7]], stiffness=factor)
+    assert not scene.creases

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.backend.rows import read, write
 from taichi_cloth.solver import multilevel
 from taichi_cloth.solver.lattice import levels
 from taichi_cloth.system.operator import Probe
@@ -47,9 +48,9 @@ def test_it_is_symmetric_and_positive_on_what_is_free(name, together):
     solver.together = together
     P = np.empty((3 * n, 3 * n))
     for k, e in enumerate(np.eye(3 * n)):  # s = P^-1 S (b - A 0)
-        sim.integrator.system.operator.b.from_numpy(e.reshape(n, 3))
+        write(sim.integrator.system.operator.b, e.reshape(n, 3))
         solver.solve(1e30, zero=True)
-        P[:, k] = solver.s.to_numpy()[:n].ravel()
+        P[:, k] = read(solver.s)[:n].ravel()
     assert np.abs(P - P.T).max() <= 1e-12 * np.abs(P).max()
     values = np.linalg.eigvalsh((P + P.T) / 2)
     held = 3 + 2 if n > 3 else 3
@@ -93,12 +94,12 @@ def test_in_f32_at_sizes_whose_spacing_is_no_binary_number(n):
     scene.pin(cloth, "top_left")
     scene.pin(cloth, "top_right")
     sim = tc.Simulation(scene, h=1 / 60, precision="f32", cg_tol=1e-4)
-    assert sim.step().rejections == {} and np.isfinite(sim.integrator.system.preconditioner.inverse_l.to_numpy()).all()
+    assert sim.step().rejections == {} and np.isfinite(read(sim.integrator.system.preconditioner.inverse_l)).all()
     sim.close()
 
 
 @pytest.mark.slow
-def test_a_team_and_launch_by_launch_agree():
+def test_phases_and_launch_by_launch_agree():
     answers = []
     for threads, together in ((2, True), (2, False), (3, True), (1, True)):
         sim = simulation(MESHES["sheet"], cg_tol=1e-12, threads=threads)
@@ -228,16 +229,16 @@ def test_levels_have_the_diagonal_of_what_is_free():
     next(f for f in multilevel.forces if f.slow).g.fill(0)
     bend = A - np.array([probe.product(e.reshape(n, 3)).ravel() for e in np.eye(3 * n)])
     assert np.abs(bend).max() > 1e-3 * np.abs(A).max()
-    held, packed = jacobi.is_held.to_numpy()[:n], jacobi.S.to_numpy()[:n]
+    held, packed = read(jacobi.is_held)[:n], read(jacobi.S)[:n]
     S = np.zeros((3 * n, 3 * n))
     for i in range(n):
         xx, xy, xz, yy, yz, zz = packed[i]
         S[3 * i:3 * i + 3, 3 * i:3 * i + 3] = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] if held[i] else np.eye(3)
     traces = [np.trace(S[3 * i:3 * i + 3, 3 * i:3 * i + 3]) for i in range(n)]
     assert any(1.5 < t < 2.5 for t in traces) and any(t < 0.5 for t in traces)
-    inverse, rows, first = multilevel.inverse_l.to_numpy(), multilevel.row.to_numpy(), multilevel.start
-    nodes, weights = multilevel.node.to_numpy(), multilevel.weight.to_numpy()
-    bent = next(f for f in multilevel.forces if f.slow).bent.to_numpy()
+    inverse, rows, first = read(multilevel.inverse_l), read(multilevel.row), multilevel.start
+    nodes, weights = read(multilevel.node), read(multilevel.weight)
+    bent = read(next(f for f in multilevel.forces if f.slow).bent)
     for level, (start, end) in enumerate(zip(first, first[1:])):
         assert (rows[start:end] == level * n).all()
         here = slice(level * n, (level + 1) * n)
@@ -268,13 +269,13 @@ def test_levels_have_the_trace_of_hinges_in_flat_cloth(rng):
         sim = tc.Simulation(scene, h=h, preconditioner="multilevel")
         method, n = sim._linearized(h), sim.model.n
         levels_ = method.preconditioner
-        built.append(next(f for f in levels_.forces if f.slow).bent.to_numpy()[:levels_.nodes])
+        built.append(read(next(f for f in levels_.forces if f.slow).bent)[:levels_.nodes])
         if x is flat:
             probe = sim._later(Probe, method.operator)
             A = np.array([probe.product(e.reshape(n, 3)).ravel() for e in np.eye(3 * n)])
             next(f for f in levels_.forces if f.slow).g.fill(0)
             bend = A - np.array([probe.product(e.reshape(n, 3)).ravel() for e in np.eye(3 * n)])
-            nodes, weights, width = levels_.node.to_numpy(), levels_.weight.to_numpy(), levels_.width
+            nodes, weights, width = read(levels_.node), read(levels_.weight), levels_.width
             for level in range(len(levels_.start) - 1):
                 here = slice(level * n, (level + 1) * n)
                 Q = np.zeros((n, levels_.nodes))

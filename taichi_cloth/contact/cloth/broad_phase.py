@@ -57,7 +57,7 @@ class Candidates(Checkpointed):
         vertices, self.first_vertex = _owned(fields, vertices, first % m, m)
         self.own_vertex = fields.integer(len(vertices), data=vertices)
         self.boxes = BVH(fields, m)
-        self.count, self.edge_count, self.leaves = m, len(self.edges), -(-m // LEAF)
+        self.size = fields.integer(2, data=np.array([m, len(self.edges)]))  # as kernels read them
         self.face = fields.integer(m, 3, self.faces)
         self.face_hull, self.edge_hull = fields.real(m, 12), fields.real(len(self.edges), 12)
         self.changed = fields.integer(2 * self.boxes.first_leaf)  # whether a box has faces with displaced particles
@@ -73,7 +73,8 @@ class Candidates(Checkpointed):
         self.half = fields.real(model.n, data=half)  # of the thickness [m]
         self.host_knot = np.arange(model.n) if model.sewn is None else model.sewn.knot
         self.knot = fields.integer(model.n, data=self.host_knot)  # the same for what is sewn together
-        self.skin = SKIN * float(half[half > 0].min())  # [m] that a path may lead from where the tree was walked for
+        skin = SKIN * float(half[half > 0].min())
+        self.skin = fields.real(1, data=np.array([skin]))  # [m] that a path may lead from where the tree was walked for
         self.start, self.left, self.walked = (fields.real(model.n, 3) for _ in range(3))
         self.displaced_now, self.displaced = fields.real(model.n), fields.real(model.n)  # [m] from `walked`; on all the path
         self.moved = fields.integer(model.n)  # whether the particle's pairs are looked for
@@ -130,10 +131,10 @@ class Candidates(Checkpointed):
         """How far particles are, and begin, from where they were walked for."""
         for _ in range(1):
             far = 0
-            for i in range(self.model.n):
+            for i in range(self.model.rows()):
                 here, there = (self.model.x[i] - self.walked[i]).norm(), (self.start[i] - self.walked[i]).norm()
                 self.displaced_now[i], self.displaced[i] = here, ti.max(here, there)
-                far += ti.cast(self.displaced[i] > self.skin, ti.i32)
+                far += ti.cast(self.displaced[i] > self.skin[0], ti.i32)
             count[0] = far
 
     @ti.kernel
@@ -153,7 +154,7 @@ class Candidates(Checkpointed):
             d = difference.norm()
             moves = closing(kind, p - self.left[v[0]], q - self.left[v[1]], r - self.left[v[2]], s - self.left[v[3]])
             out[k] = -1.0
-            if d < (1 + ROUNDING) * (self.half[v[0]] + self.half[v[3]] + 2 * self.skin + moves):
+            if d < (1 + ROUNDING) * (self.half[v[0]] + self.half[v[3]] + 2 * self.skin[0] + moves):
                 out[k] = d
 
     @ti.func
@@ -175,23 +176,23 @@ class Candidates(Checkpointed):
 
     @ti.kernel
     def _refit(self, everything: int):
-        for i in range(self.model.n):
-            self.moved[i] = ti.max(everything, ti.cast(self.displaced[i] > self.skin, ti.i32))
+        for i in range(self.model.rows()):
+            self.moved[i] = ti.max(everything, ti.cast(self.displaced[i] > self.skin[0], ti.i32))
             if self.moved[i] == 1:
                 self.left[i], self.walked[i] = self.start[i], self.model.x[i]
             else:
                 self.left[i] = self.walked[i]
-        for f in range(self.count):
+        for f in range(self.size[0]):
             v = self.face[f]
             self.face_hull[f] = self.hull(v[0], v[1], v[2])
-        for e in range(self.edge_count):
+        for e in range(self.size[1]):
             v = self.edge[e]
             self.edge_hull[e] = self.hull(v[0], v[1], v[1])
         for leaf in range(self.boxes.first_leaf):
             low, high, changed = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30]), 0
-            for f in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.count)):
+            for f in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.size[0])):
                 low_f, high_f, low_1, high_1 = corners_of(self.face_hull[f])
-                margin = self.half[self.face[f][0]] + self.skin
+                margin = self.half[self.face[f][0]] + self.skin[0]
                 self.face_low[f], self.face_high[f] = ti.min(low_f, low_1) - margin, ti.max(high_f, high_1) + margin
                 low, high = ti.min(low, self.face_low[f]), ti.max(high, self.face_high[f])
                 v = self.face[f]
@@ -209,9 +210,9 @@ class Candidates(Checkpointed):
     def _walk(self, rows: ti.types.ndarray(), found: ti.types.ndarray()):
         for t in range(self.chunks * self.grain):
             if t % self.grain == 0:
-                chunk = t // self.grain
+                chunk, leaves = t // self.grain, (self.size[0] + LEAF - 1) // LEAF
                 count = 0
-                for leaf in range(chunk * self.leaves // self.chunks, (chunk + 1) * self.leaves // self.chunks):
+                for leaf in range(chunk * leaves // self.chunks, (chunk + 1) * leaves // self.chunks):
                     node = self.boxes.first_leaf + leaf  # leaves before it have met this one already
                     low, high, changed = self.boxes.low[node], self.boxes.high[node], self.changed[node]
                     while True:
@@ -229,9 +230,9 @@ class Candidates(Checkpointed):
     def of_leaves(self, leaf, node, chunk, count, rows: ti.template()):
         """The faces of a leaf against those of another, or its own; returns how many candidates the chunk now has."""
         first = (node - self.boxes.first_leaf) * LEAF
-        for f in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.count)):
+        for f in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.size[0])):
             if self.boxes.meets(node, self.face_low[f], self.face_high[f]):
-                for g in range(ti.max(first, f + 1), ti.min(first + LEAF, self.count)):
+                for g in range(ti.max(first, f + 1), ti.min(first + LEAF, self.size[0])):
                     if apart(self.face_hull[f], self.face_hull[g], self.reach_of(f, g)) == 0:
                         count = self.against(f, g, chunk, count, rows)
         return count
@@ -266,7 +267,7 @@ class Candidates(Checkpointed):
     @ti.func
     def reach_of(self, f, g):
         """Within which pairs of two faces are candidates [m]."""
-        return self.half[self.face[f][0]] + self.half[self.face[g][0]] + 2 * self.skin
+        return self.half[self.face[f][0]] + self.half[self.face[g][0]] + 2 * self.skin[0]
 
     @ti.func
     def hull(self, p, q, r):

@@ -8,6 +8,7 @@ import numpy as np
 import taichi as ti
 
 from ...backend.fields import Fields
+from ...backend.rows import write
 from ...scene.scene import Scene
 from ...system.state import ParticleState
 from ..geometry import VERTEX_FACE
@@ -45,7 +46,7 @@ class LayerDetector(Candidates):
     def let_rest(self, resting: np.ndarray) -> None:
         """Particles (n,) whose pairs with other such particles are left alone."""
         if self.resting or resting.any():
-            self.tangled.from_numpy(resting.astype(np.int32))
+            write(self.tangled, resting.astype(np.int32))
         self.resting = bool(resting.any())
 
     def begin(self) -> None:
@@ -82,13 +83,13 @@ class LayerDetector(Candidates):
 
     @ti.kernel
     def _from_saved(self):
-        for i in range(self.model.n):
+        for i in range(self.model.rows()):
             self.start[i] = self.model.x_saved[i]
 
     @ti.kernel
     def arrive(self):
         """The model is where the next path begins."""
-        for i in range(self.model.n):
+        for i in range(self.model.rows()):
             self.start[i] = self.model.x[i]
 
     @ti.func

@@ -41,7 +41,7 @@ class PairKernels:
     """
 
     def __init__(self, fields: Fields, model: ParticleState, friction: np.ndarray, h: float) -> None:
-        self.model, self.h_usual = model, usual(h)
+        self.model, self.h_usual = model, fields.real(1, data=np.array([usual(h)]))
         self.friction = fields.real(model.n, data=friction)
 
     @ti.kernel
@@ -55,7 +55,7 @@ class PairKernels:
                 light += weights[k, a] ** 2 / self.model.m[vertices[k, a]]
                 more = ti.max(more, boost[vertices[k, a]])
             own = 1 / ti.max(light, 1e-30)
-            stiff = PRESS * own / self.h_usual**2 * factor[k] * more
+            stiff = PRESS * own / self.h_usual[0] ** 2 * factor[k] * more
             n = row_of(normals, k)
             began = n.dot(self.at(vertices, weights, k, self.model.x_saved))
             counts = self.turn(pair[k, 2], vertices, k, n, end[k], turns)

@@ -28,7 +28,8 @@ class Holding:
     def forces(self, f: VertexContacts, on_held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(forces [N] (k, 3) of contacts on their particles, their parts (k,) along the normals) from those on what is held.
 
-        Several contacts of one particle share its force: by their normals, and evenly what these cannot make up.
+        Several contacts of one particle share its force: by their normals, and evenly what these cannot make up. Normals that
+        are hardly apart count as one, as they do where they hold: each would bear many times the force, and rub by it.
         """
         if not len(self.rows):
             return np.zeros((0, 3)), np.zeros(0)
@@ -38,7 +39,7 @@ class Holding:
             mine = np.flatnonzero(f.index == i)
             if len(mine) > 1:
                 whole = force[mine[0]]
-                normal[mine] = np.linalg.lstsq(f.normal[mine].T, whole, rcond=None)[0]
+                normal[mine] = np.linalg.lstsq(f.normal[mine].T, whole, rcond=APART / 2)[0]
                 made_up = normal[mine, None] * f.normal[mine]
                 force[mine] = made_up + (whole - made_up.sum(axis=0)) / len(mine)
         return force, normal

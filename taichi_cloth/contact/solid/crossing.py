@@ -33,11 +33,11 @@ class CrossingCounter:
 
     @ti.kernel
     def _find(self, found: ti.types.ndarray(), grown: int):
-        for f in range(self.pairs.count):
+        for f in range(self.pairs.size[0]):
             found[f] = 0
             v = self.pairs.faces[f]
             a, b, c = self.model.x[v[0]], self.model.x[v[1]], self.model.x[v[2]]
-            low, high = ti.min(a, b, c) - grown * self.pairs.margin, ti.max(a, b, c) + grown * self.pairs.margin
+            low, high = ti.min(a, b, c) - grown * self.pairs.margin[0], ti.max(a, b, c) + grown * self.pairs.margin[0]
             node = 1
             while True:
                 if self.tree.boxes.meets(node, low, high):
@@ -45,7 +45,7 @@ class CrossingCounter:
                         node *= 2
                         continue
                     leaf = (node - self.tree.boxes.first_leaf) * LEAF
-                    for t in range(leaf, ti.min(leaf + LEAF, self.tree.count)):
+                    for t in range(leaf, ti.min(leaf + LEAF, self.tree.boxes.size[0])):
                         d, e, g = self.tree.corner(t, 0, 1.0), self.tree.corner(t, 1, 1.0), self.tree.corner(t, 2, 1.0)
                         p, q = ti.min(d, e, g), ti.max(d, e, g)
                         if (p <= high).all() and (q >= low).all():

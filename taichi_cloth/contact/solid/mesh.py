@@ -9,6 +9,7 @@ import numpy as np
 import taichi as ti
 
 from ...backend.fields import Fields
+from ...backend.rows import read
 from ...scene.mesh import face_edges
 from ...scene.scene import Scene
 from ...system.state import ParticleState
@@ -32,19 +33,20 @@ class SurfaceDetector:
         self.model, self.tree = model, tree
         self.thickness = fields.real(len(scene.solids), data=np.array([s.thickness for s in scene.solids]))
         self.deforms = fields.integer(len(scene.solids), data=np.array([int(s.deforms) for s in scene.solids]))
-        self.margin = max(s.thickness for k, s in enumerate(scene.solids) if s.shape.kind == 5) * (1 + KEEP)
+        margin = max(s.thickness for k, s in enumerate(scene.solids) if s.shape.kind == 5) * (1 + KEEP)
+        self.margin = fields.real(1, data=np.array([margin]))
         self.depth = fields.real(model.n, data=np.zeros(model.n))  # how deep inside a particle may be [m]
 
     @ti.kernel
     def set_depth(self, depth: ti.types.ndarray()):
         """How deep inside a mesh each particle may be (n,) [m]: so far it is looked for."""
-        for i in range(self.model.n):
+        for i in range(self.model.rows()):
             self.depth[i] = depth[i]
 
     @ti.kernel
     def detect(self, poses: ti.types.ndarray(), slots: ti.types.ndarray(), out: ti.types.ndarray(), first: int):
         """Adds to each particle's slots; with `first` they are empty before."""
-        for i in range(self.model.n):
+        for i in range(self.model.rows()):
             count = 0
             if first == 0:
                 count = slots[i]
@@ -64,7 +66,7 @@ class SurfaceDetector:
     @ti.func
     def contact(self, i, a, b):
         """Solid (or -1), plane (normal, point) and the solid's motion there, of the way from a to b."""
-        reach = self.margin + self.depth[i]
+        reach = self.margin[0] + self.depth[i]
         low, high = ti.min(a, b) - reach, ti.max(a, b) + reach
         # nearest at the start: distance, side, motion of the solid; at the end: distance, side, triangle; first hit
         d_0, side_0, moved, sure_0 = 1e30, 1.0, a * 0, 0.0
@@ -78,7 +80,7 @@ class SurfaceDetector:
                     node *= 2
                     continue
                 leaf = (node - self.tree.boxes.first_leaf) * LEAF
-                for t in range(leaf, ti.min(leaf + LEAF, self.tree.count)):
+                for t in range(leaf, ti.min(leaf + LEAF, self.tree.boxes.size[0])):
                     info = self.tree.info[t]
                     if info[1] == 1:
                         thick = self.thickness[info[0]]
@@ -171,13 +173,15 @@ class PairDetector:
         owned = owned.reshape(3, -1).T @ np.array([1, 2, 4])
         order = np.argsort(faces.min(axis=1), kind="stable")
         self.count = len(faces)
+        self.size = fields.integer(1, data=np.array([self.count]))  # faces, as kernels read them
         self.faces = fields.integer(self.count, 3, faces[order])
         self.owned = fields.integer(self.count, data=owned[order])
         radius = np.array([s.shape.core()[2] for s in scene.solids])
         self.radius = fields.real(len(scene.solids), data=radius)
         self.range = fields.real(len(scene.solids), data=PAIR * np.array([s.thickness for s in scene.solids]))
         self.deforms = fields.integer(len(scene.solids), data=np.array([int(s.deforms) for s in scene.solids]))
-        self.margin = float(max(radius[k] + PAIR * s.thickness for k, s in tree.solids))
+        margin = max(radius[k] + PAIR * s.thickness for k, s in tree.solids)
+        self.margin = fields.real(1, data=np.array([margin]))
         self.rows: np.ndarray = np.zeros((1024, COLUMNS), dtype=fields.exchange)
         self._found: np.ndarray = np.zeros(1, dtype=np.int32)
 
@@ -203,18 +207,18 @@ class PairDetector:
     def faces_host(self) -> np.ndarray:
         """(m, 3) particles of the faces, in the detector's order."""
         if not hasattr(self, "_faces_host"):
-            self._faces_host = self.faces.to_numpy()
+            self._faces_host = read(self.faces)
         return self._faces_host
 
     @ti.kernel
     def _find(self, poses: ti.types.ndarray(), found: ti.types.ndarray(), rows: ti.types.ndarray()):
-        for f in range(self.count):
+        for f in range(self.size[0]):
             v = self.faces[f]
             low, high = self.model.x[v[0]], self.model.x[v[0]]
             for k in ti.static(range(3)):
                 low = ti.min(low, self.model.x[v[k]], self.model.x_saved[v[k]])
                 high = ti.max(high, self.model.x[v[k]], self.model.x_saved[v[k]])
-            low, high = low - self.margin, high + self.margin
+            low, high = low - self.margin[0], high + self.margin[0]
             node = 1
             while True:
                 if self.tree.boxes.meets(node, low, high):
@@ -222,7 +226,7 @@ class PairDetector:
                         node *= 2
                         continue
                     leaf = (node - self.tree.boxes.first_leaf) * LEAF
-                    for t in range(leaf, ti.min(leaf + LEAF, self.tree.count)):
+                    for t in range(leaf, ti.min(leaf + LEAF, self.tree.boxes.size[0])):
                         self.against(f, t, poses, found, rows)
                 node = self.tree.boxes.following(node)
                 if node == 1:

@@ -86,7 +86,7 @@ class TriangleTree:
                 self.normal[i][c] = normal[i, c]
         for leaf in range(self.boxes.first_leaf):
             low, high = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30])
-            for t in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.count)):
+            for t in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.boxes.size[0])):
                 for k in range(3):
                     both = self.x[self.corners[t][k]]
                     for c in ti.static(range(3)):

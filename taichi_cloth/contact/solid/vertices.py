@@ -81,7 +81,7 @@ class VertexDetector:
     @ti.kernel
     def detect(self, poses: ti.types.ndarray(), slots: ti.types.ndarray(), out: ti.types.ndarray()):
         """Contacts of every vertex on its way from x_saved to x; poses (solids, 24): R and p, at start and end."""
-        for i in range(self.model.n):
+        for i in range(self.model.rows()):
             count = 0
             for s in range(self.count):
                 R_0, p_0 = pose(poses, self.solid[s], 0)

@@ -189,7 +189,7 @@ class TRBDF2(Checkpointed):
         The first one's guess is v_0. With `before`, c of the last step, a_0 is the one that it implies; a fresh one is
         b / (c m), linearized at the saved state. The second one's guess goes on as the first stage went.
         """
-        for i in range(self.model.n):
+        for i in range(self.model.rows()):
             x_0, v_0, v_g = self.model.x_saved[i], self.model.v_saved[i], self.model.v[i]
             v_base, x_base, guess = v_0, x_0 + c * v_0, v_0
             if stage == 0:
@@ -213,7 +213,7 @@ class TRBDF2(Checkpointed):
         """sum_i w_i/h F_i . (v_i - u), u = (v_0 + v_1)/2: what the method's velocities take [W], see `ledger`."""
         total = ti.cast(0, self.system.solver.sum_type)
         for _ in range(1):
-            for i in range(self.model.n):
+            for i in range(self.model.rows()):
                 v_0, v_1 = self.model.v_saved[i], self.model.v[i]
                 u, a_1 = 0.5 * (v_0 + v_1), (v_1 - self.v_p[i]) / c
                 total += self.model.m[i] * (ti.static(WEIGHT) * (self.a_0[i].dot(v_0 - u) + self.a_g[i].dot(self.v_g[i] - u))
@@ -223,7 +223,7 @@ class TRBDF2(Checkpointed):
     @ti.kernel
     def _estimate(self, h: float):
         """motion and v_base such that b is the right-hand side of the filtered error estimate."""
-        for i in range(self.model.n):
+        for i in range(self.model.rows()):
             e_x = h * (ti.static(E_0) * self.model.v_saved[i] + ti.static(E_GAMMA) * self.v_g[i]
                        + ti.static(E_1) * self.model.v[i])
             a_1 = (self.model.v[i] - self.v_p[i]) / (ti.static(C) * h)
@@ -243,6 +243,6 @@ class TRBDF2(Checkpointed):
         """|e_x + c dv|^2"""
         total = ti.cast(0, self.system.solver.sum_type)
         for _ in range(1):
-            for i in range(self.model.n):
+            for i in range(self.model.rows()):
                 total += (self.system.operator.motion[i] + c * self.system.solver.dv[i]).norm_sqr()
         return total

@@ -19,6 +19,7 @@ from .system import System
 LIGHT = 0.01  # part of the velocity of deformation that is taken off rather than solved again
 PINCHED = 0.1  # part of all works by which these may be off in steps too small to be tried smaller
 PRESSED = 1e-3  # part of the energy of pressed layers by which that may be off there
+SLIGHT = 1e-6  # and anywhere: factors of pairs change from place to place and have no force
 
 
 class EnergyTest:
@@ -42,6 +43,7 @@ class EnergyTest:
         if stiffened is not None:
             work = replace(work, layers=min(work.layers, stiffened))
         over = gained(start, measures, work) - max(0.0, ledger.wind) - self.system.rounding(h, start, measures)
+        over -= SLIGHT * measures.energies.get("contact", 0.0)
         if self.contacts is not None and self.contacts.small:  # nothing smaller does better where cloth is pinched: how it is
             # moved out need not be paid for, and works are off by as much as forces may be
             over += min(work.lifted, 0.0) - PINCHED * sum(abs(value) for value in asdict(work).values())
@@ -67,24 +69,27 @@ class EnergyTest:
             if self.contacts is not None:
                 solids, up = self.contacts.rows_held(len(power))
             by_pins, by_solids = float(power[~solids].sum()), float(power[solids].sum())
-            lifted, lowered = self._altering(held.index[up], y[up]), self._altering(held.index[~up], y[~up])
+            (lifted, above), (lowered, below) = (self._altering(held.index[k], y[k]) for k in (up, ~up))
+            layers = -above - below  # y stores it, and not the motion
         if self.model.sewn is not None and self.model.sewn.led:
             by_pins += float(np.sum(self.system.tension() * self.model.read_particles()[1]))
         if self.contacts is not None:
             if self.contacts.small:  # what no smaller step can do better is let be
                 lifted, lowered = lifted + lowered, 0.0
-            friction, edges, layers = self.contacts.works()
-            layers += measures.energies.get("contact", 0.0) - start.energies.get("contact", 0.0)
+            friction, edges, between = self.contacts.works()
+            layers += between + measures.energies.get("contact", 0.0) - start.energies.get("contact", 0.0)
         return Work(by_pins, by_solids + edges, lifted, lowered, friction, layers)
 
-    def _altering(self, index: np.ndarray, y: np.ndarray) -> float:
-        """dE . y [J]: what it takes to alter positions of particles index (k,) by y (k, 3) against the cloth's forces here."""
+    def _altering(self, index: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+        """(what it takes to alter positions of particles index (k,) by y (k, 3), the part of it that is stored between layers)
+        [J]: dE . y, with the cloth's energy here and the repulsion of the last solve."""
         if not np.abs(y).max(initial=0.0) > self.system.resolution:
-            return 0.0
+            return 0.0, 0.0
         x, v = self.model.read_particles()
         motion = np.zeros_like(v)
         motion[index] = y
         self.model.write_particles(x, motion)
         taken = self.meter.measure().rate
         self.model.write_particles(x, v)
-        return taken
+        between = self.contacts.against_layers(motion) if self.contacts is not None else 0.0
+        return taken + between, between

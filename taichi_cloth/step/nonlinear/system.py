@@ -7,6 +7,7 @@ import numpy as np
 import taichi as ti
 
 from ...backend.fields import Fields
+from ...backend.rows import read
 from ...backend.runtime import Runtime
 from ...options import Options
 from ...scene.scene import Scene
@@ -116,7 +117,7 @@ class System:
 
     def tension(self) -> np.ndarray:
         """(n, 3) impulse [N s] that seams put on particles in the last solve; none in all on what is sewn together."""
-        return self.model.sewn.tension(self.solver.As.to_numpy().astype(np.float64) - self.operator.b.to_numpy())
+        return self.model.sewn.tension(read(self.solver.As).astype(np.float64) - read(self.operator.b))
 
     def motion_rows(self, held: Held, h: float) -> tuple[np.ndarray, np.ndarray]:
         """(v [m/s], x - x_0 - h v [m]), each (k, 3), of the held particles."""
@@ -175,19 +176,19 @@ class System:
     @ti.kernel
     def place(self, h: float, part: float):
         """v = part (v_0 + dv), x = x_0 + part (motion + h dv), from the saved state; motion = h v_0 + y"""
-        for i in range(self.model.n):
+        for i in range(self.model.rows()):
             self.model.v[i] = part * (self.model.v_saved[i] + self.solver.dv[i])
             self.model.x[i] = self.model.x_saved[i] + part * (self.operator.motion[i] + h * self.solver.dv[i])
 
     @ti.kernel
     def shift(self, c: float, part: float):
         """v += part dv, x += part c dv"""
-        for i in range(self.model.n):
+        for i in range(self.model.rows()):
             self.model.v[i] += part * self.solver.dv[i]
             self.model.x[i] += part * c * self.solver.dv[i]
 
     @ti.kernel
     def fall(self, h: float, x: float, y: float, z: float):
         """dv = h g"""
-        for i in range(self.model.n):
+        for i in range(self.model.rows()):
             self.solver.dv[i] = h * ti.Vector([x, y, z])

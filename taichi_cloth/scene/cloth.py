@@ -1,0 +1,116 @@
+"""A piece of cloth in a scene, and the seams of its parts. numpy only."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import checks
+from ..errors import SceneError, shown
+from .fabric import ClothContact, Fabric
+from .mesh import TriMesh
+
+
+@dataclass(frozen=True, eq=False)
+class Cloth:
+    """A piece of cloth in a scene; made by `Scene.add_cloth` and handed to `pin`, `move` and the rest.
+
+    Attributes:
+        start: index of its first vertex in the simulation's arrays.
+        positions, velocities: (n, 3) at time 0 [m], [m/s].
+        contact: how it meets other cloth; None passes through.
+        panels: (rows of faces, their fabric): parts that are of another fabric.
+    """
+
+    name: str
+    mesh: TriMesh
+    fabric: Fabric
+    positions: np.ndarray
+    velocities: np.ndarray
+    start: int
+    color: tuple[float, float, float] | None = None
+    contact: ClothContact | None = None
+    panels: tuple[tuple[np.ndarray, Fabric], ...] = ()
+
+    def __post_init__(self) -> None:
+        what = checks.name("cloth name", self.name)
+        n = checks.instance(f"mesh of {what!r}", self.mesh, TriMesh).vertex_count
+        checks.instance(f"fabric of {what!r}", self.fabric, Fabric)
+        object.__setattr__(self, "positions", checks.array(f"positions of {what!r}", self.positions, (n, 3), row="vertex"))
+        v = checks.array(f"velocities of {what!r}", self.velocities, (n, 3), (3,), row="vertex")
+        object.__setattr__(self, "velocities", np.broadcast_to(v, (n, 3)).copy())
+        object.__setattr__(self, "start", checks.integer(f"start of {what!r}", self.start, least=0))
+        object.__setattr__(self, "color", checks.maybe(self.color, checks.color, f"color of {what!r}"))
+        checks.maybe(self.contact, checks.instance, f"contact of {what!r}", ClothContact)
+        object.__setattr__(self, "panels", _checked_panels(what, self.panels, self.mesh.face_count))
+        models = {f.bend.model for f in self.fabrics if f.bend}
+        if len(models) > 1 or (self.panels and models == {"curvature"}):
+            raise SceneError(f"panels of {what!r}: all fabrics of a cloth bend over hinges, or it has one fabric")
+
+    @property
+    def fabrics(self) -> tuple[Fabric, ...]:
+        """All that it is made of, the cloth's own first."""
+        return self.fabric, *(fabric for _, fabric in self.panels)
+
+    @property
+    def fabric_of(self) -> np.ndarray:
+        """(m,) which of `fabrics` each face is of."""
+        out = np.zeros(self.mesh.face_count, dtype=np.int64)
+        for k, (rows, _) in enumerate(self.panels, 1):
+            out[rows] = k
+        return out
+
+    @property
+    def density(self) -> np.ndarray:
+        """(m,) of each face [kg/m^2]."""
+        return np.array([f.density for f in self.fabrics])[self.fabric_of]
+
+
+@dataclass(frozen=True, eq=False)
+class Seam:
+    """Two rows of a cloth's vertices that are sewn to each other, one by one; made by `Scene.sew`.
+
+    Attributes:
+        a, b: (k,) vertices.
+        rest: angle of the seam's hinges at rest [rad], or "given": that of the cloth's mesh.
+        stiffness: factor of their bending stiffness.
+    """
+
+    cloth: Cloth
+    a: np.ndarray
+    b: np.ndarray
+    rest: float | str
+    stiffness: float
+
+
+def _checked_panels(what: str, panels: object, count: int) -> tuple[tuple[np.ndarray, Fabric], ...]:
+    """(rows of faces, fabric) of a cloth with so many faces."""
+    if not isinstance(panels, (list, tuple)) or not all(isinstance(p, (list, tuple)) and len(p) == 2 for p in panels):
+        raise SceneError(f"panels of {what!r}: {shown(panels)}: must be (rows of faces, fabric), any number of them")
+    out = []
+    for rows, fabric in panels:
+        index = checks.indices(f"panels of {what!r}: faces", rows, count)
+        out.append((index, checks.instance(f"panels of {what!r}: fabric", fabric, Fabric)))
+    return tuple(out)
+
+
+def panels_of(mesh: TriMesh, fabrics: dict[str, Fabric]) -> tuple[tuple[np.ndarray, Fabric], ...]:
+    """(rows of faces, fabric) of groups of vertices."""
+    out = []
+    for name, fabric in fabrics.items():
+        checks.instance(f"fabric of panel {name!r}", fabric, Fabric)
+        rows = np.flatnonzero(np.isin(mesh.faces, mesh.select(name)).all(axis=1))
+        if not len(rows):
+            raise SceneError(f"panel {name!r}: no face has all of its corners in that group")
+        out.append((rows, fabric))
+    return tuple(out)
+
+
+def used_vertices(cloth: Cloth, vertices: object) -> np.ndarray:
+    """The selected vertices, all of which belong to a face."""
+    index = cloth.mesh.select(vertices)
+    if not len(index):
+        raise SceneError(f"the selection {vertices!r} of {cloth.name!r} is empty")
+    loose = index[~np.isin(index, cloth.mesh.faces)]
+    if len(loose):
+        raise SceneError(f"vertex {loose[0]} of {cloth.name!r} belongs to no face and is not simulated")
+    return index
