@@ -48,6 +48,7 @@ tc.Air(1.0) tc.View() {"a":1} {"a":[0]} {1:[0]} {"a":["x"]} {"a":[99]} {"":[0]} 
 
 MESH, FABRIC = "tc.grid(1.0, 2)", "tc.Fabric(0.2, tc.Stretch(100))"
 SCENE = f"scene = tc.Scene(); cloth = scene.add_cloth({MESH}, {FABRIC})"
+BENT = SCENE.replace("tc.Stretch(100)", "tc.Stretch(100), bend=tc.Bend(1e-5)")
 CORNERS, EDGES = "[[0.0, 0], [1, 0], [0, 1]]", "(tc.Curve(0, 1), tc.Curve(1, 2), tc.Curve(2, 0))"
 TRIANGLE = "[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]"
 
@@ -113,6 +114,8 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
     (SCENE, "scene.add_garment", {"garment": f'tc.Garment({MESH}, (([0, 1], [7, 6], "flat"),))', "fabric": FABRIC,
                                   "velocities": "(0, 0, 1)", "name": '"b"', "color": "(0.5, 0.5, 1)",
                                   "contact": "tc.ClothContact(0.01)", "panels": "None"}),
+    (BENT, "scene.crease", {"cloth": "cloth", "angle": "0.5", "edges": "[[1, 4]]", "line": "None", "stiffness": "1.0"}),
+    (BENT, "scene.crease", {"cloth": "cloth", "angle": "0.5", "line": "[(0.5, 0), (0.5, 1)]"}),
     (SCENE, "scene.sew", {"cloth": "cloth", "a": "[0, 1]", "b": "[7, 6]", "rest": "0.5", "stiffness": "1.0"}),
     (SCENE + "; ball = scene.add_solid(tc.Sphere(1), 0.1, 0.01)", "scene.attach",
      {"cloth": "cloth", "vertices": "[0, 1]", "solid": "ball", "since": "0.1"}),
