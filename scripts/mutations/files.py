@@ -87,6 +87,11 @@ MUTATIONS = (
     (OUT + "recording.py", 'if self.manifest.pop("checksum", "") != manifest_sum(self.manifest):',
      'if not self.manifest.pop("checksum", ""):', "a manifest's checksum is not compared"),
     # exports
+    (OUT + "export/pieces.py", "a[self.take] if name in", "a if name in", "frames keep the recorded vertices", EXPORT),
+    (OUT + "export/pieces.py", "mine = g[\"sewn\"][g[\"faces\"][first:last]]", "mine = g[\"faces\"][first:last]",
+     "nothing is welded", EXPORT),
+    (OUT + "export/pieces.py", "field(frame.whole)[self.take]", "field(frame.whole)",
+     "fields keep the recorded vertices", EXPORT),
     (OUT + "export/pc2.py", "float(numbers[0]), 1.0,", "float(numbers[0]), 0.0,", "PC2's sample rate 0", EXPORT),
     (OUT + "export/pc2.py", "float(numbers[0]), 1.0,", "0.0, 1.0,", "PC2 starts at 0 always", EXPORT),
     (OUT + "export/pc2.py", "1, n, float", "1, n + 1, float", "PC2's number of points", EXPORT),

@@ -9,6 +9,7 @@ TURNS = "tests/unit/test_forces.py::test_turns_of_flat_hinges_are_the_change_of_
 RATES = "tests/unit/test_forces.py::test_rates_bound_the_fastest_mode_of_flat_cloth"
 HELD = "tests/unit/test_reference.py::test_solutions_with_held_directions[projected-wavy]"
 CURVES = "tests/unit/test_curvature_bend.py"
+CREASE = "tests/unit/test_forces.py::test_a_crease_comes_to_its_angle"
 SEAM = "tests/unit/test_forces.py::test_seam_hinges_use_the_mean_of_their_sides"
 STEP = "tests/unit/test_reference.py::test_a_step_of_backward_euler"
 
@@ -169,6 +170,11 @@ MUTATIONS = (
      "tests/unit/test_reference.py::test_measures_of_stretch"),
     (MEASURE, "energies.get(name, 0.0) + float(sums[base + i])", "float(sums[base + i])",
      "one model of bending hides the other"),
+    ("taichi_cloth/forces/bend.py", "= crease.stiffness * plain[rows], crease.angle", "= plain[rows], -crease.angle",
+     "creases fold to the other side", CREASE),
+    ("taichi_cloth/forces/bend.py", "np.searchsorted(code, wanted, sorter=order)",
+     "np.searchsorted(np.sort(code), wanted) * 0",
+     "all creases are the first hinge", CREASE),
     (MEASURE, "self.operator.b[i] = m * lag", "self.operator.b[i] = m * v", "right-hand side begins with the momentum"),
     (MODEL, "mass[vertices + cloth.start] += extra", "mass[vertices] += extra", "point masses land on the first cloth"),
     ("taichi_cloth/step/nonlinear/system.py", "part * (self.operator.motion[i] + h * self.solver.dv[i])",

@@ -56,6 +56,10 @@ def add_parsers(commands) -> None:
     export.add_argument("run", help="a run's folder")
     export.add_argument("--format", required=True, help="pc2, usda, usdc, vtu or ply")
     export.add_argument("--to", metavar="DIR", help="folder for the files (RUN/FORMAT)")
+    parts = export.add_mutually_exclusive_group()
+    parts.add_argument("--panels", dest="parts", action="store_const", const="panels",
+                       help="a mesh for each panel of a garment")
+    parts.add_argument("--weld", dest="parts", action="store_const", const="welded", help="garments welded over their seams")
     diff = commands.add_parser("diff", help="what differs between two runs, and where their motion parts")
     diff.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
     diff.add_argument("--tolerance", type=number_of, default=1e-6, metavar="M", help="RMS distance [m] that counts (1e-6)")
@@ -105,7 +109,7 @@ def _export(args: argparse.Namespace) -> int:
     fields: dict = {"stretch": lambda frame: evaluate("stretch", recording.geometry, frame)}
     if "contact" in recording.frame(recording.frames()[0]):
         fields["contact_force"] = lambda frame: frame["contact"]
-    files = export(recording, args.format, folder, fields)
+    files = export(recording, args.format, folder, fields, args.parts or "cloths")
     print(f"{len(files)} files in {folder}/: {', '.join(f.name for f in files[:3])}{' ...' if len(files) > 3 else ''}")
     return 0
 

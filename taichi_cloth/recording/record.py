@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from ..backend.ordering import components
+from ..scene.mesh import face_edges
 from ..scene.primitives import Plane
 from ..scene.solids import Solid
 from ..simulation import Simulation
@@ -13,7 +15,8 @@ def geometry(sim: Simulation) -> dict[str, np.ndarray]:
     Faces and uv of all cloths in one, `cloth_start` (first vertex of each and the end), `cloth_names`, `cloth_colors`
     (NaN where left to the renderer); the same for solids (`solid_*`, without those drawn as ground); hinges with
     stiffness [N m] and rest angle; where bending goes by curvatures `patches` of vertices round triangles,
-    their weights and stiffness; `camera` (eye, target, fov, up; NaN where fitted), `ground` height, `reach` [m].
+    their weights and stiffness; where anything is sewn, `sewn`, the vertex that stands for what each is sewn to, and
+    `panel` of each face with `panel_names`; `camera` (eye, target, fov, up; NaN where fitted), `ground` height, `reach` [m].
     """
     scene = sim.scene
     cloths, solids = scene.cloths, [s for s in scene.solids if not is_ground(s)]
@@ -42,7 +45,24 @@ def geometry(sim: Simulation) -> dict[str, np.ndarray]:
     out |= {"hinges": np.zeros((0, 4), dtype=np.int64), "hinge_k": np.zeros(0), "hinge_rest": np.zeros(0)}
     for force in sim.force_terms:
         out |= force.geometry()
-    return out
+    return out | (_sewn(sim) if scene.seams else {})
+
+
+def _sewn(sim: Simulation) -> dict[str, np.ndarray]:
+    """Seams and panels: parts of cloths that hang together without seams, named by the group that has just their vertices."""
+    sewn = np.arange(sim.vertex_count)
+    sewn[sim.model.user] = sim.model.user[sim.model.sewn.knot]
+    panel, names = [], []
+    for cloth in sim.scene.cloths:
+        mesh = cloth.mesh
+        label = components(mesh.vertex_count, *face_edges(mesh.faces).T)[mesh.faces[:, 0]]
+        of = {np.unique(index).tobytes(): name for name, index in mesh.groups.items()}
+        parts = np.unique(label)
+        for k, part in enumerate(parts):
+            mine = of.get(np.unique(mesh.faces[label == part]).astype(np.int64).tobytes(), f"{cloth.name}_{k}")
+            names.append(cloth.name if len(parts) == 1 else mine)
+        panel.append(np.searchsorted(parts, label) + len(names) - len(parts))
+    return {"sewn": sewn, "panel": np.concatenate(panel), "panel_names": np.array(names, dtype=str)}
 
 
 def frame(sim: Simulation) -> dict[str, np.ndarray]:

@@ -19,13 +19,13 @@ FACES = np.array([[0, 1, 2], [2, 1, 3], [4, 5, 6], [6, 5, 7], [6, 7, 8]], dtype=
 NAMES = ["shirt\nf 1 2 3 # \\", "4 skirts"]
 
 
-def make(folder, rng, frames=3):
+def make(folder, rng, frames=3, **more):
     """A recording of two pieces of cloth, from frame FIRST on, whose positions and velocities have nothing in common."""
     arrays = [{"t": np.array(k / FPS), "x": rng.normal(size=(9, 3)).astype(np.float32),
                "v": 10 + rng.normal(size=(9, 3)).astype(np.float32), "contact": -5 - rng.random((9, 3)).astype(np.float32)}
               for k in range(FIRST, FIRST + frames)]
     geometry = {"faces": FACES, "uv": rng.random((5, 3, 2)).astype(np.float32), "x": rng.normal(size=(9, 3)),
-                "cloth_start": np.array([0, 4, 9]), "cloth_faces": np.array([0, 2, 5]), "cloth_names": np.array(NAMES)}
+                "cloth_start": np.array([0, 4, 9]), "cloth_faces": np.array([0, 2, 5]), "cloth_names": np.array(NAMES)} | more
     out = RunFolder(folder)
     out.write_geometry(geometry)
     for k, frame in enumerate(arrays, FIRST):
@@ -196,3 +196,64 @@ def test_what_usd_core_cannot_write_is_said(made, tmp_path, monkeypatch):
     with pytest.raises(OutputError, match="usd-core could not write it"):
         export(made.recording, "usdc", tmp_path / "o", {})
     assert not list((tmp_path / "o").iterdir())
+
+
+def read_obj(path):
+    """(groups, faces (m, 3), uv of their corners (m, 3, 2)) of an OBJ."""
+    lines = [line.split() for line in path.read_text().splitlines()]
+    vt = np.array([line[1:] for line in lines if line[0] == "vt"], dtype=np.float32)
+    corners = np.array([[word.split("/") for word in line[1:]] for line in lines if line[0] == "f"], dtype=int) - 1
+    return [line[1] for line in lines if line[0] == "g"], corners[:, :, 0], vt[corners[:, :, 1]]
+
+
+SEWN = {"sewn": np.array([0, 1, 2, 3, 4, 1, 3, 7, 8]), "panel": np.array([0, 0, 1, 1, 2]),
+        "panel_names": np.array(["a", "b", "c"])}
+
+
+def test_panels_and_welded_meshes(tmp_path, rng):
+    """Vertices 5 and 6 are sewn to 1 and 3; the last face is a panel of its own, with two corners of b's."""
+    made = make(tmp_path / "run", rng, **SEWN)
+    obj, pc2 = export(made.recording, "pc2", tmp_path / "p", FIELDS, "panels")
+    groups, faces, uv = read_obj(obj)
+    take = [0, 1, 2, 3, 4, 5, 6, 7, 6, 7, 8]
+    assert groups == ["a", "b", "c"] and (np.array(take)[faces] == FACES).all() and (uv == made.geometry["uv"]).all()
+    assert all((x == f["x"][take]).all() for x, f in zip(read_pc2(pc2), made.frames))
+    text = export(made.recording, "usda", tmp_path / "p", FIELDS, "panels")[0].read_text()
+    assert re.findall(r'def Mesh "(\w+)"', text) == ["a", "b", "c"]
+    velocities = samples(text, "velocities")
+    assert [len(v[FIRST]) for v in velocities] == [4, 4, 3] and (velocities[2][FIRST] == made.frames[0]["v"][[6, 7, 8]]).all()
+
+    obj, pc2 = export(made.recording, "pc2", tmp_path / "w", FIELDS, "welded")
+    groups, faces, uv = read_obj(obj)
+    take = np.array([0, 1, 2, 3, 1, 3, 4, 7, 8])
+    assert len(groups) == 2 and (take[faces] == SEWN["sewn"][FACES]).all() and (uv == made.geometry["uv"]).all()
+    assert all((x == f["x"][take]).all() for x, f in zip(read_pc2(pc2), made.frames))
+    file = export(made.recording, "ply", tmp_path / "w", FIELDS, "welded")[0]
+    assert meshio.read(file).point_data["speed"] == pytest.approx(np.linalg.norm(made.frames[0]["v"], axis=1)[take], rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_sewn_run_is_welded_to_the_whole_sheet(tmp_path):
+    (tmp_path / "sewn.py").write_text('''
+import numpy as np
+import taichi_cloth as tc
+def build():
+    mesh, scene = tc.grid((0.2, 0.2), 2), tc.Scene()
+    two = tc.TriMesh(np.concatenate([mesh.x, mesh.x + [0.2, 0, 0]]), np.concatenate([mesh.faces, mesh.faces + 9]),
+                     np.concatenate([mesh.uv, mesh.uv + [0.3, 0]]), groups={"left": range(9), "right": range(9, 18)})
+    cloth = scene.add_cloth(two, tc.Fabric(0.2, tc.Stretch(500), tc.Shear(50), tc.Bend(1e-5)), name="sheet")
+    scene.sew(cloth, [2, 5, 8], [9, 12, 15])
+    scene.pin(cloth, [0])
+    return scene
+''')
+    from taichi_cloth.app import cli
+
+    assert cli.main(["run", str(tmp_path / "sewn.py"), "--out", str(tmp_path / "o"), "--duration", "0.1", "--fps", "30",
+                     "--no-images"]) == 0
+    for flag, vertices, groups in (("--weld", 15, ["sheet"]), ("--panels", 18, ["left", "right"])):
+        assert cli.main(["export", str(tmp_path / "o"), "--format", "pc2", flag, "--to", str(tmp_path / flag)]) == 0
+        names, faces, _ = read_obj(tmp_path / flag / "cloth.obj")
+        assert names == groups and len(faces) == 16 and faces.max() == vertices - 1
+        inner = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+        assert len(np.unique(inner, axis=0)) == (30 if flag == "--weld" else 32)  # two edges of the seam are one each
+        assert np.ptp(read_pc2(tmp_path / flag / "cloth.pc2")[-1], axis=0)[1] > 0.01

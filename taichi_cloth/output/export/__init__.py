@@ -12,27 +12,31 @@ import numpy as np
 from ... import checks
 from ...errors import OutputError
 from ..recording import Recording
+from .pieces import PARTS, cut
 
 FORMATS = {"pc2": "pc2", "usda": "usd", "usdc": "usd", "vtu": "vtu", "ply": "ply"}
 Fields = dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]]
 
 
-def export(recording: Recording, format: str, folder: pathlib.Path, fields: Fields) -> list[pathlib.Path]:
+def export(recording: Recording, format: str, folder: pathlib.Path, fields: Fields,
+           parts: str = "cloths") -> list[pathlib.Path]:
     """Writes a run in a format.
 
     Args:
         fields: by name, functions of a frame that give (n,) or (n, 3) values on vertices; for formats that have them.
+        parts: one mesh for each of the "cloths", of the "panels" of garments, or garments "welded" over their seams.
 
     Raises:
         SceneError: an unknown format.
         OutputError: no frames, files that cannot be written, a package that is not there.
     """
     checks.choice("format", format, FORMATS)
+    pieces = cut(recording, checks.choice("parts", parts, PARTS))
     recording.frames()
     module = importlib.import_module(f"{__name__}.{FORMATS[format]}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        return module.write(recording, folder, fields, format)
+        return module.write(pieces, folder, {name: pieces.of(field) for name, field in fields.items()}, format)
     except OSError as error:
         if isinstance(error, OutputError):
             raise
