@@ -360,3 +360,31 @@ def test_what_cannot_be_sewn():
     scene.sew(cloth, a[1:], b[:-1])
     with pytest.raises(tc.SceneError, match="sew two corners of face"):
         tc.Simulation(scene)
+
+
+@pytest.mark.slow
+def test_a_band_round_a_cylinder():
+    """A strip, sewn to a ring and 5 % too short: it presses with T/R an area, in all 2 pi T times its width; T from its stretch."""
+    radius, thickness, width, k = 0.1, 0.004, 0.05, 400.0
+    around = 2 * np.pi * (radius + thickness)
+    mesh = tc.grid((around / 1.05, width), (60, 3))
+    angle = 2 * np.pi * mesh.uv[:, 0] / (around / 1.05)
+    r = radius + thickness
+    scene = tc.Scene(gravity=None)
+    fabric = tc.Fabric(0.2, tc.Stretch(k, 4.0), tc.Shear(100, 1.0), tc.Bend(1e-6))
+    cloth = scene.add_cloth(mesh, fabric, positions=np.column_stack([r * np.cos(angle), mesh.uv[:, 1], -r * np.sin(angle)]))
+    first, last = (np.flatnonzero(np.abs(mesh.uv[:, 0] - u) < 1e-9) for u in (0.0, around / 1.05))
+    scene.sew(cloth, first, last)
+    scene.add_solid(tc.Cylinder(radius, 0.4), friction=0.0, thickness=thickness)
+    sim = tc.Simulation(scene, h=1 / 60, integrator="backward_euler", threads=1)
+    for _ in range(60):
+        sim.step()
+    x, force = sim.positions(), sim.contact_forces()
+    out = x * [1, 0, 1] / np.linalg.norm(x * [1, 0, 1], axis=1)[:, None]
+    ring = x[np.abs(mesh.uv[:, 1]) < 1e-9][:-1]
+    stretch = np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1).sum() / (around / 1.05)
+    assert (x[first] == x[last]).all() and stretch == pytest.approx(1.05, abs=0.005)
+    pressed = np.einsum("ni,ni->n", force, out)
+    assert pressed.sum() == pytest.approx(2 * np.pi * k * (stretch - 1) * width, rel=0.03)
+    assert np.linalg.norm(force - pressed[:, None] * out, axis=1).max() < 0.02 * pressed.max()
+    sim.close()
