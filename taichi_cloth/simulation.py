@@ -233,6 +233,11 @@ class Simulation:
             return np.zeros((self.vertex_count, 3))
         return self.model.to_user(system.tension() / system.span)
 
+    def seam_gaps(self) -> np.ndarray:
+        """(seams,) [m] how far apart what a seam sews together still is, at its widest, in the order of `Scene.seams`."""
+        x, seams = self.positions(), self.scene.seams
+        return np.array([np.linalg.norm(x[s.a + s.cloth.start] - x[s.b + s.cloth.start], axis=1).max() for s in seams])
+
     def contact_forces(self) -> np.ndarray:
         """(n, 3) [N] of solids on the cloth in the last step, friction included."""
         self._live()

@@ -212,6 +212,19 @@ def summary(sim: Simulation) -> dict:
             "seconds": {k: round(v, 4) for k, v in seconds.items()}}
 
 
+def _seams(sim: Simulation) -> str:
+    """What is not sewn together yet."""
+    seams, gaps = sim.scene.seams, sim.seam_gaps()
+    if not (gaps > 0).any():
+        return f"seams: all {len(seams)} are closed\n" if seams else ""
+    k = int(np.argmax(gaps))
+    names = seams[k].cloth.mesh.groups
+    joined = [next((n for n, g in names.items() if np.isin(row, g).all()), f"vertices {row[0]} to {row[-1]}")
+              for row in (seams[k].a, seams[k].b)]
+    return (f"seams: {int((gaps > 0).sum())} of {len(seams)} are open, at most {gaps[k]:.3g} m: seam {k} of "
+            f"{seams[k].cloth.name!r}, {joined[0]} to {joined[1]}\n")
+
+
 def describe(sim: Simulation, wall: float) -> str:
     """The closing lines of a run: how complex it was, how often it went wrong, what it cost."""
     s = summary(sim)
@@ -225,7 +238,7 @@ def describe(sim: Simulation, wall: float) -> str:
         counted = "not counted" if s["intersections"] is None else s["intersections"]
         layers = (f"layers: at most {s['layers']} pairs of cloth in contact, smallest gap {s['least_gap']:.2f} thicknesses; "
                   f"intersections {counted}, tangled at most {s['tangled']}, pinched {s['pinched']}\n")
-    return (f"model: {model}\n{layers}"
+    return (f"model: {model}\n{layers}{_seams(sim)}"
             f"trouble: rejected steps: {bad}; taken by backward Euler instead: {s['fell_back']}; smallest h "
             f"{s['smallest_h'] * 1e3:.3g} ms, worst residual {s['worst_residual']:.1g}, "
             f"crossings {s['crossings']}, largest stretch {s['largest_stretch']:.3f}\n"

@@ -168,10 +168,12 @@ def test_what_is_apart_is_led_together_and_stays_so():
         scene.sew(cloth, a, b)
         sim = tc.Simulation(scene, h=1 / 60, integrator=integrator)
         gaps = [np.linalg.norm(x[a] - x[b], axis=1).max()]
+        assert sim.seam_gaps() == pytest.approx(gaps)
         for _ in range(20):
             sim.step()
             now = sim.positions()
             gaps.append(np.linalg.norm(now[a] - now[b], axis=1).max())
+            assert sim.seam_gaps() == pytest.approx(gaps[-1:], abs=1e-12)
             assert gaps[-1] == pytest.approx(max(0.0, gaps[-2] - 2 * 0.5 / 60), abs=1e-6)
             assert gaps[-1] == 0 or gaps[-1] > 1e-7  # apart, or in one place
             if gaps[-2] == 0:
@@ -364,7 +366,7 @@ def test_what_cannot_be_sewn():
 
 @pytest.mark.slow
 def test_a_band_round_a_cylinder():
-    """A strip, sewn to a ring and 5 % too short: it presses with T/R an area, in all 2 pi T times its width; T from its stretch."""
+    """A strip, sewn to a ring and 5 % too short, presses with T/R an area, in all 2 pi T times its width."""
     radius, thickness, width, k = 0.1, 0.004, 0.05, 400.0
     around = 2 * np.pi * (radius + thickness)
     mesh = tc.grid((around / 1.05, width), (60, 3))
