@@ -55,11 +55,13 @@ def make(cloth: Cloth, angle: object, line: object, edges: object, stiffness: ob
             raise SceneError(f"{what}: an edge is named twice")
     if cloth.fabric.bend is None or cloth.fabric.bend.model != "hinge":
         raise SceneError(f"{what}: its fabric must bend, and over hinges: Bend(model=\"hinge\")")
-    angles = checks.array(f"{what}: angle", angle, (), (len(chosen),), row="edge")
-    if np.abs(angles).max() > np.pi:
-        raise SceneError(f"{what}: angle = {np.abs(angles).max():g} rad: must be from -pi to pi")
-    return Crease(cloth, chosen, np.broadcast_to(angles, len(chosen)).copy(),
-                  checks.number(f"{what}: stiffness", stiffness, least=0.0))
+    if checks.is_sequence(angle):
+        angles = checks.array(f"{what}: angle", angle, (len(chosen),), row="edge")
+        if np.abs(angles).max() > np.pi:
+            raise SceneError(f"{what}: angle = {np.abs(angles).max():g} rad: must be from -pi to pi")
+    else:
+        angles = np.full(len(chosen), checks.number(f"{what}: angle", angle, "rad", least=-np.pi, most=np.pi))
+    return Crease(cloth, chosen, angles, checks.number(f"{what}: stiffness", stiffness, least=0.0))
 
 
 def _along(what: str, mesh: TriMesh, there: np.ndarray, line: object) -> np.ndarray:
