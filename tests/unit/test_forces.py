@@ -373,7 +373,8 @@ def test_creases_that_cannot_be(rng):
                         ("no edges", {"edges": np.zeros((0, 2), dtype=int)})):
         with pytest.raises(tc.SceneError, match=what):
             scene.crease(cloth, 0.5, **given)
-    for what, target, angle, factor in (("from -3.14159 to 3.14159", cloth, 4.0, 1.0), ("-pi to pi", cloth, [4.0], 1.0), ("shape", cloth, [0.1, 0.2], 1.0),
+    for what, target, angle, factor in (("from -3.14159 to 3.14159", cloth, 4.0, 1.0),
+                                        ("-pi to pi", cloth, [4.0], 1.0), ("shape", cloth, [0.1, 0.2], 1.0),
                                         ("stiffness", cloth, 0.1, -1.0), ("over hinges", curved, 0.1, 1.0),
                                         ("not a cloth of this scene", other, 0.1, 1.0)):
         with pytest.raises(tc.SceneError, match=what):
