@@ -258,6 +258,8 @@ def _alike(value: object, model: object, name: str) -> bool:
     if value is None:  # arguments that may be left out
         return name in ("uv", "groups", "fps", "rest", "stretch", "shear", "bend", "air", "view", "color", "contact", "camera",
                         "ground", "mesh", "heat", "directions", *MAY_BE_NONE)
+    if name == "rest" and isinstance(value, tuple):  # angles of edges
+        return _finite(value)
     if isinstance(model, (bool, str)) or dataclasses.is_dataclass(model) or isinstance(model, tc.Scene):
         shape = name == "shape" and isinstance(value, (tc.Plane, tc.Sphere, tc.Capsule, tc.Box, tc.Cylinder, tc.SolidMesh))
         return shape or name == "directions" or isinstance(value, type(model))

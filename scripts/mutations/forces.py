@@ -170,6 +170,8 @@ MUTATIONS = (
      "tests/unit/test_reference.py::test_measures_of_stretch"),
     (MEASURE, "energies.get(name, 0.0) + float(sums[base + i])", "float(sums[base + i])",
      "one model of bending hides the other"),
+    ("taichi_cloth/forces/bend.py", "h, np.array(bend.rest))", "h, -np.array(bend.rest))", "angles of edges are turned round",
+     "tests/unit/test_forces.py::test_angles_of_all_inner_edges_are_a_rest_shape"),
     ("taichi_cloth/forces/bend.py", "= crease.stiffness * plain[rows], crease.angle", "= plain[rows], -crease.angle",
      "creases fold to the other side", CREASE),
     ("taichi_cloth/forces/bend.py", "np.searchsorted(code, wanted, sorter=order)",

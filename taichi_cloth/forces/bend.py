@@ -246,6 +246,8 @@ class Bend(Force):
 def _rest(cloth: Cloth, h: Hinges) -> np.ndarray:
     """(hinges, 4): k [N m], k_d [N m s], theta_0, and the least squared normal [m^4]."""
     bend = next(f.bend for f in cloth.fabrics if f.bend)
+    if isinstance(bend.rest, tuple):
+        return _rows(cloth, h, np.array(bend.rest))  # hinges are in the order of `TriMesh.inner_edges`
     given = bend.rest == "given" or (bend.rest is None and cloth.mesh.flattened)
     return _rows(cloth, h, h.angle if given else 0.0)
 

@@ -45,9 +45,8 @@ class CurvatureBend(Force):
             bend = cloth.fabric.bend
             if bend is None or bend.model != "curvature":
                 continue
-            if bend.rest == "given":
-                raise SceneError(f"{cloth.name}: bending by curvatures has a flat rest shape; rest='given' needs "
-                                 "model='hinge'")
+            if bend.rest not in (None, "flat"):
+                raise SceneError(f"{cloth.name}: bending by curvatures has a flat rest shape; another needs model='hinge'")
             v, B, area = curvatures(cloth.mesh)
             vertices.append(model.particle[v + cloth.start])
             weights.append(B)

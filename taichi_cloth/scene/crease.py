@@ -7,7 +7,7 @@ import numpy as np
 from .. import checks
 from ..errors import SceneError
 from .cloth import Cloth
-from .mesh import TriMesh, face_edges
+from .mesh import TriMesh
 
 ON = 1e-6  # of the pattern's extent that the ends of an edge may be off a line
 
@@ -28,18 +28,12 @@ class Crease:
     stiffness: float
 
 
-def inner_edges(mesh: TriMesh) -> np.ndarray:
-    """(k, 2) vertices of the edges between two triangles, the lower first, in rising order."""
-    edges, count = np.unique(np.sort(face_edges(mesh.faces), axis=1), axis=0, return_counts=True)
-    return edges[count == 2]
-
-
 def make(cloth: Cloth, angle: object, line: object, edges: object, stiffness: object) -> Crease:
     """As `Scene.crease`."""
     what = f"crease of {cloth.name!r}"
     if (line is None) == (edges is None):
         raise SceneError(f"{what}: give a line over the pattern, or edges")
-    there = inner_edges(cloth.mesh)
+    there = cloth.mesh.inner_edges
     if edges is None:
         chosen = _along(what, cloth.mesh, there, line)
     else:

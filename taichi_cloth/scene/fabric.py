@@ -6,7 +6,10 @@ condition is area k/2 C^2 with C free of area, so that k is a modulus [N/m] and 
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from .. import checks
+from ..errors import SceneError
 
 Pair = float | tuple[float, float]
 
@@ -55,21 +58,28 @@ class Bend:
     Args:
         D: bending rigidity [N m]; a number or (for curvature along warp, along weft).
         k_d: damping [N m s], weighted over the mesh like D.
-        rest: "flat" (theta_0 = 0) or "given" (theta_0 from the mesh's given shape); None takes "given" where
-            the mesh came without material coordinates and "flat" elsewhere.
+        rest: "flat" (theta_0 = 0), "given" (theta_0 from the mesh's given shape), or (k,) angles theta_0 [rad] of the mesh's
+            `inner_edges`, kept as a tuple; None takes "given" where the mesh came without material coordinates and "flat"
+            elsewhere.
         model: "hinge", or "curvature": its rigidity is D on any triangulation, its rest shape flat, its cost higher.
     """
 
     D: Pair
     k_d: Pair = 0.0
-    rest: str | None = None
+    rest: str | tuple[float, ...] | None = None
     model: str = "hinge"
 
     def __post_init__(self) -> None:
         checks.choice("bend model", self.model, ("hinge", "curvature"))
         _check(self, "bend", "D", "N m", zero=False, pair=True)
         _check(self, "bend", "k_d", "N m s", zero=True, pair=True)
-        checks.maybe(self.rest, checks.choice, "bend rest", ("flat", "given"))
+        if checks.is_sequence(self.rest):
+            angles = checks.array("bend rest", self.rest, ("k",), row="edge")
+            if np.abs(angles).max(initial=0.0) > np.pi:
+                raise SceneError(f"bend rest = {np.abs(angles).max():g} rad: must be from -pi to pi")
+            object.__setattr__(self, "rest", tuple(angles.tolist()))
+        else:
+            checks.maybe(self.rest, checks.choice, "bend rest", ("flat", "given"))
 
 
 @dataclass(frozen=True)

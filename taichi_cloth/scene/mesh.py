@@ -100,9 +100,15 @@ class TriMesh:
         return np.abs(_twice_area(self.corner_uv)) / 2
 
     @property
+    def inner_edges(self) -> np.ndarray:
+        """(k, 2) vertices of the edges between two triangles, the lower first, in rising order."""
+        edges, count = np.unique(np.sort(face_edges(self.faces), axis=1), axis=0, return_counts=True)
+        return edges[count == 2]
+
+    @property
     def has_hinges(self) -> bool:
         """Whether any edge has two triangles."""
-        return len(np.unique(np.sort(face_edges(self.faces), axis=1), axis=0)) < 3 * self.face_count
+        return len(self.inner_edges) > 0
 
     def select(self, vertices: object) -> np.ndarray:
         """Vertex indices from an index, a list, a boolean mask or a group's name.

@@ -360,6 +360,28 @@ def test_a_crease_comes_to_its_angle(angle):
     assert np.arccos(a @ b) == pytest.approx(abs(angle), abs=1e-4) and np.sign((b - a) @ outwards) == np.sign(angle)
 
 
+def test_angles_of_all_inner_edges_are_a_rest_shape(rng):
+    """Those of a crumpled shape: there no hinge has a moment, in any order of the mesh's own."""
+    mesh = tc.grid((0.4, 0.3), (4, 3))
+    x = mesh.x + rng.normal(scale=0.01, size=mesh.x.shape)
+    angles = []
+    for i, j in mesh.inner_edges:
+        (s, a), (t, b) = [(f, k) for f in mesh.faces for k in f if i in f and j in f and k not in (i, j)]
+        e = x[j] - x[i]
+        first = s if list(s).index(j) == (list(s).index(i) + 1) % 3 else t  # the triangle in which the edge runs from i to j
+        arms = (x[a] - x[i], x[b] - x[i]) if first is s else (x[b] - x[i], x[a] - x[i])
+        n, m = np.cross(e, arms[0]), np.cross(arms[1], e)
+        angles.append(np.arctan2(np.cross(n, m) @ e / np.linalg.norm(e), n @ m))
+    scene = tc.Scene(gravity=None)
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1e-9), tc.Shear(1e-9), tc.Bend(1e-3, rest=np.array(angles))), positions=x)
+    sim = tc.Simulation(scene, h=1 / 60)
+    assert sim.energy()["bend"] < 1e-20 and np.abs(sim.forces()).max() < 1e-8
+    sim.close()
+    for rest, what in ((angles[:-1], "angles, but its mesh has"), ([4.0] * len(angles), "-pi to pi"), ([[0.1]], "shape")):
+        with pytest.raises(tc.SceneError, match=what):
+            tc.Scene().add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1), bend=tc.Bend(1e-3, rest=rest)))
+
+
 def test_creases_that_cannot_be(rng):
     mesh = tc.grid((0.4, 0.2), (4, 2))
     scene = tc.Scene()
