@@ -1,10 +1,12 @@
 """Sewing patterns: what is read, meshed, placed, refused; garments in files; measured fabrics."""
 
 import json
+import pathlib
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from reference.geometry import against_solids, cloth_crossings
 
 import taichi_cloth as tc
 from taichi_cloth.garment.mesher import mesh_polygon
@@ -45,6 +47,36 @@ def least_angles(mesh: tc.TriMesh) -> np.ndarray:
         cosine = np.einsum("ij,ij->i", a, b) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
         out.append(np.degrees(np.arccos(cosine)))
     return np.min(out, axis=0)
+
+
+SCENES = pathlib.Path(__file__).parents[2] / "scenes"
+
+
+@pytest.mark.parametrize("name", ["skirt", "dress"])
+def test_patterns_that_come_with_scenes_are_meshed(name):
+    garment = tc.load_pattern(SCENES / "patterns" / f"{name}.json").mesh(0.02)
+    angles = least_angles(garment.mesh)
+    assert angles.min() >= 27 and angles.mean() >= 54 and garment.mesh.notes == ()
+
+
+@pytest.mark.slow
+def test_a_dress_is_gathered_and_worn():
+    """Its skirt is half as wide again as the bodice that it is sewn to: .62 m to .40."""
+    from taichi_cloth.app import scenefile
+
+    scene = scenefile.read(str(SCENES / "dress_up.py")).make(
+        {"pattern": str(SCENES / "patterns" / "dress.json"), "held": "shoulder", "spacing": 0.06})
+    sim = tc.Simulation(scene, h=1 / 60, cg_tol=1e-3)
+    sim.run(1.3, fps=60)
+    x, groups = sim.positions(), scene.cloths[0].mesh.groups
+    assert all((x[s.a] == x[s.b]).all() for s in scene.seams) and len(scene.seams) == 8
+    assert cloth_crossings(sim) == 0 and all(not crossed for _, crossed in against_solids(sim).values())
+    assert 1.38 < x[groups["shoulder"], 1].mean() < 1.52 and 0.5 < x[groups["hem"], 1].mean() < 0.75
+    uv = scene.cloths[0].mesh.uv
+    waist, gathered = (np.ptp(uv[np.intersect1d(groups[name], groups[panel]), 0])
+                       for name, panel in (("waist", "bodice front"), ("gathered", "skirt front")))
+    assert gathered == pytest.approx(0.62, abs=1e-9) and waist == pytest.approx(0.4, abs=1e-9)
+    sim.close()
 
 
 @pytest.mark.parametrize("spacing", [0.04, 0.02, 0.011])

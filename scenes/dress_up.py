@@ -1,0 +1,64 @@
+"""Panels from a pattern's file round a figure: sewn, let go and draped; by default a skirt with darts. Needs SciPy."""
+
+import pathlib
+
+import numpy as np
+
+import taichi_cloth as tc
+
+RUN = {"duration": 2.0, "fps": 30, "h": 1 / 60, "cg_tol": 1e-3}
+SMALL = {"spacing": 0.05}
+SEWN = 0.7  # s at which what is held up is let go
+THICKNESS = 0.004
+PATTERN = pathlib.Path(__file__).parent / "patterns" / "skirt.json"
+
+
+def figure(scene: tc.Scene, friction: float) -> None:
+    """Somebody made of capsules, from head to foot."""
+    def limb(name: str, a, b, radius: float) -> None:
+        scene.add_solid(tc.Capsule(a, b, radius), friction, THICKNESS, name=name, color=(0.62, 0.45, 0.36))
+
+    limb("head", (0, 1.67, 0), (0, 1.70, 0), 0.10)
+    limb("neck", (0, 1.40, 0), (0, 1.56, 0), 0.05)
+    limb("shoulders", (-0.13, 1.385, 0), (0.13, 1.385, 0), 0.06)
+    limb("hips", (-0.055, 0.94, 0), (0.055, 0.94, 0), 0.12)
+    for side, name in ((1, "right"), (-1, "left")):
+        limb(f"{name} trunk", (side * 0.05, 0.98, 0), (side * 0.05, 1.30, 0), 0.098)
+        limb(f"{name} arm", (side * 0.19, 1.38, 0), (side * 0.45, 1.12, 0), 0.042)
+        limb(f"{name} leg", (side * 0.09, 0.10, 0), (side * 0.08, 0.85, 0), 0.075)
+
+
+def build(pattern: str = "", body: str = "", spacing: float = 0.03, friction: float = 0.4, held: str = "waist") -> tc.Scene:
+    """`pattern`: a file in GarmentCode's format (`patterns/dress.json` is another, held="shoulder"); `body`: a mesh's file;
+    `held`: the label of edges that are held up while panels are sewn. Triangles are about `spacing` [m] long."""
+    scene = tc.Scene(air=tc.Air(0.5, 0.1), view=tc.View(ground=0.0, camera=tc.Camera((0.8, 1.25, 1.9), (0, 0.9, 0), 34)))
+    if body:
+        scene.add_solid(tc.load_solid(body), friction, THICKNESS, name="body", color=(0.62, 0.45, 0.36))
+    else:
+        figure(scene, friction)
+    garment = tc.load_pattern(pattern or PATTERN).mesh(spacing)
+    fabric = tc.Fabric(0.19, tc.Stretch(400, 0.4), tc.Shear(50, 0.05), tc.Bend(2e-5, 2e-7))
+    cloth = scene.add_garment(garment, fabric, name="garment", color=(0.13, 0.30, 0.28),
+                              contact=tc.ClothContact(0.003, friction))
+    if held:
+        scene.pin(cloth, held, "y")
+        scene.at(SEWN, lambda: scene.unpin(cloth))
+    return scene
+
+
+def check(sim: tc.Simulation):
+    """What must hold after a second."""
+    cloth, gaps = sim.scene.cloths[0], sim.seam_gaps()
+    yield f"all {len(gaps)} seams are closed: widest gap {gaps.max():.3g} m", gaps.max() == 0
+    x, groups = sim.positions(), cloth.mesh.groups
+    top, low = x[groups["waist"], 1].mean(), x[groups["hem"], 1].mean()
+    yield f"it is worn: waist at {top:.2f} m, hem at {low:.2f} m", 0.95 < top < 1.2 and 0.4 < low < 0.75
+    around = np.ptp(np.arctan2(x[groups["waist"], 2], x[groups["waist"], 0]))
+    yield f"its waist goes round: {np.degrees(around):.0f} degrees", around > 5.5
+    crossed = sim.intersections()
+    yield f"{crossed} crossings with itself", crossed == 0
+    yield f"largest stretch {sim.log[-1].stretch:.3f}", sim.log[-1].stretch < 1.3
+
+
+if __name__ == "__main__":
+    tc.run(build)
