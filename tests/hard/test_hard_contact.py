@@ -148,3 +148,21 @@ def test_plates_that_close_on_layers(gap, named):
         heights = sim.positions()[:, 1].reshape(3, -1)
         assert (np.diff(heights, axis=0) > 0.004).all() and sim.log[-1].h == pytest.approx(1 / 60)
     sim.close()
+
+
+@pytest.mark.parametrize("last", [tc.Sphere(0.1), tc.SolidMesh(*tc.Box((0.2, 0.2, 0.2)).surface())], ids=["ball", "mesh"])
+def test_a_vertex_among_many_solids_meets_the_one_that_it_is_deepest_in(last):
+    """Nine balls just below the one that a sheet falls on: none of them takes its place."""
+    scene, mesh = tc.Scene(), tc.grid(0.1, 3)
+    for k in range(9):
+        scene.add_solid(tc.Sphere(0.1), friction=0.3, thickness=0.006, position=(0.0, -0.103 - 1e-4 * k, 0.0))
+    scene.add_solid(last, friction=0.3, thickness=0.006, position=(0.0, -0.1, 0.0))
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, 1), tc.Shear(100), tc.Bend(5e-5)),
+                    positions=mesh.x + [-0.05, 0.02, 0.05], velocities=(0, -0.5, 0))
+    sim = tc.Simulation(scene, h=1 / 60, threads=1)
+    for _ in range(12):
+        sim.step()
+    x = sim.positions()
+    sim.close()
+    distance = np.linalg.norm(x - [0, -0.1, 0], axis=1) - 0.1 if isinstance(last, tc.Sphere) else x[:, 1]
+    assert 0.0055 < distance.min() < 0.0065

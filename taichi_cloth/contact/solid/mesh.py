@@ -17,7 +17,7 @@ from ..bvh import LEAF
 from ..geometry import EDGE_EDGE, VERTEX_FACE, of_pair, on_triangle
 from .pairs import PAIR, Pairs
 from .tree import TriangleTree
-from .vertices import HIT, KEEP, SAME_SIDE, SLOTS, WIDTH, carry
+from .vertices import HIT, KEEP, SAME_SIDE, SLOTS, WIDTH, carry, slot
 
 STRIDES = 24
 FORWARD = 0.8  # cosine between a pair's directions when it comes near and at the end for the end's to be taken
@@ -52,15 +52,18 @@ class SurfaceDetector:
                 count = slots[i]
             a, b = self.model.x_saved[i], self.model.x[i]
             solid, n, at, moved = self.contact(i, a, b)
-            if solid >= 0 and count < SLOTS:
+            gap, where = n.dot(b - at), -1
+            if solid >= 0:
+                where = slot(out, i, count, gap)
+            if where >= 0:
                 carried = a + moved
                 if self.deforms[solid] == 0:
                     carried = carry(poses, solid, a)
-                row = ti.Vector([n[0], n[1], n[2], n.dot(b - at), n.dot(carried - at), carried[0], carried[1], carried[2]])
+                row = ti.Vector([n[0], n[1], n[2], gap, n.dot(carried - at), carried[0], carried[1], carried[2]])
                 for c in ti.static(range(WIDTH - 1)):
-                    out[i, count, c] = row[c]
-                out[i, count, WIDTH - 1] = solid
-                count += 1
+                    out[i, where, c] = row[c]
+                out[i, where, WIDTH - 1] = solid
+                count = ti.min(count + 1, SLOTS)
             slots[i] = count
 
     @ti.func

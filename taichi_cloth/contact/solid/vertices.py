@@ -17,7 +17,7 @@ from ...scene.solids import MESH
 from ...system.state import ParticleState
 from .sdf import distance
 
-SLOTS = 3  # contacts of one vertex
+SLOTS = 6  # contacts of one vertex; of more, those that it is deepest in
 WIDTH = 9  # numbers of a contact: normal (3), gap at the end, gap at the start, carried start (3), solid
 STRIDES = 48
 HIT = 1e-3  # of the thickness: nearer than this is a hit
@@ -89,15 +89,19 @@ class VertexDetector:
                 a = R_0.transpose() @ (self.model.x_saved[i] - p_0)
                 b = R_1.transpose() @ (self.model.x[i] - p_1)
                 hit, n, at = self.contact(s, a, b)
-                if hit == 1 and count < SLOTS:
+                gap = n.dot(b - at)
+                where = -1
+                if hit == 1:
+                    where = slot(out, i, count, gap)
+                if where >= 0:
                     n_world = R_1 @ n
                     carried = R_1 @ a + p_1
-                    row = ti.Vector([n_world[0], n_world[1], n_world[2], n.dot(b - at), n.dot(a - at),
+                    row = ti.Vector([n_world[0], n_world[1], n_world[2], gap, n.dot(a - at),
                                      carried[0], carried[1], carried[2], 0.0])
                     for c in ti.static(range(WIDTH - 1)):
-                        out[i, count, c] = row[c]
-                    out[i, count, WIDTH - 1] = self.solid[s]
-                    count += 1
+                        out[i, where, c] = row[c]
+                    out[i, where, WIDTH - 1] = self.solid[s]
+                    count = ti.min(count + 1, SLOTS)
             slots[i] = count
 
     @ti.func
@@ -132,6 +136,19 @@ class VertexDetector:
     def measure(self, s, q):
         """(d, n) of a point in the frame of solid s."""
         return distance(self.kind[s], q, self.parameters[s], ti.static(self.kinds))
+
+
+@ti.func
+def slot(out: ti.template(), i, count, gap):
+    """Where a further contact of vertex i is written down: behind the others, or, where there is no room, in place of the
+    one whose plane the vertex is furthest above; -1 where that is the new one."""
+    where, most = count, gap
+    if count == SLOTS:
+        where = -1
+        for k in range(SLOTS):
+            if out[i, k, 3] > most:
+                where, most = k, out[i, k, 3]
+    return where
 
 
 @ti.func
