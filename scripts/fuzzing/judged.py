@@ -16,7 +16,8 @@ import taichi_cloth as tc  # noqa: E402
 NEAREST = 0.2  # of the thickness that cloth keeps from a solid where there is room
 DUST = 1e-3  # of the thickness: the search for the nearest place may be off by so much
 WORKS = ("pins", "solids", "lifted", "lowered", "friction", "layers", "wind")
-GAINED = 0.03  # of the largest kinetic energy and of all work: what TR-BDF2 may gain and has to lose again
+FALL = 0.1  # m/s
+GAINED = 0.03  # of the largest kinetic energy, all work, and gravity's in a step at FALL: what TR-BDF2 may gain and lose again
 PINCHED = 0.1  # of all work: the same of backward Euler, in steps too small to be tried smaller
 ROUNDING = {"f64": 1e-9, "f32": 1e-3}  # of energies and work
 ROUNDED = 16  # times the energy of cloth whose vertices are each off by as much as numbers are rounded
@@ -30,6 +31,7 @@ class Balance:
         self.kinetic, potential = energies(sim)
         self.total, self.layers = self.kinetic + potential, 0.0  # J; and stored between layers
         self.work = self.grown = self.lowest = 0.0
+        self.fall = float(sim.model.mass.sum() * np.linalg.norm(sim.scene.gravity)) * FALL * sim.control.h_max
         self.floor = sum(_rounded(c, np.finfo(np.float32 if sim.options.precision == "f32" else float).eps)
                          for c in sim.scene.cloths)
 
@@ -54,7 +56,7 @@ class Balance:
         small = min(r.h for r in new) <= min(self.sim.control.h_max, 1 / 60) / 64
         if robust and grown > rounding + PINCHED * works * small:
             return f"energy grew by {grown:.3g} J beyond the work put in, kinetic {kinetic:.3g} J"
-        if self.grown - self.lowest > GAINED * (self.kinetic + self.work) + rounding * len(self.sim.log):
+        if self.grown - self.lowest > GAINED * (self.kinetic + self.work + self.fall) + rounding * len(self.sim.log):
             return f"energy grew by {self.grown - self.lowest:.3g} J in all beyond the work put in, kinetic {kinetic:.3g} J"
         return ""
 
