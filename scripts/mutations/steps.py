@@ -13,6 +13,7 @@ TERMS = f"{LEDGER}::test_each_term_of_a_backward_euler_step_is_what_forces_do"
 TWISTED = f"{LEDGER}::test_a_twisted_sheet_gains_nothing"
 BRAKE = f"{LEDGER}::test_slowing_down_keeps_momenta_and_what_is_held"
 ALTERS = f"{LEDGER}::test_what_alters_positions_works_against_elastic_forces_alone"
+LAYERED = f"{LEDGER}::test_what_alters_positions_works_against_layers_too"
 PINS = f"{LEDGER}::test_verlets_pins_work_as_much_as_the_energy_grows"
 SOLVER = "tests/unit/test_solver.py"
 LEVELS = "tests/unit/test_multilevel.py"
@@ -22,6 +23,8 @@ TESTS = (CONTROL, INSIDE)
 MUTATIONS = (
     ("taichi_cloth/step/nonlinear/energy.py", "taken = self.meter.measure().rate", "taken = 0.0",
      "alterations of position cost nothing", ALTERS),
+    ("taichi_cloth/step/nonlinear/energy.py", "return taken + between, between", "return taken, between",
+     "bringing cloth out against its own layers costs nothing", LAYERED),
     ("taichi_cloth/step/nonlinear/energy.py", "motion[index] = y", "motion[index] = -y",
      "alterations of position give what they cost", ALTERS),
     # what forces declare as changed by steps

@@ -42,9 +42,9 @@ class Cloth:
         object.__setattr__(self, "color", checks.maybe(self.color, checks.color, f"color of {what!r}"))
         checks.maybe(self.contact, checks.instance, f"contact of {what!r}", ClothContact)
         object.__setattr__(self, "panels", _checked_panels(what, self.panels, self.mesh.face_count))
-        bend, edges = self.fabric.bend, len(self.mesh.inner_edges)
-        if bend is not None and isinstance(bend.rest, tuple) and len(bend.rest) != edges:
-            raise SceneError(f"bend rest of {what!r}: {len(bend.rest)} angles, but its mesh has {edges} inner edges")
+        for rest in (f.bend.rest for f in self.fabrics if f.bend):
+            if isinstance(rest, tuple) and len(rest) != (edges := len(self.mesh.inner_edges)):
+                raise SceneError(f"bend rest of {what!r}: {len(rest)} angles, but its mesh has {edges} inner edges")
         models = {f.bend.model for f in self.fabrics if f.bend}
         if len(models) > 1 or (self.panels and models == {"curvature"}):
             raise SceneError(f"panels of {what!r}: all fabrics of a cloth bend over hinges, or it has one fabric")

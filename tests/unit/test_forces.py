@@ -380,6 +380,10 @@ def test_angles_of_all_inner_edges_are_a_rest_shape(rng):
     for rest, what in ((angles[:-1], "angles, but its mesh has"), ([4.0] * len(angles), "-pi to pi"), ([[0.1]], "shape")):
         with pytest.raises(tc.SceneError, match=what):
             tc.Scene().add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1), bend=tc.Bend(1e-3, rest=rest)))
+    named = tc.TriMesh(mesh.x, mesh.faces, mesh.uv, groups={"all": range(mesh.vertex_count)})
+    with pytest.raises(tc.SceneError, match="angles, but its mesh has"):
+        tc.Scene().add_cloth(named, tc.Fabric(0.2, tc.Stretch(1)),
+                             panels={"all": tc.Fabric(0.2, tc.Stretch(1), bend=tc.Bend(1e-3, rest=angles[:-1]))})
 
 
 def test_creases_that_cannot_be(rng):

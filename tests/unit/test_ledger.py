@@ -109,6 +109,30 @@ def test_what_alters_positions_works_against_elastic_forces_alone(rng):
     assert row["damping"] > 0.1 * taken and row["method"] > 0
 
 
+@pytest.mark.slow
+def test_what_alters_positions_works_against_layers_too(rng):
+    """A sheet that starts inside a plane, another on it: the lower one is brought out against the forces of the pairs."""
+    mesh, h = tc.grid(0.2, 4), 1 / 480
+    scene, contact = tc.Scene(), tc.ClothContact(0.004, 0.3)
+    for height in (0.0045, 0.0075):
+        place = mesh.x + [0, height, 0] + rng.normal(scale=1e-4, size=mesh.x.shape)
+        scene.add_cloth(mesh, fabric(), place, velocities=(0, -0.1, 0), contact=contact)
+    scene.add_solid(tc.Plane(), thickness=0.005, friction=0.0)
+    sim = tc.Simulation(scene, h=h, integrator="backward_euler", threads=1)
+    x = sim.positions()
+    record = sim.step()
+    end, u, pairs = sim.positions(), sim.velocities(), sim.model.to_user(sim.contacts.layers.forces())
+    y = end - x - h * u
+    sides = []
+    for part in (1e-3, -1e-3):
+        sim.set_state(end + part * y, u)
+        sides.append(sum(e for name, e in sim.energy().items() if name != "kinetic"))
+    sim.close()
+    against, row = -float(np.sum(pairs * y)), record.ledger
+    assert record.h == h and against > 1e-6
+    assert row["lifted"] + row["lowered"] - (sides[0] - sides[1]) / 2e-3 == pytest.approx(against, rel=1e-2)
+
+
 def twisted(turn: float) -> tc.Scene:
     """A free sheet whose bending is stiff against its stretch, turned by so much [rad] a half width."""
     mesh = tc.grid(1.0, 8)
