@@ -6,7 +6,7 @@ DESCRIPTION, CHECKS = "tests/unit/test_description.py", "tests/unit/test_checks.
 PICTURES = "tests/unit/test_quantities.py"
 MUTATIONS = (
     ("taichi_cloth/scene/mesh.py",
-     "return np.abs(_twice_area(self.corner_uv)) / 2", "return np.abs(_twice_area(self.corner_uv))",
+     "return _fixed(np.abs(_twice_area(self.corner_uv)) / 2)", "return _fixed(np.abs(_twice_area(self.corner_uv)))",
      "areas are doubled", DESCRIPTION),
     ("taichi_cloth/scene/mesh.py",
      "return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]", "return a[:, 0] * b[:, 1] + a[:, 1] * b[:, 0]",

@@ -7,6 +7,7 @@ import numbers
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -89,15 +90,23 @@ class TriMesh:
         """Number of triangles."""
         return len(self.faces)
 
-    @property
+    @cached_property
     def corner_uv(self) -> np.ndarray:
         """(m, 3, 2) material coordinates of the triangles' corners [m]."""
-        return self.uv if self.uv.ndim == 3 else self.uv[self.faces]
+        return _fixed(self.uv if self.uv.ndim == 3 else self.uv[self.faces])
 
-    @property
+    @cached_property
     def material_areas(self) -> np.ndarray:
         """(m,) areas in the material plane [m^2]."""
-        return np.abs(_twice_area(self.corner_uv)) / 2
+        return _fixed(np.abs(_twice_area(self.corner_uv)) / 2)
+
+    @cached_property
+    def border_edges(self) -> dict[tuple[int, int], int]:
+        """Rows of `face_edges` that have one triangle only, by their two vertices, the lower first."""
+        edges = np.sort(face_edges(self.faces), axis=1)
+        _, first, count = np.unique(edges, axis=0, return_index=True, return_counts=True)
+        alone = first[count == 1]
+        return {(int(i), int(j)): int(row) for (i, j), row in zip(edges[alone], alone)}
 
     @property
     def inner_edges(self) -> np.ndarray:
@@ -263,6 +272,12 @@ def _groups(groups: Mapping[str, ArrayLike] | None, count: int) -> dict[str, np.
         out[key] = checks.indices(f"vertex group {key!r}", index, count, error=MeshError)
         out[key].setflags(write=False)
     return out
+
+
+def _fixed(array: np.ndarray) -> np.ndarray:
+    """An array that is handed out more than once, and so must not be written to."""
+    array.setflags(write=False)
+    return array
 
 
 def _sentences(notes: object) -> tuple[str, ...]:

@@ -81,17 +81,9 @@ def seam_hinges(mesh: TriMesh, a: np.ndarray, b: np.ndarray) -> Hinges:
     in both rows. Edge and first triangle are those of row a.
     """
     faces, corner = mesh.faces, mesh.corner_uv
-    m, edges = len(faces), np.sort(face_edges(faces), axis=1)
-    n = mesh.vertex_count
-    codes, first, count = np.unique(edges @ np.array([n, 1]), return_index=True, return_counts=True)
-
-    def border(row: np.ndarray) -> np.ndarray:
-        """(k - 1,) row of `edges` between vertices that follow each other, or -1."""
-        code = np.sort(np.stack([row[:-1], row[1:]], axis=1), axis=1) @ np.array([n, 1])
-        where = np.minimum(np.searchsorted(codes, code), len(codes) - 1)
-        return np.where((codes[where] == code) & (count[where] == 1), first[where], -1)
-
-    both = np.stack([border(a), border(b)])
+    m, borders = len(faces), mesh.border_edges
+    both = np.array([[borders.get((min(i, j), max(i, j)), -1) for i, j in zip(row[:-1].tolist(), row[1:].tolist())]
+                     for row in (a, b)], dtype=np.int64).reshape(2, -1)
     k = np.flatnonzero((both >= 0).all(axis=0) & (both[0] != both[1]))
     lengths, areas, sides, across, tips = [], [], [], [], []
     for side, row in ((0, a), (1, b)):

@@ -75,7 +75,7 @@ class SurfaceDetector:
         d_0, side_0, moved, sure_0 = 1e30, 1.0, a * 0, 0.0
         d_1, side_1, n_1, sure_1, solid_1 = 1e30, 1.0, a * 0, 0.0, -1
         when, n_hit, at_hit, solid_hit = 2.0, a * 0, a * 0, -1
-        closed = 0
+        closed, nearest = 0, 1e30
         node = 1
         while True:
             if self.tree.boxes.meets(node, low, high):
@@ -106,6 +106,10 @@ class SurfaceDetector:
                             n_1 = difference_1 / ti.max(e, 1e-20)
                             if e < 1e-3 * thick:
                                 n_1 = side_1 * normal_1
+                        if ti.max(d_0, d_1) < nearest:  # nothing further away than both ends' nearest counts any more
+                            nearest = ti.max(d_0, d_1)
+                            within = ti.min(reach, ti.max(self.margin[0], nearest + 1e-6 * self.margin[0]))
+                            low, high = ti.min(a, b) - within, ti.max(a, b) + within
                         s = self.meeting(t, a, b, d, thick)
                         if s < when and (side > 0 or info[2] == 0):
                             when, solid_hit = s, info[0]
