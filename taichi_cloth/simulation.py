@@ -27,6 +27,7 @@ from .step.attempt import SOLVER
 from .step.choice import SAFETY, choose
 from .step.prescribed import Prescribed
 from .step.stepper import ADVICE, Control, Stepper, StepRecord
+from .step.trouble import Locator
 from .system.assembler import Assembler
 from .system.checkpoint import VERSION, below
 from .system.constraints import Constraint, by_hand
@@ -94,7 +95,8 @@ class Simulation:
         self._note_collapsed(self.model.start_positions)
         if self.contacts is not None:
             self.notes += self.contacts.inspect()
-        self.stepper = Stepper(self.model, self.integrator, self.meter, self.control)
+        self.stepper = Stepper(self.model, self.integrator, self.meter, self.control,
+                               Locator(self.model, scene.cloths, scene.solids))
         self.prescribed = Prescribed(self.model, scene.script.copy(), self.force_terms, self.contacts)
         self._extra: list[Fields] = []  # made when first asked for
         self._force_field: ForceField | None = None

@@ -16,6 +16,7 @@ ALTERS = f"{LEDGER}::test_what_alters_positions_works_against_elastic_forces_alo
 LAYERED = f"{LEDGER}::test_what_alters_positions_works_against_layers_too"
 PINS = f"{LEDGER}::test_verlets_pins_work_as_much_as_the_energy_grows"
 SOLVER = "tests/unit/test_solver.py"
+TROUBLE = "tests/unit/test_trouble.py"
 LEVELS = "tests/unit/test_multilevel.py"
 
 TESTS = (CONTROL, INSIDE)
@@ -38,6 +39,17 @@ MUTATIONS = (
      "forces are not told of accepted steps", "tests/unit/test_own_force.py"),
     ("taichi_cloth/solver/multilevel.py", "D = self.forces[k].add_level_block(n, c, D, self)",
      "self.forces[k].add_level_block(n, c, D, self)", "levels know of masses only", "tests/unit/test_own_force.py"),
+    # places of what goes wrong
+    ("taichi_cloth/step/trouble.py", "np.argmax(np.where(np.isfinite(change), change, np.inf))", "np.argmin(change)",
+     "the calmest vertex is told of", TROUBLE),
+    ("taichi_cloth/step/trouble.py", "vertex - self.cloths[k].start", "vertex", "vertices are told of by the scene's numbers",
+     TROUBLE),
+    ("taichi_cloth/contact/solid/solid_contacts.py", "gap = 1 + f.gap / self.thickness[f.solid]",
+     "gap = f.gap / self.thickness[f.solid]", "heights over the thickness are told of as distances", TROUBLE),
+    ("taichi_cloth/contact/cloth/layers.py", "gap = p.end / p.radius\n        k = int(np.argmin(gap))",
+     "gap = p.end / p.radius\n        k = int(np.argmax(gap))", "the widest pair is told of", TROUBLE),
+    ("taichi_cloth/recording/why.py", "key=lambda k: -cost[k])", "key=lambda k: cost[k])", "the cheapest steps are told of",
+     TROUBLE),
     # step control
     ("taichi_cloth/step/stepper.py", "smaller = 0.5 if", "smaller = 0.9 if", "a rejected step is not halved", CONTROL),
     ("taichi_cloth/step/stepper.py", "min(2 * self.h, self.control.h_max), 0", "min(8 * self.h, self.control.h_max), 0",

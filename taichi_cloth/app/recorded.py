@@ -1,4 +1,4 @@
-"""Commands on finished runs: render, compare, export, diff, report; and the flags that say how to draw."""
+"""Commands on finished runs: render, compare, export, diff, report, why; and the flags that say how to draw."""
 
 import argparse
 import pathlib
@@ -63,6 +63,9 @@ def add_parsers(commands) -> None:
     diff = commands.add_parser("diff", help="what differs between two runs, and where their motion parts")
     diff.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
     diff.add_argument("--tolerance", type=number_of, default=1e-6, metavar="M", help="RMS distance [m] that counts (1e-6)")
+    why = commands.add_parser("why", help="which steps cost the most, where, and what helps")
+    why.add_argument("run", help="a run's folder")
+    why.add_argument("--steps", type=int, default=10, metavar="N", help="how many of them (10)")
     report = commands.add_parser("report", help="one HTML page about a run")
     report.add_argument("run", help="a run's folder")
     report.add_argument("--to", metavar="FILE", help="page (RUN/report.html)")
@@ -142,8 +145,17 @@ def _report(args: argparse.Namespace) -> int:
     return 0
 
 
+def _why(args: argparse.Namespace) -> int:
+    from .. import checks
+    from ..output.recording import Recording
+    from ..recording.why import costliest
+
+    print(costliest(Recording(args.run), checks.integer("--steps", args.steps, least=1)))
+    return 0
+
+
 COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
-    "render": _render, "compare": _compare, "export": _export, "diff": _diff, "report": _report}
+    "render": _render, "compare": _compare, "export": _export, "diff": _diff, "report": _report, "why": _why}
 
 
 def _look(args: argparse.Namespace, recording):

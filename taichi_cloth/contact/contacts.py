@@ -10,6 +10,7 @@ from ..system.checkpoint import Checkpointed
 from ..system.held import Held
 from ..system.state import ParticleState
 from .contact_force import ContactForce
+from .place import Place
 from .points import Points
 from .solid.query import Scanner
 from .solid.solid_contacts import SolidContacts, Verdict
@@ -203,12 +204,18 @@ class Contacts(Checkpointed):
     def counts(self) -> dict[str, Any]:
         """What a step's record says of contact, by the names of `Attempt`."""
         pinched = int(np.sum(self.solids.penetration.spared > 0))
-        out = {"contacts": self.count, "unsettled": self.solids.unsettled, "crossings": self.crossings, "pinched": pinched}
+        out = {"contacts": self.count, "unsettled": self.solids.unsettled, "crossings": self.crossings, "pinched": pinched,
+               "place": self.place()}
         if self.layers is None:
             return out
         layers, tangles = self.layers, self.layers.intersections
         return out | {"unsettled": self.solids.unsettled + layers.off, "pinched": pinched + tangles.pinched,
                       "layers": layers.count, "least": layers.least, "tangled": tangles.count}
+
+    def place(self) -> Place | None:
+        """Where cloth is nearest to what it is in contact with, over what it should keep."""
+        places = [self.solids.nearest(), self.layers.nearest() if self.layered and self.layers is not None else None]
+        return min((p for p in places if p is not None), key=lambda p: p.gap, default=None)
 
     def inspect(self) -> list[str]:
         """As `Scanner.inspect`, at the beginning."""

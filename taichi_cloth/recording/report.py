@@ -17,10 +17,12 @@ from ..output.png import encode_png
 from ..output.recording import Recording
 from ..step.ledger import totals
 from .playback import spread
+from .why import costliest
 
 BUDGET = 12e6  # bytes of positions that the page may hold
 PARTS = ("EVAL", "CG", "C-C", "C-S")
 THUMBNAIL, PICTURES = (360, 240), 9
+DEAREST = 5  # steps
 
 
 def write_report(recording: Recording, file: pathlib.Path) -> None:
@@ -33,7 +35,8 @@ def write_report(recording: Recording, file: pathlib.Path) -> None:
     if not log:
         raise OutputError(f"{recording.path} has no telemetry: nothing was simulated")
     m = recording.manifest
-    parts = [_complexity(recording, log), _trouble(log), _energy(log), _cost(m, log), _plots(log), _pictures(recording)]
+    parts = [_complexity(recording, log), _trouble(log), _energy(log), _cost(m, log), _most(recording), _plots(log),
+             _pictures(recording)]
     body = "\n".join(parts)
     data, note = _playback(recording)
     template = string.Template((pathlib.Path(__file__).parents[1] / "output" / "report_template.html").read_text())
@@ -93,6 +96,10 @@ def _cost(manifest: dict, log: list[dict]) -> str:
     return (f"<h2>What did it cost?</h2><p>{total / max(simulated, 1e-12):.2f} wall seconds per simulated second, "
             f"{sum(r['iterations'] for r in log):,} CG iterations in {sum(r['solves'] for r in log):,} solves.</p>"
             + _table(rows))
+
+
+def _most(recording: Recording) -> str:
+    return f"<h2>What cost the most?</h2><pre>{html.escape(costliest(recording, DEAREST))}</pre>"
 
 
 def _plots(log: list[dict]) -> str:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from ..contact.place import Place
 from ..solver.pcg import Solution
 from ..system.assembler import Measures
 from .ledger import Ledger
@@ -29,6 +30,7 @@ class Attempt:
         order: of the method, which says how the error goes with the step.
         fell_back: why the step was redone by a more robust method, or "".
         ledger: of its energy; None where the step was not finished.
+        place: where contact is nearest; None without any.
     """
 
     rejection: str | None
@@ -48,3 +50,4 @@ class Attempt:
     order: int = 1
     fell_back: str = ""
     ledger: Ledger | None = None
+    place: Place | None = None

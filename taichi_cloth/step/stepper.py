@@ -12,8 +12,10 @@ from ..system.assembler import Assembler, Measures
 from ..system.checkpoint import Checkpointed
 from ..system.state import ParticleState
 from .attempt import ACCURACY, APPROACH, CONTACT, ENERGY, NEWTON, NOT_FINITE, SOLVER, STRETCH, Attempt
+from .trouble import Locator, Trouble
 
 CAREFUL = 0.9  # part of the step that error control thinks possible
+SLOW = 4  # solves from which a step is told of with its place
 PARTS = ("EVAL", "CG", "C-C", "C-S")  # [BW98 table 1]: forces and matrix, solve, cloth-cloth, cloth-solid contact
 ADVICE = {
     STRETCH: "some triangle stretches too much in one step: slow the motion down, or raise stretch_limit",
@@ -86,6 +88,7 @@ class StepRecord:
         error: estimated, over what the tolerance allows in this step; 0 where none is asked for.
         fell_back: why the default method redid the step by backward Euler; "" where it did not.
         ledger: J by name, what put energy in and what took it in this step: see `ledger.Ledger`.
+        troubles: where attempts before it were rejected, and where it was itself slow to solve: see `trouble.Trouble`.
     """
 
     t: float
@@ -110,6 +113,7 @@ class StepRecord:
     pinched: int = 0
     intersections: int | None = None
     ledger: dict[str, float] = field(default_factory=dict)
+    troubles: tuple[Trouble, ...] = ()
 
 
 class Stepper(Checkpointed):
@@ -117,8 +121,9 @@ class Stepper(Checkpointed):
 
     STATE = ("h", "quiet", "measured")
 
-    def __init__(self, model: ParticleState, integrator, meter: Assembler, control: Control) -> None:
-        self.model, self.integrator, self.meter, self.control = model, integrator, meter, control
+    def __init__(self, model: ParticleState, integrator, meter: Assembler, control: Control,
+                 locator: Locator | None = None) -> None:
+        self.model, self.integrator, self.meter, self.control, self.locator = model, integrator, meter, control, locator
         self.h = control.h_max
         self.quiet = 0
         self.start: Measures | None = None  # measures of the current state; None where it was changed by hand
@@ -135,6 +140,7 @@ class Stepper(Checkpointed):
         control = self.control
         h = min(h_wanted, self.h) if control.adaptive else h_wanted
         rejections: dict[str, int] = {}
+        troubles: list[Trouble] = []
         seconds = dict.fromkeys(PARTS, 0.0)
         began = time.perf_counter()
         while True:
@@ -147,14 +153,16 @@ class Stepper(Checkpointed):
             for name, value in attempt.seconds.items():
                 seconds[name] += value
             rejection = self.judge(attempt)
+            if self.locator is not None and (rejection is not None or len(attempt.solutions) >= SLOW):
+                troubles.append(self.locator.find(rejection or "", h, attempt.detail, attempt.place))
             if rejection is None or (not control.adaptive and attempt.measures is not None
                                      and attempt.measures.finite):
                 seconds["total"] = time.perf_counter() - began
-                return self._accept(t, h, attempt, rejection, rejections, seconds)
+                return self._accept(t, h, attempt, rejection, rejections, seconds, troubles)
             self.model.restore()
             rejections[rejection] = rejections.get(rejection, 0) + 1
             if not control.adaptive or h / 2 < control.h_min:
-                raise SimulationError(self._gave_up(t, h, rejection, attempt, rejections), rejection, t)
+                raise SimulationError(self._gave_up(t, h, rejection, attempt, rejections, troubles), rejection, t)
             smaller = 0.5 if rejection != ACCURACY else _factor(attempt, 0.1, 0.7)
             h = self.h = max(h * smaller, control.h_min)
             self.quiet = 0
@@ -178,7 +186,7 @@ class Stepper(Checkpointed):
         return None
 
     def _accept(self, t: float, h: float, attempt: Attempt, rejection: str | None, rejections: dict[str, int],
-                seconds: dict[str, float]) -> StepRecord:
+                seconds: dict[str, float], troubles: list[Trouble]) -> StepRecord:
         measures = attempt.measures
         assert measures is not None
         self.integrator.commit()
@@ -197,10 +205,13 @@ class Stepper(Checkpointed):
                           worst.residual if worst else 0.0, status, rejections, measures.energies, measures.stretch,
                           seconds, attempt.contacts, attempt.unsettled, attempt.crossings, attempt.evaluations,
                           attempt.error or 0.0, attempt.fell_back, attempt.layers, attempt.least, attempt.tangled,
-                          attempt.pinched, ledger={} if attempt.ledger is None else attempt.ledger.record())
+                          attempt.pinched, ledger={} if attempt.ledger is None else attempt.ledger.record(),
+                          troubles=tuple(troubles))
 
-    def _gave_up(self, t: float, h: float, rejection: str, attempt: Attempt, rejections: dict[str, int]) -> str:
-        detail = f" ({attempt.detail})" if attempt.detail else ""
+    def _gave_up(self, t: float, h: float, rejection: str, attempt: Attempt, rejections: dict[str, int],
+                 troubles: list[Trouble]) -> str:
+        detail = "; ".join(([attempt.detail] if attempt.detail else []) + [f"worst at {place}" for place in troubles[-1:]])
+        detail = f" ({detail})" if detail else ""
         if not self.control.adaptive:
             return f"step of {h:g} s from t = {t:g} s failed with {rejection}{detail}: {ADVICE[rejection]}"
         counts = ", ".join(f"{name} {count}" for name, count in rejections.items())

@@ -235,7 +235,8 @@ def test_report(whole, tmp_path):
     done = call("report", whole, "--to", file)
     assert done.returncode == 0, done.stderr
     text = file.read_text()
-    assert all(word in text for word in ("How complex", "How often", "How real", "EVAL", "C-S", "polyline", "data:image/png"))
+    assert all(word in text for word in ("How complex", "How often", "How real", "What cost the most", "EVAL", "C-S",
+                                         "polyline", "data:image/png"))
     assert "http" not in re.sub(r"base64,[\w+/=]+", "", text)  # nothing is fetched
     data = json.loads(re.search(r"const data = (\{.*\});", text).group(1))
     assert len(data["frames"]) == 16 and len(data["times"]) == 16

@@ -22,6 +22,7 @@ from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.state import ParticleState
 from ..geometry import VERTEX_FACE
+from ..place import Place
 from ..points import Points
 from ..rows import rows_of
 from ..step_start import StepStart
@@ -239,6 +240,15 @@ class Layers(Checkpointed):
         self.intersections.release(four.ravel())
         d.let_rest(self.intersections.resting)
         return len(four) > 0
+
+    def nearest(self) -> Place | None:
+        """The pair with the smallest distance over what it should keep, where cloth was last looked at."""
+        p = self.near
+        if not len(p.end):
+            return None
+        gap = p.end / p.radius
+        k = int(np.argmin(gap))
+        return Place(tuple(p.vertices[k].tolist()), -1, float(gap[k]))
 
     def pass_without(self) -> None:
         """Nothing met in the step as it was made."""

@@ -17,6 +17,7 @@ from ...backend.fields import Fields
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.state import ParticleState
+from ..place import Place
 from ..points import Points
 from ..rows import rows_of, tangential
 from ..step_start import StepStart
@@ -286,6 +287,20 @@ class SolidContacts(Checkpointed):
         self.accepted, self.near = States(), replace(self.near, vertices=VertexContacts.none())
         self.penetration.spared[:] = 0
         self.penetration.crossed = self.penetration.before = self.scan.find_crossings()
+
+    def nearest(self) -> Place | None:
+        """The vertex or pair that is nearest to a solid, over what it should keep, where cloth was last looked at."""
+        f, pairs, places = self.near.vertices, self.near.pairs, []
+        if len(f.gap):
+            gap = 1 + f.gap / self.thickness[f.solid]
+            k = int(np.argmin(gap))
+            places.append(Place((int(f.index[k]),), int(f.solid[k]), float(gap[k])))
+        if pairs is not None and len(pairs.key):
+            gap = pairs.distance / (PAIR * self.thickness[pairs.solid])
+            k = int(np.argmin(gap))
+            particle = int(pairs.vertices[k, pairs.weights[k].argmax()])
+            places.append(Place((particle,), int(pairs.solid[k]), float(gap[k])))
+        return min(places, key=lambda p: p.gap, default=None)
 
     def forces_on_particles(self) -> np.ndarray:
         """(n, 3) [N] on each particle in the last solve, in particle order."""

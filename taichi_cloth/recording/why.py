@@ -1,0 +1,37 @@
+"""Which steps of a recorded run cost the most, where cloth was in trouble then, and what helps."""
+
+from ..errors import OutputError
+from ..output.recording import Recording
+from ..step.stepper import ADVICE
+from ..step.trouble import Trouble
+
+
+def costliest(recording: Recording, count: int = 10) -> str:
+    """A paragraph for each of the `count` steps that took longest, in the order of their cost, and advice.
+
+    Raises:
+        OutputError: the run has no steps.
+    """
+    log = recording.telemetry()
+    if not log:
+        raise OutputError(f"{recording.path} has no telemetry: nothing was simulated")
+    cost = [r["seconds"].get("total", 0.0) for r in log]
+    total = max(sum(cost), 1e-300)
+    chosen = sorted(range(len(log)), key=lambda k: -cost[k])[:count]
+    usual = sorted(cost)[len(cost) // 2]
+    share = sum(cost[k] for k in chosen) / total
+    lines = [f"{len(log)} steps took {sum(cost):.3g} s, half of them less than {1e3 * usual:.3g} ms each; these {len(chosen)} "
+             f"took {share:.0%} of it:"]
+    names: list[str] = []
+    for k in chosen:
+        r = log[k]
+        lines.append(f"step {k} to t = {r['t']:.4g} s: {1e3 * cost[k]:.0f} ms, h = {1e3 * r['h']:.3g} ms, "
+                     f"{r['solves']} solves, {r['iterations']} CG iterations"
+                     + ("; the first step compiles kernels" if k == 0 else ""))
+        for trouble in (Trouble(**t) for t in r.get("troubles", [])):
+            names += [trouble.name] * (trouble.name in ADVICE)
+            what = f"{trouble.name} at h = {1e3 * trouble.h:.3g} ms" if trouble.name else "slow to solve"
+            detail = f" ({trouble.detail})" if trouble.detail else ""
+            lines.append(f"    {what}{detail}: {trouble}")
+    lines += [f"{name}: {ADVICE[name]}" for name in sorted(set(names), key=names.index)]
+    return "\n".join(lines)

@@ -1,0 +1,70 @@
+"""Which part of a scene a rejected or slow step is about: the cloth, its vertex, where that is, and what it is against."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..contact.place import Place
+from ..scene.cloth import Cloth
+from ..scene.solids import Solid
+from ..system.state import ParticleState
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """Where an attempt at a step went worst.
+
+    Attributes:
+        name: of the rejection; "" for a step that was accepted.
+        h: step that was tried [s].
+        detail: more about the rejection.
+        cloth, vertex: which, by the cloth's own numbers.
+        at: (3,) where it was then [m]; speed: how fast it went [m/s].
+        against: name of the solid or cloth that it is in contact with, or "".
+        gap: what is left there of the distance to keep, 1 is all of it; below 0 it has passed the surface.
+    """
+
+    name: str
+    h: float
+    detail: str
+    cloth: str
+    vertex: int
+    at: tuple[float, float, float]
+    speed: float
+    against: str = ""
+    gap: float = 1.0
+
+    def __str__(self) -> str:
+        at = ", ".join(f"{c:.4g}" for c in self.at)
+        near = f", {self.gap:.2g} thicknesses from {self.against!r}" if self.against else ""
+        return f"vertex {self.vertex} of {self.cloth!r} at ({at}) m, {self.speed:.3g} m/s{near}"
+
+
+class Locator:
+    """Finds the place of a model's state in its scene."""
+
+    def __init__(self, model: ParticleState, cloths: Sequence[Cloth], solids: Sequence[Solid]) -> None:
+        self.model, self.cloths, self.solids = model, cloths, solids
+        self.starts = np.array([c.start for c in cloths])
+
+    def find(self, name: str, h: float, detail: str, place: Place | None) -> Trouble:
+        """At a place, or, where there is none, at the particle whose velocity changed most."""
+        x, v = self.model.read_particles()
+        if place is None:
+            change = np.linalg.norm(v - self.model.read_saved()[1], axis=1)
+            i = int(np.argmax(np.where(np.isfinite(change), change, np.inf)))
+            against, gap = "", 1.0
+        else:
+            i, gap = place.particles[0], place.gap
+            against = self.solids[place.solid].name if place.solid >= 0 else self._of(place.particles[-1])[0].name
+        cloth, vertex = self._of(i)
+        x_i = x[i] + self.model.origin
+        return Trouble(name, h, detail, cloth.name, vertex, (float(x_i[0]), float(x_i[1]), float(x_i[2])),
+                       float(np.linalg.norm(v[i])), against, gap)
+
+    def _of(self, particle: int) -> tuple[Cloth, int]:
+        """A particle's cloth, and its number there."""
+        vertex = int(self.model.user[particle])
+        k = int(np.searchsorted(self.starts, vertex, side="right")) - 1
+        return self.cloths[k], vertex - self.cloths[k].start

@@ -1,0 +1,74 @@
+"""Where rejected and slow steps are said to be, against positions."""
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth.output.recording import Recording
+from taichi_cloth.recording.why import costliest
+
+FABRIC = tc.Fabric(0.2, tc.Stretch(500, k_d=0.5), tc.Shear(100), tc.Bend(1e-5))
+
+
+def test_a_blow_is_told_of_where_it_is():
+    """One corner of a sheet starts off at 2,000 m/s, out of the sheet: it is where velocities change most."""
+    scene, mesh, corner = tc.Scene(gravity=None), tc.grid(0.5, 5), 35
+    v = np.zeros((36, 3))
+    v[corner] = 0, 2000, 0
+    scene.add_cloth(tc.grid(0.2, 3), FABRIC, name="first")
+    scene.add_cloth(mesh, FABRIC, positions=mesh.x + [1, 0, 0], velocities=v, name="second")
+    sim = tc.Simulation(scene, h=1 / 60, integrator="backward_euler")
+    sim.step()
+    record = sim.log[0]
+    rejected = [t for t in record.troubles if t.name]
+    assert len(rejected) == sum(record.rejections.values()) > 0
+    assert [t.h for t in rejected] == [2.0**-k / 60 for k in range(len(rejected))]
+    for trouble in rejected:
+        assert trouble.cloth == "second" and trouble.vertex == corner and trouble.against == ""
+        assert 0 < trouble.speed < 2000 and trouble.at[1] == pytest.approx(trouble.h * trouble.speed, rel=0.2)
+
+
+@pytest.fixture(scope="module")
+def pressed():
+    """Two sheets on a ball and a lower one beside it."""
+    scene, T = tc.Scene(), 0.01
+    scene.add_solid(tc.Sphere(0.2), 0.3, T, position=(0.0, -0.2, 0.0), name="ball")
+    scene.add_solid(tc.Plane((0, 1, 0)), 0.3, T, position=(0.0, -1.0, 0.0), name="floor")
+    mesh = tc.grid(0.4, 8)
+    for k, name in enumerate(("under", "over")):
+        scene.add_cloth(mesh, FABRIC, positions=mesh.x + [-0.2, 0.011 + 0.011 * k, 0.2], name=name,
+                        contact=tc.ClothContact(T, 0.3))
+    sim = tc.Simulation(scene, h=1 / 60, integrator="backward_euler")
+    sim.run(0.1, fps=60)
+    return sim
+
+
+def test_nearest_contact_is_the_nearest(pressed):
+    sim, T = pressed, 0.01
+    x = sim.positions()
+    ball = np.linalg.norm(x - [0, -0.2, 0], axis=1) - 0.2
+    place = sim.contacts.solids.nearest()
+    vertex = sim.model.user[place.particles[0]]
+    assert sim.scene.solids[place.solid].name == "ball"
+    assert ball[vertex] == pytest.approx(ball.min(), abs=1e-9)
+    assert place.gap == pytest.approx(ball.min() / T, abs=1e-6)
+    layers = sim.contacts.layers.nearest()
+    assert layers.solid == -1 and layers.gap == pytest.approx(sim.log[-1].least)
+    trouble = sim.stepper.locator.find("CONTACT", 0.1, "", layers)
+    names = {trouble.cloth, trouble.against}
+    assert names == {"under", "over"} and np.allclose(trouble.at, x[sim.scene.cloths[trouble.cloth == "over"].start
+                                                                     + trouble.vertex], atol=1e-9)
+
+
+def test_why_names_the_costliest_steps(tmp_path):
+    folder = tmp_path / "run"
+    from taichi_cloth.app import cli
+
+    assert cli.main(["run", "fold", "--out", str(folder), "--no-images", "--duration", "0.2", "--set", "cells=6"]) == 0
+    log = Recording(folder).telemetry()
+    text = costliest(Recording(folder), 3)
+    dearest = sorted(range(len(log)), key=lambda k: -log[k]["seconds"]["total"])[:3]
+    heads = [line for line in text.splitlines() if line.startswith("step ")]
+    assert [int(line.split()[1]) for line in heads] == dearest
+    assert all(f"{log[k]['solves']} solves" in line for k, line in zip(dearest, heads))
+    assert cli.main(["why", str(folder), "--steps", "0"]) == 2
