@@ -29,6 +29,8 @@ _NAMES = {
     "system.constraints": "Constraint",
     "options": "Options",
     "simulation": "Simulation",
+    "output.recording": "Recording",
+    "recording.still": "render",
     "app.cli": "run",
     "errors": "ClothError MeshError SceneError BackendError OutputError ScriptError SimulationError",
 }

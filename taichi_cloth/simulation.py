@@ -345,8 +345,19 @@ class Simulation:
         self._fire_events()
         self.prescribed.resume(below("script", state))  # attachments that events began, began where they did
 
+    def __enter__(self) -> "Simulation":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        names = ", ".join(f"{c.name} ({c.mesh.vertex_count:,} vertices)" for c in self.scene.cloths)
+        state = f"t = {self.time:g} s, {len(self.log)} steps" if self._open else "closed"
+        return f"<Simulation of {names}; {self.integrator_name}, {self.runtime.arch} {self.runtime.precision}; {state}>"
+
     def close(self) -> None:
-        """Gives the memory of the fields back; the simulation is over."""
+        """Gives the memory of the fields back; the simulation is over. `with Simulation(...) as sim:` does so at its end."""
         if self._open and self._generation == runtime.generation():
             for fields in (self._fields, *self._extra):
                 fields.free()

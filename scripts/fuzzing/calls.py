@@ -86,6 +86,7 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
     ("", "tc.Garment", {"mesh": MESH, "seams": '(([0, 1], [7, 6], "flat"),)', "positions": f"{MESH}.x"}),
     ("", "tc.load_pattern", {"path": '"none.json"'}),
     ("", "tc.load_garment", {"path": '"none.npz"'}),
+    ("", "tc.Recording", {"path": '"none"'}),
     ("", "tc.load_stitched", {"path": "OBJ", "stitches": "None", "scale": "1.0"}),
     ("", "tc.Air", {"normal": "0.5", "tangential": "0.1", "wind": "(1, 0, 0)"}),
     ("", "tc.Plane", {"normal": "(0, 1, 0)", "size": "1.0"}),
@@ -145,6 +146,9 @@ RUNNING: list[tuple[str, str, dict[str, str]]] = [
     ("body = tc.Scene()", "tc.dress", {"garment": f"tc.Garment({MESH}, ())", "fabric": FABRIC, "body": "body",
                                        "contact": "None", "longest": "0.1", "h": "1/60", "tell": "None"}),
     (STARTED, "sim.resume", {"state": "sim.checkpoint()"}),
+    (STARTED, "tc.render", {"what": "sim", "path": "None", "frame": "None", "size": "(32, 16)", "quality": '"fast"',
+                            "heat": '"stretch"', "limits": "(0.9, 1.1)", "camera": "tc.Camera((1, 1, 1), (0, 0, 0))",
+                            "wire": "True", "caption": '"{t}"'}),
 ]
 # What a right argument may also be, and so stays as it is.
 FUNCTIONS = ("wind", "position", "rotation")

@@ -4,6 +4,7 @@ IO = "tests/unit/test_io.py"
 EXPORT = "tests/unit/test_export.py"
 FOLDER = "tests/unit/test_folder.py"
 CROSS = "tests/unit/test_intersections.py"
+STILL = "tests/cli/test_still.py"
 RECORD = "tests/cli/test_record.py"
 RUN = "tests/cli/test_run_folder.py"
 SCENES = "tests/unit/test_scenefile.py"
@@ -159,6 +160,11 @@ MUTATIONS = (
      "NaN in a checkpoint is taken", RUN),
     (PACKAGE + "errors.py", "    exit_code = 4\n", "    exit_code = 1\n", "a scene's own exception ends like a failed check",
      RUN),
+    (PACKAGE + "recording/still.py", "number = what.frames()[-1] if frame is None", "number = what.frames()[0] if frame is None",
+     "the first frame is drawn for the last", STILL),
+    (PACKAGE + "recording/still.py", "        if not low < high:", "        if False:", "a scale without width", STILL),
+    (PACKAGE + "simulation.py", "    def __exit__(self, *_: object) -> None:\n        self.close()",
+     "    def __exit__(self, *_: object) -> None:\n        pass", "a `with` block does not close", STILL),
     (PACKAGE + "recording/report.py",
      "(x - low) / span * 65535", "(x - low) / span * 32767", "the page's playback is half as large",
      RECORD),

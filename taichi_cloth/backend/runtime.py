@@ -110,6 +110,11 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     return wanted
 
 
+def running() -> bool:
+    """Whether Taichi runs with fields that something holds."""
+    return _current is not None and len(_holders) > 0
+
+
 def hold(thing: object) -> None:
     """Taichi goes on as it is while a thing with fields lives, or until `let_go`."""
     _holders.add(thing)

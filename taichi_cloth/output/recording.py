@@ -6,6 +6,7 @@ import pathlib
 
 import numpy as np
 
+from .. import checks
 from ..errors import OutputError
 from ..io import npz
 from .folder import CHECKPOINTS, FORMAT, FRAMES, GEOMETRY, MANIFEST, TELEMETRY, manifest_sum, numbered, read_line
@@ -23,7 +24,7 @@ class Recording:
     """
 
     def __init__(self, path: str | os.PathLike) -> None:
-        self.path = pathlib.Path(path)
+        self.path = checks.path("recording: path", path, OutputError)
         self.notes: list[str] = []
         file = self.path / MANIFEST
         if not file.is_file():

@@ -80,6 +80,11 @@ class TriMesh:
         object.__setattr__(self, "groups", _groups(groups, len(x)))
         object.__setattr__(self, "notes", notes)
 
+    def __repr__(self) -> str:
+        size = " x ".join(f"{length:.4g}" for length in np.ptp(self.x, axis=0))
+        return (f"<TriMesh of {self.vertex_count:,} vertices, {self.face_count:,} triangles, {size} m, "
+                f"{len(self.groups)} groups>")
+
     @property
     def vertex_count(self) -> int:
         """Number of vertices, those without a face included."""

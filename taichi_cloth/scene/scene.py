@@ -46,6 +46,11 @@ class Scene:
         self.script = Script()
         self._key = itertools.count()
 
+    def __repr__(self) -> str:
+        cloths = ", ".join(f"{c.name} ({c.mesh.vertex_count:,} vertices)" for c in self.cloths) or "no cloth"
+        solids = ", ".join(s.name for s in self.solids) or "none"
+        return f"<Scene of {cloths}; solids: {solids}; {len(self.seams)} seams>"
+
     def add_cloth(self, mesh: TriMesh, fabric: Fabric, positions: ArrayLike | None = None,
                   velocities: ArrayLike | None = None, name: str | None = None,
                   color: tuple[float, float, float] | None = None, contact: ClothContact | None = None,
