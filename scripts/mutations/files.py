@@ -160,7 +160,7 @@ MUTATIONS = (
      "NaN in a checkpoint is taken", RUN),
     (PACKAGE + "errors.py", "    exit_code = 4\n", "    exit_code = 1\n", "a scene's own exception ends like a failed check",
      RUN),
-    (PACKAGE + "recording/still.py", "number = what.frames()[-1] if frame is None", "number = what.frames()[0] if frame is None",
+    (PACKAGE + "recording/still.py", "number = what.frames()[-1] if", "number = what.frames()[0] if",
      "the first frame is drawn for the last", STILL),
     (PACKAGE + "recording/still.py", "        if not low < high:", "        if False:", "a scale without width", STILL),
     (PACKAGE + "simulation.py", "    def __exit__(self, *_: object) -> None:\n        self.close()",

@@ -13,6 +13,7 @@ CLUSTERS, COARSE, ELEMENTS = "taichi_cloth/system/seams.py", "taichi_cloth/solve
 PCG, POINTWISE, MULTI = "taichi_cloth/solver/pcg.py", "taichi_cloth/solver/pointwise.py", "taichi_cloth/solver/multilevel.py"
 BEND = "taichi_cloth/forces/bend.py"
 CURVES, PATTERN = "taichi_cloth/garment/curves.py", "taichi_cloth/garment/pattern.py"
+MESHER = "taichi_cloth/garment/mesher.py"
 FILE, GARMENT = "taichi_cloth/garment/garmentcode.py", "taichi_cloth/scene/garment.py"
 
 MUTATIONS = (
@@ -59,6 +60,14 @@ MUTATIONS = (
     (PATTERN, "count[stitch.a] = count[stitch.b] = max(count[stitch.a], count[stitch.b])", "pass",
      "seams of different lengths",
      PATTERNS),
+    (PATTERN, "if stitch.a == stitch.b:", "if False:", "an edge is sewn to itself", PATTERNS),
+    (PATTERN, "one.end == other.start or other.end == one.start", "False", "a corner is sewn to both its edges' other ends",
+     PATTERNS),
+    (PATTERN, "else PIECES", "else 1", "curves that cross other edges", PATTERNS),
+    (PATTERN, "key=lambda r: abs(", "key=lambda r: -abs(", "the least likely unit is named", PATTERNS),
+    (MESHER, "j = np.arange(i + 2, n if i else n - 1)", "j = np.arange(i + 2, n - 1)", "the last edge may cross others",
+     PATTERNS),
+    (MESHER, "b[j]) <= 0)", "b[j]) < 0)", "a corner on another edge", PATTERNS),
     (FILE, "return z @ y @ x", "return x @ y @ z", "turned about the axes in another order", PATTERNS),
     (FILE, 'together="right_wrong" in stitch[2:]', "together=False", "right_wrong is not read", PATTERNS),
     (GARMENT, 'Garment(mesh, seams, data["positions"])', "Garment(mesh, seams)",

@@ -62,10 +62,12 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
         tell: called with a line a tenth of a second of simulated time.
 
     Raises:
-        SceneError: panels that start inside the body, or seams that do not close, by name.
+        SceneError: a body without solids, panels that start inside the body, or seams that do not close, by name.
     """
     checks.instance("dress: garment", garment, Garment)
     checks.instance("dress: body", body, Scene)
+    if not body.solids:
+        raise SceneError("dress: the body is a scene without solids")
     checks.instance("dress: fabric", fabric, Fabric)
     checks.maybe(contact, checks.instance, "dress: contact", ClothContact)
     checks.maybe(tell, checks.function, "dress: tell", "line")

@@ -25,7 +25,9 @@ def mesh_polygon(border: np.ndarray, spacing: float, name: str) -> tuple[np.ndar
         from scipy.spatial import Delaunay
     except ImportError:
         raise MeshError("meshing patterns needs SciPy: pip install 'taichi_cloth[garment]'") from None
-    _refuse_crossings(border, name)
+    crossed = crossing(border)
+    if crossed is not None:
+        raise MeshError(f"panel {name!r}: its border crosses itself near {border[crossed[0]].round(4).tolist()} m")
     k = len(border)
     points = np.concatenate([border, _lattice(border, spacing)])
     for again in range(SMOOTHED + 1):
@@ -105,8 +107,11 @@ def _smoothed(points: np.ndarray, faces: np.ndarray, k: int) -> np.ndarray:
     return out[k:]
 
 
-def _refuse_crossings(border: np.ndarray, name: str) -> None:
-    """Refuses a line that crosses or touches itself."""
+def crossing(border: np.ndarray) -> tuple[int, int] | None:
+    """The first two pieces of a closed line (k, 2) that cross or touch, beside neighbours at their common point; or None.
+
+    Piece i goes from point i to the next.
+    """
     a, b = border, np.roll(border, -1, axis=0)
     n = len(a)
 
@@ -115,7 +120,10 @@ def _refuse_crossings(border: np.ndarray, name: str) -> None:
 
     for i in range(n):
         j = np.arange(i + 2, n if i else n - 1)
-        hit = ((side(a[i], b[i], a[j]) * side(a[i], b[i], b[j]) < 0)
-               & (side(a[j], b[j], a[i]) * side(a[j], b[j], b[i]) < 0))
+        apart = np.any(np.maximum(a[i], b[i]) < np.minimum(a[j], b[j]), axis=1)
+        apart |= np.any(np.maximum(a[j], b[j]) < np.minimum(a[i], b[i]), axis=1)
+        hit = ((side(a[i], b[i], a[j]) * side(a[i], b[i], b[j]) <= 0)
+               & (side(a[j], b[j], a[i]) * side(a[j], b[j], b[i]) <= 0) & ~apart)
         if hit.any():
-            raise MeshError(f"panel {name!r}: its border crosses itself near {a[i].round(4).tolist()} m")
+            return i, int(j[np.argmax(hit)])
+    return None

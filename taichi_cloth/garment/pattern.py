@@ -10,10 +10,13 @@ from ..errors import SceneError, shown
 from ..scene.garment import Garment, seam_angle
 from ..scene.mesh import TriMesh
 from .curves import Curve
-from .mesher import mesh_polygon
+from .mesher import crossing, mesh_polygon
 
 MOST_RATIO = 3.0  # of the lengths of two edges that are sewn to each other
-TALLEST = 10.0  # m that a pattern may be in any direction where it hangs
+LEAST, MOST = 0.02, 10.0  # m that a pattern may be wide or tall where it hangs
+TYPICAL = 1.5  # m
+UNITS = {10: ("millimetres", "centimetres"), 100: ("centimetres", "metres"), 1000: ("millimetres", "metres")}  # by their ratio
+PIECES = 48  # of a curve, where panels are looked at for crossings
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,21 @@ class Panel:
                                  f"corner {self.edges[k - 1].end}: edges go round, each from where the last one ends")
         if len(self.edges) < 2 or len({e.start for e in self.edges}) < len(self.edges):
             raise SceneError(f"panel {self.name!r}: its edges are no closed line through {len(self.edges)} corners")
+        self._refuse_crossings()
+
+    def outline(self) -> tuple[np.ndarray, np.ndarray]:
+        """(k, 2) [m] points of the border as it is drawn, and (k,) which edge goes on from each."""
+        lines = [e.points(self.corners, np.linspace(0, 1, 1 + (1 if e.kind == "line" else PIECES)))[:-1] for e in self.edges]
+        return np.concatenate(lines), np.repeat(np.arange(len(lines)), [len(line) for line in lines])
+
+    def _refuse_crossings(self) -> None:
+        points, edge = self.outline()
+        crossed = crossing(points)
+        if crossed is not None:
+            one, other = (int(edge[i]) for i in crossed)
+            what = f"edge {one} crosses itself" if one == other else f"edges {one} and {other} cross or touch"
+            raise SceneError(f"panel {self.name!r}: {what} near {points[crossed[0]].round(4).tolist()} m: the border must "
+                             "not meet itself")
 
     def placed(self, uv: np.ndarray) -> np.ndarray:
         """(n, 3) [m] of pattern coordinates (n, 2)."""
@@ -114,6 +132,8 @@ class Pattern:
             raise SceneError("pattern: two panels have one name")
         seen: dict[tuple[str, int], int] = {}
         for k, stitch in enumerate(self.stitches):
+            if stitch.a == stitch.b:
+                raise SceneError(f"stitch {k}: sews edge {stitch.a[1]} of panel {stitch.a[0]!r} to itself")
             for name, edge in (stitch.a, stitch.b):
                 if name not in by_name:
                     raise SceneError(f"stitch {k}: there is no panel {name!r}; there are {', '.join(by_name)}")
@@ -127,10 +147,26 @@ class Pattern:
                 raise SceneError(f"stitch {k}: edge {stitch.a[1]} of {stitch.a[0]!r} is {one:.4g} m long and edge "
                                  f"{stitch.b[1]} of {stitch.b[0]!r} {other:.4g} m: more than {MOST_RATIO:g} to 1 is no "
                                  "gathering")
-        for panel in self.panels:
-            x = panel.placed(panel.corners)
-            if np.abs(x).max() > TALLEST:
-                raise SceneError(f"panel {panel.name!r} hangs {np.abs(x).max():.3g} m away: are the pattern's units right?")
+            self._refuse_folded(k, stitch)
+        self._refuse_units()
+
+    def _refuse_folded(self, k: int, stitch: Stitch) -> None:
+        """Refuses a stitch that sews the corner that two edges share to both their other ends."""
+        if stitch.together and stitch.a[0] == stitch.b[0]:
+            name, edges = stitch.a[0], next(p for p in self.panels if p.name == stitch.a[0]).edges
+            one, other = edges[stitch.a[1]], edges[stitch.b[1]]
+            if one.end == other.start or other.end == one.start:
+                raise SceneError(f"stitch {k}: edges {stitch.a[1]} and {stitch.b[1]} of panel {name!r} share a corner and are "
+                                 "sewn the same way round, which closes each onto itself: sew them start to end")
+
+    def _refuse_units(self) -> None:
+        size = float(np.ptp(np.concatenate([p.placed(p.outline()[0]) for p in self.panels]), axis=0).max())
+        if LEAST <= size <= MOST:
+            return
+        ratio = min(UNITS, key=lambda r: abs(math.log((size / r if size > MOST else size * r) / TYPICAL)))
+        meant, taken = UNITS[ratio] if size > MOST else UNITS[ratio][::-1]
+        raise SceneError(f"the pattern is {size:.3g} m large where it hangs: are its units right? It looks like {meant} taken "
+                         f"for {taken}")
 
     def length(self, panel: str, edge: int) -> float:
         """Of an edge [m]."""

@@ -46,7 +46,7 @@ class SolidMesh:
         x = checks.array("solid mesh", self.x, ("n", 3), ("frames", "n", 3), row="vertex or frame")
         x = x[None] if x.ndim == 2 else x
         if not x.size:
-            raise SceneError("solid mesh: has no vertices")
+            raise SceneError(f"solid mesh: has no {'vertices' if len(x) else 'frames'}")
         object.__setattr__(self, "fps", checks.maybe(self.fps, checks.number, "solid mesh fps", positive=True))
         if len(x) > 1 and self.fps is None:
             raise SceneError(f"solid mesh: a sequence of {len(x)} frames needs fps")

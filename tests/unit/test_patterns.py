@@ -151,6 +151,15 @@ def test_stitches_that_run_together(tmp_path):
     (lambda p: p["panels"]["back"].pop("vertices"), "vertices"),
     (lambda p: p["panels"]["back"]["vertices"][0].__setitem__(0, float("nan")), "vertices of panel 'back'"),
     (lambda p: p.pop("panels"), "panels"),
+    (lambda p: p["stitches"].append([{"panel": "front", "edge": 2}, {"panel": "front", "edge": 2}]),
+     "stitch 3: sews edge 2 of panel 'front' to itself"),
+    (lambda p: p["stitches"][2].append("right_wrong"), "edges 3 and 4 of panel 'front' share a corner"),
+    (lambda p: p["panels"]["back"].update(vertices=[[-30, 0], [30, 0], [-20, 52], [20, 52]]),
+     "panel 'back': edges 1 and 3 cross"),
+    (lambda p: p["panels"]["front"]["edges"][0].update(curvature=[0.5, 1.4]), "panel 'front': edges 0 and [34] cross"),
+    (lambda p: p["panels"]["front"]["edges"][0].update(curvature={"type": "cubic", "params": [[2, -1], [-1, -1]]}),
+     "panel 'front': edge 0 crosses itself"),
+    (lambda p: p["panels"]["front"]["vertices"][4].__setitem__(1, 0), "panel 'front': edges 0 and [34] cross or touch"),
 ])
 def test_what_is_wrong_with_a_pattern_is_named(tmp_path, change, what):
     data = skirt()
@@ -159,9 +168,17 @@ def test_what_is_wrong_with_a_pattern_is_named(tmp_path, change, what):
         read(tmp_path, data)
 
 
+@pytest.mark.parametrize("per_metre, what", [(1, "198 m .*centimetres taken for metres"), (10, "millimetres taken for cent"),
+                                             (0.1, "millimetres taken for metres"), (1e4, "metres taken for cent"),
+                                             (1e5, "metres taken for millimetres")])
+def test_units_that_cannot_be_right(tmp_path, per_metre, what):
+    data = skirt(units_in_meter=per_metre)
+    data["pattern"]["panels"]["front"]["translation"][1] = 238  # as hung, 1.98 m from hem to waist
+    with pytest.raises(tc.SceneError, match=what):
+        read(tmp_path, data)
+
+
 def test_units_and_files(tmp_path):
-    with pytest.raises(tc.SceneError, match="units right"):
-        read(tmp_path, skirt(units_in_meter=1))
     with pytest.raises(tc.SceneError, match="positive"):
         read(tmp_path, skirt(units_in_meter=0))
     for name, text, what in (("a.json", "{", "no JSON"), ("b.json", "[]", "no pattern"), ("c.txt", "", ".json")):
@@ -295,6 +312,8 @@ def test_dressing(tmp_path):
         scene.add_solid(tc.Capsule((0, 0.4, 0), (0, 1.6, 0), radius), friction=0.8, thickness=0.004, name="trunk")
         return scene
 
+    with pytest.raises(tc.SceneError, match="without solids"):
+        tc.dress(garment, fabric, tc.Scene())
     made = tc.dress(garment, fabric, body(0.125), contact=tc.ClothContact(0.003, 0.3), longest=0.6)
     assert made.garment.gap() == 0 and 0.2 < made.sewn < 1 and made.intersections == 0 and "seams closed" in made.report()
     assert np.hypot(*made.garment.positions[:, [0, 2]].T).min() > 0.125
