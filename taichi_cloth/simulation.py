@@ -19,8 +19,11 @@ from .backend.fields import Fields
 from .errors import BackendError, SceneError, SimulationError
 from .forces import build_forces
 from .options import CG_TOL, EXPLICIT, H_MIN_FACTOR, LONGEST, MACHINE, SHORTEST, Options, signature, usual
+from .scene.attachment import Path
+from .scene.cloth import Cloth
 from .scene.intersections import count_crossings, count_self_crossings
 from .scene.scene import Scene
+from .scene.solids import Solid
 from .solver.pcg import CONVERGED, Solution
 from .step import integrators
 from .step.attempt import SOLVER
@@ -98,6 +101,7 @@ class Simulation:
         self.stepper = Stepper(self.model, self.integrator, self.meter, self.control,
                                Locator(self.model, scene.cloths, scene.solids))
         self.prescribed = Prescribed(self.model, scene.script.copy(), self.force_terms, self.contacts)
+        scene.followers.add(self)
         self._extra: list[Fields] = []  # made when first asked for
         self._force_field: ForceField | None = None
         self._probe: Probe | None = None
@@ -303,6 +307,31 @@ class Simulation:
             if on_frame is not None:
                 on_frame(self, frame)
 
+    # between steps
+
+    def pin(self, cloth: Cloth, vertices: object, directions: object = None) -> None:
+        """As `Scene.pin`, for this simulation, from now on."""
+        self._change(lambda: self.scene.pin(cloth, vertices, directions))
+
+    def move(self, cloth: Cloth, vertices: object, path: Path, relative: bool = False, directions: object = None) -> None:
+        """As `Scene.move`, for this simulation, from now on; the path is a function of the simulation's time."""
+        self._change(lambda: self.scene.move(cloth, vertices, path, relative, directions))
+
+    def attach(self, cloth: Cloth, vertices: object, solid: Solid, since: float | None = None) -> None:
+        """As `Scene.attach`, for this simulation, from now on; `since` [s] is now where None."""
+        self._change(lambda: self.scene.attach(cloth, vertices, solid, self.time if since is None else since))
+
+    def unpin(self, cloth: Cloth, vertices: object = None) -> None:
+        """As `Scene.unpin`, for this simulation, from now on."""
+        self._change(lambda: self.scene.unpin(cloth, vertices))
+
+    def _change(self, change: Callable[[], None]) -> None:
+        """Pins and motions are changed by hand; what begins, begins where its vertices are."""
+        self._live()
+        with self.scene.running(self.prescribed.script):
+            change()
+        self.prescribed.changes += 1
+
     def checkpoint(self) -> dict[str, np.ndarray]:
         """Everything that decides how the simulation goes on, as arrays by name; see `resume`."""
         self._live()
@@ -362,6 +391,7 @@ class Simulation:
             for fields in (self._fields, *self._extra):
                 fields.free()
         self._open = False
+        self.scene.followers.discard(self)
 
     def _check_length(self, name: str, time: float) -> None:
         """Refuses what would need more steps than anybody waits for."""

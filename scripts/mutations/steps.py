@@ -16,6 +16,7 @@ ALTERS = f"{LEDGER}::test_what_alters_positions_works_against_elastic_forces_alo
 LAYERED = f"{LEDGER}::test_what_alters_positions_works_against_layers_too"
 PINS = f"{LEDGER}::test_verlets_pins_work_as_much_as_the_energy_grows"
 SOLVER = "tests/unit/test_solver.py"
+BY_HAND = "tests/unit/test_by_hand.py"
 TROUBLE = "tests/unit/test_trouble.py"
 LEVELS = "tests/unit/test_multilevel.py"
 
@@ -39,6 +40,14 @@ MUTATIONS = (
      "forces are not told of accepted steps", "tests/unit/test_own_force.py"),
     ("taichi_cloth/solver/multilevel.py", "D = self.forces[k].add_level_block(n, c, D, self)",
      "self.forces[k].add_level_block(n, c, D, self)", "levels know of masses only", "tests/unit/test_own_force.py"),
+    # pins and motions that are changed by hand
+    ("taichi_cloth/step/prescribed.py", "if int(count) != self.changes:", "if False:",
+     "changes by hand are forgotten on resume", BY_HAND),
+    ("taichi_cloth/scene/scene.py", "        self.script.made += 1\n", "", "attachments share a key", BY_HAND),
+    ("taichi_cloth/simulation.py", "        with self.scene.running(self.prescribed.script):\n            change()",
+     "        change()", "what is changed by hand changes the scene", BY_HAND),
+    ("taichi_cloth/scene/scene.py", "if not self._running and len(self.followers):", "if False:",
+     "a scene that runs says nothing", BY_HAND),
     # places of what goes wrong
     ("taichi_cloth/step/trouble.py", "np.argmax(np.where(np.isfinite(change), change, np.inf))", "np.argmin(change)",
      "the calmest vertex is told of", TROUBLE),

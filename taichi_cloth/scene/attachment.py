@@ -87,14 +87,19 @@ class Event:
 
 @dataclass
 class Script:
-    """The part of a scene that events may change while a simulation runs."""
+    """The part of a scene that events may change while a simulation runs.
+
+    Attributes:
+        made: attachments that were ever made in it, those that were released included: keys go on from there.
+    """
 
     attachments: list[Attachment] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
+    made: int = 0
 
     def copy(self) -> "Script":
         """A copy whose lists are its own."""
-        return Script(list(self.attachments), list(self.events))
+        return Script(list(self.attachments), list(self.events), self.made)
 
 
 def orthonormal(directions: object) -> np.ndarray:

@@ -1,7 +1,8 @@
 """What there is and what is done to it: cloths, pins, prescribed motion, air, events. numpy only; runs nothing."""
 
 import contextlib
-import itertools
+import warnings
+import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
@@ -43,8 +44,8 @@ class Scene:
         self.forces: list[Callable] = []
         self.seams: list[Seam] = []
         self.creases: list[Crease] = []
-        self.script = Script()
-        self._key = itertools.count()
+        self.script, self._running = Script(), False
+        self.followers: weakref.WeakSet = weakref.WeakSet()  # simulations of it that are open
 
     def __repr__(self) -> str:
         cloths = ", ".join(f"{c.name} ({c.mesh.vertex_count:,} vertices)" for c in self.cloths) or "no cloth"
@@ -243,6 +244,7 @@ class Scene:
                 kept.append(replace(a, vertices=stay))
         if not found:
             raise SceneError(f"unpin: no such vertex of {cloth.name!r} is pinned or moved")
+        self._warn_followers()
         self.script.attachments[:] = kept
 
     def at(self, t: float, f: Callable) -> None:
@@ -265,15 +267,22 @@ class Scene:
     @contextlib.contextmanager
     def running(self, script: Script) -> Iterator[None]:
         """Lets pins, motions and events act on `script` instead of the scene's own."""
-        own, self.script = self.script, script
+        own, self.script, was = self.script, script, self._running
+        self._running = True
         try:
             yield
         finally:
-            self.script = own
+            self.script, self._running = own, was
 
     def fire(self, event: Event) -> None:
         """Calls an event's function with as many arguments as it takes: none, or this scene."""
         event.action(*([] if checks.takes(event.action, 0) else [self]))
+
+    def _warn_followers(self) -> None:
+        """Says that simulations keep what was there when they were made."""
+        if not self._running and len(self.followers):
+            warnings.warn("a simulation of this scene has begun and does not follow changes of its pins and motions: use "
+                          "sim.pin, unpin, move or attach, or an event (scene.at)", stacklevel=3)
 
     def _own(self, cloth: Cloth) -> None:
         if not any(cloth is c for c in self.cloths):
@@ -290,11 +299,13 @@ class Scene:
             raise SceneError("move: a vertex is named twice")
         basis = orthonormal(directions)
         selected = np.unique(index)
-        attachment = Attachment(cloth, selected, basis, path, relative, next(self._key), selected, order, solid, since)
+        attachment = Attachment(cloth, selected, basis, path, relative, self.script.made, selected, order, solid, since)
         if path is not None:
             attachment.checked(0.0)
         self._check_overlap(attachment)
+        self._warn_followers()
         self.script.attachments.append(attachment)
+        self.script.made += 1
 
     def _check_overlap(self, new: Attachment) -> None:
         for old in self.script.attachments:

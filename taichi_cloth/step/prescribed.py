@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..errors import SceneError
 from ..forces.force import Force
 from ..scene.attachment import Script
 from ..system.checkpoint import Checkpointed
@@ -17,14 +18,16 @@ class Prescribed(Checkpointed):
 
     Attributes:
         script: attachments and events that are still to come; it changes as the run goes on.
+        changes: how often pins and motions were changed by hand.
     """
 
-    STATE = ("anchors",)
+    STATE = ("anchors", "changed")
 
     def __init__(self, model: ParticleState, script: Script, forces: Sequence[Force], contacts) -> None:
         self.model, self.script, self.forces, self.contacts = model, script, forces, contacts
         self.script.events.sort(key=lambda event: event.time)
         self.attachments = Attachments(model, model.exchange)
+        self.changes = 0
 
     def at(self, t: float, h: float) -> Held | None:
         """Constraints at the end of a step from t to t + h [s]; wind is set to that time, solids to both ends."""
@@ -47,6 +50,18 @@ class Prescribed(Checkpointed):
     def begin_anew(self) -> None:
         """Pins begin where their vertices now are."""
         self.attachments = Attachments(self.model, self.model.exchange)
+
+    @property
+    def changed(self) -> np.ndarray:
+        """`changes`. Functions of time cannot be kept: what goes on has to be told of the same changes before."""
+        return np.array(self.changes)
+
+    @changed.setter
+    def changed(self, count: np.ndarray) -> None:
+        if int(count) != self.changes:
+            raise SceneError(f"the checkpoint is of a simulation whose pins and motions were changed {int(count)} times by "
+                             f"hand (sim.pin, unpin, move, attach), and this one's {self.changes} times: change them "
+                             "alike, then resume")
 
     @property
     def anchors(self) -> dict[str, np.ndarray]:
