@@ -13,6 +13,7 @@ from ..options import ARCHS, BY_NAME
 from . import dressing
 from . import recorded as cli_recorded
 from . import studies as cli_study
+from .flags import Parser
 from .recorded import look_flags, number_of, size_of
 
 DURATION, FPS = 2.0, 30.0  # s, frames a second, where neither flags nor the scene say
@@ -37,7 +38,7 @@ def run(build: Callable, argv: Sequence[str] | None = None) -> None:
     checks.function("run: build", build)
     if argv is not None and not (isinstance(argv, (list, tuple)) and all(isinstance(a, str) for a in argv)):
         checks.instance("run: argv", argv, type(None))
-    parser = argparse.ArgumentParser(description=sys.modules[build.__module__].__doc__)
+    parser = Parser(description=sys.modules[build.__module__].__doc__)
     _run_flags(parser)
 
     def go() -> int:
@@ -67,7 +68,7 @@ def _dispatch(args: argparse.Namespace) -> int:
     if args.command in cli_study.COMMANDS:
         return cli_study.COMMANDS[args.command](args)
     scene = scenefile.read(args.scene)
-    return _run(args, scene) if args.command == "run" else _check(args, scene)
+    return _run(args, scene) if args.command == "run" else _check(args, scenefile.checked(scene))
 
 
 def _guard(work: Callable[[], int]) -> int:
@@ -185,7 +186,7 @@ def _options(args: argparse.Namespace, scene):
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="taichi-cloth", description="Implicit cloth simulation on Taichi kernels.")
+    parser = Parser(prog="taichi-cloth", description="Implicit cloth simulation on Taichi kernels.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     run_parser = commands.add_parser("run", help="simulate a scene and write pictures")
     run_parser.add_argument("scene", help="a scene file, or the name of one that `list` shows")

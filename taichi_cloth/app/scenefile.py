@@ -152,6 +152,17 @@ def of_module(build: Callable, module: ModuleType | None = None) -> SceneFile:
                      dict(getattr(module, "RUN", {})), dict(getattr(module, "SMALL", {})))
 
 
+def checked(scene: SceneFile) -> SceneFile:
+    """A scene that has a check.
+
+    Raises:
+        SceneError: it has none.
+    """
+    if scene.check is None:
+        raise SceneError(f"scene {scene.name} has no check(sim)")
+    return scene
+
+
 def run_check(scene: SceneFile, sim) -> Iterable[tuple[str, bool]]:
     """The pairs that a scene's check yields.
 
@@ -159,10 +170,8 @@ def run_check(scene: SceneFile, sim) -> Iterable[tuple[str, bool]]:
         SceneError: it has none.
         ScriptError: it ends with an exception of its own.
     """
-    if scene.check is None:
-        raise SceneError(f"scene {scene.name} has no check(sim)")
     try:
-        yield from scene.check(sim)
+        yield from checked(scene).check(sim)  # type: ignore[misc]
     except ClothError:
         raise
     except Exception as error:

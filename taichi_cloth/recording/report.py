@@ -86,12 +86,12 @@ def _energy(log: list[dict]) -> str:
 def _cost(manifest: dict, log: list[dict]) -> str:
     total = sum(r["seconds"].get("total", 0.0) for r in log)
     rows = [("part [BW98, table 1]", "s", "ms a step", "share")]
-    for part in (*PARTS, "total"):
-        spent = sum(r["seconds"].get(part, 0.0) for r in log)
-        rows.append((part, f"{spent:.2f}", f"{1e3 * spent / len(log):.2f}", f"{spent / max(total, 1e-12):.0%}"))
+    sums = {part: sum(r["seconds"].get(part, 0.0) for r in log) for part in PARTS}
+    for part, spent in {**sums, "other": max(total - sum(sums.values()), 0.0), "total": total}.items():
+        rows.append((part, f"{spent:.2f}", f"{1e3 * spent / len(log):.2f}", f"{spent / max(total, 1e-12):.1%}"))
     for part, spent in manifest.get("output_seconds", {}).items():
         rows.append((f"{part} (beside the solver)", f"{spent:.2f}", f"{1e3 * spent / len(log):.2f}",
-                     f"{spent / max(total, 1e-12):.0%}"))
+                     f"{spent / max(total, 1e-12):.1%}"))
     simulated = log[-1]["t"]
     return (f"<h2>What did it cost?</h2><p>{total / max(simulated, 1e-12):.2f} wall seconds per simulated second, "
             f"{sum(r['iterations'] for r in log):,} CG iterations in {sum(r['solves'] for r in log):,} solves.</p>"

@@ -125,7 +125,7 @@ class TriMesh:
         return len(self.inner_edges) > 0
 
     def select(self, vertices: object) -> np.ndarray:
-        """Vertex indices from an index, a list, a boolean mask or a group's name.
+        """Vertex indices from an index, a list, a boolean mask, a group's name or a list of names.
 
         Raises:
             MeshError: an unknown group, an index out of range, a mask of the wrong length or no vertex.
@@ -134,6 +134,8 @@ class TriMesh:
             if vertices not in self.groups:
                 raise MeshError(f"no vertex group {shown(vertices)}; {did_you_mean(vertices, self.groups)}")
             return self.groups[vertices]
+        if isinstance(vertices, (list, tuple)) and vertices and all(isinstance(v, str) for v in vertices):
+            return np.unique(np.concatenate([self.select(name) for name in vertices]))
         if _is_mask(vertices):
             mask = np.array(vertices)
             if mask.shape != (len(self.x),):

@@ -193,7 +193,7 @@ class Scene:
         """Holds vertices where they are, in all directions or in 1, 2 or 3 given ones.
 
         Args:
-            vertices: index, list, mask or group name.
+            vertices: index, list, mask, group name or list of names.
             directions: None (all), axis letters such as "y" or "xz", or (3,) or (1..3, 3) vectors.
         """
         self._attach(cloth, vertices, directions, None, False)

@@ -2,6 +2,7 @@
 
 import json
 import pathlib
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -145,6 +146,9 @@ def test_the_report_tells_the_same(run, tmp_path, monkeypatch):
                         ("worst residual of a solve", f"{max(r['residual'] for r in log):.2g}"),
                         ("solves not converged", "0"), ("largest stretch", f"{max(r['stretch'] for r in log):.4f}")):
         assert f"<td>{name}</td><td>{value}</td>" in text, name
+    shares = dict(re.findall(r"<td>([\w-]+)</td><td>[\d.]+</td><td>[\d.]+</td><td>([\d.]+)%</td>", text))
+    assert set(shares) >= {"EVAL", "CG", "C-C", "C-S", "other", "total"}
+    assert sum(float(v) for k, v in shares.items() if k != "total") == pytest.approx(100, abs=0.3)
     data = json.loads(text.split("const data = ", 1)[1].split(";\n", 1)[0])
     import base64
 

@@ -59,6 +59,7 @@ def test_selections():
     mesh = tc.grid(1, 2)
     assert mesh.select("left").tolist() == [0, 3, 6]
     assert mesh.select(mesh.x[:, 0] == 1).tolist() == [2, 5, 8]
+    assert mesh.select(["left", "bottom_right", "left"]).tolist() == [0, 2, 3, 6]
     with pytest.raises(tc.MeshError, match="did you mean 'bottom_left'"):
         mesh.select("botom_left")
     with pytest.raises(tc.MeshError, match="names vertex 9, but there are 9"):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from taichi_cloth.app import scenefile
+from taichi_cloth.app import cli, runner, scenefile
 from taichi_cloth.errors import SceneError
 
 TEXT = '''"""What it shows.
@@ -25,13 +25,16 @@ def scene(tmp_path):
     return scenefile.read(str(tmp_path / "mine.py"))
 
 
-def test_a_scene_file_is_read(scene):
+def test_a_scene_file_is_read(scene, monkeypatch, capsys):
     assert (scene.name, scene.summary, scene.run, scene.small) == ("mine", "What it shows.", {"fps": 12}, {"n": 3})
     assert scene.check is None
     made = scene.make({"n": "3", "name": "b"})
     assert made.cloths[0].mesh.vertex_count == 16 and made.cloths[0].name == "b"
     with pytest.raises(SceneError, match="has no check"):
         list(scenefile.run_check(scene, None))
+    simulated: list = []
+    monkeypatch.setattr(runner, "simulate", lambda *a: simulated.append(a))
+    assert cli.main(["check", scene.path]) == 2 and "has no check" in capsys.readouterr().err and not simulated
 
 
 @pytest.mark.parametrize("name, text, value", [
