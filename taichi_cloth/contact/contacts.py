@@ -8,9 +8,9 @@ from ..backend.fields import Fields
 from ..scene.scene import Scene
 from ..system.checkpoint import Checkpointed
 from ..system.held import Held
+from ..system.place import Place
 from ..system.state import ParticleState
 from .contact_force import ContactForce
-from .place import Place
 from .points import Points
 from .solid.query import Scanner
 from .solid.solid_contacts import SolidContacts, Verdict

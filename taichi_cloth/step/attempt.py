@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from ..contact.place import Place
 from ..solver.pcg import Solution
 from ..system.assembler import Measures
+from ..system.place import Place
 from .ledger import Ledger
 
 STRETCH, ENERGY, SOLVER, NOT_FINITE = "STRETCH", "ENERGY", "SOLVER", "NOT_FINITE"

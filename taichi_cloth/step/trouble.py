@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..contact.place import Place
 from ..scene.cloth import Cloth
 from ..scene.solids import Solid
+from ..system.place import Place
 from ..system.state import ParticleState
 
 

@@ -20,9 +20,9 @@ from ...backend.timing import Stopwatch, timed
 from ...errors import SceneError
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
+from ...system.place import Place
 from ...system.state import ParticleState
 from ..geometry import VERTEX_FACE
-from ..place import Place
 from ..points import Points
 from ..rows import rows_of
 from ..step_start import StepStart

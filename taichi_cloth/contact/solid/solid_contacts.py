@@ -16,8 +16,8 @@ import numpy as np
 from ...backend.fields import Fields
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
+from ...system.place import Place
 from ...system.state import ParticleState
-from ..place import Place
 from ..points import Points
 from ..rows import rows_of, tangential
 from ..step_start import StepStart
