@@ -10,7 +10,8 @@ ANGLE = f"{SEAMS}::test_a_seam_comes_to_its_angle"
 ITERATIONS, REFUSED = f"{SEAMS}::test_iterations_of_sewn_cloth", f"{SEAMS}::test_what_cannot_be_sewn"
 
 CLUSTERS, COARSE, ELEMENTS = "taichi_cloth/system/seams.py", "taichi_cloth/solver/coarse.py", "taichi_cloth/system/elements.py"
-PCG, POINTWISE, MULTI = "taichi_cloth/solver/pcg.py", "taichi_cloth/solver/pointwise.py", "taichi_cloth/solver/multilevel.py"
+SOLVER = "taichi_cloth/solver/"
+CG, POINTWISE, MULTI = SOLVER + "recurrences.py", SOLVER + "pointwise.py", SOLVER + "multilevel.py"
 BEND = "taichi_cloth/forces/bend.py"
 CURVES, PATTERN = "taichi_cloth/garment/curves.py", "taichi_cloth/garment/pattern.py"
 MESHER = "taichi_cloth/garment/mesher.py"
@@ -32,9 +33,9 @@ MUTATIONS = (
     (CLUSTERS, "out[self.member] = rows - self.share[:, None] * total[self._own]", "out[self.member] = rows",
      "what a pin bears counts as tension of seams"),
     (CLUSTERS, "twice = (corner >= 0)", "twice = (corner >= 10**9)", "faces may be sewn shut", REFUSED),
-    (PCG, "self.preconditioner.average(i, self.As) + b * self.Ac[i]", "self.As[i] + b * self.Ac[i]",
+    (CG, "self.preconditioner.average(i, self.As) + b * self.Ac[i]", "self.As[i] + b * self.Ac[i]",
      "the recurrence forgets seams", CUT),
-    (PCG, "left = self.preconditioner.average(i, self.operator.b)", "left = self.operator.b[i]", "the residual forgets seams",
+    (CG, "left = self.preconditioner.average(i, self.operator.b)", "left = self.operator.b[i]", "the residual forgets seams",
      CUT),
     (POINTWISE, "P = self.average(i, self.operator.P)", "P = self.operator.P[i]", "each member's own block", CUT),
     (MULTI, "out += self.interpolated(self.jacobi.sewn.members[j]) / (hi - lo)", "out = self.interpolated(i)",

@@ -44,7 +44,7 @@ MUTATIONS = (
     ("taichi_cloth/step/prescribed.py", "if int(count) != self.changes:", "if False:",
      "changes by hand are forgotten on resume", BY_HAND),
     ("taichi_cloth/scene/scene.py", "        self.script.made += 1\n", "", "attachments share a key", BY_HAND),
-    ("taichi_cloth/simulation.py", "        with self.scene.running(self.prescribed.script):\n            change()",
+    ("taichi_cloth/simulation/simulation.py", "        with self.scene.running(self.prescribed.script):\n            change()",
      "        change()", "what is changed by hand changes the scene", BY_HAND),
     ("taichi_cloth/scene/scene.py", "if not self._running and len(self.followers):", "if False:",
      "a scene that runs says nothing", BY_HAND),
@@ -164,9 +164,9 @@ MUTATIONS = (
      'STATE = ("accurate", "robust", "touching", "mean")',
      "the largest step is forgotten on resume", REMEMBERS),
     # solver
-    ("taichi_cloth/solver/pcg.py", "            beta = rs / before\n", "            beta = 0 * rs\n",
+    ("taichi_cloth/solver/recurrences.py", "            beta = rs / before\n", "            beta = 0 * rs\n",
      "steepest descent", SOLVER),
-    ("taichi_cloth/solver/pcg.py",
+    ("taichi_cloth/solver/recurrences.py",
      "s = self.preconditioner.apply(i, r)\n            self.r[i], self.s[i] = r, s\n            rs += "
      "r.dot(s)\n        self.partial[block][1] = rs",
      "s = r\n            self.r[i], self.s[i] = r, s\n            rs += r.dot(s)\n"

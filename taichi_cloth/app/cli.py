@@ -148,7 +148,7 @@ def _options(args: argparse.Namespace, scene):
 
     from .. import checks
     from ..errors import SceneError, did_you_mean
-    from ..simulation import MOST_FRAMES
+    from ..simulation.simulation import MOST_FRAMES
     from .runner import RunOptions
 
     given = {"duration": DURATION, "fps": FPS, **scene.run}

@@ -1,6 +1,6 @@
 """Contact with solids and between layers of cloth: detection, and the response inside the solve. [BW98 §5, §6]
 
-- `geometry`: closest points of points, edges and triangles; `pair_geometry`: of many pairs; `bvh`: a tree of boxes.
+- `geometry`: closest points of points, edges and triangles; `pair_geometry`: of many pairs.
 - `contact_force`: what contacts add to the linear system besides held directions; `points`: what it is made of.
 - `contacts`: what a step sees of all this: what the next solve holds, whether it settled, forces, checkpoints; `step_start`:
   where an attempt begins.
@@ -8,9 +8,9 @@
   and triangles, and edges and corners of solids that meet edges and faces of cloth. `solid_contacts` says what holds
   (`active_set`), sticks and slides (`sliding`: friction); `pairs` presses edges and corners; `penetration` and `room`
   say what is too deep.
-- `cloth/`: cloth against cloth. `broad_phase`, `narrow_phase` and `contact_pairs` find what is near; `barrier` is the law
-  of repulsion, `pair_kernels` linearises it with friction, `linearized` is what a solve took; `untangle` parts what passes
-  through already; `springs` are the paper's, for comparison.
+- `cloth/`: cloth against cloth. `collision_mesh` is what can collide; `broad_phase`, `narrow_phase` and
+  `contact_pairs` find what is near; `barrier` is the law of repulsion, `pair_kernels` linearises it with friction,
+  `linearized` is what a solve took; `untangle` parts what passes through already; `springs` are the paper's, for comparison.
 
 A scene without solids and cloth that meets cloth imports none of it.
 """

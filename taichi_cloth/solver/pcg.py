@@ -17,9 +17,9 @@ from ..backend.fields import Fields
 from ..backend.phases import END, TASK, PhaseScheduler
 from ..backend.runtime import Runtime
 from ..system.operator import Operator
+from .recurrences import BAD, BROKEN, DONE, GO_ON, Recurrences
 
 CONVERGED, MAX_ITERATIONS, BREAKDOWN, NOT_FINITE = "CONVERGED", "MAX_ITERATIONS", "BREAKDOWN", "NOT_FINITE"
-GO_ON, DONE, BROKEN, BAD = range(4)
 BEGIN, ITERATE, CHECK = range(3)  # stages of a phase scheduler's solve
 COPY, MULTIPLY, RESTART, UPDATE, TAKE, GIVE, CORRECT = range(1, 8)  # kinds of its phases
 STAGE, STATE, DID, ROUND = range(4)  # what it counts
@@ -27,7 +27,6 @@ FIRST, LAST = range(2)  # residual norms that it keeps
 RESTARTS = 5
 FUTILE = 0.75  # of a residual that a restart must get below to be followed by another
 ROUNDING = 8.0  # roundings of A dv that a residual may have and no iteration takes away
-UNROLLED = 32
 SLACK = 2.0  # a fresh residual within this factor of the tolerance counts as converged
 
 
@@ -49,7 +48,7 @@ class Solution:
 
 
 @ti.data_oriented
-class PCG:
+class PCG(Recurrences):
     """Solves A dv = b with dv = z in the constrained directions.
 
     Args:
@@ -61,19 +60,11 @@ class PCG:
 
     def __init__(self, fields: Fields, operator: Operator, preconditioner, runtime: Runtime,
                  max_iterations: int, balanced: bool) -> None:
-        n = operator.model.n
-        self.operator, self.preconditioner, self.blocks = operator, preconditioner, operator.blocks
+        super().__init__(fields, operator, preconditioner, runtime, max_iterations)
         self.max_iterations, self.epsilon = max_iterations, runtime.epsilon
-        self.sum_type = ti.f32 if runtime.sums == "f32" else ti.f64
-        self.dv, self.r, self.s = fields.real(n, 3), fields.real(n, 3), fields.real(n, 3)  # s = P^-1 r
-        self.c, self.Ac, self.As = fields.real(n, 3), fields.real(n, 3), fields.real(n, 3)
-        self.partial = fields.real(self.blocks.count, 4, dtype=self.sum_type)
-        # r.s now, r.s before, alpha before, |dv|_P^2, |dv|^2
-        self.scalar = fields.real(5, dtype=self.sum_type)
         self.together = runtime.arch == "cpu"  # a phase scheduler, or a launch for each iteration
         self.phases = PhaseScheduler(fields, self.blocks.count if self.together else 1)
         self.count, self.norm = fields.integer(4), fields.real(2, dtype=self.sum_type)
-        self.history = fields.real(max_iterations + 1, dtype=self.sum_type)
         self.last, self.balanced = 0, balanced
         self.reference = 0.0  # residual norm that the last solve's tolerance was relative to
         self.rms = 0.0  # of the last solve's dv over the particles [m/s]
@@ -178,30 +169,6 @@ class PCG:
             for i in range(self.operator.model.rows()):
                 self.dv[i] = self.dv[i] + ti.cast(r / m, float)
                 self.As[i] = self.As[i] + self.operator.model.m[i] * ti.cast(r / m, float)
-
-    @ti.func
-    def restart(self, block):
-        """r = b - As, the particles' own part of s, and the block's parts of r.s and |dv|_P^2"""
-        rs, size, square = ti.cast(0, self.sum_type), ti.cast(0, self.sum_type), ti.cast(0, self.sum_type)
-        for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
-            left = self.preconditioner.average(i, self.operator.b) - self.preconditioner.average(i, self.As)
-            r = self.preconditioner.filter(i, left)
-            s = self.preconditioner.apply(i, r)
-            self.r[i], self.s[i] = r, s
-            self.c[i], self.Ac[i] = ti.Vector.zero(float, 3), ti.Vector.zero(float, 3)
-            rs += r.dot(s)
-            size += self.preconditioner.norm_sqr(i, self.dv[i])
-            square += self.dv[i].norm_sqr()
-        self.partial[block] = ti.Vector([0 * rs, rs, size, square])
-
-    @ti.func
-    def begin(self):
-        """Sums as the first iteration takes them."""
-        self.scalar[0] = self.total(1)
-        self.scalar[3] = self.total(2)
-        self.scalar[4] = self.total(3)
-        self.scalar[1] = 0
-        self.scalar[2] = 1
 
     @ti.kernel
     def _step(self, target: float, iteration: int) -> int:
@@ -311,93 +278,9 @@ class PCG:
             self.norm[FIRST], self.norm[LAST] = first, norm
         return following
 
-    @ti.func
-    def multiply(self, block):
-        """As = A s and the block's part of s.As"""
-        self.operator.product(block, self.s, self.As)
-        sAs = ti.cast(0, self.sum_type)
-        for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
-            sAs += self.s[i].dot(self.As[i])
-        self.partial[block][0] = sAs
 
-    @ti.func
-    def update(self, block):
-        """c, A c, dv, r, the particles' own part of s, and the block's part of r.s"""
-        alpha, beta, cAc = self.coefficients()
-        a, b = ti.cast(alpha, float), ti.cast(beta, float)
-        rs = ti.cast(0, self.sum_type)
-        for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
-            c, Ac = self.s[i] + b * self.c[i], self.preconditioner.average(i, self.As) + b * self.Ac[i]
-            self.c[i], self.Ac[i] = c, Ac
-            self.dv[i] = self.dv[i] + a * c  # an += would be atomic
-            r = self.preconditioner.filter(i, self.r[i] - a * Ac)
-            s = self.preconditioner.apply(i, r)
-            self.r[i], self.s[i] = r, s
-            rs += r.dot(s)
-        self.partial[block][1] = rs
 
-    @ti.func
-    def conclude(self, target, iteration):
-        """Keeps the sums for the next iteration; how this one went."""
-        alpha, beta, cAc = self.coefficients()
-        rs = self.total(1)
-        self.scalar[1] = self.scalar[0]
-        self.scalar[2] = alpha
-        self.scalar[0] = rs
-        self.history[iteration] = rs
-        state = GO_ON
-        if rs <= target:
-            state = DONE
-        if cAc <= 0 or rs < 0:
-            state = BROKEN
-        if not (rs * 0 == 0 and cAc * 0 == 0):
-            state = BAD
-        return state
 
-    @ti.func
-    def precondition(self, column: ti.template()):
-        """Adds what needs all of r to s; r.s into a column of the partial sums."""
-        self.preconditioner.sweep(self.r)
-        for t in range(self.blocks.count * self.blocks.grain):
-            if t % self.blocks.grain == 0:
-                self.correct(t // self.blocks.grain, column)
 
-    @ti.func
-    def correct(self, block, column: ti.template()):
-        """The same on the rows of a block, after the preconditioner's sweep."""
-        rs = ti.cast(0, self.sum_type)
-        for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
-            s = self.s[i] + self.preconditioner.filter(i, self.preconditioner.correction(i))
-            self.s[i] = s
-            rs += self.r[i].dot(s)
-        self.partial[block][column] = rs
 
-    @ti.func
-    def total(self, column: ti.template()):
-        """Sum of a column of the blocks' partial sums, always in the same order.
 
-        Unrolled where blocks are few: at the top of a kernel a loop would be a parallel task of its own.
-        """
-        out = ti.cast(0, self.sum_type)
-        if ti.static(self.blocks.count <= UNROLLED):
-            for block in ti.static(range(self.blocks.count)):
-                out += self.partial[block][column]
-        else:
-            for _ in range(1):
-                for block in range(self.blocks.count):
-                    out += self.partial[block][column]
-        return out
-
-    @ti.func
-    def coefficients(self):
-        """alpha, beta and c^T A c of this iteration, from the sums of the blocks."""
-        sAs = self.total(0)
-        rs, before, alpha_before = self.scalar[0], self.scalar[1], self.scalar[2]
-        beta = ti.cast(0, self.sum_type)
-        if before > 0:
-            beta = rs / before
-        cAc = sAs - beta * rs / alpha_before
-        alpha = ti.cast(0, self.sum_type)
-        if cAc > 0:
-            alpha = rs / cAc
-        return alpha, beta, cAc

@@ -82,11 +82,11 @@ def test_all_near_pairs_are_found_once(rng):
     near = {tuple(row) for row in d.look().pair.tolist()}
     x, expected = d.model.read_particles()[0], set()
     for v in range(len(x)):
-        for f, face in enumerate(d.faces):
+        for f, face in enumerate(d.mesh.faces):
             if v not in face and boxes_meet(x[[v]], x[face]) and triangle_distance(x[v], *x[face]) < THICKNESS * (1 - 1e-9):
                 expected.add((v, f, VERTEX_FACE))
-    for i, (a, b) in enumerate(d.edges):
-        for j, (p, q) in enumerate(d.edges):
+    for i, (a, b) in enumerate(d.mesh.edges):
+        for j, (p, q) in enumerate(d.mesh.edges):
             apart = j <= i or len({a, b, p, q}) < 4 or not boxes_meet(x[[a, b]], x[[p, q]])
             if not apart and segment_distance(x[a], x[b], x[p], x[q]) < THICKNESS * (1 - 1e-6):
                 expected.add((i, j, 1))
@@ -95,7 +95,7 @@ def test_all_near_pairs_are_found_once(rng):
     assert near <= expected and len([row for row in near if row[2] != VERTEX_FACE]) > 50
     for i, j, kind in expected - near:  # edges that are nearest at an end of one: there a vertex is as near
         assert kind != VERTEX_FACE
-        (a, b), (p, q) = x[d.edges[i]], x[d.edges[j]]
+        (a, b), (p, q) = x[d.mesh.edges[i]], x[d.mesh.edges[j]]
         ends = [triangle_distance(e, g, h, g) for e, g, h in ((a, p, q), (b, p, q), (p, a, b), (q, a, b))]
         assert min(ends) < segment_distance(a, b, p, q) * (1 + 1e-6)
 
@@ -147,7 +147,7 @@ def test_the_free_way_is_free_and_not_too_short(rng, precision):
     scene = soup(rng, 80, 2.5)
     d = detector(scene, precision)
     x_0 = d.model.read_particles()[0]
-    crossed_before = len(self_crossings(x_0, d.faces)[0])
+    crossed_before = len(self_crossings(x_0, d.mesh.faces)[0])
     taken = 0
     for _ in range(20):
         way = 0.05 * rng.normal(size=x_0.shape)
@@ -159,8 +159,8 @@ def test_the_free_way_is_free_and_not_too_short(rng, precision):
         part, blocking = d.collision_free_step()
         assert 0 < part <= 1 and (len(blocking) > 0) == (part < 1)
         end = x_0 + part * way
-        edges, rows = self_crossings(end, d.faces)
-        before = {tuple(sorted(e)) + (int(r),) for e, r in zip(*self_crossings(x_0, d.faces))}
+        edges, rows = self_crossings(end, d.mesh.faces)
+        before = {tuple(sorted(e)) + (int(r),) for e, r in zip(*self_crossings(x_0, d.mesh.faces))}
         after = {tuple(sorted(e)) + (int(r),) for e, r in zip(edges, rows)}
         assert after == before  # neither through anything, nor out of it
         near = {}

@@ -48,7 +48,7 @@ class Truth:
     """All pairs of a scene's cloths, and what each should keep."""
 
     def __init__(self, scene: tc.Scene, d: LayerDetector) -> None:
-        self.row, self.kind, self.four = ref.all_pairs(d.edges, d.faces)
+        self.row, self.kind, self.four = ref.all_pairs(d.mesh.edges, d.mesh.faces)
         user = d.model.user
         owner = np.repeat([0, 1], [c.mesh.vertex_count for c in scene.cloths])[user]
         rest = np.concatenate([c.mesh.x for c in scene.cloths])[user]

@@ -8,14 +8,14 @@ are looked for again, and only theirs.
 import numpy as np
 import taichi as ti
 
+from ...backend.bvh import BVH, LEAF
 from ...backend.fields import Fields
-from ...scene.mesh import face_edges
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.state import ParticleState
-from ..bvh import BVH, LEAF, morton
 from ..geometry import EDGE_EDGE, VERTEX_FACE
 from ..pair_geometry import apart, between, closing, corners_of
+from .collision_mesh import CollisionMesh
 
 CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
 FACES_A_CHUNK = 8
@@ -29,7 +29,7 @@ class Candidates(Checkpointed):
     """Pairs of the cloths of a scene that have a `contact`.
 
     Attributes:
-        edges: (e, 2) particles; faces: (m, 3); both in an order of their own.
+        mesh: the faces and edges that pairs are made of.
         start: (n, 3) where the path that is looked at begins; it ends where the model is.
         left, walked: (n, 3) where the paths began and ended that pairs were looked for on.
         candidates: (k, 3) pairs that may be near, see `ContactPairs.pair`; distances: (k,) of them at `walked` [m].
@@ -40,39 +40,13 @@ class Candidates(Checkpointed):
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, cpu: bool) -> None:
         self.model, self.exchange = model, fields.exchange
-        meeting = [k for k, c in enumerate(scene.cloths) if c.contact is not None]
-        faces = np.concatenate([model.particle[scene.cloths[k].mesh.faces + scene.cloths[k].start] for k in meeting])
-        cloth = np.repeat(meeting, [scene.cloths[k].mesh.face_count for k in meeting])
-        given = np.concatenate([c.mesh.x for c in scene.cloths])[model.user]
-        order = morton(given[faces].mean(axis=1))
-        order = order[np.argsort(cloth[order], kind="stable")]  # each cloth by itself
-        self.faces, cloth = faces[order], cloth[order]
-        m = len(self.faces)
-        ends = np.sort(face_edges(self.faces), axis=1)
-        code, first = np.unique(ends @ np.array([model.n, 1]), return_index=True)
-        # each edge and each vertex is spoken for by one face; edges are in the order of theirs
-        code, self.first_edge = _owned(fields, code, first % m, m)
-        self.edges = np.stack([code // model.n, code % model.n], axis=1)
-        vertices, first = np.unique(self.faces.T.ravel(), return_index=True)
-        vertices, self.first_vertex = _owned(fields, vertices, first % m, m)
-        self.own_vertex = fields.integer(len(vertices), data=vertices)
+        self.mesh = CollisionMesh(fields, model, scene)
+        m = len(self.mesh.faces)
         self.boxes = BVH(fields, m)
-        self.size = fields.integer(2, data=np.array([m, len(self.edges)]))  # as kernels read them
-        self.face = fields.integer(m, 3, self.faces)
-        self.face_hull, self.edge_hull = fields.real(m, 12), fields.real(len(self.edges), 12)
+        self.face_hull, self.edge_hull = fields.real(m, 12), fields.real(len(self.mesh.edges), 12)
         self.changed = fields.integer(2 * self.boxes.first_leaf)  # whether a box has faces with displaced particles
         self.face_low, self.face_high = fields.real(m, 3), fields.real(m, 3)  # swept box, with what belongs to it round it
-        self.cloth = fields.integer(m, data=cloth)
-        self.edge = fields.integer(len(self.edges), 2, self.edges)
-        self.cloths = len(scene.cloths)
-        self._may = _meeting(scene)
-        self.meets = fields.integer(self.cloths**2, data=self._may)
-        half = np.concatenate([np.full(c.mesh.vertex_count, c.contact.thickness / 2 if c.contact else 0.0)
-                               for c in scene.cloths])[model.user]
-        self.host_half, self._cloth_of = half, cloth
-        self.half = fields.real(model.n, data=half)  # of the thickness [m]
-        self.host_knot = np.arange(model.n) if model.sewn is None else model.sewn.knot
-        self.knot = fields.integer(model.n, data=self.host_knot)  # the same for what is sewn together
+        half = self.mesh.half_thickness
         skin = SKIN * float(half[half > 0].min())
         self.skin = fields.real(1, data=np.array([skin]))  # [m] that a path may lead from where the tree was walked for
         self.start, self.left, self.walked = (fields.real(model.n, 3) for _ in range(3))
@@ -86,10 +60,6 @@ class Candidates(Checkpointed):
         self.grain = 512 if cpu else 1
         self.rows: np.ndarray = np.zeros((self.chunks, -(-4 * m // self.chunks), 3), dtype=np.int32)
         self._found: np.ndarray = np.zeros(self.chunks, dtype=np.int32)
-
-    def may_meet(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """(k,) whether faces a and b (k,) are of cloths that meet."""
-        return self._may[self._cloth_of[a] * self.cloths + self._cloth_of[b]] == 1
 
     def cover(self) -> None:
         """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model."""
@@ -141,38 +111,26 @@ class Candidates(Checkpointed):
     def _stays(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):
         """Which candidates have no displaced particle."""
         for k in range(rows.shape[0]):
-            out[k] = 1 - self.stirs(self.corners(rows[k, 0], rows[k, 1], rows[k, 2]))
+            out[k] = 1 - self.stirs(self.mesh.corners(rows[k, 0], rows[k, 1], rows[k, 2]))
 
     @ti.kernel
     def _distances(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):
         """Of candidates where they were walked for; -1 of those that come near nowhere on paths that keep to it."""
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
-            v = self.corners(rows[k, 0], rows[k, 1], kind)
+            v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
             p, q, r, s = self.walked[v[0]], self.walked[v[1]], self.walked[v[2]], self.walked[v[3]]
             difference, w = between(kind, p, q, r, s)
             d = difference.norm()
             moves = closing(kind, p - self.left[v[0]], q - self.left[v[1]], r - self.left[v[2]], s - self.left[v[3]])
             out[k] = -1.0
-            if d < (1 + ROUNDING) * (self.half[v[0]] + self.half[v[3]] + 2 * self.skin[0] + moves):
+            if d < (1 + ROUNDING) * (self.mesh.thickness(v) + 2 * self.skin[0] + moves):
                 out[k] = d
 
     @ti.func
     def stirs(self, v):
         """1 if one of four particles is displaced beyond the skin."""
         return ti.min(self.moved[v[0]] + self.moved[v[1]] + self.moved[v[2]] + self.moved[v[3]], 1)
-
-    @ti.func
-    def corners(self, i, j, kind):
-        """The four particles of a candidate."""
-        v = ti.Vector([i, 0, 0, 0])
-        if kind == VERTEX_FACE:
-            f = self.face[j]
-            v = ti.Vector([i, f[0], f[1], f[2]])
-        else:
-            e, g = self.edge[i], self.edge[j]
-            v = ti.Vector([e[0], e[1], g[0], g[1]])
-        return v
 
     @ti.kernel
     def _refit(self, everything: int):
@@ -182,20 +140,20 @@ class Candidates(Checkpointed):
                 self.left[i], self.walked[i] = self.start[i], self.model.x[i]
             else:
                 self.left[i] = self.walked[i]
-        for f in range(self.size[0]):
-            v = self.face[f]
+        for f in range(self.mesh.size[0]):
+            v = self.mesh.face[f]
             self.face_hull[f] = self.hull(v[0], v[1], v[2])
-        for e in range(self.size[1]):
-            v = self.edge[e]
+        for e in range(self.mesh.size[1]):
+            v = self.mesh.edge[e]
             self.edge_hull[e] = self.hull(v[0], v[1], v[1])
         for leaf in range(self.boxes.first_leaf):
             low, high, changed = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30]), 0
-            for f in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.size[0])):
+            for f in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.mesh.size[0])):
                 low_f, high_f, low_1, high_1 = corners_of(self.face_hull[f])
-                margin = self.half[self.face[f][0]] + self.skin[0]
+                margin = self.mesh.half[self.mesh.face[f][0]] + self.skin[0]
                 self.face_low[f], self.face_high[f] = ti.min(low_f, low_1) - margin, ti.max(high_f, high_1) + margin
                 low, high = ti.min(low, self.face_low[f]), ti.max(high, self.face_high[f])
-                v = self.face[f]
+                v = self.mesh.face[f]
                 changed = ti.max(changed, self.moved[v[0]], self.moved[v[1]], self.moved[v[2]])
             self.changed[self.boxes.first_leaf + leaf] = changed
             self.boxes.low[self.boxes.first_leaf + leaf] = low
@@ -210,7 +168,7 @@ class Candidates(Checkpointed):
     def _walk(self, rows: ti.types.ndarray(), found: ti.types.ndarray()):
         for t in range(self.chunks * self.grain):
             if t % self.grain == 0:
-                chunk, leaves = t // self.grain, (self.size[0] + LEAF - 1) // LEAF
+                chunk, leaves = t // self.grain, (self.mesh.size[0] + LEAF - 1) // LEAF
                 count = 0
                 for leaf in range(chunk * leaves // self.chunks, (chunk + 1) * leaves // self.chunks):
                     node = self.boxes.first_leaf + leaf  # leaves before it have met this one already
@@ -230,9 +188,9 @@ class Candidates(Checkpointed):
     def of_leaves(self, leaf, node, chunk, count, rows: ti.template()):
         """The faces of a leaf against those of another, or its own; returns how many candidates the chunk now has."""
         first = (node - self.boxes.first_leaf) * LEAF
-        for f in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.size[0])):
+        for f in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.mesh.size[0])):
             if self.boxes.meets(node, self.face_low[f], self.face_high[f]):
-                for g in range(ti.max(first, f + 1), ti.min(first + LEAF, self.size[0])):
+                for g in range(ti.max(first, f + 1), ti.min(first + LEAF, self.mesh.size[0])):
                     if apart(self.face_hull[f], self.face_hull[g], self.reach_of(f, g)) == 0:
                         count = self.against(f, g, chunk, count, rows)
         return count
@@ -240,23 +198,23 @@ class Candidates(Checkpointed):
     @ti.func
     def against(self, f, g, chunk, count, rows: ti.template()):
         """Writes down the pairs of two faces that may come near; returns how many the chunk now has."""
-        if self.meets[self.cloth[f] * self.cloths + self.cloth[g]] == 1:
+        if self.mesh.can_meet(f, g):
             reach = self.reach_of(f, g)
             for way in range(2):
                 a, b = f, g
                 if way == 1:
                     a, b = g, f
-                for k in range(self.first_vertex[a], self.first_vertex[a + 1]):
-                    v, c = self.own_vertex[k], self.face[b]
-                    u, c_0, c_1, c_2 = self.knot[v], self.knot[c[0]], self.knot[c[1]], self.knot[c[2]]
+                for k in range(self.mesh.first_vertex[a], self.mesh.first_vertex[a + 1]):
+                    v, c = self.mesh.own_vertex[k], self.mesh.face[b]
+                    u, c_0, c_1, c_2 = self.mesh.knot[v], self.mesh.knot[c[0]], self.mesh.knot[c[1]], self.mesh.knot[c[2]]
                     if u != c_0 and u != c_1 and u != c_2 and self.stirs(ti.Vector([v, c[0], c[1], c[2]])):
                         if apart(self.hull(v, v, v), self.face_hull[b], reach) == 0:
                             self.put(v, b, VERTEX_FACE, chunk, count, rows)
                             count += 1
-            for p in range(self.first_edge[f], self.first_edge[f + 1]):
-                for q in range(self.first_edge[g], self.first_edge[g + 1]):
-                    c, d = self.edge[p], self.edge[q]
-                    c_0, c_1, d_0, d_1 = self.knot[c[0]], self.knot[c[1]], self.knot[d[0]], self.knot[d[1]]
+            for p in range(self.mesh.first_edge[f], self.mesh.first_edge[f + 1]):
+                for q in range(self.mesh.first_edge[g], self.mesh.first_edge[g + 1]):
+                    c, d = self.mesh.edge[p], self.mesh.edge[q]
+                    c_0, c_1, d_0, d_1 = self.mesh.knot[c[0]], self.mesh.knot[c[1]], self.mesh.knot[d[0]], self.mesh.knot[d[1]]
                     if c_0 != d_0 and c_0 != d_1 and c_1 != d_0 and c_1 != d_1 and self.stirs(
                             ti.Vector([c[0], c[1], d[0], d[1]])):
                         if apart(self.edge_hull[p], self.edge_hull[q], reach) == 0:
@@ -267,7 +225,7 @@ class Candidates(Checkpointed):
     @ti.func
     def reach_of(self, f, g):
         """Within which pairs of two faces are candidates [m]."""
-        return self.half[self.face[f][0]] + self.half[self.face[g][0]] + 2 * self.skin[0]
+        return self.mesh.half[self.mesh.face[f][0]] + self.mesh.half[self.mesh.face[g][0]] + 2 * self.skin[0]
 
     @ti.func
     def hull(self, p, q, r):
@@ -285,21 +243,3 @@ class Candidates(Checkpointed):
             rows[chunk, count, 0] = i
             rows[chunk, count, 1] = j
             rows[chunk, count, 2] = kind
-
-
-def _owned(fields: Fields, things: np.ndarray, owner: np.ndarray, count: int) -> tuple:
-    """Things sorted by owner, and a field of where each owner's begin."""
-    order = np.argsort(owner, kind="stable")
-    first = np.searchsorted(owner[order], np.arange(count + 1))
-    return things[order], fields.integer(count + 1, data=first)
-
-
-def _meeting(scene: Scene) -> np.ndarray:
-    """(cloths^2,) 1 where two cloths meet, or one meets itself."""
-    k = len(scene.cloths)
-    out = np.zeros((k, k), dtype=np.int64)
-    for i, a in enumerate(scene.cloths):
-        for j, b in enumerate(scene.cloths):
-            itself = a.contact is not None and a.contact.itself
-            out[i, j] = int(itself if a is b else not scene.passes(a, b))
-    return out.ravel()

@@ -65,7 +65,7 @@ class Layers(Checkpointed):
         self.model, self.start = model, StepStart(h, h, nowhere, nowhere)
         self.detector = LayerDetector(fields, model, scene, cpu, self.floor)
         d = self.detector
-        self.intersections = Intersections(model.n, d.faces, d.host_half, d.may_meet, tangles)
+        self.intersections = Intersections(model.n, d.mesh.faces, d.mesh.half_thickness, d.mesh.may_meet, tangles)
         mu = np.concatenate([np.full(c.mesh.vertex_count, c.contact.friction if c.contact else 0.0)
                              for c in scene.cloths])
         self.kernels = self.kind(fields, model, np.sqrt(mu)[model.user], h)
@@ -232,11 +232,11 @@ class Layers(Checkpointed):
         Only what hardly moves within the step: what comes fast is not pinched, a smaller step stops it. With `every`, all.
         """
         d = self.detector
-        four = np.array([[i, *d.faces[j]] if kind == VERTEX_FACE else [*d.edges[i], *d.edges[j]]
+        four = np.array([[i, *d.mesh.faces[j]] if kind == VERTEX_FACE else [*d.mesh.edges[i], *d.mesh.edges[j]]
                          for i, j, kind in self.blocking.tolist()], dtype=np.int64).reshape(-1, 4)
         v = self.model.read_saved()[1][four]
         moves = self.start.h * np.linalg.norm(v - v.mean(axis=1, keepdims=True), axis=2).max(axis=1, initial=0.0)
-        four = four[every | (moves < PINCHING * d.host_half[four[:, 0]])]
+        four = four[every | (moves < PINCHING * d.mesh.half_thickness[four[:, 0]])]
         self.intersections.release(four.ravel())
         d.let_rest(self.intersections.resting)
         return len(four) > 0

@@ -37,9 +37,6 @@ class LayerDetector(Candidates):
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, cpu: bool, floor: float) -> None:
         super().__init__(fields, model, scene, cpu)
         self.floor = floor
-        owner = np.concatenate([np.full(c.mesh.vertex_count, k) for k, c in enumerate(scene.cloths)])[model.user]
-        self.owner = fields.integer(model.n, data=owner)
-        self.rest = fields.real(model.n, 3, np.concatenate([c.mesh.x for c in scene.cloths])[model.user])
         self.tangled = fields.integer(model.n, data=np.zeros(model.n))  # particles whose pairs rest
         self.resting = False
 
@@ -114,15 +111,6 @@ class LayerDetector(Candidates):
         return out
 
     @ti.func
-    def radius(self, kind, v):
-        """The distance that a pair should keep."""
-        out = self.half[v[0]] + self.half[v[3]]
-        if self.owner[v[0]] == self.owner[v[3]]:  # what is near in the cloth's own shape may stay so
-            rest, w = between(kind, self.rest[v[0]], self.rest[v[1]], self.rest[v[2]], self.rest[v[3]])
-            out = ti.min(out, 0.5 * rest.norm())
-        return out
-
-    @ti.func
     def rests(self, v):
         """Whether a pair is left alone, as its cloth is tangled there."""
         return (self.tangled[v[0]] + self.tangled[v[1]] > 0) and (self.tangled[v[2]] + self.tangled[v[3]] > 0)
@@ -131,9 +119,9 @@ class LayerDetector(Candidates):
     def _free(self, rows: ti.types.ndarray(), distances: ti.types.ndarray(), part: ti.types.ndarray()):
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
-            v = self.corners(rows[k, 0], rows[k, 1], kind)
+            v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
             part[k] = 1.0
-            floor, slack = self.floor * (self.half[v[0]] + self.half[v[3]]), self.slack(kind, v, 1)
+            floor, slack = self.floor * self.mesh.thickness(v), self.slack(kind, v, 1)
             if (1 - KEEP) * (distances[k] - floor) > (1 + KEEP) * (1 + ROUNDING) * slack + ROUNDING * floor:
                 continue  # it began no further away than by its slack, and ends no nearer
             p, q, r, s, dp, dq, dr, ds = self.path(v, 1)
@@ -142,7 +130,7 @@ class LayerDetector(Candidates):
                 difference, w = between(kind, p, q, r, s)
                 d = difference.norm()
                 if d > 0 and (1 - KEEP) * (d - floor) < speed:
-                    floor = self.floor * self.radius(kind, v)
+                    floor = self.floor * self.mesh.radius(kind, v)
                     if d <= PINCHED * floor:
                         floor = 0.0
                     keep = KEEP * (d - floor)
@@ -162,9 +150,9 @@ class LayerDetector(Candidates):
         """Which candidates may be in reach at all."""
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
-            v = self.corners(rows[k, 0], rows[k, 1], kind)
+            v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
             flag[k] = 0
-            reach = self.half[v[0]] + self.half[v[3]] + 1e-12
+            reach = self.mesh.thickness(v) + 1e-12
             if distances[k] - self.slack(kind, v, swept) > (1 + ROUNDING) * reach:
                 continue
             p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
@@ -177,14 +165,14 @@ class LayerDetector(Candidates):
     def _look(self, rows: ti.types.ndarray(), swept: int, out: ti.types.ndarray(), vertices: ti.types.ndarray()):
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
-            v = self.corners(rows[k, 0], rows[k, 1], kind)
+            v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
             p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
-            radius = self.half[v[0]] + self.half[v[3]]
+            radius = self.mesh.thickness(v)
             speed = closing(kind, dp, dq, dr, ds)
             first, w_0 = between(kind, p, q, r, s)
             d_0 = first.norm()
             if d_0 - radius < speed + 1e-12:
-                radius = self.radius(kind, v)
+                radius = self.mesh.radius(kind, v)
                 d, difference, w, done = d_0, first, w_0, 0.0
                 n = difference / ti.max(d, 1e-20)
                 if swept == 1:

@@ -7,8 +7,8 @@ still slip past it. A step that leaves a new crossing behind is not accepted whi
 import numpy as np
 import taichi as ti
 
+from ...backend.bvh import LEAF
 from ...system.state import ParticleState
-from ..bvh import LEAF
 from ..geometry import of_segments, on_triangle
 from .mesh import PairDetector
 from .tree import TriangleTree

@@ -8,12 +8,12 @@ conservative advancement: strides of the distance left over the speed left, whic
 import numpy as np
 import taichi as ti
 
+from ...backend.bvh import LEAF
 from ...backend.fields import Fields
 from ...backend.rows import read
 from ...scene.mesh import face_edges
 from ...scene.scene import Scene
 from ...system.state import ParticleState
-from ..bvh import LEAF
 from ..geometry import EDGE_EDGE, VERTEX_FACE, of_pair, on_triangle
 from .pairs import PAIR, Pairs
 from .tree import TriangleTree

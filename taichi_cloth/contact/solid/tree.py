@@ -6,12 +6,12 @@ Its boxes hold the triangles at the start and at the end of a step, and so on al
 import numpy as np
 import taichi as ti
 
+from ...backend.bvh import BVH, LEAF, morton
 from ...backend.fields import Fields
 from ...scene.mesh import face_edges
 from ...scene.primitives import Cylinder
 from ...scene.scene import Scene
 from ...scene.solids import MESH, SolidMesh
-from ..bvh import BVH, LEAF, morton
 
 FLAT, RIM = 0.01, 0.5  # angles [rad] that an edge must have to be one, on any solid and on a smooth cylinder
 

@@ -6,20 +6,25 @@ Items are in an order that keeps neighbours together, LEAF of them a leaf. Boxes
 import numpy as np
 import taichi as ti
 
-from ..backend.fields import Fields
+from .fields import Fields
 
 LEAF = 4
 
 
 @ti.data_oriented
 class BVH:
-    """Boxes over `count` items; who owns the items writes the boxes of leaves, and `merge` makes the others."""
+    """Boxes over `count` items; who owns the items writes the boxes of leaves, and `merge` makes the others.
 
-    def __init__(self, fields: Fields, count: int) -> None:
+    Attributes:
+        low, high: (2 first_leaf, 3) corners of the nodes' boxes, of type `dtype`; (1e30, -1e30) where there is no item.
+        size: (1,) items.
+    """
+
+    def __init__(self, fields: Fields, count: int, dtype=float) -> None:
         leaves = -(-fields.room(count) // LEAF)  # those beyond the items have boxes that meet nothing
         self.size = fields.integer(1, data=np.array([count]))  # items, as kernels read them
         self.first_leaf = 2 ** max(1, int(np.ceil(np.log2(max(leaves, 1)))))
-        self.low, self.high = fields.real(2 * self.first_leaf, 3), fields.real(2 * self.first_leaf, 3)
+        self.low, self.high = (fields.real(2 * self.first_leaf, 3, dtype=dtype) for _ in range(2))
 
     @ti.func
     def merge(self):

@@ -1,0 +1,107 @@
+"""The vertices, edges and faces of cloth that can collide: whose they are, how near they may come, which of them can meet."""
+
+import numpy as np
+import taichi as ti
+
+from ...backend.bvh import morton
+from ...backend.fields import Fields
+from ...scene.mesh import face_edges
+from ...scene.scene import Scene
+from ...system.state import ParticleState
+from ..geometry import VERTEX_FACE
+from ..pair_geometry import between
+
+
+@ti.data_oriented
+class CollisionMesh:
+    """Those of the cloths of a scene that have a `contact`.
+
+    Attributes:
+        faces: (m, 3) particles, in an order that keeps neighbours together; edges: (e, 2), in the order of their faces.
+        half_thickness: (n,) [m]; knots: (n,) the same number for particles that are sewn together.
+        face, edge, half, knot: the same as fields; cloth: (m,) of each face; size: m and e, as kernels read them.
+        own_vertex: vertices in the order of faces that speak for them: face f for those from first_vertex[f] to
+            first_vertex[f + 1], and for the edges from first_edge[f] to first_edge[f + 1].
+    """
+
+    def __init__(self, fields: Fields, model: ParticleState, scene: Scene) -> None:
+        meeting = [k for k, c in enumerate(scene.cloths) if c.contact is not None]
+        faces = np.concatenate([model.particle[scene.cloths[k].mesh.faces + scene.cloths[k].start] for k in meeting])
+        cloth = np.repeat(meeting, [scene.cloths[k].mesh.face_count for k in meeting])
+        given = np.concatenate([c.mesh.x for c in scene.cloths])[model.user]
+        order = morton(given[faces].mean(axis=1))
+        order = order[np.argsort(cloth[order], kind="stable")]  # each cloth by itself
+        self.faces, self._cloth_of = faces[order], cloth[order]
+        m = len(self.faces)
+        ends = np.sort(face_edges(self.faces), axis=1)
+        code, first = np.unique(ends @ np.array([model.n, 1]), return_index=True)
+        code, self.first_edge = _owned(fields, code, first % m, m)
+        self.edges = np.stack([code // model.n, code % model.n], axis=1)
+        vertices, first = np.unique(self.faces.T.ravel(), return_index=True)
+        vertices, self.first_vertex = _owned(fields, vertices, first % m, m)
+        self.own_vertex = fields.integer(len(vertices), data=vertices)
+        self.size = fields.integer(2, data=np.array([m, len(self.edges)]))
+        self.face, self.edge = fields.integer(m, 3, self.faces), fields.integer(len(self.edges), 2, self.edges)
+        self.cloth, self.cloths = fields.integer(m, data=self._cloth_of), len(scene.cloths)
+        self._may = _meeting(scene)
+        self.meets = fields.integer(self.cloths**2, data=self._may)
+        self.half_thickness = np.concatenate([np.full(c.mesh.vertex_count, c.contact.thickness / 2 if c.contact else 0.0)
+                                              for c in scene.cloths])[model.user]
+        self.half = fields.real(model.n, data=self.half_thickness)
+        self.knots = np.arange(model.n) if model.sewn is None else model.sewn.knot
+        self.knot = fields.integer(model.n, data=self.knots)
+        owner = np.concatenate([np.full(c.mesh.vertex_count, k) for k, c in enumerate(scene.cloths)])[model.user]
+        self.owner, self.rest = fields.integer(model.n, data=owner), fields.real(model.n, 3, given)
+
+    def may_meet(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """(k,) whether faces a and b (k,) are of cloths that meet."""
+        return self._may[self._cloth_of[a] * self.cloths + self._cloth_of[b]] == 1
+
+    @ti.func
+    def can_meet(self, f, g):
+        """Whether two faces are of cloths that meet."""
+        return self.meets[self.cloth[f] * self.cloths + self.cloth[g]] == 1
+
+    @ti.func
+    def corners(self, i, j, kind):
+        """The four particles of a vertex i and a face j, or of two edges."""
+        v = ti.Vector([i, 0, 0, 0])
+        if kind == VERTEX_FACE:
+            f = self.face[j]
+            v = ti.Vector([i, f[0], f[1], f[2]])
+        else:
+            e, g = self.edge[i], self.edge[j]
+            v = ti.Vector([e[0], e[1], g[0], g[1]])
+        return v
+
+    @ti.func
+    def thickness(self, v):
+        """Of the two layers of a pair with particles v [m]."""
+        return self.half[v[0]] + self.half[v[3]]
+
+    @ti.func
+    def radius(self, kind, v):
+        """The distance that a pair should keep [m]."""
+        out = self.thickness(v)
+        if self.owner[v[0]] == self.owner[v[3]]:  # what is near in the cloth's own shape may stay so
+            rest, w = between(kind, self.rest[v[0]], self.rest[v[1]], self.rest[v[2]], self.rest[v[3]])
+            out = ti.min(out, 0.5 * rest.norm())
+        return out
+
+
+def _owned(fields: Fields, things: np.ndarray, owner: np.ndarray, count: int) -> tuple:
+    """Things sorted by owner, and a field of where each owner's begin."""
+    order = np.argsort(owner, kind="stable")
+    first = np.searchsorted(owner[order], np.arange(count + 1))
+    return things[order], fields.integer(count + 1, data=first)
+
+
+def _meeting(scene: Scene) -> np.ndarray:
+    """(cloths^2,) 1 where two cloths meet, or one meets itself."""
+    k = len(scene.cloths)
+    out = np.zeros((k, k), dtype=np.int64)
+    for i, a in enumerate(scene.cloths):
+        for j, b in enumerate(scene.cloths):
+            itself = a.contact is not None and a.contact.itself
+            out[i, j] = int(itself if a is b else not scene.passes(a, b))
+    return out.ravel()

@@ -1,0 +1,147 @@
+"""The composition root: a scene becomes fields, forces, an integrator and a stepper."""
+
+from ..backend import taichi_patches  # noqa: F401  (before Taichi)
+
+# isort: split
+from dataclasses import replace
+from typing import Any, Self
+
+import numpy as np
+import taichi as ti
+
+from .. import checks
+from ..backend import runtime
+from ..backend.fields import Fields
+from ..errors import BackendError, SceneError
+from ..forces import build_forces
+from ..options import EXPLICIT, H_MIN_FACTOR, MACHINE, Options, usual
+from ..scene.scene import Scene
+from ..solver.pcg import Solution
+from ..step import integrators
+from ..step.choice import SAFETY, choose
+from ..step.prescribed import Prescribed
+from ..step.stepper import Control, Stepper, StepRecord
+from ..step.trouble import Locator
+from ..system.assembler import Assembler
+from ..system.operator import ForceField, Operator, Probe
+from ..system.quantities import collapsed, deformation
+from ..system.state import ParticleState
+
+H, H_EXPLICIT = 1 / 60, 0.1  # s, where none is given; explicit methods need it only to look at what they did
+
+
+@ti.data_oriented
+class Parts:
+    """What a simulation is made of, and its life: from a scene to fields, until they are given back.
+
+    Attributes: see `Simulation`.
+    """
+
+    def __init__(self, scene: Scene, h: float | None = None, *, options: Options | None = None, **named: Any) -> None:
+        if not isinstance(scene, Scene) or not scene.cloths:
+            raise SceneError("a simulation needs a Scene with at least one cloth")
+        asked = Options() if options is None else checks.instance("options", options, Options)
+        asked = Options.named({**vars(asked), **({} if h is None else {"h": h}), **named})
+        bound, h = asked.h is not None, asked.h or H
+        self.control = Control(h, asked.h_min or usual(h) / H_MIN_FACTOR, asked.adaptive, asked.stretch_limit)
+        if asked.preconditioner == "auto" and asked.K == "paper":  # an indefinite matrix has indefinite levels
+            asked = replace(asked, preconditioner="block_jacobi")
+        self.options = asked
+        self.scene, self.time, self._h = scene, 0.0, h
+        self.log: list[StepRecord] = []
+        self.runtime = runtime.start(*(getattr(asked, name) for name in MACHINE))
+        self._generation, self._open = runtime.generation(), True
+        self.integrator_name = asked.integrator
+        self._fields = Fields(self.runtime.exchange, self.runtime.debug)
+        try:
+            self._build(scene, h)
+        except BaseException:
+            self._fields.free()
+            raise
+        if self.integrator.system is None:
+            self.integrator.subcycles = asked.adaptive
+            if asked.adaptive and not bound and not self.integrator.gusty:
+                self.control = replace(self.control, h_max=H_EXPLICIT)
+        self.notes += [f"{c.name}: {note}" for c in scene.cloths for note in c.mesh.notes]
+        self._note_collapsed(self.model.start_positions)
+        if self.contacts is not None:
+            self.notes += self.contacts.inspect()
+        self.stepper = Stepper(self.model, self.integrator, self.meter, self.control,
+                               Locator(self.model, scene.cloths, scene.solids))
+        self.prescribed = Prescribed(self.model, scene.script.copy(), self.force_terms, self.contacts)
+        scene.followers.add(self)
+        self._extra: list[Fields] = []  # made when first asked for
+        self._force_field: ForceField | None = None
+        self._probe: Probe | None = None
+        self.solution: Solution | None = None
+
+    def _build(self, scene: Scene, h: float) -> None:
+        """Everything that lives in fields."""
+        fields = self._fields
+        self.model = ParticleState(fields, scene, self.runtime)
+        self.notes: list[str] = []
+        substep = self.options.substep
+        self.force_terms = build_forces(fields, self.model, scene, self.options.K, substep and substep / SAFETY)
+        self.notes += [note for force in self.force_terms for note in force.notes]
+        if self.integrator_name == "auto":
+            tolerance = self.options.tolerance
+            self.integrator_name, why = choose(self.force_terms, scene, h, tolerance, self.control.adaptive)
+            self.notes.append(f"integrator {self.integrator_name}: {why}")
+        self.contacts = _contacts(fields, self.model, scene, h, self.runtime.arch == "cpu", self.options)
+        operator, forces = None, list(self.force_terms)
+        if self.integrator_name not in EXPLICIT:
+            forces += [self.contacts.force] if self.contacts else []
+            operator = Operator(fields, self.model, forces)
+        self.meter = Assembler(self.model, forces, self.runtime, operator)
+        self.integrator = integrators.build(self.integrator_name, fields, self.model, self.force_terms, self.meter,
+                                            self.options, self.runtime, scene, self.contacts)
+        fields.allocate()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Gives the memory of the fields back; the simulation is over. `with Simulation(...) as sim:` does so at its end."""
+        if self._open and self._generation == runtime.generation():
+            for fields in (self._fields, *self._extra):
+                fields.free()
+        self._open = False
+        self.scene.followers.discard(self)
+
+    def _later(self, kind, *args):
+        """An object with fields of its own, for what most runs never ask for."""
+        fields = Fields(self.runtime.exchange, self.runtime.debug)
+        made = kind(fields, self.model, self.force_terms, *args)
+        fields.allocate()
+        self._extra.append(fields)
+        return made
+
+    def _live(self) -> Self:
+        if not self._open:
+            raise BackendError("this simulation was closed")
+        if self._generation != runtime.generation():
+            raise BackendError("this simulation ended when another was started with a different arch, precision or "
+                               "number of threads: use one of them at a time")
+        return self
+
+    def _note_collapsed(self, x: np.ndarray) -> None:
+        """Says which cloth at positions x (n, 3) [m] has triangles without a width."""
+        for cloth in self.scene.cloths:
+            mesh = cloth.mesh
+            count = collapsed(deformation(x[cloth.start:], mesh.faces, mesh.corner_uv))
+            note = (f"{cloth.name}: {count} of {mesh.face_count} triangles are collapsed to a line or a point: no force has "
+                    "a side to open them to, so they may stay so; give them some width")
+            if count and note not in self.notes:
+                self.notes.append(note)
+
+
+def _contacts(fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool, options: Options):
+    """The contacts of a scene with solids, or with cloth that meets cloth; nothing of them is imported without."""
+    if not scene.touches:
+        return None
+    from ..contact.contacts import Contacts
+
+    return Contacts(fields, model, scene, h, cpu, options.tangles, options.contact)

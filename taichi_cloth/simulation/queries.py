@@ -1,0 +1,164 @@
+"""What can be asked of a simulation between steps: its state, forces, energies, and the linear system at its state.
+
+Arrays are the user's: his vertex order, float64, SI units.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import taichi as ti
+from numpy.typing import ArrayLike
+
+from .. import checks
+from ..errors import SceneError, SimulationError
+from ..options import CG_TOL, LONGEST, SHORTEST
+from ..scene.intersections import count_crossings, count_self_crossings
+from ..solver.pcg import CONVERGED
+from ..step.attempt import SOLVER
+from ..step.stepper import ADVICE
+from ..system.constraints import Constraint, by_hand
+from ..system.held import Held
+from ..system.operator import ForceField, Probe
+from ..system.quantities import deformation, principal_stretches
+from .parts import Parts
+
+
+@ti.data_oriented
+class Queries(Parts):
+    """The questions; none of them changes how the simulation goes on."""
+
+    @property
+    def vertex_count(self) -> int:
+        """Number of vertices of all cloths."""
+        return self.scene.vertex_count
+
+    def positions(self) -> np.ndarray:
+        """(n, 3) [m]"""
+        return self._live().model.read()[0]
+
+    def velocities(self) -> np.ndarray:
+        """(n, 3) [m/s]"""
+        return self._live().model.read()[1]
+
+    def energy(self) -> dict[str, float]:
+        """J by term: stretch_u, stretch_v, shear, bend, gravity (those there are) and kinetic."""
+        self._live().model.save()
+        return self.meter.measure().energies
+
+    def forces(self) -> np.ndarray:
+        """(n, 3) [N] internal plus external, at the current state."""
+        self._live().prescribed.set_time(self.time)
+        if self._force_field is None:
+            self._force_field = self._later(ForceField)
+        self._force_field.compute()
+        return self.model.to_user(self._force_field.f.to_numpy())
+
+    def stretch(self) -> np.ndarray:
+        """(m, 2) principal stretches of every triangle, the larger first; 1 is the pattern's size."""
+        x = self.positions()
+        out = []
+        for cloth in self.scene.cloths:
+            out.append(principal_stretches(deformation(x[cloth.start:], cloth.mesh.faces, cloth.mesh.corner_uv)))
+        return np.concatenate(out)
+
+    # the linear system at the current state, for checks from outside
+
+    def product(self, p: ArrayLike, h: float) -> np.ndarray:
+        """(n, 3) (M - h D - h^2 K) p for p (n, 3)."""
+        p = checks.array("product: p", p, (self.vertex_count, 3), row="vertex")
+        system = self._linearized(h)
+        if self._probe is None:
+            self._probe = self._later(Probe, system.operator)
+        return self.model.to_user(self._probe.product(self.model.to_particles(p)))
+
+    def right_hand_side(self, h: float) -> np.ndarray:
+        """(n, 3) h (f_0 + h K v_0) [kg m/s]."""
+        return self.model.to_user(self._linearized(h).operator.b.to_numpy())
+
+    def solve(self, h: float, constraints: Sequence[Constraint] | None = None) -> np.ndarray:
+        """(n, 3) Delta v [m/s] of eq. (18) at the current state, without advancing.
+
+        Args:
+            h: step size [s].
+            constraints: the scene's own pins and motions where None.
+
+        Raises:
+            SimulationError: where the solve does not converge, with its status.
+        """
+        if constraints is None:
+            held = self.prescribed.at(self.time, h)
+            solution = self._linearized(h).solve(self._cg_tol, held, h)
+        else:
+            held, z = by_hand(constraints, self.model, self.runtime.exchange)
+            solution = self._linearized(h, held).solve(self._cg_tol, held, z=z)
+        self.solution = solution
+        if solution.status != CONVERGED:
+            raise SimulationError(f"the solve ended with {solution.status} after {solution.iterations} iterations at a "
+                                  f"relative residual of {solution.residual:.2g}: {ADVICE[SOLVER]}", SOLVER, self.time)
+        return self.model.to_user(self.integrator.system.solver.dv.to_numpy())
+
+    def constraint_forces(self) -> np.ndarray:
+        """(n, 3) [N] of the constraints in the last step or solve, (A dv - b)/h; 0 in free directions."""
+        system = self._system()
+        return self.model.to_user(system.reaction())
+
+    def seam_forces(self) -> np.ndarray:
+        """(n, 3) [N] that seams put on vertices in the last step or solve; they add up to 0 on what is sewn together."""
+        system = self._system()
+        if self.model.sewn is None:
+            return np.zeros((self.vertex_count, 3))
+        return self.model.to_user(system.tension() / system.span)
+
+    def seam_gaps(self) -> np.ndarray:
+        """(seams,) [m] how far apart what a seam sews together still is, at its widest, in the order of `Scene.seams`."""
+        x, seams = self.positions(), self.scene.seams
+        return np.array([np.linalg.norm(x[s.a + s.cloth.start] - x[s.b + s.cloth.start], axis=1).max() for s in seams])
+
+    def contact_forces(self) -> np.ndarray:
+        """(n, 3) [N] of solids on the cloth in the last step, friction included."""
+        self._live()
+        if self.contacts is None:
+            return np.zeros((self.vertex_count, 3))
+        return self.model.to_user(self.contacts.forces_on_particles())
+
+    def intersections(self) -> int:
+        """Pairs of an edge and a triangle of cloth that pass through each other now, counted exactly, among cloths that
+        are to meet (`contact`)."""
+        x = self.positions()
+        cloths = [c for c in self.scene.cloths if c.contact is not None]
+        total = 0
+        for k, a in enumerate(cloths):
+            if a.contact.itself:  # type: ignore[union-attr]
+                total += count_self_crossings(x, a.mesh.faces + a.start)
+            for b in cloths[:k]:
+                if not self.scene.passes(a, b):
+                    total += count_crossings(x, a.mesh.faces + a.start, x, b.mesh.faces + b.start)
+        return total
+
+    def solid_loads(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Force (3,) [N] of the cloth on each solid in the last step, and torque (3,) [N m] about its origin, by name."""
+        self._live()
+        return {} if self.contacts is None else self.contacts.loads()
+
+    def _linearized(self, h: float, held: Held | None = None):
+        """The system, linearized at the current state for a step h, with y of the held particles."""
+        h = checks.number("h", h, "s", least=SHORTEST, most=LONGEST)
+        system = self._system()
+        self.prescribed.set_time(self.time + h)
+        self.model.save()
+        system.operator.set_motion(h)
+        if held is not None:
+            system.operator.alter_motion(held.index, held.y)
+        system.linearize(h, moves=True)
+        self.integrator.reset()
+        return system
+
+    def _system(self):
+        self._live()
+        if self.integrator.system is None:
+            raise SceneError(f"integrator {self.integrator_name!r} solves no system: this needs an implicit one")
+        return self.integrator.system
+
+    @property
+    def _cg_tol(self) -> float:
+        return self.options.cg_tol or CG_TOL

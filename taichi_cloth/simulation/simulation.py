@@ -1,0 +1,208 @@
+"""A running scene: steps, frames, what is changed between them, and checkpoints."""
+
+import inspect
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import taichi as ti
+from numpy.typing import ArrayLike
+
+from .. import checks
+from ..errors import SceneError
+from ..options import SHORTEST, signature
+from ..scene.attachment import Path
+from ..scene.cloth import Cloth
+from ..scene.scene import Scene
+from ..scene.solids import Solid
+from ..step.stepper import StepRecord
+from ..system.checkpoint import VERSION, below
+from .queries import Queries
+
+ROUND_TIME = 1e-9  # part of a step below which two times are the same
+MOST_STEPS, MOST_FRAMES = 1e10, 10_000_000  # of a run: more have no end
+
+
+@ti.data_oriented
+class Simulation(Queries):
+    """A running scene. Arrays are the user's: his vertex order, float64, SI units.
+
+    Args:
+        scene: what to simulate; it stays as it was built.
+        h: step size [s], one of the options.
+        options: all of them at once.
+        named: any of `Options` by name; these come before `options`.
+
+    Raises:
+        SceneError: an impossible value or an unknown name.
+        BackendError: an arch or precision that is not there.
+
+    Attributes:
+        time: simulated time [s].
+        log: one `StepRecord` a step.
+        runtime: what runs.
+        notes: what was found out about the meshes and solids, and done about it.
+    """
+
+    __signature__ = signature(
+        inspect.Parameter("scene", inspect.Parameter.POSITIONAL_OR_KEYWORD, annotation=Scene),
+        inspect.Parameter("h", inspect.Parameter.POSITIONAL_OR_KEYWORD, default=None, annotation=float | None))
+
+    # running
+
+    def step(self, h: float | None = None) -> StepRecord:
+        """Advances by h [s] (the simulation's own where None), in one step if it passes, else in smaller ones.
+
+        Returns:
+            the record of the last of them.
+
+        Raises:
+            SimulationError: where no step passes.
+        """
+        h = self._h if h is None else checks.number("h", h, "s", least=SHORTEST)
+        self._check_length("h", h)
+        return self._advance_to(self.time + h)
+
+    def run(self, duration: float, fps: float, on_frame: Callable[["Simulation", int], None] | None = None,
+            resumed: int | None = None) -> None:
+        """Runs for `duration` [s], rounded to whole frames, and calls on_frame(simulation, frame) at the start and at
+        every frame's time.
+
+        Frames are hit exactly; steps between them are equal where nothing goes wrong.
+
+        Args:
+            resumed: the frame of a run from time 0 at which this simulation now is; it goes on with the next.
+        """
+        duration, fps = checks.number("duration", duration, "s", positive=True), checks.number("fps", fps, positive=True)
+        self._check_length("duration", max(duration, 1 / fps))
+        checks.integer("run: duration * fps, the number of frames,", max(1, round(duration * fps)), most=MOST_FRAMES)
+        checks.maybe(on_frame, checks.function, "on_frame", "simulation", "frame")
+        resumed = checks.maybe(resumed, checks.integer, "resumed", least=0)
+        start, frames = self.time if resumed is None else 0.0, max(1, round(duration * fps))
+        for frame in range(0 if resumed is None else resumed + 1, frames + 1):
+            if frame:
+                self._advance_to(start + frame / fps)
+            if on_frame is not None:
+                on_frame(self, frame)
+
+    # between steps
+
+    def set_state(self, x: ArrayLike, v: ArrayLike) -> None:
+        """Sets positions (n, 3) [m] and velocities (n, 3) [m/s]; pins begin anew where their vertices now are.
+
+        Raises:
+            SceneError: a wrong shape or a number that is not finite.
+        """
+        x, v = (checks.array(f"set_state: {name}", value, (self.vertex_count, 3), row="vertex")
+                for name, value in (("positions", x), ("velocities", v)))
+        self._live().model.write(x, v)
+        self._note_collapsed(x)
+        self.stepper.start = None
+        self.integrator.reset()
+        if self.contacts is not None:
+            self.contacts.clear()
+        self.prescribed.begin_anew()
+
+    def pin(self, cloth: Cloth, vertices: object, directions: object = None) -> None:
+        """As `Scene.pin`, for this simulation, from now on."""
+        self._change(lambda: self.scene.pin(cloth, vertices, directions))
+
+    def move(self, cloth: Cloth, vertices: object, path: Path, relative: bool = False, directions: object = None) -> None:
+        """As `Scene.move`, for this simulation, from now on; the path is a function of the simulation's time."""
+        self._change(lambda: self.scene.move(cloth, vertices, path, relative, directions))
+
+    def attach(self, cloth: Cloth, vertices: object, solid: Solid, since: float | None = None) -> None:
+        """As `Scene.attach`, for this simulation, from now on; `since` [s] is now where None."""
+        self._change(lambda: self.scene.attach(cloth, vertices, solid, self.time if since is None else since))
+
+    def unpin(self, cloth: Cloth, vertices: object = None) -> None:
+        """As `Scene.unpin`, for this simulation, from now on."""
+        self._change(lambda: self.scene.unpin(cloth, vertices))
+
+    def _change(self, change: Callable[[], None]) -> None:
+        """Pins and motions are changed by hand; what begins, begins where its vertices are."""
+        self._live()
+        with self.scene.running(self.prescribed.script):
+            change()
+        self.prescribed.changes += 1
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """Everything that decides how the simulation goes on, as arrays by name; see `resume`."""
+        self._live()
+        out = {"version": np.array(VERSION), "time": np.array(self.time), "records": np.array(len(self.log))}
+        for name, part in self._parts().items():
+            out |= {f"{name}.{key}": array for key, array in part.checkpoint().items()}
+        return out
+
+    def _parts(self) -> dict[str, Any]:
+        """What remembers something, by name."""
+        parts = {"particles": self.model, "step": self.stepper, "integrator": self.integrator}
+        if self.integrator.system is not None:
+            parts["preconditioner"] = self.integrator.system.preconditioner
+        if self.contacts is not None:
+            parts["contacts"] = self.contacts
+        return parts | {"script": self.prescribed}
+
+    def resume(self, state: dict[str, np.ndarray]) -> None:
+        """Goes on where `checkpoint` was taken, bit for bit on the same machine, threads and precision.
+
+        Events of the scene up to then are fired again; the simulation must be new.
+
+        Raises:
+            SceneError: the state is of another mesh, of a scene without what this one has, or of another version.
+        """
+        self._live()
+        checks.instance("resume: state", state, dict)
+        version = int(state.get("version", 0))
+        if version != VERSION:
+            raise SceneError(f"the checkpoint is of version {version}, and this taichi_cloth goes on from version {VERSION}")
+        for name, value in state.items():
+            if (name in ("time", "step.h") or name.startswith("script.")) and not np.isfinite(value).all():
+                raise SceneError(f"the checkpoint's {name} is not finite")
+        try:
+            self.time = float(state["time"])
+            for name, part in self._parts().items():
+                part.resume(below(name, state))
+        except KeyError as missing:
+            raise SceneError(f"the checkpoint has no {missing}: it is of a run with other options") from None
+        self._fire_events()
+        self.prescribed.resume(below("script", state))  # attachments that events began, began where they did
+
+    def __repr__(self) -> str:
+        names = ", ".join(f"{c.name} ({c.mesh.vertex_count:,} vertices)" for c in self.scene.cloths)
+        state = f"t = {self.time:g} s, {len(self.log)} steps" if self._open else "closed"
+        return f"<Simulation of {names}; {self.integrator_name}, {self.runtime.arch} {self.runtime.precision}; {state}>"
+
+    def _check_length(self, name: str, time: float) -> None:
+        """Refuses what would need more steps than anybody waits for."""
+        steps = time / self.control.h_max
+        if steps > MOST_STEPS:
+            raise SceneError(f"{name} = {time:g} s is {steps:.2g} steps of h = {self.control.h_max:g} s: at most "
+                             f"{MOST_STEPS:.0e}")
+
+    def _advance_to(self, end: float) -> StepRecord:
+        self._live()
+        record = None
+        while end - self.time > ROUND_TIME * self.control.h_max or record is None:
+            self._fire_events()
+            stop = min([end, *(e.time for e in self.prescribed.script.events[:1])])
+            remaining = stop - self.time
+            h = min(self.control.h_max, self.stepper.h) if self.control.adaptive else self.control.h_max
+            steps = max(1, math.ceil(remaining / h - ROUND_TIME)) if remaining > h else 1
+            record = self.stepper.step(self.time, remaining / steps, self.prescribed.at)
+            self.time = stop if steps == 1 and abs(record.t - stop) <= ROUND_TIME * record.h else record.t
+            record.t = self.time
+            if self.options.count_intersections:
+                record.intersections = self.intersections()
+            self.log.append(record)
+        self._fire_events()
+        return record
+
+    def _fire_events(self) -> None:
+        script = self.prescribed.script
+        while script.events and script.events[0].time <= self.time + ROUND_TIME * self.control.h_max:
+            event = script.events.pop(0)
+            with self.scene.running(script):
+                self.scene.fire(event)
+            script.events.sort(key=lambda e: e.time)
