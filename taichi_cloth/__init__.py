@@ -23,7 +23,7 @@ _NAMES = {
     "garment.pattern": "Pattern Panel Stitch",
     "garment.curves": "Curve",
     "garment.dressing": "dress",
-    "scene.scene": "Scene", "scene.cloth": "Cloth", "scene.air": "Air",
+    "scene.scene": "Scene", "scene.cloth": "Cloth", "scene.air": "Air Gusts",
     "scene.primitives": "Plane Sphere Capsule Box Cylinder", "scene.solids": "SolidMesh Solid",
     "scene.view": "Camera View",
     "system.constraints": "Constraint",

@@ -6,12 +6,14 @@ A force that no cloth asks for is not in the list, so it has no fields, and no k
 from functools import partial
 
 from ..backend.fields import Fields
+from ..scene.air import Air
 from ..scene.scene import Scene
 from ..system.state import ParticleState
 from .bend import Bend
 from .curvature_bend import CurvatureBend
 from .external import Drag, Gravity
 from .force import Force
+from .local_drag import LocalDrag
 from .membrane import Membrane
 
 
@@ -28,7 +30,13 @@ def build_forces(fields: Fields, model: ParticleState, scene: Scene, mode: str, 
         (Bend, any(bend == "hinge" for bend in bends)),
         (CurvatureBend, any(bend == "curvature" for bend in bends)),
         (Gravity, bool(scene.gravity.any())),
-        (Drag, scene.air is not None),
+        (Drag, scene.air is not None and not _local(scene.air)),
+        (LocalDrag, scene.air is not None and _local(scene.air)),
     )
     kinds = [kind for kind, needed in wanted if needed] + scene.forces
     return [kind(fields, model, scene, mode) for kind in kinds]
+
+
+def _local(air: Air) -> bool:
+    """Whether triangles feel different air, or feel it by how fast it is."""
+    return air.varies_in_space or air.drag > 0

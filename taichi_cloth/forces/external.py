@@ -80,11 +80,13 @@ class Drag(Force):
         self.elements = Elements(fields, model.blocks, vertices)
         air = scene.air
         assert air is not None  # build_forces makes no drag without air
+        self.air, self.now = air, np.zeros(3)
         self.normal, self.tangential = float(air.normal), float(air.tangential)
         density = min(f.density for c in scene.cloths for f in c.fabrics)
         self.rates = (0.0, max(self.normal, self.tangential) / density)
-        self.gusty = callable(air.wind)
-        self.air, self.now = air, air.wind_at(0.0)
+        self.gusty = self.uniform = callable(air.wind)
+        if not air.varies_in_space:
+            self.now = air.wind_at(0.0)
         self.wind = fields.real(1, 3, self.now)
         self._fields = fields
 
@@ -111,6 +113,11 @@ class Drag(Force):
         self.wind[0] = ti.Vector([x, y, z])
 
     @ti.func
+    def air_at(self, e):
+        """The wind at a triangle."""
+        return self.wind[0]
+
+    @ti.func
     def coefficient(self, e):
         """A B: area times the drag tensor, 6 numbers."""
         v = self.elements.vertices[e]
@@ -125,7 +132,7 @@ class Drag(Force):
         """Mean velocity of the triangle against the air."""
         u = self.elements.vertices[e]
         v = ti.static(self.model.v)
-        return (v[u[0]] + v[u[1]] + v[u[2]]) / 3 - self.wind[0]
+        return (v[u[0]] + v[u[1]] + v[u[2]]) / 3 - self.air_at(e)
 
     @ti.func
     def scatter(self, e, value, q: ti.template(), lo, hi):
@@ -148,7 +155,7 @@ class Drag(Force):
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
         total, taken = ti.cast(0, dtype), ti.cast(0, dtype)
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
-            B, slip, wind = self.coefficient(e), self.slip(e), self.wind[0]
+            B, slip, wind = self.coefficient(e), self.slip(e), self.air_at(e)
             if self.elements.primary[e] == 1:
                 total += 0.5 * (slip + wind).dot(sym_times(B, slip - wind))
                 taken += (slip + wind).dot(sym_times(B, slip))

@@ -20,6 +20,7 @@ class Force(ABC):
         rates: bounds at rest on the squared frequency [1/s^2] and the damping rate [1/s] of any mode, for explicit steps.
         slow: whether explicit methods may evaluate it once in several substeps.
         gusty: whether it changes with time by itself.
+        uniform: whether all that changes is its `wind`, which explicit methods lead evenly through a step.
         of_contact: whether its elements come and go with contact.
         notes: what was found out when it was made, for people.
     """
@@ -30,6 +31,7 @@ class Force(ABC):
     rates: tuple[float, ...] = (0.0, 0.0)
     slow: bool = False
     gusty: bool = False
+    uniform: bool = False
     of_contact: bool = False
     notes: Sequence[str] = ()
 

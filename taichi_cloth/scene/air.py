@@ -1,7 +1,7 @@
-"""The air that cloth moves in. numpy only."""
+"""The air that cloth moves in: how it drags and lifts, and how it blows. numpy only."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,35 +9,110 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..errors import SceneError
 
+Wind = ArrayLike | Callable[[float], ArrayLike] | Callable[[np.ndarray, float], ArrayLike]
+
 
 @dataclass(frozen=True)
 class Air:
-    """Viscous air drag per area, f/A = -normal (n.u) n - tangential (u - (n.u) n), u = velocity - wind.
+    """What a triangle feels that moves through the air, with u = velocity - wind, n its normal and c = |n.u| / |u|.
+
+    Viscous: f/A = -normal (n.u) n - tangential (u - (n.u) n). Of a thin plate, besides, with `drag` and `lift`:
+    f/A = -density/2 |u|^2 (drag c e + lift ((n.e) n - c^2 e)) with e = u/|u|: lift is normal to u.
 
     Args:
-        normal, tangential: coefficients [N s/m^3], at least 0 and not both 0.
-        wind: velocity of the air [m/s], (3,) or a function of time [s] that returns it.
+        normal, tangential: viscous coefficients [N s/m^3].
+        wind: velocity of the air [m/s]: (3,), or a function of time [s] that returns it, or a function of positions (n, 3) [m]
+            and time that returns (n, 3), or (3,) for all of them.
+        drag, lift: coefficients C_D and C_L of a plate; lift at most drag.
+        density: of the air [kg/m^3].
     """
 
-    normal: float
+    normal: float = 0.0
     tangential: float = 0.0
-    wind: ArrayLike | Callable[[float], ArrayLike] = (0.0, 0.0, 0.0)
+    wind: Wind = (0.0, 0.0, 0.0)
+    drag: float = 0.0
+    lift: float = 0.0
+    density: float = 1.2
 
     def __post_init__(self) -> None:
-        for name in ("normal", "tangential"):
-            value = checks.number(f"air {name}", getattr(self, name), "N s/m^3", least=0.0)
-            object.__setattr__(self, name, value)
-        wind = checks.function("air wind", self.wind, "time") if callable(self.wind) else checks.vector("air wind", self.wind)
-        object.__setattr__(self, "wind", wind)
-        if self.normal == self.tangential == 0:
-            raise SceneError("air with both coefficients 0 does nothing: leave it out")
-        self.wind_at(0.0)
+        for name, unit in (("normal", "N s/m^3"), ("tangential", "N s/m^3"), ("drag", ""), ("lift", "")):
+            object.__setattr__(self, name, checks.number(f"air {name}", getattr(self, name), unit, least=0.0))
+        object.__setattr__(self, "density", checks.number("air density", self.density, "kg/m^3", positive=True))
+        if not callable(self.wind):
+            object.__setattr__(self, "wind", checks.vector("air wind", self.wind))
+        elif checks.takes(self.wind, 1) is False and checks.takes(self.wind, 2) is False:
+            raise SceneError(f"air wind = {checks.shown(self.wind)}: must be a function of time, or of positions and time")
+        if self.normal == self.tangential == self.drag == 0:
+            raise SceneError("air that neither drags nor lifts does nothing: leave it out")
+        if self.lift > self.drag:
+            raise SceneError(f"air lift = {self.lift:g}: must be at most drag = {self.drag:g}, as a plate's is")
+        self.wind_at(0.0, np.zeros((1, 3)))
 
-    def wind_at(self, t: float) -> np.ndarray:
-        """(3,) wind [m/s] at time t [s].
+    @property
+    def varies_in_space(self) -> bool:
+        """Whether the wind is a function of positions too."""
+        return callable(self.wind) and checks.takes(self.wind, 1) is False
+
+    def wind_at(self, t: float, x: np.ndarray | None = None) -> np.ndarray:
+        """Wind [m/s] at time t [s]: (3,), or (n, 3) at positions x (n, 3) [m] where it varies in space.
 
         Raises:
             SceneError: a wrong shape or a number that is not finite.
         """
         t = checks.number("t", t, "s")
-        return checks.vector(f"the wind at t = {t:g} s", self.wind(t) if callable(self.wind) else self.wind, "m/s")
+        what = f"the wind at t = {t:g} s"
+        if not callable(self.wind):
+            return checks.vector(what, self.wind, "m/s")
+        if not self.varies_in_space:
+            return checks.vector(what, self.wind(t), "m/s")  # type: ignore[call-arg, arg-type]
+        at = np.zeros((1, 3)) if x is None else np.array(x, dtype=np.float64)
+        blows = self.wind(at, t)  # type: ignore[call-arg, arg-type]
+        if np.shape(blows) == (3,):
+            return np.broadcast_to(checks.vector(what, blows, "m/s"), at.shape)
+        return checks.array(what, blows, at.shape, row="position")
+
+
+@dataclass(frozen=True)
+class Gusts:
+    """A wind that varies in space and time: a mean, which carries gusts along.
+
+    Gusts are a sum of waves a cos(k.(x - mean t) + omega t + phi) with a normal to k, so that no air is lost: wave lengths
+    from `length` down to a tenth of it, squared amplitudes as k^(-5/3) a decade of them has, omega = |a| |k|.
+
+    Args:
+        mean: (3,) [m/s].
+        strength: root of the mean square of what gusts add to it [m/s].
+        length: of the longest waves [m].
+        seed: of the waves' directions and phases; the same seed gives the same wind.
+        waves: how many.
+    """
+
+    mean: ArrayLike
+    strength: float
+    length: float = 2.0
+    seed: int = 0
+    waves: int = 24
+    _modes: tuple = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        mean = checks.vector("gusts mean", self.mean, "m/s")
+        object.__setattr__(self, "mean", tuple(mean.tolist()))
+        object.__setattr__(self, "strength", checks.number("gusts strength", self.strength, "m/s", positive=True))
+        object.__setattr__(self, "length", checks.number("gusts length", self.length, "m", positive=True))
+        object.__setattr__(self, "seed", checks.integer("gusts seed", self.seed, least=0))
+        object.__setattr__(self, "waves", checks.integer("gusts waves", self.waves, least=1, most=10_000))
+        rng = np.random.default_rng(self.seed)
+        size = 2 * np.pi / self.length * np.geomspace(1, 10, self.waves)
+        towards, across = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in rng.normal(size=(2, self.waves, 3)))
+        across = np.cross(towards, across)
+        across /= np.linalg.norm(across, axis=1, keepdims=True)
+        amplitude = size ** (-1 / 3)  # wave numbers at equal ratios: the energy of each is k E(k)
+        amplitude *= self.strength * np.sqrt(2 / np.sum(amplitude**2))
+        object.__setattr__(self, "_modes", (size[:, None] * towards, amplitude[:, None] * across, amplitude * size,
+                                            rng.uniform(0, 2 * np.pi, self.waves)))
+
+    def __call__(self, x: np.ndarray, t: float) -> np.ndarray:
+        """(n, 3) [m/s] at positions x (n, 3) [m] and time t [s]."""
+        k, a, omega, phase = self._modes
+        mean = np.array(self.mean)
+        return mean + np.cos((np.asarray(x) - mean * t) @ k.T + omega * t + phase) @ a

@@ -146,6 +146,8 @@ class Stepper(Checkpointed):
         while True:
             self.model.save()
             if self.start is None:
+                for force in self.meter.forces:
+                    force.set_time(t)
                 self.start = self.meter.measure()
                 if not self.start.finite:
                     raise SimulationError(f"the state at t = {t:g} s is not finite", NOT_FINITE, t)

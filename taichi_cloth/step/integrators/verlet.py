@@ -55,8 +55,8 @@ class Verlet(Checkpointed):
         self.f, self.f_slow = fields.real(model.n, 3), fields.real(model.n if self.slow else 1, 3)
         self.u = fields.real(model.n, 3)  # velocity half a substep ahead or behind
         self.pulled = fields.real(1, dtype=ti.f32 if runtime.sums == "f32" else ti.f64)  # work of what is led [J]
-        self.drag = next((f for f in forces if f.gusty), None)
-        self.gusty = self.drag is not None
+        self.drag = next((f for f in forces if f.uniform), None)
+        self.ramps, self.gusty = self.drag is not None, any(f.gusty for f in forces)
         self.stable_step, bending = (stable_step(sum(f.rates[0] for f in of), sum(f.rates[1] for f in of))
                                      for of in (self.fast, self.slow))
         if self.stable_step == math.inf:
@@ -93,7 +93,7 @@ class Verlet(Checkpointed):
         small, done = h / count, 0
         with clock.part("EVAL"):
             self.pulled[0] = 0
-            if self.gusty:
+            if self.ramps:
                 held_at(0.0)
             wind = self._wind()
             held = held_at(h)
@@ -252,6 +252,6 @@ class Verlet(Checkpointed):
     @ti.func
     def blow(self, s, steps, x, y, z):
         """The wind after substep s."""
-        if ti.static(self.gusty):
+        if ti.static(self.ramps):
             if s < steps:
                 self.drag.wind[0] += ti.Vector([x, y, z])
