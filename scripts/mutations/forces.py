@@ -15,10 +15,14 @@ STEP = "tests/unit/test_reference.py::test_a_step_of_backward_euler"
 
 CONDITIONS, HINGE = "taichi_cloth/forces/conditions.py", "taichi_cloth/forces/hinge.py"
 MEMBRANE, BEND = "taichi_cloth/forces/membrane.py", "taichi_cloth/forces/bend.py"
+TRIANGLE = "taichi_cloth/forces/triangle_force.py"
 CURVATURE, FIT = "taichi_cloth/forces/curvature_bend.py", "taichi_cloth/forces/curvature_fit.py"
 EXTERNAL, ELEMENTS = "taichi_cloth/forces/external.py", "taichi_cloth/system/elements.py"
 OPERATOR, MEASURE = "taichi_cloth/system/operator.py", "taichi_cloth/system/assembler.py"
 MODEL = "taichi_cloth/system/state.py"
+STIFFENING, LOCAL = "taichi_cloth/forces/stiffening.py", "taichi_cloth/forces/local_drag.py"
+LIMITS, WIND = "tests/physics/test_strain_limits.py tests/unit/test_forces.py", "tests/physics/test_wind.py"
+LIMIT_SLOPE = "tests/unit/test_forces.py::test_stiffness_against_differences[paper-limit]"
 
 MUTATIONS = (
     # stretch and shear
@@ -27,11 +31,12 @@ MUTATIONS = (
      PAPER),
     (CONDITIONS, "transverse = ti.max(transverse, 0)", "transverse = transverse",
      "stretch: compressed cloth is not projected"),
-    (CONDITIONS, "return (k - transverse) * sym_outer(unit(w))", "return k * sym_outer(unit(w))",
+    (CONDITIONS, "return (k + slope - transverse) * sym_outer(unit(w))", "return k * sym_outer(unit(w))",
      "stretch: transverse stiffness along the direction too"),
     (CONDITIONS, "uv += k * C * ti.Matrix.identity(float, 3)", "uv += 0 * C * ti.Matrix.identity(float, 3)",
      "shear: exact K lacks C ddC", PAPER),
-    (CONDITIONS, "total * total + 12 * C * C", "total * total + 4 * C * C", "shear: wrong positive eigenvalue"),
+    (CONDITIONS, "total * total + 4 * C * (C + 2 * w_u.dot(w_v))", "total * total + 4 * C * C",
+     "shear: wrong positive eigenvalue"),
     (CONDITIONS, "rest = 0.5 * k * ti.abs(C) *", "rest = 0.25 * k * ti.abs(C) *", "shear: the eigenvalues left are halved"),
     (CONDITIONS, "t, sign = n_m, -1.0", "t, sign = n_m, 1.0", "shear: for C < 0 the eigenvalues left pull the wrong way"),
     (CONDITIONS, "along, against = s_p * s_m, top - C - s_p * s_p", "along, against = s_p * s_m, top + C - s_p * s_p",
@@ -52,11 +57,11 @@ MUTATIONS = (
      "K enters the matrix with c instead of c squared"),
     (MEMBRANE, "g_v += uv.transpose() @ m_u + sym_times(vv, m_v)", "g_v += uv @ m_u + sym_times(vv, m_v)",
      "K times motion with the mixed block not transposed"),
-    (MEMBRANE, "both = sym(uv + uv.transpose())", "both = sym(uv + uv)", "mixed block not symmetrized in the edges"),
-    (MEMBRANE, "e_12 = i[0] * i[3] * uv + i[1] * i[2] * uv.transpose()", "e_12 = i[0] * i[3] * uv + i[1] * i[2] * uv",
+    (TRIANGLE, "both = sym(uv + uv.transpose())", "both = sym(uv + uv)", "mixed block not symmetrized in the edges"),
+    (TRIANGLE, "e_12 = i[0] * i[3] * uv + i[1] * i[2] * uv.transpose()", "e_12 = i[0] * i[3] * uv + i[1] * i[2] * uv",
      "block of the two edges lacks a transpose"),
-    (MEMBRANE, "+ A[e][8] * y[2]", "+ A[e][11] * y[2]", "product: a wrong number of the stored block"),
-    (MEMBRANE, "vertices[0], e_11 + e_22 + sym(e_12 + e_12.transpose())", "vertices[0], e_11 + e_22 + sym(e_12 + e_12)",
+    (TRIANGLE, "+ A[e][8] * y[2]", "+ A[e][11] * y[2]", "product: a wrong number of the stored block"),
+    (TRIANGLE, "vertices[0], e_11 + e_22 + sym(e_12 + e_12.transpose())", "vertices[0], e_11 + e_22 + sym(e_12 + e_12)",
      "diagonal of the first corner"),
     (MEMBRANE, "sums[1] += half * k[K_V] * (v - k[B_V]) ** 2", "sums[1] += half * k[K_V] * (v - k[B_U]) ** 2",
      "weft's energy with the warp's rest stretch"),
@@ -68,7 +73,7 @@ MUTATIONS = (
      "tests/unit/test_reference.py::test_measures_of_stretch"),
     (MEMBRANE, "ti.abs(u - o_u.norm()) / k[B_U]", "(u - o_u.norm()) / k[B_U]", "cloth that shortens in a step changes nothing",
      "tests/unit/test_reference.py::test_measures_of_stretch"),
-    (MEMBRANE, "d_1 * inverse[1] + d_2 * inverse[3]", "d_1 * inverse[2] + d_2 * inverse[3]",
+    (TRIANGLE, "d_1 * inverse[1] + d_2 * inverse[3]", "d_1 * inverse[2] + d_2 * inverse[3]",
      "w_v by the inverse's wrong number"),
     (MEMBRANE, "np.maximum(u_rows, v_rows) + s_rows", "np.maximum(u_rows, v_rows)", "stable step: shear does not count",
      RATES),
@@ -146,13 +151,30 @@ MUTATIONS = (
     (EXTERNAL, "to.b[i] = to.b[i] + c * weight", "to.b[i] = to.b[i] + c * c * weight", "gravity in the system with c twice"),
     (EXTERNAL, "self.normal, self.tangential = float(air.normal), float(air.tangential)",
      "self.tangential, self.normal = float(air.normal), float(air.tangential)", "drag's normal and tangential swapped"),
-    (EXTERNAL, "(v[u[0]] + v[u[1]] + v[u[2]]) / 3 - self.wind[0]", "(v[u[0]] + v[u[1]] + v[u[2]]) / 3 + self.wind[0]",
+    (EXTERNAL, "(v[u[0]] + v[u[1]] + v[u[2]]) / 3 - self.air_at(e)", "(v[u[0]] + v[u[1]] + v[u[2]]) / 3 + self.air_at(e)",
      "the wind blows backwards"),
     (EXTERNAL, "total += 0.5 * (slip + wind).dot(sym_times(B, slip - wind))", "total += 0.5 * slip.dot(sym_times(B, slip))",
      "drag's dissipation counts what the wind brings"),
     (EXTERNAL, "self.A[e] = c * B / 9", "self.A[e] = c * B / 3", "drag's matrix three times too large"),
     (EXTERNAL, "max(self.normal, self.tangential) / density", "min(self.normal, self.tangential) / density",
      "stable step: the smaller drag", "tests/unit/test_reference.py::test_rates_of_drag"),
+    # laws that stiffen, air that varies
+    (STIFFENING, "law[1] / 3 * over * over * over", "law[1] / 2 * over * over * over", "energy beyond a limit", LIMITS),
+    (STIFFENING, "2 * law[1] * over,", "law[1] * over,", "slope beyond a limit", LIMIT_SLOPE),
+    (STIFFENING, "ti.max(s - law[0], 0.0)", "s - law[0]", "limits act before they are reached", LIMITS),
+    (STIFFENING, "np.diff(slopes).tolist()", "slopes[1:].tolist()", "pieces of a curve add up", LIMITS),
+    (STIFFENING, "STIFFER * stretch.k_of(axis) / (limit - b)", "stretch.k_of(axis) / (limit - b)", "limits are soft", LIMITS),
+    (MEMBRANE, "            C = (k_s * C + force) / ti.max(k_s + slope, TINY)", "            C = C",
+     "a shear limit's own force", LIMIT_SLOPE),
+    (MEMBRANE, "            if s < 0:\n                force = -force",
+     "            if s < -1e9:\n                force = -force",
+     "shear limits push one way", LIMITS),
+    (CONDITIONS, "+ force / length", "- force / length", "what a limit pulls across", LIMIT_SLOPE),
+    (LOCAL, "speed * (self.plate[0] * c - self.plate[1] * c * c)", "speed * (self.plate[0] * c + self.plate[1] * c * c)",
+     "lift does work", WIND),
+    (LOCAL, "if winds.shape[0] == 1:", "if winds.shape[0] > 0:", "one wind for all", WIND),
+    (LOCAL, "self._feel(", "winds = 0 * winds\n        self._feel(", "the wind is left out", WIND),
+    ("taichi_cloth/scene/air.py", "across = np.cross(towards, across)", "across = across + 0", "gusts that lose air", WIND),
     # rest geometry
     (ELEMENTS, "(along[s][:, ::-1] /", "(along[s] /", "bending's warp and weft are swapped"),
     (ELEMENTS, "np.where(edges[a, 0] == edges[b, 0], feet[:, 1], 1 - feet[:, 1])",

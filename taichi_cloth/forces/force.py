@@ -21,6 +21,7 @@ class Force(ABC):
         slow: whether explicit methods may evaluate it once in several substeps.
         gusty: whether it changes with time by itself.
         uniform: whether all that changes is its `wind`, which explicit methods lead evenly through a step.
+        abrupt: whether its stiffness can grow many times over within a step.
         of_contact: whether its elements come and go with contact.
         notes: what was found out when it was made, for people.
     """
@@ -32,6 +33,7 @@ class Force(ABC):
     slow: bool = False
     gusty: bool = False
     uniform: bool = False
+    abrupt: bool = False
     of_contact: bool = False
     notes: Sequence[str] = ()
 

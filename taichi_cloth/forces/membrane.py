@@ -4,6 +4,8 @@ Differs from [BW98 §4.2, §4.5]: energy is area k/2 C^2 (see fabric); damping i
 stiffness; its derivative by position and the term C_dot ddC are left out of the matrix.
 """
 
+from typing import Any
+
 import numpy as np
 import taichi as ti
 
@@ -12,8 +14,9 @@ from ..scene.fabric import pair
 from ..scene.scene import Scene
 from ..system.elements import row_sums, triangles
 from ..system.state import Elements, ParticleState
-from .conditions import TINY, shear_stiffness, stretch_stiffness, sym, sym_outer, sym_times, sym_unpack, unit
-from .force import Force
+from .conditions import TINY, shear_stiffness, stretch_stiffness, sym_outer, sym_times, unit
+from .stiffening import SHEAR, WARP, WEFT, Stiffening, stiffens
+from .triangle_force import TriangleForce
 
 # columns of the table of materials
 K_U, K_V, K_S, D_U, D_V, D_S, B_U, B_V = range(8)
@@ -22,7 +25,7 @@ APART = 8  # rows of `aside` between those of two threads
 
 
 @ti.data_oriented
-class Membrane(Force):
+class Membrane(TriangleForce):
     """Stretch along warp and weft, and shear, with their damping.
 
     Stored for an element and a step: the symmetric 6x6 block of A in the edges (x_1 - x_0, x_2 - x_0), 21 numbers.
@@ -51,7 +54,14 @@ class Membrane(Force):
         first = np.cumsum([0] + [len(c.fabrics) for c in cloths])
         material = np.concatenate([c.fabric_of + k for c, k in zip(cloths, first)])
         # squared frequency [1/s^2] and damping rate [1/s] that no mode at rest exceeds, as each particle has them
-        k = table[material] * area[:, None]
+        fabrics = [f for c in cloths for f in c.fabrics]
+        self.stiffening: Any = Stiffening(fields, fabrics) if any(map(stiffens, fabrics)) else None
+        self.stiffer = self.stiffening is not None
+        self.abrupt = self.stiffening is not None and self.stiffening.limits
+        stiffest = table.copy()
+        if self.stiffening is not None:
+            stiffest[:, :K_S + 1] += self.stiffening.tangent
+        k = stiffest[material] * area[:, None]
         rates = [_row_bounds(vertices, inverse, model.mass, k[:, column:column + 3]) for column in (K_U, D_U)]
         self.notes: list[str] = []
         if substep is not None:
@@ -68,14 +78,14 @@ class Membrane(Force):
         self.area = fields.real(self.elements.count, data=per_entry(area))
         self.material = fields.integer(self.elements.count, data=per_entry(material))
         self.table = fields.real(len(table), 8, table)
-        self.lanes = LANES if model.blocks.grain > 1 else 1
+        self.lanes = LANES if model.blocks.grain > 1 and not self.stiffer else 1
         self.aside = fields.aside(APART * model.blocks.count, 6 * self.lanes)
         self.stretches = bool(table[:, [K_U, K_V]].any())
         self.shears = bool(table[:, K_S].any())
         self.damps = bool(table[:, [D_U, D_V, D_S]].any())
         self.energies = (("stretch_u", "stretch_v") if self.stretches else ()) + (("shear",) if self.shears else ())
         # energy of strains that are but a rounding of positions by 1 m, see `rounding_energy`
-        self._unit_energy = float(np.sum(area * table[material][:, :K_S + 1].max(axis=1) * np.sum(inverse**2, axis=1)) / 2)
+        self._unit_energy = float(np.sum(area * stiffest[material][:, :K_S + 1].max(axis=1) * np.sum(inverse**2, axis=1)) / 2)
         self._fields = fields
 
     def rounding_energy(self, d: float) -> float:
@@ -87,22 +97,6 @@ class Membrane(Force):
         self.A, self.stiff = self._fields.real(self.elements.count, 21), True
 
     @ti.func
-    def spread(self, e, q: ti.template()):
-        """(w_u, w_v) of a per-vertex field (9)."""
-        vertices, inverse = self.elements.vertices[e], self.inverse[e]
-        d_1, d_2 = q[vertices[1]] - q[vertices[0]], q[vertices[2]] - q[vertices[0]]
-        return d_1 * inverse[0] + d_2 * inverse[2], d_1 * inverse[1] + d_2 * inverse[3]
-
-    @ti.func
-    def scatter(self, e, r_u, r_v, q: ti.template(), lo, hi):
-        """q += dw/dx^T (r_u, r_v)"""
-        vertices, inverse = self.elements.vertices[e], self.inverse[e]
-        q_1, q_2 = r_u * inverse[0] + r_v * inverse[1], r_u * inverse[2] + r_v * inverse[3]
-        self.model.blocks.add(q, vertices[0], -(q_1 + q_2), lo, hi)
-        self.model.blocks.add(q, vertices[1], q_1, lo, hi)
-        self.model.blocks.add(q, vertices[2], q_2, lo, hi)
-
-    @ti.func
     def gradient(self, e, w_u, w_v, v_u, v_v):
         """Per area, minus the force on (w_u, w_v): sum of (k C + k_d C_dot) dC (7), (11)."""
         k = self.table[self.material[e]]
@@ -111,11 +105,16 @@ class Membrane(Force):
             n_u, n_v = unit(w_u), unit(w_v)
             g_u += (k[K_U] * (w_u.norm() - k[B_U])) * n_u
             g_v += (k[K_V] * (w_v.norm() - k[B_V])) * n_v
+            if ti.static(self.stiffer):
+                g_u += self.beyond(e, WARP, w_u.norm())[0] * n_u
+                g_v += self.beyond(e, WEFT, w_v.norm())[0] * n_v
             if ti.static(self.damps):
                 g_u += k[D_U] * n_u.dot(v_u) * n_u
                 g_v += k[D_V] * n_v.dot(v_v) * n_v
         if ti.static(self.shears):
             s = k[K_S] * w_u.dot(w_v)
+            if ti.static(self.stiffer):
+                s += self.beyond(e, SHEAR, w_u.dot(w_v))[0]
             if ti.static(self.damps):
                 s += k[D_S] * (v_u.dot(w_v) + v_v.dot(w_u))
             g_u += s * w_v
@@ -123,15 +122,32 @@ class Membrane(Force):
         return g_u, g_v
 
     @ti.func
+    def beyond(self, e, axis: ti.template(), s):
+        """(force, its slope, its energy) per area beyond k C at |w| = s or, in shear, C = s; 0 where nothing stiffens."""
+        force, slope, energy = 0.0, 0.0, 0.0
+        if ti.static(self.stiffer):
+            force, slope, energy = self.stiffening.beyond(self.material[e], axis, ti.abs(s))
+            if s < 0:
+                force = -force
+        return force, slope, energy
+
+    @ti.func
     def stiffness(self, e, w_u, w_v):
         """Per area, blocks uu (6 numbers), uv (3x3), vv (6) of -K in (w_u, w_v)."""
         k = self.table[self.material[e]]
         uu, uv, vv = ti.Vector.zero(float, 6), ti.Matrix.zero(float, 3, 3), ti.Vector.zero(float, 6)
         if ti.static(self.shears):
-            uu, uv, vv = shear_stiffness(w_u, w_v, k[K_S], self.mode)
+            k_s, C = k[K_S], w_u.dot(w_v)
+            if ti.static(self.stiffer):
+                force, slope, energy = self.beyond(e, SHEAR, C)
+                C = (k_s * C + force) / ti.max(k_s + slope, TINY)
+                k_s += slope
+            uu, uv, vv = shear_stiffness(w_u, w_v, k_s, C, self.mode)
         if ti.static(self.stretches):
-            uu += stretch_stiffness(w_u, k[K_U], k[B_U], self.mode)
-            vv += stretch_stiffness(w_v, k[K_V], k[B_V], self.mode)
+            force_u, slope_u, energy_u = self.beyond(e, WARP, w_u.norm())
+            force_v, slope_v, energy_v = self.beyond(e, WEFT, w_v.norm())
+            uu += stretch_stiffness(w_u, k[K_U], k[B_U], force_u, slope_u, self.mode)
+            vv += stretch_stiffness(w_v, k[K_V], k[B_V], force_v, slope_v, self.mode)
         return uu, uv, vv
 
     @ti.func
@@ -227,10 +243,20 @@ class Membrane(Force):
                     sums[1] += half * k[K_V] * (v - k[B_V]) ** 2
                     sums[4] += 2 * half * (k[K_U] * (u - k[B_U]) * unit(w_u).dot(v_u)
                                            + k[K_V] * (v - k[B_V]) * unit(w_v).dot(v_v))
+                    if ti.static(self.stiffer):
+                        f_u, slope_u, e_u = self.beyond(e, WARP, u)
+                        f_v, slope_v, e_v = self.beyond(e, WEFT, v)
+                        sums[0] += 2 * half * e_u
+                        sums[1] += 2 * half * e_v
+                        sums[4] += 2 * half * (f_u * unit(w_u).dot(v_u) + f_v * unit(w_v).dot(v_v))
                 if ti.static(self.shears):
                     C = w_u.dot(w_v)
                     sums[2] += half * k[K_S] * C * C
                     sums[4] += 2 * half * k[K_S] * C * (v_u.dot(w_v) + v_v.dot(w_u))
+                    if ti.static(self.stiffer):
+                        f_s, slope_s, e_s = self.beyond(e, SHEAR, C)
+                        sums[2] += 2 * half * e_s
+                        sums[4] += 2 * half * f_s * (v_u.dot(w_v) + v_v.dot(w_u))
                 if ti.static(self.damps):
                     sums[3] += half * (k[D_U] * unit(w_u).dot(v_u) ** 2 + k[D_V] * unit(w_v).dot(v_v) ** 2
                                        + k[D_S] * (v_u.dot(w_v) + v_v.dot(w_u)) ** 2)
@@ -266,83 +292,6 @@ class Membrane(Force):
             vv += scale * d_vv
         self.store(e, uu, uv, vv, to.P, lo, hi)
 
-    @ti.func
-    def store(self, e, uu, uv, vv, P: ti.template(), lo, hi):
-        """The blocks in (w_u, w_v) as blocks in the two edges: 11, 12, 22."""
-        i = self.inverse[e]
-        both = sym(uv + uv.transpose())
-        e_11 = i[0] * i[0] * uu + i[0] * i[1] * both + i[1] * i[1] * vv
-        e_22 = i[2] * i[2] * uu + i[2] * i[3] * both + i[3] * i[3] * vv
-        e_12 = i[0] * i[3] * uv + i[1] * i[2] * uv.transpose() + sym_unpack(i[0] * i[2] * uu + i[1] * i[3] * vv)
-        for a in ti.static(range(6)):
-            self.A[e][a] = e_11[a]
-            self.A[e][15 + a] = e_22[a]
-        for a, b in ti.static(ti.ndrange(3, 3)):
-            self.A[e][6 + 3 * a + b] = e_12[a, b]
-        vertices = self.elements.vertices[e]
-        self.model.blocks.add(P, vertices[0], e_11 + e_22 + sym(e_12 + e_12.transpose()), lo, hi)
-        self.model.blocks.add(P, vertices[1], e_11, lo, hi)
-        self.model.blocks.add(P, vertices[2], e_22, lo, hi)
-
-    @ti.func
-    def add_product(self, block, p: ti.template(), q: ti.template()):
-        """q += (-c D - c^2 K) p with the blocks of the last `linearize`."""
-        lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
-        for e in range(self.elements.first[block], self.elements.first[block + 1]):
-            vertices = self.elements.vertices[e]
-            x, y = p[vertices[1]] - p[vertices[0]], p[vertices[2]] - p[vertices[0]]
-            A = ti.static(self.A)
-            q_1 = ti.Vector([
-                A[e][0] * x[0] + A[e][1] * x[1] + A[e][2] * x[2] + A[e][6] * y[0] + A[e][7] * y[1] + A[e][8] * y[2],
-                A[e][1] * x[0] + A[e][3] * x[1] + A[e][4] * x[2] + A[e][9] * y[0] + A[e][10] * y[1] + A[e][11] * y[2],
-                A[e][2] * x[0] + A[e][4] * x[1] + A[e][5] * x[2] + A[e][12] * y[0] + A[e][13] * y[1] + A[e][14] * y[2]])
-            q_2 = ti.Vector([
-                A[e][6] * x[0] + A[e][9] * x[1] + A[e][12] * x[2] + A[e][15] * y[0] + A[e][16] * y[1] + A[e][17] * y[2],
-                A[e][7] * x[0] + A[e][10] * x[1] + A[e][13] * x[2] + A[e][16] * y[0] + A[e][18] * y[1] + A[e][19] * y[2],
-                A[e][8] * x[0] + A[e][11] * x[1] + A[e][14] * x[2] + A[e][17] * y[0] + A[e][19] * y[1] + A[e][20] * y[2]])
-            self.model.blocks.add(q, vertices[0], -(q_1 + q_2), lo, hi)
-            self.model.blocks.add(q, vertices[1], q_1, lo, hi)
-            self.model.blocks.add(q, vertices[2], q_2, lo, hi)
-
-    def build_levels(self, levels) -> None:
-        """Which triangles each node's hat meets."""
-        self.meets = levels.meeting(self.elements)
-
-    @ti.func
-    def add_level_block(self, n, c, D, levels: ti.template()):
-        """D + s^T (-c D - c^2 K) s of the triangles that node n's hat meets."""
-        out = D
-        for k in range(self.meets.first[n], self.meets.first[n + 1]):
-            out += self.level_block(self.meets.source[k], n, levels)
-        return out
-
-    @ti.func
-    def level_block(self, e, n, levels: ti.template()):
-        """A triangle's, 6 numbers."""
-        v = self.elements.vertices[e]
-        w = ti.Vector([levels.hat(n, v[0]), levels.hat(n, v[1]), levels.hat(n, v[2])])
-        out = self.free_level_block(e, w, levels)
-        if ti.static(levels.touches):
-            if levels.partly(v[0]) or levels.partly(v[1]) or levels.partly(v[2]):
-                A = self.A[e]
-                S_0 = levels.shape(v[0], w[0])
-                E, F = levels.shape(v[1], w[1]) - S_0, levels.shape(v[2], w[2]) - S_0
-                mixed = ti.Matrix([[A[6], A[7], A[8]], [A[9], A[10], A[11]], [A[12], A[13], A[14]]])
-                half = E @ mixed @ F
-                first = sym_unpack(ti.Vector([A[0], A[1], A[2], A[3], A[4], A[5]]))
-                second = sym_unpack(ti.Vector([A[15], A[16], A[17], A[18], A[19], A[20]]))
-                out = sym(E @ first @ E + F @ second @ F + half + half.transpose())
-        return out
-
-    @ti.func
-    def free_level_block(self, e, w, levels: ti.template()):
-        """The same for a hat with values w at the corners, each held in all directions or in none."""
-        A, v = self.A[e], self.elements.vertices[e]
-        w_0 = w[0] * levels.free(v[0])
-        x, y = w[1] * levels.free(v[1]) - w_0, w[2] * levels.free(v[2]) - w_0
-        both = ti.Vector([2 * A[6], A[7] + A[9], A[8] + A[12], 2 * A[10], A[11] + A[13], 2 * A[14]])
-        return (x * x * ti.Vector([A[0], A[1], A[2], A[3], A[4], A[5]]) + x * y * both
-                + y * y * ti.Vector([A[15], A[16], A[17], A[18], A[19], A[20]]))
 
 
 @ti.func

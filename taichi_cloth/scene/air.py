@@ -60,12 +60,13 @@ class Air:
             SceneError: a wrong shape or a number that is not finite.
         """
         t = checks.number("t", t, "s")
+        x = checks.maybe(x, checks.array, "x", ("n", 3))
         what = f"the wind at t = {t:g} s"
         if not callable(self.wind):
             return checks.vector(what, self.wind, "m/s")
         if not self.varies_in_space:
             return checks.vector(what, self.wind(t), "m/s")  # type: ignore[call-arg, arg-type]
-        at = np.zeros((1, 3)) if x is None else np.array(x, dtype=np.float64)
+        at = np.zeros((1, 3)) if x is None else x
         blows = self.wind(at, t)  # type: ignore[call-arg, arg-type]
         if np.shape(blows) == (3,):
             return np.broadcast_to(checks.vector(what, blows, "m/s"), at.shape)

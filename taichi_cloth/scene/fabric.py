@@ -12,43 +12,88 @@ from .. import checks
 from ..errors import SceneError
 
 Pair = float | tuple[float, float]
+Curve = tuple[tuple[float, float], ...]
+
+STIFFER = 1000.0  # tension beyond a limit over k (s - L)^2 / (L - b): ten times the load that reaches it goes a tenth further
 
 
 @dataclass(frozen=True)
 class Stretch:
     """Stretch along warp (u) and weft (v): C_u = |w_u| - b_u, C_v = |w_v| - b_v (10).
 
+    Tension beyond a limit L: T = k C + 1000 k (|w| - L)^2 / (L - b). Along a curve: from point to point, as the first piece
+    below 0, as the last beyond its end.
+
     Args:
-        k: stiffness [N/m]; a number or (warp, weft).
+        k: stiffness [N/m]; a number or (warp, weft). With a curve it is the curve's first slope.
         k_d: damping [N s/m], likewise; 0 costs nothing.
         b: rest stretch, likewise; 1 is the pattern's own size.
+        limit: stretch |w| beyond which the fabric hardly goes, likewise; more than b and 1. None leaves it out.
+        curve: points (strain C, tension [N/m]), convex and from (0, 0) on, kept as tuples; or (warp's, weft's).
     """
 
-    k: Pair
+    k: Pair | None = None
     k_d: Pair = 0.0
     b: Pair = 1.0
+    limit: Pair | None = None
+    curve: Curve | tuple[Curve, Curve] | None = None
 
     def __post_init__(self) -> None:
+        _check(self, "stretch", "b", "", zero=False, pair=True)
+        if self.curve is not None:
+            self._take_curve()
         _check(self, "stretch", "k", "N/m", zero=False, pair=True)
         _check(self, "stretch", "k_d", "N s/m", zero=True, pair=True)
-        _check(self, "stretch", "b", "", zero=False, pair=True)
+        if self.limit is not None:
+            _check(self, "stretch", "limit", "", zero=False, pair=True)
+            for limit, b in zip(pair(self.limit), pair(self.b)):
+                if not limit > max(b, 1.0):
+                    raise SceneError(f"stretch limit = {limit:g}: must be more than 1, and than the rest stretch b = {b:g}")
+
+    def k_of(self, axis: int) -> float:
+        """k [N/m] of warp (0) or weft (1)."""
+        assert self.k is not None
+        return pair(self.k)[axis]
+
+    def curve_of(self, axis: int) -> Curve:
+        """The curve of warp (0) or weft (1)."""
+        assert self.curve is not None
+        first = self.curve[0]
+        return self.curve[axis] if isinstance(first[0], tuple) else self.curve  # type: ignore[return-value]
+
+    def _take_curve(self) -> None:
+        """Checks the curve; k is what it begins with."""
+        if self.k is not None:
+            raise SceneError(f"stretch k = {checks.shown(self.k)}: the curve says what k is; give one of them")
+        given = self.curve
+        two = checks.is_sequence(given) and len(given) == 2 and all(  # type: ignore[arg-type]
+            checks.is_sequence(g) and len(g) and checks.is_sequence(g[0]) for g in given)  # type: ignore[union-attr, arg-type]
+        names = ("stretch curve of the warp", "stretch curve of the weft") if two else ("stretch curve",)
+        parts = [_curve(name, c) for name, c in zip(names, given if two else (given,))]  # type: ignore[arg-type]
+        object.__setattr__(self, "curve", tuple(parts) if two else parts[0])
+        slopes = [c[1][1] / c[1][0] for c in parts]
+        object.__setattr__(self, "k", tuple(slopes) if two else slopes[0])
 
 
 @dataclass(frozen=True)
 class Shear:
-    """Shear: C = w_u . w_v.
+    """Shear: C = w_u . w_v, the sine of the angle by which unstretched cloth shears.
 
     Args:
         k: stiffness [N/m].
         k_d: damping [N s/m].
+        limit: |C| beyond which the fabric hardly goes, with the law of `Stretch`; None leaves it out.
     """
 
     k: float
     k_d: float = 0.0
+    limit: float | None = None
 
     def __post_init__(self) -> None:
         _check(self, "shear", "k", "N/m", zero=False)
         _check(self, "shear", "k_d", "N s/m", zero=True)
+        if self.limit is not None:
+            _check(self, "shear", "limit", "", zero=False)
 
 
 @dataclass(frozen=True)
@@ -125,6 +170,21 @@ class Fabric:
 def pair(value: Pair) -> tuple[float, float]:
     """(warp, weft) from a number or a pair."""
     return value if isinstance(value, tuple) else (value, value)
+
+
+def _curve(what: str, given: object) -> Curve:
+    """Points (strain, tension) as tuples of float."""
+    points = checks.array(what, given, ("p", 2), row="point")
+    if len(points) < 2 or (points[0] != 0).any():
+        raise SceneError(f"{what}: needs two points or more, the first of them (0, 0)")
+    steps = np.diff(points, axis=0)
+    if (steps[:, 0] <= 0).any():
+        raise SceneError(f"{what}: strains must grow from point to point")
+    slopes = steps[:, 1] / steps[:, 0]
+    if slopes[0] <= 0 or (np.diff(slopes) < -1e-9 * slopes[-1]).any():
+        k = int(np.argmax(np.diff(slopes, prepend=0.0) < 0)) if slopes[0] > 0 else 0
+        raise SceneError(f"{what}: must be convex and grow; from point {k} on it is less steep than before")
+    return tuple((float(strain), float(tension)) for strain, tension in points)
 
 
 def _check(part: object, word: str, name: str, unit: str, zero: bool, pair: bool = False) -> None:

@@ -1,7 +1,7 @@
 """The default: TR-BDF2, and backward Euler for the steps that it cannot take.
 
 A step that gains energy or whose Newton iteration fails is redone by backward Euler with its energy test, which loses
-accuracy but not the run; without solids it is first tried smaller, twice. Steps in which
+accuracy but not the run; without solids, and limits of strain, it is first tried smaller, twice. Steps in which
 cloth touches solids are backward Euler's too: contact is settled in its solve.
 """
 
@@ -39,6 +39,7 @@ class Safe(Checkpointed):
     def __init__(self, system: System, accurate: TRBDF2, robust: BackwardEuler, only_contact: bool = False) -> None:
         self.system, self.accurate, self.robust, self.only_contact = system, accurate, robust, only_contact
         self.model, self.contacts, self.tolerance = system.model, system.contacts, system.options.tolerance
+        self.abrupt = any(force.abrupt for force in system.meter.forces)
         self.touching, self.gained = False, 0.0  # whether cloth is in contact; energy [J] of the last attempt by `robust`
         self.last: TRBDF2 | BackwardEuler = accurate
         self.largest = 0.0
@@ -55,7 +56,7 @@ class Safe(Checkpointed):
             if self.contacts is not None and (made.rejection is None or made.rejection == ACCURACY) and self._touches(
                     h, held_at(h)):
                 reason = TOUCH
-            slow = SLOW if reason in (NEWTON, ENERGY) and self.contacts is None else 1
+            slow = SLOW if reason in (NEWTON, ENERGY) and self.contacts is None and not self.abrupt else 1
             stubborn = STUBBORN if self.tolerance is not None else slow
             patient = self.only_contact or (self.system.options.adaptive and h > self.largest / stubborn)
             if reason != TOUCH and (reason not in REDONE or patient):
