@@ -69,10 +69,10 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
     ("", "tc.cylinder", {"radius": "1.0", "height": "2.0", "cells": "(5, 2)"}),
     ("", "tc.load", {"path": "OBJ", "scale": "2.0", "uv": '"flatten"'}),
     ("", "tc.load_solid", {"path": "OBJ", "scale": "2.0", "fps": "24.0", "mesh": "None"}),
-    ("", "tc.Stretch", {"k": "(100.0, 80.0)", "k_d": "0.1", "b": "1.0", "limit": "1.1"}),
-    ("", "tc.Stretch", {"curve": "((0, 0), (0.1, 3), (0.2, 9))"}),
+    ("", "tc.Stretch", {"k": "(100.0, 80.0)", "k_d": "0.1", "b": "1.0", "limit": "1.1", "curve": "None"}),
     ("", "tc.Shear", {"k": "100.0", "k_d": "0.1", "limit": "0.3"}),
-    ("", "tc.Bend", {"D": "1e-4", "k_d": "1e-6", "rest": '"flat"', "model": '"hinge"'}),
+    ("", "tc.Bend", {"D": "1e-4", "k_d": "1e-6", "rest": '"flat"', "model": '"hinge"', "friction": "1e-3", "yield_": "200.0",
+                 "hardening": "0.2", "recovery": "(0.1, 20.0)"}),
     ("", "tc.Fabric", {"density": "0.2", "stretch": "tc.Stretch(100)", "shear": "tc.Shear(10)", "bend": "tc.Bend(1e-4)"}),
     ("", "tc.ClothContact", {"thickness": "0.01", "friction": "0.3", "itself": "True"}),
     ("", "tc.Scene", {"gravity": "(0, -9.81, 0)", "air": "tc.Air(0.5)", "view": "tc.View()"}),
@@ -89,7 +89,8 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
     ("", "tc.load_garment", {"path": '"none.npz"'}),
     ("", "tc.Recording", {"path": '"none"'}),
     ("", "tc.load_stitched", {"path": "OBJ", "stitches": "None", "scale": "1.0"}),
-    ("", "tc.Air", {"normal": "0.5", "tangential": "0.1", "wind": "(1, 0, 0)", "drag": "1.0", "lift": "0.5", "density": "1.2"}),
+    ("", "tc.Air", {"normal": "0.5", "tangential": "0.1", "wind": "(1, 0, 0)", "drag": "1.0", "lift": "0.5",
+                    "density": "1.2"}),
     ("", "tc.Gusts", {"mean": "(5, 0, 0)", "strength": "2.0", "length": "1.0", "seed": "3", "waves": "8"}),
     ("", "tc.Plane", {"normal": "(0, 1, 0)", "size": "1.0"}),
     ("", "tc.Sphere", {"radius": "1.0"}),
@@ -269,7 +270,7 @@ def _alike(value: object, model: object, name: str) -> bool:
         return True
     if value is None:  # arguments that may be left out
         return name in ("uv", "groups", "fps", "rest", "stretch", "shear", "bend", "air", "view", "color", "contact", "camera",
-                        "ground", "mesh", "heat", "directions", *MAY_BE_NONE)
+                        "ground", "mesh", "heat", "directions", "limit", "curve", "yield_", *MAY_BE_NONE)
     if name == "rest" and isinstance(value, tuple):  # angles of edges
         return _finite(value)
     if isinstance(model, (bool, str)) or dataclasses.is_dataclass(model) or isinstance(model, tc.Scene):

@@ -22,6 +22,7 @@ LEVELS = "tests/unit/test_multilevel.py"
 
 TESTS = (CONTROL, INSIDE)
 
+CREASES, HYSTERESIS = "tests/physics/test_creases.py", "taichi_cloth/forces/hysteresis.py"
 MUTATIONS = (
     ("taichi_cloth/step/nonlinear/energy.py", "taken = self.meter.measure().rate", "taken = 0.0",
      "alterations of position cost nothing", ALTERS),
@@ -34,10 +35,27 @@ MUTATIONS = (
      "rollback leaves a force's state", "tests/unit/test_own_force.py"),
     ("taichi_cloth/system/state.py", "write(self.remembered[name].now, value)", "pass",
      "a force's state is forgotten on resume", "tests/unit/test_own_force.py"),
-    ("taichi_cloth/step/stepper.py", "self.start = None if any(changed) else measures", "self.start = measures",
+    ("taichi_cloth/step/stepper.py", "before, measures = measures.potential, self.meter.measure()",
+     "before = measures.potential",
      "energy after a force's own change is not measured", "tests/unit/test_own_force.py"),
     ("taichi_cloth/step/stepper.py", "changed = [force.accept(h) for force in self.meter.forces]", "changed = [False]",
      "forces are not told of accepted steps", "tests/unit/test_own_force.py"),
+    ("taichi_cloth/step/stepper.py", "potential=ledger.potential - taken, plastic=taken", "plastic=taken",
+     "what creases take is counted twice", CREASES),
+    ("taichi_cloth/step/integrators/tr_bdf2.py", "self.debt = max(0.0, self.debt_1 - taken)", "self.debt = self.debt_1",
+     "what friction took is no credit", CREASES),
+    (HYSTERESIS, "energy += k * d * (size - 0.5 * d)", "energy += k * d * size",
+     "energy of a slider jumps where it gives", CREASES),
+    (HYSTERESIS, "secant += k * d / size", "secant += 0 * d", "sliding friction without a stiffness", CREASES),
+    (HYSTERESIS, "ti.min(ti.max(self.positions.now[i][j], C - d), C + d)", "ti.max(self.positions.now[i][j], C - d)",
+     "sliders follow one way", CREASES),
+    (HYSTERESIS, "if (C - q) * q < 0 and ti.abs(q) > stays:", "if ti.abs(q) > stays:", "creases recover while they are held",
+     CREASES),
+    (HYSTERESIS, "sign * ti.max(sign * back, stays)", "back", "all of a crease goes", CREASES),
+    (HYSTERESIS, "friction * length / (SLIP * arc), (1 - own)", "friction * length / (SLIP * arc), own",
+     "what yields and what does not are swapped", CREASES),
+    ("taichi_cloth/forces/bend.py", "sums[2] += torque * self.turning(e, g_e, g_a, g_b)", "sums[2] += 0 * torque",
+     "what creases take is the method's", CREASES),
     ("taichi_cloth/solver/multilevel.py", "D = self.forces[k].add_level_block(n, c, D, self)",
      "self.forces[k].add_level_block(n, c, D, self)", "levels know of masses only", "tests/unit/test_own_force.py"),
     # pins and motions that are changed by hand
@@ -71,7 +89,7 @@ MUTATIONS = (
     ("taichi_cloth/step/stepper.py", "            self.quiet = 0\n", "", "quiet steps count on over a rejection", CONTROL),
     ("taichi_cloth/step/stepper.py",
      "self.quiet >= self.control", "self.quiet > self.control", "h doubles a step late", CONTROL),
-    ("taichi_cloth/step/stepper.py", "        self.integrator.commit()\n", "", "accepted steps are not committed", CONTROL),
+    ("taichi_cloth/step/stepper.py", "        self.integrator.commit(taken)\n", "", "accepted steps are not committed", CONTROL),
     ("taichi_cloth/step/stepper.py", "rejections.get(rejection, 0) + 1", "1", "a second rejection is not counted", CONTROL),
     ("taichi_cloth/step/stepper.py", "(-1 / attempt.order)", "(-1 / (attempt.order + 1))",
      "the order of the error is one off", CONTROL),

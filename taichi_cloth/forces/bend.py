@@ -4,6 +4,8 @@ Differs from [BW98 §4.2]: k scales with the mesh so that D is a plate rigidity.
 itself, and fades with triangles that collapse: see `hinge`.
 """
 
+from typing import Any
+
 import numpy as np
 import taichi as ti
 
@@ -16,6 +18,7 @@ from ..system.state import Elements, ParticleState
 from .conditions import sym, sym_outer, sym_scaled_identity
 from .force import Force
 from .hinge import COLLAPSED, hinge_condition, hinge_condition_change
+from .hysteresis import Hysteresis, joined, remembers, sliders
 
 
 @ti.data_oriented
@@ -38,15 +41,25 @@ class Bend(Force):
         self.elements = Elements(fields, model.blocks, vertices)
         rest = np.concatenate([_creased(scene, c, h, _rest(c, h)) for c, h in parts[:len(bent)]]
                               + [_seam_rest(s, h) for s, h in seams])
-        self.host_rest = rest
+        self.hysteresis: Any = None
+        self.host_rest = stiff = rest
+        if any(remembers(f.bend) for c in bent for f in c.fabrics if f.bend):
+            first = np.cumsum([0] + [len(h.vertices) for _, h in parts])
+            law = joined([sliders(c, h, rest[a:b], k >= len(bent)) for k, ((c, h), a, b) in enumerate(zip(
+                parts, first[:-1], first[1:]))])
+            self.hysteresis = Hysteresis(fields, model, self.elements, law)
+            stiff = np.column_stack([law.own * rest[:, 0] + law.k.sum(axis=1), rest[:, 1:]])  # before sliders give
+            rest = np.column_stack([law.own * rest[:, 0], rest[:, 1:]])
+        self.remembers = self.gusty = self.hysteresis is not None  # explicit steps must be as short as its changes
+        self.host_stiff = stiff
         self.host_hinges, self.host_turns = vertices, np.concatenate([flat_turns(h) for _, h in parts])
         self.damps = bool(rest[:, 1].any())
         self.rest = fields.real(self.elements.count, 4, self.elements.per_entry(rest))  # k, k_d, theta_0, floor2
         heights2 = np.concatenate([(2 * h.areas).min(axis=1) ** 2 / h.length2 for _, h in parts])
-        self._unit_energy = float(np.sum(rest[:, 0] / heights2) / 2)
+        self._unit_energy = float(np.sum(stiff[:, 0] / heights2) / 2)
         # bounds on the squared frequency [1/s^2] and the damping rate [1/s] of any mode of flat cloth
         sizes = np.abs(np.einsum("ei,ej->eij", self.host_turns, self.host_turns))
-        self.rates = tuple(float(row_sums(vertices, k[:, None, None] * sizes, model.mass).max()) for k in rest[:, :2].T)
+        self.rates = tuple(float(row_sums(vertices, k[:, None, None] * sizes, model.mass).max()) for k in stiff[:, :2].T)
         self._fields = fields
 
     def rounding_energy(self, d: float) -> float:
@@ -92,12 +105,35 @@ class Bend(Force):
         return g_e.dot(e_v) + g_a.dot(a_v) + g_b.dot(b_v)
 
     @ti.func
+    def slid(self, e, C):
+        """(torque, torque over displacement, slope, energy) of what the hinge remembers, at the condition C."""
+        torque, secant, slope, energy = 0.0, 0.0, 0.0, 0.0
+        if ti.static(self.remembers):
+            torque, secant, slope, energy = self.hysteresis.respond(e, C)
+        return torque, secant, slope, energy
+
+    def accept(self, h: float) -> bool:
+        """Sliders follow the hinges."""
+        if self.remembers:
+            self._settle(h)
+        return self.remembers
+
+    @ti.kernel
+    def _settle(self, h: float):
+        for e in range(self.elements.first[self.model.blocks.count]):
+            if self.elements.primary[e] == 1:
+                C, C_dot, g_e, g_a, g_b = self.strain(e)
+                self.hysteresis.settle(e, C, h)
+
+    @ti.func
     def add_force(self, block, f: ti.template()):
         """f += internal forces of the block's hinges."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
             C, C_dot, g_e, g_a, g_b = self.strain(e)
             s = -(self.rest[e][0] * C + self.rest[e][1] * C_dot)
+            if ti.static(self.remembers):
+                s -= self.slid(e, C)[0]
             self.scatter(e, s * g_e, s * g_a, s * g_b, f, lo, hi)
 
     @ti.func
@@ -113,6 +149,10 @@ class Bend(Force):
                 sums[0] += 0.5 * self.rest[e][0] * C * C
                 sums[1] += 0.5 * self.rest[e][1] * C_dot * C_dot
                 sums[2] += self.rest[e][0] * C * self.turning(e, g_e, g_a, g_b)
+                if ti.static(self.remembers):
+                    torque, secant, slope, energy = self.slid(e, C)
+                    sums[0] += energy
+                    sums[2] += torque * self.turning(e, g_e, g_a, g_b)
             if ti.static(self.stiff):
                 if linearizes == 1:
                     self.linearize(e, moves, c, C, C_dot, g_e, g_a, g_b, to, lo, hi)
@@ -129,16 +169,24 @@ class Bend(Force):
     def linearize(self, e, moves, c, C, C_dot, g_e, g_a, g_b, to: ti.template(), lo, hi):
         """b += c (f + K motion); stores the block of -c D - c^2 K."""
         k, k_d = self.rest[e][0], self.rest[e][1]
-        s = k * C + k_d * C_dot
+        s, pull = k * C + k_d * C_dot, k * C
         m_e, m_a, m_b = self.arms(e, to.motion)
         if moves == 1:
             s += k * (g_e.dot(m_e) + g_a.dot(m_a) + g_b.dot(m_b))
+        if ti.static(self.remembers):
+            led = C
+            if moves == 1:
+                led += g_e.dot(m_e) + g_a.dot(m_a) + g_b.dot(m_b)
+            torque, secant, slope, energy = self.slid(e, led)
+            s += torque
+            k += secant if ti.static(not self.exact) else slope
+            pull += self.slid(e, C)[0]
         r_e, r_a, r_b = -c * s * g_e, -c * s * g_a, -c * s * g_b
         if ti.static(self.exact):
             if moves == 1:
                 e_x, a_x, b_x = self.arms(e, self.model.x)
                 d_e, d_a, d_b = hinge_condition_change(e_x, a_x, b_x, m_e, m_a, m_b, self.rest[e][2], self.rest[e][3])
-                r_e, r_a, r_b = r_e - c * k * C * d_e, r_a - c * k * C * d_a, r_b - c * k * C * d_b
+                r_e, r_a, r_b = r_e - c * pull * d_e, r_a - c * pull * d_a, r_b - c * pull * d_b
         self.scatter(e, r_e, r_a, r_b, to.b, lo, hi)
         root = ti.sqrt(c * c * k + c * k_d)
         g_e, g_a, g_b = root * g_e, root * g_a, root * g_b
@@ -147,7 +195,7 @@ class Bend(Force):
             self.g[e][3 + i] = g_a[i]
             self.g[e][6 + i] = g_b[i]
         if ti.static(self.exact):
-            self.store_exact(e, c * c * k * C)
+            self.store_exact(e, c * c * pull)
 
     @ti.func
     def store_exact(self, e, factor):
@@ -229,7 +277,7 @@ class Bend(Force):
 
     def build_levels(self, levels) -> None:
         """Sums of k and of k_d over the hinges that each node's hat bends, on the flat pattern."""
-        sums = [levels.squares(self.host_hinges, self.host_turns, k) for k in self.host_rest[:, :2].T]
+        sums = [levels.squares(self.host_hinges, self.host_turns, k) for k in self.host_stiff[:, :2].T]
         self.bent = self._fields.real(levels.count, 2, np.column_stack(sums))
 
     @ti.func

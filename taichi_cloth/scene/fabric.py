@@ -107,17 +107,40 @@ class Bend:
             `inner_edges`, kept as a tuple; None takes "given" where the mesh came without material coordinates and "flat"
             elsewhere.
         model: "hinge", or "curvature": its rigidity is D on any triangulation, its rest shape flat, its cost higher.
+        friction: HB [N], half the width of the loop of moment over curvature, M = D kappa +- HB (tables give 2HB); a number or
+            (warp, weft). Hinges only.
+        yield_: curvature [1/m] beyond which cloth stays bent: what was bent to kappa comes back to
+            (1 - hardening) (kappa - yield_); None never. Hinges only.
+        hardening: part of D that does not yield, between 0 and 1.
+        recovery: rate [1/s] at which creases go back while they are pulled back, or (rate, curvature [1/m] that stays).
     """
 
     D: Pair
     k_d: Pair = 0.0
     rest: str | tuple[float, ...] | None = None
     model: str = "hinge"
+    friction: Pair = 0.0
+    yield_: float | None = None
+    hardening: float = 0.2
+    recovery: Pair = 0.0
 
     def __post_init__(self) -> None:
         checks.choice("bend model", self.model, ("hinge", "curvature"))
         _check(self, "bend", "D", "N m", zero=False, pair=True)
         _check(self, "bend", "k_d", "N m s", zero=True, pair=True)
+        _check(self, "bend", "friction", "N", zero=True, pair=True)
+        if self.yield_ is not None:
+            _check(self, "bend", "yield_", "1/m", zero=False)
+        number = checks.number("bend hardening", self.hardening, positive=True)
+        if number >= 1:
+            raise SceneError(f"bend hardening = {number:g}: must be less than 1")
+        object.__setattr__(self, "hardening", number)
+        recovery = checks.number_or_pair("bend recovery", self.recovery, "", least=0.0)
+        object.__setattr__(self, "recovery", recovery if isinstance(recovery, tuple) else (recovery, 0.0))
+        if self.recovery != (0.0, 0.0) and self.yield_ is None:
+            raise SceneError("bend recovery: nothing stays bent without yield_")
+        if self.model == "curvature" and (max(pair(self.friction)) or self.yield_ is not None):
+            raise SceneError('bend friction and yield_: only hinges remember, so with model="hinge"')
         if checks.is_sequence(self.rest):
             angles = checks.array("bend rest", self.rest, ("k",), row="edge")
             if np.abs(angles).max(initial=0.0) > np.pi:

@@ -54,6 +54,7 @@ class Ledger(Work):
         wind: work of the air.
         damping: what the cloth's own damping took.
         method: what the method took beyond; negative where it gave.
+        plastic: what the cloth's shape at rest took as it changed after the step: fibres that slid, creases.
         braked: part of `method`: what was taken off velocities because the step would else have gained energy.
         unaccounted: change that none of these explains.
     """
@@ -63,6 +64,7 @@ class Ledger(Work):
     wind: float = 0.0
     damping: float = 0.0
     method: float = 0.0
+    plastic: float = 0.0
     braked: float = 0.0
 
     @property
@@ -73,7 +75,7 @@ class Ledger(Work):
     @property
     def unaccounted(self) -> float:
         """See above."""
-        return self.change - self.total - self.wind + self.damping + self.method
+        return self.change - self.total - self.wind + self.damping + self.method + self.plastic
 
     def record(self) -> dict[str, float]:
         """By name, as telemetry has it."""

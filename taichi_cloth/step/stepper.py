@@ -2,7 +2,7 @@
 
 import json
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 
 from .. import checks
@@ -191,9 +191,15 @@ class Stepper(Checkpointed):
                 seconds: dict[str, float], troubles: list[Trouble]) -> StepRecord:
         measures = attempt.measures
         assert measures is not None
-        self.integrator.commit()
+        ledger, taken = attempt.ledger, 0.0
         changed = [force.accept(h) for force in self.meter.forces]  # each is asked
-        self.start = None if any(changed) else measures
+        if any(changed):
+            before, measures = measures.potential, self.meter.measure()
+            taken = before - measures.potential
+            if ledger is not None:
+                ledger = replace(ledger, potential=ledger.potential - taken, plastic=taken)
+        self.integrator.commit(taken)
+        self.start = measures
         self.quiet += 1
         if attempt.error is not None:
             self.h = min(h * _factor(attempt, 0.3, 2.0), self.control.h_max)
@@ -207,7 +213,7 @@ class Stepper(Checkpointed):
                           worst.residual if worst else 0.0, status, rejections, measures.energies, measures.stretch,
                           seconds, attempt.contacts, attempt.unsettled, attempt.crossings, attempt.evaluations,
                           attempt.error or 0.0, attempt.fell_back, attempt.layers, attempt.least, attempt.tangled,
-                          attempt.pinched, ledger={} if attempt.ledger is None else attempt.ledger.record(),
+                          attempt.pinched, ledger={} if ledger is None else ledger.record(),
                           troubles=tuple(troubles))
 
     def _gave_up(self, t: float, h: float, rejection: str, attempt: Attempt, rejections: dict[str, int],

@@ -18,6 +18,7 @@ PARTS = {
     "curvature": tc.Fabric(0.2, bend=tc.Bend((2e-2, 3e-2), 2e-4, model="curvature")),
     "all": FULL,
 }
+SLIDES = {"friction": tc.Fabric(0.2, bend=tc.Bend((2e-2, 3e-2), friction=(0.05, 0.08), yield_=1.5))}
 
 
 def irregular(rng, n=4, rest="flat"):
@@ -33,7 +34,7 @@ def irregular(rng, n=4, rest="flat"):
 def simulation(rng, part="all", K="projected", **kwargs):
     mesh, x, v = irregular(rng)
     scene = tc.Scene(gravity=kwargs.pop("gravity", None), air=kwargs.pop("air", None))
-    scene.add_cloth(mesh, PARTS[part], x, v)
+    scene.add_cloth(mesh, (PARTS | SLIDES)[part], x, v)
     return tc.Simulation(scene, K=K, **kwargs), x, v
 
 
@@ -57,7 +58,7 @@ def ladder(slope, f, scale):
     return min(errors)
 
 
-@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("part", [*PARTS, *SLIDES])
 def test_force_is_minus_energy_gradient(rng, part):
     sim, x, v = simulation(rng, part)
     zero = np.zeros_like(v)
@@ -72,7 +73,7 @@ def test_force_is_minus_energy_gradient(rng, part):
     assert ladder(-power, energy, abs(power)) < 1e-7
 
 
-@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("part", [*PARTS, *SLIDES])
 @pytest.mark.parametrize("K", ["paper", "gauss_newton", "projected"])
 @pytest.mark.slow
 def test_stiffness_against_differences(rng, part, K):

@@ -23,7 +23,7 @@ class Counted:
     def restore(self):
         self.calls.append("restore")
 
-    def commit(self):
+    def commit(self, taken):
         self.calls.append("commit")
 
     def measure(self):

@@ -66,7 +66,7 @@ class BackwardEuler(Checkpointed):
         return Attempt(made.rejection, made.detail, made.measures, tuple(solutions), clock.seconds, ledger=made.ledger,
                        **({} if contacts is None else contacts.counts()))
 
-    def commit(self) -> None:
-        """The last attempt was accepted."""
+    def commit(self, taken: float = 0.0) -> None:
+        """The last attempt was accepted; what remembers took so much [J] after it."""
         if self.contacts is not None:
             self.contacts.commit()

@@ -70,12 +70,12 @@ class Safe(Checkpointed):
         seconds = {k: made.seconds.get(k, 0.0) + redone.seconds.get(k, 0.0) for k in made.seconds | redone.seconds}
         return replace(redone, solutions=made.solutions + redone.solutions, seconds=seconds, fell_back=reason)
 
-    def commit(self) -> None:
-        """The last attempt was accepted."""
-        self.last.commit()
+    def commit(self, taken: float = 0.0) -> None:
+        """The last attempt was accepted; what remembers took so much [J] after it."""
+        self.last.commit(taken)
         if self.last is self.robust:
             self.mean = self.mean_1
-            self.accurate.reset(max(0.0, self.accurate.debt + self.gained))
+            self.accurate.reset(max(0.0, self.accurate.debt + self.gained - taken))
             self.touching = self.contacts is not None and self.contacts.touching
         elif self.contacts is not None:
             self.contacts.pass_by()

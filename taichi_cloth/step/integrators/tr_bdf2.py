@@ -122,9 +122,10 @@ class TRBDF2(Checkpointed):
                                error=error, order=2)
         return Attempt(None, "", measures, tuple(solutions), clock.seconds, error=error, order=2, ledger=ledger)
 
-    def commit(self) -> None:
-        """The last attempt was accepted."""
-        self.known, self.power, self.c, self.debt, self.motion = True, self.power_1, self.tried, self.debt_1, self.motion_1
+    def commit(self, taken: float = 0.0) -> None:
+        """The last attempt was accepted; what remembers took so much [J] after it."""
+        self.known, self.power, self.c, self.motion = True, self.power_1, self.tried, self.motion_1
+        self.debt = max(0.0, self.debt_1 - taken)
 
     def reset(self, debt: float = 0.0) -> None:
         """The state was changed by hand, or by another method that left a debt [J]."""

@@ -119,8 +119,8 @@ class Verlet(Checkpointed):
         return Attempt(rejection, detail, measures, (), clock.seconds, evaluations=evaluations, order=2,
                        ledger=many_steps(start, measures, work))
 
-    def commit(self) -> None:
-        """The attempt was accepted."""
+    def commit(self, taken: float = 0.0) -> None:
+        """The attempt was accepted; what remembers took so much [J] after it."""
         self.waiting = False
 
     def reset(self) -> None:
