@@ -169,6 +169,14 @@ def test_friction_takes_the_swing_of_a_clamped_strip():
     assert ends[1][0] < 0.25 * ends[0][0] and ends[0][1] == 0 and ends[1][1] > 5 * ends[1][0], ends
 
 
+@pytest.mark.slow
+def test_second_order_steps_go_on_where_friction_stops_what_moves():
+    """What friction took counts against what steps gain: small motions about a rest that it holds are no growth of energy."""
+    with tc.Simulation(strip(tc.Bend(5e-5, friction=4e-4)), h=1 / 120, integrator="tr_bdf2") as sim:
+        sim.run(1.0, 10)
+        assert sum(len(r.rejections) for r in sim.log) <= 2 and sum(r.solves for r in sim.log) < 7 * len(sim.log)
+
+
 def test_what_does_not_remember_has_no_sliders():
     with tc.Simulation(strip(tc.Bend(2e-5))) as sim:
         bend = next(f for f in sim.force_terms if hasattr(f, "hysteresis"))
