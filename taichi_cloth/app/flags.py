@@ -11,6 +11,9 @@ class Parser(argparse.ArgumentParser):
 
     known: set[str] = set()  # flags of all parsers of the process
 
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**{**options, "allow_abbrev": False})  # --check is no --checkpoint-every
+
     def add_argument(self, *names: str, **options: Any) -> argparse.Action:  # type: ignore[override]
         """As argparse's."""
         self.known.update(name for name in names if name.startswith("--"))

@@ -97,6 +97,7 @@ def test_another_runs_files_are_safe(out, tmp_path):
 @pytest.mark.parametrize("args, words", [
     (("run", "hnag"), "did you mean 'hang'"),
     (("run", "hang", "--duratoin", "3"), "--duratoin: did you mean --duration"),
+    (("run", "hang", "--check"), "unrecognized arguments: --check"),  # no --checkpoint-every cut short
     (("run", "hang", "--set", "m=3"), "no option 'm'"),
     (("run", "hang", "--set", "cells=many"), "needs a whole number"),
     (("run", "hang", "--set", "cells"), "needs name=value"),
