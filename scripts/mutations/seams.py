@@ -12,7 +12,8 @@ ITERATIONS, REFUSED = f"{SEAMS}::test_iterations_of_sewn_cloth", f"{SEAMS}::test
 CLUSTERS, COARSE, ELEMENTS = "taichi_cloth/system/seams.py", "taichi_cloth/solver/coarse.py", "taichi_cloth/system/elements.py"
 SOLVER = "taichi_cloth/solver/"
 CG, POINTWISE, MULTI = SOLVER + "recurrences.py", SOLVER + "pointwise.py", SOLVER + "multilevel.py"
-BEND = "taichi_cloth/forces/bend.py"
+BEND, PULLS = "taichi_cloth/forces/bend.py", "taichi_cloth/forces/pulls.py"
+SOFT, WORKED = (f"tests/unit/test_soft_attach.py::{name}" for name in ("test_derivatives", "test_all_of_their_work_is_accounted_for"))
 CURVES, PATTERN = "taichi_cloth/garment/curves.py", "taichi_cloth/garment/pattern.py"
 MESHER = "taichi_cloth/garment/mesher.py"
 FILE, GARMENT = "taichi_cloth/garment/garmentcode.py", "taichi_cloth/scene/garment.py"
@@ -73,4 +74,9 @@ MUTATIONS = (
     (FILE, 'together="right_wrong" in stitch[2:]', "together=False", "right_wrong is not read", PATTERNS),
     (GARMENT, 'Garment(mesh, seams, data["positions"])', "Garment(mesh, seams)",
      "where a dressed garment is, is lost", PATTERNS),
+    (PULLS, "ratio = most / d", "ratio = k", "springs pull with any force", SOFT),
+    (PULLS, "if not bounded:", "if False:", "the bound for the derivative", SOFT),
+    (PULLS, "total += T * (d - 0.5 * T / k)", "total += 0.5 * T * d", "energy beyond the largest force", SOFT),
+    (PULLS, "work += part *", "work += 0 *", "work of springs of first order", WORKED),
+    ("taichi_cloth/step/ledger.py", "attachments=work, potential=", "potential=", "work of springs is not recorded", WORKED),
 )

@@ -251,7 +251,7 @@ def _energy(total: dict[str, float]) -> str:
     """What put energy in, what took it, and what is unaccounted for, in a sentence."""
     taken = ("damping", "method")
     terms = (f"{name} {-value if name in taken else value:+.3g}" for name, value in total.items()
-             if value and name in ("pins", "solids", "lifted", "lowered", "friction", "layers", "wind", *taken))
+             if value and name in ("attachments", "pins", "solids", "lifted", "lowered", "friction", "layers", "wind", *taken))
     return (f"changed by {total['kinetic'] + total['potential']:+.3g} J: {', '.join(terms) or 'no work'}; "
             f"unaccounted for {total['unaccounted']:+.2g} J")
 

@@ -15,6 +15,7 @@ from .external import Drag, Gravity
 from .force import Force
 from .local_drag import LocalDrag
 from .membrane import Membrane
+from .pulls import Pulls
 
 
 def build_forces(fields: Fields, model: ParticleState, scene: Scene, mode: str, substep: float | None = None) -> list[Force]:
@@ -32,9 +33,16 @@ def build_forces(fields: Fields, model: ParticleState, scene: Scene, mode: str, 
         (Gravity, bool(scene.gravity.any())),
         (Drag, scene.air is not None and not _local(scene.air)),
         (LocalDrag, scene.air is not None and _local(scene.air)),
+        (Pulls, _pulls(scene)),
     )
     kinds = [kind for kind, needed in wanted if needed] + scene.forces
     return [kind(fields, model, scene, mode) for kind in kinds]
+
+
+def _pulls(scene: Scene) -> bool:
+    """Whether anything is attached softly, or may be by an event."""
+    script = scene.script
+    return any(a.stiffness is not None for a in script.attachments) or bool(script.events and scene.solids)
 
 
 def _local(air: Air) -> bool:

@@ -23,6 +23,7 @@ class Force(ABC):
         uniform: whether all that changes is its `wind`, which explicit methods lead evenly through a step.
         abrupt: whether its stiffness can grow many times over within a step.
         of_contact: whether its elements come and go with contact.
+        attached: (k, 3) particle, stiffness and largest force of what it attaches softly; None where it never does.
         notes: what was found out when it was made, for people.
     """
 
@@ -35,6 +36,7 @@ class Force(ABC):
     uniform: bool = False
     abrupt: bool = False
     of_contact: bool = False
+    attached: np.ndarray | None = None
     notes: Sequence[str] = ()
 
     @abstractmethod
@@ -76,6 +78,15 @@ class Force(ABC):
     def geometry(self) -> dict[str, np.ndarray]:
         """Arrays by name that a recording keeps, from which `quantities` are computed."""
         return {}
+
+    def led(self, before: float, part: float) -> float:
+        """Work [J] that what moves by itself put into its energy in a step, from the model's saved state to where it is.
+
+        Args:
+            before: energy with which the step began [J].
+            part: weight of the end of the step against its beginning.
+        """
+        return 0.0
 
     def accept(self, h: float) -> bool:
         """A step of h [s] was accepted; True where the force has changed by that."""

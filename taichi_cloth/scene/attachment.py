@@ -28,6 +28,7 @@ class Attachment:
         selected: the vertices that the path speaks of, released ones included.
         order: (k,) rows of the path's value in the order of rising vertex index.
         solid: what the vertices ride on, from where they are when the attachment begins, at time `since` [s]; or None.
+        stiffness: of a spring from each vertex to its place [N/m], which pulls with `most` [N] at most; None holds exactly.
     """
 
     cloth: Cloth
@@ -40,6 +41,8 @@ class Attachment:
     order: np.ndarray
     solid: Solid | None = None
     since: float = 0.0
+    stiffness: float | None = None
+    most: float = np.inf
     found: dict[bytes, Places] = field(default_factory=dict, repr=False)  # the places that it last rode on
 
     @property

@@ -211,39 +211,57 @@ class Scene:
         checks.function("move: path", path, "time")
         self._attach(cloth, vertices, directions, path, checks.flag("move: relative", relative))
 
-    def attach(self, cloth: Cloth, vertices: object, solid: Solid, since: float = 0.0) -> None:
+    def attach(self, cloth: Cloth, vertices: object, solid: Solid, since: float = 0.0, stiffness: float | None = None,
+               most: float | None = None) -> None:
         """Lets vertices ride on a solid, from where they are: at the nearest place of its surface, as that turns and moves.
 
-        `unpin` lets them go.
+        Hard, or by springs, which give where a solid presses the cloth away. `detach` lets go.
 
         Args:
             since: when this begins [s]; in an event, the event's own time.
+            stiffness: of a spring from each vertex to its place [N/m]; None holds them there exactly.
+            most: largest force of each spring [N]; None sets no bound.
 
         Raises:
-            SceneError: a solid of another scene.
+            SceneError: a solid of another scene, or a largest force without a stiffness.
         """
         if not any(solid is s for s in self.solids):
             names = [s.name for s in self.solids]
             raise SceneError(f"attach: not a solid of this scene: {shown(getattr(solid, 'name', solid))}; there are {names}")
         since = checks.number("attach: since", since, "s", least=0.0)
-        self._attach(cloth, vertices, None, None, False, solid, since)
+        if most is not None and stiffness is None:
+            raise SceneError("attach: most bounds the force of a spring: give a stiffness with it")
+        stiffness = checks.maybe(stiffness, checks.number, "attach: stiffness", "N/m", positive=True)
+        most = np.inf if most is None else checks.number("attach: most", most, "N", positive=True)
+        self._attach(cloth, vertices, None, None, False, solid, since, stiffness, most)
+
+    def detach(self, cloth: Cloth, vertices: object = None) -> None:
+        """Releases vertices (all of the cloth's where None) from solids that they are attached to; pins and motions stay.
+
+        Raises:
+            SceneError: where none of them is attached.
+        """
+        self._release(cloth, vertices, "detach", "attached to a solid", lambda a: a.solid is not None)
 
     def unpin(self, cloth: Cloth, vertices: object = None) -> None:
-        """Releases vertices (all of the cloth's where None) from every pin and motion.
+        """Releases vertices (all of the cloth's where None) from every pin, motion and attachment.
 
         Raises:
             SceneError: where none of them is held.
         """
+        self._release(cloth, vertices, "unpin", "pinned or moved", lambda a: True)
+
+    def _release(self, cloth: Cloth, vertices: object, what: str, held: str, which: Callable[[Attachment], bool]) -> None:
         self._own(cloth)
         free = np.arange(cloth.mesh.vertex_count) if vertices is None else cloth.mesh.select(vertices)
         kept, found = [], False
         for a in self.script.attachments:
-            stay = a.vertices if a.cloth is not cloth else a.vertices[~np.isin(a.vertices, free)]
+            stay = a.vertices if a.cloth is not cloth or not which(a) else a.vertices[~np.isin(a.vertices, free)]
             found |= len(stay) < len(a.vertices)
             if len(stay):
                 kept.append(replace(a, vertices=stay))
         if not found:
-            raise SceneError(f"unpin: no such vertex of {cloth.name!r} is pinned or moved")
+            raise SceneError(f"{what}: no such vertex of {cloth.name!r} is {held}")
         self._warn_followers()
         self.script.attachments[:] = kept
 
@@ -291,7 +309,8 @@ class Scene:
             raise SceneError(f"not a cloth of this scene: {shown(what)}; {did_you_mean(what, names)}")
 
     def _attach(self, cloth: Cloth, vertices: object, directions: object, path: Path | None, relative: bool,
-                solid: Solid | None = None, since: float = 0.0) -> None:
+                solid: Solid | None = None, since: float = 0.0, stiffness: float | None = None,
+                most: float = np.inf) -> None:
         self._own(cloth)
         index = used_vertices(cloth, vertices)
         order = np.argsort(index, kind="stable")
@@ -299,7 +318,8 @@ class Scene:
             raise SceneError("move: a vertex is named twice")
         basis = orthonormal(directions)
         selected = np.unique(index)
-        attachment = Attachment(cloth, selected, basis, path, relative, self.script.made, selected, order, solid, since)
+        attachment = Attachment(cloth, selected, basis, path, relative, self.script.made, selected, order, solid, since,
+                                stiffness, most)
         if path is not None:
             attachment.checked(0.0)
         self._check_overlap(attachment)

@@ -41,7 +41,7 @@ class Queries(Parts):
         return self._live().model.read()[1]
 
     def energy(self) -> dict[str, float]:
-        """J by term: stretch_u, stretch_v, shear, bend, gravity (those there are) and kinetic."""
+        """J by term: stretch_u, stretch_v, shear, bend, gravity, attachments (those there are) and kinetic."""
         self._live().model.save()
         return self.meter.measure().energies
 
@@ -113,6 +113,15 @@ class Queries(Parts):
         """(seams,) [m] how far apart what a seam sews together still is, at its widest, in the order of `Scene.seams`."""
         x, seams = self.positions(), self.scene.seams
         return np.array([np.linalg.norm(x[s.a + s.cloth.start] - x[s.b + s.cloth.start], axis=1).max() for s in seams])
+
+    def attachment_forces(self) -> np.ndarray:
+        """(n, 3) [N] of soft attachments on the vertices, now."""
+        self._live()
+        force = np.zeros((self.model.n, 3))
+        if self.prescribed.pulls is not None:
+            pulled = self.prescribed.pulled(self.time)
+            force[pulled.index] = pulled.forces(self.model.read_particles()[0])
+        return self.model.to_user(force)
 
     def contact_forces(self) -> np.ndarray:
         """(n, 3) [N] of solids on the cloth in the last step, friction included."""

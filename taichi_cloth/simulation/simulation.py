@@ -112,9 +112,22 @@ class Simulation(Queries):
         """As `Scene.move`, for this simulation, from now on; the path is a function of the simulation's time."""
         self._change(lambda: self.scene.move(cloth, vertices, path, relative, directions))
 
-    def attach(self, cloth: Cloth, vertices: object, solid: Solid, since: float | None = None) -> None:
-        """As `Scene.attach`, for this simulation, from now on; `since` [s] is now where None."""
-        self._change(lambda: self.scene.attach(cloth, vertices, solid, self.time if since is None else since))
+    def attach(self, cloth: Cloth, vertices: object, solid: Solid, since: float | None = None,
+               stiffness: float | None = None, most: float | None = None) -> None:
+        """As `Scene.attach`, for this simulation, from now on; `since` [s] is now where None.
+
+        Raises:
+            SceneError: with a stiffness, where the scene had nothing attached softly, and no events, when it was begun.
+        """
+        if stiffness is not None and self.prescribed.pulls is None:
+            raise SceneError("attach: this simulation was made without soft attachments: attach something with a stiffness in "
+                             "its scene before, and detach it by hand, or attach in an event (scene.at)")
+        begins = self.time if since is None else since
+        self._change(lambda: self.scene.attach(cloth, vertices, solid, begins, stiffness, most))
+
+    def detach(self, cloth: Cloth, vertices: object = None) -> None:
+        """As `Scene.detach`, for this simulation, from now on."""
+        self._change(lambda: self.scene.detach(cloth, vertices))
 
     def unpin(self, cloth: Cloth, vertices: object = None) -> None:
         """As `Scene.unpin`, for this simulation, from now on."""

@@ -14,7 +14,7 @@ with them, damping and friction go by v: y puts dV . y in, and the second part o
 negative where V is convex.
 """
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 
 from ..system.assembler import Measures
 
@@ -24,6 +24,7 @@ class Work:
     """Work on the cloth in a step [J].
 
     Attributes:
+        attachments: of places on solids on what is attached to them softly, letting go included.
         pins: of pins and motions of a script, and of seams while they close.
         solids: of solids: by what they hold, their friction that sticks, and their edges and corners.
         lifted: of alterations of position (y) that bring out what is inside solids.
@@ -32,6 +33,7 @@ class Work:
         layers: of cloth on cloth, besides the repulsion that is stored; with it what is stored anew where repulsion stiffens.
     """
 
+    attachments: float = 0.0
     pins: float = 0.0
     solids: float = 0.0
     lifted: float = 0.0
@@ -42,7 +44,7 @@ class Work:
     @property
     def total(self) -> float:
         """All of it [J]."""
-        return self.pins + self.solids + self.lifted + self.lowered + self.friction + self.layers
+        return self.attachments + self.pins + self.solids + self.lifted + self.lowered + self.friction + self.layers
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,11 @@ class Ledger(Work):
     def record(self) -> dict[str, float]:
         """By name, as telemetry has it."""
         return {**asdict(self), "unaccounted": self.unaccounted}
+
+
+def with_attachments(ledger: Ledger, work: float) -> Ledger:
+    """Of a step whose start was taken with what leads attachments where that is at its end, which took so much work [J]."""
+    return replace(ledger, attachments=work, potential=ledger.potential + work) if work else ledger
 
 
 TERMS = (*(f.name for f in fields(Ledger)), "unaccounted")

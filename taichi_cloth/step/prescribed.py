@@ -6,6 +6,7 @@ import numpy as np
 
 from ..errors import SceneError
 from ..forces.force import Force
+from ..forces.pulls import NOTHING, Pulled, Pulls
 from ..scene.attachment import Script
 from ..system.checkpoint import Checkpointed
 from ..system.constraints import Attachments
@@ -28,9 +29,14 @@ class Prescribed(Checkpointed):
         self.script.events.sort(key=lambda event: event.time)
         self.attachments = Attachments(model, model.exchange)
         self.changes = 0
+        self.pulls = next((force for force in forces if isinstance(force, Pulls)), None)
+        if self.pulls is not None:
+            self.pulls.source = self.pulled
 
     def at(self, t: float, h: float) -> Held | None:
         """Constraints at the end of a step from t to t + h [s]; wind is set to that time, solids to both ends."""
+        if self.pulls is not None:
+            self.pulls.began = t
         self.set_time(t + h)
         if self.contacts is not None and h > 0:
             self.contacts.scan.set_time(t, h)
@@ -41,6 +47,12 @@ class Prescribed(Checkpointed):
         """Constraints at t [s]."""
         self.attachments.update(self.script.attachments, lambda: self.model.read()[0])
         return self.attachments.at(self.script.attachments, t)
+
+    def pulled(self, t: float) -> Pulled:
+        """What is attached softly, as it is at t [s]."""
+        self.attachments.update(self.script.attachments, lambda: self.model.read()[0])
+        soft = self.attachments.soft(self.script.attachments, t)
+        return NOTHING if soft is None else Pulled(*soft)
 
     def set_time(self, t: float) -> None:
         """What changes with time by itself, such as the wind, is set to what it is at t [s]."""

@@ -156,7 +156,7 @@ class Stepper(Checkpointed):
                 seconds[name] += value
             rejection = self.judge(attempt)
             if self.locator is not None and (rejection is not None or len(attempt.solutions) >= SLOW):
-                troubles.append(self.locator.find(rejection or "", h, attempt.detail, attempt.place))
+                troubles.append(self.locator.find(rejection or "", h, attempt.detail, attempt.place, held_at(t, h)))
             if rejection is None or (not control.adaptive and attempt.measures is not None
                                      and attempt.measures.finite):
                 seconds["total"] = time.perf_counter() - began

@@ -7,8 +7,12 @@ import numpy as np
 
 from ..scene.cloth import Cloth
 from ..scene.solids import Solid
+from ..system.held import Held
 from ..system.place import Place
 from ..system.state import ParticleState
+
+
+SQUEEZED = "held hard where it is pressed: unpin it, or attach it with a stiffness and a largest force"
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,7 @@ class Trouble:
         cloth, vertex: which, by the cloth's own numbers.
         at: (3,) where it was then [m]; speed: how fast it went [m/s].
         against: name of the solid or cloth that it is in contact with, or "".
+        held: whether a pin, motion or attachment holds it in all directions.
         gap: what is left there of the distance to keep, 1 is all of it; below 0 it has passed the surface.
     """
 
@@ -34,11 +39,13 @@ class Trouble:
     speed: float
     against: str = ""
     gap: float = 1.0
+    held: bool = False
 
     def __str__(self) -> str:
         at = ", ".join(f"{c:.4g}" for c in self.at)
         near = f", {self.gap:.2g} thicknesses from {self.against!r}" if self.against else ""
-        return f"vertex {self.vertex} of {self.cloth!r} at ({at}) m, {self.speed:.3g} m/s{near}"
+        squeezed = f", {SQUEEZED}" if self.held and self.against and self.gap < 1 else ""
+        return f"vertex {self.vertex} of {self.cloth!r} at ({at}) m, {self.speed:.3g} m/s{near}{squeezed}"
 
 
 class Locator:
@@ -48,7 +55,7 @@ class Locator:
         self.model, self.cloths, self.solids = model, cloths, solids
         self.starts = np.array([c.start for c in cloths])
 
-    def find(self, name: str, h: float, detail: str, place: Place | None) -> Trouble:
+    def find(self, name: str, h: float, detail: str, place: Place | None, pins: Held | None = None) -> Trouble:
         """At a place, or, where there is none, at the particle whose velocity changed most."""
         x, v = self.model.read_particles()
         if place is None:
@@ -60,8 +67,9 @@ class Locator:
             against = self.solids[place.solid].name if place.solid >= 0 else self._of(place.particles[-1])[0].name
         cloth, vertex = self._of(i)
         x_i = x[i] + self.model.origin
+        held = pins is not None and bool((np.trace(pins.projector[pins.index == i], axis1=1, axis2=2) > 2.5).any())
         return Trouble(name, h, detail, cloth.name, vertex, (float(x_i[0]), float(x_i[1]), float(x_i[2])),
-                       float(np.linalg.norm(v[i])), against, gap)
+                       float(np.linalg.norm(v[i])), against, gap, held)
 
     def _of(self, particle: int) -> tuple[Cloth, int]:
         """A particle's cloth, and its number there."""

@@ -1,7 +1,7 @@
 """One pass over the state: energies by term, the incremental potential, largest stretch, finiteness, and where it is
 wanted the linear system there."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import taichi as ti
@@ -80,6 +80,25 @@ class Assembler:
     def measure(self) -> Measures:
         """The model's current state, against its saved one."""
         return self._look(0, 0, 0.0)
+
+    @property
+    def attached(self) -> np.ndarray:
+        """(k, 3) what is attached softly: particle, stiffness, largest force."""
+        return next((force.attached for force in self.forces if force.attached is not None), np.zeros((0, 3)))
+
+    def led(self, start: Measures, part: float) -> tuple[Measures, float]:
+        """(measures of a step's start, as if what moves by itself had moved before; its work [J]): see `Force.led`.
+
+        Args:
+            start: the step's; the model is at its end, or with `part` 0 anywhere.
+        """
+        energies, total = dict(start.energies), 0.0
+        for force in self.forces:
+            if force.attached is not None:
+                name = force.energies[0]
+                work = force.led(energies.get(name, 0.0), part)
+                energies[name], total = energies.get(name, 0.0) + work, total + work
+        return (replace(start, energies=energies) if total else start), total
 
     def linearize(self, c: float, moves: bool) -> Measures:
         """The same; the operator becomes that of the current state.

@@ -64,12 +64,24 @@ class Attachments:
         for a in new:
             self.anchors[a.key] = x[a.cloth.start: a.cloth.start + a.cloth.mesh.vertex_count].copy()
 
+    def soft(self, attachments: list[Attachment], t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """(particles (k,), places (k, 3) [m], (k, 2) stiffness [N/m] and largest force [N]) of what is attached softly at
+        t [s], or None."""
+        some = [a for a in attachments if a.stiffness is not None]
+        if not some:
+            return None
+        index = np.concatenate([self.model.particle[a.vertices + a.cloth.start] for a in some])
+        place = np.concatenate([a.target(t, self.anchors[a.key]) for a in some]) - self.model.origin
+        law = np.concatenate([np.full((len(a.vertices), 2), (a.stiffness, a.most)) for a in some])
+        return index, place, law
+
     def at(self, attachments: list[Attachment], t: float) -> Held | None:
         """What is held at time t [s], or None.
 
         Raises:
             SceneError: a path's wrong value, or attachments that contradict each other.
         """
+        attachments = [a for a in attachments if a.stiffness is None]
         if not attachments:
             return None
         index = np.concatenate([self.model.particle[a.vertices + a.cloth.start] for a in attachments])

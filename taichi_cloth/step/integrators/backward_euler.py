@@ -16,6 +16,7 @@ from ...system.assembler import Measures
 from ...system.checkpoint import Checkpointed
 from ...system.held import Held
 from ..attempt import Attempt
+from ..ledger import with_attachments
 from ..nonlinear.energy import EnergyTest
 from ..nonlinear.euler import EulerPolicy
 from ..nonlinear.system import System
@@ -59,11 +60,13 @@ class BackwardEuler(Checkpointed):
         solutions: list[Solution] = []
         layers = None if contacts is None else contacts.layers
         before = 0.0 if layers is None else layers.seconds
+        start, led = self.system.meter.led(start, 0.0)
         made = self.policy.attempt(h, held, start, clock, solutions)
         if layers is not None:
             spent = layers.seconds - before
             clock.seconds |= {"C-C": spent, "C-S": max(clock.seconds.get("C-S", 0.0) - spent, 0.0)}
-        return Attempt(made.rejection, made.detail, made.measures, tuple(solutions), clock.seconds, ledger=made.ledger,
+        return Attempt(made.rejection, made.detail, made.measures, tuple(solutions), clock.seconds,
+                       ledger=None if made.ledger is None else with_attachments(made.ledger, led),
                        **({} if contacts is None else contacts.counts()))
 
     def commit(self, taken: float = 0.0) -> None:

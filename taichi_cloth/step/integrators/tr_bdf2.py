@@ -31,7 +31,7 @@ from ...system.checkpoint import Checkpointed
 from ...system.constraints import project
 from ...system.held import Held
 from ..attempt import ACCURACY, ENERGY, SOLVER, Attempt
-from ..ledger import Work, gained, three_stages
+from ..ledger import Work, gained, three_stages, with_attachments
 from ..nonlinear.newton import minimize
 from ..nonlinear.problem import Outcome
 from ..nonlinear.stage import FIRST, Effort, Stage
@@ -53,7 +53,7 @@ SHARE = 0.1  # of the error allowed in a step that Newton's method may leave
 HORIZON = 0.5  # s: time in which a run may gather the error asked for
 FILTER = 0.01  # relative residual of the solve that filters the error estimate
 
-NO_PINS: tuple[np.ndarray, np.ndarray] = np.zeros(0, dtype=np.int32), np.zeros((0, 3, 3))
+NO_PINS: tuple[np.ndarray, ...] = np.zeros(0, dtype=np.int32), np.zeros((0, 3, 3)), np.zeros((0, 3))
 
 
 @ti.data_oriented
@@ -70,7 +70,8 @@ class TRBDF2(Checkpointed):
         self.known = False  # whether a_0 is, or follows from the last step
         self.c = 0.0  # of the last step [s], while a_0 is still to be taken from it: (v_1 - v_p)/c
         self.tried = 0.0  # of the last attempt
-        self.pins = NO_PINS  # particles and projectors
+        self.rate: float | None = None  # at which energies grow at the saved state [W], where a_0 is taken there
+        self.pins = NO_PINS  # particles and projectors, and what is attached softly
         self.power = 0.0  # of the constraints [W] at the end of the last step
         self.power_1 = 0.0
         self.debt = self.debt_1 = 0.0  # energy [J] that steps gained and have not lost again; after the attempt
@@ -84,6 +85,8 @@ class TRBDF2(Checkpointed):
         effort = self._effort(h)
         pins = held_at(0.0)
         fresh = self._remember(pins, c, clock)
+        if self.rate is not None:
+            start = replace(start, rate=self.rate)  # what is attached may be another
         middle = held_at(GAMMA * h)
         with clock.part("EVAL"):
             self._base(0, c, self.c, int(fresh))
@@ -101,15 +104,17 @@ class TRBDF2(Checkpointed):
         with clock.part("EVAL"):
             self.power_1 = self._reaction_power(held, c)
             weights = (WEIGHT * h, WEIGHT * h, c)
-            before = 0.0 if fresh else self.power  # what a_0 implies; where it is f(x_0, v_0)/M nothing holds
+            before = 0.0 if self.rate is not None else self.power  # what a_0 implies; where it is f(x_0, v_0)/M nothing holds
+            start, led = self.system.meter.led(start, 0.5)
             work = Work(pins=sum(w * p for w, p in zip(weights, (before, power, self.power_1))))
             ledger = three_stages(weights, (start, first.measures, stage.measures), work, h * self._lag(c))
             self.system.settle(held)
         measures = stage.measures
+        ledger = with_attachments(ledger, led)
         over = gained(start, measures, work) - max(0.0, ledger.wind)
         self.debt_1 = max(0.0, self.debt + over)
         scale, rounding = self._scale(h, start, measures), self.system.rounding(h, start, measures)
-        spare = WORK * (abs(work.pins) + abs(ledger.wind)) + rounding
+        spare = WORK * (abs(work.pins) + abs(led) + abs(ledger.wind)) + rounding
         if over > GAIN * scale + spare or (over > rounding and self.debt_1 > DEBT * scale + spare):
             return Attempt(ENERGY, f"{over:.2g} J gained", measures, tuple(solutions), clock.seconds, ledger=ledger)
         error = None
@@ -124,12 +129,12 @@ class TRBDF2(Checkpointed):
 
     def commit(self, taken: float = 0.0) -> None:
         """The last attempt was accepted; what remembers took so much [J] after it."""
-        self.known, self.power, self.c, self.motion = True, self.power_1, self.tried, self.motion_1
+        self.known, self.power, self.c, self.motion, self.rate = True, self.power_1, self.tried, self.motion_1, None
         self.debt = max(0.0, self.debt_1 - taken)
 
     def reset(self, debt: float = 0.0) -> None:
         """The state was changed by hand, or by another method that left a debt [J]."""
-        self.known, self.power, self.c, self.debt, self.motion = False, 0.0, 0.0, debt, 0.0
+        self.known, self.power, self.c, self.debt, self.motion, self.rate = False, 0.0, 0.0, debt, 0.0, None
 
     def _scale(self, h: float, start: Measures, end: Measures) -> float:
         """Energy [J] that counts in a step: of the motion, now or a while ago, and of a slow fall."""
@@ -149,13 +154,13 @@ class TRBDF2(Checkpointed):
 
     def _remember(self, held: Held | None, c: float, clock: Clock) -> bool:
         """Whether a_0 is f(x_0, v_0)/M, now in b, where no step implies it: at the start, and when pins have come or gone."""
-        pins = NO_PINS if held is None else (held.index, held.projector)
+        pins = (*(NO_PINS[:2] if held is None else (held.index, held.projector)), self.system.meter.attached)
         same = all(np.array_equal(p, q) for p, q in zip(pins, self.pins))
         if self.known and same:
             return False
         self.pins = pins
         with clock.part("EVAL"):
-            self.system.linearize(c)
+            self.rate = self.system.linearize(c).rate
         self.known, self.c = True, 0.0
         return True
 

@@ -1,0 +1,199 @@
+"""Vertices that springs with a largest force hold to solids: forces, derivatives, work, events and what they give for."""
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth.step.ledger import totals
+
+FABRIC = tc.Fabric(0.2, tc.Stretch(500, 0.5), tc.Shear(50), tc.Bend(1e-4))
+CONVERGED = {"newton_tol": 1e-11, "cg_tol": 1e-12, "newton_max": 60}
+STIFF, MOST = 30.0, 0.2  # N/m, N
+
+
+def away(path=None, **attach) -> tuple[tc.Scene, tc.Cloth, tc.Solid]:
+    """A sheet that hangs far above a ball, to which its upper edge is attached."""
+    flat = tc.grid(0.4, 4)
+    scene, mesh = tc.Scene(), tc.TriMesh(flat.x[:, [0, 2, 1]] * [1, -1, 1], flat.faces, flat.uv, groups=flat.groups)
+    ball = scene.add_solid(tc.Sphere(0.1), 0.3, 0.01, position=path or (0.0, -3.0, 0.0), name="ball")
+    cloth = scene.add_cloth(mesh, FABRIC)
+    scene.attach(cloth, "top", ball, **attach)
+    return scene, cloth, ball
+
+
+def energies(x, place, row, k, most):
+    d = np.linalg.norm(x[row] - place, axis=1)
+    return np.where(k * d <= most, k * d**2 / 2, most * d - most**2 / (2 * k))
+
+
+@pytest.fixture(scope="module", params=["paper", "projected"])
+def hung(request):
+    scene, cloth, _ = away(stiffness=STIFF, most=MOST)
+    sim = tc.Simulation(scene, h=1 / 60, K=request.param, integrator="backward_euler")
+    yield sim, cloth.mesh.select("top"), request.param
+    sim.close()
+
+
+def test_derivatives(hung, rng):
+    """f = -dE/dx, and K = df/dx on a ladder, on both sides of the largest force; "projected" is no less stiff."""
+    sim, row, K = hung
+    x = sim.scene.cloths[0].mesh.x
+    place, noise, p = x[row], rng.normal(size=x.shape), rng.normal(size=x.shape)
+    for size in (1e-3, 5e-2):  # within and beyond MOST / STIFF = 6.7 mm
+        there, zero = x.copy(), 0 * x
+        sim.set_state(x, zero)
+        sim.prescribed.set_time(0.0)  # attached here
+        there[row] += size * noise[row]
+        own = STIFF * size * np.linalg.norm(noise[row], axis=1)
+        assert (own < MOST).all() if size < 1e-2 else (own > MOST).all()
+
+        def pulls(eps, there=there):
+            sim.model.write(there + eps * p, zero)
+            return sim.attachment_forces(), sim.energy()["attachments"], sim.forces()
+
+        f, E, total = pulls(0.0)
+        assert pytest.approx(energies(there, place, row, STIFF, MOST).sum(), rel=1e-12) == E
+        low, high = pulls(-1e-6), pulls(1e-6)
+        assert np.sum(f * p) == pytest.approx(-(high[1] - low[1]) / 2e-6, rel=1e-7)
+        pulls(0.0)
+        n = np.zeros((len(x), 1))
+        n[sim.model.user, 0] = sim.model.mass
+        one, two = (n * p - sim.product(p, h) for h in (1.0, 2.0))
+        K_p = two / 2 - one
+        errors = []
+        for eps in 10.0 ** -np.arange(3, 7):
+            errors.append(np.abs((pulls(eps)[2] - pulls(-eps)[2]) / (2 * eps) - K_p)[row].max() / np.abs(K_p).max())
+        if K == "paper":
+            assert min(errors) < 1e-7, errors
+        else:  # of a first solve: a bound
+            assert np.sum(p * K_p) <= np.sum(p * (high[2] - low[2])) / 2e-6 < 0
+
+
+@pytest.mark.slow
+def test_it_hangs_where_forces_balance():
+    """At rest springs bear the weight; beyond their largest force the sheet falls at (m g - sum of forces)/m."""
+    scene, cloth, _ = away(stiffness=100.0)
+    sim = tc.Simulation(scene, h=1 / 30, integrator="backward_euler")
+    sim.run(4.0, fps=1)
+    weight = sim.model.mass.sum() * 9.81
+    pull, row = sim.attachment_forces(), cloth.mesh.select("top")
+    assert pull.sum(axis=0) == pytest.approx([0, weight, 0], abs=2e-3 * weight)
+    sunk = cloth.mesh.x[row] - sim.positions()[row]
+    assert pull[row] == pytest.approx(100.0 * sunk, abs=1e-9) and sunk[:, 1].max() > 5e-4
+    assert not np.delete(pull, row, axis=0).any()
+    sim.close()
+    most, h = 0.6 * weight / len(row), 1 / 60
+    sim.detach(cloth)
+    sim.attach(cloth, row, sim.scene.solids[0], stiffness=1e4, most=most)
+    for _ in range(20):
+        before = sim.model.mass @ sim.velocities()[sim.model.user]
+        sim.step(h)
+        gained = sim.model.mass @ sim.velocities()[sim.model.user] - before
+        pull = sim.attachment_forces()
+        assert gained == pytest.approx(h * (pull.sum(axis=0) + [0, -weight, 0]), abs=2e-3 * h * weight)
+    assert np.linalg.norm(pull[row], axis=1) == pytest.approx(most, rel=1e-9) and sim.positions()[row, 1].max() < -0.1
+    sim.close()
+
+
+@pytest.mark.parametrize("integrator", ["newton_euler", "tr_bdf2"])
+@pytest.mark.slow
+def test_all_of_their_work_is_accounted_for(integrator):
+    """A ball that swings, drags a sheet by springs; some are let go by an event, others begin: nothing is unaccounted for."""
+    scene, cloth, ball = away(lambda t: (0.02 * np.sin(25 * t), -3.0 + 0.2 * t, 0.3 * t), stiffness=STIFF, most=MOST)
+    row = cloth.mesh.select("top")
+    scene.at(4 / 90, lambda: scene.detach(cloth, row[:2]))
+    scene.at(6 / 90, lambda: scene.attach(cloth, [0, 1], ball, 6 / 90, stiffness=50.0, most=1.0))
+    sim = tc.Simulation(scene, h=1 / 90, integrator=integrator, stretch_limit=9.0, **CONVERGED)
+    before, works, held = sum(sim.energy().values()), [], []
+    for _ in range(9):
+        sim.log.clear()
+        held.append(len(sim.prescribed.pulled(sim.time).index))
+        sim.step()
+        after = sum(sim.log[-1].energies.values())
+        ledger = totals([r.ledger for r in sim.log])
+        assert ledger["kinetic"] + ledger["potential"] == pytest.approx(after - before, abs=1e-9)
+        scale = abs(ledger["attachments"]) + ledger["damping"] + abs(ledger["method"]) + sim.log[-1].energies["kinetic"]
+        assert abs(ledger["unaccounted"]) < 1e-6 * scale, ledger
+        before = after
+        works.append(ledger["attachments"])
+    assert held == [5, 5, 5, 5, 3, 3, 5, 5, 5]
+    assert sum(w for w in works if w > 0) > 1e-3, works
+    sim.close()
+
+
+@pytest.mark.slow
+def test_events_by_hand_and_checkpoints():
+    def make() -> tuple[tc.Simulation, tc.Cloth, tc.Solid]:
+        scene, cloth, ball = away(lambda t: (0.3 * t, -3.0, 0.0), stiffness=STIFF, most=MOST)
+        scene.at(0.1, lambda: scene.detach(cloth))
+        scene.at(0.2, lambda: scene.attach(cloth, "bottom", ball, 0.2, stiffness=500.0))
+        return tc.Simulation(scene, h=1 / 50, threads=1), cloth, ball
+
+    sim, cloth, ball = make()
+    sim.run(0.1, fps=50)
+    assert not sim.attachment_forces().any()
+    sim.run(0.16, fps=50)
+    low = cloth.mesh.select("bottom")
+    pull = sim.attachment_forces()
+    assert (np.linalg.norm(pull[low], axis=1) > 0).all() and not np.delete(pull, low, axis=0).any()
+    again, _, _ = make()
+    again.resume(sim.checkpoint())
+    for one in (sim, again):
+        one.run(0.1, fps=50)
+    assert (sim.positions() == again.positions()).all()
+    sim.detach(cloth, low[0])
+    assert not sim.attachment_forces()[low[0]].any() and sim.attachment_forces()[low[1]].any()
+    sim.attach(cloth, low[0], ball, stiffness=10.0, most=1.0)
+    sim.step()
+    for one in (sim, again):
+        one.close()
+
+
+@pytest.mark.slow
+def test_what_is_soft_gives_where_a_solid_presses():
+    """A ball presses on the middle of a sheet that is attached there to the floor: soft it gives way, hard it is squeezed,
+    which rejected steps say, with what to do."""
+    sim, ball = pressed(stiffness=20.0, most=0.5)
+    sim.run(0.2, fps=30)
+    at = sim.positions()[24]
+    assert np.linalg.norm(at - ball.pose(sim.time)[1]) > 0.05 + 0.5 * 0.003
+    assert np.linalg.norm(sim.attachment_forces()[24]) == pytest.approx(0.5, rel=0.2)
+    assert not any(r.rejections for r in sim.log)
+    sim.close()
+    sim, ball = pressed()
+    sim.run(0.2, fps=30)
+    assert np.linalg.norm(sim.positions()[24] - ball.pose(sim.time)[1]) < 0.05
+    told = [str(t) for r in sim.log for t in r.troubles if t.name]
+    assert told and all("vertex 24 " in t and "'ball'" in t and "held hard" in t and "stiffness" in t for t in told), told
+    sim.close()
+
+
+def pressed(**attach) -> tuple[tc.Simulation, tc.Solid]:
+    """A sheet on a ball's way down, one of whose vertices is attached to the floor."""
+    scene, mesh = tc.Scene(), tc.grid(0.3, 6)
+    floor = scene.add_solid(tc.Plane((0, 1, 0)), 0.3, 0.003, position=(0, -1, 0), name="floor")
+    ball = scene.add_solid(tc.Sphere(0.05), 0.3, 0.003, position=lambda t: (0.15, 0.06 - 0.3 * t, -0.15), name="ball")
+    cloth = scene.add_cloth(mesh, FABRIC)
+    scene.attach(cloth, 24, floor, **attach)
+    scene.pin(cloth, "left")
+    return tc.Simulation(scene, h=1 / 60), ball
+
+
+def test_what_cannot_be_attached_softly():
+    scene, cloth, ball = away(stiffness=STIFF)
+    with pytest.raises(tc.SceneError, match="stiffness"):
+        scene.attach(cloth, "bottom", ball, most=1.0)
+    for law in ({"stiffness": 0.0}, {"stiffness": 1.0, "most": -1.0}, {"stiffness": np.nan}):
+        with pytest.raises(tc.SceneError, match="attach"):
+            scene.attach(cloth, "bottom", ball, **law)
+    with pytest.raises(tc.SceneError, match="already held"):
+        scene.pin(cloth, "top")
+    with pytest.raises(tc.SceneError, match="detach: no such vertex"):
+        scene.detach(cloth, "bottom")
+    scene.pin(cloth, "bottom")
+    scene.detach(cloth)
+    assert [a.solid for a in scene.script.attachments] == [None]  # the pin stays
+    sim = tc.Simulation(scene)
+    with pytest.raises(tc.SceneError, match="without soft attachments"):
+        sim.attach(cloth, "top", ball, stiffness=STIFF)
+    sim.close()
