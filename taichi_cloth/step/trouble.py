@@ -11,7 +11,6 @@ from ..system.held import Held
 from ..system.place import Place
 from ..system.state import ParticleState
 
-
 SQUEEZED = "held hard where it is pressed: unpin it, or attach it with a stiffness and a largest force"
 
 
