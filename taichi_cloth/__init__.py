@@ -29,7 +29,7 @@ _NAMES = {
     "system.constraints": "Constraint",
     "options": "Options",
     "simulation": "Simulation",
-    "output.recording": "Recording",
+    "recording.recorded": "Recording",
     "recording.still": "render",
     "app.cli": "run",
     "errors": "ClothError MeshError SceneError BackendError OutputError ScriptError SimulationError",

@@ -53,13 +53,16 @@ def add_parsers(commands) -> None:
     compare.add_argument("--frames", type=int, default=5, metavar="N", help="number of frames in a row")
     look_flags(compare)
     export = commands.add_parser("export", help="geometry for other tools")
-    export.add_argument("run", help="a run's folder")
-    export.add_argument("--format", required=True, help="pc2, usda, usdc, vtu or ply")
-    export.add_argument("--to", metavar="DIR", help="folder for the files (RUN/FORMAT)")
-    parts = export.add_mutually_exclusive_group()
-    parts.add_argument("--panels", dest="parts", action="store_const", const="panels",
-                       help="a mesh for each panel of a garment")
-    parts.add_argument("--weld", dest="parts", action="store_const", const="welded", help="garments welded over their seams")
+    export.add_argument("--format", required=True, help="blend, abc, usda, usdc, glb, gltf, obj, pc2, vtu or ply")
+    blend = commands.add_parser("blend", help="a .blend with cloths, solids and camera: export --format blend")
+    for parser in (export, blend):
+        parser.add_argument("run", help="a run's folder")
+        parser.add_argument("--to", metavar="PATH", help="folder, or the file where the format has one (RUN/FORMAT)")
+        parts = parser.add_mutually_exclusive_group()
+        parts.add_argument("--panels", dest="parts", action="store_const", const="panels",
+                           help="a mesh for each panel of a garment")
+        parts.add_argument("--weld", dest="parts", action="store_const", const="welded",
+                           help="garments welded over their seams")
     diff = commands.add_parser("diff", help="what differs between two runs, and where their motion parts")
     diff.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
     diff.add_argument("--tolerance", type=number_of, default=1e-6, metavar="M", help="RMS distance [m] that counts (1e-6)")
@@ -101,20 +104,19 @@ def _compare(args: argparse.Namespace) -> int:
     return 0
 
 
-def _export(args: argparse.Namespace) -> int:
+def _export(args: argparse.Namespace, format: str | None = None) -> int:
     from ..output.export import export
     from ..output.recording import Recording
-    from ..system.quantities import evaluate
 
     _check_to(args)
-    recording = Recording(args.run)
-    folder = pathlib.Path(args.to) if args.to else recording.path / args.format
-    fields: dict = {"stretch": lambda frame: evaluate("stretch", recording.geometry, frame)}
-    if "contact" in recording.frame(recording.frames()[0]):
-        fields["contact_force"] = lambda frame: frame["contact"]
-    files = export(recording, args.format, folder, fields, args.parts or "cloths")
-    print(f"{len(files)} files in {folder}/: {', '.join(f.name for f in files[:3])}{' ...' if len(files) > 3 else ''}")
+    files = export(Recording(args.run), format or args.format, args.to, args.parts or "cloths")
+    names = ", ".join(f.name for f in files[:3]) + (" ..." if len(files) > 3 else "")
+    print(f"{len(files)} files in {files[0].parent}/: {names}" if len(files) > 1 else f"written to {files[0]}")
     return 0
+
+
+def _blend(args: argparse.Namespace) -> int:
+    return _export(args, "blend")
 
 
 def _diff(args: argparse.Namespace) -> int:
@@ -155,7 +157,7 @@ def _why(args: argparse.Namespace) -> int:
 
 
 COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
-    "render": _render, "compare": _compare, "export": _export, "diff": _diff, "report": _report, "why": _why}
+    "render": _render, "compare": _compare, "export": _export, "blend": _blend, "diff": _diff, "report": _report, "why": _why}
 
 
 def _look(args: argparse.Namespace, recording):

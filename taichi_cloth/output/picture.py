@@ -9,8 +9,8 @@ from .. import checks
 from ..errors import SceneError, shown
 from ..scene.view import Camera, View
 from .camera import fit
-from .colors import draw_bar, heat_colors
-from .raster import PALETTE, QUALITY, STONE, Renderer
+from .colors import PALETTE, STONE, draw_bar, heat_colors
+from .raster import QUALITY, Renderer
 from .text import draw_text
 
 

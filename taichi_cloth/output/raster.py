@@ -26,8 +26,6 @@ OCCLUDE = 0.35  # part of the scene's size beyond which nothing takes ambient li
 SHADOW = 1536  # shadow map, pixels a side
 SAME = 8  # roundings by which depths of one sample may differ between the two passes: not all backends round alike
 LIGHT = (0.45, 0.8, 0.5)  # towards the key light
-STONE = (0.52, 0.50, 0.47)
-PALETTE = ((0.62, 0.07, 0.08), (0.06, 0.19, 0.46), (0.08, 0.36, 0.20), (0.62, 0.36, 0.05), (0.32, 0.10, 0.42))
 
 
 @ti.data_oriented

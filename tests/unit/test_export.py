@@ -19,13 +19,32 @@ FACES = np.array([[0, 1, 2], [2, 1, 3], [4, 5, 6], [6, 5, 7], [6, 7, 8]], dtype=
 NAMES = ["shirt\nf 1 2 3 # \\", "4 skirts"]
 
 
-def make(folder, rng, frames=3, **more):
-    """A recording of two pieces of cloth, from frame FIRST on, whose positions and velocities have nothing in common."""
+SOLID_FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3], [4, 5, 6], [6, 5, 7]], dtype=np.int32)
+TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 1], [0, 1, 0]], dtype=np.float32)
+COLORS = np.array([[0.1, 0.2, 0.9], [np.nan] * 3])
+CAMERA = np.array([1.0, 2.0, 5.0, 0.5, 0.2, 0.1, 40.0, 0.0, 1.0, 0.0])  # eye, target, fov, up
+
+
+def make(folder, rng, frames=3, own=None, **more):
+    """A recording of two pieces of cloth, from frame FIRST on, whose positions and velocities have nothing in common; with
+    a tetrahedron that moves and deforms, and a sheet that stays.
+
+    Args:
+        own: by frame, arrays that it has besides or instead.
+        more: arrays of the geometry.
+    """
+    sheet = rng.normal(size=(4, 3))
     arrays = [{"t": np.array(k / FPS), "x": rng.normal(size=(9, 3)).astype(np.float32),
-               "v": 10 + rng.normal(size=(9, 3)).astype(np.float32), "contact": -5 - rng.random((9, 3)).astype(np.float32)}
-              for k in range(FIRST, FIRST + frames)]
+               "v": 10 + rng.normal(size=(9, 3)).astype(np.float32), "contact": -5 - rng.random((9, 3)).astype(np.float32),
+               "solid_x": np.concatenate([TETRAHEDRON * [1, 1 + k / 10, 1] + [k, 0, 0], sheet]).astype(np.float32)}
+              | (own or {}).get(k, {}) for k in range(FIRST, FIRST + frames)]
     geometry = {"faces": FACES, "uv": rng.random((5, 3, 2)).astype(np.float32), "x": rng.normal(size=(9, 3)),
-                "cloth_start": np.array([0, 4, 9]), "cloth_faces": np.array([0, 2, 5]), "cloth_names": np.array(NAMES)} | more
+                "cloth_start": np.array([0, 4, 9]), "cloth_faces": np.array([0, 2, 5]), "cloth_names": np.array(NAMES),
+                "cloth_colors": COLORS, "solid_faces": SOLID_FACES, "solid_start": np.array([0, 4, 8]),
+                "solid_names": np.array(["tetrahedron", "sheet"]),
+                "solid_colors": np.array([[0.5, 0.25, 0.125], [np.nan] * 3]),
+                "solid_x": arrays[0]["solid_x"].astype(np.float64), "camera": CAMERA, "ground": np.array(-3.0),
+                "reach": np.array(0.0)} | more
     out = RunFolder(folder)
     out.write_geometry(geometry)
     for k, frame in enumerate(arrays, FIRST):
@@ -43,75 +62,88 @@ def made(tmp_path, rng):
 FIELDS = {"speed": lambda frame: np.linalg.norm(frame["v"], axis=1), "contact_force": lambda frame: frame["contact"]}
 
 
-def test_pc2_header_and_positions(made, tmp_path):
-    obj, pc2 = export(made.recording, "pc2", tmp_path / "o", FIELDS)
-    data = pc2.read_bytes()
-    assert data[:12] == b"POINTCACHE2\0"
-    version, count, start, rate, frames = struct.unpack("<iiffi", data[12:32])
-    assert (version, count, start, rate, frames) == (1, 9, FIRST, 1.0, 3)
-    x = np.frombuffer(data[32:], "<f4").reshape(3, 9, 3)
-    assert all((x[k] == frame["x"]).all() for k, frame in enumerate(made.frames))
-    assert (read_pc2(pc2) == x).all()
+def test_pc2_has_a_mesh_and_a_cache_for_each_that_moves(made, tmp_path):
+    files = {f.name: f for f in export(made.recording, "pc2", tmp_path / "o")}
+    assert sorted(files) == ["4_skirts.obj", "4_skirts.pc2", "cloth.mtl", "ground.obj", "sheet.obj", "shirt_f_1_2_3____.obj",
+                             "shirt_f_1_2_3____.pc2", "tetrahedron.obj", "tetrahedron.pc2"]
+    for name, key, first, last in (("shirt_f_1_2_3____", "x", 0, 4), ("4_skirts", "x", 4, 9),
+                                   ("tetrahedron", "solid_x", 0, 4)):
+        data = files[f"{name}.pc2"].read_bytes()
+        assert data[:12] == b"POINTCACHE2\0"
+        version, count, start, rate, frames = struct.unpack("<iiffi", data[12:32])
+        assert (version, count, start, rate, frames) == (1, last - first, FIRST, 1.0, 3)
+        x = np.frombuffer(data[32:], "<f4").reshape(3, count, 3)
+        assert all((x[k] == frame[key][first:last]).all() for k, frame in enumerate(made.frames))
+        assert (read_pc2(files[f"{name}.pc2"]) == x).all()
+        objects = read_obj(files[f"{name}.obj"])
+        assert list(objects) == [name] and (objects[name].x == x[0]).all()
+        faces = {"x": FACES, "solid_x": SOLID_FACES}[key]
+        mine = ((faces >= first) & (faces < last)).all(axis=1)
+        assert (objects[name].faces == faces[mine] - first).all()
+        assert (objects[name].uv == made.geometry["uv"][mine]).all() if key == "x" else objects[name].uv is None
 
 
-def test_the_obj_beside_it_has_the_first_shape_and_both_pieces(made, tmp_path):
-    lines = export(made.recording, "pc2", tmp_path / "o", FIELDS)[0].read_text().splitlines()
-    v = np.array([line.split()[1:] for line in lines if line.startswith("v ")], dtype=np.float32)
-    vt = np.array([line.split()[1:] for line in lines if line.startswith("vt ")], dtype=np.float32)
-    corners = np.array([[word.split("/") for word in line.split()[1:]] for line in lines if line.startswith("f ")], dtype=int)
-    assert (v == made.frames[0]["x"]).all() and (corners[:, :, 0] - 1 == FACES).all()
-    assert (vt[corners[:, :, 1] - 1] == made.geometry["uv"]).all()
-    assert {line.split()[0] for line in lines} == {"v", "vt", "f", "g"}
-    groups = [k for k, line in enumerate(lines) if line.startswith("g ")]
-    assert [len(lines[k].split()) for k in groups] == [2, 2] and [x[0] for x in lines[groups[0] + 1: groups[1]]] == ["f"] * 2
-
-
-def samples(text, name):
-    """Rows of numbers by time code of an attribute's time samples, in every mesh of a .usda file."""
-    out = []
-    for block in re.findall(rf" {name}\.timeSamples = {{\n(.*?)\n        }}", text, re.DOTALL):
-        rows = re.findall(r"(\d+): \[(.*)\],", block)
-        out.append({int(k): np.array(re.findall(r"[-\d.e+]+", row), dtype=np.float32).reshape(-1, 3) for k, row in rows})
+def read_obj(path):
+    """By name, x (n, 3), faces (m, 3), uv (m, 3, 2), normals (m, 3, 3) and colour of an OBJ's objects; None where absent."""
+    colors, name = {}, ""
+    lines = [line.split() for line in path.read_text().splitlines()]
+    library = next(line[1] for line in lines if line[0] == "mtllib")
+    for line in (path.parent / library).read_text().splitlines():
+        word, *rest = line.split() or [""]
+        name = rest[0] if word == "newmtl" else name
+        if word == "Kd":
+            colors[name] = np.array(rest, dtype=np.float32)
+    tables = {word: np.array([line[1:] for line in lines if line[0] == word], dtype=np.float32) for word in ("v", "vt", "vn")}
+    assert {line[0] for line in lines} <= {"v", "vt", "vn", "f", "o", "usemtl", "mtllib"}
+    out, of, material = {}, {}, {}
+    for line in lines:
+        if line[0] == "o":
+            assert len(line) == 2 and line[1] not in of
+            name, of[line[1]] = line[1], []
+        elif line[0] == "f":
+            of[name].append([[int(i or 0) - 1 for i in (word + "//").split("/")[:3]] for word in line[1:]])
+        elif line[0] == "usemtl":
+            material[name] = line[1]
+    for name, rows in of.items():
+        index = np.array(rows)
+        first = index[:, :, 0].min()
+        uv, normals = (tables[w][index[:, :, k]] if (index[:, :, k] >= 0).all() else None for k, w in ((1, "vt"), (2, "vn")))
+        out[name] = SimpleNamespace(x=tables["v"][first: index[:, :, 0].max() + 1], faces=index[:, :, 0] - first, uv=uv,
+                                    normals=normals, color=colors[material[name]])
     return out
 
 
-def test_usda(made, tmp_path):
-    text = export(made.recording, "usda", tmp_path / "o", {})[0].read_text()
-    for part, (first, last) in enumerate(((0, 4), (4, 9))):
-        for k, frame in enumerate(made.frames, FIRST):
-            assert (samples(text, "points")[part][k] == frame["x"][first:last]).all()
-            assert (samples(text, "velocities")[part][k] == frame["v"][first:last]).all()
-            extent = samples(text, "extent")[part][k]
-            assert (extent[0] == frame["x"][first:last].min(axis=0)).all()
-            assert (extent[1] == frame["x"][first:last].max(axis=0)).all()
-        assert list(samples(text, "points")[part]) == [FIRST, FIRST + 1, FIRST + 2]
-    index = [[int(i) for i in row.split(",")] for row in re.findall(r"faceVertexIndices = \[(.*?)\]", text)]
-    assert index == [FACES[:2].ravel().tolist(), (FACES[2:] - 4).ravel().tolist()]
-    assert [row.count("3") for row in re.findall(r"faceVertexCounts = \[(.*?)\]", text)] == [2, 3]
-    st = [np.array(re.findall(r"[-\d.e+]+", row), dtype=np.float32) for row in re.findall(r"primvars:st = \[(.*?)\] \(", text)]
-    assert (np.concatenate(st).reshape(5, 3, 2) == made.geometry["uv"]).all() and 'interpolation = "faceVarying"' in text
-    for line in ("metersPerUnit = 1", 'upAxis = "Y"', f"startTimeCode = {FIRST}", f"endTimeCode = {FIRST + 2}",
-                 f"timeCodesPerSecond = {FPS}", 'subdivisionScheme = "none"', "doubleSided = 1"):
-        assert line in text
-    assert all(re.fullmatch(r"[A-Za-z_]\w*", name) for name in re.findall(r'def Mesh "(.*?)"', text))
-    assert len(set(re.findall(r'def Mesh "(.*?)"', text))) == 2
+def face_normals(x, faces):
+    """(m, 3) unit normals of triangles."""
+    n = np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]])
+    return n / np.linalg.norm(n, axis=1, keepdims=True)
 
 
-def test_usdc_says_the_same_as_usda(made, tmp_path):
-    Usd = pytest.importorskip("pxr.Usd", reason="usd-core is not installed")
-    from pxr import UsdGeom
-
-    stage = Usd.Stage.Open(str(export(made.recording, "usdc", tmp_path / "o", {})[0]))
-    assert stage.GetTimeCodesPerSecond() == FPS and UsdGeom.GetStageUpAxis(stage) == "Y"
-    assert UsdGeom.GetStageMetersPerUnit(stage) == 1
-    meshes = [UsdGeom.Mesh(p) for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)]
-    for k, frame in enumerate(made.frames, FIRST):
-        assert (np.concatenate([m.GetPointsAttr().Get(k) for m in meshes]) == frame["x"]).all()
-        assert (np.concatenate([m.GetVelocitiesAttr().Get(k) for m in meshes]) == frame["v"]).all()
+def test_obj_is_a_sequence_with_an_object_a_mesh(made, tmp_path):
+    mtl, *files = export(made.recording, "obj", tmp_path / "o")
+    assert mtl.name == "cloth.mtl" and [f.name for f in files] == ["00002.obj", "00003.obj", "00004.obj"]
+    for file, frame in zip(files, made.frames):
+        objects = read_obj(file)
+        shirt, skirt, tetrahedron, sheet, ground = objects.values()
+        assert list(objects) == ["shirt_f_1_2_3____", "4_skirts", "tetrahedron", "sheet", "ground"]
+        assert (shirt.x == frame["x"][:4]).all() and (skirt.x == frame["x"][4:]).all()
+        assert (tetrahedron.x == frame["solid_x"][:4]).all() and (sheet.x == frame["solid_x"][4:]).all()
+        assert (np.concatenate([shirt.uv, skirt.uv]) == made.geometry["uv"]).all() and tetrahedron.uv is None
+        assert (shirt.faces == FACES[:2]).all() and (skirt.faces == FACES[2:] - 4).all()
+        assert (ground.x[:, 1] == -3).all() and ground.normals == pytest.approx(np.tile([0, 1, 0], (2, 3, 1)))
+        assert shirt.color == pytest.approx(COLORS[0]) and tetrahedron.color == pytest.approx([0.5, 0.25, 0.125])
+        assert np.isfinite(skirt.color).all() and (skirt.color != shirt.color).any()
+        # sharp edges: each face of the tetrahedron has its own normal; cloth: one a vertex, the sum over its faces by area
+        flat = face_normals(tetrahedron.x, tetrahedron.faces)
+        assert tetrahedron.normals == pytest.approx(np.repeat(flat[:, None], 3, axis=1), abs=2e-6)
+        a, b, c = shirt.x[shirt.faces].transpose(1, 0, 2)
+        area = np.cross(b - a, c - a)
+        both = area.sum(axis=0) / np.linalg.norm(area.sum(axis=0))
+        assert shirt.normals[0, 1] == pytest.approx(both, abs=2e-6) and shirt.normals[1, 1] == pytest.approx(both, abs=2e-6)
 
 
 def test_vtu(made, tmp_path):
-    *files, pvd = export(made.recording, "vtu", tmp_path / "o", FIELDS)
+    *files, pvd = export(made.recording, "vtu", tmp_path / "o", fields=FIELDS)
     assert [f.name for f in files] == ["00002.vtu", "00003.vtu", "00004.vtu"] and pvd.name == "cloth.pvd"
     listed = re.findall(r'timestep="([^"]+)".*file="([^"]+)"', pvd.read_text())
     assert [name for _, name in listed] == [f.name for f in files]
@@ -133,7 +165,7 @@ def first_uv(made):
 
 
 def test_ply(made, tmp_path):
-    files = export(made.recording, "ply", tmp_path / "o", FIELDS)
+    files = export(made.recording, "ply", tmp_path / "o", fields=FIELDS)
     assert [f.name for f in files] == ["00002.ply", "00003.ply", "00004.ply"]
     for k, (file, frame) in enumerate(zip(files, made.frames), FIRST):
         head, _, body = file.read_bytes().partition(b"end_header\n")
@@ -148,7 +180,7 @@ def test_ply(made, tmp_path):
 
 
 @pytest.mark.parametrize("spoil", ["missing", "damaged", "another's"])
-@pytest.mark.parametrize("format", ["pc2", "usda", "vtu", "ply"])
+@pytest.mark.parametrize("format", ["pc2", "obj", "usda", "glb", "vtu", "ply"])
 def test_a_frame_that_is_not_whole_is_refused(made, tmp_path, format, spoil):
     frames = made.recording.path / "frames"
     if spoil == "missing":
@@ -160,8 +192,8 @@ def test_a_frame_that_is_not_whole_is_refused(made, tmp_path, format, spoil):
     else:
         (frames / "00003.npz").write_bytes((frames / "00004.npz").read_bytes())
     with pytest.raises(OutputError, match="00003.npz is (missing|damaged)"):
-        export(made.recording, format, tmp_path / "o", FIELDS)
-    assert not (tmp_path / "o").exists() or not list((tmp_path / "o").glob("cloth.*"))
+        export(made.recording, format, tmp_path / "o")
+    assert not (tmp_path / "o").exists()
 
 
 @pytest.mark.parametrize("end", ["first", "last"])
@@ -172,38 +204,32 @@ def test_frames_gone_from_an_end_are_missed(made, end):
         made.recording.frames()
 
 
-@pytest.mark.parametrize("format", ["usdc", "vtu", "usda", "pc2", "ply"])
+@pytest.mark.parametrize("format", ["usdc", "vtu", "usda", "pc2", "obj", "glb", "gltf", "ply"])
 def test_a_full_disk_leaves_nothing_half_written(format, tmp_path, rng):
     """A limit on the size of files stands for the disk."""
     resource = pytest.importorskip("resource", reason="this system has no limits on files")
     if format == "usdc":
         pytest.importorskip("pxr.Usd", reason="usd-core is not installed")
     many = make(tmp_path / "many", rng, frames=60).recording
-    export(many, format, tmp_path / "before", {})  # what is imported and read first is so now
+    export(many, format, tmp_path / "before")  # what is imported and read first is so now
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, ({"vtu": 256, "ply": 256}.get(format, 4096), limits[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, ({"vtu": 256, "ply": 256, "pc2": 600, "obj": 800}.get(format, 4096), limits[1]))
     try:
-        with pytest.raises(OutputError, match=r"cannot write .*\.(obj|pc2|usda|usdc|vtu|ply)"):
-            export(many, format, tmp_path / "o", {})
+        with pytest.raises(OutputError, match=r"cannot write .*\.(obj|pc2|usda|usdc|vtu|ply|glb|bin)"):
+            export(many, format, tmp_path / "o")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-    assert not list((tmp_path / "o").glob("*.partial*")) and not list((tmp_path / "o").glob("cloth.[upv]*"))
+    whole = {f.name: f.read_bytes() for f in (tmp_path / "before").iterdir()}
+    left = {f.name: f.read_bytes() for f in (tmp_path / "o").iterdir()}
+    assert len(left) < len(whole) and all(whole[name] == data for name, data in left.items())
 
 
 def test_what_usd_core_cannot_write_is_said(made, tmp_path, monkeypatch):
     Sdf = pytest.importorskip("pxr.Sdf", reason="usd-core is not installed")
     monkeypatch.setattr(Sdf.Layer, "Export", lambda self, path: False)
     with pytest.raises(OutputError, match="usd-core could not write it"):
-        export(made.recording, "usdc", tmp_path / "o", {})
+        export(made.recording, "usdc", tmp_path / "o")
     assert not list((tmp_path / "o").iterdir())
-
-
-def read_obj(path):
-    """(groups, faces (m, 3), uv of their corners (m, 3, 2)) of an OBJ."""
-    lines = [line.split() for line in path.read_text().splitlines()]
-    vt = np.array([line[1:] for line in lines if line[0] == "vt"], dtype=np.float32)
-    corners = np.array([[word.split("/") for word in line[1:]] for line in lines if line[0] == "f"], dtype=int) - 1
-    return [line[1] for line in lines if line[0] == "g"], corners[:, :, 0], vt[corners[:, :, 1]]
 
 
 SEWN = {"sewn": np.array([0, 1, 2, 3, 4, 1, 3, 7, 8]), "panel": np.array([0, 0, 1, 1, 2]),
@@ -213,22 +239,24 @@ SEWN = {"sewn": np.array([0, 1, 2, 3, 4, 1, 3, 7, 8]), "panel": np.array([0, 0, 
 def test_panels_and_welded_meshes(tmp_path, rng):
     """Vertices 5 and 6 are sewn to 1 and 3; the last face is a panel of its own, with two corners of b's."""
     made = make(tmp_path / "run", rng, **SEWN)
-    obj, pc2 = export(made.recording, "pc2", tmp_path / "p", FIELDS, "panels")
-    groups, faces, uv = read_obj(obj)
-    take = [0, 1, 2, 3, 4, 5, 6, 7, 6, 7, 8]
-    assert groups == ["a", "b", "c"] and (np.array(take)[faces] == FACES).all() and (uv == made.geometry["uv"]).all()
-    assert all((x == f["x"][take]).all() for x, f in zip(read_pc2(pc2), made.frames))
-    text = export(made.recording, "usda", tmp_path / "p", FIELDS, "panels")[0].read_text()
-    assert re.findall(r'def Mesh "(\w+)"', text) == ["a", "b", "c"]
-    velocities = samples(text, "velocities")
-    assert [len(v[FIRST]) for v in velocities] == [4, 4, 3] and (velocities[2][FIRST] == made.frames[0]["v"][[6, 7, 8]]).all()
+    export(made.recording, "pc2", tmp_path / "p", "panels")
+    takes = {"a": [0, 1, 2, 3], "b": [4, 5, 6, 7], "c": [6, 7, 8]}
+    for (name, take), mine in zip(takes.items(), (FACES[:2], FACES[2:4], FACES[4:])):
+        panel = read_obj(tmp_path / "p" / f"{name}.obj")[name]
+        assert (np.array(take)[panel.faces] == mine).all()
+        assert (panel.uv == made.geometry["uv"][(FACES[:, None] == mine).all(axis=2).any(axis=1)]).all()
+        assert all((x == f["x"][take]).all() for x, f in zip(read_pc2(tmp_path / "p" / f"{name}.pc2"), made.frames))
+        if name == "a":
+            assert panel.color == pytest.approx(COLORS[0])
 
-    obj, pc2 = export(made.recording, "pc2", tmp_path / "w", FIELDS, "welded")
-    groups, faces, uv = read_obj(obj)
+    export(made.recording, "pc2", tmp_path / "w", "welded")
+    takes, rows = {NAMES[0]: [0, 1, 2, 3], NAMES[1]: [1, 3, 4, 7, 8]}, (FACES[:2], FACES[2:])
+    for name, take, mine in zip(("shirt_f_1_2_3____", "4_skirts"), takes.values(), rows):
+        cloth = read_obj(tmp_path / "w" / f"{name}.obj")[name]
+        assert (np.array(take)[cloth.faces] == SEWN["sewn"][mine]).all()
+        assert all((x == f["x"][take]).all() for x, f in zip(read_pc2(tmp_path / "w" / f"{name}.pc2"), made.frames))
     take = np.array([0, 1, 2, 3, 1, 3, 4, 7, 8])
-    assert len(groups) == 2 and (take[faces] == SEWN["sewn"][FACES]).all() and (uv == made.geometry["uv"]).all()
-    assert all((x == f["x"][take]).all() for x, f in zip(read_pc2(pc2), made.frames))
-    file = export(made.recording, "ply", tmp_path / "w", FIELDS, "welded")[0]
+    file = export(made.recording, "ply", tmp_path / "w", "welded", FIELDS)[0]
     assert meshio.read(file).point_data["speed"] == pytest.approx(np.linalg.norm(made.frames[0]["v"], axis=1)[take], rel=1e-6)
 
 
@@ -250,10 +278,10 @@ def build():
 
     assert cli.main(["run", str(tmp_path / "sewn.py"), "--out", str(tmp_path / "o"), "--duration", "0.1", "--fps", "30",
                      "--no-images"]) == 0
-    for flag, vertices, groups in (("--weld", 15, ["sheet"]), ("--panels", 18, ["left", "right"])):
+    for flag, vertices, names in (("--weld", [15], ["sheet"]), ("--panels", [9, 9], ["left", "right"])):
         assert cli.main(["export", str(tmp_path / "o"), "--format", "pc2", flag, "--to", str(tmp_path / flag)]) == 0
-        names, faces, _ = read_obj(tmp_path / flag / "cloth.obj")
-        assert names == groups and len(faces) == 16 and faces.max() == vertices - 1
-        inner = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-        assert len(np.unique(inner, axis=0)) == (30 if flag == "--weld" else 32)  # two edges of the seam are one each
-        assert np.ptp(read_pc2(tmp_path / flag / "cloth.pc2")[-1], axis=0)[1] > 0.01
+        faces = [read_obj(tmp_path / flag / f"{name}.obj")[name].faces for name in names]
+        assert sum(map(len, faces)) == 16 and [f.max() + 1 for f in faces] == vertices
+        edges = [np.unique(np.sort(np.concatenate([f[:, [0, 1]], f[:, [1, 2]], f[:, [2, 0]]]), axis=1), axis=0) for f in faces]
+        assert sum(map(len, edges)) == (30 if flag == "--weld" else 32)  # two edges of the seam are one each
+        assert np.ptp(read_pc2(tmp_path / flag / f"{names[0]}.pc2")[-1], axis=0)[1] > 0.01

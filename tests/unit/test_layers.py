@@ -10,7 +10,8 @@ ROOMS = ("errors", "checks", "options", "scene", "io", "backend", "system", "for
 NUMPY_ONLY = {"errors", "checks", "options", "scene", "io", "backend.ordering", "backend.rows", "backend.timing",
               "system.elements", "system.quantities", "step.ledger", "app.scenefile", "app.recorded", "app.studies",
               "app.cli", "app.dressing", "app.interrupts", "garment.curves", "garment.pattern", "garment.garmentcode"}
-OUTPUT_MAY = {"errors", "checks", "io.npz", "scene.view", "backend.runtime", "backend.bvh", "backend.fields", "backend.rows"}
+OUTPUT_MAY = {"errors", "checks", "io.npz", "scene.view", "backend.runtime", "backend.bvh", "backend.fields", "backend.rows",
+              "backend.ordering", "system.quantities"}
 
 
 def name_of(path: pathlib.Path) -> str:

@@ -1,9 +1,11 @@
-"""Recorded runs as files that other tools read: one format a module, each with `write(recording, folder, fields)`.
+"""Recorded runs as files that other tools read: one format a module.
 
-All are in metres with y up; positions are the recorded float32. Each returns the files that it wrote.
+All but Blender's own are in metres with y up; positions are the recorded float32. What a format cannot hold, a frame that is
+damaged and a package that is not there are said before a file is written; each file is written aside and renamed.
 """
 
 import importlib
+import os
 import pathlib
 from collections.abc import Callable
 
@@ -11,39 +13,69 @@ import numpy as np
 
 from ... import checks
 from ...errors import OutputError
+from ...system.quantities import evaluate
 from ..recording import Recording
-from .pieces import PARTS, cut
+from .pieces import PARTS, Cut, at
+from .shot import shot
 
-FORMATS = {"pc2": "pc2", "usda": "usd", "usdc": "usd", "vtu": "vtu", "ply": "ply"}
+SCENES = {"usda": "usd", "usdc": "usd", "glb": "gltf", "gltf": "gltf", "abc": "blend", "blend": "blend"}  # one file each
+MESHES = {"obj": "obj", "pc2": "pc2"}  # several files, also of scenes
+FIELDS = {"vtu": "vtu", "ply": "ply"}  # a file a frame, cloth alone, with values on vertices
+FORMATS = {**SCENES, **MESHES, **FIELDS}
 Fields = dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]]
 
 
-def export(recording: Recording, format: str, folder: pathlib.Path, fields: Fields,
-           parts: str = "cloths") -> list[pathlib.Path]:
+def export(recording: Recording, format: str, path: str | os.PathLike | None = None, parts: str = "cloths",
+           fields: Fields | None = None) -> list[pathlib.Path]:
     """Writes a run in a format.
 
     Args:
-        fields: by name, functions of a frame that give (n,) or (n, 3) values on vertices; for formats that have them.
+        format: one of `FORMATS`.
+        path: a folder; for a format of one file also that file's name; `FORMAT` in the run's folder where None.
         parts: one mesh for each of the "cloths", of the "panels" of garments, or garments "welded" over their seams.
+        fields: by name, functions of a frame that give (n,) or (n, 3) values on vertices, for vtu and ply; stretch and
+            forces of contact where None.
+
+    Returns:
+        The files that it wrote.
 
     Raises:
-        SceneError: an unknown format.
-        OutputError: no frames, files that cannot be written, a package that is not there.
+        SceneError: an unknown format, or other parts.
+        OutputError: no frames, a damaged one, a package that is not there, what a format cannot hold, files that cannot be
+            written.
     """
     checks.choice("format", format, FORMATS)
-    pieces = cut(recording, checks.choice("parts", parts, PARTS))
-    recording.frames()
+    pieces = Cut(recording, checks.choice("parts", parts, PARTS))
+    folder = recording.path / format if path is None else checks.path("export: path", path, OutputError)
     module = importlib.import_module(f"{__name__}.{FORMATS[format]}")
+    getattr(module, "needed", lambda format: None)(format)
+    named = format in SCENES and folder.suffix == f".{format}" and not folder.is_dir()
+    file = folder if named else folder / f"cloth.{format}"
+    folder = file.parent if named else folder
+    if format in FIELDS:
+        pieces.check()
+        chosen = usual_fields(recording) if fields is None else fields
+        of_pieces = {name: pieces.of(field) for name, field in chosen.items()}
+        return _in(folder, lambda: module.write(pieces, folder, of_pieces))
+    whole = shot(pieces)
+    if format not in ("usda", "usdc", "obj"):
+        whole.one_topology(format)
+    return _in(folder, lambda: module.write(whole, folder) if format in MESHES else module.write(whole, file, format))
+
+
+def usual_fields(recording: Recording) -> Fields:
+    """Stretch, and where there are solids the forces of contact [N]."""
+    fields: Fields = {"stretch": lambda frame: evaluate("stretch", at(recording.geometry, frame), frame)}
+    if "contact" in recording.frame(recording.frames()[0]):
+        fields["contact_force"] = lambda frame: frame["contact"]
+    return fields
+
+
+def _in(folder: pathlib.Path, write: Callable[[], list[pathlib.Path]]) -> list[pathlib.Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        return module.write(pieces, folder, {name: pieces.of(field) for name, field in fields.items()}, format)
+        return write()
     except OSError as error:
         if isinstance(error, OutputError):
             raise
         raise OutputError(f"cannot write to {folder}: {error.strerror or error}") from None
-
-
-def uv_vertices(faces: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(different uv (k, 2), index of each corner (m, 3)) of corner coordinates (m, 3, 2): seams keep their two sides."""
-    table, index = np.unique(uv.reshape(-1, 2), axis=0, return_inverse=True)
-    return table, index.reshape(faces.shape)

@@ -1,38 +1,38 @@
-"""Point cache 2: an OBJ with the topology and uv, and a .pc2 with every frame's positions. Blender, Houdini, Maya."""
+"""Point cache 2: for each mesh an OBJ with its faces and uv, and for each that moves a .pc2 with its positions at every frame.
+
+Blender (modifier Mesh Cache), Houdini, Maya.
+"""
 
 import pathlib
-import re
 import struct
 
 import numpy as np
 
 from ..folder import write_whole
-from ..recording import Recording
-from . import Fields, uv_vertices
+from .obj import materials, object_lines, word
+from .shot import Shot, unique
 
 
-def write(recording: Recording, folder: pathlib.Path, fields: Fields, format: str) -> list[pathlib.Path]:
-    """`cloth.obj` (groups are the pieces) and `cloth.pc2`."""
-    numbers, g = recording.frames(), recording.geometry
-    n = len(g["x"])
-    header = b"POINTCACHE2\0" + struct.pack("<iiffi", 1, n, float(numbers[0]), 1.0, len(numbers))
-    frames = [recording.frame(k)["x"].astype("<f4") for k in numbers]
-    files = [folder / "cloth.obj", folder / "cloth.pc2"]
-    write_whole(files[0], obj(frames[0], g).encode())
-    write_whole(files[1], header + np.stack(frames).tobytes())
+def write(shot: Shot, folder: pathlib.Path) -> list[pathlib.Path]:
+    """`NAME.obj` and `NAME.pc2` by the meshes' names, and `cloth.mtl`; cloths first."""
+    words = unique(word(mesh.name) for mesh in shot.meshes)
+    files = []
+    for name, mesh in zip(words, shot.meshes):
+        lines, _ = object_lines(name, mesh, 0, (1, 1, 1), normals=False)
+        files.append(folder / f"{name}.obj")
+        write_whole(files[-1], "\n".join(["mtllib cloth.mtl", *lines, ""]).encode())
+        if mesh.moves:
+            files.append(folder / f"{name}.pc2")
+            write_whole(files[-1], pc2(mesh.x, shot.numbers[0]))
+    files.append(folder / "cloth.mtl")
+    write_whole(files[-1], materials(words, shot.meshes).encode())
     return files
 
 
-def obj(x: np.ndarray, geometry: dict[str, np.ndarray]) -> str:
-    """An OBJ of positions (n, 3) [m] with uv that keep their seams."""
-    faces, pieces = geometry["faces"] + 1, geometry["cloth_faces"]
-    table, index = uv_vertices(faces, geometry["uv"])
-    lines = [f"v {a:.9g} {b:.9g} {c:.9g}" for a, b, c in x.tolist()] + [f"vt {u:.9g} {v:.9g}" for u, v in table.tolist()]
-    for name, first, last in zip(geometry["cloth_names"], pieces[:-1], pieces[1:]):
-        lines.append("g " + (re.sub(r"[^\w.+-]", "_", str(name)) or "piece"))  # one word: what follows is another group
-        for corners, uvs in zip(faces[first:last].tolist(), (index[first:last] + 1).tolist()):
-            lines.append("f " + " ".join(f"{i}/{j}" for i, j in zip(corners, uvs)))
-    return "\n".join(lines) + "\n"
+def pc2(x: list[np.ndarray], start: int) -> bytes:
+    """A cache of positions (n, 3) by frame, the first of which has the number `start`."""
+    header = b"POINTCACHE2\0" + struct.pack("<iiffi", 1, len(x[0]), float(start), 1.0, len(x))
+    return header + np.stack(x).astype("<f4").tobytes()
 
 
 def read_pc2(path: pathlib.Path) -> np.ndarray:

@@ -1,35 +1,50 @@
 """What a run's meshes are cut into for other tools: a mesh a cloth, a mesh a panel, or what is sewn welded to one.
 
 Recorded garments are panels whose sewn vertices are in one place; they say which belong together (`sewn`) and which face is
-of which panel (`panel`, `panel_names`). Texture coordinates stay the pattern's.
+of which panel (`panel`, `panel_names`). Texture coordinates stay the pattern's. A frame may have faces of its own: then it
+has all of `FACES` that the run's geometry has.
 """
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from ...errors import OutputError
 from ..recording import Recording
 
 PARTS = ("cloths", "panels", "welded")
+FACES = ("faces", "uv", "cloth_start", "cloth_faces", "sewn", "panel", "panel_names")  # what changes where cloth tears
+Arrays = dict[str, np.ndarray]
 
 
 class Frame(dict):
-    """A frame's arrays as cut, and `whole`, the recorded ones."""
+    """A frame's arrays as cut.
 
-    whole: dict[str, np.ndarray]
+    Attributes:
+        whole: the recorded ones.
+        take: (n',) the recorded vertex of each vertex.
+        geometry: as `Recording.geometry` for these vertices; the same object as long as the faces stay.
+    """
+
+    whole: Arrays
+    take: np.ndarray
+    geometry: Arrays
 
 
 class Cut:
-    """A recording with other meshes: what the modules of formats read.
+    """A recording with other meshes: what the modules of formats read."""
 
-    Attributes:
-        take: (n',) the recorded vertex of each vertex.
-        geometry: as `Recording.geometry` for these.
-    """
-
-    def __init__(self, recording: Recording, take: np.ndarray, geometry: dict[str, np.ndarray]) -> None:
-        self.recording, self.take, self.geometry = recording, take, geometry
+    def __init__(self, recording: Recording, parts: str) -> None:
+        self.recording, self.parts = recording, parts
         self.manifest, self.path = recording.manifest, recording.path
+        self._own: Arrays = {}
+        self._cut = cut(recording.geometry, parts)
+
+    @property
+    def fps(self) -> float:
+        """Frames a second."""
+        return float(self.manifest.get("fps", 24.0))
 
     def frames(self) -> list[int]:
         """As `Recording.frames`."""
@@ -38,29 +53,65 @@ class Cut:
     def frame(self, number: int) -> Frame:
         """What moves, at a frame."""
         whole = self.recording.frame(number)
-        n = len(self.recording.geometry["x"])
-        out = Frame({name: a[self.take] if name in ("x", "v", "contact") and len(a) == n else a for name, a in whole.items()})
-        out.whole = whole
+        own = {name: whole[name] for name in FACES if name in whole}
+        if own.keys() != self._own.keys() or any(not np.array_equal(own[name], self._own[name]) for name in own):
+            self._own, self._cut = own, cut(self.recording.geometry | own, self.parts)
+        take, geometry = self._cut
+        moving = {name: a[take] if name in ("x", "v", "contact") else a for name, a in whole.items()}
+        out = Frame(moving)
+        out.whole, out.take, out.geometry = whole, take, geometry
         return out
 
     def of(self, field) -> Any:
         """A function of recorded frames as one of these."""
-        return lambda frame: field(frame.whole)[self.take]
+        return lambda frame: field(frame.whole)[frame.take]
+
+    def checked(self) -> Iterator[Frame]:
+        """Every frame.
+
+        Raises:
+            OutputError: one is missing or damaged, or has other pieces than the first.
+        """
+        names: list[str] = []
+        for k in self.frames():
+            frame = self.frame(k)
+            now = frame.geometry["cloth_names"].tolist()
+            names = names or now
+            if now != names:
+                raise OutputError(f"{self.path}: frame {k} has other pieces of cloth than the first: without --panels cloths "
+                                  "stay whole")
+            yield frame
+
+    def check(self) -> None:
+        """Reads every frame, so that what is wrong is said before anything is written; see `checked`."""
+        for _ in self.checked():
+            pass
 
 
-def cut(recording: Recording, parts: str) -> Cut:
-    """A recording's meshes by cloths, by panels, or welded over their seams."""
-    g = recording.geometry
-    if parts == "panels" and "panel" in g:
-        return _by(recording, g["panel"], g["panel_names"])
-    if parts == "welded" and "sewn" in g:
-        return _welded(recording)
-    return Cut(recording, np.arange(len(g["x"])), g)
+def at(geometry: Arrays, frame: Arrays) -> Arrays:
+    """A run's geometry with the faces that a recorded frame has of its own."""
+    return geometry | {name: frame[name] for name in FACES if name in frame}
 
 
-def _by(recording: Recording, panel: np.ndarray, names: np.ndarray) -> Cut:
+def first_uv(frame: Frame) -> np.ndarray:
+    """(n, 2) float32 pattern coordinates [m] of each vertex's first corner, for formats that have one a vertex."""
+    faces = frame.geometry["faces"]
+    uv = np.zeros((len(frame["x"]), 2), dtype=np.float32)
+    uv[faces[::-1].ravel()] = frame.geometry["uv"][::-1].reshape(-1, 2)
+    return uv
+
+
+def cut(geometry: Arrays, parts: str) -> tuple[np.ndarray, Arrays]:
+    """(recorded vertex of each vertex, geometry) by cloths, by panels, or welded over their seams."""
+    if parts == "panels" and "panel" in geometry:
+        return _by(geometry, geometry["panel"], geometry["panel_names"])
+    if parts == "welded" and "sewn" in geometry:
+        return _welded(geometry)
+    return np.arange(geometry["cloth_start"][-1]), geometry
+
+
+def _by(g: Arrays, panel: np.ndarray, names: np.ndarray) -> tuple[np.ndarray, Arrays]:
     """A mesh for each panel (m,) of faces."""
-    g = recording.geometry
     takes: list[np.ndarray] = []
     faces, uvs = [], []
     for k in range(len(names)):
@@ -69,12 +120,11 @@ def _by(recording: Recording, panel: np.ndarray, names: np.ndarray) -> Cut:
         faces.append(np.searchsorted(used, mine) + sum(map(len, takes)))
         takes.append(used)
         uvs.append(g["uv"][panel == k])
-    return _made(recording, takes, faces, uvs, names)
+    return _made(g, takes, faces, uvs, names)
 
 
-def _welded(recording: Recording) -> Cut:
+def _welded(g: Arrays) -> tuple[np.ndarray, Arrays]:
     """A mesh for each cloth, what is sewn together one vertex of it."""
-    g = recording.geometry
     takes: list[np.ndarray] = []
     faces, uvs = [], []
     for first, last in zip(g["cloth_faces"][:-1], g["cloth_faces"][1:]):
@@ -84,12 +134,12 @@ def _welded(recording: Recording) -> Cut:
         faces.append(np.searchsorted(used, mine[whole]) + sum(map(len, takes)))
         takes.append(used)
         uvs.append(g["uv"][first:last][whole])
-    return _made(recording, takes, faces, uvs, g["cloth_names"])
+    return _made(g, takes, faces, uvs, g["cloth_names"])
 
 
-def _made(recording: Recording, takes: list, faces: list, uvs: list, names: np.ndarray) -> Cut:
-    take = np.concatenate(takes)
-    g = dict(recording.geometry)
-    g |= {"faces": np.concatenate(faces).astype(np.int32), "uv": np.concatenate(uvs), "x": g["x"][take], "cloth_names": names,
-          "cloth_start": np.cumsum([0] + [len(t) for t in takes]), "cloth_faces": np.cumsum([0] + [len(f) for f in faces])}
-    return Cut(recording, take, g)
+def _made(g: Arrays, takes: list, faces: list, uvs: list, names: np.ndarray) -> tuple[np.ndarray, Arrays]:
+    owner = [int(np.searchsorted(g["cloth_start"], take[0], side="right")) - 1 for take in takes]
+    return np.concatenate(takes), g | {
+        "faces": np.concatenate(faces).astype(np.int32), "uv": np.concatenate(uvs), "cloth_names": names,
+        "cloth_colors": g["cloth_colors"][owner], "piece_cloth": np.array(owner),
+        "cloth_start": np.cumsum([0] + [len(t) for t in takes]), "cloth_faces": np.cumsum([0] + [len(f) for f in faces])}

@@ -1,28 +1,29 @@
 """VTK unstructured grids with a PVD that lists them by time: ParaView. Written by meshio."""
 
 import pathlib
+from collections.abc import Callable
 
 import numpy as np
 
 from ..folder import write_whole, written_aside
-from ..recording import Recording
-from . import Fields
+from .pieces import Cut, Frame, first_uv
+
+Fields = dict[str, Callable[[Frame], np.ndarray]]
 
 
-def write(recording: Recording, folder: pathlib.Path, fields: Fields, format: str) -> list[pathlib.Path]:
+def write(pieces: Cut, folder: pathlib.Path, fields: Fields) -> list[pathlib.Path]:
     """`cloth.pvd` and `00000.vtu ...` with uv, velocity and the fields on vertices.
 
     Vertices on seams have the uv of their first corner.
     """
     import meshio
 
-    g, files, entries = recording.geometry, [], []
-    faces = g["faces"].astype(np.int64)
-    uv = np.zeros((len(g["x"]), 2), dtype=np.float32)
-    uv[faces[::-1].ravel()] = g["uv"][::-1].reshape(-1, 2)
-    for k in recording.frames():
-        frame = recording.frame(k)
-        data = {"uv": uv, "velocity": frame["v"], **{name: f(frame).astype(np.float32) for name, f in fields.items()}}
+    files, entries = [], []
+    for k in pieces.frames():
+        frame = pieces.frame(k)
+        faces = frame.geometry["faces"].astype(np.int64)
+        data = {"uv": first_uv(frame), "velocity": frame["v"]}
+        data |= {name: f(frame).astype(np.float32) for name, f in fields.items()}
         mesh = meshio.Mesh(frame["x"], [("triangle", faces)], point_data=data)
         files.append(folder / f"{k:05d}.vtu")
         with written_aside(files[-1]) as aside:

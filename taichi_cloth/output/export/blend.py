@@ -1,0 +1,106 @@
+"""Blender's own files, and Alembic by way of Blender: its module bpy, or the program, runs `blender_script.py`.
+
+It runs as a process of its own: bpy is one Blender a process, has its own numpy, and may be a Blender somebody works in.
+"""
+
+import importlib.util
+import pathlib
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+
+import numpy as np
+
+from ...errors import OutputError
+from ..camera import frame as axes_of
+from ..folder import written_aside
+from .shot import Mesh, Shot
+
+SCRIPT = pathlib.Path(__file__).with_name("blender_script.py")
+WORDS = {"blend": "a .blend", "abc": "Alembic"}
+
+
+def needed(format: str) -> None:
+    """Looks for Blender.
+
+    Raises:
+        OutputError: neither the module bpy nor the program is here.
+    """
+    command(format)
+
+
+def command(format: str) -> list[str]:
+    """How Blender is told to run a script: by Python with bpy, or else by the program.
+
+    Raises:
+        OutputError: neither is here.
+    """
+    if importlib.util.find_spec("bpy") is not None:
+        return [sys.executable, str(SCRIPT), "--"]
+    program = shutil.which("blender")
+    if program:
+        return [program, "--background", "--factory-startup", "--python-exit-code", "1", "--python", str(SCRIPT), "--"]
+    raise OutputError(f"{WORDS[format]} is written by Blender, and neither its module bpy nor the program `blender` is here: "
+                      "pip install 'taichi-cloth[blender]' (Python 3.11 for Blender 4.2 to 5.0), or the program on the PATH. "
+                      "usda, glb and obj need neither, and Blender opens them")
+
+
+def write(shot: Shot, path: pathlib.Path, format: str) -> list[pathlib.Path]:
+    """One .blend or one .abc.
+
+    Raises:
+        OutputError: Blender is not here, or could not write it.
+    """
+    run = command(format)
+    with tempfile.TemporaryDirectory() as folder, written_aside(path, f".partial.{format}") as aside:
+        data = pathlib.Path(folder) / "shot.npz"
+        np.savez(data, allow_pickle=False, **arrays(shot))
+        done = subprocess.run([*run, str(data), str(aside.absolute())], capture_output=True, text=True, errors="replace",
+                              check=False)
+        if done.returncode or not aside.is_file():
+            raise OutputError(f"cannot write {path}: {_reason(done)}")
+    return [path]
+
+
+def arrays(shot: Shot) -> dict[str, np.ndarray]:
+    """What the script needs, by name: plain arrays, z up as in Blender."""
+    near, far = shot.clipping
+    out = {"numbers": np.array(shot.numbers), "fps": np.array(shot.fps), "names": np.array([m.name for m in shot.meshes]),
+           "kinds": np.array([m.kind for m in shot.meshes]), "colors": np.array([m.color for m in shot.meshes]),
+           "fov": np.radians([c.fov for c in shot.cameras]), "clip": np.array([near, far]),
+           "eye": up(np.array([c.eye for c in shot.cameras])), "axes": up(np.array([axes_of(c).axes for c in shot.cameras]))}
+    for k, mesh in enumerate(shot.meshes):
+        surface = mesh.surface(0)
+        out |= {f"faces_{k}": surface.faces, f"x_{k}": up(np.stack(mesh.x)), f"sharp_{k}": sharp_edges(mesh)}
+        if surface.uv is not None:
+            out[f"uv_{k}"] = surface.uv
+    return out
+
+
+def up(x: np.ndarray) -> np.ndarray:
+    """Points (..., 3) with z up of those with y up: a turn about x, which rounds nothing."""
+    return np.stack([x[..., 0], -x[..., 2], x[..., 1]], axis=-1)
+
+
+def sharp_edges(mesh: Mesh) -> np.ndarray:
+    """(k, 2) edges of a solid whose two faces have different normals there."""
+    surface = mesh.surface(0)
+    if mesh.kind == "cloth":
+        return np.zeros((0, 2), dtype=np.int32)
+    ends = np.stack([surface.faces, np.roll(surface.faces, -1, axis=1)], axis=2).reshape(-1, 2)
+    normals = np.stack([surface.normal_of, np.roll(surface.normal_of, -1, axis=1)], axis=2).reshape(-1, 2)
+    turned = ends[:, 0] > ends[:, 1]
+    ends[turned], normals[turned] = ends[turned][:, ::-1], normals[turned][:, ::-1]
+    rows = np.unique(np.concatenate([ends, normals], axis=1), axis=0)  # an edge comes once where its faces agree
+    edges, count = np.unique(rows[:, :2], axis=0, return_counts=True)
+    return edges[count > 1].astype(np.int32)
+
+
+def _reason(done: subprocess.CompletedProcess) -> str:
+    """What went wrong in Blender, in a line."""
+    if done.returncode < 0:
+        return f"Blender was ended by {signal.Signals(-done.returncode).name}"
+    lines = [line.strip() for line in (done.stderr + done.stdout).splitlines() if "Error" in line]
+    return f"Blender says: {(lines or ['nothing'])[-1][:300]}"

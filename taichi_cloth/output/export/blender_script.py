@@ -1,0 +1,167 @@
+"""Runs inside Blender: makes a scene from the arrays of `blend.arrays`, and saves it as .blend or .abc.
+
+Positions are absolute shape keys, one a frame, all within the file. Nothing of the package is imported here: the Python that
+runs this is Blender's.
+"""
+
+import os
+import sys
+
+import bpy
+import numpy as np
+
+STEP = 25.0  # of eval_time from one shape key to the next
+
+
+def main(data: str, path: str) -> None:
+    """Reads the arrays, makes the scene, writes the file."""
+    arrays = np.load(data, allow_pickle=False)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    numbers, fps = arrays["numbers"], float(arrays["fps"])
+    scene.frame_start, scene.frame_end = int(numbers[0]), int(numbers[-1])
+    scene.render.fps = max(1, round(fps))
+    scene.render.fps_base = scene.render.fps / fps
+    scene.render.resolution_x, scene.render.resolution_y = 1280, 720
+    scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", 1.0
+    collections = {}
+    for kind in ("cloth", "solid"):
+        collections[kind] = bpy.data.collections.new(kind)
+        scene.collection.children.link(collections[kind])
+    for k, (name, kind) in enumerate(zip(arrays["names"].tolist(), arrays["kinds"].tolist())):
+        add_mesh(collections[kind], name, arrays, k)
+    add_camera(scene, arrays)
+    if not path.endswith(".abc"):
+        add_light(scene)
+    scene.frame_set(scene.frame_start)
+    if path.endswith(".abc"):
+        bpy.ops.wm.alembic_export(filepath=path, start=scene.frame_start, end=scene.frame_end, as_background_job=False,
+                                  check_existing=False)
+    else:
+        bpy.ops.wm.save_as_mainfile(filepath=path, compress=True, check_existing=False)
+
+
+def add_mesh(collection, name: str, arrays, k: int) -> None:
+    """An object with its faces, uv, material and, where it moves, shape keys."""
+    faces, x = arrays[f"faces_{k}"], arrays[f"x_{k}"]
+    mesh = bpy.data.meshes.new(name)
+    mesh.vertices.add(x.shape[1])
+    mesh.vertices.foreach_set("co", x[0].ravel())
+    mesh.loops.add(faces.size)
+    mesh.loops.foreach_set("vertex_index", faces.ravel())
+    mesh.polygons.add(len(faces))
+    mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
+    mesh.update(calc_edges=True)
+    if f"uv_{k}" in arrays:
+        mesh.uv_layers.new(name="pattern").uv.foreach_set("vector", arrays[f"uv_{k}"].ravel().astype(np.float32))
+    shade(mesh, arrays[f"sharp_{k}"])
+    mesh.materials.append(material(name, arrays["colors"][k].tolist()))
+    cloth = bpy.data.objects.new(name, mesh)
+    cloth.color = (*arrays["colors"][k].tolist(), 1.0)
+    collection.objects.link(cloth)
+    if len(x) > 1:
+        animate(cloth, x, arrays["numbers"])
+
+
+def shade(mesh, sharp: np.ndarray) -> None:
+    """Smooth, but for the sharp edges (k, 2)."""
+    mesh.shade_smooth()
+    if len(sharp):
+        ends = np.empty(2 * len(mesh.edges), dtype=np.int32)
+        mesh.edges.foreach_get("vertices", ends)
+        code = np.sort(ends.reshape(-1, 2), axis=1).astype(np.int64) @ [len(mesh.vertices), 1]
+        is_sharp = np.isin(code, sharp.astype(np.int64) @ [len(mesh.vertices), 1])
+        mesh.attributes.new("sharp_edge", "BOOLEAN", "EDGE").data.foreach_set("value", is_sharp)
+
+
+def animate(cloth, x: np.ndarray, numbers: np.ndarray) -> None:
+    """A shape key a frame, gone through one after the other; half a frame on is halfway between two shapes.
+
+    A key's place is eval_time / 100 when it is added. Steps of 25 make places exact in float32, and a keyframe at every
+    frame makes eval_time so: positions are those of the file, not some that are blended with a rounded weight.
+    """
+    for place, (number, shape) in enumerate(zip(numbers.tolist(), x)):
+        if place:
+            cloth.data.shape_keys.use_relative = False
+            cloth.data.shape_keys.eval_time = STEP * place
+        key = cloth.shape_key_add(name=f"frame {number}", from_mix=False)
+        key.data.foreach_set("co", shape.ravel())
+        key.interpolation = "KEY_LINEAR"
+    keys = cloth.data.shape_keys
+    keys.eval_time = 0.0
+    keys.keyframe_insert("eval_time", frame=int(numbers[0]))
+    points = fcurves(keys)[0].keyframe_points
+    points.add(len(x) - 1)
+    points.foreach_set("co", np.column_stack([numbers, STEP * np.arange(len(x))]).ravel().astype(np.float32))
+    for point in points:
+        point.interpolation = "LINEAR"
+    fcurves(keys)[0].update()
+
+
+def fcurves(block):
+    """The animation curves of a data block, where Blender of this version keeps them."""
+    action = block.animation_data.action
+    if hasattr(action, "fcurves"):
+        return action.fcurves
+    return action.layers[0].strips[0].channelbag(block.animation_data.action_slot).fcurves
+
+
+def material(name: str, color: list[float]):
+    """A plain cloth-like material of a linear colour."""
+    out = bpy.data.materials.new(name)
+    out.diffuse_color, out.roughness = (*color, 1.0), 0.8
+    if out.node_tree is None:  # up to Blender 4.5 it has to be asked for
+        out.use_nodes = True
+    surface = next(node for node in out.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    surface.inputs["Base Color"].default_value = (*color, 1.0)
+    surface.inputs["Roughness"].default_value = 0.8
+    return out
+
+
+def add_camera(scene, arrays) -> None:
+    """The camera, keyed at every frame where it moves."""
+    from mathutils import Matrix
+
+    lens = bpy.data.cameras.new("camera")
+    lens.sensor_fit = "VERTICAL"
+    lens.clip_start, lens.clip_end = arrays["clip"].tolist()
+    camera = bpy.data.objects.new("camera", lens)
+    camera.rotation_mode = "QUATERNION"
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    many = len(arrays["eye"]) > 1
+    for number, eye, axes, fov in zip(arrays["numbers"].tolist(), arrays["eye"], arrays["axes"], arrays["fov"].tolist()):
+        turned = Matrix(axes.T.tolist()).to_quaternion()
+        if many:
+            turned.make_compatible(camera.rotation_quaternion)
+        lens.angle_y, camera.location, camera.rotation_quaternion = fov, eye.tolist(), turned
+        if many:
+            camera.keyframe_insert("location", frame=number)
+            camera.keyframe_insert("rotation_quaternion", frame=number)
+            lens.keyframe_insert("lens", frame=number)
+    for curve in [*fcurves(camera), *fcurves(lens)] if many else []:
+        for point in curve.keyframe_points:
+            point.interpolation = "LINEAR"
+
+
+def add_light(scene) -> None:
+    """A sun and a pale sky, so that a first picture is not black."""
+    sun = bpy.data.lights.new("sun", "SUN")
+    sun.energy, sun.angle = 3.0, 0.1
+    light = bpy.data.objects.new("sun", sun)
+    light.rotation_euler = (0.7, 0.15, 0.6)
+    scene.collection.objects.link(light)
+    scene.world = bpy.data.worlds.new("world")
+    scene.world.color = (0.5, 0.5, 0.5)
+    if scene.world.node_tree is None:
+        scene.world.use_nodes = True
+    sky = next(node for node in scene.world.node_tree.nodes if node.type == "BACKGROUND")
+    sky.inputs["Color"].default_value = (0.7, 0.8, 0.9, 1.0)
+    sky.inputs["Strength"].default_value = 0.5
+
+
+if __name__ == "__main__":
+    arguments = sys.argv[sys.argv.index("--") + 1:]
+    main(*arguments)
+    sys.stdout.flush()
+    os._exit(0)  # Blender's own end may crash after all is written

@@ -1,0 +1,248 @@
+"""A recorded run as scenes of other tools have it: named meshes with a colour, one camera, frame by frame.
+
+All is read before a file is written, so that what is missing or damaged is said first. y is up, lengths are in metres.
+"""
+
+import itertools
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ...backend.ordering import components
+from ...errors import OutputError
+from ...scene.view import Camera, View
+from ..camera import fit
+from ..camera import frame as axes_of
+from ..colors import GROUND, PALETTE, STONE
+from .pieces import Arrays, Cut, Frame
+
+ASPECT = 16 / 9  # of the pictures that the camera is made for
+SHARP = np.cos(np.radians(40.0))  # edges of solids that turn by more look sharp
+DIRECTIONS = np.array([d for d in itertools.product((-1, 0, 1), repeat=3) if any(d)], dtype=np.float32)
+
+
+class Surface(NamedTuple):
+    """What stays as long as a mesh is not torn.
+
+    Attributes:
+        faces: (m, 3) int32 vertices.
+        uv: (m, 3, 2) of corners, the pattern [m]; None for what has no pattern.
+        normal_of: (m, 3) number of each corner's normal: corners round a sharp edge have different ones.
+    """
+
+    faces: np.ndarray
+    uv: np.ndarray | None
+    normal_of: np.ndarray
+
+    def equals(self, other: "Surface") -> bool:
+        """Whether all of it is the same."""
+        return all(np.array_equal(a, b) for a, b in zip(self, other))  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """An object of the scene.
+
+    Attributes:
+        name: the scene's, unlike all other meshes'.
+        kind: "cloth" or "solid".
+        color: (3,) linear RGB.
+        surfaces: one, or one a frame where the faces change.
+        x: (n, 3) float32 [m], one or one a frame.
+        v: the same [m/s], or none.
+    """
+
+    name: str
+    kind: str
+    color: np.ndarray
+    surfaces: list[Surface]
+    x: list[np.ndarray]
+    v: list[np.ndarray]
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is not the same at all frames."""
+        return self.kind == "cloth" or len(self.x) > 1
+
+    @property
+    def steady(self) -> bool:
+        """Whether its faces are the same at all frames."""
+        return len(self.surfaces) == 1
+
+    def position(self, k: int) -> np.ndarray:
+        """(n, 3) float32 [m] at the k-th frame."""
+        return self.x[k if len(self.x) > 1 else 0]
+
+    def surface(self, k: int) -> Surface:
+        """That of the k-th frame."""
+        return self.surfaces[k if len(self.surfaces) > 1 else 0]
+
+    def normals(self, k: int) -> np.ndarray:
+        """(count, 3) float32 unit normals at the k-th frame, by `normal_of`."""
+        surface, x = self.surface(k), self.position(k).astype(np.float64)
+        corner = x[surface.faces]
+        area = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        index, count = surface.normal_of.ravel(), int(surface.normal_of.max()) + 1
+        sums = np.stack([np.bincount(index, np.repeat(a, 3), count) for a in area.T], axis=1)
+        length = np.linalg.norm(sums, axis=1, keepdims=True)
+        return np.where(length > 0, sums / np.maximum(length, 1e-300), [0.0, 1.0, 0.0]).astype(np.float32)
+
+    def normal_of_vertex(self, k: int) -> np.ndarray | None:
+        """(n,) number of each vertex's normal at the k-th frame; None where a vertex has several."""
+        surface = self.surface(k)
+        out = np.zeros(len(self.position(k)), dtype=np.int64)
+        out[surface.faces] = surface.normal_of
+        return out if (out[surface.faces] == surface.normal_of).all() else None
+
+
+@dataclass(frozen=True)
+class Shot:
+    """All of it.
+
+    Attributes:
+        numbers: of the frames; fps: frames a second; times: (count,) [s].
+        meshes: cloths first.
+        cameras: one, or one a frame.
+        path: of the run.
+    """
+
+    numbers: list[int]
+    fps: float
+    times: np.ndarray
+    meshes: list[Mesh]
+    cameras: list[Camera]
+    path: str
+
+    @property
+    def clipping(self) -> tuple[float, float]:
+        """(near, far) distances [m] between which cameras see."""
+        low, high = bounds(self.meshes)
+        corners = np.array(list(itertools.product(*zip(low, high))))
+        far = max(float(np.linalg.norm(corners - np.array(c.eye), axis=1).max()) for c in self.cameras)
+        near = min(axes_of(c).near for c in self.cameras)
+        return near, max(2 * far, 2 * near)
+
+    def one_topology(self, format: str) -> None:
+        """Refuses faces that change, for a format that has one set of them.
+
+        Raises:
+            OutputError: where they do.
+        """
+        for mesh in self.meshes:
+            if not mesh.steady:
+                raise OutputError(f"{self.path}: the faces of {mesh.name!r} change from frame to frame, and {format} has one "
+                                  "set of them: export usda, usdc, obj, ply or vtu")
+
+
+def shot(pieces: Cut) -> Shot:
+    """Reads a run.
+
+    Raises:
+        OutputError: a frame is missing or damaged.
+    """
+    numbers, frames = pieces.frames(), list(pieces.checked())
+    g = frames[0].geometry
+    meshes = [_cloth(k, frames) for k in range(len(g["cloth_names"]))]
+    meshes += [_solid(k, g, frames) for k in range(len(g["solid_names"]))]
+    cameras = [_camera(f.get("camera", g["camera"]), meshes) for f in (frames if "camera" in frames[0] else frames[:1])]
+    if not np.isnan(g["ground"]):
+        meshes.append(_ground(float(g["ground"]), meshes))
+    names = unique([mesh.name for mesh in meshes])
+    meshes = [Mesh(name, m.kind, m.color, m.surfaces, m.x, m.v) for name, m in zip(names, meshes)]
+    return Shot(numbers, pieces.fps, np.array([float(f["t"]) for f in frames]), meshes, cameras, str(pieces.path))
+
+
+def unique(names: Iterable[str]) -> list[str]:
+    """The names, with _2, _3, ... after those that come again; upper and lower case count for the same."""
+    out: list[str] = []
+    for name in names:
+        tries = itertools.chain([name], (f"{name}_{k}" for k in itertools.count(2)))
+        out.append(next(t for t in tries if t.lower() not in {o.lower() for o in out}))
+    return out
+
+
+def bounds(meshes: list[Mesh]) -> tuple[np.ndarray, np.ndarray]:
+    """(lowest, highest) (3,) coordinates [m] of all meshes at all frames."""
+    every = [x for mesh in meshes for x in mesh.x]
+    return np.min([x.min(axis=0) for x in every], axis=0), np.max([x.max(axis=0) for x in every], axis=0)
+
+
+def _cloth(k: int, frames: list[Frame]) -> Mesh:
+    surfaces: list[Surface] = []
+    x, v = [], []
+    last: Arrays = {}
+    for frame in frames:
+        g = frame.geometry
+        first, end = int(g["cloth_start"][k]), int(g["cloth_start"][k + 1])
+        if g is not last:
+            rows = slice(int(g["cloth_faces"][k]), int(g["cloth_faces"][k + 1]))
+            sewn = g["sewn"][frame.take] if "sewn" in g else np.arange(len(frame.take))
+            numbers = np.unique(sewn[g["faces"][rows]], return_inverse=True)[1].reshape(-1, 3)
+            surface = Surface((g["faces"][rows] - first).astype(np.int32), g["uv"][rows], numbers)
+            surfaces.append(surfaces[-1] if surfaces and surface.equals(surfaces[-1]) else surface)
+        else:
+            surfaces.append(surfaces[-1])
+        last = g
+        x.append(frame["x"][first:end])
+        v.append(frame["v"][first:end])
+    g = frames[0].geometry
+    owner = int(g["piece_cloth"][k]) if "piece_cloth" in g else k
+    color = _color(g["cloth_colors"][k], PALETTE[owner % len(PALETTE)])
+    steady = all(s is surfaces[0] for s in surfaces)
+    return Mesh(str(g["cloth_names"][k]), "cloth", color, surfaces[:1] if steady else surfaces, x, v)
+
+
+def _solid(k: int, g: Arrays, frames: list[Frame]) -> Mesh:
+    first, end = g["solid_start"][k], g["solid_start"][k + 1]
+    mine = (g["solid_faces"][:, 0] >= first) & (g["solid_faces"][:, 0] < end)
+    faces = g["solid_faces"][mine] - first
+    x = [f.get("solid_x", g["solid_x"])[first:end].astype(np.float32) for f in frames]
+    if all(np.array_equal(y, x[0]) for y in x):
+        x = x[:1]
+    surface = Surface(faces.astype(np.int32), None, _creased(x[0], faces))
+    return Mesh(str(g["solid_names"][k]), "solid", _color(g["solid_colors"][k], STONE), [surface], x, [])
+
+
+def _creased(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(m, 3) numbers of corners' normals: the same for corners of faces that meet in an edge that is not sharp."""
+    corner = x.astype(np.float64)[faces]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    here = np.arange(3 * len(faces)).reshape(-1, 3)
+    start, end = here.ravel(), np.roll(here, -1, axis=1).ravel()  # corners at the two ends of each face's edges
+    a, b = faces.ravel()[start], faces.ravel()[end]
+    order = np.lexsort((np.maximum(a, b), np.minimum(a, b)))
+    low, high = np.minimum(a, b)[order], np.maximum(a, b)[order]
+    twins = np.flatnonzero((low[1:] == low[:-1]) & (high[1:] == high[:-1]))
+    p, q = order[twins], order[twins + 1]
+    flat = np.einsum("ij,ij->i", normal[p // 3], normal[q // 3]) >= SHARP
+    p, q = p[flat], q[flat]
+    turned = a[p] != a[q]  # neighbours that agree on their outside go through their edge in opposite directions
+    pairs = [(start[p], np.where(turned, end[q], start[q])), (end[p], np.where(turned, start[q], end[q]))]
+    label = components(3 * len(faces), *(np.concatenate(side) for side in zip(*pairs)))
+    return np.unique(label, return_inverse=True)[1].reshape(-1, 3)
+
+
+def _color(own: np.ndarray, other: tuple[float, float, float]) -> np.ndarray:
+    """(3,) the scene's colour, or another where it names none."""
+    return np.array(other) if np.isnan(own).any() else own
+
+
+def _camera(own: np.ndarray, meshes: list[Mesh]) -> Camera:
+    """The scene's, or one that has all meshes in its picture at all frames."""
+    c = own.tolist()
+    if not np.isnan(c[0]):
+        return Camera(tuple(c[:3]), tuple(c[3:6]), c[6], tuple(c[7:]))
+    outer = [x[(x @ DIRECTIONS.T).argmax(axis=0)] for mesh in meshes for x in mesh.x]
+    return fit(np.concatenate(outer).astype(np.float64), View(), ASPECT)
+
+
+def _ground(height: float, meshes: list[Mesh]) -> Mesh:
+    """A square under everything."""
+    low, high = bounds(meshes)
+    (a, _, c), r = (low + high) / 2, 4 * float(np.linalg.norm(high - low))
+    x = np.array([[a - r, height, c + r], [a + r, height, c + r], [a + r, height, c - r], [a - r, height, c - r]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
+    return Mesh("ground", "solid", np.array(GROUND), [Surface(faces, None, faces)], [x.astype(np.float32)], [])

@@ -1,0 +1,65 @@
+"""A run's folder with what can be done with it, as `tc.Recording`."""
+
+import os
+import pathlib
+
+from .. import checks
+from ..errors import OutputError
+from ..output import recording
+from ..output.export import export
+
+
+class Recording(recording.Recording):
+    """What a run left in its folder, to be read, exported and reported.
+
+    Args:
+        path: of the folder.
+
+    Attributes:
+        manifest: as it was written.
+        notes: what was found damaged, and done about it.
+
+    Raises:
+        OutputError: the folder is no run's, or its manifest is damaged.
+    """
+
+    def __repr__(self) -> str:
+        kept = self.kept
+        frames = f"frames {kept[0]} to {kept[1]}" if kept else "no frames"
+        return f"Recording({str(self.path)!r}): {self.manifest.get('scene', 'a scene')}, {frames}"
+
+    def export(self, format: str, path: str | os.PathLike | None = None, parts: str = "cloths") -> list[pathlib.Path]:
+        """Writes the run in another tool's format, as `taichi-cloth export` does.
+
+        Args:
+            format: blend, abc, usda, usdc, glb, gltf, obj, pc2, vtu or ply.
+            path: a folder; for a format of one file also that file's name; FORMAT in the run's folder where None.
+            parts: one mesh for each of the "cloths", of the "panels" of garments, or garments "welded" over their seams.
+
+        Returns:
+            The files that it wrote.
+
+        Raises:
+            SceneError: an unknown format, or other parts.
+            OutputError: no frames, a damaged one, a package that is not there, what a format cannot hold, files that cannot
+                be written.
+        """
+        return export(self, format, path, parts)
+
+    def report(self, path: str | os.PathLike | None = None) -> pathlib.Path:
+        """Writes one HTML page about the run, as `taichi-cloth report` does.
+
+        Args:
+            path: of the page; report.html in the run's folder where None.
+
+        Returns:
+            Its path.
+
+        Raises:
+            OutputError: the run has no steps or no frames, or the page cannot be written.
+        """
+        from .report import write_report
+
+        file = self.path / "report.html" if path is None else checks.path("report: path", path, OutputError)
+        write_report(self, file)
+        return file
