@@ -31,6 +31,7 @@ _NAMES = {
     "simulation": "Simulation",
     "recording.recorded": "Recording",
     "recording.still": "render",
+    "sweeps.sweep": "sweep Sweep",
     "app.cli": "run",
     "errors": "ClothError MeshError SceneError BackendError OutputError ScriptError SimulationError",
 }

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import Field
 
 from ..options import ARCHS, BY_NAME
-from . import dressing
+from . import dressing, sweeping
 from . import recorded as cli_recorded
 from . import studies as cli_study
 from .flags import Parser
@@ -67,6 +67,8 @@ def _dispatch(args: argparse.Namespace) -> int:
         return cli_recorded.COMMANDS[args.command](args)
     if args.command in cli_study.COMMANDS:
         return cli_study.COMMANDS[args.command](args)
+    if args.command == "sweep":
+        return _sweep(args)
     scene = scenefile.read(args.scene)
     return _run(args, scene) if args.command == "run" else _check(args, scenefile.checked(scene))
 
@@ -114,6 +116,18 @@ def _check(args: argparse.Namespace, scene) -> int:
         print(f"{'ok    ' if good else 'FAILED'} {sentence}")
         passed &= bool(good)
     return OK if passed else FAILED
+
+
+def _sweep(args: argparse.Namespace) -> int:
+    from ..errors import SceneError
+    from . import scenefile
+
+    if args.out == "":
+        raise SceneError("--out '': needs a folder's name")
+    scene = scenefile.read(args.scene)
+    plain = argparse.Namespace(**{name: value for name, value in vars(args).items() if name not in ("out", "set")}, set=[])
+    options = _options(plain, scene)
+    return sweeping.run(args, options.duration, options.fps, options.simulation)
 
 
 def _list() -> int:
@@ -198,6 +212,7 @@ def _parser() -> argparse.ArgumentParser:
     cli_recorded.add_parsers(commands)
     cli_study.add_parsers(commands)
     dressing.add_parser(commands)
+    sweeping.add_parser(commands, _simulation_flags)
     commands.add_parser("list", help="scenes, one line each")
     commands.add_parser("doctor", help="what runs on this machine")
     commands.add_parser("fabrics", help="measured cloths, with their sources")

@@ -2,8 +2,6 @@
 
 import contextlib
 import datetime
-import hashlib
-import pathlib
 import platform
 import sys
 import time
@@ -15,7 +13,7 @@ import numpy as np
 
 from .. import __version__
 from ..errors import ClothError, OutputError, ScriptError, SimulationError
-from ..output.folder import FRAMES, RunFolder
+from ..output.folder import FRAMES, RunFolder, hash_of_file
 from ..output.png import encode_png
 from ..output.recording import Recording
 from ..recording import record
@@ -306,7 +304,7 @@ def _manifest(scene_file: SceneFile, scene: Scene, sim: Simulation, options: Run
         "taichi_cloth": __version__, "python": platform.python_version(), "numpy": np.__version__,
         "machine": f"{platform.system()} {platform.machine()}",
         "started": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
-        "scene": scene_file.name, "path": scene_file.path, "source": _fingerprint(scene_file.path),
+        "scene": scene_file.name, "path": scene_file.path, "source": hash_of_file(scene_file.path),
         "settings": {k: v if isinstance(v, (int, float, bool)) else str(v) for k, v in {**resolved, **settings}.items()},
         "duration": options.duration, "fps": options.fps, "size": options.size,
         "simulation": {**sim.options.record(), **asdict(sim.control), "integrator": sim.integrator_name},
@@ -314,9 +312,3 @@ def _manifest(scene_file: SceneFile, scene: Scene, sim: Simulation, options: Run
         "model": {"vertices": sim.model.n, "triangles": sum(c.mesh.face_count for c in scene.cloths),
                   "solids": len(scene.solids), "notes": sim.notes},
     }
-
-
-def _fingerprint(path: str) -> str:
-    """Of a scene's source text, to tell whether it was edited."""
-    file = pathlib.Path(path)
-    return hashlib.sha256(file.read_bytes()).hexdigest()[:16] if file.is_file() else ""

@@ -1,8 +1,8 @@
 """Scene files: Python modules with build(...) and check(sim), found by path or by name.
 
 A scene file has a docstring whose first line says what it shows, `build(**options) -> Scene`, and may have
-`check(sim)`, which yields (sentence, passed) pairs, `RUN`, defaults for the run (duration, fps, h, ...), and
-`SMALL`, options that make it quick.
+`check(sim)`, which yields (sentence, passed) pairs, `metrics(sim)`, figures by name for `sweep`, `RUN`, defaults for the run
+(duration, fps, h, ...), and `SMALL`, options that make it quick.
 """
 
 import importlib.util
@@ -35,6 +35,7 @@ class SceneFile:
     check: Callable | None
     run: dict = field(default_factory=dict)
     small: dict = field(default_factory=dict)
+    metrics: Callable | None = None
 
     @property
     def options(self) -> dict[str, inspect.Parameter]:
@@ -149,7 +150,7 @@ def of_module(build: Callable, module: ModuleType | None = None) -> SceneFile:
     path = getattr(module, "__file__", None) or build.__name__
     summary = (module.__doc__ or "").strip().split("\n")[0]
     return SceneFile(pathlib.Path(path).stem, str(path), summary, build, getattr(module, "check", None),
-                     dict(getattr(module, "RUN", {})), dict(getattr(module, "SMALL", {})))
+                     dict(getattr(module, "RUN", {})), dict(getattr(module, "SMALL", {})), getattr(module, "metrics", None))
 
 
 def checked(scene: SceneFile) -> SceneFile:

@@ -179,6 +179,12 @@ def manifest_sum(content: dict) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
+def hash_of_file(path: str | os.PathLike) -> str:
+    """Of a file's content, to tell whether it was edited; "" where there is none."""
+    file = pathlib.Path(path)
+    return hashlib.sha256(file.read_bytes()).hexdigest()[:16] if file.is_file() else ""
+
+
 @contextlib.contextmanager
 def written_aside(path: pathlib.Path, suffix: str = ".partial") -> Iterator[pathlib.Path]:
     """A path to write to, of the same name with `suffix`, that takes the place of `path` where all went well.

@@ -1,6 +1,7 @@
 """Line plots as SVG text."""
 
 import html
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,20 +11,42 @@ BESIDE = 155  # width of names beside the lines, where there are more than a few
 FEW = 4
 
 
+@dataclass(frozen=True)
+class Mean:
+    """Points x, y (k,), several of them over the same x: each is a dot, and a line goes through their means."""
+
+    x: np.ndarray
+    y: np.ndarray
+
+    def line(self) -> tuple[np.ndarray, np.ndarray]:
+        """(x, mean of y there), x growing."""
+        x = np.unique(self.x)
+        return x, np.array([self.y[self.x == a].mean() for a in x])
+
+
+def scatter_plot(series: dict[str, Mean], x_label: str, log: bool = False, log_x: bool = False) -> str:
+    """As `line_plot`, of points that repeat."""
+    return line_plot({name: s.line() for name, s in series.items()}, x_label, log, log_x,
+                     dots={name: (s.x, s.y) for name, s in series.items()})
+
+
 def line_plot(series: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, log: bool = False, log_x: bool = False,
-              marks: bool = False) -> str:
+              marks: bool = False, dots: dict[str, tuple[np.ndarray, np.ndarray]] | None = None) -> str:
     """An SVG of lines (x, y) by name over a common axis; steps where there is one point, nothing where there is none.
 
     Args:
         log, log_x: logarithmic y and x axis; what is not positive is left out.
         marks: a dot at every point.
+        dots: points by name instead, in the colours of the lines.
     """
+    if dots is None:
+        dots = series if marks else {}
     if log_x:
-        series = {name: (np.log10(x[x > 0]), y[x > 0]) for name, (x, y) in series.items()}
+        series, dots = ({name: (np.log10(x[x > 0]), y[x > 0]) for name, (x, y) in some.items()} for some in (series, dots))
     series = {name: (x, y) for name, (x, y) in series.items() if len(x)}
     if not series:
         return "<p>nothing to plot</p>"
-    xs, ys = (np.concatenate([pair[k] for pair in series.values()]) for k in (0, 1))
+    xs, ys = (np.concatenate([pair[k] for some in (series, dots) for pair in some.values()]) for k in (0, 1))
     if log:
         ys = ys[ys > 0] if (ys > 0).any() else np.ones(1)
     x_0, x_1, y_0, y_1 = float(xs.min()), float(xs.max()), float(ys.min()), float(ys.max())
@@ -57,8 +80,10 @@ def line_plot(series: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, lo
         pick = np.unique(np.linspace(0, max(len(x) - 1, 0), min(len(x), 800)).astype(np.int64))
         points = " ".join(f"{across(x[i]):.1f},{up(y[i]):.1f}" for i in pick)
         out.append(f'<polyline points="{points}" fill="none" stroke="{color}" stroke-width="1.4"/>')
-        if marks:
-            out += [f'<circle cx="{across(a):.1f}" cy="{up(b):.1f}" r="2.5" fill="{color}"/>' for a, b in zip(x, y)]
+        for a, b in zip(*dots.get(name, ((), ()))):
+            if not log or b > 0:
+                height = up(np.log10(b) if log else b)
+                out.append(f'<circle cx="{across(a):.1f}" cy="{height:.1f}" r="2.5" fill="{color}"/>')
         if len(series) > 1:
             out.append(f'<text x="{names}" y="{TOP + 12 + 13 * k}" fill="{color}">{html.escape(name)}</text>')
     return "\n".join([*out, "</svg>"])

@@ -1,0 +1,129 @@
+"""One run of a sweep: a scene is built, simulated, and becomes a row of figures. A failure is a row too, with its name."""
+
+import hashlib
+import math
+import threading
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..errors import ClothError, SceneError, SimulationError, shown
+from ..scene.scene import Scene
+from ..simulation import Simulation
+from ..step.ledger import totals
+
+OK, GAVE_UP, FAILED, LOST = "ok", "gave up", "failed", "lost"
+SCRIPT = "ScriptError"  # the reason where a scene's or a metric's own code ends with an exception
+Metrics = Callable[[Simulation], Any] | Mapping[str, Callable[[Simulation], float]]
+
+_one_at_a_time = threading.Lock()  # Taichi runs once in a process
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a worker has to know of a run.
+
+    Attributes:
+        build: makes the scene of `settings`.
+        metrics: of the simulation at its end: a function that returns a number or numbers by name, or functions by name.
+    """
+
+    build: Callable[..., Scene]
+    settings: dict[str, Any]
+    options: dict[str, Any]
+    duration: float
+    fps: float
+    metrics: Metrics | None = None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a run.
+
+    Attributes:
+        status: "ok", "gave up", "failed", or "lost" where its worker died more often than it is tried again.
+        reason: a rejection's name, or an error's class; message: what it says.
+        figures: by name; what the run was stopped before has none.
+        wall: time it took [s].
+    """
+
+    status: str
+    reason: str
+    message: str
+    figures: dict[str, Any]
+    wall: float
+
+
+def perform(task: Task) -> Outcome:
+    """Runs it; never raises for what the scene, its code or the simulation does."""
+    begun, figures = time.perf_counter(), {}
+    status, reason, message, sim = OK, "", "", None
+    with _one_at_a_time:
+        try:
+            sim = _simulated(task)
+            sim.run(task.duration, task.fps)
+            figures = {**outcome(sim), **_measured(task, sim)}
+        except SimulationError as error:
+            status, reason, message = GAVE_UP, error.reason or type(error).__name__, str(error)
+            figures = outcome(sim) if sim is not None and sim.log else {}
+        except ClothError as error:
+            status, reason, message = FAILED, type(error).__name__, str(error)
+        except Exception as error:  # a user's
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            status, reason = FAILED, SCRIPT
+            message = f"{type(error).__name__}: {error} ({place.filename}, line {place.lineno})"
+        finally:
+            if sim is not None:
+                sim.close()
+    return Outcome(status, reason, message, figures, time.perf_counter() - begun)
+
+
+def _simulated(task: Task) -> Simulation:
+    scene = task.build(**task.settings)
+    if not isinstance(scene, Scene):
+        raise SceneError(f"sweep: build returned {shown(scene)}, not a Scene")
+    return Simulation(scene, **task.options)
+
+
+def outcome(sim: Simulation) -> dict[str, Any]:
+    """What every row has: effort, trouble, energies [J], the lowest vertex [m], and a digest of the state, bit for bit."""
+    log, x, v = sim.log, sim.positions(), sim.velocities()
+    ledger, energies = totals([r.ledger for r in log]), log[-1].energies
+    kinetic = energies.get("kinetic", 0.0)
+    return {"time_s": sim.time, "steps": len(log), "solves": sum(r.solves for r in log),
+            "iterations": sum(r.iterations for r in log), "evaluations": sum(r.evaluations for r in log),
+            "rejected": sum(sum(r.rejections.values()) for r in log), "fell_back": sum(bool(r.fell_back) for r in log),
+            "contacts": max(r.contacts for r in log), "largest_stretch": max(r.stretch for r in log),
+            "kinetic_J": kinetic, "potential_J": sum(energies.values()) - kinetic,
+            "unaccounted_J": ledger.get("unaccounted", 0.0), "lowest_m": float(x[:, 1].min()),
+            "digest": hashlib.sha256(x.tobytes() + v.tobytes()).hexdigest()[:16]}
+
+
+def _measured(task: Task, sim: Simulation) -> dict[str, Any]:
+    metrics = task.metrics
+    if metrics is None:
+        return {}
+    if isinstance(metrics, Mapping):
+        found = {name: measure(sim) for name, measure in metrics.items()}
+    else:
+        value = metrics(sim)
+        found = dict(value) if isinstance(value, Mapping) else {getattr(metrics, "__name__", "metric"): value}
+    for name in found:
+        if name in task.settings or name in task.options:
+            raise SceneError(f"metric {name!r} has the name of a setting: give it another")
+    return {str(name): _figure(name, value) for name, value in found.items()}
+
+
+def _figure(name: str, value: object) -> float | int | str | bool | None:
+    """A figure as JSON has it; None where it is not finite."""
+    if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 0):
+        value = value.item()
+    if value is None or isinstance(value, (bool, int, str)):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    raise SceneError(f"metric {name!r} = {shown(value)}: must be a number, a text or None")
