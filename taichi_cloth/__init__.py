@@ -31,7 +31,7 @@ _NAMES = {
     "simulation": "Simulation",
     "recording.recorded": "Recording",
     "recording.still": "render",
-    "sweeps.sweep": "sweep Sweep",
+    "sweeps.sweep": "sweep",
     "app.cli": "run",
     "errors": "ClothError MeshError SceneError BackendError OutputError ScriptError SimulationError",
 }

@@ -148,6 +148,9 @@ RUNNING: list[tuple[str, str, dict[str, str]]] = [
     (STARTED, "sim.run", {"duration": "0.02", "fps": "60", "on_frame": "lambda sim, frame: None", "resumed": "None"}),
     ("body = tc.Scene()", "tc.dress", {"garment": f"tc.Garment({MESH}, ())", "fabric": FABRIC, "body": "body",
                                        "contact": "None", "longest": "0.1", "h": "1/60", "tell": "None"}),
+    ("", "tc.sweep", {"build": "lambda k, seed: None", "grid": '{"k": [1.0]}', "metrics": "lambda sim: 1.0", "seeds": "2",
+                      "duration": "0.1", "fps": "10.0", "out": "None", "workers": "0", "scheduler": "None", "slurm": "None",
+                      "say": "print"}),
     (STARTED, "sim.resume", {"state": "sim.checkpoint()"}),
     (STARTED, "sim.pin", {"cloth": "cloth", "vertices": "[0, 1]", "directions": '"y"'}),
     (STARTED + "; sim.pin(cloth, [0, 1])", "sim.unpin", {"cloth": "cloth", "vertices": "[0]"}),
@@ -293,7 +296,7 @@ def _finite(value: object) -> bool:
         return value.dtype.kind in "fiub" and bool(np.isfinite(value).all())
     if isinstance(value, numbers.Number):
         return isinstance(value, numbers.Real) and math.isfinite(value)
-    return value is None or isinstance(value, (str, tc.Scene)) or callable(value)
+    return value is None or isinstance(value, (str, pathlib.Path, tc.Scene)) or callable(value)
 
 
 @contextlib.contextmanager
@@ -325,4 +328,4 @@ def missing() -> list[str]:
 
 
 def _arguments(thing: Callable) -> list[str]:
-    return [name for name in inspect.signature(thing).parameters if name != "self"]
+    return [name for name, p in inspect.signature(thing).parameters.items() if name != "self" and p.kind is not p.VAR_KEYWORD]

@@ -84,7 +84,12 @@ def plain(value: object) -> object:
         return value
     if isinstance(value, numbers.Integral):
         return int(value)
-    return float(value) if isinstance(value, numbers.Real) else repr(value)
+    if isinstance(value, numbers.Real):
+        return float(value)
+    try:
+        return repr(value)
+    except Exception:  # another's code
+        return shown(value)
 
 
 def source_of(function: object) -> str:
@@ -120,12 +125,18 @@ def _values(name: str, values: Iterable, parameters: Mapping[str, inspect.Parame
         known = [*parameters, *BY_NAME]
         hint = "; --seeds and seeds= need a scene with an option `seed`" if name == SEED else ""
         raise SceneError(f"sweep: neither the scene nor Simulation has an option {name!r}{hint}; {did_you_mean(name, known)}")
-    if isinstance(values, (str, bytes)) or not isinstance(values, Iterable):
+    try:
+        out = [] if isinstance(values, (str, bytes)) else list(itertools.islice(values, MOST + 1))
+    except TypeError:
+        out = []
+    if not out:
         raise SceneError(f"sweep: {name} = {shown(values)}: must be several values, such as a list")
-    out, texts = list(itertools.islice(values, MOST + 1)), set()
+    texts: set[str] = set()
     checks.integer(f"sweep: the number of values of {name}", len(out), most=MOST)
     for value in out:
         text = json.dumps(plain(value))
+        if text in ("NaN", "Infinity", "-Infinity"):
+            raise SceneError(f"sweep: {name} = {shown(value)}: must be finite")
         if ADDRESS.search(text):
             raise SceneError(f"sweep: {name} = {shown(value)}: its text is another in every process, so that its runs could "
                              "not be found again: sweep over a name or a number, and choose by it in build")

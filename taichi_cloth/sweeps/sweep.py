@@ -29,13 +29,13 @@ class Sweep:
         varied: names of the settings that the grid names.
         rows: one a combination, in the order of the grid: run, the settings, status ("ok", "gave up", "failed" or "lost"),
             reason, message, figures, wall_s (the time it took), key.
-        out: its folder, or None.
+        folder: its own, or None.
         again: rows that were there before.
     """
 
     varied: list[str]
     rows: list[dict[str, Any]] = field(default_factory=list)
-    out: pathlib.Path | None = None
+    folder: pathlib.Path | None = None
     again: int = 0
 
     def column(self, name: str) -> np.ndarray:
@@ -101,10 +101,10 @@ def sweep(build: Callable[..., Scene], grid: Mapping[str, Iterable], metrics: Me
         BackendError: no Dask, or no scheduler.
         OutputError: a folder that cannot be written.
     """
-    runs, tasks = _planned(build, grid, metrics, seeds, duration, fps, options)
+    runs, tasks = _planned(build, grid, metrics, seeds, duration, fps, say, options)
     engine_of = _engine(workers, scheduler, slurm, runs)
     folder = None if out is None else checks.path("sweep: out", out, OutputError)
-    result = Sweep(list(runs[0].varied), out=folder)
+    result = Sweep(list(runs[0].varied), folder=folder)
     store = None if folder is None else Store(folder)
     found: dict[int, Outcome] = {}
     with contextlib.ExitStack() as last:
@@ -124,8 +124,9 @@ def sweep(build: Callable[..., Scene], grid: Mapping[str, Iterable], metrics: Me
 
 
 def _planned(build: Callable, grid: Mapping, metrics: Metrics | None, seeds: int | Iterable[int] | None, duration: float,
-             fps: float, options: dict[str, Any]) -> tuple[list[Run], list[Task]]:
+             fps: float, say: Callable, options: dict[str, Any]) -> tuple[list[Run], list[Task]]:
     checks.function("sweep: build", build)
+    checks.function("sweep: say", say, "text")
     grid = dict(checks.instance("sweep: grid", grid, Mapping))  # type: ignore[type-abstract]
     if seeds is not None:
         if SEED in grid:
@@ -144,6 +145,8 @@ def _planned(build: Callable, grid: Mapping, metrics: Metrics | None, seeds: int
 
 def _engine(workers: int | None, scheduler: str | None, slurm: Mapping | None, runs: Sequence[Run],
             ) -> Callable[[Sequence[Task]], Iterator[tuple[int, Outcome]]]:
+    checks.maybe(scheduler, checks.name, "sweep: scheduler")
+    checks.maybe(slurm, checks.instance, "sweep: slurm", Mapping)
     workers = checks.maybe(workers, checks.integer, "sweep: workers", least=0, most=MOST_WORKERS)
     if scheduler is not None and slurm is not None:
         raise SceneError("sweep: a scheduler's address or Slurm: choose one")

@@ -158,7 +158,7 @@ def test_a_run_that_gives_up_has_its_rejection_as_reason():
 def test_what_is_wrong_is_named_before_anything_runs(tmp_path):
     for grid, more, words in (
             ({"kid": [1]}, {}, "did you mean 'kind'"), ({"number": [1]}, {}, "needs a value for 'kind'"),
-            ({"kind": "own"}, {}, "several values"), ({"kind": []}, {}, "number of values of kind = 0"),
+            ({"kind": "own"}, {}, "several values"), ({"kind": []}, {}, "several values"),
             ({"kind": ["a", "a"]}, {}, "twice"),
             ({"kind": [lambda t: t]}, {}, "its text is another"), ({"kind": ["own"], "precision": ["f16"]}, {}, "f16"),
             ({"kind": ["own"]}, {"seeds": 3}, "option `seed`"), ({"kind": ["own"]}, {"duration": -1}, "duration = -1"),
@@ -238,7 +238,7 @@ def metrics(sim):
 def test_what_a_command_asks_for_is_checked_before_anything_runs(scene_file, tmp_path, capsys):
     for args, words in ((("--set", "kk=1"), "an option 'kk'; did you mean 'k'"), (("--seeds", "x"), "needs a number"),
                         (("--set", "k=1", "--set", "k=2"), "twice"), (("--slurm", "cpu"), "needs names and values"),
-                        (("--set", "newton_max=a"), "needs a whole number"), (("--set", "k="), "number of values of k = 0"),
+                        (("--set", "newton_max=a"), "needs a whole number"), (("--set", "k="), "several values"),
                         (("--set", "k=1e2,1/0"), "option k='1/0' needs a number"), (("--out", ""), "needs a folder's name"),
                         (("--scheduler", "nowhere:x"), "no Dask scheduler answers at nowhere:x")):
         code = main(["sweep", str(scene_file), "--out", str(tmp_path / "no"), *args])
