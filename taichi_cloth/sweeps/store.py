@@ -31,8 +31,8 @@ class Store:
             self._lock = Lock(folder)
         except OutputError:
             raise
-        except OSError as error:
-            raise OutputError(f"cannot write to {folder}: {error.strerror or error}") from None
+        except (OSError, ValueError) as error:
+            raise OutputError(f"cannot write to {folder}: {getattr(error, 'strerror', None) or error}") from None
 
     def close(self) -> None:
         """Lets others write there."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .. import checks
-from ..errors import OutputError, SceneError, did_you_mean
+from ..errors import OutputError, SceneError, ScriptError, did_you_mean
 from ..scene.scene import Scene
 from . import engine, page
 from .plan import SEED, Run, plain, runs_of, source_of
@@ -100,6 +100,7 @@ def sweep(build: Callable[..., Scene], grid: Mapping[str, Iterable], metrics: Me
         SceneError: an unknown name or impossible value, before anything is run.
         BackendError: no Dask, or no scheduler.
         OutputError: a folder that cannot be written.
+        ScriptError: `say` ends with an exception.
     """
     runs, tasks = _planned(build, grid, metrics, seeds, duration, fps, say, options)
     engine_of = _engine(workers, scheduler, slurm, runs)
@@ -119,7 +120,10 @@ def sweep(build: Callable[..., Scene], grid: Mapping[str, Iterable], metrics: Me
             found[missing[j]] = done
             if store:
                 store.put(run, done)
-            say(f"[{len(found)}/{len(runs)}] {_told(run, done)}")
+            try:
+                say(f"[{len(found)}/{len(runs)}] {_told(run, done)}")
+            except Exception as error:
+                raise ScriptError(f"sweep: say: {type(error).__name__}: {error}") from error
     return result
 
 
