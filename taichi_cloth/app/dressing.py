@@ -10,7 +10,8 @@ def add_parser(commands) -> None:
     """`dress` and its flags."""
     parser = commands.add_parser("dress", help="sew a pattern round a body and let it down")
     add = parser.add_argument
-    add("pattern", help="a pattern in GarmentCode's JSON format")
+    add("pattern", help="a pattern in GarmentCode's JSON format, or panels in an SVG")
+    add("--side", metavar="FILE", help="stitches, labels and placement of an SVG's panels (the .json of its name)")
     add("--body", required=True, metavar="MESH", help="the body [m]: .obj, .ply, .stl or .npz; the first frame of a sequence")
     add("--out", required=True, metavar="FILE", help="the garment, a .npz for tc.load_garment")
     add("--fabric", default="shirting", help="one of those that `fabrics` prints (shirting)")
@@ -35,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     out = Path(args.out)
     if out.suffix != ".npz" or not out.parent.is_dir():
         raise SceneError(f"--out {args.out}: must be a .npz in a folder that is there")
-    garment = load_pattern(args.pattern).mesh(args.spacing)
+    garment = load_pattern(args.pattern, args.side).mesh(args.spacing)
     print(f"{len(garment.seams)} seams, {garment.mesh.vertex_count} vertices, {garment.mesh.face_count} triangles")
     body = Scene()
     body.add_solid(load_solid(args.body), friction=args.friction, thickness=args.thickness, name="body")

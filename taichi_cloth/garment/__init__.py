@@ -8,13 +8,23 @@ from .garmentcode import read_garmentcode
 from .pattern import Pattern
 
 
-def load_pattern(path: str | Path) -> Pattern:
-    """A sewing pattern from a file in GarmentCode's JSON format.
+def load_pattern(path: str | Path, side: str | Path | None = None) -> Pattern:
+    """A sewing pattern from a file in GarmentCode's JSON format, or from panels drawn in an SVG.
+
+    Args:
+        side: of an SVG, the JSON file with its stitches, labels and placement (see `garment.svg`); the one of its name where
+            None.
 
     Raises:
         SceneError: a missing or unreadable file, or a pattern that cannot be sewn, with the panel or stitch that is wrong.
     """
     path = checks.path("path", path, SceneError)
+    if path.suffix.lower() == ".svg":
+        from .svg import read_svg
+
+        return read_svg(path, None if side is None else checks.path("side", side, SceneError))
     if path.suffix.lower() != ".json":
-        raise SceneError(f"{path}: patterns are read from .json files in GarmentCode's format")
+        raise SceneError(f"{path}: patterns are read from .json files in GarmentCode's format, and from .svg files")
+    if side is not None:
+        raise SceneError(f"{path}: has its stitches itself: only an SVG has a side file")
     return read_garmentcode(path)

@@ -36,7 +36,7 @@ def read_garmentcode(path: Path) -> Pattern:
             raise SceneError(f"units_in_meter = {per_metre}: must be a positive number")
         order = body.get("panel_order") or list(body["panels"])
         panels = tuple(_panel(name, body["panels"][name], per_metre) for name in order)
-        return Pattern(panels, tuple(_stitch(k, s) for k, s in enumerate(body.get("stitches", []))))
+        return Pattern(panels, tuple(stitch_of(k, s) for k, s in enumerate(body.get("stitches", []))))
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
@@ -49,10 +49,10 @@ def _panel(name: str, panel: dict, per_metre: float) -> Panel:
     edges = tuple(_edge(name, k, e, corners, per_metre) for k, e in enumerate(panel["edges"]))
     translation = checks.vector(f"translation of panel {name!r}", panel.get("translation", (0, 0, 0)), "cm") / per_metre
     angles = np.radians(checks.vector(f"rotation of panel {name!r}", panel.get("rotation", (0, 0, 0)), "degrees"))
-    return Panel(checks.name("panel name", name), corners, edges, translation, _turned(angles))
+    return Panel(checks.name("panel name", name), corners, edges, translation, turned(angles))
 
 
-def _turned(angles: np.ndarray) -> np.ndarray:
+def turned(angles: np.ndarray) -> np.ndarray:
     """R_z R_y R_x for angles (3,) [rad] about x, y and z."""
     (cx, cy, cz), (sx, sy, sz) = np.cos(angles), np.sin(angles)
     x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
@@ -87,7 +87,8 @@ def _edge(panel: str, k: int, edge: dict, corners: np.ndarray, per_metre: float)
     return Curve(start, end, kind, tuple(map(tuple, control.tolist())), label)
 
 
-def _stitch(k: int, stitch: list) -> Stitch:
+def stitch_of(k: int, stitch: list) -> Stitch:
+    """A stitch as the format has it."""
     if not isinstance(stitch, list) or len(stitch) < 2:
         raise SceneError(f"stitch {k} must be two edges")
     a, b = ((str(end["panel"]), int(end["edge"])) for end in stitch[:2])

@@ -1,9 +1,10 @@
 """A sewing pattern: panels in the plane, where they hang round the body, and which edges are sewn to each other."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .. import checks
 from ..errors import SceneError, shown
@@ -173,6 +174,48 @@ class Pattern:
         p = next(p for p in self.panels if p.name == panel)
         return p.edges[edge].length(p.corners)
 
+    def with_panel(self, panel: Panel) -> "Pattern":
+        """The pattern with a panel in the place of the one of its name."""
+        return replace(self, panels=tuple(panel if p.name == panel.name else p for p in self.panels))
+
+    def wrap(self, panel: str, around: ArrayLike, radius: float | None = None, turn: float = 0.0,
+             gap: float = 0.02) -> "Pattern":
+        """The pattern with a panel bent round a part of the body, as a sleeve round an arm.
+
+        Its middle comes to the middle of the axis, its v axis along it, upward.
+
+        Args:
+            around: (2, 3) ends of the axis [m], or (n, 3) points of the part, more than two, whose axis and radius are taken.
+            radius: at which it is bent [m]; of the points, where None, the farthest's from their axis and `gap` more.
+            turn: where round the axis its middle is [rad]; 0 is the side of +z.
+
+        Raises:
+            SceneError: no such panel, no radius with an axis, or a panel wider than the way round.
+        """
+        old = next((p for p in self.panels if p.name == panel), None)
+        if old is None:
+            raise SceneError(f"wrap: there is no panel {panel!r}; there are {', '.join(p.name for p in self.panels)}")
+        points = checks.array("wrap: around", around, ("n", 3), row="point")
+        low, high, reach = axis_of(points)
+        if radius is None and len(points) == 2:
+            raise SceneError("wrap: an axis needs a radius")
+        r = reach + checks.number("wrap: gap", gap, "m", least=0.0) if radius is None else checks.number(
+            "wrap: radius", radius, "m", positive=True)
+        border = old.outline()[0]
+        (left, bottom), (right, top) = border.min(axis=0), border.max(axis=0)
+        if right - left > 2 * math.pi * r:
+            raise SceneError(f"wrap: panel {panel!r} is {right - left:.3g} m wide, and the way round is "
+                             f"{2 * math.pi * r:.3g} m")
+        v = (high - low) / np.linalg.norm(high - low)
+        front = np.array([0.0, 0.0, 1.0]) if abs(v[2]) < 0.9 else np.array([0.0, -1.0, 0.0])
+        front = front - (front @ v) * v
+        front /= np.linalg.norm(front)
+        frame = np.column_stack([np.cross(v, front), v, front])
+        a = checks.number("wrap: turn", turn, "rad") - (left + right) / (2 * r)
+        own = np.array([[math.cos(a), 0, math.sin(a)], [0, 1, 0], [-math.sin(a), 0, math.cos(a)]])
+        at = (low + high) / 2 - v * (bottom + top) / 2
+        return self.with_panel(replace(old, rotation=frame @ own, translation=at, round_radius=r))
+
     def mesh(self, spacing: float) -> Garment:
         """Triangles with edges about `spacing` [m] long; edges that are sewn to each other have as many points.
 
@@ -206,3 +249,19 @@ class Pattern:
         seams = tuple((rows[s.a], rows[s.b] if s.together else rows[s.b][::-1], s.rest) for s in self.stitches)
         mesh = TriMesh(np.concatenate(x), np.concatenate(faces), np.concatenate(uv), groups)
         return Garment(mesh, seams)
+
+
+def axis_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """(lower end (3,), upper end (3,), largest distance from it) of the axis along which points (n, 3) [m] lie.
+
+    Raises:
+        SceneError: points that are all in one place.
+    """
+    middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    v = np.linalg.svd(points - points.mean(axis=0))[2][0]
+    v = v if v[1] >= 0 else -v
+    along = (points - middle) @ v
+    if not np.ptp(along) > 0:
+        raise SceneError("wrap: the part of the body is a single point")
+    away = points - middle - along[:, None] * v
+    return middle + along.min() * v, middle + along.max() * v, float(np.linalg.norm(away, axis=1).max())

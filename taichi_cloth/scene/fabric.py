@@ -4,7 +4,7 @@ Differs from [BW98 §4.2]: the paper's a = area makes stiffness depend on the me
 condition is area k/2 C^2 with C free of area, so that k is a modulus [N/m] and refinement changes nothing.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -188,6 +188,19 @@ class Fabric:
         _check(self, "fabric", "density", "kg/m^2", zero=False)
         for name, kind in (("stretch", Stretch), ("shear", Shear), ("bend", Bend)):
             checks.maybe(getattr(self, name), checks.instance, f"fabric {name}", kind)
+
+    def elastic(self, rest: Pair) -> "Fabric":
+        """The fabric as an elastic band that is sewn on stretched: its rest stretch b, along warp and weft.
+
+        Args:
+            rest: length at rest over the pattern's, a number or (warp, weft); .8 pulls a waist in by a fifth.
+
+        Raises:
+            SceneError: a fabric without stretch, or rest stretches that are not positive.
+        """
+        if self.stretch is None:
+            raise SceneError("elastic: the fabric has no stretch")
+        return replace(self, stretch=replace(self.stretch, b=rest))
 
 
 def pair(value: Pair) -> tuple[float, float]:

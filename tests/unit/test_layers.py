@@ -10,7 +10,7 @@ ROOMS = ("errors", "checks", "options", "scene", "io", "backend", "system", "for
 NUMPY_ONLY = {"errors", "checks", "options", "scene", "io", "backend.ordering", "backend.rows", "backend.timing",
               "system.elements", "system.quantities", "step.ledger", "app.scenefile", "app.recorded", "app.studies",
               "app.cli", "app.dressing", "app.sweeping", "app.interrupts",
-              "garment.curves", "garment.pattern", "garment.garmentcode"}
+              "garment.curves", "garment.pattern", "garment.garmentcode", "garment.svg"}
 OUTPUT_MAY = {"errors", "checks", "io.npz", "scene.view", "backend.runtime", "backend.bvh", "backend.fields", "backend.rows",
               "backend.ordering", "system.quantities"}
 
