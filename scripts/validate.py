@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 import taichi_cloth as tc
+from taichi_cloth.fitting import simulated
 
 G = 9.81
 Line = tuple[str, float, float, float]  # what, ours, reference, allowed relative difference
@@ -254,25 +255,9 @@ def drape_coefficient(D: float, rings: int, t: float = 2.0) -> float:
     Args:
         D: rigidity [N m]; rings: of triangles in the mesh; t: time in which it comes to rest [s].
     """
-    mesh = tc.disk(0.15, rings)
-    far = np.linalg.norm(mesh.x - mesh.x.mean(axis=0), axis=1)
-    held, edge = np.flatnonzero(far < 0.0901), np.flatnonzero(far > 0.1499)
-    noise = 1e-4 * np.random.default_rng(1).normal(size=len(far))  # breaks the symmetry
-    up = np.outer(np.where(far < 0.0901, 0.0, noise), [0, 1, 0])
-    fabric = tc.Fabric(0.15, tc.Stretch(1000.0, k_d=2.0), tc.Shear(50.0, k_d=0.1), tc.Bend(D, k_d=0.02 * D, model="curvature"))
-    scene = tc.Scene(air=tc.Air(normal=1.0, tangential=0.1))
-    scene.pin(scene.add_cloth(mesh, fabric, positions=mesh.x + up), held)
-    sim = tc.Simulation(scene, h=1 / 60, integrator="backward_euler")
-    sim.run(t, 1 / t)
-    x, centre = sim.positions(), mesh.x.mean(axis=0)
-    sim.close()
-    around = edge[np.argsort(np.arctan2(*(mesh.x[edge] - centre)[:, [2, 0]].T))]
-
-    def shade(points: np.ndarray) -> float:
-        p, q = (points - centre)[around][:, [0, 2]], np.roll((points - centre)[around][:, [0, 2]], -1, axis=0)
-        return abs(float(np.sum(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]))) / 2
-
-    return (shade(x) - math.pi * 0.09**2) / (shade(mesh.x) - math.pi * 0.09**2)
+    with tc.Simulation(simulated.drape_scene(D, rings=rings), h=1 / 60, integrator="backward_euler") as sim:
+        sim.run(t, 1 / t)
+        return simulated.drape_coefficient(sim)
 
 
 def drape() -> Iterator[Line]:

@@ -32,6 +32,7 @@ _NAMES = {
     "recording.recorded": "Recording",
     "recording.still": "render",
     "sweeps.sweep": "sweep",
+    "fitting.fit": "fit",
     "app.cli": "run",
     "errors": "ClothError MeshError SceneError BackendError OutputError ScriptError SimulationError",
 }

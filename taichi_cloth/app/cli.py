@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import Field
 
 from ..options import ARCHS, BY_NAME
-from . import dressing, sweeping
+from . import dressing, fitting, sweeping
 from . import recorded as cli_recorded
 from . import studies as cli_study
 from .flags import Parser
@@ -67,6 +67,8 @@ def _dispatch(args: argparse.Namespace) -> int:
         return cli_recorded.COMMANDS[args.command](args)
     if args.command in cli_study.COMMANDS:
         return cli_study.COMMANDS[args.command](args)
+    if args.command == "fit":
+        return fitting.run(args)
     if args.command == "sweep":
         return _sweep(args)
     scene = scenefile.read(args.scene)
@@ -213,6 +215,7 @@ def _parser() -> argparse.ArgumentParser:
     cli_study.add_parsers(commands)
     dressing.add_parser(commands)
     sweeping.add_parser(commands, _simulation_flags)
+    fitting.add_parser(commands)
     commands.add_parser("list", help="scenes, one line each")
     commands.add_parser("doctor", help="what runs on this machine")
     commands.add_parser("fabrics", help="measured cloths, with their sources")
