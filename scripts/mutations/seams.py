@@ -19,7 +19,24 @@ CURVES, PATTERN = "taichi_cloth/garment/curves.py", "taichi_cloth/garment/patter
 MESHER = "taichi_cloth/garment/mesher.py"
 FILE, GARMENT = "taichi_cloth/garment/garmentcode.py", "taichi_cloth/scene/garment.py"
 
+RIPPING, STITCHES = "tests/physics/test_ripping.py", "taichi_cloth/system/stitches.py"
+RIPS, ORDER, GOES_ON = (f"{RIPPING}::{name}" for name in (
+    "test_a_strip_rips_at_its_strength", "test_momentum_is_conserved_and_the_seam_opens_from_its_end",
+    "test_a_run_goes_on_bit_for_bit_through_a_rip"))
+BUTTONS = f"{RIPPING}::test_buttons_give_at_their_force"
+
 MUTATIONS = (
+    ("taichi_cloth/scene/sewing.py", "out[1:] += way / 4", "out[1:] += 0 * way", "stitches stand for half their length", RIPS),
+    (STITCHES, "return (part > 1) & (part >= (1 - EVEN) * most)", "return part > 1", "all that is overloaded opens at once",
+     ORDER),
+    (STITCHES, "np.linalg.norm(tension[a[alone]], axis=1)", "np.abs(tension[a[alone]][:, 0])",
+     "only one component of the force counts", BUTTONS),
+    (STITCHES, 'STATE = ("whole",)', "STATE = ()", "a resumed run is whole again", GOES_ON),
+    ("taichi_cloth/step/giving.py", "self.stitches.model.restore()", "pass", "the step goes on from its end", RIPS),
+    ("taichi_cloth/contact/cloth/lips.py", "self.resumed()\n        return True", "return True",
+     "contact is not told of what has opened", f"{RIPPING}::test_what_was_sewn_meets_as_layers_do"),
+    ("taichi_cloth/forces/bend.py", "*= whole[ends].all(axis=1)[:, None]", "*= 1", "hinges stay over an open seam",
+     f"{RIPPING}::test_hinges_go_with_their_seam"),
     (CLUSTERS, "out = first + rest / (hi - lo)", "out = first", "the first member for the mean", CUT),
     (CLUSTERS, "kept = 1 - CLOSING * h / widest", "kept = 0.0", "seams close at any speed", APART),
     (CLUSTERS, "if again == 0:", "if again == 1:", "velocities against the mean stay", APART),

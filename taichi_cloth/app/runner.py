@@ -211,8 +211,11 @@ def summary(sim: Simulation) -> dict:
 
 
 def _seams(sim: Simulation) -> str:
-    """What is not sewn together yet."""
-    seams, gaps = sim.scene.seams, sim.seam_gaps()
+    """What is not sewn together yet, or no longer."""
+    seams, gaps, given = sim.scene.seams, sim.seam_gaps(), sim.stitches_open()
+    count = sum(int(o.sum()) for o in given)
+    if count:
+        return f"seams: {count} of {sum(map(len, given))} stitches have opened, at most {gaps.max():.3g} m\n"
     if not (gaps > 0).any():
         return f"seams: all {len(seams)} are closed\n" if seams else ""
     k = int(np.argmax(gaps))

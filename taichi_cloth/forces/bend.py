@@ -10,9 +10,11 @@ import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
-from ..scene.cloth import Cloth, Seam
+from ..backend.rows import write
+from ..scene.cloth import Cloth
 from ..scene.fabric import pair
 from ..scene.scene import Scene
+from ..scene.sewing import Seam
 from ..system.elements import Hinges, flat_turns, hinges, row_sums, seam_hinges
 from ..system.state import Elements, ParticleState
 from .conditions import sym, sym_outer, sym_scaled_identity
@@ -54,6 +56,7 @@ class Bend(Force):
         self.host_stiff = stiff
         self.host_hinges, self.host_turns = vertices, np.concatenate([flat_turns(h) for _, h in parts])
         self.damps = bool(rest[:, 1].any())
+        self._rest, self._seams = rest, (scene, seams)
         self.rest = fields.real(self.elements.count, 4, self.elements.per_entry(rest))  # k, k_d, theta_0, floor2
         heights2 = np.concatenate([(2 * h.areas).min(axis=1) ** 2 / h.length2 for _, h in parts])
         self._unit_energy = float(np.sum(stiff[:, 0] / heights2) / 2)
@@ -284,6 +287,14 @@ class Bend(Force):
     def add_level_block(self, n, c, D, levels: ti.template()):
         """D + s^T (-c D - c^2 K) s of flat cloth, the same in all directions."""
         return D + sym_scaled_identity(c * (c * self.bent[n][0] + self.bent[n][1]))
+
+    def release(self, whole: np.ndarray) -> None:
+        """Hinges over a seam go with either of the stitches at their ends."""
+        from ..system.stitches import ends_of
+
+        ends, rest = ends_of(*self._seams), self._rest.copy()
+        rest[len(rest) - len(ends):, :2] *= whole[ends].all(axis=1)[:, None]
+        write(self.rest, self.elements.per_entry(rest).astype(self.model.exchange))
 
     def geometry(self) -> dict[str, np.ndarray]:
         """Hinges with their stiffness [N m] and rest angle."""

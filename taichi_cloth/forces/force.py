@@ -91,3 +91,6 @@ class Force(ABC):
     def accept(self, h: float) -> bool:
         """A step of h [s] was accepted; True where the force has changed by that."""
         return False
+
+    def release(self, whole: np.ndarray) -> None:  # noqa: B027 (most forces know no stitches)
+        """Only the stitches (k,) of the scene's seams that are whole hold anything from now on."""

@@ -94,15 +94,17 @@ class Script:
 
     Attributes:
         made: attachments that were ever made in it, those that were released included: keys go on from there.
+        opened: (seam, rows of its stitches) that are to be opened.
     """
 
     attachments: list[Attachment] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     made: int = 0
+    opened: list = field(default_factory=list)
 
     def copy(self) -> "Script":
         """A copy whose lists are its own."""
-        return Script(list(self.attachments), list(self.events), self.made)
+        return Script(list(self.attachments), list(self.events), self.made, list(self.opened))
 
 
 def orthonormal(directions: object) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A piece of cloth in a scene, and the seams of its parts. numpy only."""
+"""A piece of cloth in a scene. numpy only."""
 
 from dataclasses import dataclass
 
@@ -66,23 +66,6 @@ class Cloth:
     def density(self) -> np.ndarray:
         """(m,) of each face [kg/m^2]."""
         return np.array([f.density for f in self.fabrics])[self.fabric_of]
-
-
-@dataclass(frozen=True, eq=False)
-class Seam:
-    """Two rows of a cloth's vertices that are sewn to each other, one by one; made by `Scene.sew`.
-
-    Attributes:
-        a, b: (k,) vertices.
-        rest: angle of the seam's hinges at rest [rad], or "given": that of the cloth's mesh.
-        stiffness: factor of their bending stiffness.
-    """
-
-    cloth: Cloth
-    a: np.ndarray
-    b: np.ndarray
-    rest: float | str
-    stiffness: float
 
 
 def _checked_panels(what: str, panels: object, count: int) -> tuple[tuple[np.ndarray, Fabric], ...]:

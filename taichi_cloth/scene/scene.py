@@ -13,12 +13,14 @@ from .. import checks
 from ..errors import SceneError, did_you_mean, shown
 from .air import Air
 from .attachment import Attachment, Event, Path, Script, orthonormal
-from .cloth import Cloth, Seam, panels_of, used_vertices
+from .cloth import Cloth, panels_of, used_vertices
 from .crease import Crease
 from .crease import make as make_crease
 from .fabric import ClothContact, Fabric
-from .garment import Garment, seam_angle
+from .garment import Garment
 from .mesh import TriMesh
+from .sewing import Seam, make_stitches
+from .sewing import make as make_seam
 from .solids import Shape, Solid, Value
 from .view import View
 
@@ -98,7 +100,8 @@ class Scene:
         """
         self.forces.append(checks.function("add_force: make", make, "fields", "model", "scene", "K"))
 
-    def sew(self, cloth: Cloth, a: ArrayLike, b: ArrayLike, rest: float | str = "flat", stiffness: float = 1.0) -> Seam:
+    def sew(self, cloth: Cloth, a: ArrayLike, b: ArrayLike, rest: float | str = "flat", stiffness: float = 1.0,
+            strength: float | None = None) -> Seam:
         """Sews two rows of vertices of a cloth to each other, one by one.
 
         They move as one, exactly; what is apart is led together first, at .5 m/s at most. Where vertices that follow each
@@ -109,26 +112,42 @@ class Scene:
             a, b: (k,) vertices; where both are the same, as at the tip of a dart, nothing is sewn.
             rest: "flat", "given" (the angle in the cloth's mesh), or the angle of the seam at rest [rad].
             stiffness: factor of its hinges' bending stiffness; with 0 there are none.
+            strength: force a length [N/m] at which it rips, stitch by stitch; None never does. Each stitch bears it over
+                half the way to the next on either side, from when it is closed.
 
         Raises:
-            SceneError: rows of different lengths, a vertex twice in a row, or nothing to sew.
+            SceneError: rows of different lengths, a vertex twice in a row, nothing to sew, or a strength that is not
+                positive.
         """
         self._own(cloth)
-        if isinstance(a, str) or isinstance(b, str):
-            raise SceneError(f"sew: vertices of {cloth.name!r} must be given in order, not as the name of a group")
-        rows = [used_vertices(cloth, row) for row in (a, b)]
-        if len(rows[0]) != len(rows[1]):
-            raise SceneError(f"sew: {len(rows[0])} vertices of {cloth.name!r} to {len(rows[1])}: rows must be as long as each "
-                             "other")
-        for row in rows:
-            names, count = np.unique(row[:-1] if row[0] == row[-1] and len(row) > 2 else row, return_counts=True)
-            if count.max() > 1:
-                raise SceneError(f"sew: vertex {names[count > 1][0]} of {cloth.name!r} is named twice in a row")
-        if (rows[0] == rows[1]).all():
-            raise SceneError(f"sew: the two rows of {cloth.name!r} are the same: there is nothing to sew")
-        rest = seam_angle("sew: rest", rest)
-        self.seams.append(Seam(cloth, rows[0], rows[1], rest, checks.number("sew: stiffness", stiffness, least=0.0)))
+        self.seams.append(make_seam(cloth, a, b, rest, stiffness, strength))
         return self.seams[-1]
+
+    def stitch(self, cloth: Cloth, a: ArrayLike, b: ArrayLike, force: float | None = None) -> Seam:
+        """Sews vertices to each other by stitches that stand alone, as buttons do: without hinges, each for itself.
+
+        Args:
+            a, b: vertices, one or (k,).
+            force: [N] at which each gives; None never does.
+
+        Raises:
+            SceneError: as `sew`.
+        """
+        self._own(cloth)
+        self.seams.append(make_stitches(cloth, a, b, force))
+        return self.seams[-1]
+
+    def unsew(self, seam: Seam, vertices: object = None) -> None:
+        """Opens a seam, or those of its stitches that are at `vertices` of its cloth; in an event, from then on.
+
+        Raises:
+            SceneError: a seam of another scene, or no stitch there.
+        """
+        if not any(seam is s for s in self.seams):
+            raise SceneError(f"unsew: not a seam of this scene: {shown(seam)}")
+        rows = seam.stitches(vertices)
+        self._warn_followers()
+        self.script.opened.append((seam, rows))
 
     def crease(self, cloth: Cloth, angle: ArrayLike, line: ArrayLike | None = None, edges: ArrayLike | None = None,
                stiffness: float = 1.0) -> Crease:

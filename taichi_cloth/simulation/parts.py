@@ -66,8 +66,9 @@ class Parts:
         self._note_collapsed(self.model.start_positions)
         if self.contacts is not None:
             self.notes += self.contacts.inspect()
+        self.giving = self._giving()
         self.stepper = Stepper(self.model, self.integrator, self.meter, self.control,
-                               Locator(self.model, scene.cloths, scene.solids))
+                               Locator(self.model, scene.cloths, scene.solids), self.giving)
         self.prescribed = Prescribed(self.model, scene.script.copy(), self.force_terms, self.contacts)
         scene.followers.add(self)
         self._extra: list[Fields] = []  # made when first asked for
@@ -96,6 +97,16 @@ class Parts:
         self.integrator = integrators.build(self.integrator_name, fields, self.model, self.force_terms, self.meter,
                                             self.options, self.runtime, scene, self.contacts)
         fields.allocate()
+
+    def _giving(self):
+        """What can open, where anything is sewn; nothing of it is imported without."""
+        if self.model.sewn is None:
+            return None
+        from ..step.giving import Giving
+        from ..system.stitches import Stitches
+
+        stitches = Stitches(self.model.sewn, self.scene, self.force_terms)
+        return Giving(stitches, self.integrator, self.meter, self.contacts)
 
     def __enter__(self) -> Self:
         return self

@@ -123,6 +123,22 @@ class Queries(Parts):
             force[pulled.index] = pulled.forces(self.model.read_particles()[0])
         return self.model.to_user(force)
 
+    def stitch_loads(self) -> list[np.ndarray]:
+        """For each of `Scene.seams`, (k,) [N] what its stitches bore in the last step; 0 where open or still apart."""
+        system = self._system()
+        if self.giving is None:
+            return []
+        stitches = self.giving.stitches
+        return np.split(stitches.loads(system.tension() / system.span), stitches.first[1:-1])
+
+    def stitches_open(self) -> list[np.ndarray]:
+        """For each of `Scene.seams`, (k,) which of its stitches have given or were opened."""
+        self._live()
+        if self.giving is None:
+            return []
+        stitches = self.giving.stitches
+        return np.split(~stitches.whole, stitches.first[1:-1])
+
     def contact_forces(self) -> np.ndarray:
         """(n, 3) [N] of solids on the cloth in the last step, friction included."""
         self._live()

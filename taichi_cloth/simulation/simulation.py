@@ -15,6 +15,7 @@ from ..options import SHORTEST, signature
 from ..scene.attachment import Path
 from ..scene.cloth import Cloth
 from ..scene.scene import Scene
+from ..scene.sewing import Seam
 from ..scene.solids import Solid
 from ..step.stepper import StepRecord
 from ..system.checkpoint import VERSION, below
@@ -133,6 +134,20 @@ class Simulation(Queries):
         """As `Scene.unpin`, for this simulation, from now on."""
         self._change(lambda: self.scene.unpin(cloth, vertices))
 
+    def unsew(self, seam: Seam, vertices: object = None) -> None:
+        """As `Scene.unsew`, for this simulation, from now on."""
+        self._change(lambda: self.scene.unsew(seam, vertices))
+        self._unsew()
+
+    def _unsew(self) -> None:
+        """Opens what is to be opened by hand."""
+        opened = self.prescribed.script.opened
+        if opened:
+            first = dict(zip(self.scene.seams, self.giving.stitches.first.tolist()))
+            if self.giving.open(np.concatenate([first[seam] + rows for seam, rows in opened])):
+                self.stepper.start = None
+            opened.clear()
+
     def _change(self, change: Callable[[], None]) -> None:
         """Pins and motions are changed by hand; what begins, begins where its vertices are."""
         self._live()
@@ -153,6 +168,8 @@ class Simulation(Queries):
         parts = {"particles": self.model, "step": self.stepper, "integrator": self.integrator}
         if self.integrator.system is not None:
             parts["preconditioner"] = self.integrator.system.preconditioner
+        if self.giving is not None:
+            parts["stitches"] = self.giving.stitches
         if self.contacts is not None:
             parts["contacts"] = self.contacts
         return parts | {"script": self.prescribed}
@@ -219,3 +236,4 @@ class Simulation(Queries):
             with self.scene.running(script):
                 self.scene.fire(event)
             script.events.sort(key=lambda e: e.time)
+        self._unsew()

@@ -130,6 +130,12 @@ class Multilevel(Checkpointed):
         self.finish(span)
         self.made_for, self.cost, self.excess, self.kept = made_for, 0, 0, 0
 
+    def forget(self) -> None:
+        """What levels were made for is no more: they are made anew."""
+        self.made_for = np.zeros(0)
+        if self.coarsest is not None:
+            self.coarsest.span = 0.0
+
     def count_iterations(self, iterations: int) -> None:
         """Iterations of the first solve after `make`: how well the levels still do."""
         self.cost = self.cost or iterations

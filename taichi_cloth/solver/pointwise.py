@@ -47,6 +47,9 @@ class Pointwise(Checkpointed):
         if not full.all():  # compiled only for scenes with 1 or 2 held directions
             self._hold_partly(held.index[~full], held.projector[~full])
 
+    def forget(self) -> None:
+        """Nothing here outlasts a solve."""
+
     @ti.kernel
     def build(self, fully: ti.types.ndarray()):
         """Inverts every diagonal block as if its particle were free, and takes particles that are held in all directions

@@ -57,6 +57,7 @@ class Ledger(Work):
         damping: what the cloth's own damping took.
         method: what the method took beyond; negative where it gave.
         plastic: what the cloth's shape at rest took as it changed after the step: fibres that slid, creases.
+        torn: what hinges over stitches that gave in the step had stored.
         braked: part of `method`: what was taken off velocities because the step would else have gained energy.
         unaccounted: change that none of these explains.
     """
@@ -67,6 +68,7 @@ class Ledger(Work):
     damping: float = 0.0
     method: float = 0.0
     plastic: float = 0.0
+    torn: float = 0.0
     braked: float = 0.0
 
     @property
@@ -77,7 +79,7 @@ class Ledger(Work):
     @property
     def unaccounted(self) -> float:
         """See above."""
-        return self.change - self.total - self.wind + self.damping + self.method + self.plastic
+        return self.change - self.total - self.wind + self.damping + self.method + self.plastic + self.torn
 
     def record(self) -> dict[str, float]:
         """By name, as telemetry has it."""

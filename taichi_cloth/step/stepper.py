@@ -87,6 +87,7 @@ class StepRecord:
         evaluations: of the forces, by an explicit method.
         error: estimated, over what the tolerance allows in this step; 0 where none is asked for.
         fell_back: why the default method redid the step by backward Euler; "" where it did not.
+        opened: stitches of seams that are open at its end, of all.
         ledger: J by name, what put energy in and what took it in this step: see `ledger.Ledger`.
         troubles: where attempts before it were rejected, and where it was itself slow to solve: see `trouble.Trouble`.
     """
@@ -112,6 +113,7 @@ class StepRecord:
     tangled: int = 0
     pinched: int = 0
     intersections: int | None = None
+    opened: int = 0
     ledger: dict[str, float] = field(default_factory=dict)
     troubles: tuple[Trouble, ...] = ()
 
@@ -122,8 +124,9 @@ class Stepper(Checkpointed):
     STATE = ("h", "quiet", "measured")
 
     def __init__(self, model: ParticleState, integrator, meter: Assembler, control: Control,
-                 locator: Locator | None = None) -> None:
+                 locator: Locator | None = None, giving=None) -> None:
         self.model, self.integrator, self.meter, self.control, self.locator = model, integrator, meter, control, locator
+        self.giving = giving  # a `giving.Giving` where anything is sewn
         self.h = control.h_max
         self.quiet = 0
         self.start: Measures | None = None  # measures of the current state; None where it was changed by hand
@@ -146,28 +149,46 @@ class Stepper(Checkpointed):
         while True:
             self.model.save()
             if self.start is None:
-                for force in self.meter.forces:
-                    force.set_time(t)
-                self.start = self.meter.measure()
-                if not self.start.finite:
-                    raise SimulationError(f"the state at t = {t:g} s is not finite", NOT_FINITE, t)
+                self.start = self._measured(t)
             attempt = self.integrator.attempt(h, partial(held_at, t), self.start)
             for name, value in attempt.seconds.items():
                 seconds[name] += value
             rejection = self.judge(attempt)
             if self.locator is not None and (rejection is not None or len(attempt.solutions) >= SLOW):
                 troubles.append(self.locator.find(rejection or "", h, attempt.detail, attempt.place, held_at(t, h)))
-            if rejection is None or (not control.adaptive and attempt.measures is not None
-                                     and attempt.measures.finite):
+            passes = rejection is None or (not control.adaptive and attempt.measures is not None
+                                           and attempt.measures.finite)
+            if passes and self.giving is not None and self.giving.gives():
+                self.start = self._measured(t)  # from the start of the step again, with what gave open
+                continue
+            if passes:
                 seconds["total"] = time.perf_counter() - began
                 return self._accept(t, h, attempt, rejection, rejections, seconds, troubles)
+            assert rejection is not None
             self.model.restore()
             rejections[rejection] = rejections.get(rejection, 0) + 1
+            if self.giving is not None and self.giving.take_back():
+                self.start = self._measured(t)
             if not control.adaptive or h / 2 < control.h_min:
                 raise SimulationError(self._gave_up(t, h, rejection, attempt, rejections, troubles), rejection, t)
             smaller = 0.5 if rejection != ACCURACY else _factor(attempt, 0.1, 0.7)
             h = self.h = max(h * smaller, control.h_min)
             self.quiet = 0
+
+    def _measured(self, t: float) -> Measures:
+        """Of the state at the start of a step, at t [s]; between layers is stored what was before.
+
+        Raises:
+            SimulationError: it is not finite.
+        """
+        for force in self.meter.forces:
+            force.set_time(t)
+        made, before = self.meter.measure(), self.start
+        if not made.finite:
+            raise SimulationError(f"the state at t = {t:g} s is not finite", NOT_FINITE, t)
+        if before is not None and "contact" in before.energies:
+            made = replace(made, energies={**made.energies, "contact": before.energies["contact"]})
+        return made
 
     @property
     def measured(self) -> str:
@@ -192,6 +213,9 @@ class Stepper(Checkpointed):
         measures = attempt.measures
         assert measures is not None
         ledger, taken = attempt.ledger, 0.0
+        torn, opened = (0.0, 0) if self.giving is None else self.giving.commit()
+        if torn and ledger is not None:
+            ledger = replace(ledger, potential=ledger.potential - torn, torn=torn)
         changed = [force.accept(h) for force in self.meter.forces]  # each is asked
         if any(changed):
             before, measures = measures.potential, self.meter.measure()
@@ -213,7 +237,7 @@ class Stepper(Checkpointed):
                           worst.residual if worst else 0.0, status, rejections, measures.energies, measures.stretch,
                           seconds, attempt.contacts, attempt.unsettled, attempt.crossings, attempt.evaluations,
                           attempt.error or 0.0, attempt.fell_back, attempt.layers, attempt.least, attempt.tangled,
-                          attempt.pinched, ledger={} if ledger is None else ledger.record(),
+                          attempt.pinched, opened=opened, ledger={} if ledger is None else ledger.record(),
                           troubles=tuple(troubles))
 
     def _gave_up(self, t: float, h: float, rejection: str, attempt: Attempt, rejections: dict[str, int],

@@ -14,6 +14,7 @@ import taichi as ti
 
 from ..backend.fields import Fields
 from ..backend.ordering import components
+from ..backend.rows import write
 from ..errors import SceneError
 from ..scene.scene import Scene
 from .held import Held, kernel_array
@@ -29,6 +30,7 @@ class Clusters:
     """The clusters of a model's particles.
 
     Attributes:
+        a, b: (k,) the particles that each stitch joins, seam by seam.
         label: (n,) cluster of each particle, or -1.
         member: (m,) the members, cluster by cluster; first: (clusters + 1,) where each one's begin.
         led: whether the last solve closed gaps.
@@ -36,20 +38,35 @@ class Clusters:
 
     def __init__(self, fields: Fields, model, scene: Scene) -> None:
         self.model = model
-        a, b = (np.concatenate([model.particle[getattr(s, name) + s.cloth.start] for s in scene.seams]) for name in "ab")
-        self.label = connected(model.n, a, b)
-        self.member = np.flatnonzero(self.label >= 0)[np.argsort(self.label[self.label >= 0], kind="stable")]
-        self.count = int(self.label.max(initial=-1)) + 1
-        self.first = np.searchsorted(self.label[self.member], np.arange(self.count + 1))
+        self.a, self.b = (np.concatenate([model.particle[getattr(s, name) + s.cloth.start] for s in scene.seams])
+                          for name in "ab")
+        self._gather(np.ones(len(self.a), dtype=bool))
         self._refuse_collapsed(scene)
-        total = np.bincount(self.label[self.member], model.mass[self.member], self.count)
-        self.share = model.mass[self.member] / total[self.label[self.member]]
         self.of = fields.integer(model.n, data=self.label)
-        self.begins = fields.integer(self.count + 1, data=self.first)
+        most = len(self.member) // 2 + 1
+        self.begins = fields.integer(most, data=_padded(self.first, most))
         self.size = fields.integer(1, data=np.array([self.count]))  # clusters, as kernels read them
         self.members = fields.integer(len(self.member), data=self.member)
         self._apart: np.ndarray = np.zeros(2, dtype=model.exchange)
         self.led = False
+
+    def _gather(self, whole: np.ndarray) -> None:
+        """Clusters by the stitches (k,) that are whole."""
+        model = self.model
+        self.label = connected(model.n, self.a[whole], self.b[whole])
+        self.member = np.flatnonzero(self.label >= 0)[np.argsort(self.label[self.label >= 0], kind="stable")]
+        self.count = int(self.label.max(initial=-1)) + 1
+        self.first = np.searchsorted(self.label[self.member], np.arange(self.count + 1))
+        total = np.bincount(self.label[self.member], model.mass[self.member], self.count)
+        self.share = model.mass[self.member] / total[self.label[self.member]]
+
+    def connect(self, whole: np.ndarray) -> None:
+        """Only the stitches (k,) that are whole hold anything from now on."""
+        self._gather(whole)
+        write(self.of, self.label.astype(np.int32))
+        write(self.begins, _padded(self.first, self.begins.rows).astype(np.int32))
+        write(self.size, np.array([self.count], dtype=np.int32))
+        write(self.members, np.concatenate([self.member, np.zeros(self.members.rows - len(self.member))]).astype(np.int32))
 
     @property
     def _own(self) -> np.ndarray:
@@ -247,6 +264,11 @@ def _replaced(old: np.ndarray, at: np.ndarray, value: np.ndarray, n: int) -> np.
     out[:len(old)] = old
     out[at] = value
     return out
+
+
+def _padded(first: np.ndarray, rows: int) -> np.ndarray:
+    """As many rows, the last one again and again."""
+    return np.concatenate([first, np.full(rows - len(first), first[-1])])
 
 
 def connected(n: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:

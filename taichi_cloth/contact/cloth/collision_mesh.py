@@ -5,6 +5,7 @@ import taichi as ti
 
 from ...backend.bvh import morton
 from ...backend.fields import Fields
+from ...backend.rows import write
 from ...scene.mesh import face_edges
 from ...scene.scene import Scene
 from ...system.state import ParticleState
@@ -50,6 +51,9 @@ class CollisionMesh:
         self.half = fields.real(model.n, data=self.half_thickness)
         self.knots = np.arange(model.n) if model.sewn is None else model.sewn.knot
         self.knot = fields.integer(model.n, data=self.knots)
+        self.sews = model.sewn is not None
+        if self.sews:
+            self.joined = fields.integer(model.n, data=self.knots)  # what was one in the beginning
         owner = np.concatenate([np.full(c.mesh.vertex_count, k) for k, c in enumerate(scene.cloths)])[model.user]
         self.owner, self.rest = fields.integer(model.n, data=owner), fields.real(model.n, 3, given)
 
@@ -79,11 +83,27 @@ class CollisionMesh:
         """Of the two layers of a pair with particles v [m]."""
         return self.half[v[0]] + self.half[v[3]]
 
+    def set_knots(self, knots: np.ndarray) -> None:
+        """What is sewn together from now on."""
+        self.knots = knots
+        write(self.knot, knots.astype(np.int32))
+
+    @ti.func
+    def parted(self, kind, v):
+        """Whether the two of a pair were sewn to each other once, and so have no distance in the cloth's own shape."""
+        out = False
+        if ti.static(self.sews):
+            j = ti.Vector([self.joined[v[0]], self.joined[v[1]], self.joined[v[2]], self.joined[v[3]]])
+            out = j[0] == j[2] or j[0] == j[3] or j[1] == j[2] or j[1] == j[3]
+            if kind == VERTEX_FACE:
+                out = j[0] == j[1] or j[0] == j[2] or j[0] == j[3]
+        return out
+
     @ti.func
     def radius(self, kind, v):
         """The distance that a pair should keep [m]."""
         out = self.thickness(v)
-        if self.owner[v[0]] == self.owner[v[3]]:  # what is near in the cloth's own shape may stay so
+        if self.owner[v[0]] == self.owner[v[3]] and not self.parted(kind, v):  # near in its own shape
             rest, w = between(kind, self.rest[v[0]], self.rest[v[1]], self.rest[v[2]], self.rest[v[3]])
             out = ti.min(out, 0.5 * rest.norm())
         return out

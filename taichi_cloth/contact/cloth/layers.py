@@ -13,6 +13,8 @@ Differs from [BW98 §6]: the paper's damped springs act on what is near at the s
 `springs`.
 """
 
+from typing import Any
+
 import numpy as np
 
 from ...backend.fields import Fields
@@ -57,7 +59,7 @@ class Layers(Checkpointed):
     """
 
     ROUNDS = 12
-    STATE = ("kept", "count", "energy", "was", "boost", "detector", "intersections")
+    STATE = ("kept", "count", "energy", "was", "boost", "detector", "intersections", "lips")
     agreed, floor, kind = AGREED, FLOOR, pair_kernels.PairKernels
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool, tangles: str) -> None:
@@ -72,6 +74,11 @@ class Layers(Checkpointed):
         self.gravity = scene.gravity
         self.boost = np.ones(model.n)
         self._weighed: tuple[ContactPairs, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for
+        self.lips: Any = None
+        if model.sewn is not None:
+            from .lips import Lips
+
+            self.lips = Lips(model, d.mesh)
         self.kept = NOTHING  # what pairs bore in the last accepted step
         self.linearized: LinearizedPairs | None = None
         self.last_forces: np.ndarray = np.zeros(0)  # what they bore in the last solve [N]
@@ -225,6 +232,12 @@ class Layers(Checkpointed):
     def count_tangled(self) -> None:
         """Counts what crosses where the model now is."""
         self.intersections.look(self.model.read_particles()[0])
+
+    @timed
+    def part(self, whole: np.ndarray) -> None:
+        """After a step, with the stitches (k,) that are whole: sides of open ones that are apart meet as other cloth does."""
+        if self.lips.part(whole):
+            self.detector.fresh = False
 
     def release(self, every: bool) -> bool:
         """What leaves no way free is pinched, and rests for a while; whether anything was let go.

@@ -6,7 +6,8 @@ An integrator is built once for a model and has
   current state equals on entry; `held_at(s)` gives the constraints s seconds into it, and sets the wind there; `start`
   are the measures at its beginning. The model ends in the proposed state, also where the attempt names a rejection:
   rolling back is the stepper's.
-- `commit()`: the last attempt was accepted. `reset()`: the state was changed by hand.
+- `commit()`: the last attempt was accepted. `reset()`: the state was changed by hand. `loosen()`: something that was sewn
+  together has opened; only methods that know seams.
 - `checkpoint()`, `resume(state)`: what it remembers from step to step, as arrays by name.
 - `system`: what it solves with, or None.
 - `stable_step`: the largest step [s] that is stable near rest; infinite for implicit methods.

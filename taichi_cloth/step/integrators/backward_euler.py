@@ -54,6 +54,10 @@ class BackwardEuler(Checkpointed):
     def reset(self) -> None:
         """The state was changed by hand: nothing is remembered."""
 
+    def loosen(self) -> None:
+        """What was sewn together has opened where the model is."""
+        self.system.loosen()
+
     def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
         """One step; see the package."""
         clock, held, contacts = Clock(), held_at(h), self.contacts

@@ -85,6 +85,10 @@ class Safe(Checkpointed):
         self.accurate.reset()
         self.touching, self.mean = False, np.zeros((self.model.n, 3))
 
+    def loosen(self) -> None:
+        """See `TRBDF2`."""
+        self.accurate.loosen()
+
     def _touches(self, h: float, held: Held | None) -> bool:
         """Whether the step as taken meets a solid."""
         x, v = self.model.read_saved()

@@ -136,6 +136,11 @@ class TRBDF2(Checkpointed):
         """The state was changed by hand, or by another method that left a debt [J]."""
         self.known, self.power, self.c, self.debt, self.motion, self.rate = False, 0.0, 0.0, debt, 0.0, None
 
+    def loosen(self) -> None:
+        """What was sewn together has opened where the model is: forces of the last step do no more."""
+        self.known = False
+        self.system.loosen()
+
     def _scale(self, h: float, start: Measures, end: Measures) -> float:
         """Energy [J] that counts in a step: of the motion, now or a while ago, and of a slow fall."""
         self.motion_1 = max(start.energies["kinetic"], end.energies["kinetic"], self.motion * math.exp(-h / LAPSE))
@@ -177,6 +182,7 @@ class TRBDF2(Checkpointed):
     def _error(self, h: float, held: Held | None, clock: Clock, solutions: list[Solution]) -> float:
         """RMS of the step's estimated error of positions [m]."""
         c, reaction = C * h, self.system.reaction_rows()
+        tension = None if self.model.sewn is None else self.system.tension()
         with clock.part("EVAL"):
             self._estimate(h)
             if held is not None:
@@ -185,7 +191,7 @@ class TRBDF2(Checkpointed):
         with clock.part("CG"):
             z = None if held is None else np.zeros_like(held.target)
             solutions.append(self.system.solve(FILTER, held, z=z, fresh=False))
-        self.system.keep_reaction(reaction)
+        self.system.keep_reaction(reaction, tension)
         return float(np.sqrt(self._error_square(c) / self.model.n))
 
     @ti.kernel

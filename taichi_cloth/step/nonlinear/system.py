@@ -46,6 +46,7 @@ class System:
         self.held: Held | None = None
         self.span, self.leads = 0.0, False
         self._kept: np.ndarray | None = None
+        self._kept_tension: np.ndarray | None = None
         self.epsilon = runtime.epsilon
         extent = float(np.abs(model.start_positions[model.user] - model.origin).max())
         self.resolution = runtime.epsilon * extent
@@ -72,7 +73,7 @@ class System:
             again: whether the model is no longer at the start of the step of size h.
             fresh: False keeps all of the preconditioner of the last solve, of a similar system with the same directions held.
         """
-        self.held, self._kept = held, None
+        self.held, self._kept, self._kept_tension = held, None, None
         self.leads = held is not None and held.moving
         sewn = self.model.sewn if h > 0 else None  # of which something is apart
         if sewn is not None and not sewn.lead(self.solver.dv, h, not warm, again):
@@ -99,9 +100,9 @@ class System:
             force[self.held.index] = (self.reaction_rows() if self._kept is None else self._kept) / self.span
         return force
 
-    def keep_reaction(self, rows: np.ndarray) -> None:
-        """Stands for the last solve's, which was not one for a state."""
-        self._kept = rows
+    def keep_reaction(self, rows: np.ndarray, tension: np.ndarray | None) -> None:
+        """Stand for the last solve's, which was not one for a state."""
+        self._kept, self._kept_tension = rows, tension
 
     def reaction_rows(self) -> np.ndarray:
         """(k, 3) impulse [N s] on the held particles, in their order."""
@@ -117,7 +118,13 @@ class System:
 
     def tension(self) -> np.ndarray:
         """(n, 3) impulse [N s] that seams put on particles in the last solve; none in all on what is sewn together."""
+        if self._kept_tension is not None:
+            return self._kept_tension
         return self.model.sewn.tension(read(self.solver.As).astype(np.float64) - read(self.operator.b))
+
+    def loosen(self) -> None:
+        """Something that was sewn together has opened: what was made for the system before does no more."""
+        self.preconditioner.forget()
 
     def motion_rows(self, held: Held, h: float) -> tuple[np.ndarray, np.ndarray]:
         """(v [m/s], x - x_0 - h v [m]), each (k, 3), of the held particles."""

@@ -1,0 +1,106 @@
+"""What is sewn: rows of vertices, what their stitches bear before they give, what is undone by hand. numpy only."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import checks
+from ..errors import SceneError, shown
+from .cloth import Cloth, used_vertices
+from .garment import seam_angle
+
+
+@dataclass(frozen=True, eq=False)
+class Seam:
+    """Two rows of a cloth's vertices that are sewn to each other, one by one; made by `Scene.sew` and `Scene.stitch`.
+
+    Attributes:
+        a, b: (k,) vertices.
+        rest: angle of the seam's hinges at rest [rad], or "given": that of the cloth's mesh.
+        stiffness: factor of their bending stiffness.
+        bears: (k,) force [N] at which each stitch gives; infinite where it never does.
+        row: whether stitches stand next to each other, as in a row, or each by itself, as buttons do.
+    """
+
+    cloth: Cloth
+    a: np.ndarray
+    b: np.ndarray
+    rest: float | str
+    stiffness: float
+    bears: np.ndarray
+    row: bool = True
+
+    @property
+    def gives(self) -> bool:
+        """Whether any of it can give."""
+        return bool(np.isfinite(self.bears).any())
+
+    def stitches(self, vertices: object = None) -> np.ndarray:
+        """(j,) numbers of the stitches that a selection of the cloth's vertices is sewn by, on either side; all where None.
+
+        Raises:
+            SceneError: none of them is.
+        """
+        if vertices is None:
+            return np.arange(len(self.a))
+        index = self.cloth.mesh.select(vertices)
+        mine = np.flatnonzero(np.isin(self.a, index) | np.isin(self.b, index))
+        if not len(mine):
+            raise SceneError(f"unsew: the seam of {self.cloth.name!r} has no stitch at {shown(vertices)}")
+        return mine
+
+
+def rows_of(cloth: Cloth, a: object, b: object) -> tuple[np.ndarray, np.ndarray]:
+    """Two rows (k,) of vertices that can be sewn to each other.
+
+    Raises:
+        SceneError: rows of different lengths, a vertex twice in a row, or nothing to sew.
+    """
+    if isinstance(a, str) or isinstance(b, str):
+        raise SceneError(f"sew: vertices of {cloth.name!r} must be given in order, not as the name of a group")
+    rows = [used_vertices(cloth, row) for row in (a, b)]
+    if len(rows[0]) != len(rows[1]):
+        raise SceneError(f"sew: {len(rows[0])} vertices of {cloth.name!r} to {len(rows[1])}: rows must be as long as each "
+                         "other")
+    for row in rows:
+        names, count = np.unique(row[:-1] if row[0] == row[-1] and len(row) > 2 else row, return_counts=True)
+        if count.max() > 1:
+            raise SceneError(f"sew: vertex {names[count > 1][0]} of {cloth.name!r} is named twice in a row")
+    if (rows[0] == rows[1]).all():
+        raise SceneError(f"sew: the two rows of {cloth.name!r} are the same: there is nothing to sew")
+    return rows[0], rows[1]
+
+
+def make(cloth: Cloth, a: object, b: object, rest: object, stiffness: object, strength: object) -> Seam:
+    """As `Scene.sew`."""
+    rows = rows_of(cloth, a, b)
+    angle = seam_angle("sew: rest", rest)
+    factor = checks.number("sew: stiffness", stiffness, least=0.0)
+    bears = np.full(len(rows[0]), np.inf)
+    if strength is not None:
+        if len(rows[0]) < 2:
+            raise SceneError("sew: strength is a force a length, and a single stitch has none: use Scene.stitch(force=...)")
+        bears = checks.number("sew: strength", strength, "N/m", positive=True) * lengths(cloth, *rows)
+    return Seam(cloth, *rows, angle, factor, bears)
+
+
+def make_stitches(cloth: Cloth, a: object, b: object, force: object) -> Seam:
+    """As `Scene.stitch`."""
+    rows = rows_of(cloth, a, b)
+    bears = np.full(len(rows[0]), np.inf if force is None else checks.number("stitch: force", force, "N", positive=True))
+    return Seam(cloth, *rows, 0.0, 0.0, bears, row=False)
+
+
+def lengths(cloth: Cloth, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(k,) length [m] of a seam that each of its stitches stands for: half the way to the next on either side, in the cloth's
+    material, the mean of its two rows."""
+    out = np.zeros(len(a))
+    mesh = cloth.mesh
+    places = mesh.uv if mesh.uv.ndim == 2 else mesh.x
+    for row in (a, b):
+        way = np.linalg.norm(np.diff(places[row], axis=0), axis=1)
+        out[:-1] += way / 4
+        out[1:] += way / 4
+    if len(a) > 2 and a[0] == a[-1]:  # round a hole: the last is the first
+        out[[0, -1]] = out[0] + out[-1]
+    return out

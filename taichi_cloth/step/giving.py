@@ -1,0 +1,75 @@
+"""What gives within a step: where stitches bear more than they can, it is tried again from its start with those open.
+
+A step that is accepted loads nothing beyond what it bears, unless more gives in it than `TRIES` tries tell; the rest
+follows in the next step. A step that is tried smaller begins with what was whole before.
+"""
+
+import numpy as np
+
+from ..system.stitches import Stitches
+
+TRIES = 16  # of a step, each with more open
+
+
+class Giving:
+    """The stitches of a model, from step to step.
+
+    Args:
+        stitches: those of the scene.
+        integrator: what tries steps; its system knows what stitches bear.
+        meter: measures potential energy where the model is.
+        contacts: what is told of surfaces that are now apart, or None.
+    """
+
+    def __init__(self, stitches: Stitches, integrator, meter, contacts) -> None:
+        self.stitches, self.integrator, self.meter, self.contacts = stitches, integrator, meter, contacts
+        self.before: np.ndarray = stitches.whole  # at the start of a step in which something gave
+        self.torn, self.tries = 0.0, 0  # J that is gone with what gave in this step; tries that let go
+
+    def gives(self) -> bool:
+        """Whether the attempt that the model shows loads anything beyond what it bears: that is open then, and the model back
+        at its start."""
+        if not self.stitches.gives or self.tries == TRIES:
+            return False
+        system = self.integrator.system
+        given = self.stitches.giving(system.tension() / system.span)
+        if not given.any():
+            return False
+        if not self.tries:
+            self.before = self.stitches.whole
+        self.tries += 1
+        self.stitches.model.restore()
+        self.torn += self._set(self.stitches.whole & ~given)
+        return True
+
+    def take_back(self) -> bool:
+        """What gave in a step that is to be tried smaller holds again. Whether anything did; the model is at its start."""
+        changed = self.tries > 0
+        if changed:
+            self._set(self.before)
+        self.torn, self.tries = 0.0, 0
+        return changed
+
+    def commit(self) -> tuple[float, int]:
+        """The step was accepted: (energy [J] that went with what gave, stitches that are open)."""
+        torn = self.torn
+        self.torn, self.tries = 0.0, 0
+        if self.contacts is not None and self.contacts.layers is not None:
+            self.contacts.layers.part(self.stitches.whole)
+        return torn, self.stitches.open
+
+    def open(self, rows: np.ndarray) -> bool:
+        """Opens stitches by hand, between steps. Whether any was whole."""
+        whole = self.stitches.whole.copy()
+        whole[rows] = False
+        changed = self.stitches.set(whole)
+        if changed:
+            self.integrator.loosen()
+        return changed
+
+    def _set(self, whole: np.ndarray) -> float:
+        """What holds from now on; energy [J] that this takes."""
+        had = self.meter.measure().potential
+        self.stitches.set(whole)
+        self.integrator.loosen()
+        return had - self.meter.measure().potential

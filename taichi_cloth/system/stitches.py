@@ -1,0 +1,115 @@
+"""Stitches that give: what each bears, which are whole, and what changes where one opens.
+
+The reaction of a seam's constraint, (I - S)(A dv - b) over the step's span, is what its members put on each other. Where two
+are sewn together it is the stitch's force; where more are, the least forces of the stitches between them that add up to it,
+
+    f = B L^+ t,   L = B^T B,
+
+B (stitches, members) having 1 and -1 in the row of a stitch.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..scene.scene import Scene
+from ..scene.sewing import Seam
+from .checkpoint import Checkpointed
+from .elements import Hinges
+from .seams import TOGETHER, Clusters
+
+EVEN = 0.02  # part by which neighbours in a row may be loaded more than a stitch that opens with them
+
+
+class Stitches(Checkpointed):
+    """The stitches of a scene's seams, numbered through all of them.
+
+    Args:
+        forces: those that are told of what opens.
+
+    Attributes:
+        whole: (k,) which hold.
+        bears: (k,) [N] at which each gives; seam: (k,) which it is of.
+    """
+
+    STATE = ("whole",)
+
+    def __init__(self, clusters: Clusters, scene: Scene, forces: Sequence) -> None:
+        self.clusters, self.model, self.forces = clusters, clusters.model, forces
+        count = [len(s.a) for s in scene.seams]
+        self.seam = np.repeat(np.arange(len(count)), count)
+        self.first = np.cumsum([0, *count])
+        self.bears = np.concatenate([s.bears for s in scene.seams])
+        self.gives = bool(np.isfinite(self.bears).any())
+        self.whole = np.ones(len(self.bears), dtype=bool)
+        row = np.repeat([s.row for s in scene.seams], count)
+        self._follows = row[1:] & (self.seam[1:] == self.seam[:-1])  # stitch k + 1 stands next to stitch k
+
+    def set(self, whole: np.ndarray) -> bool:
+        """Which stitches (k,) hold from now on. Returns whether that is a change."""
+        if np.array_equal(whole, self.whole):
+            return False
+        self.whole = whole.copy()
+        self.resumed()
+        return True
+
+    def resumed(self) -> None:
+        """See `Checkpointed`: everything is told what is whole."""
+        self.clusters.connect(self.whole)
+        for force in self.forces:
+            force.release(self.whole)
+
+    def loads(self, tension: np.ndarray) -> np.ndarray:
+        """(k,) force [N] in each stitch; 0 where what it joins is, or was before the step, still apart.
+
+        Args:
+            tension: (n, 3) [N] what members put on each other.
+        """
+        a, b, label = self.clusters.a, self.clusters.b, self.clusters.label
+        size = np.bincount(label + 1, minlength=2)[label + 1]  # of each particle's cluster
+        out = np.zeros(len(self.bears))
+        real = self.whole & (a != b)
+        alone = np.flatnonzero(real & (size[a] == 2))
+        out[alone] = np.linalg.norm(tension[a[alone]], axis=1)
+        several = np.flatnonzero(real & (size[a] > 2))
+        for cluster in np.unique(label[a[several]]):
+            mine = several[label[a[several]] == cluster]
+            out[mine] = np.linalg.norm(between(a[mine], b[mine], tension), axis=1)
+        x, before = self.model.read_particles()[0], self.model.read_saved()[0]
+        gap = np.maximum(*(np.linalg.norm(q[a] - q[b], axis=1) for q in (x, before)))
+        return np.where(gap > TOGETHER, 0.0, out)
+
+    def giving(self, tension: np.ndarray) -> np.ndarray:
+        """(k,) which stitches give under a tension (n, 3) [N]: of those that bear too much, in a row the most loaded first."""
+        part = self.loads(tension) / self.bears
+        most = part.copy()
+        most[1:] = np.where(self._follows, np.maximum(most[1:], part[:-1]), most[1:])
+        most[:-1] = np.where(self._follows, np.maximum(most[:-1], part[1:]), most[:-1])
+        return (part > 1) & (part >= (1 - EVEN) * most)
+
+    @property
+    def open(self) -> int:
+        """How many are open."""
+        return int(np.sum(~self.whole))
+
+
+def between(a: np.ndarray, b: np.ndarray, tension: np.ndarray) -> np.ndarray:
+    """(j, 3) forces of stitches between particles a and b (j,) of one cluster that put `tension` (n, 3) on them."""
+    members, at = np.unique(np.concatenate([a, b]), return_inverse=True)
+    B = np.zeros((len(a), len(members)))
+    rows = np.arange(len(a))
+    B[rows, at[: len(a)]], B[rows, at[len(a):]] = 1.0, -1.0
+    return B @ np.linalg.pinv(B.T @ B, hermitian=True) @ tension[members]
+
+
+def ends_of(scene: Scene, seams: Sequence[tuple[Seam, Hinges]]) -> np.ndarray:
+    """(hinges, 2) the stitches at the ends of the hinges that go over seams, numbered through all of a scene."""
+    out = [np.zeros((0, 2), dtype=np.int64)]
+    first = dict(zip(scene.seams, np.cumsum([0, *(len(s.a) for s in scene.seams)]).tolist()))
+    for seam, h in seams:
+        by = np.array([seam.cloth.mesh.vertex_count, 1])
+        pairs = np.sort(np.stack([seam.a[:-1], seam.a[1:]], axis=1), axis=1) @ by
+        order = np.argsort(pairs)
+        k = order[np.searchsorted(pairs, np.sort(h.vertices[:, :2], axis=1) @ by, sorter=order)]
+        out.append(first[seam] + np.stack([k, k + 1], axis=1))
+    return np.concatenate(out)
