@@ -78,7 +78,7 @@ class EnergyTest:
                 lifted, lowered = lifted + lowered, 0.0
             friction, edges, between = self.contacts.works()
             layers += between + measures.energies.get("contact", 0.0) - start.energies.get("contact", 0.0)
-        return Work(by_pins, by_solids + edges, lifted, lowered, friction, layers)
+        return Work(pins=by_pins, solids=by_solids + edges, lifted=lifted, lowered=lowered, friction=friction, layers=layers)
 
     def _altering(self, index: np.ndarray, y: np.ndarray) -> tuple[float, float]:
         """(what it takes to alter positions of particles index (k,) by y (k, 3), the part of it that is stored between layers)
