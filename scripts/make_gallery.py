@@ -8,7 +8,8 @@ import pathlib
 
 import taichi_cloth as tc
 from taichi_cloth.app import scenefile
-from taichi_cloth.output.picture import Artist, Look, contact_sheet
+from taichi_cloth.output.look import Look
+from taichi_cloth.output.picture import Artist, contact_sheet
 from taichi_cloth.output.png import encode_png
 from taichi_cloth.recording import record
 

@@ -4,6 +4,7 @@ Every function here returns the value as the code works with it, or raises the p
 argument, the value (shortened) and what is allowed. `what` is the argument's name as the message gives it. numpy only.
 """
 
+import difflib
 import inspect
 import math
 import numbers
@@ -14,6 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from . import colornames
 from .errors import ClothError, SceneError, did_you_mean, shown
 
 # No quantity in SI units is larger, or positive and smaller: beyond that, squares and ratios of floats overflow.
@@ -145,10 +147,17 @@ def vector(what: str, value: object, unit: str = "", *, error: Error = SceneErro
 
 
 def color(what: str, value: object, error: Error = SceneError) -> tuple[float, float, float]:
-    """Linear red, green and blue, each from 0 to 1."""
+    """Linear red, green and blue, each from 0 to 1, of such numbers, or of a name or #rrggbb in sRGB."""
+    if isinstance(value, str):
+        named = colornames.linear_of(value)
+        if named is None:
+            near = difflib.get_close_matches(value[:40].lower(), colornames.NAMES, n=1)
+            raise error(f"{what} = {shown(value)}: is no colour: needs a name such as {near[0] if near else 'crimson'!r}, "
+                        "'#rrggbb' in sRGB, or linear red, green and blue from 0 to 1")
+        return named
     out = _floats(value)
     if out is None or out.shape != (3,) or not ((out >= 0) & (out <= 1)).all():
-        raise error(f"{what} = {shown(value)}: needs red, green and blue, each from 0 to 1")
+        raise error(f"{what} = {shown(value)}: needs red, green and blue, each from 0 to 1, or a name or '#rrggbb'")
     red, green, blue = out.tolist()
     return red, green, blue
 

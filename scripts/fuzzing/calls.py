@@ -104,7 +104,7 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
     ("", "tc.View", {"camera": "tc.Camera((1, 1, 1), (0, 0, 0))", "ground": "0.0", "reach": "0.1"}),
     ("", "tc.Options", OPTIONS),
     ("", "tc.Constraint", {"vertex": "1", "directions": '"xy"', "z": "(0, 0, 0)", "y": "(0, 0, 0)"}),
-    ("from taichi_cloth.output.picture import Look", "Look", {
+    ("from taichi_cloth.output.look import Look", "Look", {
         "quality": '"fast"', "camera": "tc.Camera((1, 1, 1), (0, 0, 0))", "orbit": "1.0", "follow": "True", "wire": "True",
         "heat": "None", "caption": '"t = {t}"'}),
     (f"mesh = {MESH}", "mesh.select", {"vertices": '"left"'}),

@@ -183,7 +183,7 @@ MUTATIONS = (
      RUN),
     (PACKAGE + "recording/still.py", "number = what.frames()[-1] if", "number = what.frames()[0] if",
      "the first frame is drawn for the last", STILL),
-    (PACKAGE + "recording/still.py", "        if not low < high:", "        if False:", "a scale without width", STILL),
+    (PACKAGE + "recording/still.py", "    if not low < high:", "    if False:", "a scale without width", STILL),
     (PACKAGE + "simulation/parts.py", "    def __exit__(self, *_: object) -> None:\n        self.close()",
      "    def __exit__(self, *_: object) -> None:\n        pass", "a `with` block does not close", STILL),
     (PACKAGE + "recording/report.py",

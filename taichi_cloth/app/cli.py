@@ -13,8 +13,9 @@ from ..options import ARCHS, BY_NAME
 from . import dressing, fitting, sweeping
 from . import recorded as cli_recorded
 from . import studies as cli_study
-from .flags import Parser
-from .recorded import look_flags, number_of, size_of
+from .flags import Parser, number_of
+from .look_flags import frame_flags, look_flags, look_of, passes_of
+from .recorded import size_of
 
 DURATION, FPS = 2.0, 30.0  # s, frames a second, where neither flags nor the scene say
 OK, FAILED, BAD_USAGE, GAVE_UP, OWN_CODE, INTERRUPTED = 0, 1, 2, 3, 4, 130
@@ -197,8 +198,12 @@ def _options(args: argparse.Namespace, scene):
         raise SceneError("--resume keeps a run's files and --overwrite removes them: choose one")
     checks.integer("--checkpoint-every", args.checkpoint_every, least=0)
     checks.maybe(args.from_frame, checks.integer, "--from-frame", least=0)
-    return replace(options, look=cli_recorded.look_of(args), checkpoint_every=args.checkpoint_every,
-                   frames=not args.no_frames, resume=resume, from_frame=args.from_frame, force=args.force)
+    options = replace(options, look=look_of(args), pictures=args.frames, passes=passes_of(args),
+                      checkpoint_every=args.checkpoint_every, frames=not args.no_frames, resume=resume,
+                      from_frame=args.from_frame, force=args.force)
+    if args.frames:
+        options.drawn  # noqa: B018  (what is wrong with it is said before anything runs)
+    return options
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -233,6 +238,7 @@ def _run_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--from-frame", type=int, metavar="K", help="go on from frame K; the scene may be edited")
     parser.add_argument("--force", action="store_true", help="go on though parameters have changed")
     look_flags(parser)
+    frame_flags(parser)
     _simulation_flags(parser)
 
 

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from .recorded import number_of
+from .flags import number_of
 
 
 def add_parser(commands) -> None:

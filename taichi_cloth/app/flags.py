@@ -1,8 +1,10 @@
-"""A parser of command lines that names what a misspelt flag was perhaps meant to be."""
+"""A parser of command lines that names what a misspelt flag was perhaps meant to be, and takes negative values."""
 
 import argparse
 import difflib
 import re
+import sys
+from collections.abc import Sequence
 from typing import Any, NoReturn
 
 
@@ -19,6 +21,17 @@ class Parser(argparse.ArgumentParser):
         self.known.update(name for name in names if name.startswith("--"))
         return super().add_argument(*names, **options)
 
+    def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
+        """As argparse's; `--camera -1,1,2:0,0,0` is a flag and its value, which argparse would take for another flag."""
+        words = list(sys.argv[1:] if args is None else args)
+        joined: list[str] = []
+        for word in words:
+            if joined and re.match(r"-\.?\d", word) and re.fullmatch(r"--[a-z-]+", joined[-1]):
+                joined[-1] += "=" + word
+            else:
+                joined.append(word)
+        return super().parse_args(joined, namespace)
+
     def error(self, message: str) -> NoReturn:
         """Ends the process with the message, and a suggestion for each flag that is not known."""
         if message.startswith("unrecognized arguments"):
@@ -26,3 +39,13 @@ class Parser(argparse.ArgumentParser):
                 near = difflib.get_close_matches(word, sorted(self.known), n=2)
                 message += f"; {word}: " + (f"did you mean {' or '.join(near)}?" if near else "see --help of the command")
         super().error(message)
+
+
+def number_of(text: str) -> float:
+    """A number such as 1e-3 or 1/60, for argparse."""
+    from .scenefile import number
+
+    try:
+        return number(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None

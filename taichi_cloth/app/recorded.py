@@ -1,37 +1,11 @@
-"""Commands on finished runs: render, compare, export, diff, report, why; and the flags that say how to draw."""
+"""Commands on finished runs: render, compare, export, diff, report, why."""
 
 import argparse
 import pathlib
 from collections.abc import Callable
 
-
-def look_flags(parser: argparse.ArgumentParser) -> None:
-    """Flags of `look_of`."""
-    add = parser.add_argument
-    add("--quality", default="fast", help="fast, standard or high: shadow map, or traced shadows and ambient occlusion")
-    add("--heat", metavar="NAME", help="colour by stretch, shear, bend, speed or contact")
-    add("--range", type=_range, metavar="LOW:HIGH", help="of the heat map's scale")
-    add("--wire", action="store_true", help="draw the triangles' edges")
-    add("--caption", default="", metavar="TEXT", help="in which {t} and {frame} are the time and the frame")
-    add("--camera", type=_camera, metavar="EYE:TARGET[:FOV]", help='such as "1,1,2:0,0.5,0:35"')
-    add("--orbit", type=number_of, default=0.0, metavar="DEG", help="degrees that the camera goes round in a second")
-    add("--follow", action="store_true", help="the camera moves with the cloth")
-
-
-def look_of(args: argparse.Namespace) -> dict:
-    """Arguments of `output.picture.Look` but for the heat map, whose name and range are under "heat"."""
-    from .. import checks
-    from ..output.picture import Look
-    from ..scene.view import Camera
-    from ..system.quantities import QUANTITIES
-
-    if args.heat:
-        checks.choice("quantity", args.heat, QUANTITIES)
-    camera = Camera(*args.camera) if args.camera else None
-    look = {"quality": args.quality, "wire": args.wire, "caption": args.caption, "camera": camera, "orbit": args.orbit,
-            "follow": args.follow}
-    Look(**look)  # what is wrong with it is said before anything runs
-    return {**look, "heat": (args.heat, args.range) if args.heat else None}
+from .flags import number_of
+from .look_flags import frame_flags, look_flags, look_of, passes_of
 
 
 def add_parsers(commands) -> None:
@@ -46,6 +20,7 @@ def add_parsers(commands) -> None:
     render.add_argument("--apng", action="store_true", help="also an animated PNG, animation.png")
     render.add_argument("--mp4", action="store_true", help="also film.mp4 (needs the extra `film`)")
     look_flags(render)
+    frame_flags(render)
     compare = commands.add_parser("compare", help="two runs in one picture, with their difference")
     compare.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
     compare.add_argument("--to", default="compare.png", metavar="FILE", help="picture (compare.png)")
@@ -77,16 +52,20 @@ def add_parsers(commands) -> None:
 def _render(args: argparse.Namespace) -> int:
     from .. import checks
     from ..output.recording import Recording
+    from ..recording.drawing import Extras, numbers_in
     from ..recording.playback import Films, render, warn_inside
 
     _check_to(args)
     checks.integer("--every", args.every)
     checks.integer("--sheet", args.sheet, least=0)
+    extras = Extras(*passes_of(args))
     recording = Recording(args.run)
+    numbers = recording.frames()
+    numbers = (numbers_in(args.frames, numbers) if args.frames else numbers)[::args.every]
     look = _look(args, recording)
     warn_inside(recording, look)
     folder = pathlib.Path(args.to) if args.to else recording.path / "images"
-    files = render(recording, folder, args.size, look, args.every, Films(args.sheet, args.apng, args.mp4))
+    files = render(recording, folder, args.size, look, numbers, Films(args.sheet, args.apng, args.mp4), extras)
     print(f"{len(files)} files in {folder}/, the last {files[-1].name}")
     return 0
 
@@ -162,7 +141,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
 
 def _look(args: argparse.Namespace, recording):
     from ..backend import runtime
-    from ..output.picture import Look
+    from ..output.look import Look
     from ..recording.playback import heat_of
 
     runtime.start(getattr(args, "arch", "cpu"), "f32", None, True, False)
@@ -179,34 +158,9 @@ def _check_to(args: argparse.Namespace) -> None:
         raise OutputError("--to '': needs a name")
 
 
-def number_of(text: str) -> float:
-    """A number such as 1e-3 or 1/60, for argparse."""
-    from .scenefile import number
-
-    try:
-        return number(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
-
-
 def size_of(text: str) -> tuple[int, int]:
     """WIDTHxHEIGHT, for argparse."""
     width, _, height = text.partition("x")
     if not (width.isdigit() and height.isdigit() and 16 <= int(width) <= 16384 and 16 <= int(height) <= 16384):
         raise argparse.ArgumentTypeError(f"{text!r}: needs WIDTHxHEIGHT, each from 16 to 16384")
     return int(width), int(height)
-
-
-def _range(text: str) -> tuple[float, float]:
-    low, colon, high = text.partition(":")
-    if not colon or not number_of(low) < number_of(high):
-        raise argparse.ArgumentTypeError(f"{text!r}: needs LOW:HIGH, such as 0.9:1.1")
-    return number_of(low), number_of(high)
-
-
-def _camera(text: str) -> tuple:
-    parts = text.split(":")
-    points = [tuple(number_of(v) for v in part.split(",")) for part in parts[:2]]
-    if len(parts) not in (2, 3) or any(len(p) != 3 for p in points):
-        raise argparse.ArgumentTypeError(f'{text!r}: needs EYE:TARGET or EYE:TARGET:FOV, such as "1,1,2:0,0.5,0:35"')
-    return (*points, *(number_of(v) for v in parts[2:]))

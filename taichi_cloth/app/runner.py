@@ -2,6 +2,7 @@
 
 import contextlib
 import datetime
+import functools
 import platform
 import sys
 import time
@@ -14,7 +15,6 @@ import numpy as np
 from .. import __version__
 from ..errors import ClothError, OutputError, ScriptError, SimulationError
 from ..output.folder import FRAMES, RunFolder, hash_of_file
-from ..output.png import encode_png
 from ..output.recording import Recording
 from ..recording import record
 from ..recording.resuming import kept_from, resume, run_of
@@ -34,7 +34,9 @@ class RunOptions:
         size: of the pictures [pixels], or None for no pictures.
         simulation: arguments of `Simulation`.
         settings: options of the scene's build.
-        look: as `cli_recorded.look_of` gives it.
+        look: as `look_flags.look_of` gives it.
+        pictures: which frames are drawn, as `drawing.numbers_in` reads it; "" is all.
+        passes: as `look_flags.passes_of` gives it.
         checkpoint_every: frames; 0 writes none.
         frames: whether positions are kept, for rendering again and for export.
         resume: goes on with the run in `out`; from its last whole checkpoint, or from that of frame `from_frame` or the
@@ -50,11 +52,21 @@ class RunOptions:
     settings: dict = field(default_factory=dict)
     simulation: dict = field(default_factory=dict)
     look: dict = field(default_factory=dict)
+    pictures: str = ""
+    passes: tuple[tuple[str, ...], str] = ((), "npy")
     checkpoint_every: int = 10
     frames: bool = True
     resume: bool = False
     from_frame: int | None = None
     force: bool = False
+
+    @functools.cached_property
+    def drawn(self) -> set[int]:
+        """Numbers of the frames that are drawn."""
+        from ..recording.drawing import numbers_in
+
+        there = range(round(self.duration * self.fps) + 1)
+        return set(numbers_in(self.pictures, there) if self.pictures else there)
 
 
 def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
@@ -137,17 +149,18 @@ class _Writer:
         self.geometry = record.geometry(sim)
         folder.write_telemetry([asdict(r) for r in sim.log])
         folder.write_geometry(self.geometry)
-        self.artist = _artist(self.geometry, options) if options.size else None
+        self.artist = _artist(self.geometry, options, sim.scene) if options.size else None
+        self.cut = 0  # frames in which cloth is not all in the picture
 
     def write(self, frame: int) -> None:
         """The frame at which the simulation now is."""
         sim, folder = self.sim, self.folder
         begun = time.perf_counter()
         arrays = record.frame(sim)
-        image = self.artist.draw(arrays, frame) if self.artist else None
+        files = self._draw(arrays, frame)
         drawn = time.perf_counter()
-        if image is not None:
-            folder.write_image(frame, encode_png(image))
+        for ending, data in files.items():
+            folder.write_image(frame, data, ending)
         if self.options.frames:
             folder.write_frame(frame, arrays)
             self.last = frame
@@ -157,6 +170,15 @@ class _Writer:
             folder.write_checkpoint(frame, sim.checkpoint(), self.run)
         self.seconds["draw"] += drawn - begun
         self.seconds["write"] += time.perf_counter() - drawn
+
+    def _draw(self, arrays: dict[str, np.ndarray], frame: int) -> dict[str, bytes]:
+        """The frame's pictures by their files' endings."""
+        if self.artist is None or frame not in self.options.drawn:
+            return {}
+        from ..recording.drawing import Extras, files_of
+
+        self.cut += self.artist.fitted and not self.artist.sees(arrays)
+        return files_of(self.artist, arrays, frame, Extras(*self.options.passes))[1]
 
     def flush(self) -> None:
         """Telemetry of the steps since the last time."""
@@ -182,6 +204,9 @@ class _Writer:
     def finish(self) -> None:
         """The last steps."""
         self.flush()
+        if self.cut:
+            print(f"note: cloth left the picture in {self.cut} of {len(self.options.drawn)} frames: `taichi-cloth render "
+                  f"{self.folder.path}` draws them through a camera that fits all of them", file=sys.stderr)
         self.seconds = {k: round(v, 4) for k, v in self.seconds.items()}
 
 
@@ -288,16 +313,18 @@ def _state(sim: Simulation) -> str:
     return f"t {sim.time:.3f} s  h {last.h * 1e3:.2f} ms  CG {last.iterations}  rejected {rejected}"
 
 
-def _artist(geometry: dict[str, np.ndarray], options: RunOptions):
+def _artist(geometry: dict[str, np.ndarray], options: RunOptions, scene: Scene):
     """What draws the run's frames."""
-    from ..output.picture import Artist, Look
+    from ..output.look import Look
+    from ..output.picture import Artist
+    from ..recording.expected import expected
     from ..recording.playback import heat_of
 
     assert options.size is not None
     look = dict(options.look)
     if look.get("heat"):
         look["heat"] = heat_of(look["heat"][0], geometry, look["heat"][1])
-    return Artist(geometry, options.size, Look(**look))
+    return Artist(geometry, options.size, Look(**look), lambda: expected(scene, options.duration))
 
 
 def _manifest(scene_file: SceneFile, scene: Scene, sim: Simulation, options: RunOptions) -> dict:

@@ -4,7 +4,7 @@ import argparse
 import pathlib
 from collections.abc import Callable
 
-from .recorded import number_of
+from .flags import number_of
 
 STEPS = "1/30,1/60,1/120,1/240"
 

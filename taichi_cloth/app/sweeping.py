@@ -7,7 +7,7 @@ import sys
 from typing import Any
 
 from . import scenefile
-from .recorded import number_of
+from .flags import number_of
 
 FAILED = 1  # exit code where some rows are not ok
 

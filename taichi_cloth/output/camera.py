@@ -49,17 +49,6 @@ def frame(camera: Camera) -> Frame:
                  0.5 / np.tan(np.radians(camera.fov) / 2), NEAR * distance)
 
 
-def fit(x: np.ndarray, view: View, aspect: float) -> Camera:
-    """A camera that has all of the points (n, 3), and `view.reach` [m] round them, in the picture."""
-    centre = (x.min(axis=0) + x.max(axis=0)) / 2
-    radius = float(np.linalg.norm(x - centre, axis=1).max()) + view.reach
-    fov = 35.0
-    half = np.arctan(np.tan(np.radians(fov) / 2) * min(1.0, aspect))
-    direction = np.array(DIRECTION) / np.linalg.norm(DIRECTION)
-    eye = centre + direction * max(radius, 1e-6) / np.sin(half) * 1.02
-    return Camera(tuple(eye.tolist()), tuple(centre.tolist()), fov)
-
-
 def ground_height(x: np.ndarray, view: View) -> float:
     """Height of the ground [m]: the view's, or under all of the points by their reach."""
     if view.ground is not None:

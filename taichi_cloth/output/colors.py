@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from .text import HEIGHT, draw_text, text_width
+from .. import colornames
+from .text import HEIGHT, draw_text, ink, text_width
 
 # linear RGB of solids, of cloths in turn, and of the ground, where a scene names no colour
 STONE = (0.52, 0.50, 0.47)
@@ -26,20 +27,18 @@ def heat_colors(values: np.ndarray, low: float, high: float, diverging: bool) ->
 
 
 def draw_bar(image: np.ndarray, low: float, high: float, diverging: bool, label: str) -> None:
-    """A colour bar with its ends and a label in the lower left corner of an image of bytes."""
+    """A colour bar with its ends and a label in the lower left corner of an image."""
     scale = max(1, image.shape[0] // 360)
     width, height, edge = min(220 * scale // 2 * 2, image.shape[1] - 20), 8 * scale, 10 * scale
     row = image.shape[0] - edge - height - (HEIGHT + 3) * scale
     ramp = to_srgb(heat_colors(np.linspace(low, high, width), low, high, diverging))
-    image[row: row + height, edge: edge + width] = ramp[None]
+    image[row: row + height, edge: edge + width] = ink(ramp, image)[None]
     draw_text(image, label, edge, row - (HEIGHT + 3) * scale, scale)
     draw_text(image, f"{low:.3g}", edge, row + height + 3 * scale, scale)
     right = f"{high:.3g}"
     draw_text(image, right, edge + width - text_width(right, scale), row + height + 3 * scale, scale)
 
 
-def to_srgb(linear: np.ndarray) -> np.ndarray:
-    """uint8 sRGB of linear light."""
-    c = np.clip(linear, 0, 1)
-    c = np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
-    return (c * 255 + 0.5).astype(np.uint8)
+def to_srgb(linear: np.ndarray, bits: int = 8) -> np.ndarray:
+    """uint8 or uint16 sRGB of linear light."""
+    return (colornames.to_srgb(linear) * (2**bits - 1) + 0.5).astype(np.uint8 if bits == 8 else np.uint16)

@@ -8,7 +8,7 @@ the manifest by a checksum, each line of telemetry by one of all lines up to it.
     geometry.npz          what does not change: faces, uv, colours, solids, camera
     frames/00000.npz      what does: positions, velocities, contact forces
     checkpoints/00010.npz all that a run needs to go on from there
-    images/00000.png
+    images/00000.png      and what else was drawn of a frame, such as 00000.exr
     run.lock              while a process writes there
 """
 
@@ -30,7 +30,7 @@ from .lock import Lock
 
 MANIFEST, TELEMETRY, GEOMETRY = "manifest.json", "telemetry.jsonl", "geometry.npz"
 IMAGES, FRAMES, CHECKPOINTS = "images", "frames", "checkpoints"
-NUMBERED = re.compile(r"\d{5,}\.(png|npz)$")
+NUMBERED = re.compile(r"(\d{5,})(\.[a-z]+)?\.(png|npz|exr|npy)$")
 FORMAT = 2  # of checkpoints
 
 
@@ -61,7 +61,7 @@ class RunFolder:
     def _prepare(self, overwrite: bool, resumed: int | None) -> None:
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{self.path} is a file, not a folder")
-        old = self.run_files() if resumed is None else [f for f in self.of_frames() if int(f.stem) > resumed]
+        old = self.run_files() if resumed is None else [f for f in self.of_frames() if _number(f) > resumed]
         if old and resumed is None and not overwrite:
             raise OutputError(f"{self.path} holds another run's files ({len(old)}, such as {old[0].name}): choose another "
                               "folder, --resume goes on with that run, or --overwrite removes them")
@@ -88,9 +88,9 @@ class RunFolder:
         text = json.dumps(content | {"checksum": manifest_sum(content)}, indent=2)
         self._write(self.path / MANIFEST, (text + "\n").encode())
 
-    def write_image(self, frame: int, data: bytes) -> None:
-        """Writes images/NNNNN.png."""
-        self._write(self.path / IMAGES / f"{frame:05d}.png", data)
+    def write_image(self, frame: int, data: bytes, ending: str = ".png") -> None:
+        """Writes images/NNNNN.png, or a file of another ending: .exr, .depth.npy."""
+        self._write(self.path / IMAGES / f"{frame:05d}{ending}", data)
 
     def write_geometry(self, arrays: dict[str, np.ndarray]) -> None:
         """Writes geometry.npz."""
@@ -158,6 +158,11 @@ class RunFolder:
 def numbered(kind: str, frame: int) -> str:
     """Name of the file of a frame's arrays, such as "frames/00003.npz"."""
     return f"{kind}/{frame:05d}.npz"
+
+
+def _number(file: pathlib.Path) -> int:
+    """The frame that a file is of."""
+    return int(file.name.split(".")[0])
 
 
 def read_line(line: bytes, total: int) -> tuple[dict, int]:

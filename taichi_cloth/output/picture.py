@@ -1,77 +1,24 @@
 """Pictures of a recorded run: geometry once, then frame after frame, with camera, heat map and caption."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 
-from .. import checks
-from ..errors import SceneError, shown
-from ..scene.view import Camera, View
-from .camera import fit
+from ..scene.view import Camera, CameraKeys, View, camera_at
+from .camera import ground_height
 from .colors import PALETTE, STONE, draw_bar, heat_colors
-from .raster import QUALITY, Renderer
+from .described import appearances_of, view_of
+from .finish import COLUMNS, Textures, object_row
+from .framing import fit_all, fit_round
+from .look import Look
+from .passes import PassRaster
+from .renderer import Renderer, developed
+from .smooth import Smooth
+from .surfaces import Surfaces, back_of
 from .text import draw_text
 
-
-@dataclass(frozen=True)
-class Heat:
-    """A quantity to colour the cloth by.
-
-    Attributes:
-        name: and unit, for the bar.
-        values: function of a frame's arrays that gives (n,) values.
-        range: (low, high) of the scale.
-        diverging: whether its middle is special.
-    """
-
-    name: str
-    unit: str
-    values: Callable[[dict[str, np.ndarray]], np.ndarray]
-    range: tuple[float, float]
-    diverging: bool
-
-
-@dataclass(frozen=True)
-class Look:
-    """How to draw.
-
-    Attributes:
-        quality: one of `raster.QUALITY`.
-        camera: None takes the scene's, or fits one.
-        orbit: degrees that the camera goes round its target in a second.
-        follow: whether the camera moves with the cloth's centre.
-        wire: whether edges are drawn; heat: what colours the cloth, or None.
-        caption: text, in which {t} and {frame} stand for the time and the frame; "" draws none.
-
-    Raises:
-        SceneError: an impossible value or an unknown name.
-    """
-
-    quality: str = "fast"
-    camera: Camera | None = None
-    orbit: float = 0.0
-    follow: bool = False
-    wire: bool = False
-    heat: Heat | None = None
-    caption: str = ""
-
-    def __post_init__(self) -> None:
-        checks.choice("quality", self.quality, QUALITY)
-        checks.maybe(self.camera, checks.instance, "camera", Camera)
-        object.__setattr__(self, "orbit", checks.number("orbit", self.orbit, "degrees a second"))
-        for name in ("follow", "wire"):
-            object.__setattr__(self, name, checks.flag(name, getattr(self, name)))
-        checks.maybe(self.heat, checks.instance, "heat", Heat)
-        try:
-            self.caption_at(0.0, 0)
-        except (AttributeError, IndexError, KeyError, ValueError, TypeError):
-            raise SceneError(f"caption = {shown(self.caption)}: must be a text with nothing but {{t}} and {{frame}} in "
-                             "braces; {{ and }} stand for braces themselves") from None
-
-    def caption_at(self, t: float, number: int) -> str:
-        """The caption of a frame at time t [s]."""
-        return checks.instance("caption", self.caption, str).format(t=f"{t:.3f}", frame=number)
+Frame = dict[str, np.ndarray]
 
 
 class Artist:
@@ -79,37 +26,51 @@ class Artist:
 
     Args:
         size: (width, height) [pixels].
+        frames: gives the frames, or what is known of them, that a fitted camera has to have in its picture.
+
+    Raises:
+        SceneError: the look names a cloth that is not there.
     """
 
-    def __init__(self, geometry: dict[str, np.ndarray], size: tuple[int, int], look: Look) -> None:
-        self.look, self.geometry = look, geometry
-        ground, c = float(geometry["ground"]), geometry["camera"].tolist()
-        camera = look.camera or (None if np.isnan(c[0]) else Camera(tuple(c[:3]), tuple(c[3:6]), c[6], tuple(c[7:])))
-        view = View(camera, None if np.isnan(ground) else ground, float(geometry["reach"]))
-        faces, n = geometry["faces"], len(geometry["x"])
-        first = np.concatenate([geometry["x"], geometry["solid_x"]])
-        solid_faces = geometry["solid_faces"]
-        m = len(solid_faces)
-        cloth = [np.tile(_color(c, PALETTE[k % len(PALETTE)]), (int(count), 1))
-                 for k, (c, count) in enumerate(zip(geometry["cloth_colors"], np.diff(geometry["cloth_faces"])))]
-        owner = np.searchsorted(geometry["solid_start"], solid_faces[:, 0], side="right") - 1
-        stone = np.array([_color(c, STONE) for c in geometry["solid_colors"]]).reshape(-1, 3)
-        colors = np.concatenate([*cloth, stone[owner]])
-        uv = np.concatenate([geometry["uv"], np.zeros((m, 3, 2), dtype=np.float32)])
-        self.camera = view.camera or fit(first, view, size[0] / size[1])
-        self.renderer = Renderer(*size, np.concatenate([faces, solid_faces + n]), uv, colors, first, view, len(faces),
-                                 look.quality)
+    def __init__(self, geometry: Frame, size: tuple[int, int], look: Look,
+                 frames: Callable[[], Iterable[Frame]] | None = None) -> None:
+        self.look, self.geometry, self.size = look, geometry, size
+        look.check_names([str(name) for name in geometry["cloth_names"]])
+        self.smooth = (Smooth(geometry["faces"], len(geometry["x"]), look.smooth, geometry.get("sewn")) if look.smooth
+                       else None)
         self.centre = geometry["x"].mean(axis=0)
+        first = np.concatenate([geometry["x"], geometry["solid_x"]])
+        view = look.view(view_of(geometry))
+        self.fitted = view.camera is None
+        if self.fitted:
+            view = self._fitted(view, first, frames)
+        self.camera = view.camera
+        view = replace(view, camera=camera_at(view.camera, 0.0))
+        self.renderer = Renderer(*size, surfaces(geometry, look, self.smooth), first, view, look.quality)
+        self._passes: PassRaster | None = None
 
-    def draw(self, frame: dict[str, np.ndarray], number: int = 0) -> np.ndarray:
-        """(height, width, 3) uint8 picture of a frame."""
-        x = np.concatenate([frame["x"], frame.get("solid_x", self.geometry["solid_x"])]).astype(np.float64)
-        look, colors = self.look, None
-        if look.orbit or look.follow:
-            self.renderer.look(self._camera(frame))
-        if look.heat is not None:
+    def draw(self, frame: Frame, number: int = 0, colors: np.ndarray | None = None) -> np.ndarray:
+        """(height, width, 3) picture of a frame, uint8 or uint16; (height, width, 4) where the background is transparent.
+
+        Args:
+            colors: (n, 3) linear RGB of vertices, instead of the look's; there is no caption then.
+        """
+        image = developed(self.light(frame, colors), self.look.bits, self.renderer.transparent)
+        return self.captioned(image, frame, number) if colors is None else image
+
+    def light(self, frame: Frame, colors: np.ndarray | None = None) -> np.ndarray:
+        """(height, width, 4) f32 linear RGB of a frame, multiplied by its alpha; no caption."""
+        look = self.look
+        self._aim(frame)
+        if look.heat is not None and colors is None:
             colors = heat_colors(look.heat.values(frame), *look.heat.range, look.heat.diverging)
-        image = self.renderer.render(x, colors, look.wire)
+        if colors is not None and self.smooth is not None:
+            colors = self.smooth.linear(colors)
+        return self.renderer.light_of(self.points(frame), colors, look.wire)
+
+    def captioned(self, image: np.ndarray, frame: Frame, number: int = 0) -> np.ndarray:
+        """The same picture with what is written into it."""
+        look = self.look
         if look.heat is not None:
             label = f"{look.heat.name} [{look.heat.unit}]" if look.heat.unit else look.heat.name
             draw_bar(image, *look.heat.range, look.heat.diverging, label)
@@ -118,26 +79,88 @@ class Artist:
             draw_text(image, look.caption_at(float(frame["t"]), number), 10 * scale, 10 * scale, scale)
         return image
 
-    def _camera(self, frame: dict[str, np.ndarray]) -> Camera:
-        eye, target = np.array(self.camera.eye), np.array(self.camera.target)
-        angle = np.radians(self.look.orbit * float(frame["t"]))
+    def passes(self, frame: Frame) -> Frame:
+        """depth, normal and id of each pixel; see `passes.PassRaster`."""
+        self._aim(frame)
+        if self._passes is None:
+            self._passes = PassRaster(*self.size)
+        return self._passes.draw(self.renderer, self.points(frame))
+
+    def sees(self, frame: Frame) -> bool:
+        """Whether all of the cloth is in the picture."""
+        self._aim(frame)
+        at = self.renderer.camera.project(frame["x"].astype(np.float64), *self.size)
+        return bool((at[:, 2] > 0).all() and (at[:, :2] >= 0).all() and (at[:, :2] <= self.size).all())
+
+    def points(self, frame: Frame) -> np.ndarray:
+        """(k, 3) what the renderer draws: cloth's vertices, finer ones where drawn smooth, then those of solids [m]."""
+        x = frame["x"].astype(np.float64)
+        return np.concatenate([x if self.smooth is None else self.smooth.points(x),
+                               frame.get("solid_x", self.geometry["solid_x"]).astype(np.float64)])
+
+    def _aim(self, frame: Frame) -> None:
+        if self.look.orbit or self.look.follow or isinstance(self.camera, CameraKeys):
+            self.renderer.look(self._camera(frame))
+
+    def _camera(self, frame: Frame) -> Camera:
+        t = float(frame["t"])
+        camera = camera_at(self.camera, t)
+        eye, target = np.array(camera.eye), np.array(camera.target)
+        angle = np.radians(self.look.orbit * t)
         c, s = np.cos(angle), np.sin(angle)
         arm = (eye - target) @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
         if self.look.follow:
             target = target + frame["x"].mean(axis=0) - self.centre
-        return replace(self.camera, eye=tuple((target + arm).tolist()), target=tuple(target.tolist()))
+        return replace(camera, eye=tuple((target + arm).tolist()), target=tuple(target.tolist()))
+
+    def _fitted(self, view: View, first: np.ndarray, frames: Callable[[], Iterable[Frame]] | None) -> View:
+        """The view with a camera that has all frames in its picture, and the ground below them."""
+        sets, lowest = [first], float(first[:, 1].min())
+        for frame in frames() if frames else ():
+            x = np.concatenate([frame["x"], frame.get("solid_x", first[:0])]).astype(np.float64)
+            lowest = min(lowest, float(x[:, 1].min()))
+            sets.append(x - (frame["x"].mean(axis=0) - self.centre) if self.look.follow else x)
+        fit = fit_round if self.look.orbit else fit_all
+        ground = ground_height(first, view)
+        return replace(view, camera=fit(sets, view.reach, self.size[0] / self.size[1]),
+                       ground=view.ground if view.ground is not None else min(ground, lowest))
+
+
+def surfaces(geometry: Frame, look: Look, smooth: Smooth | None) -> Surfaces:
+    """What is drawn of a geometry: cloths one after the other, then solids."""
+    faces, corner_uv, solid_faces = geometry["faces"], geometry["uv"], geometry["solid_faces"]
+    starts, names = geometry["cloth_faces"], [str(name) for name in geometry["cloth_names"]]
+    textures = Textures()
+    colors, backs, rows = [], [], []
+    for k, (name, own) in enumerate(zip(names, appearances_of(geometry))):
+        one = look.appearance(name, own)
+        color = np.array(PALETTE[k % len(PALETTE)] if one.color is None else one.color)
+        count = int(starts[k + 1] - starts[k])
+        colors.append(np.tile(color, (count, 1)))
+        backs.append(np.tile(back_of(color) if one.back is None else np.array(one.back), (count, 1)))
+        rows.append(object_row(one, corner_uv[starts[k]: starts[k + 1]], textures))
+    owner = np.repeat(np.arange(len(names)), np.diff(starts))
+    n = len(geometry["x"])
+    if smooth is not None:
+        faces, corner_uv, n = smooth.faces, smooth.corners(corner_uv), smooth.count
+        owner = np.repeat(owner, smooth.each)
+        colors, backs = ([np.repeat(c, smooth.each, axis=0) for c in part] for part in (colors, backs))
+    solid = np.searchsorted(geometry["solid_start"], solid_faces[:, 0], side="right") - 1
+    stone = np.array([STONE if np.isnan(c).any() else c for c in geometry["solid_colors"]]).reshape(-1, 3)
+    objects = np.concatenate([np.array(rows), np.zeros((len(stone), COLUMNS), dtype=np.float32)])
+    uv = np.concatenate([corner_uv, np.zeros((len(solid_faces), 3, 2), dtype=np.float32)])
+    return Surfaces(np.concatenate([faces, solid_faces + n]), uv, np.concatenate([*colors, stone[solid]]),
+                    np.concatenate([*backs, stone[solid]]), np.concatenate([owner, solid + len(names)]), objects, len(faces),
+                    textures)
 
 
 def contact_sheet(images: list[np.ndarray], columns: int) -> np.ndarray:
-    """Pictures of one size in one, row by row."""
-    height, width = images[0].shape[:2]
+    """Pictures of one size and type in one, row by row; white, or transparent, where there is none."""
+    height, width, channels = images[0].shape
     rows = -(-len(images) // columns)
-    out = np.full((rows * height, columns * width, 3), 255, dtype=np.uint8)
+    empty = np.iinfo(images[0].dtype).max if channels == 3 else 0
+    out = np.full((rows * height, columns * width, channels), empty, dtype=images[0].dtype)
     for k, image in enumerate(images):
         row, column = divmod(k, columns)
         out[row * height: (row + 1) * height, column * width: (column + 1) * width] = image
     return out
-
-
-def _color(own: np.ndarray, other: tuple[float, float, float]) -> np.ndarray:
-    return np.array(other) if np.isnan(own).any() else np.asarray(own)

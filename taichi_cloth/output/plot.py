@@ -7,8 +7,8 @@ import numpy as np
 
 WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT = 480, 240, 58, 30, 12, 10
 COLORS = ("#b3252b", "#1f5fa8", "#2c8a4b", "#c27a12", "#6a3d9a", "#444", "#999", "#0aa", "#d45ca0", "#7a5230")
-BESIDE = 155  # width of names beside the lines, where there are more than a few:
-FEW = 4
+BESIDE = 155  # width of names beside the lines, where they do not fit into a row above them
+ABOVE, LETTER = 16, 6.2  # height of that row, width of a letter
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,10 @@ def line_plot(series: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, lo
     def up(y):
         return HEIGHT - BOTTOM - (HEIGHT - BOTTOM - TOP) * (y - y_0) / (y_1 - y_0)
 
-    wide, names = (WIDTH + BESIDE, WIDTH) if len(series) > FEW else (WIDTH, LEFT + 8)
-    out = [f'<svg viewBox="0 0 {wide} {HEIGHT}" font-size="11" font-family="sans-serif">']
+    starts = np.cumsum([0.0] + [LETTER * (len(name) + 2) for name in series])
+    row = LEFT + starts[-1] < WIDTH
+    wide, high = (WIDTH, ABOVE if len(series) > 1 else 0) if row else (WIDTH + BESIDE, 0)
+    out = [f'<svg viewBox="0 {-high} {wide} {HEIGHT + high}" font-size="11" font-family="sans-serif">']
     for tick in _ticks(y_0, y_1):
         label = f"{10**tick:.3g}" if log else f"{tick:.4g}"
         out.append(f'<line x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{up(tick):.1f}" y2="{up(tick):.1f}" stroke="#e3e6e9"/>'
@@ -85,7 +87,8 @@ def line_plot(series: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, lo
                 height = up(np.log10(b) if log else b)
                 out.append(f'<circle cx="{across(a):.1f}" cy="{height:.1f}" r="2.5" fill="{color}"/>')
         if len(series) > 1:
-            out.append(f'<text x="{names}" y="{TOP + 12 + 13 * k}" fill="{color}">{html.escape(name)}</text>')
+            x_name, y_name = (LEFT + starts[k], 2) if row else (WIDTH, TOP + 12 + 13 * k)
+            out.append(f'<text x="{x_name:.0f}" y="{y_name}" fill="{color}">{html.escape(name)}</text>')
     return "\n".join([*out, "</svg>"])
 
 

@@ -10,27 +10,27 @@ def encode_png(image: np.ndarray, level: int = 3) -> bytes:
     """A PNG file's bytes.
 
     Args:
-        image: (height, width, 3) uint8, first row on top.
+        image: (height, width, 3) or with alpha (height, width, 4), uint8 or uint16, first row on top.
         level: of compression, 0 to 9.
 
     Raises:
         ValueError: another shape or type.
     """
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        raise ValueError(f"an image needs shape (height, width, 3) and type uint8, not {image.shape} {image.dtype}")
-    height, width = image.shape[:2]
-    return _SIGNATURE + _header(height, width) + _chunk(b"IDAT", _compressed(image, level)) + _chunk(b"IEND", b"")
+    if image.dtype not in (np.uint8, np.uint16) or image.ndim != 3 or image.shape[2] not in (3, 4):
+        raise ValueError("an image needs shape (height, width, 3 or 4) and type uint8 or uint16, not "
+                         f"{image.shape} {image.dtype}")
+    return _SIGNATURE + _header(image) + _chunk(b"IDAT", _compressed(image, level)) + _chunk(b"IEND", b"")
 
 
 def encode_apng(images: list[np.ndarray], fps: float, level: int = 3) -> bytes:
     """An animated PNG's bytes, which plays for ever.
 
     Args:
-        images: (height, width, 3) uint8, all of one size.
+        images: as `encode_png` takes them, all of one size and type.
         fps: frames a second.
     """
     height, width = images[0].shape[:2]
-    out = [_SIGNATURE, _header(height, width), _chunk(b"acTL", struct.pack(">II", len(images), 0))]
+    out = [_SIGNATURE, _header(images[0]), _chunk(b"acTL", struct.pack(">II", len(images), 0))]
     number = 0
     for k, image in enumerate(images):
         control = struct.pack(">IIIIIHHBB", number, width, height, 0, 0, round(1000 / fps), 1000, 0, 0)
@@ -48,17 +48,20 @@ def encode_apng(images: list[np.ndarray], fps: float, level: int = 3) -> bytes:
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
-def _header(height: int, width: int) -> bytes:
-    return _chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+def _header(image: np.ndarray) -> bytes:
+    height, width, channels = image.shape
+    return _chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8 * image.itemsize, 2 if channels == 3 else 6, 0, 0, 0))
 
 
 def _compressed(image: np.ndarray, level: int) -> bytes:
-    height, width = image.shape[:2]
-    # filter 1 (difference to the pixel on the left) in every row
-    rows = np.zeros((height, 1 + 3 * width), dtype=np.uint8)
+    height, each = image.shape[0], image.shape[2] * image.itemsize
+    data = image.astype(">u2").view(np.uint8) if image.itemsize == 2 else image
+    data = data.reshape(height, -1)
+    # filter 1 (difference to the pixel on the left, byte by byte) in every row
+    rows = np.empty((height, 1 + data.shape[1]), dtype=np.uint8)
     rows[:, 0] = 1
-    rows[:, 1:4] = image[:, 0]
-    rows[:, 4:] = (image[:, 1:] - image[:, :-1]).reshape(height, -1)
+    rows[:, 1: 1 + each] = data[:, :each]
+    rows[:, 1 + each:] = data[:, each:] - data[:, :-each]
     return zlib.compress(rows.tobytes(), level)
 
 

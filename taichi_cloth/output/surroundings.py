@@ -2,6 +2,8 @@
 
 import taichi as ti
 
+KEY, SKYLIGHT = 0.76, 0.37  # of the key light and from everywhere: together white cloth is just white
+
 
 @ti.func
 def checker(q):
@@ -31,4 +33,4 @@ def sky(ray):
 def ambient(n):
     """Light from everywhere: blueish from above, warm from the ground."""
     t = 0.5 + 0.5 * n[1]
-    return 0.5 * (ti.Vector([0.85, 0.93, 1.05]) * t + ti.Vector([0.42, 0.38, 0.34]) * (1 - t))
+    return SKYLIGHT * (ti.Vector([0.85, 0.93, 1.05]) * t + ti.Vector([0.42, 0.38, 0.34]) * (1 - t))

@@ -1,6 +1,7 @@
-"""Captions: small letters of 5 x 7 dots, drawn into images of bytes."""
+"""Captions: small letters of 5 x 7 dots, drawn into images."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 HEIGHT, WIDTH = 7, 5
 # seven rows of five dots each, as numbers of base 32, the leftmost dot the highest bit
@@ -37,7 +38,7 @@ def text_width(text: str, scale: int = 2) -> int:
 
 def draw_text(image: np.ndarray, text: str, column: int, row: int, scale: int = 2,
               color: tuple[int, int, int] = (25, 28, 33)) -> None:
-    """Draws a line of text into an image (height, width, 3) of bytes, its upper left corner at a pixel; cut at the borders.
+    """Draws a line of text into an image (height, width, 3 or 4), its upper left corner at a pixel; cut at the borders.
 
     Characters that there are no dots for are drawn as "?".
     """
@@ -47,4 +48,12 @@ def draw_text(image: np.ndarray, text: str, column: int, row: int, scale: int = 
         low, high = max(0, -left), min(dots.shape[1], image.shape[1] - left)
         top, bottom = max(0, -row), min(dots.shape[0], image.shape[0] - row)
         if low < high and top < bottom:
-            image[row + top: row + bottom, left + low: left + high][dots[top:bottom, low:high]] = color
+            image[row + top: row + bottom, left + low: left + high][dots[top:bottom, low:high]] = ink(color, image)
+
+
+def ink(color: ArrayLike, image: np.ndarray) -> np.ndarray:
+    """Colours (..., 3) in bytes as an image's numbers: of 8 or 16 bits, with full alpha where it has alpha."""
+    color = np.asarray(color).astype(image.dtype)
+    if image.shape[2] == 4:
+        color = np.concatenate([color, np.full_like(color[..., :1], 255)], axis=-1)
+    return color if image.dtype == np.uint8 else color * 257

@@ -1,5 +1,6 @@
 """What can be done with recorded runs without simulating again: draw, compare, tell apart."""
 
+import json
 import pathlib
 import sys
 from dataclasses import dataclass
@@ -10,11 +11,16 @@ from .. import checks
 from ..errors import OutputError
 from ..output.colors import draw_bar, heat_colors
 from ..output.folder import write_whole
+from ..output.look import Heat, Look
 from ..output.movie import write_mp4
-from ..output.picture import Artist, Heat, Look, contact_sheet
+from ..output.picture import Artist, contact_sheet
 from ..output.png import encode_apng, encode_png
 from ..output.recording import Recording
+from ..scene.view import camera_at
 from ..system.quantities import QUANTITIES, evaluate
+from .drawing import Extras, files_of, frames_of
+
+NOTHING = Extras()
 
 
 def heat_of(name: str, geometry: dict[str, np.ndarray], limits: tuple[float, float] | None = None,
@@ -47,20 +53,27 @@ class Films:
     mp4: bool = False
 
 
-def render(recording: Recording, folder: pathlib.Path, size: tuple[int, int], look: Look, every: int,
-           films: Films) -> list[pathlib.Path]:
-    """Draws a recorded run's frames into `folder`; the files that were written."""
-    numbers = recording.frames()[::every]
-    artist = Artist(recording.geometry, size, look)
+def render(recording: Recording, folder: pathlib.Path, size: tuple[int, int], look: Look, numbers: list[int],
+           films: Films, extras: Extras = NOTHING) -> list[pathlib.Path]:
+    """Draws frames of a recorded run into `folder`; the files that were written.
+
+    Raises:
+        OutputError: a film that cannot be transparent.
+    """
+    artist = Artist(recording.geometry, size, look, lambda: frames_of(recording))
+    if films.mp4 and artist.renderer.transparent:
+        raise OutputError("a film (mp4) cannot be transparent: choose another background, or --apng")
     files, images = [], []
     folder.mkdir(parents=True, exist_ok=True)
     picked = set(spread(numbers, films.sheet)) if films.sheet else set()
     for k in numbers:
-        image = artist.draw(recording.frame(k), k)
-        files.append(folder / f"{k:05d}.png")
-        write_whole(files[-1], encode_png(image))
+        image, parts = files_of(artist, recording.frame(k), k, extras)
+        for ending, data in parts.items():
+            files.append(folder / f"{k:05d}{ending}")
+            write_whole(files[-1], data)
         if k in picked or films.apng or films.mp4:
             images.append((k, image))
+    every = (numbers[-1] - numbers[0]) / max(len(numbers) - 1, 1) or 1.0
     fps = float(recording.manifest.get("fps", 24)) / every
     if films.sheet:
         chosen = [image for k, image in images if k in picked]
@@ -71,8 +84,18 @@ def render(recording: Recording, folder: pathlib.Path, size: tuple[int, int], lo
         write_whole(files[-1], encode_apng([image for _, image in images], fps))
     if films.mp4:
         files.append(folder / "film.mp4")
-        write_mp4(files[-1], (image for _, image in images), size, fps)
+        write_mp4(files[-1], (image if image.dtype == np.uint8 else (image // 257).astype(np.uint8) for _, image in images),
+                  size, fps)
+    if "id" in extras.passes:
+        files.append(folder / "id_names.json")
+        write_whole(files[-1], (json.dumps(id_names(recording.geometry), indent=1) + "\n").encode())
     return files
+
+
+def id_names(geometry: dict[str, np.ndarray]) -> dict[int, str]:
+    """What the numbers of the pass "id" are."""
+    names = [*map(str, geometry["cloth_names"]), *map(str, geometry["solid_names"]), "ground"]
+    return {0: "nothing", **dict(enumerate(names, 1))}
 
 
 def distances(a: Recording, b: Recording) -> dict[int, np.ndarray]:
@@ -100,13 +123,12 @@ def compare(a: Recording, b: Recording, file: pathlib.Path, size: tuple[int, int
     high = max(max(float(d.max()) for d in apart.values()), 1e-12)
     rows: list[list[np.ndarray]] = [[], [], []]
     numbers = spread(list(apart), count)
-    first, second = Artist(a.geometry, size, look), Artist(b.geometry, size, look)
+    first, second = (Artist(run.geometry, size, look, lambda: (f for r in (a, b) for f in frames_of(r))) for run in (a, b))
     for k in numbers:
         frame = a.frame(k)
         rows[0].append(first.draw(frame, k))
         rows[1].append(second.draw(b.frame(k), k))
-        x = np.concatenate([frame["x"], frame.get("solid_x", a.geometry["solid_x"])]).astype(np.float64)
-        image = first.renderer.render(x, heat_colors(apart[k], 0.0, high, False))
+        image = first.draw(frame, k, heat_colors(apart[k], 0.0, high, False))
         if not rows[2]:
             draw_bar(image, 0.0, high, False, "distance [m]")
         rows[2].append(image)
@@ -134,9 +156,9 @@ def warn_inside(recording: Recording, look: Look) -> None:
     if look.camera is None:
         return
     x = recording.frame(recording.frames()[0])["x"]
-    eye = np.array(look.camera.eye)
+    eye = np.array(camera_at(look.camera, 0.0).eye)
     if (eye > x.min(axis=0)).all() and (eye < x.max(axis=0)).all():
-        print(f"note: the camera at {look.camera.eye} is inside the cloth's bounds", file=sys.stderr)
+        print(f"note: the camera at {tuple(eye.tolist())} is inside the cloth's bounds", file=sys.stderr)
 
 
 def spread(numbers: list[int], count: int) -> list[int]:

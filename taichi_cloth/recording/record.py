@@ -3,9 +3,11 @@
 import numpy as np
 
 from ..backend.ordering import components
+from ..output import described
 from ..scene.mesh import face_edges
 from ..scene.primitives import Plane
 from ..scene.solids import Solid
+from ..scene.view import CameraKeys
 from ..simulation import Simulation
 
 
@@ -13,10 +15,11 @@ def geometry(sim: Simulation) -> dict[str, np.ndarray]:
     """What does not change: everything that pictures and exports need besides `frame`.
 
     Faces and uv of all cloths in one, `cloth_start` (first vertex of each and the end), `cloth_names`, `cloth_colors`
-    (NaN where left to the renderer); the same for solids (`solid_*`, without those drawn as ground); hinges with
+    (NaN where left to the renderer) and what else `described.of_appearances` says; the same for solids (`solid_*`, without
+    those drawn as ground); hinges with
     stiffness [N m] and rest angle; where bending goes by curvatures `patches` of vertices round triangles,
     their weights and stiffness; where anything is sewn, `sewn`, the vertex that stands for what each is sewn to, and
-    `panel` of each face with `panel_names`; `camera` (eye, target, fov, up; NaN where fitted), `ground` height, `reach` [m].
+    `panel` of each face with `panel_names`; how it is seen, as `described.of_view` says.
     """
     scene = sim.scene
     cloths, solids = scene.cloths, [s for s in scene.solids if not is_ground(s)]
@@ -24,23 +27,20 @@ def geometry(sim: Simulation) -> dict[str, np.ndarray]:
     starts = np.cumsum([0] + [len(x) for x, _ in surfaces])
     grounds = [float(s.pose(0.0)[1][1]) for s in scene.solids if is_ground(s)]
     ground = scene.view.ground if scene.view.ground is not None or not grounds else max(grounds)
-    camera = scene.view.camera
     out = {
         "faces": np.concatenate([c.mesh.faces + c.start for c in cloths]).astype(np.int32),
         "uv": np.concatenate([c.mesh.corner_uv for c in cloths]).astype(np.float32),
         "cloth_start": np.array([c.start for c in cloths] + [scene.vertex_count]),
         "cloth_faces": np.cumsum([0] + [c.mesh.face_count for c in cloths]),
         "cloth_names": np.array([c.name for c in cloths]),
-        "cloth_colors": np.array([c.color or (np.nan,) * 3 for c in cloths]),
+        **described.of_appearances([c.appearance for c in cloths]),
         "x": np.concatenate([c.positions for c in cloths]),
         "solid_faces": _concatenate([f + k for (_, f), k in zip(surfaces, starts)], (0, 3)).astype(np.int32),
         "solid_start": starts,
         "solid_names": np.array([s.name for s in solids], dtype=str),
         "solid_colors": _concatenate([np.array([s.color or (np.nan,) * 3]) for s in solids], (0, 3)),
         "solid_x": _concatenate([s.surface_at(0.0) for s in solids], (0, 3)),
-        "camera": np.array([*camera.eye, *camera.target, camera.fov, *camera.up] if camera else [np.nan] * 10),
-        "ground": np.array(np.nan if ground is None else ground),
-        "reach": np.array(scene.view.reach),
+        **described.of_view(scene.view, ground),
     }
     out |= {"hinges": np.zeros((0, 4), dtype=np.int64), "hinge_k": np.zeros(0), "hinge_rest": np.zeros(0)}
     for force in sim.force_terms:
@@ -66,13 +66,15 @@ def _sewn(sim: Simulation) -> dict[str, np.ndarray]:
 
 
 def frame(sim: Simulation) -> dict[str, np.ndarray]:
-    """What moves, now: t [s]; f32 x (n, 3) [m], v [m/s], with solids contact [N], and all surfaces where any moves."""
+    """What moves, now: t [s]; f32 x (n, 3) [m], v [m/s], with solids contact [N], all surfaces where any moves, a camera that does."""
     solids = [s for s in sim.scene.solids if not is_ground(s)]
     out = {"t": np.array(sim.time), "x": sim.positions().astype(np.float32), "v": sim.velocities().astype(np.float32)}
     if sim.contacts is not None:
         out["contact"] = sim.contact_forces().astype(np.float32)
     if any(s.moves for s in solids):
         out["solid_x"] = np.concatenate([s.surface_at(sim.time) for s in solids]).astype(np.float32)
+    if isinstance(sim.scene.view.camera, CameraKeys):
+        out["camera"] = sim.scene.view.camera.at(sim.time).numbers
     return out
 
 

@@ -11,11 +11,13 @@ import numpy as np
 from ..backend import runtime
 from ..errors import OutputError
 from ..output.folder import write_whole
-from ..output.picture import Artist, Look, contact_sheet
+from ..output.look import Look
+from ..output.picture import Artist, contact_sheet, surfaces
 from ..output.plot import line_plot
 from ..output.png import encode_png
 from ..output.recording import Recording
 from ..step.ledger import totals
+from .drawing import frames_of
 from .playback import spread
 from .why import costliest
 
@@ -123,7 +125,8 @@ def _plots(log: list[dict]) -> str:
 def _pictures(recording: Recording) -> str:
     runtime.start("cpu", "f32", None, True, False)
     numbers = spread(recording.frames(), PICTURES)
-    artist = Artist(recording.geometry, THUMBNAIL, Look(quality="standard", caption="t = {t} s"))
+    artist = Artist(recording.geometry, THUMBNAIL, Look(quality="standard", caption="t = {t} s"),
+                    lambda: frames_of(recording))
     sheet = contact_sheet([artist.draw(recording.frame(k), k) for k in numbers], 3)
     text = base64.b64encode(encode_png(sheet, 6)).decode()
     return f'<h2>How real does it look?</h2><img alt="frames of the run" src="data:image/png;base64,{text}">'
@@ -147,10 +150,26 @@ def _playback(recording: Recording) -> tuple[dict, str]:
     def indices(faces: np.ndarray) -> str:
         return base64.b64encode(faces.astype("<u4").tobytes()).decode()
 
-    data = {"faces": indices(g["faces"]), "solidFaces": indices(g["solid_faces"]), "frames": [packed(f["x"]) for f in frames],
+    paints = paints_of(g)
+    data = {"paints": paints[: len(g["cloth_names"])], "solidPaints": paints[len(g["cloth_names"]):],
+            "faces": indices(g["faces"]), "solidFaces": indices(g["solid_faces"]),
+            "frames": [packed(f["x"]) for f in frames],
             "solidFrames": [packed(x) for x in solids], "low": low.tolist(), "span": span.tolist(), "numbers": kept,
             "times": [float(f["t"]) for f in frames], "fps": float(recording.manifest.get("fps", 24)) / every}
     return data, f"Every {every}th frame, to keep the page small." if every > 1 else ""
+
+
+def paints_of(geometry: dict[str, np.ndarray]) -> list[list]:
+    """(first face among cloth's or solids', how many, linear RGB of the front, of the back) of each cloth and then solid."""
+    drawn = surfaces(geometry, Look(), None)
+    out = []
+    for k in range(len(drawn.objects)):
+        mine = np.flatnonzero(drawn.owner == k)
+        if len(mine):
+            first = int(mine[0]) - (0 if mine[0] < drawn.cloth_faces else drawn.cloth_faces)
+            sides = (drawn.mean_color(int(mine[0]), front) for front in (True, False))
+            out.append([first, len(mine), *([round(float(v), 4) for v in side] for side in sides)])
+    return out
 
 
 def _table(rows: list[tuple]) -> str:

@@ -1,13 +1,15 @@
 """A piece of cloth in a scene. numpy only."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from .. import checks
 from ..errors import SceneError, shown
+from .appearance import Appearance, appearance
 from .fabric import ClothContact, Fabric
 from .mesh import TriMesh
+from .view import Color
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,6 +18,7 @@ class Cloth:
 
     Attributes:
         start: index of its first vertex in the simulation's arrays.
+        color: of its front, linear RGB; given as a colour or as an `Appearance`, which then stands in `appearance`.
         positions, velocities: (n, 3) at time 0 [m], [m/s].
         contact: how it meets other cloth; None passes through.
         panels: (rows of faces, their fabric): parts that are of another fabric.
@@ -27,9 +30,10 @@ class Cloth:
     positions: np.ndarray
     velocities: np.ndarray
     start: int
-    color: tuple[float, float, float] | None = None
+    color: str | Color | Appearance | None = None
     contact: ClothContact | None = None
     panels: tuple[tuple[np.ndarray, Fabric], ...] = ()
+    appearance: Appearance = field(init=False, default=Appearance())
 
     def __post_init__(self) -> None:
         what = checks.name("cloth name", self.name)
@@ -39,7 +43,8 @@ class Cloth:
         v = checks.array(f"velocities of {what!r}", self.velocities, (n, 3), (3,), row="vertex")
         object.__setattr__(self, "velocities", np.broadcast_to(v, (n, 3)).copy())
         object.__setattr__(self, "start", checks.integer(f"start of {what!r}", self.start, least=0))
-        object.__setattr__(self, "color", checks.maybe(self.color, checks.color, f"color of {what!r}"))
+        object.__setattr__(self, "appearance", appearance(f"color of {what!r}", self.color))
+        object.__setattr__(self, "color", self.appearance.color)
         checks.maybe(self.contact, checks.instance, f"contact of {what!r}", ClothContact)
         object.__setattr__(self, "panels", _checked_panels(what, self.panels, self.mesh.face_count))
         for rest in (f.bend.rest for f in self.fabrics if f.bend):

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..errors import SceneError, did_you_mean, shown
 from .air import Air
+from .appearance import Appearance
 from .attachment import Attachment, Event, Path, Script, orthonormal
 from .cloth import Cloth, panels_of, used_vertices
 from .crease import Crease
@@ -22,7 +23,7 @@ from .mesh import TriMesh
 from .sewing import Seam, make_stitches
 from .sewing import make as make_seam
 from .solids import Shape, Solid, Value
-from .view import View
+from .view import Color, View
 
 
 class Scene:
@@ -56,14 +57,14 @@ class Scene:
 
     def add_cloth(self, mesh: TriMesh, fabric: Fabric, positions: ArrayLike | None = None,
                   velocities: ArrayLike | None = None, name: str | None = None,
-                  color: tuple[float, float, float] | None = None, contact: ClothContact | None = None,
+                  color: str | Color | Appearance | None = None, contact: ClothContact | None = None,
                   panels: dict[str, Fabric] | None = None) -> Cloth:
         """Adds a piece of cloth.
 
         Args:
             positions: (n, 3) at time 0 [m]; the mesh's own where None.
             velocities: (n, 3) or (3,) at time 0 [m/s]; zero where None.
-            color: (3,) linear RGB in 0..1 for pictures.
+            color: for pictures: a name of CSS, "#rrggbb" in sRGB, or linear RGB in 0..1; or an `Appearance`.
             contact: how it meets itself and other cloth that has a contact; None passes through, and costs nothing.
             panels: fabrics of faces all of whose corners are in a group of the mesh, by the groups' names.
         """
@@ -79,7 +80,7 @@ class Scene:
         return cloth
 
     def add_garment(self, garment: Garment, fabric: Fabric, velocities: ArrayLike | None = None, name: str | None = None,
-                    color: tuple[float, float, float] | None = None, contact: ClothContact | None = None,
+                    color: str | Color | Appearance | None = None, contact: ClothContact | None = None,
                     panels: dict[str, Fabric] | None = None) -> Cloth:
         """Adds a garment's panels as one piece of cloth, and sews its seams.
 
@@ -180,7 +181,7 @@ class Scene:
 
     def add_solid(self, shape: Shape, friction: float, thickness: float, position: Value = (0.0, 0.0, 0.0),
                   rotation: Value = (0.0, 0.0, 0.0), name: str | None = None,
-                  color: tuple[float, float, float] | None = None) -> Solid:
+                  color: str | Color | None = None) -> Solid:
         """Adds a solid that cloth cannot enter.
 
         Args:
@@ -189,10 +190,10 @@ class Scene:
             thickness: distance [m] that cloth keeps from the surface.
             position: of the shape's origin [m], (3,) or a function of time [s].
             rotation: rotation vector (3,) [rad] or matrix (3, 3), or a function of time [s].
-            color: (3,) linear RGB in 0..1 for pictures.
+            color: for pictures: a name of CSS, "#rrggbb" in sRGB, or linear RGB in 0..1.
         """
         name = f"solid{len(self.solids)}" if name is None else name
-        solid = Solid(name, shape, friction, thickness, position, rotation, color)
+        solid = Solid(name, shape, friction, thickness, position, rotation, color)  # type: ignore[arg-type]
         if name in (s.name for s in self.solids):
             raise SceneError(f"there is a solid named {name!r} already")
         self.solids.append(solid)

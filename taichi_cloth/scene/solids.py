@@ -127,7 +127,7 @@ class Solid:
     thickness: float
     position: Value
     rotation: Value
-    color: tuple[float, float, float] | None = None
+    color: str | tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
         checks.name("solid name", self.name)

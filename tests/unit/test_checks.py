@@ -120,7 +120,7 @@ def test_functions_and_their_results_are_named():
             (lambda: tc.Air(1, wind=lambda t: (t, 0, 0) if t < 1 else None).wind_at(2), "the wind at t = 2 s = None"),
             (lambda: scene.add_solid(tc.Sphere(1), 0, 0.1, rotation=lambda t: (t, nan, 0)),
              "rotation at t = 0 s: .* not finite"),
-            (lambda: scene.add_cloth(SHEET, tc.Fabric(0.2), color="red"), "color .* each from 0 to 1"),
+            (lambda: scene.add_cloth(SHEET, tc.Fabric(0.2), color="redd"), "color .*'redd': is no colour: .*'red'"),
             (lambda: scene.add_cloth(SHEET, tc.Fabric(0.2), name="a\nf 1 2 3"), "on one line"),
             (lambda: scene.add_cloth(SHEET, tc.Fabric(0.2), velocities=(nan, 0, 0)), "velocities of 'cloth1': .* not finite"),
             (lambda: tc.Camera((nan, 0, 0), (0, 0, 0)), "camera eye"),

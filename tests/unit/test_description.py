@@ -278,7 +278,7 @@ def test_exit_codes(capsys):
 def test_looks_are_read_from_flags():
     parser = argparse.ArgumentParser()
     cli.look_flags(parser)
-    from taichi_cloth.app.recorded import look_of
+    from taichi_cloth.app.look_flags import look_of
 
     look = look_of(parser.parse_args(["--camera", "1,2,3:0,0,0:50", "--heat", "shear", "--range=-1:1", "--orbit", "90"]))
     assert look["camera"] == tc.Camera((1, 2, 3), (0, 0, 0), 50) and look["heat"] == ("shear",

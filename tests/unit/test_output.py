@@ -8,8 +8,9 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth.backend import runtime
 from taichi_cloth.errors import OutputError
-from taichi_cloth.output.camera import fit, frame
+from taichi_cloth.output.camera import frame
 from taichi_cloth.output.folder import RunFolder
+from taichi_cloth.output.framing import fit_all, fit_round
 from taichi_cloth.output.png import encode_png
 from taichi_cloth.scene.view import Camera, View
 
@@ -32,16 +33,21 @@ def test_camera_projects_and_fits(rng):
     assert pixels[3, 2] < 0
     x = rng.normal(size=(50, 3)) * [3, 1, 2] + [10, 0, 0]
     for width, height in ((320, 180), (90, 200)):
-        seen = frame(fit(x, View(reach=0.2), width / height)).project(x, width, height)
-        assert (seen[:, 0] > 0).all() and (seen[:, 0] < width).all()
-        assert (seen[:, 1] > 0).all() and (seen[:, 1] < height).all()
+        for camera in (fit_all([x[:20], x[20:]], 0.2, width / height), fit_round([x[:20], x[20:]], 0.2, width / height)):
+            seen = frame(camera).project(x, width, height)
+            assert (seen[:, 0] > 0).all() and (seen[:, 0] < width).all()
+            assert (seen[:, 1] > 0).all() and (seen[:, 1] < height).all()
+        seen = frame(fit_all([x], 0.0, width / height)).project(x, width, height)[:, :2]
+        room = np.minimum(seen, [width, height] - seen).min(axis=0) / (width, height)
+        assert 0.03 < room.min() < 0.09 and room.max() < 0.6, "as near as the margin lets it, and in the middle"
     assert np.isfinite(frame(Camera((0, 3, 0), (0, 0, 0))).axes).all()  # straight down
 
 
 def test_picture_of_a_known_square():
     """Coverage, depth order and the two sides' colours."""
     runtime.start()
-    from taichi_cloth.output.raster import Renderer
+    from taichi_cloth.output.renderer import Renderer
+    from taichi_cloth.output.surfaces import plain
 
     square = tc.grid(1.0, 2, plane="xy")
     behind = square.x + [0, 0, -0.5]
@@ -50,12 +56,13 @@ def test_picture_of_a_known_square():
     uv = np.concatenate([square.corner_uv] * 2)
     colors = np.repeat([[0.8, 0.0, 0.0], [0.0, 0.0, 0.8]], square.face_count, axis=0)
     view = View(Camera((0.5, 0.5, 3), (0.5, 0.5, 0), fov=2 * np.degrees(np.arctan(0.25))), ground=-5)
-    image = Renderer(120, 120, faces, uv, colors, x, view).render(x)
+    image = Renderer(120, 120, plain(faces, uv, colors), x, view).render(x)
     red = (image[..., 0] > 100) & (image[..., 2] < 90)
     assert red.mean() == pytest.approx((1 / 1.5) ** 2, abs=0.02)  # 1 m of the 1.5 m that the picture spans
     assert red[60, 60] and not red[5, 5]
-    flipped = Renderer(120, 120, faces[:, ::-1], uv, colors, x, view).render(x)
-    assert flipped[60, 60, 1] > image[60, 60, 1] + 30  # the back is paler
+    flipped = Renderer(120, 120, plain(faces[:, ::-1], uv, colors), x, view).render(x)
+    front, back = image[60, 60].astype(int), flipped[60, 60].astype(int)
+    assert front[0] - 60 < back[0] < front[0] - 10 and back[1] < 90, "the back is a little darker, and as red"
 
 
 def test_folder_refuses_and_replaces(tmp_path):

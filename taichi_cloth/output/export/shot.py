@@ -12,15 +12,14 @@ import numpy as np
 
 from ...backend.ordering import components
 from ...errors import OutputError
-from ...scene.view import Camera, View
-from ..camera import fit
+from ...scene.view import Camera
 from ..camera import frame as axes_of
 from ..colors import GROUND, PALETTE, STONE
+from ..framing import fit_all
 from .pieces import Arrays, Cut, Frame
 
 ASPECT = 16 / 9  # of the pictures that the camera is made for
 SHARP = np.cos(np.radians(40.0))  # edges of solids that turn by more look sharp
-DIRECTIONS = np.array([d for d in itertools.product((-1, 0, 1), repeat=3) if any(d)], dtype=np.float32)
 
 
 class Surface(NamedTuple):
@@ -235,8 +234,7 @@ def _camera(own: np.ndarray, meshes: list[Mesh]) -> Camera:
     c = own.tolist()
     if not np.isnan(c[0]):
         return Camera(tuple(c[:3]), tuple(c[3:6]), c[6], tuple(c[7:]))
-    outer = [x[(x @ DIRECTIONS.T).argmax(axis=0)] for mesh in meshes for x in mesh.x]
-    return fit(np.concatenate(outer).astype(np.float64), View(), ASPECT)
+    return fit_all((x.astype(np.float64) for mesh in meshes for x in mesh.x), 0.0, ASPECT)
 
 
 def _ground(height: float, meshes: list[Mesh]) -> Mesh:

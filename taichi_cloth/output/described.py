@@ -1,0 +1,96 @@
+"""A scene's view and its cloths' appearance as arrays by name, and back: what is not there is as usual, and takes no room."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..scene.appearance import WEAVES, Appearance, Texture, Weave
+from ..scene.view import LIGHT, AnyCamera, CameraKeys, Color, View, camera_at, camera_of
+
+
+def of_view(view: View, ground: float | None) -> dict[str, np.ndarray]:
+    """`camera` (eye, target, fov, up; NaN where fitted), `camera_keys` (k, 11) with the times before, `ground`, `reach`, and
+    `background`, `floor`, `light` where they are not as usual."""
+    camera = view.camera
+    out = {"camera": np.full(10, np.nan) if camera is None else camera_at(camera, 0.0).numbers,
+           "ground": np.array(np.nan if ground is None else ground), "reach": np.array(view.reach)}
+    if isinstance(camera, CameraKeys):
+        out["camera_keys"] = np.column_stack([camera.times, camera.rows])
+    if view.background != "sky":
+        out["background"] = np.array(view.background)
+    if view.floor is not None:
+        out["floor"] = np.array(view.floor)
+    if view.light != LIGHT:
+        out["light"] = np.array(view.light)
+    return out
+
+
+def view_of(g: dict[str, np.ndarray]) -> View:
+    """The view that `of_view` gave."""
+    ground = float(g["ground"])
+    camera: AnyCamera | None = None
+    if "camera_keys" in g:
+        camera = CameraKeys({float(row[0]): camera_of(row[1:]) for row in g["camera_keys"]})
+    elif not np.isnan(g["camera"][0]):
+        camera = camera_of(g["camera"])
+    return View(camera, None if np.isnan(ground) else ground, float(g["reach"]),
+                _word(g["floor"]) if "floor" in g else None, _word(g["background"]) if "background" in g else "sky",
+                tuple(g["light"].tolist()) if "light" in g else LIGHT)
+
+
+def of_appearances(looks: Sequence[Appearance]) -> dict[str, np.ndarray]:
+    """`cloth_colors` and, where they are anything more, `cloth_backs` (NaN where left to the renderer), `cloth_finish`
+    (squares or NaN, weave, its spacing [m], relief), `texture_K` and `texture_place_K` (size, origin or NaN, repeat)."""
+    out = {"cloth_colors": np.array([look.color or (np.nan,) * 3 for look in looks])}
+    for k, look in enumerate(looks):
+        if look.texture is not None:
+            t = look.texture
+            nothing = (np.nan, np.nan)
+            out[f"texture_{k}"] = t.image
+            out[f"texture_place_{k}"] = np.array([*(t.size or nothing), *(t.origin or nothing), t.repeat])  # type: ignore[misc]
+    if any(look.back is not None for look in looks):
+        out["cloth_backs"] = np.array([look.back or (np.nan,) * 3 for look in looks])
+    if any(look.squares is not None or look.weave is not None for look in looks):
+        out["cloth_finish"] = np.array([_finish(look) for look in looks])
+    return out
+
+
+def appearances_of(g: dict[str, np.ndarray]) -> list[Appearance]:
+    """The appearances that `of_appearances` gave."""
+    count = len(g["cloth_names"])
+    backs = g.get("cloth_backs", np.full((count, 3), np.nan))
+    finish = g.get("cloth_finish", np.tile([np.nan, 0, 0, 0], (count, 1)))
+    out = []
+    for k, (color, back, (squares, kind, spacing, relief)) in enumerate(zip(g["cloth_colors"], backs, finish)):
+        weave = Weave(spacing, relief, WEAVES[int(kind) - 1]) if kind else None
+        has_squares = None if np.isnan(squares) else bool(squares)
+        out.append(Appearance(_color(color), _color(back), has_squares, _texture(g, k), weave))
+    return out
+
+
+def _finish(look: Appearance) -> tuple[float, float, float, float]:
+    w = look.weave
+    weave = (WEAVES.index(w.kind) + 1, w.spacing, w.relief) if w else (0, 0.0, 0.0)
+    return (np.nan if look.squares is None else float(look.squares), *weave)
+
+
+def _texture(g: dict[str, np.ndarray], k: int) -> Texture | None:
+    if f"texture_{k}" not in g:
+        return None
+    w, h, u, v, repeat = g[f"texture_place_{k}"].tolist()
+    return Texture(g[f"texture_{k}"], None if np.isnan(w) else (w, h), None if np.isnan(u) else (u, v), bool(repeat))
+
+
+def _color(numbers: np.ndarray) -> Color | None:
+    if np.isnan(numbers).any():
+        return None
+    red, green, blue = numbers.tolist()
+    return red, green, blue
+
+
+def _word(array: np.ndarray) -> str | Color:
+    """A word or a colour."""
+    if array.dtype.kind == "U":
+        return str(array)
+    red, green, blue = array.tolist()
+    return red, green, blue

@@ -1,0 +1,152 @@
+"""What is on a cloth's surface besides its colour: squares, an image, threads. Compiled only where something has them."""
+
+import numpy as np
+import taichi as ti
+
+from ..colornames import from_srgb, to_srgb
+from ..scene.appearance import WEAVES, Appearance
+from .surroundings import checker
+
+# columns of an object's row
+CHECK = 0  # how much darker every other square of the pattern is
+TEXTURE = 1  # 0 none, 1 an image that repeats, 2 one that does not; then:
+ORIGIN, SIZE, FIRST, LEVELS, BOTH = 2, 4, 6, 7, 8  # two [m], two [m], first level, number of levels, whether on both sides
+WEAVE = 9  # 0 none, else 1 + its place in WEAVES; then:
+SPACING, RELIEF = 10, 11  # [m], factor
+COLUMNS = 12
+DARKER = 0.16  # the squares
+SLOPE = 0.75  # how much threads tilt the normal at their rim
+FINE, GONE = 3.0, 1.2  # pixels from thread to thread at which threads are drawn in full, and no longer
+
+
+class Textures:
+    """Images at full size and at halves of it, one after the other.
+
+    Attributes:
+        texels: (n,) int32: four bytes of sRGB already multiplied by alpha; levels: (k, 3) int32: first texel, width, height.
+        decode: (256,) f32 linear light of a byte.
+    """
+
+    def __init__(self) -> None:
+        self.parts: list[np.ndarray] = []
+        self.shapes: list[tuple[int, int]] = []
+        self.decode = from_srgb(np.arange(256) / 255).astype(np.float32)
+
+    def add(self, image: np.ndarray) -> tuple[int, int]:
+        """Adds an image (h, w, 4) uint8; its first level and how many it has."""
+        first = len(self.parts)
+        alpha = image[..., 3:] / np.float32(255)
+        light = np.concatenate([self.decode[image[..., :3]] * alpha, alpha], axis=2)
+        while True:
+            coded = np.concatenate([to_srgb(light[..., :3]), light[..., 3:]], axis=2)
+            bytes_ = np.ascontiguousarray((coded * 255 + 0.5).astype(np.uint8))
+            self.parts.append(bytes_.view("<i4").ravel())
+            self.shapes.append((light.shape[1], light.shape[0]))
+            if max(light.shape[:2]) == 1:
+                return first, len(self.parts) - first
+            light = _halved(_halved(light).transpose(1, 0, 2)).transpose(1, 0, 2)
+
+    @property
+    def texels(self) -> np.ndarray:
+        """All images."""
+        return np.concatenate(self.parts) if self.parts else np.zeros(1, dtype=np.int32)
+
+    @property
+    def levels(self) -> np.ndarray:
+        """Where each is."""
+        starts = np.cumsum([0] + [len(p) for p in self.parts])[:-1]
+        rows = [(start, w, h) for start, (w, h) in zip(starts, self.shapes)]
+        return np.array(rows or [(0, 1, 1)], dtype=np.int32)
+
+
+def _halved(light: np.ndarray) -> np.ndarray:
+    """Means of pairs of rows; the last row alone where it has no other."""
+    if len(light) == 1:
+        return light
+    if len(light) % 2:
+        light = np.concatenate([light, light[-1:]])
+    return (light[::2] + light[1::2]) / 2
+
+
+def object_row(look: Appearance, uv: np.ndarray, textures: Textures) -> np.ndarray:
+    """(COLUMNS,) f32 of a cloth whose faces have the corners uv (m, 3, 2) [m]."""
+    row = np.zeros(COLUMNS, dtype=np.float32)
+    row[CHECK] = DARKER if look.has_squares else 0.0
+    if look.texture is not None:
+        low, high = (f(uv.reshape(-1, 2), axis=0) if len(uv) else np.zeros(2) for f in (np.min, np.max))
+        t = look.texture
+        row[TEXTURE] = 1 if t.repeat else 2
+        row[ORIGIN: ORIGIN + 2] = low if t.origin is None else t.origin
+        row[SIZE: SIZE + 2] = np.maximum(high - row[ORIGIN: ORIGIN + 2], 1e-9) if t.size is None else t.size
+        row[FIRST], row[LEVELS] = textures.add(t.image)
+        row[BOTH] = look.back is None
+    if look.weave is not None:
+        row[WEAVE] = 1 + WEAVES.index(look.weave.kind)
+        row[SPACING], row[RELIEF] = look.weave.spacing, look.weave.relief
+    return row
+
+
+@ti.func
+def squared(base, uv, side, objects: ti.template(), o):
+    """The colour with every other square darker."""
+    return base * (1.0 - objects[o, CHECK] * checker(uv / side))
+
+
+@ti.func
+def printed(base, uv, footprint, objects: ti.template(), o, texels: ti.template(), levels: ti.template(),
+            decode: ti.template()):
+    """The colour under an image; footprint [m]: what a sample covers of the pattern."""
+    out = base
+    size = ti.Vector([objects[o, SIZE], objects[o, SIZE + 1]])
+    s = (uv - ti.Vector([objects[o, ORIGIN], objects[o, ORIGIN + 1]])) / size
+    first, most = ti.cast(objects[o, FIRST], int), objects[o, LEVELS] - 1
+    texel = ti.min(size[0] / levels[first, 1], size[1] / levels[first, 2])
+    lod = ti.min(ti.max(ti.log(ti.max(footprint / texel, 1e-6)) * 1.442695, 0.0), most)
+    low = ti.cast(ti.floor(lod), int)
+    high = ti.min(low + 1, ti.cast(most, int))
+    once = objects[o, TEXTURE] > 1.5
+    a, b = (filtered(s, once, texels, levels, decode, first + low), filtered(s, once, texels, levels, decode, first + high))
+    rgba = a + (lod - low) * (b - a)
+    out = base * (1 - rgba[3]) + ti.Vector([rgba[0], rgba[1], rgba[2]])
+    return out
+
+
+@ti.func
+def filtered(s, once, texels: ti.template(), levels: ti.template(), decode: ti.template(), level):
+    """Linear RGBA of a level at s, between four texels; nothing beyond the edges of an image that is there once."""
+    start, w, h = levels[level, 0], levels[level, 1], levels[level, 2]
+    x, y = s[0] * w - 0.5, (1 - s[1]) * h - 0.5
+    i, j = ti.cast(ti.floor(x), int), ti.cast(ti.floor(y), int)
+    out = ti.Vector([0.0, 0.0, 0.0, 0.0])
+    for k in range(4):
+        c, r = i + k % 2, j + k // 2
+        part = (1 - ti.abs(x - c)) * (1 - ti.abs(y - r))
+        if not once or (0 <= c and c < w and 0 <= r and r < h):
+            code = texels[start + (r % h + h) % h * w + (c % w + w) % w]
+            out += part * ti.Vector([decode[code & 255], decode[(code >> 8) & 255], decode[(code >> 16) & 255],
+                                     ti.cast((code >> 24) & 255, ti.f32) / 255.0])
+    return out
+
+
+@ti.func
+def threads(uv, footprint, objects: ti.template(), o):
+    """(tilt along u, tilt along v, shade) of a weave; footprint [m]: what a pixel covers of the pattern."""
+    spacing = objects[o, SPACING]
+    i, j = ti.cast(ti.floor(uv[0] / spacing), int), ti.cast(ti.floor(uv[1] / spacing), int)
+    x, y = uv[0] / spacing - i, uv[1] / spacing - j
+    across, along, warp = 2 * x - 1, 2 * y - 1, (i + j) & 1  # warp threads run along v
+    if warp == 0:
+        across, along = 2 * y - 1, 2 * x - 1
+    if objects[o, WEAVE] > 1.5:
+        phase = (i + j) & 3
+        warp = phase // 2
+        across, along = 2 * x - 1, (phase - 2) + y - 1
+        if warp == 0:
+            across, along = 2 * y - 1, phase + x - 1
+    shown = ti.min(ti.max((spacing / footprint - GONE) / (FINE - GONE), 0.0), 1.0) * objects[o, RELIEF]
+    round_, arch = across * ti.abs(across), along ** 3
+    shade = 1 - ti.min(0.45 * shown, 0.9) * (0.6 * across ** 4 + 0.4 * along ** 4)
+    tilt = SLOPE * shown * ti.Vector([round_, 0.7 * arch])
+    if warp == 0:
+        tilt = ti.Vector([tilt[1], tilt[0]])
+    return tilt[0], tilt[1], shade

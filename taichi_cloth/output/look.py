@@ -1,0 +1,117 @@
+"""How to draw: what is said when a picture is asked for, over what the scene says of its view."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from .. import checks
+from ..errors import SceneError, did_you_mean, shown
+from ..scene.appearance import Appearance
+from ..scene.view import FLOORS, AnyCamera, Camera, Color, View, any_camera, color_or, direction
+from .renderer import QUALITY
+from .smooth import MOST
+
+BITS = (8, 16)
+
+
+@dataclass(frozen=True)
+class Heat:
+    """A quantity to colour the cloth by.
+
+    Attributes:
+        name: and unit, for the bar.
+        values: function of a frame's arrays that gives (n,) values.
+        range: (low, high) of the scale.
+        diverging: whether its middle is special.
+    """
+
+    name: str
+    unit: str
+    values: Callable[[dict[str, np.ndarray]], np.ndarray]
+    range: tuple[float, float]
+    diverging: bool
+
+
+@dataclass(frozen=True)
+class Look:
+    """How to draw. What is None is the scene's.
+
+    Attributes:
+        quality: one of `renderer.QUALITY`.
+        camera: one, or cameras by time [s]; None takes the scene's, or fits one.
+        orbit: degrees that the camera goes round its target in a second.
+        follow: whether the camera moves with the cloth's centre.
+        wire: whether edges are drawn; heat: what colours the cloth, or None.
+        caption: text, in which {t} and {frame} stand for the time and the frame; "" draws none.
+        floor, background, light: as those of `View`.
+        smooth: how often triangles' edges are halved, for round outlines.
+        bits: of a number in the picture, 8 or 16.
+        cloths: appearances by the cloths' names, "" for all; what they leave open is the scene's.
+
+    Raises:
+        SceneError: an impossible value or an unknown name.
+    """
+
+    quality: str = "fast"
+    camera: AnyCamera | Mapping[float, Camera] | None = None
+    orbit: float = 0.0
+    follow: bool = False
+    wire: bool = False
+    heat: Heat | None = None
+    caption: str = ""
+    floor: str | Color | None = None
+    background: str | Color | None = None
+    light: tuple[float, float, float] | None = None
+    smooth: int = 0
+    bits: int = 8
+    cloths: Mapping[str, Appearance] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        checks.choice("quality", self.quality, QUALITY)
+        object.__setattr__(self, "camera", any_camera("camera", self.camera))
+        object.__setattr__(self, "orbit", checks.number("orbit", self.orbit, "degrees a second"))
+        for name in ("follow", "wire"):
+            object.__setattr__(self, name, checks.flag(name, getattr(self, name)))
+        checks.maybe(self.heat, checks.instance, "heat", Heat)
+        try:
+            self.caption_at(0.0, 0)
+        except (AttributeError, IndexError, KeyError, ValueError, TypeError):
+            raise SceneError(f"caption = {shown(self.caption)}: must be a text with nothing but {{t}} and {{frame}} in "
+                             "braces; {{ and }} stand for braces themselves") from None
+        object.__setattr__(self, "floor", checks.maybe(self.floor, color_or, "floor", FLOORS))
+        object.__setattr__(self, "background",
+                           checks.maybe(self.background, color_or, "background", ("sky", "transparent")))
+        object.__setattr__(self, "light", checks.maybe(self.light, lambda what, v: direction(what, v), "light"))
+        object.__setattr__(self, "smooth", checks.integer("smooth", self.smooth, least=0, most=MOST))
+        if self.bits not in BITS:
+            raise SceneError(f"bits = {shown(self.bits)}: must be 8 or 16")
+        if not isinstance(self.cloths, Mapping):
+            raise SceneError(f"cloths = {shown(self.cloths)}: must be appearances by the cloths' names")
+        for name, one in self.cloths.items():
+            checks.instance(f"appearance of {name!r}", one, Appearance)
+
+    def caption_at(self, t: float, number: int) -> str:
+        """The caption of a frame at time t [s]."""
+        return checks.instance("caption", self.caption, str).format(t=f"{t:.3f}", frame=number)
+
+    def view(self, scene: View) -> View:
+        """The scene's view with what is asked for."""
+        said = {name: getattr(self, name) for name in ("camera", "floor", "background", "light")}
+        return replace(scene, **{name: value for name, value in said.items() if value is not None})
+
+    def appearance(self, name: str, own: Appearance) -> Appearance:
+        """Of a cloth: what is asked for it, for all cloths, or the scene's."""
+        for key in ("", name):
+            own = self.cloths[key].over(own) if key in self.cloths else own
+        return own
+
+    def check_names(self, names: list[str]) -> None:
+        """The cloths that are named are there.
+
+        Raises:
+            SceneError: one is not.
+        """
+        for name in self.cloths:
+            if name and name not in names:
+                raise SceneError(f"there is no cloth {shown(name)}; {did_you_mean(name, names)}")

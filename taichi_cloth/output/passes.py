@@ -1,0 +1,86 @@
+"""What lies in the middle of each pixel: how far, which way it faces, of which object. For compositing and as ground truth."""
+
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from .coverage import corner, edge, weights
+from .ground import FADE, ground_at
+from .raster import Raster
+from .surfaces import vertex_normals
+from .uniforms import AXES, EYE, PLACE, uniforms
+
+PASSES = ("depth", "normal", "id")
+SOLID_FLOORS = ("checker", "plain")  # what is seen of other floors is no surface
+
+
+@ti.data_oriented
+class PassRaster:
+    """Draws passes at a sample a pixel: their values mean nothing where they are averaged."""
+
+    def __init__(self, width: int, height: int) -> None:
+        self.raster = Raster(width, height)
+        self.width, self.height = width, height
+
+    def draw(self, renderer: Any, x: np.ndarray) -> dict[str, np.ndarray]:
+        """Passes of what a renderer draws at positions x (n, 3) [m], through its camera.
+
+        Returns:
+            depth (h, w) f32: distance along the direction of view [m], infinite where nothing is; normal (h, w, 3) f32: in
+            the world, of length 1, towards the eye, 0 where nothing is; id (h, w) int32: 0 where nothing is, then cloths,
+            solids and the ground from 1 on.
+        """
+        s, c = renderer.surfaces, renderer.camera
+        screen = c.project(x, self.width, self.height).astype(np.float32)
+        self.raster.see(screen, s.faces, c.near)
+        rows = uniforms(c, renderer.light, renderer.ground, renderer.tile, np.zeros((2, 3)), 1.0, s.cloth_faces, False, False,
+                        renderer.size, np.zeros(3), np.zeros(3))
+        shape = self.height, self.width
+        depth, number = np.full(shape, np.inf, np.float32), np.zeros(shape, np.int32)
+        normal = np.zeros((*shape, 3), np.float32)
+        floor = len(s.objects) + 1 if renderer.shader.around.floor in SOLID_FLOORS else 0
+        self._fill(screen, x.astype(np.float32), vertex_normals(x, s.faces), s.faces, s.owner, rows, floor, depth, normal,
+                   number)
+        return {"depth": depth, "normal": normal, "id": number}
+
+    @ti.kernel
+    def _fill(self, p: ti.types.ndarray(), x: ti.types.ndarray(), normals: ti.types.ndarray(), faces: ti.types.ndarray(),
+              owner: ti.types.ndarray(), rows: ti.types.ndarray(), floor: int, depth: ti.types.ndarray(),
+              normal: ti.types.ndarray(), number: ti.types.ndarray()):
+        for row in range(self.height):
+            for column in range(self.width):
+                f = self.raster.face[row * self.width + column]
+                n = ti.Vector([0.0, 0.0, 0.0])
+                if f >= 0:
+                    a, b, c = corner(p, faces[f, 0]), corner(p, faces[f, 1]), corner(p, faces[f, 2])
+                    k = weights(a, b, c, edge(a, b, c[0], c[1]), column + 0.5, row + 0.5) * ti.Vector([a[2], b[2], c[2]])
+                    depth[row, column] = ti.cast(1 / k.sum(), ti.f32)
+                    k /= k.sum()
+                    q, r, s = corner(x, faces[f, 0]), corner(x, faces[f, 1]), corner(x, faces[f, 2])
+                    n = (k[0] * corner(normals, faces[f, 0]) + k[1] * corner(normals, faces[f, 1])
+                         + k[2] * corner(normals, faces[f, 2])).normalized(1e-12)
+                    if (r - q).cross(s - q).dot(corner(rows, EYE) - q) < 0:
+                        n = -n
+                    number[row, column] = owner[f] + 1
+                elif floor > 0:
+                    t, ray = ground_at(column, row, self.width, self.height, rows)
+                    if t > 0 and t < FADE * rows[PLACE, 2]:
+                        depth[row, column] = ti.cast(-t * ray.dot(corner(rows, AXES + 2)), ti.f32)
+                        n = ti.Vector([0.0, 1.0, 0.0])
+                        number[row, column] = floor
+                for d in ti.static(range(3)):
+                    normal[row, column, d] = ti.cast(n[d], ti.f32)
+
+
+def named(passes: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Passes as channels of an EXR image."""
+    out = {}
+    for name, array in passes.items():
+        if name == "depth":
+            out["depth.Z"] = array
+        elif name == "normal":
+            out |= {f"normal.{axis}": array[..., d] for d, axis in enumerate("XYZ")}
+        else:
+            out["id.I"] = array
+    return out

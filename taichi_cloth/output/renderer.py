@@ -1,0 +1,130 @@
+"""An offscreen renderer in Taichi kernels: z-buffer, smooth two-sided shading, shadows, ambient occlusion, ground and sky.
+
+What is seen is rasterised; what shades it is a shadow map (`fast`) or traced rays: to a round light for soft shadows, and
+over the hemisphere for ambient occlusion (`standard`, `high`). Everything is f32 whatever the simulation's precision.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from .. import checks
+from ..backend import runtime
+from ..errors import BackendError
+from ..scene.view import Camera, Color, View
+from .camera import frame, ground_height
+from .colors import to_srgb
+from .raster import Raster
+from .shade import Around, Shader
+from .shadow_map import MAP, ShadowMap
+from .surfaces import Surfaces, vertex_normals
+from .traced_light import TracedLight
+from .uniforms import uniforms
+
+QUALITY = {"fast": (2, 0, 0), "standard": (2, 2, 4), "high": (3, 6, 12)}  # samples an axis, shadow and ambient rays each
+PLAIN = (0.48, 0.4704, 0.456)  # the floor's colour, the mean of its squares
+
+
+class Renderer:
+    """Draws cloth and solids.
+
+    Args:
+        width, height: of the picture [pixels].
+        x: (n, 3) first positions [m], by which ground and shadows take their size.
+        view: with one camera; what is round the cloth.
+        quality: one of QUALITY.
+    """
+
+    def __init__(self, width: int, height: int, surfaces: Surfaces, x: np.ndarray, view: View, quality: str = "fast") -> None:
+        samples, *rays = QUALITY[checks.choice("quality", quality, QUALITY)]
+        self.surfaces = surfaces
+        self.camera = frame(checks.instance("renderer: view camera", view.camera, Camera))
+        self.ground = ground_height(x, view)
+        size = float(np.linalg.norm(x.max(axis=0) - x.min(axis=0))) + 2 * view.reach
+        self.tile = 10.0 ** np.floor(np.log10(max(size, 1e-6))) / (5 if size < 3 * 10 ** np.floor(np.log10(size)) else 2)
+        self.size = max(size, 1e-9)
+        extent = np.ptp(surfaces.corner_uv.reshape(-1, 2), axis=0).max()
+        self.checks = float(extent) / 20 if extent > 0 else 1.0
+        self.light = light_frame(view.light)
+        self.view = view
+        around = around_of(view)
+        self.raster = Raster(width * samples, height * samples, 0 if rays[0] else MAP * MAP)
+        self.lighting: Any = ShadowMap(self.raster)
+        if rays[0]:
+            self.lighting = TracedLight(self.raster, samples, around.floor != "none", len(surfaces.faces), (rays[0], rays[1]))
+        self.shader = Shader(self.raster, samples, self.lighting, around, surfaces.textured, surfaces.woven)
+        images = surfaces.textures
+        self.images = images.texels, images.levels, images.decode
+        runtime.hold(self)
+        self.generation = runtime.generation()
+
+    @property
+    def transparent(self) -> bool:
+        """Whether pictures have alpha."""
+        return self.view.background == "transparent"
+
+    def look(self, camera: Camera) -> None:
+        """Looks through another camera from now on."""
+        self.camera = frame(camera)
+
+    def render(self, x: np.ndarray, colors: np.ndarray | None = None, wire: bool = False, bits: int = 8) -> np.ndarray:
+        """(height, width, 3) uint8 picture at positions (n, 3) [m]; with alpha, (height, width, 4), where that is transparent.
+
+        Args:
+            colors: (k, 3) linear RGB of the first k vertices, cloth's, instead of the fabric's.
+            wire: draws the triangles' edges.
+            bits: of a number: 8, or 16 for uint16.
+
+        Raises:
+            BackendError: Taichi was started anew since.
+        """
+        return developed(self.light_of(x, colors, wire), bits, self.transparent)
+
+    def light_of(self, x: np.ndarray, colors: np.ndarray | None = None, wire: bool = False) -> np.ndarray:
+        """(height, width, 4) f32 linear RGB, already multiplied by the alpha behind it; see `render`."""
+        if self.generation != runtime.generation():
+            raise BackendError("this renderer ended when a simulation was started with a different arch, precision or number "
+                               "of threads: make another")
+        s, c = self.surfaces, self.camera
+        screen = c.project(x, self.raster.w, self.raster.h).astype(np.float32)
+        self.raster.see(screen, s.faces, c.near)
+        shadow = self.lighting.prepare(x, s.faces, self.light)
+        rows = uniforms(c, self.light, self.ground, self.tile, shadow, self.checks, s.cloth_faces, wire, colors is not None,
+                        self.size, rgb(self.view.background), rgb(self.view.drawn_floor))
+        paint = np.zeros((1, 3), dtype=np.float32) if colors is None else np.ascontiguousarray(colors, dtype=np.float32)
+        points = x.astype(np.float32)
+        self.lighting.trace(screen, points, s.faces, rows)
+        return self.shader.shade(screen, points, vertex_normals(x, s.faces), s.faces, s.corner_uv, s.colors, s.backs, s.owner,
+                                 s.objects, *self.images, rows, paint)
+
+
+def light_frame(direction: Color) -> np.ndarray:
+    """(3, 3) two rows across a direction, and itself, of length 1."""
+    light = np.array(direction) / np.linalg.norm(direction)
+    side = np.cross([0.0, 0.0, 1.0], light)
+    side = side / np.linalg.norm(side) if np.linalg.norm(side) > 1e-6 else np.array([1.0, 0.0, 0.0])
+    return np.stack([side, np.cross(light, side), light])
+
+
+def around_of(view: View) -> Around:
+    """Of which kind background and floor are."""
+    background, floor = view.background, view.drawn_floor
+    return Around(background if isinstance(background, str) else "color", floor if isinstance(floor, str) else "plain")
+
+
+def rgb(color: str | Color) -> np.ndarray:
+    """(3,) linear RGB; that of the plain floor for what is no colour."""
+    return np.array(PLAIN if isinstance(color, str) else color)
+
+
+def developed(light: np.ndarray, bits: int, alpha: bool) -> np.ndarray:
+    """sRGB of linear RGB (h, w, 4) that is multiplied by its alpha: (h, w, 3) or, with alpha, (h, w, 4), uint8 or uint16.
+
+    With alpha, colours are what they are where nothing shines through, as PNG wants it.
+    """
+    if not alpha:
+        return to_srgb(light[..., :3], bits)
+    part = light[..., 3:]
+    color = light[..., :3] / np.maximum(part, 1e-6)
+    most = 2**bits - 1
+    return np.concatenate([to_srgb(color, bits), (part * most + 0.5).astype(np.uint8 if bits == 8 else np.uint16)], axis=2)

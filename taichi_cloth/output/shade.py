@@ -1,0 +1,182 @@
+"""Colours of a picture's samples: cloth and solids in the light that reaches them, ground and sky around."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import taichi as ti
+
+from . import finish
+from .coverage import corner, edge, weights, wire
+from .ground import FADE, ground_at
+from .raster import Raster
+from .surroundings import KEY, ambient, sky, soft_checker
+from .uniforms import BACKGROUND, CLOTH, EYE, FLOOR, LIGHT, PLACE, SCENE
+
+BOUNCE = 0.6  # part of the light that what is near throws back
+
+
+@dataclass(frozen=True)
+class Around:
+    """What is round the cloth: background "sky", "transparent" or "color"; floor "checker", "plain", "shadow" or "none"."""
+
+    background: str
+    floor: str
+
+
+@ti.data_oriented
+class Shader:
+    """Shades what a raster has seen.
+
+    Args:
+        samples: of a pixel, across.
+        light: `ShadowMap` or `TracedLight`.
+        around: what there is: background and floor; textured, woven: whether any cloth has these. What is not there is not
+            compiled.
+    """
+
+    def __init__(self, raster: Raster, samples: int, light: Any, around: "Around", textured: bool, woven: bool) -> None:
+        self.raster, self.samples, self.light = raster, samples, light
+        self.around, self.textured, self.woven = around, textured, woven
+        self.width, self.height = raster.w // samples, raster.h // samples
+
+    def shade(self, *arrays: np.ndarray) -> np.ndarray:
+        """(height, width, 4) f32 linear RGB, already multiplied by the alpha behind it."""
+        image = np.empty((self.height, self.width, 4), dtype=np.float32)
+        self._shade(*arrays, image)
+        return image
+
+    @ti.kernel
+    def _shade(self, p: ti.types.ndarray(), x: ti.types.ndarray(), normals: ti.types.ndarray(),
+               faces: ti.types.ndarray(), corner_uv: ti.types.ndarray(), colors: ti.types.ndarray(), backs: ti.types.ndarray(),
+               owner: ti.types.ndarray(), objects: ti.types.ndarray(), texels: ti.types.ndarray(),
+               levels: ti.types.ndarray(), decode: ti.types.ndarray(), rows: ti.types.ndarray(), paint: ti.types.ndarray(),
+               image: ti.types.ndarray()):
+        for row in range(self.height):
+            for column in range(self.width):
+                total = ti.Vector([0.0, 0.0, 0.0, 0.0])
+                for s in range(self.samples * self.samples):
+                    px, py = column * self.samples + s % self.samples, row * self.samples + s // self.samples
+                    f = self.raster.face[py * self.raster.w + px]
+                    if f >= 0:
+                        color = self.surface(f, px, py, p, x, normals, faces, corner_uv, colors, backs, owner, objects,
+                                             texels, levels, decode, rows, paint)
+                        total += ti.Vector([color[0], color[1], color[2], 1.0])
+                    else:
+                        total += self.background(px, py, rows)
+                for c in ti.static(range(4)):
+                    image[row, column, c] = ti.cast(total[c] / (self.samples * self.samples), ti.f32)
+
+    @ti.func
+    def surface(self, f, px, py, p: ti.template(), x: ti.template(), normals: ti.template(), faces: ti.template(),
+                corner_uv: ti.template(), colors: ti.template(), backs: ti.template(), owner: ti.template(),
+                objects: ti.template(), texels: ti.template(), levels: ti.template(), decode: ti.template(),
+                rows: ti.template(), paint: ti.template()):
+        """Colour of a face at a sample."""
+        i, j, l = faces[f, 0], faces[f, 1], faces[f, 2]
+        a, b, c = corner(p, i), corner(p, j), corner(p, l)
+        area = edge(a, b, c[0], c[1])
+        flat_k = weights(a, b, c, area, px + 0.5, py + 0.5)
+        k = flat_k * ti.Vector([a[2], b[2], c[2]])
+        k /= k.sum()
+        position = k[0] * corner(x, i) + k[1] * corner(x, j) + k[2] * corner(x, l)
+        n = (k[0] * corner(normals, i) + k[1] * corner(normals, j) + k[2] * corner(normals, l)).normalized(1e-12)
+        view = (corner(rows, EYE) - position).normalized(1e-12)
+        base = corner(colors, f)
+        flat = (corner(x, j) - corner(x, i)).cross(corner(x, l) - corner(x, i)).normalized(1e-12)
+        front = 1
+        if flat.dot(view) < 0:
+            n = -n
+            flat = -flat
+            base, front = corner(backs, f), 0
+        uv = ti.Vector([0.0, 0.0])
+        for d in ti.static(range(2)):
+            uv[d] = k[0] * corner_uv[f, 0, d] + k[1] * corner_uv[f, 1, d] + k[2] * corner_uv[f, 2, d]
+        if f < rows[CLOTH, 1] and rows[SCENE, 0] > 0:
+            base = k[0] * corner(paint, i) + k[1] * corner(paint, j) + k[2] * corner(paint, l)
+        else:
+            base = finish.squared(base, uv, rows[CLOTH, 0], objects, owner[f])
+            if ti.static(self.textured or self.woven):
+                seen = footprint(f, corner_uv, area)
+                if ti.static(self.textured):
+                    if objects[owner[f], finish.TEXTURE] > 0 and (front == 1 or objects[owner[f], finish.BOTH] > 0):
+                        base = finish.printed(base, uv, seen, objects, owner[f], texels, levels, decode)
+                if ti.static(self.woven):
+                    if objects[owner[f], finish.WEAVE] > 0:
+                        u, v, shade = finish.threads(uv, seen * self.samples, objects, owner[f])
+                        base *= shade
+                        n = tilted(n, u, v, f, faces, x, corner_uv)
+        if rows[CLOTH, 2] > 0:
+            base *= wire(a, b, c, area, flat_k, self.samples)
+        light = corner(rows, LIGHT)
+        reached, open_sky = self.light.at(position, flat, px, py, rows)
+        lit = ti.max(n.dot(light), 0.0) * reached
+        half = (light + view).normalized(1e-12)
+        gloss = 0.03 * ti.max(n.dot(half), 0.0) ** 16 * lit
+        rim = 0.10 * (1 - ti.max(n.dot(view), 0.0)) ** 3
+        around = (open_sky + (1 - open_sky) * BOUNCE * base) * ambient(n)  # folds are lit by the cloth around them
+        return base * (KEY * lit + around) + gloss + rim * around
+
+    @ti.func
+    def background(self, px, py, rows: ti.template()):
+        """What is seen where no surface is: ground that fades into the sky; alpha last."""
+        t, ray = ground_at(px, py, self.raster.w, self.raster.h, rows)
+        color, alpha = ti.Vector([0.0, 0.0, 0.0]), 1.0
+        if ti.static(self.around.background == "sky"):
+            color = sky(ray)
+        elif ti.static(self.around.background == "color"):
+            color = corner(rows, BACKGROUND)
+        else:
+            alpha = 0.0
+        if ti.static(self.around.floor != "none"):
+            if t > 0:
+                hit = corner(rows, EYE) + t * ray
+                up_n = ti.Vector([0.0, 1.0, 0.0])
+                reached, open_sky = 1.0, 1.0
+                if t < FADE * rows[PLACE, 2]:
+                    reached, open_sky = self.light.at(hit, up_n, px, py, rows)
+                sun = KEY * ti.max(corner(rows, LIGHT)[1], 0.0)
+                fade = ti.exp(-t / (FADE * rows[PLACE, 2])) * ti.min(1.0, -ray[1] * 12)
+                if ti.static(self.around.floor == "shadow"):
+                    left = (sun * reached + open_sky * ambient(up_n)[1]) / (sun + ambient(up_n)[1])
+                    color *= 1 - fade * (1 - left)
+                    alpha += (1 - alpha) * fade * (1 - left)
+                else:
+                    ground = self.ground(hit, t, ray, rows) * (sun * reached + open_sky * ambient(up_n))
+                    color = fade * ground + (1 - fade) * color
+                    alpha = fade + (1 - fade) * alpha
+        return ti.Vector([color[0], color[1], color[2], alpha])
+
+    @ti.func
+    def ground(self, hit, t, ray, rows: ti.template()):
+        """Colour of the ground."""
+        out = corner(rows, FLOOR)
+        if ti.static(self.around.floor == "checker"):
+            width = t / (rows[PLACE, 0] * self.raster.h * ti.max(-ray[1], 0.02))  # of a sample on the ground, along the view
+            base = 0.42 + 0.12 * soft_checker(ti.Vector([hit[0], hit[2]]) / rows[PLACE, 2], width / rows[PLACE, 2])
+            out = base * ti.Vector([1.0, 0.98, 0.95])
+        return out
+
+
+@ti.func
+def footprint(f, corner_uv: ti.template(), area):
+    """What a sample covers of a face's pattern [m]; area: twice the face's, in samples."""
+    a, b = ti.Vector([0.0, 0.0]), ti.Vector([0.0, 0.0])
+    for d in ti.static(range(2)):
+        a[d], b[d] = corner_uv[f, 1, d] - corner_uv[f, 0, d], corner_uv[f, 2, d] - corner_uv[f, 0, d]
+    return ti.sqrt(ti.abs(a[0] * b[1] - a[1] * b[0]) / ti.max(ti.abs(area), 1e-6)) + 1e-9
+
+
+@ti.func
+def tilted(n, u, v, f, faces: ti.template(), x: ti.template(), corner_uv: ti.template()):
+    """A normal tilted along a face's material directions."""
+    e, g = corner(x, faces[f, 1]) - corner(x, faces[f, 0]), corner(x, faces[f, 2]) - corner(x, faces[f, 0])
+    a, b = ti.Vector([0.0, 0.0]), ti.Vector([0.0, 0.0])
+    for d in ti.static(range(2)):
+        a[d], b[d] = corner_uv[f, 1, d] - corner_uv[f, 0, d], corner_uv[f, 2, d] - corner_uv[f, 0, d]
+    turn = 1.0
+    if a[0] * b[1] - a[1] * b[0] < 0:
+        turn = -1.0
+    along_u = (turn * (b[1] * e - a[1] * g)).normalized(1e-12)  # dx/du, dx/dv but for their length
+    along_v = (turn * (a[0] * g - b[0] * e)).normalized(1e-12)
+    return (n + u * along_u + v * along_v).normalized(1e-12)

@@ -1,0 +1,97 @@
+"""Cloth in finer triangles, for pictures only: subdivision by Loop's rules, which rounds outlines and folds.
+
+[C. Loop: Smooth Subdivision Surfaces Based on Triangles, 1987; weights of J. Warren: 3/(8 k) for k neighbours]
+Differs from it: border vertices of one or two triangles, the corners of a sheet, stay where they are.
+"""
+
+import numpy as np
+
+MOST = 3  # each halves edges once more
+CHILDREN = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))  # of a triangle 0 1 2 with the points 3, 4, 5 on 01, 12, 20
+LOCAL = np.array([(1, 0, 0), (0, 1, 0), (0, 0, 1), (.5, .5, 0), (0, .5, .5), (.5, 0, .5)])[np.array(CHILDREN)]
+
+
+class Halving:
+    """One level: a point on every edge, and the vertices moved.
+
+    Args:
+        faces: (m, 3) of n vertices.
+
+    Attributes:
+        faces: (4 m, 3), those of a face one after the other; the points on edges follow the n vertices.
+    """
+
+    def __init__(self, faces: np.ndarray, n: int) -> None:
+        pairs = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
+        code, inverse, count = np.unique(pairs[:, 0] * n + pairs[:, 1], return_inverse=True, return_counts=True)
+        self.a, self.b = code // n, code % n
+        self.edge, self.opposite = inverse.reshape(-1), faces[:, [2, 0, 1]].ravel()
+        self.inner = (count == 2)[:, None]
+        of = np.concatenate([faces, n + inverse.reshape(-1, 3)], axis=1)
+        self.faces = of[:, CHILDREN].reshape(-1, 3).astype(np.int32)
+        border, ends = count == 1, np.concatenate([self.a, self.b])
+        on_border = np.bincount(ends, np.tile(border, 2), n)
+        valence = np.bincount(ends, minlength=n)
+        # weight of a neighbour over an edge, and of what a vertex keeps
+        self.weight = np.where(on_border > 0, 0.0, np.where(valence == 3, 3 / 16, 3 / (8 * np.maximum(valence, 1))))
+        self.border = border[:, None]
+        self.along = np.where((on_border == 2) & (np.bincount(faces.ravel(), minlength=n) > 2), 1 / 8, 0.0)
+        self.own = 1 - self.weight * valence - 2 * self.along
+
+    def points(self, x: np.ndarray) -> np.ndarray:
+        """Positions (n, 3), after Loop."""
+        p, q = x[self.a], x[self.b]
+        across = _sums(self.edge, x[self.opposite], len(self.a))
+        between = np.where(self.inner, 0.375 * (p + q) + 0.125 * across, 0.5 * (p + q))
+        around = _sums(self.a, q, len(x)) + _sums(self.b, p, len(x))
+        beside = _sums(self.a, q * self.border, len(x)) + _sums(self.b, p * self.border, len(x))
+        moved = self.own[:, None] * x + self.weight[:, None] * around + self.along[:, None] * beside
+        return np.concatenate([moved, between])
+
+    def linear(self, values: np.ndarray) -> np.ndarray:
+        """Values (n, d) at the vertices, as they are, and their means on edges."""
+        return np.concatenate([values, (values[self.a] + values[self.b]) / 2])
+
+
+class Smooth:
+    """A finer mesh over a given one.
+
+    Args:
+        faces: (m, 3) of n vertices; level: how often edges are halved.
+        sewn: (n,) the vertex that stands for what each is sewn to, or None.
+
+    Attributes:
+        faces: (m 4^level, 3) of finer vertices, those of a face one after the other.
+        each: how many there are in a face; count: of finer vertices.
+    """
+
+    def __init__(self, faces: np.ndarray, n: int, level: int, sewn: np.ndarray | None = None) -> None:
+        self.faces, self.count, self.each = faces if sewn is None else sewn[faces], n, 4**level
+        self.levels: list[Halving] = []
+        for _ in range(level):
+            self.levels.append(Halving(self.faces, self.count))
+            self.faces = self.levels[-1].faces
+            self.count += len(self.levels[-1].a)
+
+    def points(self, x: np.ndarray) -> np.ndarray:
+        """(count, 3) finer vertices of positions x (n, 3) [m]."""
+        for level in self.levels:
+            x = level.points(x)
+        return x
+
+    def linear(self, values: np.ndarray) -> np.ndarray:
+        """Values (n, d) at the vertices, at the finer ones."""
+        for level in self.levels:
+            values = level.linear(values)
+        return values
+
+    def corners(self, values: np.ndarray) -> np.ndarray:
+        """Values (m, 3, d) at corners of faces, at those of the finer ones."""
+        for _ in self.levels:
+            values = np.einsum("cij,fjd->fcid", LOCAL, values).reshape(-1, 3, values.shape[2])
+        return values
+
+
+def _sums(index: np.ndarray, rows: np.ndarray, n: int) -> np.ndarray:
+    """(n, 3) sums of rows by index."""
+    return np.stack([np.bincount(index, rows[:, d], n) for d in range(rows.shape[1])], axis=1)

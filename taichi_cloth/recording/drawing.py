@@ -1,0 +1,82 @@
+"""Files of a frame's picture: PNG, and passes beside it as NPY, or with the light in one EXR."""
+
+import io
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import checks
+from ..errors import SceneError, shown
+from ..output.exr import encode_exr
+from ..output.passes import PASSES, named
+from ..output.picture import Artist
+from ..output.png import encode_png
+from ..output.recording import Recording
+from ..output.renderer import developed
+
+FORMATS = ("npy", "exr")
+
+
+@dataclass(frozen=True)
+class Extras:
+    """What to write of a frame besides its picture.
+
+    Attributes:
+        passes: of `passes.PASSES`; format: "npy", a file each, or "exr", all in one with the picture's linear light.
+    """
+
+    passes: tuple[str, ...] = ()
+    format: str = "npy"
+
+    def __post_init__(self) -> None:
+        for name in self.passes:
+            checks.choice("pass", name, PASSES)
+        checks.choice("format of passes", self.format, FORMATS)
+
+
+def files_of(artist: Artist, frame: dict[str, np.ndarray], number: int, extras: Extras) -> tuple[np.ndarray, dict[str, bytes]]:
+    """A frame's picture, and the files of it by their ending, such as ".png" and ".depth.npy"."""
+    light = artist.light(frame)
+    image = artist.captioned(developed(light, artist.look.bits, artist.renderer.transparent), frame, number)
+    out = {".png": encode_png(image)}
+    if not extras.passes:
+        return image, out
+    passes = {name: array for name, array in artist.passes(frame).items() if name in extras.passes}
+    if extras.format == "exr":
+        colors = dict(zip("RGBA" if artist.renderer.transparent else "RGB", np.moveaxis(light, 2, 0)))
+        return image, out | {".exr": encode_exr(colors | named(passes))}
+    for name, array in passes.items():
+        buffer = io.BytesIO()
+        np.save(buffer, array)
+        out[f".{name}.npy"] = buffer.getvalue()
+    return image, out
+
+
+def frames_of(recording: Recording) -> Iterator[dict[str, np.ndarray]]:
+    """All recorded frames, which a fitted camera has to have in its picture."""
+    return (recording.frame(k) for k in recording.frames())
+
+
+def numbers_in(text: str, there: Iterable[int]) -> list[int]:
+    """Frames that a text names: "10", "10:60", "10:60:5" (first, last, step; ends may be left out), several by commas.
+
+    Raises:
+        SceneError: it is no such text, or names none that is there.
+    """
+    numbers = list(there)
+    out: list[int] = []
+    for part in text.split(","):
+        pieces = part.strip().split(":")
+        if len(pieces) > 3 or not all(p.strip().isdigit() or (p.strip() == "" and len(pieces) > 1) for p in pieces):
+            raise SceneError(f"frames = {shown(text)}: needs FIRST:LAST:STEP, such as 10:60:5, or numbers with commas between")
+        first, last, step = (*(int(p) if p.strip() else None for p in pieces), None, None)[:3]
+        if step == 0:
+            raise SceneError(f"frames = {shown(text)}: the step must be at least 1")
+        low = numbers[0] if first is None else first
+        high = low if len(pieces) == 1 else numbers[-1] if last is None else last
+        out += range(low, high + 1, step or 1)
+    found = sorted(set(out) & set(numbers))
+    if not found:
+        raise SceneError(f"frames = {shown(text)}: none of them is there; there are {numbers[0]} to {numbers[-1]}")
+    return found

@@ -1,0 +1,52 @@
+"""Where cloth and solids will be, as far as that is known before they move: for a camera that has to be placed then."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..scene.attachment import Attachment
+from ..scene.scene import Scene
+from .record import is_ground
+
+TIMES = 13  # at which what is prescribed is looked at, from 0 to the end
+
+
+def expected(scene: Scene, duration: float) -> Iterator[dict[str, np.ndarray]]:
+    """Frames, as far as positions go, that a run of `duration` [s] will perhaps come near.
+
+    Solids and led vertices are where their functions put them; a cloth follows what leads it as a whole; what is held hangs
+    down as far as the cloth is long from there; what falls, falls to the ground, where there is one.
+    """
+    x = np.concatenate([c.positions for c in scene.cloths])
+    solids = [s for s in scene.solids if not is_ground(s)]
+    grounds = [float(s.pose(0.0)[1][1]) for s in scene.solids if is_ground(s)]
+    moving = any(s.moves for s in solids)
+    for t in np.linspace(0.0, duration, TIMES):
+        shifted = x.copy()
+        for a in scene.script.attachments:
+            if a.leads:
+                start = a.cloth.positions
+                rows = slice(a.cloth.start, a.cloth.start + len(start))
+                shifted[rows] = start + (a.target(float(t), start) - start[a.vertices]).mean(axis=0)
+        frame = {"x": shifted}
+        if moving:
+            frame["solid_x"] = np.concatenate([s.surface_at(float(t)) for s in solids])
+        yield frame
+    if scene.gravity.any():
+        yield {"x": _hanging(scene, x, grounds)}
+
+
+def _hanging(scene: Scene, x: np.ndarray, grounds: list[float]) -> np.ndarray:
+    """Points that cloth reaches at rest below what holds it, or on the ground below it; itself where neither is known."""
+    down = scene.gravity / np.linalg.norm(scene.gravity)
+    out = [x]
+    for cloth in scene.cloths:
+        start = cloth.positions
+        held: list[Attachment] = [a for a in scene.script.attachments if a.cloth is cloth]
+        for a in held:
+            centre = start[a.vertices].mean(axis=0)
+            drop = (np.linalg.norm(start - centre, axis=1).max() - np.ptp(start[a.vertices], axis=0).max() / 2)
+            out.append(start[a.vertices] + max(drop, 0.0) * down)
+        if not held and grounds and down[1] < -0.9:
+            out.append(np.column_stack([start[:, 0], np.full(len(start), max(grounds)), start[:, 2]]))
+    return np.concatenate(out)

@@ -1,0 +1,125 @@
+"""Pictures by the command line and from Python, of a run whose cloth falls further than its scene foresees."""
+
+import json
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth.app import cli
+
+SCENE = '''"""A handkerchief that falls through nothing."""
+import taichi_cloth as tc
+
+
+def build(speed: float = 4.0):
+    scene = tc.Scene()
+    scene.add_cloth(tc.grid(0.4, 4), tc.Fabric(0.2, tc.Stretch(100)), velocities=(speed, 0, 0), name="cloth")
+    return scene
+'''
+SIZE, SMALL = (64, 48), ["--size", "64x48"]
+
+
+@pytest.fixture(scope="module")
+def fallen(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pictures")
+    (folder / "falls.py").write_text(SCENE)
+    assert cli.main(["run", str(folder / "falls.py"), "--out", str(folder / "run"), *SMALL, "--duration", "0.3", "--fps", "30",
+                     "--frames", "2:8:3", "--background", "transparent", "--passes", "id", "--light", "-1,1,0.5",
+                     "--checkpoint-every", "0"]) == 0
+    return folder / "run"
+
+
+def alpha_of(path):
+    image = pytest.importorskip("PIL.Image").open(path)
+    return np.array(image)[..., 3]
+
+
+def test_a_run_draws_what_was_asked_and_says_that_cloth_was_cut(fallen, capsys):
+    names = sorted(p.name for p in (fallen / "images").iterdir())
+    assert names == [f"{k:05d}{end}" for k in (2, 5, 8) for end in (".id.npy", ".png")]
+    assert cli.main(["run", str(fallen.parent / "falls.py"), "--out", str(fallen.parent / "again"), *SMALL, "--fps", "30",
+                     "--duration", "0.3", "--frames", "9"]) == 0
+    said = capsys.readouterr().err
+    assert "cloth left the picture in 1 of 1 frames" in said and "taichi-cloth render" in said
+
+
+def test_all_of_the_cloth_is_in_all_pictures(fallen, tmp_path):
+    assert cli.main(["render", str(fallen), "--to", str(tmp_path), *SMALL, "--background", "transparent"]) == 0
+    files = sorted(tmp_path.glob("*.png"))
+    assert len(files) == 10
+    seen = [alpha_of(f) for f in files]
+    for alpha in seen:
+        assert alpha.max() == 255 and not (alpha[0].any() or alpha[-1].any() or alpha[:, 0].any() or alpha[:, -1].any())
+    across = np.flatnonzero(np.max(seen, axis=0).any(axis=0))
+    down = np.flatnonzero(np.max(seen, axis=0).any(axis=1))
+    assert np.ptp(across) > 0.75 * 64 or np.ptp(down) > 0.75 * 48, "and fills them"
+
+
+@pytest.mark.slow
+def test_python_and_the_command_draw_the_same(fallen, tmp_path):
+    pil = pytest.importorskip("PIL.Image")
+    plaid = np.zeros((6, 4, 3), np.uint8)
+    plaid[::2] = (200, 30, 30)
+    pil.fromarray(plaid).save(tmp_path / "plaid.png")
+    flags = ["--frames", "1:7:3", "--camera", "-1,0.5,2:0.5,-0.2,0", "--passes", "depth,id", "--smooth", "1", "--bits", "16",
+             "--texture", f"cloth={tmp_path / 'plaid.png'}@0.1x0.15", "--back", "navy", "--floor", "tan", "--no-squares"]
+    assert cli.main(["render", str(fallen), "--to", str(tmp_path / "a"), *SMALL, *flags]) == 0
+    look = {"camera": tc.Camera((-1, 0.5, 2), (0.5, -0.2, 0)), "smooth": 1, "bits": 16, "floor": "tan", "quality": "fast",
+            "appearance": {"": tc.Appearance(back="navy", squares=False),
+                           "cloth": tc.Appearance(texture=tc.Texture(tmp_path / "plaid.png", (0.1, 0.15)))}}
+    recording = tc.Recording(fallen)
+    tc.render_frames(recording, tmp_path / "b", range(1, 8, 3), SIZE, passes=("depth", "id"), **look)
+    names = sorted(p.name for p in (tmp_path / "a").iterdir())
+    assert names == [f"{k:05d}{end}" for k in (1, 4, 7) for end in (".depth.npy", ".id.npy", ".png")] + ["id_names.json"]
+    for name in names:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes(), name
+    assert json.loads((tmp_path / "a" / "id_names.json").read_text()) == {"0": "nothing", "1": "cloth", "2": "ground"}
+    passes = tc.passes(recording, 4, SIZE, **{k: v for k, v in look.items() if k not in ("bits", "appearance")})
+    assert (np.load(tmp_path / "a" / "00004.depth.npy") == passes["depth"]).all() and set(np.unique(passes["id"])) >= {1, 2}
+    assert tc.render(recording, frame=4, size=SIZE, **look).dtype == np.uint16
+
+
+def test_exr_has_light_and_passes(fallen, tmp_path):
+    reader = pytest.importorskip("OpenEXR")
+    assert cli.main(["render", str(fallen), "--to", str(tmp_path), *SMALL, "--frames", "3", "--passes", "depth,normal,id",
+                     "--pass-format", "exr"]) == 0
+    with reader.File(str(tmp_path / "00003.exr"), separate_channels=True) as file:
+        assert set(file.channels()) == {"R", "G", "B", "depth.Z", "normal.X", "normal.Y", "normal.Z", "id.I"}
+        red, number = file.channels()["R"].pixels, file.channels()["id.I"].pixels
+    assert red.shape == number.shape == (48, 64) and 0 < red.max() < 2 and 1 in number
+
+
+@pytest.mark.slow
+def test_a_keyed_camera_is_at_its_keys(fallen):
+    recording = tc.Recording(fallen)
+    a, b = tc.Camera((1, 0.5, 2), (0.3, 0, 0)), tc.Camera((-1, 1, 1.5), (1, -0.4, 0), 50)
+    t = [float(recording.frame(k)["t"]) for k in (0, 6)]
+
+    def picture(frame, camera):
+        return tc.render(recording, frame=frame, size=SIZE, quality="fast", camera=camera)
+
+    keys = {t[0]: a, t[1]: b}
+    for frame, camera in ((0, a), (6, b), (9, b)):
+        assert (picture(frame, keys) == picture(frame, camera)).all()
+    assert (picture(3, keys) != picture(3, a)).any()
+
+
+@pytest.mark.parametrize("flags, what", [
+    (["--frames", "40:50"], "frames = '40:50': none of them is there; there are 0 to 9"),
+    (["--color", "cloht=red"], "did you mean 'cloth'"),
+    (["--color", "redd"], "'redd': is no colour"), (["--background", "sea"], "'sea'"), (["--passes", "deep"], "'deep'"),
+    (["--pass-format", "tiff"], "'tiff'"), (["--texture", "no.png"], "'no.png': there is no such file"),
+    (["--texture", "no.png@a"], "WIDTHxHEIGHT"), (["--weave", "wide"], "SPACING"), (["--smooth", "9"], "smooth = 9"),
+    (["--bits", "4"], "bits = 4"), (["--light", "0,0,0"], "light"), (["--mp4", "--background", "transparent"], "transparent")])
+def test_mistakes_are_named(fallen, tmp_path, capsys, flags, what):
+    assert cli.main(["render", str(fallen), "--to", str(tmp_path / "none"), *SMALL, *flags]) == 2
+    assert what in capsys.readouterr().err and not list(tmp_path.rglob("*.png"))
+
+
+@pytest.mark.parametrize("flags, what", [(["--camera", "1,2:0,0,0"], "EYE:TARGET"), (["--light", "1,2"], "X,Y,Z"),
+                                         (["--camera", "0@1,1,1:0,0,0; 2,2,2:0,0,0"], "needs its time")])
+def test_flags_that_cannot_be_read(flags, what, capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["render", "nothing", *flags])
+    assert what in capsys.readouterr().err
