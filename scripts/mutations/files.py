@@ -68,7 +68,7 @@ MUTATIONS = (
     (OUT + "folder.py", "self._sum = zlib.crc32(body, self._sum)", "self._sum = zlib.crc32(body)",
      "lines do not follow each other"),
     (OUT + "folder.py", 'if end != b\'%08x"}\' % total:', "if not end:", "sums of lines are not compared"),
-    (OUT + "folder.py", "int(f.stem) > resumed]", "int(f.stem) > resumed + 9]", "an earlier attempt's later frames stay"),
+    (OUT + "folder.py", "_number(f) > resumed]", "_number(f) > resumed + 9]", "an earlier attempt's later frames stay"),
     (OUT + "folder.py", "self._lock = Lock(self.path)", "self._lock = None", "two processes write to one folder"),
     (OUT + "folder.py", "        os.replace(aside, path)\n", "        path.write_bytes(aside.read_bytes()[:100])\n",
      "files are not put in place whole"),

@@ -66,7 +66,7 @@ def _sewn(sim: Simulation) -> dict[str, np.ndarray]:
 
 
 def frame(sim: Simulation) -> dict[str, np.ndarray]:
-    """What moves, now: t [s]; f32 x (n, 3) [m], v [m/s], with solids contact [N], all surfaces where any moves, a camera that does."""
+    """What moves, now: t [s]; f32 x (n, 3) [m], v [m/s], with solids contact [N], surfaces and camera where they move."""
     solids = [s for s in sim.scene.solids if not is_ground(s)]
     out = {"t": np.array(sim.time), "x": sim.positions().astype(np.float32), "v": sim.velocities().astype(np.float32)}
     if sim.contacts is not None:
