@@ -4,7 +4,7 @@ import argparse
 import os
 import sys
 
-from .recorded import number_of
+from .flags import number_of
 
 
 def add_parser(commands) -> None:
