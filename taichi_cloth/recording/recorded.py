@@ -1,12 +1,17 @@
 """A run's folder with what can be done with it, as `tc.Recording`."""
 
+import html
 import os
 import pathlib
+from typing import Any
+
+import numpy as np
 
 from .. import checks
 from ..errors import OutputError
 from ..output import recording
 from ..output.export import export
+from .play import Playback
 
 
 class Recording(recording.Recording):
@@ -45,6 +50,27 @@ class Recording(recording.Recording):
                 be written.
         """
         return export(self, format, path, parts)
+
+    def render(self, path: str | os.PathLike | None = None, **options: Any) -> np.ndarray:
+        """Draws a frame: `tc.render` with its other arguments."""
+        from .still import render
+
+        return render(self, path, **options)  # type: ignore[arg-type]
+
+    def play(self) -> Playback:
+        """The run's motion, to be played and turned in a notebook, or in a browser: `recording.play().show()`.
+
+        Raises:
+            OutputError: the run has no frames, or a damaged one.
+        """
+        return Playback(self)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        try:
+            return self.play()._repr_html_()
+        except OutputError as error:
+            return f"<p>{html.escape(f'{self!r}: {error}')}</p>"
 
     def report(self, path: str | os.PathLike | None = None) -> pathlib.Path:
         """Writes one HTML page about the run, as `taichi-cloth report` does.

@@ -39,15 +39,25 @@ def write_report(recording: Recording, file: pathlib.Path) -> None:
     m = recording.manifest
     parts = [_complexity(recording, log), _trouble(log), _energy(log), _cost(m, log), _most(recording), _plots(log),
              _pictures(recording)]
-    body = "\n".join(parts)
-    data, note = _playback(recording)
-    template = string.Template((pathlib.Path(__file__).parents[1] / "output" / "report_template.html").read_text())
     ran = m["runtime"]
     subtitle = (f"{m['simulation']['integrator']}, {ran['arch']} {ran['precision']}, {ran['threads']} threads, "
                 f"taichi_cloth {m['taichi_cloth']}, started {m['started']}; {m['status']}")
-    page = template.substitute(title=html.escape(f"{m['scene']}: {log[-1]['t']:g} s of cloth"), body=body,
-                               subtitle=html.escape(subtitle), data=json.dumps(data), note=html.escape(note))
-    write_whole(file, page.encode())
+    write_whole(file, page(recording, f"{m['scene']}: {log[-1]['t']:g} s of cloth", subtitle, "\n".join(parts)).encode())
+
+
+def page(recording: Recording, title: str, subtitle: str, body: str, budget: float = BUDGET) -> str:
+    """The text of a page that plays a run, after a body of HTML.
+
+    Args:
+        budget: bytes of positions that it may hold; frames are left out where all would be more.
+
+    Raises:
+        OutputError: the run has no frames, or a damaged one.
+    """
+    data, note = _playback(recording, budget)
+    template = string.Template((pathlib.Path(__file__).parents[1] / "output" / "report_template.html").read_text())
+    return template.substitute(title=html.escape(title), body=body, subtitle=html.escape(subtitle), data=json.dumps(data),
+                               note=html.escape(note))
 
 
 def _complexity(recording: Recording, log: list[dict]) -> str:
@@ -132,12 +142,12 @@ def _pictures(recording: Recording) -> str:
     return f'<h2>How real does it look?</h2><img alt="frames of the run" src="data:image/png;base64,{text}">'
 
 
-def _playback(recording: Recording) -> tuple[dict, str]:
+def _playback(recording: Recording, budget: float) -> tuple[dict, str]:
     """Positions as 16-bit numbers within the run's bounds, by frame, and a sentence on what was left out."""
     g, numbers = recording.geometry, recording.frames()
     moves = "solid_x" in recording.frame(numbers[0])
     each = 6 * (len(g["x"]) + (len(g["solid_x"]) if moves else 0))
-    every = max(1, int(np.ceil(each * len(numbers) / BUDGET)))
+    every = max(1, int(np.ceil(each * len(numbers) / budget)))
     kept = numbers[::every]
     frames = [recording.frame(k) for k in kept]
     solids = [f["solid_x"] for f in frames] if moves else [g["solid_x"]]

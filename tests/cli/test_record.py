@@ -141,6 +141,7 @@ def test_the_report_tells_the_same(run, tmp_path, monkeypatch):
     monkeypatch.setattr(Recording, "telemetry", lambda recording: log)
     assert cli.main(["report", str(run.out), "--to", str(file)]) == 0
     text = file.read_text()
+    assert tc.Recording(run.out).report(tmp_path / "again.html").read_text() == text
     for name, value in (("vertices", "32"), ("triangles", "36"), ("hinges", str(len(run.g["hinges"]))), ("solids", "2"),
                         ("most contacts in a step", str(max(r["contacts"] for r in log))), ("steps", str(len(log))),
                         ("worst residual of a solve", f"{max(r['residual'] for r in log):.2g}"),
