@@ -34,7 +34,7 @@ _NAMES = {
     "recording.still": "render render_frames passes",
     "sweeps.sweep": "sweep",
     "fitting.fit": "fit",
-    "app.cli": "run",
+    "app.cli": "run", "app.recorder": "record",
     "errors": "ClothError MeshError SceneError BackendError OutputError ScriptError SimulationError",
 }
 _WHERE = {name: module for module, names in _NAMES.items() for name in names.split()}

@@ -155,6 +155,10 @@ RUNNING: list[tuple[str, str, dict[str, str]]] = [
                     "width": "0.05", "length": "None", "D": "1e-5", "k": "1000.0", "find": '"k"', "range_": "None",
                     "confidence": "0.95", "rings": "15", "cells": "12", "h": "1/240", "workers": "0", "out": "None",
                     "say": "print"}),
+    (STARTED, "sim.checked_run", {"duration": "0.02", "fps": "60"}),
+    (STARTED, "tc.record", {"sim": "sim", "out": "tempfile.mkdtemp()", "duration": "0.02", "fps": "60",
+                            "on_frame": "lambda sim, frame: None", "overwrite": "False", "checkpoint_every": "10",
+                            "name": '"sheet"'}),
     (STARTED, "sim.resume", {"state": "sim.checkpoint()"}),
     (STARTED, "sim.pin", {"cloth": "cloth", "vertices": "[0, 1]", "directions": '"y"'}),
     (STARTED + "; sim.pin(cloth, [0, 1])", "sim.unpin", {"cloth": "cloth", "vertices": "[0]"}),
@@ -300,7 +304,7 @@ def _finite(value: object) -> bool:
         return value.dtype.kind in "fiub" and bool(np.isfinite(value).all())
     if isinstance(value, numbers.Number):
         return isinstance(value, numbers.Real) and math.isfinite(value)
-    return value is None or isinstance(value, (str, pathlib.Path, tc.Scene)) or callable(value)
+    return value is None or isinstance(value, (str, pathlib.Path, tc.Scene, tc.Recording)) or callable(value)
 
 
 @contextlib.contextmanager

@@ -3,6 +3,7 @@
 IO = "tests/unit/test_io.py"
 EXPORT = "tests/unit/test_export.py"
 SCENE_EXPORT = "tests/unit/test_export_scenes.py"
+RECORDER = "tests/cli/test_recorder.py"
 FOLDER = "tests/unit/test_folder.py"
 CROSS = "tests/unit/test_intersections.py"
 STILL = "tests/cli/test_still.py"
@@ -138,6 +139,13 @@ MUTATIONS = (
     (OUT + "export/vtu.py", 'timestep="{float(frame["t"]):.9g}"', 'timestep="{k}"', "ParaView's times are frame numbers",
      EXPORT),
     (OUT + "export/ply.py", '["x", "y", "z", "s", "t",', '["x", "y", "z", "t", "s",', "PLY's uv exchanged", EXPORT),
+    # recorded and played from Python
+    (PACKAGE + "app/recorder.py", "        writer.write(frame)\n        show", "        show", "frames are not kept",
+     RECORDER),
+    (PACKAGE + "app/recorder.py", "duration, fps = sim.checked_run(duration, fps)", "pass",
+     "a wrong duration is found when another run's files are gone", RECORDER),
+    (PACKAGE + "recording/play.py", "budget or BUDGET", "BUDGET", "notebooks take all of a long run",
+     "tests/unit/test_play.py"),
     # what is recorded, and how runs end and go on
     (PACKAGE + "recording/record.py", "sim.contact_forces().astype", "(-sim.contact_forces()).astype",
      "recorded contact forces with the wrong sign", RECORD),

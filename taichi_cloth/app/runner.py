@@ -18,7 +18,6 @@ from ..output.folder import FRAMES, RunFolder, hash_of_file
 from ..output.recording import Recording
 from ..recording import record
 from ..recording.resuming import kept_from, resume, run_of
-from ..scene.scene import Scene
 from ..simulation import Simulation
 from ..step.ledger import totals
 from .interrupts import after_this_frame
@@ -80,7 +79,7 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
     sim = Simulation(scene, **options.simulation)
     for note in sim.notes:
         print(f"note: {note}", file=sys.stderr)
-    manifest = _manifest(scene_file, scene, sim, options)
+    manifest = _manifest(scene_file, sim, options)
     old = Recording(options.out) if options.resume and options.out else None
     last = round(options.duration * options.fps)
     resumed = resume(sim, old, manifest, last, options.from_frame, options.force) if old else None
@@ -92,7 +91,7 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
         with progress(options) as show, after_this_frame() as interrupted:
             if folder:
                 folder.write_manifest({**manifest, "status": "running", "frames": None if first is None else [first, None]})
-                writer = _Writer(folder, sim, options, resumed, first, run_of(manifest))
+                writer = Writer(folder, sim, options, resumed, first, run_of(manifest))
 
             def on_frame(sim: Simulation, frame: int) -> None:
                 if writer:
@@ -133,7 +132,7 @@ def _said(error: Exception, scene_file: SceneFile) -> str:
     return f"{type(error).__name__}: {error} ({where.filename}, line {where.lineno})"
 
 
-class _Writer:
+class Writer:
     """Writes what a run leaves behind, frame by frame, and keeps count of what that costs.
 
     Attributes:
@@ -327,18 +326,23 @@ def _artist(geometry: dict[str, np.ndarray], options: RunOptions, scene: Scene):
     return Artist(geometry, options.size, Look(**look), lambda: expected(scene, options.duration))
 
 
-def _manifest(scene_file: SceneFile, scene: Scene, sim: Simulation, options: RunOptions) -> dict:
+def _manifest(scene_file: SceneFile, sim: Simulation, options: RunOptions) -> dict:
     resolved = {name: p.default for name, p in scene_file.options.items() if p.default is not p.empty}
     settings = scene_file.typed(options.settings)
+    return {
+        **described(sim, options), "scene": scene_file.name, "path": scene_file.path, "source": hash_of_file(scene_file.path),
+        "settings": {k: v if isinstance(v, (int, float, bool)) else str(v) for k, v in {**resolved, **settings}.items()}}
+
+
+def described(sim: Simulation, options: RunOptions) -> dict:
+    """What a manifest says of a run whatever its scene comes from."""
     return {
         "taichi_cloth": __version__, "python": platform.python_version(), "numpy": np.__version__,
         "machine": f"{platform.system()} {platform.machine()}",
         "started": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
-        "scene": scene_file.name, "path": scene_file.path, "source": hash_of_file(scene_file.path),
-        "settings": {k: v if isinstance(v, (int, float, bool)) else str(v) for k, v in {**resolved, **settings}.items()},
         "duration": options.duration, "fps": options.fps, "size": options.size,
         "simulation": {**sim.options.record(), **asdict(sim.control), "integrator": sim.integrator_name},
         "runtime": sim.runtime.record(),
-        "model": {"vertices": sim.model.n, "triangles": sum(c.mesh.face_count for c in scene.cloths),
-                  "solids": len(scene.solids), "notes": sim.notes},
+        "model": {"vertices": sim.model.n, "triangles": sum(c.mesh.face_count for c in sim.scene.cloths),
+                  "solids": len(sim.scene.solids), "notes": sim.notes},
     }

@@ -75,9 +75,7 @@ class Simulation(Queries):
         Args:
             resumed: the frame of a run from time 0 at which this simulation now is; it goes on with the next.
         """
-        duration, fps = checks.number("duration", duration, "s", positive=True), checks.number("fps", fps, positive=True)
-        self._check_length("duration", max(duration, 1 / fps))
-        checks.integer("run: duration * fps, the number of frames,", max(1, round(duration * fps)), most=MOST_FRAMES)
+        duration, fps = self.checked_run(duration, fps)
         checks.maybe(on_frame, checks.function, "on_frame", "simulation", "frame")
         resumed = checks.maybe(resumed, checks.integer, "resumed", least=0)
         start, frames = self.time if resumed is None else 0.0, max(1, round(duration * fps))
@@ -86,6 +84,18 @@ class Simulation(Queries):
                 self._advance_to(start + frame / fps)
             if on_frame is not None:
                 on_frame(self, frame)
+
+    def checked_run(self, duration: float, fps: float) -> tuple[float, float]:
+        """The arguments of `run`, where they are possible.
+
+        Raises:
+            SceneError: they are not.
+            BackendError: the simulation was closed.
+        """
+        duration, fps = checks.number("duration", duration, "s", positive=True), checks.number("fps", fps, positive=True)
+        self._live()._check_length("duration", max(duration, 1 / fps))
+        checks.integer("run: duration * fps, the number of frames,", max(1, round(duration * fps)), most=MOST_FRAMES)
+        return duration, fps
 
     # between steps
 

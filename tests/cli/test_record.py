@@ -11,6 +11,7 @@ from test_cli import read_png
 
 from taichi_cloth.app import cli
 from taichi_cloth.output.recording import Recording
+from taichi_cloth.recording.recorded import Recording as Reported
 
 SCENE = '''"""A sheet lies on a box, another falls freely, and a ball goes by."""
 import taichi_cloth as tc
@@ -141,7 +142,7 @@ def test_the_report_tells_the_same(run, tmp_path, monkeypatch):
     monkeypatch.setattr(Recording, "telemetry", lambda recording: log)
     assert cli.main(["report", str(run.out), "--to", str(file)]) == 0
     text = file.read_text()
-    assert tc.Recording(run.out).report(tmp_path / "again.html").read_text() == text
+    assert Reported(run.out).report(tmp_path / "again.html").read_text() == text
     for name, value in (("vertices", "32"), ("triangles", "36"), ("hinges", str(len(run.g["hinges"]))), ("solids", "2"),
                         ("most contacts in a step", str(max(r["contacts"] for r in log))), ("steps", str(len(log))),
                         ("worst residual of a solve", f"{max(r['residual'] for r in log):.2g}"),
