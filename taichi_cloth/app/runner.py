@@ -18,6 +18,7 @@ from ..output.folder import FRAMES, RunFolder, hash_of_file
 from ..output.recording import Recording
 from ..recording import record
 from ..recording.resuming import kept_from, resume, run_of
+from ..scene.scene import Scene
 from ..simulation import Simulation
 from ..step.ledger import totals
 from .interrupts import after_this_frame
