@@ -135,6 +135,27 @@ def test_a_fitted_camera_sees_all_of_the_motion(tmp_path, rng):
     assert not stage.GetPrimAtPath("/scene/ground")
 
 
+def test_a_camera_that_moves_does_so_by_frames(tmp_path, rng):
+    other = np.array([-3.0, 1.0, 4.0, 0.0, 0.5, 0.0, 60.0, 0.0, 1.0, 0.0])
+    keys = np.array([[FIRST / FPS, *CAMERA], [(FIRST + 2) / FPS, *other]])
+    made = make(tmp_path / "run", rng, camera_keys=keys)
+    _, stage = stages(made, tmp_path)
+    from pxr import UsdGeom
+
+    half = (CAMERA + other) / 2  # between two keys, a cubic with the slope of their chord is the chord
+    for k, want in ((FIRST, CAMERA), (FIRST + 1, half), (FIRST + 2, other)):
+        camera = UsdGeom.Camera(stage.GetPrimAtPath("/scene/camera")).GetCamera(k)
+        assert camera.GetFieldOfView(camera.FOVVertical) == pytest.approx(want[6], abs=1e-3)
+        assert np.array(camera.frustum.position) == pytest.approx(want[:3], abs=1e-6)
+    file = Gltf(export(made.recording, "glb", tmp_path / "x.glb")[0])
+    node = next(k for k, n in enumerate(file.json["nodes"]) if "camera" in n)
+    paths = {c["target"]["path"]: file.array(file.json["animations"][0]["samplers"][c["sampler"]]["output"])
+             for c in file.json["animations"][0]["channels"] if c["target"]["node"] == node}
+    assert paths["translation"] == pytest.approx(np.array([CAMERA[:3], half[:3], other[:3]])) and len(paths["rotation"]) == 3
+    assert blend.arrays(shot(Cut(made.recording, "cloths")))["eye"] == pytest.approx(
+        np.array([e[[0, 2, 1]] * [1, -1, 1] for e in (CAMERA, half, other)]))
+
+
 def problems(path):
     """What usd-core's validators find wrong in a file, in words."""
     Usd = pytest.importorskip("pxr.Usd", reason="usd-core is not installed")

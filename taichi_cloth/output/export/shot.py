@@ -12,9 +12,10 @@ import numpy as np
 
 from ...backend.ordering import components
 from ...errors import OutputError
-from ...scene.view import Camera
+from ...scene.view import Camera, CameraKeys
 from ..camera import frame as axes_of
 from ..colors import GROUND, PALETTE, STONE
+from ..described import view_of
 from ..framing import fit_all
 from .pieces import Arrays, Cut, Frame
 
@@ -145,12 +146,13 @@ def shot(pieces: Cut) -> Shot:
     g = frames[0].geometry
     meshes = [_cloth(k, frames) for k in range(len(g["cloth_names"]))]
     meshes += [_solid(k, g, frames) for k in range(len(g["solid_names"]))]
-    cameras = [_camera(f.get("camera", g["camera"]), meshes) for f in (frames if "camera" in frames[0] else frames[:1])]
+    times = np.array([float(f["t"]) for f in frames])
+    cameras = _cameras(g, times, meshes)
     if not np.isnan(g["ground"]):
         meshes.append(_ground(float(g["ground"]), meshes))
     names = unique([mesh.name for mesh in meshes])
     meshes = [Mesh(name, m.kind, m.color, m.surfaces, m.x, m.v) for name, m in zip(names, meshes)]
-    return Shot(numbers, pieces.fps, np.array([float(f["t"]) for f in frames]), meshes, cameras, str(pieces.path))
+    return Shot(numbers, pieces.fps, times, meshes, cameras, str(pieces.path))
 
 
 def unique(names: Iterable[str]) -> list[str]:
@@ -229,12 +231,14 @@ def _color(own: np.ndarray, other: tuple[float, float, float]) -> np.ndarray:
     return np.array(other) if np.isnan(own).any() else own
 
 
-def _camera(own: np.ndarray, meshes: list[Mesh]) -> Camera:
-    """The scene's, or one that has all meshes in its picture at all frames."""
-    c = own.tolist()
-    if not np.isnan(c[0]):
-        return Camera(tuple(c[:3]), tuple(c[3:6]), c[6], tuple(c[7:]))
-    return fit_all((x.astype(np.float64) for mesh in meshes for x in mesh.x), 0.0, ASPECT)
+def _cameras(g: Arrays, times: np.ndarray, meshes: list[Mesh]) -> list[Camera]:
+    """The scene's, one a frame where it moves, or one that has all meshes in its picture at all frames."""
+    camera = view_of(g).camera
+    if isinstance(camera, CameraKeys):
+        return [camera.at(float(t)) for t in times]
+    if isinstance(camera, Camera):
+        return [camera]
+    return [fit_all((x.astype(np.float64) for mesh in meshes for x in mesh.x), 0.0, ASPECT)]
 
 
 def _ground(height: float, meshes: list[Mesh]) -> Mesh:
