@@ -19,6 +19,7 @@ from ..output.recording import Recording
 from ..scene.view import camera_at
 from ..system.quantities import QUANTITIES, evaluate
 from .drawing import Extras, files_of, frames_of
+from .material import SameMaterial
 
 NOTHING = Extras()
 
@@ -99,27 +100,31 @@ def id_names(geometry: dict[str, np.ndarray]) -> dict[int, str]:
 
 
 def distances(a: Recording, b: Recording) -> dict[int, np.ndarray]:
-    """By frame that both have, (n,) distance [m] of each vertex in one run from the other.
+    """By frame of a at whose time b has one too, (n,) distance [m] of each of its vertices from the other run.
+
+    Where meshes differ, from the place of the other cloth with the same material coordinates.
 
     Raises:
-        OutputError: the runs have different numbers of vertices, or no frame in common.
+        OutputError: the runs are of other cloths, or have no time in common.
     """
-    common = sorted(set(a.frames()) & set(b.frames()))
-    if not common:
-        raise OutputError(f"{a.path} and {b.path} have no frame in common")
+    common = _same_times(a, b)
+    other = None if _same_mesh(a, b) else SameMaterial(a.geometry, b.geometry)
     out = {}
-    for k in common:
-        x, y = a.frame(k)["x"].astype(np.float64), b.frame(k)["x"].astype(np.float64)
-        if x.shape != y.shape:
-            raise OutputError(f"{a.path} has {len(x)} vertices and {b.path} {len(y)}: they cannot be compared")
-        out[k] = np.linalg.norm(x - y, axis=1)
+    for k, j in common:
+        x, y = a.frame(k)["x"].astype(np.float64), b.frame(j)["x"].astype(np.float64)
+        out[k] = np.linalg.norm(x - y, axis=1) if other is None else np.linalg.norm(x - other.at(y), axis=1) * other.used
     return out
+
+
+def weights(a: Recording, b: Recording) -> np.ndarray | None:
+    """(n,) of a's vertices in a mean: their areas of material where meshes differ; None, all alike, where they do not."""
+    return None if _same_mesh(a, b) else SameMaterial(a.geometry, b.geometry).area
 
 
 def compare(a: Recording, b: Recording, file: pathlib.Path, size: tuple[int, int], count: int,
             look: Look) -> tuple[float, float]:
     """Draws both runs and their difference, row by row, into one picture; (RMS, maximum) of the difference [m]."""
-    apart = distances(a, b)
+    apart, other = distances(a, b), dict(_same_times(a, b))
     high = max(max(float(d.max()) for d in apart.values()), 1e-12)
     rows: list[list[np.ndarray]] = [[], [], []]
     numbers = spread(list(apart), count)
@@ -127,28 +132,58 @@ def compare(a: Recording, b: Recording, file: pathlib.Path, size: tuple[int, int
     for k in numbers:
         frame = a.frame(k)
         rows[0].append(first.draw(frame, k))
-        rows[1].append(second.draw(b.frame(k), k))
+        rows[1].append(second.draw(b.frame(other[k]), k))
         image = first.draw(frame, k, heat_colors(apart[k], 0.0, high, False))
         if not rows[2]:
             draw_bar(image, 0.0, high, False, "distance [m]")
         rows[2].append(image)
     write_whole(file, encode_png(contact_sheet([image for row in rows for image in row], len(numbers))))
-    every = np.concatenate(list(apart.values()))
-    return float(np.sqrt(np.mean(every**2))), float(every.max())
+    of = weights(a, b)
+    return _rms([_rms([d], of) for d in apart.values()]), max(float(d.max()) for d in apart.values())
 
 
 def parting(a: Recording, b: Recording, tolerance: float) -> list[str]:
-    """Sentences on where the motion of two runs parts."""
-    apart = distances(a, b)
+    """Sentences on where the motion of two runs parts, and on how far they are apart at the end."""
+    apart, of = distances(a, b), weights(a, b)
     fps = float(a.manifest.get("fps", 24))
+    last, size = max(apart), float(np.linalg.norm(np.ptp(a.frame(max(apart))["x"], axis=0))) or 1.0
+    off = _rms([apart[last]], of)
+    counts = len(apart[last]), len(b.geometry["x"])
+    where = "" if of is None else f" of {counts[0]:,} vertices against {counts[1]:,}, by material coordinates"
+    end = f"error at t = {last / fps:.4g} s{where}: RMS {off:.3g} m, {off / size:.2%} of the size {size:.3g} m"
     for k, d in apart.items():
-        rms = float(np.sqrt(np.mean(d**2)))
+        rms = _rms([d], of)
         if rms > tolerance:
             worst = int(np.argmax(d))
             return [f"the motion parts at frame {k} (t = {k / fps:.4g} s): RMS {rms:.3g} m, "
-                    f"vertex {worst} by {d[worst]:.3g} m"]
+                    f"vertex {worst} by {d[worst]:.3g} m", end]
     largest = max(float(d.max()) for d in apart.values())
     return [f"the motion agrees in all {len(apart)} frames: no vertex is further apart than {largest:.3g} m"]
+
+
+def _same_mesh(a: Recording, b: Recording) -> bool:
+    return np.array_equal(a.geometry["faces"], b.geometry["faces"]) and len(a.geometry["x"]) == len(b.geometry["x"])
+
+
+def _same_times(a: Recording, b: Recording) -> list[tuple[int, int]]:
+    """Frames of both, at the same times.
+
+    Raises:
+        OutputError: there are none.
+    """
+    rate_a, rate_b = (float(r.manifest.get("fps", 24)) for r in (a, b))
+    frames = set(b.frames())
+    pairs = [(k, round(k / rate_a * rate_b)) for k in a.frames()]
+    common = [(k, j) for k, j in pairs if j in frames and abs(k / rate_a - j / rate_b) < 1e-9]
+    if not common:
+        raise OutputError(f"{a.path} and {b.path} have no time in common at which both have a frame")
+    return common
+
+
+def _rms(parts: list, of: np.ndarray | None = None) -> float:
+    """Root of the mean square of all numbers, weighted by `of` (n,) where given."""
+    values = np.concatenate([np.atleast_1d(p) for p in parts])
+    return float(np.sqrt(np.average(values**2, weights=of)))
 
 
 def warn_inside(recording: Recording, look: Look) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..errors import SceneError, did_you_mean, shown
+from . import units
 from .air import Air
 from .appearance import Appearance
 from .attachment import Attachment, Event, Path, Script, orthonormal
@@ -77,6 +78,7 @@ class Scene:
         if name in (c.name for c in self.cloths):
             raise SceneError(f"there is a cloth named {name!r} already")
         self.cloths.append(cloth)
+        units.say(cloth, self.gravity)
         return cloth
 
     def add_garment(self, garment: Garment, fabric: Fabric, velocities: ArrayLike | None = None, name: str | None = None,

@@ -276,7 +276,7 @@ def _track(sim: Simulation, samples: int) -> Track:
 
 def _run(case: Case, make: Callable[[], Scene], samples: int) -> tuple[Row, Track | None]:
     """A case's row, with what it cost, and its run; None where it failed."""
-    row = Row(case)
+    row, sim, track = Row(case), None, None
     try:
         substep = substep_of(make(), case.substep, case.arch, case.precision) if case.substep != 1 else None
         sim = Simulation(make(), h=case.h, integrator=case.integrator, cg_tol=case.cg_tol, tolerance=case.tolerance,
@@ -291,8 +291,10 @@ def _run(case: Case, make: Callable[[], Scene], samples: int) -> tuple[Row, Trac
             track = _track(sim, samples)
             walls.append(time.perf_counter() - started)
     except ClothError as error:
-        row.note = str(error).partition(". ")[0]
-        return row, None
+        row.note, track = str(error).partition(". ")[0], None
+        if sim is None:
+            return row, None
+        walls.append(time.perf_counter() - started)
     row.wall, row.steps = walls[-1], len(sim.log)
     row.iterations, row.evaluations = (sum(getattr(r, name) for r in sim.log) for name in ("iterations", "evaluations"))
     row.fell_back = sum(bool(r.fell_back) for r in sim.log)
@@ -314,6 +316,11 @@ def substep_of(scene: Scene, times: float, arch: str = "cpu", precision: str = "
 
 def _rms(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.sqrt(np.mean(np.sum((a - b) ** 2, axis=-1), axis=-1))
+
+
+def methods_for(methods: list[str], scene: Scene) -> list[str]:
+    """Those of the methods that can run a scene: explicit ones know no contact."""
+    return [name for name in methods if not (scene.touches and name in EXPLICIT)]
 
 
 def cases_of(integrators: list[str], steps: list[float], tolerances: list[float], cg_tols: list[float | None],

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.studies.study import SAMPLES, Case, Row, Track, judge, mark_front, predictable, study
+from taichi_cloth.studies.study import SAMPLES, Case, Row, Track, judge, mark_front, methods_for, predictable, study
 
 T = 0.2
 
@@ -53,6 +53,16 @@ def test_errors_are_those_of_positions_computed_afresh():
         assert row.wall > 0 and row.steps == round(T / row.case.h) and row.iterations > row.steps
     assert found.rows[0].error > 3 * found.rows[1].error  # of second order, at twice the step
     assert not any(row.note for row in found.rows)
+
+
+def test_the_default_method_is_studied_and_no_row_is_empty():
+    from taichi_cloth.app.studies import METHODS
+
+    free, touching = make(), make()
+    touching.add_solid(tc.Sphere(0.1), 0.3, 0.01)
+    assert tc.Options().integrator in METHODS.split(",")
+    assert methods_for(METHODS.split(","), free) == METHODS.split(",")
+    assert set(METHODS.split(",")) - set(methods_for(METHODS.split(","), touching)) == {"verlet"}
 
 
 def tracks() -> tuple[Track, Track]:

@@ -1,0 +1,34 @@
+"""Numbers that look like another unit's are said, once, and taken."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+
+
+@pytest.mark.parametrize("mesh, fabric, more, words", [
+    (tc.grid(1000.0, 2), tc.Fabric(0.15), {}, "size = 1,000 m"), (tc.grid(1e-3, 2), tc.Fabric(0.15), {}, "size = 0.001 m"),
+    (tc.grid(1.0, 2), tc.Fabric(150.0), {}, r"density = 150 kg/m\^2"),
+    (tc.grid(1.0, 2), tc.Fabric(0.15, bend=tc.Bend(20.0)), {}, "D = 20 N m"),
+    (tc.grid(1.0, 2), tc.Fabric(0.15), {"contact": tc.ClothContact(0.5)}, "thickness = 0.5 m")])
+def test_what_looks_like_another_unit_is_said(mesh, fabric, more, words):
+    scene = tc.Scene()
+    with pytest.warns(UserWarning, match=words) as said:
+        scene.add_cloth(mesh, fabric, **more)
+    assert len(said) == 1 and said[0].filename == __file__ and len(scene.cloths) == 1
+    with pytest.warns(UserWarning, match="gravity = 9,810"):
+        tc.Scene(gravity=(0, -9810, 0)).add_cloth(tc.grid(1.0, 2), tc.Fabric(0.15))
+
+
+def test_usual_cloth_is_not_doubted():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene = tc.Scene()
+        for size in (0.02, 1.0, 50.0):
+            fabric = tc.Fabric(0.02, tc.Stretch(1e5), bend=tc.Bend(1e-7))
+            scene.add_cloth(tc.grid(size, 2), fabric, contact=tc.ClothContact(5e-4))
+        for fabric in tc.fabrics.values():
+            scene.add_cloth(tc.grid((0.5, 2.0), 2), fabric)
+    assert np.isclose(scene.vertex_count, 9 * (3 + len(tc.fabrics)))
