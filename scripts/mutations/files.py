@@ -11,6 +11,7 @@ RECORD = "tests/cli/test_record.py"
 RUN = "tests/cli/test_run_folder.py"
 SCENES = "tests/unit/test_scenefile.py"
 PLAYBACK = "tests/unit/test_playback.py"
+SWEEP, FIT = "tests/unit/test_sweep.py", "tests/unit/test_fit.py"
 TESTS = (FOLDER, EXPORT, IO)
 PACKAGE = "taichi_cloth/"
 OUT = PACKAGE + "output/"
@@ -207,8 +208,15 @@ MUTATIONS = (
     (PACKAGE + "app/scenefile.py", "found.setdefault(path.stem, path)", "found[path.stem] = path",
      "the last folder that has a scene wins", SCENES),
     (PACKAGE + "recording/playback.py", "if rms > tolerance:", "if rms < tolerance:", "runs part where they agree", PLAYBACK),
-    (PACKAGE + "recording/playback.py", "set(a.frames()) & set(b.frames())", "set(a.frames()) | set(b.frames())",
-     "frames of one run only are compared", PLAYBACK),
+    (PACKAGE + "recording/playback.py", "round(k / rate_a * rate_b)", "k", "frames are compared by number, not by time", PLAYBACK),
+    (PACKAGE + "recording/playback.py", "weights=of)))", "weights=None)))", "errors of meshes do not go by area", PLAYBACK),
+    (PACKAGE + "recording/material.py", "column_stack([1 - v - w, v, w])", "column_stack([1 - v - w, w, v])",
+     "weights of two corners are exchanged", PLAYBACK),
+    (PACKAGE + "recording/material.py", "twice / 6", "1 + 0 * twice", "every corner counts the same", PLAYBACK),
+    (PACKAGE + "sweeps/store.py", 'kept["manifest"] == run.manifest', "True", "another manifest's run is taken", SWEEP),
+    (PACKAGE + "sweeps/sweep.py", "if k not in found]", "]", "what is done is done again", SWEEP),
+    (PACKAGE + "fitting/least_squares.py", "max(free, 1)", "m", "the scatter does not know of the parameters", FIT),
+    (PACKAGE + "fitting/closed_forms.py", "-u * np.cos(y[0])", "-u", "a load that turns with the strip", FIT),
     (PACKAGE + "recording/playback.py",
      "(t = {k / fps:.4g} s)", "(t = {k * fps:.4g} s)", "the time at which runs part", PLAYBACK),
     (PACKAGE + "recording/playback.py", "numbers[round(i)] for i in np.linspace(0, len(numbers) - 1, max(count, 1))",
