@@ -72,9 +72,9 @@ def locate(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.nd
     for j in range(int((end - begin).max(initial=0))):
         p = np.flatnonzero((begin + j < end) & (off > 0))
         _take(points, triangles, p, row[begin[p] + j], best, weights, off)
-    for p in np.flatnonzero(np.isinf(off)):  # far outside
-        nearest = np.argmin(np.sum((triangles.mean(axis=1) - points[p]) ** 2, axis=1))
-        _take(points, triangles, np.array([p]), np.array([nearest]), best, weights, off)
+    for far in np.flatnonzero(np.isinf(off)):
+        nearest = np.argmin(np.sum((triangles.mean(axis=1) - points[far]) ** 2, axis=1))
+        _take(points, triangles, np.array([far]), np.array([nearest]), best, weights, off)
     return best, weights, off
 
 
