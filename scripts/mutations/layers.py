@@ -84,7 +84,7 @@ MUTATIONS = (
     (CONTACT + "cloth/pair_kernels.py", "self.friction[vertices[k, 0]] * self.friction[vertices[k, 3]]",
      "self.friction[vertices[k, 0]] * self.friction[vertices[k, 0]]", "friction of one side only", SOLVES),
     (CONTACT + "cloth/pair_kernels.py",
-     "more = ti.max(more, boost[vertices[k, a]])", "more = ti.min(more, boost[vertices[k, a]])",
+     "ti.max(more, boost[vertices[k, a]])", "ti.min(more, boost[vertices[k, a]])",
      "the softest particle's stiffness", SOLVES),
     (CONTACT + "cloth/pair_kernels.py", "light += weights[k, a] ** 2 / self", "light += ti.abs(weights[k, a]) / self",
      "mass that a pair's distance has", SOLVES),
