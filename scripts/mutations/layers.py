@@ -16,6 +16,7 @@ TURNS = UNIT + "test_a_pair_is_neither_pushed_nor_turned_nor_braked_as_it_turns"
 RESUMED = UNIT + "test_a_run_resumed_in_contact_goes_on_bit_for_bit"
 CROSSED = UNIT + "test_what_starts_crossed_is_counted_named_and_pulled_apart"
 HITS = UNIT + "test_what_hits_does_not_pass[f64] tests/hard/test_hard_layers.py"
+FIRM = REFERENCE + "test_what_is_firmer_is_stopped_so_much_more_and_no_stiffer"
 ISLANDS = "tests/unit/test_islands.py"
 SPRINGS = PHYSICS + "test_springs_of_the_paper_carry_a_sheet_with_one_solve_a_step " + PHYSICS + (
     "test_springs_let_nothing_through_that_comes_fast")

@@ -14,7 +14,21 @@ from taichi_cloth.backend.fields import Fields
 from taichi_cloth.contact.cloth import barrier as repulsion
 from taichi_cloth.contact.cloth.islands import bound
 from taichi_cloth.contact.cloth.narrow_phase import LayerDetector
-from taichi_cloth.contact.cloth.pair_kernels import BACK, BEARS, FORCE, GAP, OWN, POTENTIAL, RUB, RUBBED, STIFF, STOPPED
+from taichi_cloth.contact.cloth.pair_kernels import (
+    BACK,
+    BEARS,
+    BEGAN,
+    FORCE,
+    GAP,
+    HALT,
+    NOW,
+    OWN,
+    POTENTIAL,
+    RUB,
+    RUBBED,
+    STIFF,
+    STOPPED,
+)
 from taichi_cloth.contact.pair_geometry import between, closing, fading, gap
 from taichi_cloth.scene import intersections
 from taichi_cloth.system.state import ParticleState
@@ -404,6 +418,26 @@ def test_a_step_ends_when_forces_and_friction_agree(rng):
     taken[FORCE] *= 2
     layers.look()
     assert not layers.settled() and layers.off > 10
+    sim.close()
+
+
+def test_what_is_firmer_is_stopped_so_much_more_and_no_stiffer(rng):
+    """The stop of what came nearer grows with the factor of the firmest of a pair's particles; its spring does not."""
+    sim = tc.Simulation(soup(rng), h=H, integrator="backward_euler", threads=1)
+    layers, x = sim.contacts.layers, sim.model.read_particles()[0]
+    layers.clear()
+    layers.begin(dataclasses.replace(layers.start, h=H, x=x), True)
+    way = 0.01 * rng.normal(size=x.shape)
+    sim.model.write_particles(x + way, way / H)
+    layers.look()
+    p, plain = layers.near, layers._evaluate(layers.near)[0].copy()
+    layers.firmness.factor = np.where(np.arange(len(x)) % 3 == 0, 8.0, 1.0)
+    layers._weighed = None
+    firm, factor = layers._evaluate(p)[0], layers.firmness.factor[p.vertices].max(axis=1)
+    gone = np.array([ref.stop(*each) for each in zip(p.end, p.radius, plain[BEGAN])])
+    assert (gone > 0).sum() > 10 and set(factor) == {1.0, 8.0}
+    assert np.allclose(firm[NOW] - plain[NOW], (factor - 1) * plain[HALT] * gone, rtol=1e-9, atol=1e-15)
+    assert np.array_equal(firm[STIFF], plain[STIFF]) and np.array_equal(firm[POTENTIAL], plain[POTENTIAL])
     sim.close()
 
 
