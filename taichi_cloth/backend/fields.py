@@ -3,13 +3,14 @@
 from . import taichi_patches  # noqa: F401  (before Taichi)
 
 # isort: split
-from collections.abc import Iterator
+import weakref
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import taichi as ti
 
-from . import runtime
+from . import field_pool, runtime
 from .rows import capacity
 
 CHUNK = 1 << 22  # numbers that are handed to a kernel at once
@@ -26,41 +27,45 @@ class Filled:
 
 @ti.data_oriented
 class Fields:
-    """A tree of fields. Declare, then `allocate`; `free` gives the memory back.
+    """Trees of fields. Declare, then `allocate`; `free` gives them to the pool, or the memory back.
 
     Numbers that differ from mesh to mesh belong into fields, where kernels read them: what is an attribute is compiled in.
 
     Args:
         exchange: numpy type of arrays handed to kernels.
         exact: whether fields have no more rows than are asked for, so that checks of bounds see what is beyond.
+        make: what the fields are for: they may be those that another of the same make had; None for new ones.
     """
 
-    def __init__(self, exchange: type, exact: bool = False) -> None:
+    def __init__(self, exchange: type, exact: bool = False, make: Hashable = None) -> None:
         self.exchange, self.exact = exchange, exact
         runtime.hold(self)
-        self._builder = ti.FieldsBuilder()
-        self._tree = None
-        self._aside: list = []  # trees of a field each
+        before = field_pool.take(make)
+        self._before = before.declared if before is not None else []  # fields to be taken, as long as the same are declared
+        self._made = field_pool.Allocation(make, trees=before.trees if before is not None else [])
+        self._builder = self._first = None  # of what is new; and the first field in it
+        self._end = None  # what the garbage collector does
         self._reals: list[Filled] = []
         self._integers: list[Filled] = []
 
     def real(self, n: int, width: int = 1, data: np.ndarray | None = None, dtype=float):
         """A field of n numbers, or of n vectors of `width` numbers; filled with `data` at `allocate`."""
-        field = ti.Vector.field(width, dtype) if width > 1 else ti.field(dtype)
-        return self._place(field, n, width, data, self._reals)
+        return self._declare(n, width, dtype, data, self._reals)
 
     def integer(self, n: int, width: int = 1, data: np.ndarray | None = None):
         """The same for 32-bit integers."""
-        field = ti.Vector.field(width, ti.i32) if width > 1 else ti.field(ti.i32)
-        return self._place(field, n, width, data, self._integers)
+        return self._declare(n, width, ti.i32, data, self._integers)
 
     def aside(self, n: int, width: int):
         """A field of n rows in a tree of its own: the compiler sees that what is written to it changes nothing else."""
-        field, builder = ti.Vector.field(width, float), ti.FieldsBuilder()
-        builder.dense(ti.i, self.room(n)).place(field)
-        field.rows = n
-        self._aside.append(builder.finalize())
-        return field
+
+        def make():
+            field, builder = ti.Vector.field(width, float), ti.FieldsBuilder()
+            builder.dense(ti.i, self.room(n)).place(field)
+            self._made.trees.append((builder.finalize(), field))
+            return field
+
+        return self._find(n, ("aside", width), make)
 
     def room(self, n: int) -> int:
         """Rows that a field of n rows gets."""
@@ -68,7 +73,12 @@ class Fields:
 
     def allocate(self) -> None:
         """Allocates and fills every field that was declared."""
-        self._tree = self._builder.finalize()
+        if self._builder is not None:
+            self._made.trees.append((self._builder.finalize(), self._first))
+            self._builder = None
+        if self._made.make is not None:
+            self._end = weakref.finalize(self, field_pool.give, self._made)
+            self._end.atexit = False
         for k, filled in enumerate(self._reals):
             for first, numbers in _parts(filled, self.exchange):
                 self._fill_reals(k, first, numbers)
@@ -78,24 +88,43 @@ class Fields:
         self._reals, self._integers = [], []
 
     def free(self) -> None:
-        """Gives the memory back, also of what was declared and never allocated; the fields are dead after it."""
-        if self._builder is not None and self._tree is None:  # else Taichi compiles no further kernel
-            self._tree = self._builder.finalize(raise_warning=False)
+        """Gives the fields to the pool, or where they have no make the memory back, also of what was declared and never
+        allocated; the fields are dead after it."""
+        if self._builder is not None:  # else Taichi compiles no further kernel
+            self._made.trees.append((self._builder.finalize(raise_warning=False), self._first))
+            self._builder = self._made.make = None
             ti.sync()  # Taichi looks at its new fields here, and would otherwise after they are gone
-        for tree in [self._tree, *self._aside]:
-            if tree is not None:
-                tree.destroy()
-        self._builder, self._tree, self._aside = None, None, []
+        if self._end is not None:
+            self._end.detach()
+        field_pool.give(self._made)
+        field_pool.trim()
+        self._made = field_pool.Allocation(None)
         runtime.let_go(self)
 
-    def _place(self, field, n: int, width: int, data: np.ndarray | None, filled: list[Filled]):
-        self._builder.dense(ti.i, self.room(n)).place(field)
-        field.rows = n
+    def _declare(self, n: int, width: int, dtype, data: np.ndarray | None, filled: list[Filled]):
+        def make():
+            field = ti.Vector.field(width, dtype) if width > 1 else ti.field(dtype)
+            if self._builder is None:
+                self._builder, self._first = ti.FieldsBuilder(), field
+            self._builder.dense(ti.i, self.room(n)).place(field)
+            return field
+
+        field = self._find(n, (str(dtype), width), make)
         if data is not None:
             data = np.asarray(data)
             if data.size != n * width:
                 raise ValueError(f"field of {n} x {width} cannot be filled from shape {data.shape}")
             filled.append(Filled(field, width, data.reshape(n, width)))
+        return field
+
+    def _find(self, n: int, kind: tuple[str, int], make: Callable):
+        """The field that was declared at this place before, or a new one."""
+        what = (self.room(n), *kind)
+        if not self._before or self._before[0][0] != what:
+            self._before = []  # from here on all are new
+        field = self._before.pop(0)[1] if self._before else make()
+        self._made.declared.append((what, field))
+        field.rows = n
         return field
 
     @ti.kernel

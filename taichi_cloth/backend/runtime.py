@@ -1,12 +1,14 @@
 """The only place that starts Taichi: arch, precision, threads; what runs is recorded, nothing falls back silently."""
 
 import contextlib
+import gc
 import io
 import os
 import subprocess
 import sys
 import tempfile
 import weakref
+from collections.abc import Hashable
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -63,16 +65,18 @@ _holders: weakref.WeakSet = weakref.WeakSet()  # of fields
 
 
 def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None, quiet: bool = True,
-          debug: bool = False) -> Runtime:
+          debug: bool = False, make: Hashable = None) -> Runtime:
     """Starts Taichi, or goes on with it where the same is running already and something still holds fields.
 
     A start with other settings ends the simulations made before it; they say so when used. Where nothing holds fields
-    any more Taichi starts anew: it numbers fields afresh, and so finds in its cache what it compiled for the same ones.
+    any more, and the pool has none of the make, Taichi starts anew: it numbers fields afresh, and so finds in its cache what it
+    compiled for the same ones.
 
     Args:
         threads: CPU threads; None takes all that the process may use.
         quiet: Taichi's own messages off.
         debug: bounds checks in kernels.
+        make: what fields are going to be made for, see `field_pool`.
 
     Raises:
         BackendError: an arch that is not there, or a precision that it lacks.
@@ -90,9 +94,14 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
         raise BackendError(f"arch {arch!r} does not run here; what does: {', '.join(there)}")
     import taichi as ti
 
+    from . import field_pool
+
     wanted = Runtime(arch, precision, threads or cores, debug, ".".join(map(str, ti.__version__)))
-    if wanted == _current and len(_holders):
-        return wanted
+    if wanted == _current:
+        if len(_holders) and not field_pool.has(make):
+            gc.collect()  # simulations that nobody knows any more hold fields until then
+        if len(_holders) or field_pool.has(make):
+            return wanted
     fp = ti.f32 if precision == "f32" else ti.f64
     words = io.StringIO() if quiet else sys.stdout
     try:
@@ -106,6 +115,7 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     except RuntimeError as error:
         raise BackendError(f"arch {arch!r} does not start: {error}") from None
     _holders.clear()
+    field_pool.forget()
     _current, _generation = wanted, _generation + 1
     return wanted
 

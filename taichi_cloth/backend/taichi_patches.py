@@ -26,6 +26,8 @@ try:  # it would go through all modules for the source of each of its own kernel
 finally:
     inspect.getmodule = _getmodule
 
+from . import shared_kernels  # noqa: E402
+
 
 @functools.lru_cache(1024)  # asked for every node of a kernel's tree
 def _of(module: str | None, package: str) -> bool:
@@ -133,6 +135,7 @@ def _apply() -> None:
             (kernel_impl, "textwrap", _lines), (ti, "data_oriented", _data_oriented), (impl, "get_traceback", _get_traceback)):
         if hasattr(owner, name):
             setattr(owner, name, faster(getattr(owner, name)))
+    shared_kernels.apply()
 
 
 if WANTED:

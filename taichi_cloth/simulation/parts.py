@@ -3,6 +3,7 @@
 from ..backend import taichi_patches  # noqa: F401  (before Taichi)
 
 # isort: split
+from collections.abc import Hashable
 from dataclasses import replace
 from typing import Any, Self
 
@@ -11,6 +12,7 @@ import taichi as ti
 
 from .. import checks
 from ..backend import runtime
+from ..backend.field_pool import outline
 from ..backend.fields import Fields
 from ..errors import BackendError, SceneError
 from ..forces import build_forces
@@ -49,10 +51,11 @@ class Parts:
         self.options = asked
         self.scene, self.time, self._h = scene, 0.0, h
         self.log: list[StepRecord] = []
-        self.runtime = runtime.start(*(getattr(asked, name) for name in MACHINE))
+        make = _make(scene, asked)
+        self.runtime = runtime.start(*(getattr(asked, name) for name in MACHINE), make=make)
         self._generation, self._open = runtime.generation(), True
         self.integrator_name = asked.integrator
-        self._fields = Fields(self.runtime.exchange, self.runtime.debug)
+        self._fields = Fields(self.runtime.exchange, self.runtime.debug, make)
         try:
             self._build(scene, h)
         except BaseException:
@@ -147,6 +150,14 @@ class Parts:
                     "a side to open them to, so they may stay so; give them some width")
             if count and note not in self.notes:
                 self.notes.append(note)
+
+
+def _make(scene: Scene, options: Options) -> Hashable:
+    """What decides which fields and kernels a simulation has, nearly: what it asks for otherwise is made anew. None on a GPU."""
+    if options.arch != "cpu" or options.debug:
+        return None
+    described = {name: part for name, part in vars(scene).items() if name not in ("script", "followers", "view")}
+    return outline({"options": options, **described})
 
 
 def _contacts(fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool, options: Options):

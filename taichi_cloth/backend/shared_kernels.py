@@ -1,0 +1,197 @@
+"""One compiled kernel for all objects from which it reads the same.
+
+Taichi compiles a kernel of a class again for each instance. What comes out is decided by what the kernel reads of its arguments
+while it is compiled: fields, numbers, functions. Each read is written down as a path from the argument (`self.blocks.count` is 2),
+and an object of which all of them read the same gets the kernel that was compiled then. Where a kernel reads something that cannot
+be written down so, such as a numpy array, it is compiled for each object as before.
+
+Only kernels of this package are shared; the same fields are found in a later simulation where they come from the pool
+(`field_pool.py`).
+"""
+
+import contextlib
+import weakref
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from taichi.lang import kernel_impl
+from taichi.lang.ast.ast_transformer import ASTTransformer
+from taichi.lang.field import Field
+
+PACKAGE = __name__.split(".")[0]
+PLAIN = (bool, int, float, str, bytes, type(None), np.number, np.bool_)
+HARMLESS = (len, range, zip, enumerate, min, max, isinstance, int, float, bool, abs)  # functions that read no attributes
+
+Step = str | tuple  # an attribute, or (key,) of a list or dictionary
+Path = tuple[int | Step, ...]  # from an argument's number on
+
+
+def _follow(args: Sequence, path: Path) -> Any:
+    """What a path leads to."""
+    value = args[path[0]]  # type: ignore[index]
+    for step in path[1:]:
+        value = getattr(value, step) if isinstance(step, str) else value[step[0]]  # type: ignore[index]
+    return value
+
+
+def _token(value: Any) -> tuple | None:
+    """What a compiled kernel knows of a value, to be compared; None where that cannot be said."""
+    if isinstance(value, PLAIN):
+        return type(value), value
+    if isinstance(value, Field):
+        return Field, weakref.ref(value)
+    if isinstance(value, (list, tuple)):
+        return type(value), len(value)
+    if isinstance(value, dict):
+        return dict, tuple(value)
+    if hasattr(value, "__func__") and getattr(value.__func__, "_is_taichi_function", False):
+        return "method", value.__func__
+    if isinstance(value, type) or getattr(value, "_is_taichi_function", False) or _of_taichi(type(value)):
+        return "same", id(value), value
+    if type(value).__module__.split(".")[0] == PACKAGE:
+        return "object", type(value)
+    return None
+
+
+def _of_taichi(thing: Any) -> bool:
+    return (getattr(thing, "__module__", None) or "").split(".")[0] == "taichi"
+
+
+class Reads:
+    """What a kernel reads of its arguments while it is compiled.
+
+    Attributes:
+        tokens: of each path that was read; same: paths that led to what another path had led to.
+        whole: whether all of it could be written down.
+    """
+
+    def __init__(self, args: Sequence, roots: Sequence[int]) -> None:
+        self.tokens: dict[Path, tuple] = {}
+        self.same: dict[Path, Path] = {}
+        self.whole = True
+        self._paths: dict[int, Path] = {}  # of objects, by their identity
+        self._objects: list = []  # which live as long
+        for k in roots:
+            self._note((k,), args[k])
+
+    def of(self, owner: Any, name: str, value: Any) -> None:
+        """An attribute of an object was read."""
+        path = self._paths.get(id(owner))
+        self.whole &= not (isinstance(owner, Field) and name == "rows")  # which a field from the pool has others of
+        if path is not None and path + (name,) not in self.tokens:
+            self._note(path + (name,), value)
+
+    def call(self, function: Any, args: Sequence) -> None:
+        """A function was called. What plain Python reads of an object is not seen; Taichi's functions see none."""
+        known = getattr(getattr(function, "__func__", function), "_is_taichi_function", False) or function in HARMLESS
+        if not known and not _of_taichi(function) and any(id(a) in self._paths for a in args):
+            self.whole = False
+
+    def match(self, args: Sequence) -> bool:
+        """Whether all of it reads the same of other arguments."""
+        try:
+            return (all(_token(_follow(args, path)) == token for path, token in self.tokens.items())
+                    and all(_follow(args, path) is _follow(args, other) for path, other in self.same.items()))
+        except (AttributeError, LookupError, TypeError):
+            return False
+
+    def end(self) -> None:
+        """The kernel is compiled: what was read need not live on."""
+        self._paths, self._objects = {}, []
+
+    def _note(self, path: Path, value: Any) -> None:
+        token = _token(value)
+        if token is None:
+            self.whole = False
+            return
+        self.tokens[path] = token
+        if not (isinstance(value, (list, tuple, dict)) or token[0] == "object"):
+            return
+        if id(value) in self._paths:
+            self.same[path] = self._paths[id(value)]
+            return
+        self._paths[id(value)] = path
+        self._objects.append(value)
+        if isinstance(value, (list, tuple)):
+            for k, item in enumerate(value):
+                self._note(path + ((k,),), item)
+        elif isinstance(value, dict):
+            for key, item in value.items():
+                self._note(path + ((key,),), item)
+
+
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """What a compiled kernel was compiled from: reads, and what Taichi tells its other arguments by."""
+
+    reads: Reads
+    features: tuple
+
+
+_compiling: list[Reads] = []
+
+
+@contextlib.contextmanager
+def _watched(reads: Reads) -> Iterator[None]:
+    _compiling.append(reads)
+    try:
+        yield
+    finally:
+        _compiling.pop()
+        reads.end()
+
+
+def _build_attribute(original):
+    def build(ctx, node):
+        out = original(ctx, node)
+        if _compiling and hasattr(node.value, "ptr"):
+            _compiling[-1].of(node.value.ptr, node.attr, node.ptr)
+        return out
+
+    return staticmethod(build)
+
+
+def _build_call(original):
+    def build(ctx, node):
+        out = original(ctx, node)
+        if _compiling:
+            args = [getattr(a, "ptr", None) for a in [*node.args, *(k.value for k in node.keywords)]]
+            _compiling[-1].call(getattr(node.func, "ptr", None), args)
+        return out
+
+    return staticmethod(build)
+
+
+def _materialize(original):
+    """`Kernel.materialize`, which looks for a kernel that was compiled for another object first."""
+
+    def materialize(self, key=None, args=None, arg_features=None):
+        if key is None or key in self.compiled_kernels or not _shareable(self):
+            return original(self, key, args, arg_features)
+        roots = self.template_slot_locations
+        features = tuple(f for k, f in enumerate(arg_features) if k not in roots)
+        for variant in [k for k in self.compiled_kernels if isinstance(k, Variant)]:
+            if variant.features == features and variant.reads.match(args):
+                self.compiled_kernels[key] = self.compiled_kernels[variant]
+                return None
+        reads = Reads(args, roots)
+        with _watched(reads):
+            original(self, key, args, arg_features)
+        if reads.whole:
+            self.compiled_kernels[Variant(reads, features)] = self.compiled_kernels[key]
+        return None
+
+    return materialize
+
+
+def _shareable(kernel) -> bool:
+    return kernel.func.__module__.split(".")[0] == PACKAGE and not kernel.func.__closure__
+
+
+def apply() -> None:
+    """From now on kernels of this package are shared."""
+    ASTTransformer.build_Attribute = _build_attribute(ASTTransformer.build_Attribute)
+    ASTTransformer.build_Call = _build_call(ASTTransformer.build_Call)
+    kernel_impl.Kernel.materialize = _materialize(kernel_impl.Kernel.materialize)
