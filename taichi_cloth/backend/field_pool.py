@@ -33,11 +33,13 @@ class Allocation:
         make: what the fields were made for; None where nobody may have them after.
         declared: (what, field) in order; `what` says a field's room, type and width.
         trees: (Taichi's tree, the field that comes first in it).
+        start: which start of Taichi they live in.
     """
 
     make: Hashable
     declared: list[tuple[Hashable, Any]] = field(default_factory=list)
     trees: list[tuple[Any, Any]] = field(default_factory=list)
+    start: int = field(default_factory=lambda: _starts)
 
     @property
     def bytes(self) -> int:
@@ -46,11 +48,12 @@ class Allocation:
 
 
 _kept: list[Allocation] = []  # the oldest first
+_starts = 0  # of Taichi
 
 
 def give(allocation: Allocation) -> None:
     """Nobody uses these fields any more. The garbage collector may call it in the middle of anything."""
-    if allocation.trees:
+    if allocation.trees and allocation.start == _starts:
         _kept.append(allocation)
 
 
@@ -83,7 +86,9 @@ def trim(most: int = MOST_BYTES) -> None:
 
 def forget() -> None:
     """Taichi was started anew: all fields are dead."""
+    global _starts
     _kept.clear()
+    _starts += 1
 
 
 def outline(value: Any) -> Hashable:

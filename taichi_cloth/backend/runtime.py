@@ -98,6 +98,7 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
 
     wanted = Runtime(arch, precision, threads or cores, debug, ".".join(map(str, ti.__version__)))
     if wanted == _current:
+        field_pool.trim()
         if len(_holders) and not field_pool.has(make):
             gc.collect()  # simulations that nobody knows any more hold fields until then
         if len(_holders) or field_pool.has(make):

@@ -171,6 +171,7 @@ def _materialize(original):
         if key is None or key in self.compiled_kernels or not _shareable(self):
             return original(self, key, args, arg_features)
         roots = self.template_slot_locations
+        self.runtime.materialize()
         features = tuple(f for k, f in enumerate(arg_features) if k not in roots)
         for variant in [k for k in self.compiled_kernels if isinstance(k, Variant)]:
             if variant.features == features and variant.reads.match(args):

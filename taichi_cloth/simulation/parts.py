@@ -51,7 +51,7 @@ class Parts:
         self.options = asked
         self.scene, self.time, self._h = scene, 0.0, h
         self.log: list[StepRecord] = []
-        make = _make(scene, asked)
+        self._make = make = _make(scene, asked)
         self.runtime = runtime.start(*(getattr(asked, name) for name in MACHINE), make=make)
         self._generation, self._open = runtime.generation(), True
         self.integrator_name = asked.integrator
@@ -118,7 +118,10 @@ class Parts:
         self.close()
 
     def close(self) -> None:
-        """Gives the memory of the fields back; the simulation is over. `with Simulation(...) as sim:` does so at its end."""
+        """Gives the fields back; the simulation is over. `with Simulation(...) as sim:` does so at its end.
+
+        Some of their memory is kept for a next simulation of the same make, which need not compile anything then.
+        """
         if self._open and self._generation == runtime.generation():
             for fields in (self._fields, *self._extra):
                 fields.free()
@@ -127,7 +130,7 @@ class Parts:
 
     def _later(self, kind, *args):
         """An object with fields of its own, for what most runs never ask for."""
-        fields = Fields(self.runtime.exchange, self.runtime.debug)
+        fields = Fields(self.runtime.exchange, self.runtime.debug, self._make and (kind, self._make))
         made = kind(fields, self.model, self.force_terms, *args)
         fields.allocate()
         self._extra.append(fields)

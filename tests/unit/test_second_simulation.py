@@ -1,0 +1,190 @@
+"""A second simulation of the same make in a process compiles nothing, and goes as it would alone."""
+
+import gc
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import taichi as ti
+from taichi.lang import kernel_impl
+
+import taichi_cloth as tc
+from taichi_cloth.backend import field_pool, runtime, shared_kernels
+
+CODE = """
+import sys, numpy as np
+import taichi_cloth as tc
+
+def build(n, part, bend=True):
+    mesh, scene = tc.grid(0.5, n), tc.Scene()
+    fabric = tc.Fabric(0.2 * part, tc.Stretch(1000 * part, part), tc.Shear(100 * part), tc.Bend(5e-5 * part) if bend else None)
+    cloth = scene.add_cloth(mesh, fabric, positions=mesh.x + [0, 0.01 * part, 0],
+                            contact=tc.ClothContact(0.004 * part, 0.3 * part))
+    scene.pin(cloth, "top_left")
+    scene.add_solid(tc.Box((0.2 * part, 0.1, 0.2)), position=(0.25, -0.06, -0.25), friction=0.3, thickness=0.005 * part)
+    return scene
+
+def run(n, part, bend=True):
+    sim = tc.Simulation(build(n, part, bend), h=part / 60, threads=1)
+    for _ in range(6):
+        sim.step()
+    assert max(r.contacts for r in sim.log) > 0
+    return sim
+"""
+
+
+class Compiled:
+    """Names of the kernels of which Taichi reads the source."""
+
+    def __init__(self, monkeypatch) -> None:
+        self.names: list[str] = []
+        read = kernel_impl._get_tree_and_ctx
+
+        def noted(function, *args, **kwargs):
+            if isinstance(function, kernel_impl.Kernel):
+                self.names.append(function.func.__name__)
+            return read(function, *args, **kwargs)
+
+        monkeypatch.setattr(kernel_impl, "_get_tree_and_ctx", noted)
+
+    def new(self) -> set[str]:
+        """Names since the last call; without the one that finds the address of a tree of fields, once."""
+        names, self.names = set(self.names), []
+        return names - {"_address"}
+
+
+@pytest.mark.slow
+def test_another_mesh_and_other_numbers_compile_nothing_and_go_as_alone(monkeypatch, tmp_path):
+    script = tmp_path / "alone.py"
+    script.write_text(CODE + "np.save(sys.argv[1], run(11, 1.1).positions())")
+    subprocess.run([sys.executable, str(script), str(tmp_path / "alone.npy")], check=True)
+    here: dict = {}
+    exec(CODE, here)
+    compiled = Compiled(monkeypatch)
+    sim = here["run"](9, 1.0)
+    assert len(compiled.new()) > 30
+    sim.close()
+    sim = here["run"](11, 1.1)
+    assert not compiled.new()
+    assert np.array_equal(sim.positions(), np.load(tmp_path / "alone.npy"))
+    sim = None  # not closed, and what it holds goes in a circle
+    gc.collect()
+    sim = here["run"](8, 0.9)
+    assert not compiled.new()
+    sim.close()
+    with here["run"](8, 0.9, bend=False):  # of another make
+        assert len(compiled.new()) > 20
+
+
+def test_fields_of_a_make_come_again_and_are_zero():
+    runtime.start("cpu", "f64", 1)
+    from taichi_cloth.backend.fields import Fields
+
+    def make(n, width=3, make="test of the pool"):
+        fields = Fields(np.float64, make=make)
+        made = fields.real(n, 2, np.arange(2 * n)), fields.integer(n), fields.aside(n, 4), fields.real(n, width)
+        fields.allocate()
+        return fields, made
+
+    fields, first = make(7)
+    for field in first:
+        field.fill(3)
+    fields.free()
+    fields, second = make(9)
+    assert all(a is b for a, b in zip(first, second))
+    assert np.array_equal(second[0].to_numpy()[:9].ravel(), np.arange(18)) and second[0].rows == 9
+    assert not any(field.to_numpy().any() for field in second[1:]) and not second[0].to_numpy()[9:].any()
+    other, third = make(9)  # while the others live
+    assert not any(a is b for a, b in zip(second, third))
+    other.free()
+    fields.free()
+    fields, fourth = make(9, width=2)  # the first three as before, the last not
+    assert [a is b for a, b in zip(second, fourth)] == [True, True, True, False] and fourth[3].n == 2
+    assert not fourth[3].to_numpy().any()
+    fields.free()
+    fields, fifth = make(9, make=None)
+    assert not any(a is b for a, b in zip(fifth, (*third, *fourth)))
+    fields.free()
+    field_pool.trim(0)
+    assert not field_pool.has("test of the pool")
+
+
+def test_fields_from_before_a_new_start_are_not_used_again():
+    from taichi_cloth.backend.fields import Fields
+
+    runtime.start("cpu", "f64", 1)
+    fields = Fields(np.float64, make="dies")
+    fields.real(5)
+    fields.allocate()
+    runtime.start("cpu", "f32", 1)
+    del fields
+    gc.collect()
+    assert not field_pool.has("dies")
+
+
+@ti.data_oriented
+class Inner:
+    def __init__(self, value) -> None:
+        self.value = value
+
+    def plain(self):
+        return self.value
+
+
+@ti.data_oriented
+class Outer:
+    def __init__(self, value=2, terms=(1, 2), unread=0, field=None) -> None:
+        self.inner, self.terms, self.unread, self.out = Inner(value), terms, unread, field
+        self.again, self.array = self.inner, np.array([value])
+
+    @ti.kernel
+    def sum(self) -> float:
+        total = 0.0
+        for k in ti.static(range(len(self.terms))):
+            total += self.terms[k] * self.inner.value
+        self.out[0] = total
+        return total + self.again.value
+
+    @ti.kernel
+    def opaque(self) -> float:
+        return ti.static(self.array[0])
+
+    @ti.kernel
+    def method(self) -> float:
+        return ti.static(self.inner.plain())
+
+
+def test_kernels_are_shared_where_they_read_the_same_and_only_there(monkeypatch):
+    runtime.start("cpu", "f64", 1)
+    monkeypatch.setattr(shared_kernels, "PACKAGE", __name__.split(".")[0])
+    compiled = Compiled(monkeypatch)
+    a, b = ti.field(float, 3), ti.field(float, 3)
+
+    def added(thing, kernel="sum") -> tuple[int, float]:
+        value = getattr(thing, kernel)()
+        return len(compiled.new()), value
+
+    assert added(Outer(field=a)) == (1, 8)
+    assert added(Outer(field=a, unread=5)) == (0, 8)
+    assert added(Outer(field=b)) == (1, 8) and b[0] == 6
+    assert added(Outer(3, field=a)) == (1, 12)
+    assert added(Outer(field=a, terms=(1, 3))) == (1, 10)
+    assert added(Outer(field=a, terms=(1, 2, 0))) == (1, 8)
+    assert added(Outer(2.0, field=a)) == (1, 8)  # another type
+    thing = Outer(field=a)
+    thing.again = Inner(2)  # two that were one: a kernel may have read either by the other's name
+    assert added(thing) == (1, 8)
+    assert added(Outer(field=a)) == (0, 8)
+    for kernel in ("opaque", "method"):  # what is read cannot be seen
+        assert added(Outer(2), kernel) == (1, 2) and added(Outer(4), kernel) == (1, 4)
+        assert added(Outer(2), kernel) == (1, 2)
+
+
+def test_makes_are_told_apart_by_what_decides_on_fields():
+    outline = field_pool.outline
+    fabric = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(1e-5))
+    assert outline(fabric) == outline(tc.Fabric(0.3, tc.Stretch(900), tc.Shear(10), tc.Bend(1e-4)))
+    assert outline(fabric) != outline(tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100)))
+    assert outline(fabric) != outline(tc.Fabric(0.2, tc.Stretch(1000, 1.0), tc.Shear(100), tc.Bend(1e-5)))
+    assert outline(np.zeros((5, 3))) == outline(np.zeros((9, 3))) != outline(np.zeros((5000, 3)))
