@@ -1,111 +1,155 @@
-"""Fields that a closed simulation leaves for the next one of the same make, so that its kernels need not be compiled again.
+"""Fields that closed simulations leave for the next, so that kernels need not be compiled again.
 
-Taichi compiles a kernel for the fields it reads, by identity. A simulation that ends gives its trees of fields to the pool instead of
-to the system; the next `Fields` of the same make takes them, set to zero, as long as it declares the same fields in the same order.
-What it declares otherwise it allocates anew. The pool is bounded in bytes; the oldest trees are given back first.
+Taichi compiles a kernel for the fields it reads, by identity. Simulations declare their fields one after the other, and most begin
+alike. So the pool keeps runs of fields, `Segment`s, as a tree: a new simulation walks it from a root, takes field after field as long
+as they are what it declares, and where they are not goes on in a segment of its own that begins there. What it ends with stays for
+others. A segment is used by one simulation at a time; one that starts meanwhile makes a root of its own.
+
+Fields are handed out zero, as new ones are. The pool is bounded: beyond that, segments that nobody uses and none follows are given
+back to the system, those used longest ago first.
 """
 
 from . import taichi_patches  # noqa: F401  (before Taichi)
 
 # isort: split
 import ctypes
-import dataclasses
-import math
-import numbers
-from collections.abc import Hashable
+import itertools
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
 import taichi as ti
 from taichi.lang.snode import get_addr
 
-from .rows import capacity
-
-MOST_BYTES = 256 << 20  # that are kept; a sheet of 10,000 vertices with contact has some 250 MB
+MOST_BYTES = 256 << 20  # that are kept where nobody uses them; a sheet of 10,000 vertices with contact has some 250 MB
+MOST_TREES = 200  # of Taichi's fields; it has room for 512
 
 
 @dataclass(eq=False)
-class Allocation:
-    """Trees of fields, and what was declared in them.
+class Segment:
+    """Fields that were declared one after the other.
 
     Attributes:
-        make: what the fields were made for; None where nobody may have them after.
-        declared: (what, field) in order; `what` says a field's room, type and width.
+        declared: (what, field): a field, and what it is: room, type and width.
+        follow: segments that go on where `at` of the fields before were taken.
         trees: (Taichi's tree, the field that comes first in it).
-        start: which start of Taichi they live in.
+        used: by a simulation; last: when somebody took it, as a number that grows.
     """
 
-    make: Hashable
+    before: "Segment | None" = None
+    at: int = 0
     declared: list[tuple[Hashable, Any]] = field(default_factory=list)
+    follow: list["Segment"] = field(default_factory=list)
     trees: list[tuple[Any, Any]] = field(default_factory=list)
-    start: int = field(default_factory=lambda: _starts)
+    used: bool = True
+    last: int = 0
 
     @property
     def bytes(self) -> int:
-        """Of all trees."""
+        """Of its trees."""
         return sum(_size(first) for _, first in self.trees)
 
-
-_kept: list[Allocation] = []  # the oldest first
-_starts = 0  # of Taichi
-
-
-def give(allocation: Allocation) -> None:
-    """Nobody uses these fields any more. The garbage collector may call it in the middle of anything."""
-    if allocation.trees and allocation.start == _starts:
-        _kept.append(allocation)
+    def destroy(self) -> None:
+        """Gives the memory back to the system; its fields are dead after it."""
+        for tree, _ in self.trees:
+            tree.destroy()
+        self.trees, self.declared = [], []
+        if self.before is not None:
+            self.before.follow.remove(self)
 
 
-def has(make: Hashable) -> bool:
-    """Whether there are fields of a make."""
-    return any(kept.make == make for kept in _kept if make is not None)
+class Walk:
+    """One simulation's way through the segments.
+
+    Args:
+        pooled: whether it may take what others had, and leaves what it had.
+    """
+
+    def __init__(self, pooled: bool) -> None:
+        self.pooled, self.path, self._at, self._roots = pooled, [], 0, _roots if pooled else []
+
+    @property
+    def segment(self) -> Segment:
+        """Where it is."""
+        return self.path[-1]
+
+    def next(self, what: Hashable, make: Callable[[], Any]) -> Any:
+        """The next field: one that there is, or a new one that `make` declares."""
+        if self.path and self._at < len(self.segment.declared) and self.segment.declared[self._at][0] == what:
+            self._at += 1
+            return self.segment.declared[self._at - 1][1]
+        ways = [s for s in (self.segment.follow if self.path else self._roots) if s.at == (self._at if self.path else 0)]
+        known = next((s for s in ways if not s.used and s.declared and s.declared[0][0] == what), None)
+        if known is not None:
+            self._enter(known)
+            return self.next(what, make)
+        if not (self.path and self.segment.last == 0 and self._at == len(self.segment.declared)):
+            self._begin()
+        made = make()
+        self.segment.declared.append((what, made))
+        self._at += 1
+        return made
+
+    def new(self) -> Segment | None:
+        """The segment that it began, if it did."""
+        return self.path[-1] if self.path and self.path[-1].last == 0 else None
+
+    def end(self) -> None:
+        """All fields are declared."""
+        for segment in self.path:
+            segment.last = next(_clock)
+
+    def leave(self) -> None:
+        """Others may have the fields. The garbage collector may call it in the middle of anything."""
+        for segment in self.path:
+            segment.used = False
+
+    def _enter(self, segment: Segment) -> None:
+        self.path.append(segment)
+        self._at, segment.used = 0, True
+        for _, first in segment.trees:
+            ctypes.memset(int(_address(_scalar(first))), 0, _size(first))
+
+    def _begin(self) -> None:
+        before = self.path[-1] if self.path else None
+        segment = Segment(before, self._at)
+        (self._roots if before is None else before.follow).append(segment)
+        self.path.append(segment)
+        self._at = 0
 
 
-def take(make: Hashable) -> Allocation | None:
-    """The newest fields of a make, all zero, or None."""
-    found = next((kept for kept in reversed(_kept) if make is not None and kept.make == make), None)
-    if found is None:
-        return None
-    _kept.remove(found)
-    for _, first in found.trees:
-        ctypes.memset(int(_address(_scalar(first))), 0, _size(first))
-    return found
+_roots: list[Segment] = []
+_clock = itertools.count(1)
 
 
-def trim(most: int = MOST_BYTES) -> None:
-    """Gives memory back to the system: of fields without a make, and the oldest beyond `most` bytes. They are dead after it."""
-    total = 0
-    for kept in reversed(_kept.copy()):
-        total += kept.bytes if kept.make is not None else 0
-        if kept.make is None or total > most:
-            _kept.remove(kept)
-            for tree, _ in kept.trees:
-                tree.destroy()
+def holds() -> bool:
+    """Whether there are any fields."""
+    return bool(_roots)
+
+
+def _segments(roots: list[Segment]) -> Iterator[Segment]:
+    for segment in roots:
+        yield segment
+        yield from _segments(segment.follow)
+
+
+def trim(most: int = MOST_BYTES, trees: int = MOST_TREES) -> None:
+    """Gives memory back to the system, until what nobody uses is at most so many bytes, and all trees so many."""
+    while True:
+        segments = list(_segments(_roots))
+        free = [s for s in segments if not s.used]
+        ends = [s for s in free if not s.follow]
+        if not ends or (sum(s.bytes for s in free) <= most and sum(len(s.trees) for s in segments) <= trees):
+            return
+        oldest = min(ends, key=lambda s: s.last)
+        oldest.destroy()
+        if oldest.before is None:
+            _roots.remove(oldest)
 
 
 def forget() -> None:
     """Taichi was started anew: all fields are dead."""
-    global _starts
-    _kept.clear()
-    _starts += 1
-
-
-def outline(value: Any) -> Hashable:
-    """What of a description decides which fields are made for it: types, names, what is zero, and arrays by about their size."""
-    if value is None or isinstance(value, (bool, str)):
-        return value
-    if isinstance(value, numbers.Real):
-        return "number", value == 0, math.isfinite(value)
-    if isinstance(value, np.ndarray):
-        return "array", capacity(len(value)) if value.ndim else 0, value.shape[1:]
-    if isinstance(value, (list, tuple)):
-        return tuple(outline(item) for item in value)
-    if isinstance(value, dict):
-        return tuple((key, outline(item)) for key, item in value.items())
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return type(value), tuple(outline(getattr(value, f.name)) for f in dataclasses.fields(value))
-    return type(value)
+    _roots.clear()
 
 
 def _scalar(of):

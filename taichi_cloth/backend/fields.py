@@ -4,7 +4,7 @@ from . import taichi_patches  # noqa: F401  (before Taichi)
 
 # isort: split
 import weakref
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,24 +27,22 @@ class Filled:
 
 @ti.data_oriented
 class Fields:
-    """Trees of fields. Declare, then `allocate`; `free` gives them to the pool, or the memory back.
+    """Fields. Declare, then `allocate`; `free` gives them back.
 
     Numbers that differ from mesh to mesh belong into fields, where kernels read them: what is an attribute is compiled in.
 
     Args:
         exchange: numpy type of arrays handed to kernels.
         exact: whether fields have no more rows than are asked for, so that checks of bounds see what is beyond.
-        make: what the fields are for: they may be those that another of the same make had; None for new ones.
+        pooled: whether they may be fields that others had before, and are left to others (`field_pool`).
     """
 
-    def __init__(self, exchange: type, exact: bool = False, make: Hashable = None) -> None:
+    def __init__(self, exchange: type, exact: bool = False, pooled: bool = False) -> None:
         self.exchange, self.exact = exchange, exact
         runtime.hold(self)
-        before = field_pool.take(make)
-        self._before = before.declared if before is not None else []  # fields to be taken, as long as the same are declared
-        self._made = field_pool.Allocation(make, trees=before.trees if before is not None else [])
+        self._walk = field_pool.Walk(pooled and not exact)
         self._builder = self._first = None  # of what is new; and the first field in it
-        self._end = None  # what the garbage collector does
+        self._end: weakref.finalize | None = None  # what the garbage collector does
         self._reals: list[Filled] = []
         self._integers: list[Filled] = []
 
@@ -62,10 +60,10 @@ class Fields:
         def make():
             field, builder = ti.Vector.field(width, float), ti.FieldsBuilder()
             builder.dense(ti.i, self.room(n)).place(field)
-            self._made.trees.append((builder.finalize(), field))
+            self._walk.segment.trees.append((builder.finalize(), field))
             return field
 
-        return self._find(n, ("aside", width), make)
+        return self._next(n, ("aside", width), make)
 
     def room(self, n: int) -> int:
         """Rows that a field of n rows gets."""
@@ -73,11 +71,10 @@ class Fields:
 
     def allocate(self) -> None:
         """Allocates and fills every field that was declared."""
-        if self._builder is not None:
-            self._made.trees.append((self._builder.finalize(), self._first))
-            self._builder = None
-        if self._made.make is not None:
-            self._end = weakref.finalize(self, field_pool.give, self._made)
+        self._finalize()
+        self._walk.end()
+        if self._walk.pooled:
+            self._end = weakref.finalize(self, self._walk.leave)
             self._end.atexit = False
         for k, filled in enumerate(self._reals):
             for first, numbers in _parts(filled, self.exchange):
@@ -88,18 +85,24 @@ class Fields:
         self._reals, self._integers = [], []
 
     def free(self) -> None:
-        """Gives the fields to the pool, or where they have no make the memory back, also of what was declared and never
-        allocated; the fields are dead after it."""
+        """Gives the fields to the pool or their memory to the system, also of what was declared and never allocated; they are
+        dead after it."""
         if self._builder is not None:  # else Taichi compiles no further kernel
-            self._made.trees.append((self._builder.finalize(raise_warning=False), self._first))
-            self._builder = self._made.make = None
+            self._finalize()
             ti.sync()  # Taichi looks at its new fields here, and would otherwise after they are gone
+        self._walk.leave()
         if self._end is not None:
             self._end.detach()
-        field_pool.give(self._made)
+        new = self._walk.new() if self._walk.pooled else None
+        for segment in [new] if new is not None else [] if self._walk.pooled else self._walk.path:
+            segment.destroy()
         field_pool.trim()
-        self._made = field_pool.Allocation(None)
         runtime.let_go(self)
+
+    def _finalize(self) -> None:
+        if self._builder is not None:
+            self._walk.segment.trees.append((self._builder.finalize(raise_warning=False), self._first))
+            self._builder = None
 
     def _declare(self, n: int, width: int, dtype, data: np.ndarray | None, filled: list[Filled]):
         def make():
@@ -109,7 +112,7 @@ class Fields:
             self._builder.dense(ti.i, self.room(n)).place(field)
             return field
 
-        field = self._find(n, (str(dtype), width), make)
+        field = self._next(n, (str(dtype), width), make)
         if data is not None:
             data = np.asarray(data)
             if data.size != n * width:
@@ -117,13 +120,8 @@ class Fields:
             filled.append(Filled(field, width, data.reshape(n, width)))
         return field
 
-    def _find(self, n: int, kind: tuple[str, int], make: Callable):
-        """The field that was declared at this place before, or a new one."""
-        what = (self.room(n), *kind)
-        if not self._before or self._before[0][0] != what:
-            self._before = []  # from here on all are new
-        field = self._before.pop(0)[1] if self._before else make()
-        self._made.declared.append((what, field))
+    def _next(self, n: int, kind: tuple[str, int], make: Callable):
+        field = self._walk.next((self.room(n), *kind), make)
         field.rows = n
         return field
 

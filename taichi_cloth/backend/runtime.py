@@ -8,7 +8,6 @@ import subprocess
 import sys
 import tempfile
 import weakref
-from collections.abc import Hashable
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -65,18 +64,17 @@ _holders: weakref.WeakSet = weakref.WeakSet()  # of fields
 
 
 def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None, quiet: bool = True,
-          debug: bool = False, make: Hashable = None) -> Runtime:
+          debug: bool = False) -> Runtime:
     """Starts Taichi, or goes on with it where the same is running already and something still holds fields.
 
     A start with other settings ends the simulations made before it; they say so when used. Where nothing holds fields
-    any more, and the pool has none of the make, Taichi starts anew: it numbers fields afresh, and so finds in its cache what it
-    compiled for the same ones.
+    any more, nor the pool has any, Taichi starts anew: it numbers fields afresh, and so finds in its cache what it compiled for
+    the same ones.
 
     Args:
         threads: CPU threads; None takes all that the process may use.
         quiet: Taichi's own messages off.
         debug: bounds checks in kernels.
-        make: what fields are going to be made for, see `field_pool`.
 
     Raises:
         BackendError: an arch that is not there, or a precision that it lacks.
@@ -97,12 +95,11 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     from . import field_pool
 
     wanted = Runtime(arch, precision, threads or cores, debug, ".".join(map(str, ti.__version__)))
-    if wanted == _current:
-        field_pool.trim()
-        if len(_holders) and not field_pool.has(make):
+    if wanted == _current and (len(_holders) or field_pool.holds()):
+        if len(_holders):
             gc.collect()  # simulations that nobody knows any more hold fields until then
-        if len(_holders) or field_pool.has(make):
-            return wanted
+        field_pool.trim()
+        return wanted
     fp = ti.f32 if precision == "f32" else ti.f64
     words = io.StringIO() if quiet else sys.stdout
     try:

@@ -3,7 +3,6 @@
 from ..backend import taichi_patches  # noqa: F401  (before Taichi)
 
 # isort: split
-from collections.abc import Hashable
 from dataclasses import replace
 from typing import Any, Self
 
@@ -12,7 +11,6 @@ import taichi as ti
 
 from .. import checks
 from ..backend import runtime
-from ..backend.field_pool import outline
 from ..backend.fields import Fields
 from ..errors import BackendError, SceneError
 from ..forces import build_forces
@@ -51,11 +49,10 @@ class Parts:
         self.options = asked
         self.scene, self.time, self._h = scene, 0.0, h
         self.log: list[StepRecord] = []
-        self._make = make = _make(scene, asked)
-        self.runtime = runtime.start(*(getattr(asked, name) for name in MACHINE), make=make)
+        self.runtime = runtime.start(*(getattr(asked, name) for name in MACHINE))
         self._generation, self._open = runtime.generation(), True
         self.integrator_name = asked.integrator
-        self._fields = Fields(self.runtime.exchange, self.runtime.debug, make)
+        self._fields = Fields(self.runtime.exchange, self.runtime.debug, self.runtime.arch == "cpu")
         try:
             self._build(scene, h)
         except BaseException:
@@ -120,7 +117,7 @@ class Parts:
     def close(self) -> None:
         """Gives the fields back; the simulation is over. `with Simulation(...) as sim:` does so at its end.
 
-        Some of their memory is kept for a next simulation of the same make, which need not compile anything then.
+        Some of their memory is kept for the next simulation, which need not compile what reads the same fields.
         """
         if self._open and self._generation == runtime.generation():
             for fields in (self._fields, *self._extra):
@@ -130,7 +127,7 @@ class Parts:
 
     def _later(self, kind, *args):
         """An object with fields of its own, for what most runs never ask for."""
-        fields = Fields(self.runtime.exchange, self.runtime.debug, self._make and (kind, self._make))
+        fields = Fields(self.runtime.exchange, self.runtime.debug, self.runtime.arch == "cpu")
         made = kind(fields, self.model, self.force_terms, *args)
         fields.allocate()
         self._extra.append(fields)
@@ -153,14 +150,6 @@ class Parts:
                     "a side to open them to, so they may stay so; give them some width")
             if count and note not in self.notes:
                 self.notes.append(note)
-
-
-def _make(scene: Scene, options: Options) -> Hashable:
-    """What decides which fields and kernels a simulation has, nearly: what it asks for otherwise is made anew. None on a GPU."""
-    if options.arch != "cpu" or options.debug:
-        return None
-    described = {name: part for name, part in vars(scene).items() if name not in ("script", "followers", "view")}
-    return outline({"options": options, **described})
 
 
 def _contacts(fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool, options: Options):

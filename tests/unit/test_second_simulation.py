@@ -9,7 +9,6 @@ import pytest
 import taichi as ti
 from taichi.lang import kernel_impl
 
-import taichi_cloth as tc
 from taichi_cloth.backend import field_pool, runtime, shared_kernels
 
 CODE = """
@@ -73,54 +72,111 @@ def test_another_mesh_and_other_numbers_compile_nothing_and_go_as_alone(monkeypa
     sim = here["run"](8, 0.9)
     assert not compiled.new()
     sim.close()
-    with here["run"](8, 0.9, bend=False):  # of another make
+    with here["run"](8, 0.9, bend=False):  # of another make: what it has not in common is compiled
+        assert 10 < len(compiled.new())
+    with here["run"](9, 1.0), here["run"](9, 1.0, bend=False):  # two at once: the second's fields are new
         assert len(compiled.new()) > 20
+    with here["run"](9, 1.0, bend=False), here["run"](9, 1.0):
+        pass
+    assert compiled.new()
+    with here["run"](9, 1.0, bend=False), here["run"](9, 1.0):
+        assert not compiled.new()
 
 
-def test_fields_of_a_make_come_again_and_are_zero():
-    runtime.start("cpu", "f64", 1)
+@pytest.fixture
+def fields():
+    """Makes a few fields, the first with numbers; width of the last."""
     from taichi_cloth.backend.fields import Fields
 
-    def make(n, width=3, make="test of the pool"):
-        fields = Fields(np.float64, make=make)
+    runtime.start("cpu", "f32", 1)
+    runtime.start("cpu", "f64", 1)
+    assert not field_pool.holds()
+
+    def make(n, width=3, pooled=True):
+        fields = Fields(np.float64, pooled=pooled)
         made = fields.real(n, 2, np.arange(2 * n)), fields.integer(n), fields.aside(n, 4), fields.real(n, width)
         fields.allocate()
         return fields, made
 
-    fields, first = make(7)
+    yield make
+    field_pool.trim(0)
+    assert not field_pool.holds()
+
+
+def same(first, second) -> list[bool]:
+    return [a is b for a, b in zip(first, second)]
+
+
+def test_fields_come_again_and_are_zero(fields):
+    held, first = fields(7)
     for field in first:
         field.fill(3)
-    fields.free()
-    fields, second = make(9)
-    assert all(a is b for a, b in zip(first, second))
+    held.free()
+    held, second = fields(9)
+    assert same(first, second) == [True] * 4
     assert np.array_equal(second[0].to_numpy()[:9].ravel(), np.arange(18)) and second[0].rows == 9
     assert not any(field.to_numpy().any() for field in second[1:]) and not second[0].to_numpy()[9:].any()
-    other, third = make(9)  # while the others live
-    assert not any(a is b for a, b in zip(second, third))
+    other, third = fields(9)  # while the others live
+    assert same(second, third) == [False] * 4
     other.free()
-    fields.free()
-    fields, fourth = make(9, width=2)  # the first three as before, the last not
-    assert [a is b for a, b in zip(second, fourth)] == [True, True, True, False] and fourth[3].n == 2
-    assert not fourth[3].to_numpy().any()
-    fields.free()
-    fields, fifth = make(9, make=None)
-    assert not any(a is b for a, b in zip(fifth, (*third, *fourth)))
-    fields.free()
+    held.free()
+    held, fourth = fields(9, width=2)  # the last is new
+    assert same(second, fourth) == [True, True, True, False] and fourth[3].n == 2
+    fourth[3].fill(5)
+    held.free()
+    held, fifth = fields(4, width=2)
+    assert same(fourth, fifth) == [True] * 4 and not fifth[3].to_numpy().any()
+    held.free()
+    held, sixth = fields(9)  # what was left out by the fourth is still there
+    assert same(second, sixth) == [True] * 4
+    held.free()
+    held, seventh = fields(9, pooled=False)
+    assert not any(any(same(seventh, others)) for others in (third, fourth, sixth))
+    held.free()
+
+
+def test_the_pool_is_bounded(fields):
+    sets = [fields(300_000) for _ in range(3)]
+    sizes = [s.bytes for s in field_pool._segments(field_pool._roots)]
+    assert len(sizes) == 3 and min(sizes) > 300_000 * (2 + 4 + 3) * 8
+    for held, _ in sets:
+        held.free()
+    field_pool.trim(2 * sizes[0])
+    assert len(field_pool._roots) == 2
+    held, made = fields(300_000)
+    assert any(same(made, sets[1][1])) and not any(same(made, sets[0][1]))  # the oldest is gone
     field_pool.trim(0)
-    assert not field_pool.has("test of the pool")
+    assert field_pool.holds() and np.array_equal(made[0].to_numpy()[:2], [[0, 1], [2, 3]])  # what is used stays
+    held.free()
+    for _ in range(5):
+        held, _ = fields(5, width=4)
+        held.free()
+    field_pool.trim(trees=1)
+    assert not field_pool.holds()
 
 
-def test_fields_from_before_a_new_start_are_not_used_again():
+def test_what_was_declared_and_not_allocated_leaves_nothing(fields):
     from taichi_cloth.backend.fields import Fields
 
-    runtime.start("cpu", "f64", 1)
-    fields = Fields(np.float64, make="dies")
-    fields.real(5)
-    fields.allocate()
+    held, first = fields(5)
+    held.free()
+    for extra in (False, True):
+        broken = Fields(np.float64, pooled=True)
+        broken.real(5, 2)
+        if extra:
+            broken.real(5, 3)
+        broken.free()
+    held, second = fields(5)
+    assert same(first, second) == [True] * 4
+    held.free()
+
+
+def test_fields_from_before_a_new_start_are_not_used_again(fields):
+    held, _ = fields(5)
     runtime.start("cpu", "f32", 1)
-    del fields
+    del held
     gc.collect()
-    assert not field_pool.has("dies")
+    assert not field_pool.holds()
 
 
 @ti.data_oriented
@@ -179,12 +235,3 @@ def test_kernels_are_shared_where_they_read_the_same_and_only_there(monkeypatch)
     for kernel in ("opaque", "method"):  # what is read cannot be seen
         assert added(Outer(2), kernel) == (1, 2) and added(Outer(4), kernel) == (1, 4)
         assert added(Outer(2), kernel) == (1, 2)
-
-
-def test_makes_are_told_apart_by_what_decides_on_fields():
-    outline = field_pool.outline
-    fabric = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(1e-5))
-    assert outline(fabric) == outline(tc.Fabric(0.3, tc.Stretch(900), tc.Shear(10), tc.Bend(1e-4)))
-    assert outline(fabric) != outline(tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100)))
-    assert outline(fabric) != outline(tc.Fabric(0.2, tc.Stretch(1000, 1.0), tc.Shear(100), tc.Bend(1e-5)))
-    assert outline(np.zeros((5, 3))) == outline(np.zeros((9, 3))) != outline(np.zeros((5000, 3)))
