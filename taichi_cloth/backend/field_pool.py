@@ -1,12 +1,12 @@
 """Fields that closed simulations leave for the next, so that kernels need not be compiled again.
 
-Taichi compiles a kernel for the fields it reads, by identity. Simulations declare their fields one after the other, and most begin
-alike. So the pool keeps runs of fields, `Segment`s, as a tree: a new simulation walks it from a root, takes field after field as long
-as they are what it declares, and where they are not goes on in a segment of its own that begins there. What it ends with stays for
+Taichi compiles a kernel for the fields it reads, by identity. Simulations declare their fields one after the other, and most
+begin alike. So the pool keeps runs of fields, `Segment`s, as a tree. A new simulation walks it from a root and takes field after
+field as long as they are what it declares; where they are not, it goes on in a segment of its own. What it ends with stays for
 others. A segment is used by one simulation at a time; one that starts meanwhile makes a root of its own.
 
-Fields are handed out zero, as new ones are. The pool is bounded: beyond that, segments that nobody uses and none follows are given
-back to the system, those used longest ago first.
+Fields are handed out zero, as new ones are. The pool is bounded: beyond that, segments that nobody uses and none follows are
+given back to the system, those used longest ago first.
 """
 
 from . import taichi_patches  # noqa: F401  (before Taichi)
@@ -66,7 +66,8 @@ class Walk:
     """
 
     def __init__(self, pooled: bool) -> None:
-        self.pooled, self.path, self._at, self._roots = pooled, [], 0, _roots if pooled else []
+        self.pooled, self._at, self._roots = pooled, 0, _roots if pooled else []
+        self.path: list[Segment] = []
 
     @property
     def segment(self) -> Segment:

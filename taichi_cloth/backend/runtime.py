@@ -68,8 +68,8 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     """Starts Taichi, or goes on with it where the same is running already and something still holds fields.
 
     A start with other settings ends the simulations made before it; they say so when used. Where nothing holds fields
-    any more, nor the pool has any, Taichi starts anew: it numbers fields afresh, and so finds in its cache what it compiled for
-    the same ones.
+    any more, nor the pool has any, Taichi starts anew: it numbers fields afresh, and so finds in its cache what it compiled
+    for the same ones.
 
     Args:
         threads: CPU threads; None takes all that the process may use.

@@ -1,12 +1,11 @@
 """One compiled kernel for all objects from which it reads the same.
 
-Taichi compiles a kernel of a class again for each instance. What comes out is decided by what the kernel reads of its arguments
-while it is compiled: fields, numbers, functions. Each read is written down as a path from the argument (`self.blocks.count` is 2),
-and an object of which all of them read the same gets the kernel that was compiled then. Where a kernel reads something that cannot
-be written down so, such as a numpy array, it is compiled for each object as before.
+Taichi compiles a kernel of a class again for each instance. What comes out is decided by what the kernel reads of its
+arguments while it is compiled: fields, numbers, functions. Each read is written down as a path from the argument
+(`self.blocks.count` is 2). An object of which all of them read the same gets the kernel that was compiled then. Where a kernel
+reads something that cannot be written down so, such as a numpy array, it is compiled for each object as before.
 
-Only kernels of this package are shared; the same fields are found in a later simulation where they come from the pool
-(`field_pool.py`).
+Only kernels of this package are shared. A later simulation has the same fields where they come from the pool (`field_pool.py`).
 """
 
 import contextlib
