@@ -1,7 +1,7 @@
 """Fields that closed simulations leave for the next, so that kernels need not be compiled again.
 
 Taichi compiles a kernel for the fields it reads, by identity. Simulations declare their fields one after the other, and most
-begin alike. So the pool keeps runs of fields, `Segment`s, as a tree. A new simulation walks it from a root and takes field after
+begin alike. So the pool keeps runs of fields, `Segment`s, as a tree. A new simulation walks it from a root and takes each
 field as long as they are what it declares; where they are not, it goes on in a segment of its own. What it ends with stays for
 others. A segment is used by one simulation at a time; one that starts meanwhile makes a root of its own.
 

@@ -2,8 +2,8 @@
 
 Taichi compiles a kernel of a class again for each instance. What comes out is decided by what the kernel reads of its
 arguments while it is compiled: fields, numbers, functions. Each read is written down as a path from the argument
-(`self.blocks.count` is 2). An object of which all of them read the same gets the kernel that was compiled then. Where a kernel
-reads something that cannot be written down so, such as a numpy array, it is compiled for each object as before.
+(`self.blocks.count` is 2). An object of which all of them read the same gets the kernel that was compiled then. Where one
+reads what cannot be written so, such as a numpy array, it is compiled for each object as before.
 
 Only kernels of this package are shared. A later simulation has the same fields where they come from the pool (`field_pool.py`).
 """

@@ -188,6 +188,10 @@ class Inner:
         return self.value
 
 
+def peek(inner) -> float:
+    return inner.value
+
+
 @ti.data_oriented
 class Outer:
     def __init__(self, value=2, terms=(1, 2), unread=0, field=None) -> None:
@@ -209,6 +213,10 @@ class Outer:
     @ti.kernel
     def method(self) -> float:
         return ti.static(self.inner.plain())
+
+    @ti.kernel
+    def function(self) -> float:
+        return ti.static(peek(self.inner))
 
 
 def test_kernels_are_shared_where_they_read_the_same_and_only_there(monkeypatch):
@@ -232,6 +240,6 @@ def test_kernels_are_shared_where_they_read_the_same_and_only_there(monkeypatch)
     thing.again = Inner(2)  # two that were one: a kernel may have read either by the other's name
     assert added(thing) == (1, 8)
     assert added(Outer(field=a)) == (0, 8)
-    for kernel in ("opaque", "method"):  # what is read cannot be seen
+    for kernel in ("opaque", "method", "function"):  # what is read cannot be seen
         assert added(Outer(2), kernel) == (1, 2) and added(Outer(4), kernel) == (1, 4)
         assert added(Outer(2), kernel) == (1, 2)

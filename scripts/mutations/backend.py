@@ -1,0 +1,22 @@
+"""Bugs in what runs kernels: which are shared, and which fields come again."""
+
+SECOND = "tests/unit/test_second_simulation.py"
+SHARED = f"{SECOND}::test_kernels_are_shared_where_they_read_the_same_and_only_there"
+TESTS = (SECOND,)
+
+KERNELS, POOL, FIELDS = (f"taichi_cloth/backend/{name}.py" for name in ("shared_kernels", "field_pool", "fields"))
+
+MUTATIONS = (
+    (KERNELS, "return type(value), value", "return type(value), 0", "numbers are not compared", SHARED),
+    (KERNELS, "return Field, weakref.ref(value)", "return Field, type(value)", "fields are not compared", SHARED),
+    (KERNELS, "self.same[path] = self._paths[id(value)]", "pass", "two names of an object are not", SHARED),
+    (KERNELS, "if not known and not _of_taichi(function) and any(", "if False and any(",
+     "what plain Python reads does not count", SHARED),
+    (KERNELS, "if token is None:\n            self.whole = False", "if token is None:\n            self.whole = True",
+     "what cannot be compared does not count", SHARED),
+    (POOL, "ctypes.memset(int(", "(lambda *_: 0)(int(", "fields come again with what they held",
+     f"{SECOND}::test_fields_come_again_and_are_zero"),
+    (POOL, "self._at, segment.used = 0, True", "self._at, segment.used = 0, False", "two simulations share fields", SECOND),
+    (POOL, "oldest = min(", "oldest = max(", "the newest goes first", f"{SECOND}::test_the_pool_is_bounded"),
+    (FIELDS, "self._end.detach()", "pass", "what was freed is freed again by the garbage collector", SECOND),
+)
