@@ -5,7 +5,7 @@ arguments while it is compiled: fields, numbers, functions. Each read is written
 (`self.blocks.count` is 2). An object of which all of them read the same gets the kernel that was compiled then. Where one
 reads what cannot be written so, such as a numpy array, it is compiled for each object as before.
 
-Only kernels of this package are shared. A later simulation has the same fields where they come from the pool (`field_pool.py`).
+Only the package's kernels are shared. A later simulation has the same fields where they come from the pool (`field_pool.py`).
 """
 
 import contextlib
