@@ -101,12 +101,19 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
     ("", "tc.Solid", {"name": '"a"', "shape": "tc.Sphere(1)", "friction": "0.1", "thickness": "0.01", "position": "(0, 0, 0)",
                       "rotation": "(0, 1, 0)", "color": "(0.5, 0.5, 1)"}),
     ("", "tc.Camera", {"eye": "(1, 1, 1)", "target": "(0, 0, 0)", "fov": "40.0", "up": "(0, 1, 0)"}),
-    ("", "tc.View", {"camera": "tc.Camera((1, 1, 1), (0, 0, 0))", "ground": "0.0", "reach": "0.1"}),
+    ("", "tc.View", {"camera": "tc.Camera((1, 1, 1), (0, 0, 0))", "ground": "0.0", "reach": "0.1",
+                     "floor": '"plain"', "background": '"#224466"', "light": "(0, 1, 0)"}),
+    ("", "tc.Appearance", {"color": '"crimson"', "back": '"#102030"', "squares": "True",
+                           "texture": "tc.Texture(np.zeros((2, 2, 3), np.uint8))", "weave": "tc.Weave()"}),
+    ("", "tc.Texture", {"image": "np.zeros((2, 3, 4), np.uint8)", "size": "(0.1, 0.2)", "origin": "(0.0, 0.1)",
+                        "repeat": "False"}),
+    ("", "tc.Weave", {"spacing": "0.002", "relief": "0.5", "kind": '"twill"'}),
     ("", "tc.Options", OPTIONS),
     ("", "tc.Constraint", {"vertex": "1", "directions": '"xy"', "z": "(0, 0, 0)", "y": "(0, 0, 0)"}),
     ("from taichi_cloth.output.look import Look", "Look", {
         "quality": '"fast"', "camera": "tc.Camera((1, 1, 1), (0, 0, 0))", "orbit": "1.0", "follow": "True", "wire": "True",
-        "heat": "None", "caption": '"t = {t}"'}),
+        "heat": "None", "caption": '"t = {t}"', "floor": '"shadow"', "background": '"transparent"', "light": "(0, 1, 0)",
+        "smooth": "1", "bits": "16", "cloths": '{"a": tc.Appearance("red")}'}),
     (f"mesh = {MESH}", "mesh.select", {"vertices": '"left"'}),
     ("air = tc.Air(1.0, 0.0, lambda t: (t, 0, 0))", "air.wind_at", {"t": "0.1", "x": "np.zeros((2, 3))"}),
     ('solid = tc.Solid("a", tc.Sphere(1), 0.1, 0.1, lambda t: (t, 0, 0), (0, 0, 0))', "solid.pose", {"t": "0.1"}),
@@ -168,7 +175,13 @@ RUNNING: list[tuple[str, str, dict[str, str]]] = [
      {"cloth": "cloth", "vertices": "[0, 1]", "solid": "ball", "since": "None"}),
     (STARTED, "tc.render", {"what": "sim", "path": "None", "frame": "None", "size": "(32, 16)", "quality": '"fast"',
                             "heat": '"stretch"', "limits": "(0.9, 1.1)", "camera": "tc.Camera((1, 1, 1), (0, 0, 0))",
-                            "wire": "True", "caption": '"{t}"'}),
+                            "wire": "True", "caption": '"{t}"', "orbit": "1.0", "follow": "True", "background": '"white"',
+                            "floor": '"none"', "light": "(0, 1, 0)", "appearance": 'tc.Appearance("red")', "smooth": "1",
+                            "bits": "16"}),
+    (STARTED, "tc.passes", {"what": "sim", "frame": "None", "size": "(32, 16)", "names": '("id",)'}),
+    (STARTED, "tc.render_frames", {
+        "recording": "sim", "folder": '"film"', "frames": '"1:2"', "size": "(32, 16)", "heat": "None", "limits": "None",
+        "passes": "()", "pass_format": '"exr"', "sheet": "0", "apng": "False", "mp4": "False"}),
 ]
 # What a right argument may also be, and so stays as it is.
 FUNCTIONS = ("wind", "position", "rotation")

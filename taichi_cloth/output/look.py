@@ -84,6 +84,7 @@ class Look:
                            checks.maybe(self.background, color_or, "background", ("sky", "transparent")))
         object.__setattr__(self, "light", checks.maybe(self.light, lambda what, v: direction(what, v), "light"))
         object.__setattr__(self, "smooth", checks.integer("smooth", self.smooth, least=0, most=MOST))
+        object.__setattr__(self, "bits", checks.integer("bits", self.bits, least=8, most=16))
         if self.bits not in BITS:
             raise SceneError(f"bits = {shown(self.bits)}: must be 8 or 16")
         if not isinstance(self.cloths, Mapping):
