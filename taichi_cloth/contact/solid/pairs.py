@@ -77,7 +77,7 @@ class Step:
     v: np.ndarray
 
 
-def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, friction: np.ndarray, firm: np.ndarray) -> Points:
+def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, friction: np.ndarray) -> Points:
     """Repulsion of pairs, linearised where they now are, and friction as a damping.
 
     Within the range r the force is k (r - d) down to halfway between r and the least distance d_0, and
@@ -86,7 +86,6 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
 
     Args:
         mass: (n,) of the particles [kg]; thickness, friction: of each pair's solid.
-        firm: (k,) by how much more firmly pairs are stopped.
     """
     h = step.h
     own = 1 / np.maximum((p.weights**2 / mass[p.vertices]).sum(axis=1), 1e-300)
@@ -100,7 +99,7 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
     k = stiff * np.where(far, 1.0, 1 / (4 * u**2))
     ahead = np.einsum("ki,ki->k", p.normal, p.point - p.of(step.x))
     f0 = f + k * (ahead + d - p.distance)
-    stop = PRESS * own / h**2 * firm
+    stop = PRESS * own / h**2
     kept = (BARELY + (KEPT - BARELY) * min(1.0, h / step.h_usual)) * r
     limit = np.clip(p.distance - np.einsum("ki,ki->k", p.normal, p.point - p.carried), kept, r)
     nearing = p.distance < limit
@@ -114,31 +113,6 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
     rhs = (h * f0)[:, None] * p.normal - sym_times(block, start)
     return Points(np.column_stack([p.vertices, p.vertices[:, 0]]), np.column_stack([p.weights, np.zeros(len(r))]),
                   block + (h**2 * k)[:, None] * normal, rhs)
-
-
-FIRMER, FIRMEST = 8.0, 4096.0  # factor from solve to solve by which what comes too near is stopped, and at most
-
-
-class Firmness:
-    """By how much more firmly than usual pairs are stopped in this attempt, as they came too near in it."""
-
-    def __init__(self) -> None:
-        self.key, self.factor = np.zeros(0, dtype=np.int64), np.zeros(0)
-
-    def of(self, key: np.ndarray) -> np.ndarray:
-        """(k,) factors of pairs."""
-        where = rows_of(self.key, key)
-        return np.where(where >= 0, self.factor[where], 1.0) if len(self.key) else np.ones(len(key))
-
-    def raised(self, key: np.ndarray) -> "Firmness":
-        """With pairs stopped more firmly."""
-        out, key = Firmness(), np.unique(key)
-        others = ~np.isin(self.key, key)
-        keys = np.concatenate([self.key[others], key])
-        factors = np.concatenate([self.factor[others], np.minimum(FIRMER * self.of(key), FIRMEST)])
-        order = np.argsort(keys)
-        out.key, out.factor = keys[order], factors[order]
-        return out
 
 
 def left(p: Pairs, before: Pairs | None, thickness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

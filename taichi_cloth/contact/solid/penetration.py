@@ -81,12 +81,6 @@ class Penetration(Checkpointed):
         minded = (self.spared[near.pairs.vertices] == 0).all(axis=1)
         return int(np.sum(nearer & minded)), bad or bool((lost & minded).any())
 
-    def lost(self, near: Nearby, linearized: Pairs | None) -> np.ndarray:
-        """Keys of pairs that are left too near to be accepted."""
-        if near.pairs is None or linearized is None:
-            return np.zeros(0, dtype=np.int64)
-        return near.pairs.key[left(near.pairs, linearized, self.thickness[near.pairs.solid])[1]]
-
     def may_shrink(self, start: StepStart, near: Nearby, held: np.ndarray, linearized: Pairs | None) -> bool:
         """Whether a step that goes wrong is to be tried smaller, and not taken as the best there is."""
         if not start.small:

@@ -22,7 +22,7 @@ from ..points import Points
 from ..rows import rows_of, tangential
 from ..step_start import StepStart
 from .active_set import ActiveSet, hold_together
-from .pairs import PAIR, Firmness, Pairs, Step, press
+from .pairs import PAIR, Pairs, Step, press
 from .penetration import PENETRATION, Nearby, Penetration
 from .query import Scanner
 from .sliding import SLOW, Sliding, slide
@@ -102,7 +102,6 @@ class SolidContacts(Checkpointed):
         self.active = ActiveSet.none()
         self.sliding, self.pressing, self.forces = Sliding(), Points.none(), NO_FORCES
         self.linearized: Pairs | None = None
-        self.firmness = Firmness()
 
     @property
     def thickness(self) -> np.ndarray:
@@ -117,7 +116,7 @@ class SolidContacts(Checkpointed):
     def begin(self, start: StepStart) -> None:
         """A new attempt; the model is at its predicted end."""
         self.trial, self.released, self.round = self.accepted, np.zeros(0, dtype=np.int64), 0
-        self.penetration.crossed, self.firmness = self.penetration.before, Firmness()
+        self.penetration.crossed = self.penetration.before
         self.look(start)
 
     def look(self, start: StepStart) -> None:
@@ -175,7 +174,7 @@ class SolidContacts(Checkpointed):
         t = self.thickness
         self.linearized = near = self.near.pairs.moved(self._to_go(), PAIR * t[self.near.pairs.solid])
         self.pressing = press(near, Step(start.h, start.h_usual, start.x, *base), mass, t[near.solid],
-                              self.friction[near.solid], self.firmness.of(near.key))
+                              self.friction[near.solid])
         return [self.sliding.points, self.pressing]
 
     def _to_go(self) -> np.ndarray:
@@ -227,7 +226,6 @@ class SolidContacts(Checkpointed):
         changes = int(pulls.sum() + breaks.sum() + turns.sum()) + entered
         self.unsettled = changes
         close, bad = self.penetration.left(self.near, inside, self.linearized)
-        self.firmness = self.firmness.raised(self.penetration.lost(self.near, self.linearized))
         entered += close
         matters = bad or entered or disagree or (wrong > float(np.sum(force)) and self.round <= PATIENCE)
         return Verdict(max(changes, 1) if matters else 0, float(np.max(depth, initial=0.0)), bad)
