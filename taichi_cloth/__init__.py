@@ -25,6 +25,7 @@ _NAMES = {
     "garment.dressing": "dress",
     "scene.scene": "Scene", "scene.cloth": "Cloth", "scene.air": "Air Gusts",
     "scene.primitives": "Plane Sphere Capsule Box Cylinder", "scene.solids": "SolidMesh Solid",
+    "scene.tear": "Tear",
     "scene.view": "Camera View",
     "scene.appearance": "Appearance Texture Weave",
     "system.constraints": "Constraint",

@@ -25,7 +25,14 @@ RIPS, ORDER, GOES_ON = (f"{RIPPING}::{name}" for name in (
     "test_a_run_goes_on_bit_for_bit_through_a_rip"))
 BUTTONS = f"{RIPPING}::test_buttons_give_at_their_force"
 
+TEARING, TEAR = "tests/physics/test_tearing.py", "taichi_cloth/step/tearing.py"
+SLIT, SCORED = (f"{TEARING}::{name}" for name in ("test_the_force_from_a_slit_does_not_depend_on_the_mesh",
+                                                    "test_a_scored_line_tears_at_its_fraction"))
+
 MUTATIONS = (
+    (TEAR, "opened = self._foremost(part, vertex, opens)\n        return self.rows[np.unique([opened, self.other[opened]])]",
+     "return self.rows[self._foremost(part, vertex, opens)]", "an edge opens at one end", SLIT),
+    (TEAR, "/ self.fraction[mine]", "", "scored lines are as strong as the rest", SCORED),
     ("taichi_cloth/scene/sewing.py", "out[1:] += way / 4", "out[1:] += 0 * way", "stitches stand for half their length", RIPS),
     (STITCHES, "return (part > 1) & (part >= (1 - EVEN) * most)", "return part > 1", "all that is overloaded opens at once",
      ORDER),
@@ -35,7 +42,7 @@ MUTATIONS = (
     ("taichi_cloth/step/giving.py", "self.stitches.model.restore()", "pass", "the step goes on from its end", RIPS),
     ("taichi_cloth/contact/cloth/lips.py", "self.resumed()\n        return True", "return True",
      "contact is not told of what has opened", f"{RIPPING}::test_what_was_sewn_meets_as_layers_do"),
-    ("taichi_cloth/forces/bend.py", "*= whole[ends].all(axis=1)[:, None]", "*= 1", "hinges stay over an open seam",
+    ("taichi_cloth/forces/bend.py", "*= held.all(axis=1, keepdims=True)", "*= 1", "hinges stay over an open seam",
      f"{RIPPING}::test_hinges_go_with_their_seam"),
     (CLUSTERS, "out = first + rest / (hi - lo)", "out = first", "the first member for the mean", CUT),
     (CLUSTERS, "kept = 1 - CLOSING * h / widest", "kept = 0.0", "seams close at any speed", APART),

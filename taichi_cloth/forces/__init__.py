@@ -25,7 +25,7 @@ def build_forces(fields: Fields, model: ParticleState, scene: Scene, mode: str, 
         mode: K of the conditions, as `options.Options` has it.
         substep: explicit step [s] for which triangles are softened, see `Membrane`; None leaves them as they are.
     """
-    bends = [f.bend.model for c in scene.cloths if c.mesh.has_hinges for f in c.fabrics if f.bend]
+    bends = [f.bend.model for c in scene.cloths if c.whole.has_hinges for f in c.fabrics if f.bend]
     wanted = (
         (partial(Membrane, substep=substep), any(f.stretch or f.shear for c in scene.cloths for f in c.fabrics)),
         (Bend, any(bend == "hinge" for bend in bends)),

@@ -15,7 +15,7 @@ from ..scene.cloth import Cloth
 from ..scene.fabric import pair
 from ..scene.scene import Scene
 from ..scene.sewing import Seam
-from ..system.elements import Hinges, flat_turns, hinges, row_sums, seam_hinges
+from ..system.elements import Hinges, flat_turns, hinges_of, row_sums, seam_hinges
 from ..system.state import Elements, ParticleState
 from .conditions import sym, sym_outer, sym_scaled_identity
 from .force import Force
@@ -38,7 +38,8 @@ class Bend(Force):
         bent = [c for c in scene.cloths if any(f.bend and f.bend.model == "hinge" for f in c.fabrics)]
         names = {c.name for c in bent}
         seams = [(s, seam_hinges(s.cloth.mesh, s.a, s.b)) for s in scene.seams if s.cloth.name in names and s.stiffness > 0]
-        parts = [(c, hinges(c.mesh)) for c in bent] + [(s.cloth, h) for s, h in seams]
+        parts = [(c, hinges_of(c)) for c in bent] + [(s.cloth, h) for s, h in seams]
+        sewn: list[Any] = [*bent, *(s for s, _ in seams)]
         vertices = np.concatenate([model.particle[h.vertices + c.start] for c, h in parts])
         self.elements = Elements(fields, model.blocks, vertices)
         rest = np.concatenate([_creased(scene, c, h, _rest(c, h)) for c, h in parts[:len(bent)]]
@@ -56,7 +57,7 @@ class Bend(Force):
         self.host_stiff = stiff
         self.host_hinges, self.host_turns = vertices, np.concatenate([flat_turns(h) for _, h in parts])
         self.damps = bool(rest[:, 1].any())
-        self._rest, self._seams = rest, (scene, seams)
+        self._rest, self._sewn = rest, (scene, [(of, h) for of, (_, h) in zip(sewn, parts)])
         self.rest = fields.real(self.elements.count, 4, self.elements.per_entry(rest))  # k, k_d, theta_0, floor2
         heights2 = np.concatenate([(2 * h.areas).min(axis=1) ** 2 / h.length2 for _, h in parts])
         self._unit_energy = float(np.sum(stiff[:, 0] / heights2) / 2)
@@ -292,8 +293,9 @@ class Bend(Force):
         """Hinges over a seam go with either of the stitches at their ends."""
         from ..system.stitches import ends_of
 
-        ends, rest = ends_of(*self._seams), self._rest.copy()
-        rest[len(rest) - len(ends):, :2] *= whole[ends].all(axis=1)[:, None]
+        rest = self._rest.copy()
+        held = np.append(whole, True)[ends_of(*self._sewn)]
+        rest[:, :2] *= held.all(axis=1, keepdims=True)
         write(self.rest, self.elements.per_entry(rest).astype(self.model.exchange))
 
     def geometry(self) -> dict[str, np.ndarray]:

@@ -61,6 +61,7 @@ class Artist:
     def light(self, frame: Frame, colors: np.ndarray | None = None) -> np.ndarray:
         """(height, width, 4) f32 linear RGB of a frame, multiplied by its alpha; no caption."""
         look = self.look
+        self._follow(frame)
         self._aim(frame)
         if look.heat is not None and colors is None:
             colors = heat_colors(look.heat.values(frame), *look.heat.range, look.heat.diverging)
@@ -81,6 +82,7 @@ class Artist:
 
     def passes(self, frame: Frame) -> Frame:
         """depth, normal and id of each pixel; see `passes.PassRaster`."""
+        self._follow(frame)
         self._aim(frame)
         if self._passes is None:
             self._passes = PassRaster(*self.size)
@@ -97,6 +99,20 @@ class Artist:
         x = frame["x"].astype(np.float64)
         return np.concatenate([x if self.smooth is None else self.smooth.points(x),
                                frame.get("solid_x", self.geometry["solid_x"]).astype(np.float64)])
+
+    def _follow(self, frame: Frame) -> None:
+        """Takes over the faces that a frame has of its own: those of cloth that tears."""
+        g, drawn = self.geometry, self.renderer.surfaces
+        if "faces" not in frame or np.array_equal(frame["faces"], g["faces"]):
+            return
+        self.geometry = g | {"faces": frame["faces"]}
+        faces = frame["faces"]
+        if self.smooth is not None:
+            before = self.smooth.count
+            self.smooth = Smooth(faces, len(g["x"]), self.look.smooth, g.get("sewn"))
+            faces = self.smooth.faces
+            drawn.faces[drawn.cloth_faces:] += self.smooth.count - before
+        drawn.faces[: drawn.cloth_faces] = faces
 
     def _aim(self, frame: Frame) -> None:
         if self.look.orbit or self.look.follow or isinstance(self.camera, CameraKeys):

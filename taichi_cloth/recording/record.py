@@ -28,7 +28,7 @@ def geometry(sim: Simulation) -> dict[str, np.ndarray]:
     grounds = [float(s.pose(0.0)[1][1]) for s in scene.solids if is_ground(s)]
     ground = scene.view.ground if scene.view.ground is not None or not grounds else max(grounds)
     out = {
-        "faces": np.concatenate([c.mesh.faces + c.start for c in cloths]).astype(np.int32),
+        "faces": np.concatenate([c.whole.faces + c.start for c in cloths]).astype(np.int32),
         "uv": np.concatenate([c.mesh.corner_uv for c in cloths]).astype(np.float32),
         "cloth_start": np.array([c.start for c in cloths] + [scene.vertex_count]),
         "cloth_faces": np.cumsum([0] + [c.mesh.face_count for c in cloths]),
@@ -45,7 +45,7 @@ def geometry(sim: Simulation) -> dict[str, np.ndarray]:
     out |= {"hinges": np.zeros((0, 4), dtype=np.int64), "hinge_k": np.zeros(0), "hinge_rest": np.zeros(0)}
     for force in sim.force_terms:
         out |= force.geometry()
-    return out | (_sewn(sim) if scene.seams else {})
+    return out | (_sewn(sim) if any(not s.tears for s in scene.seams) else {})
 
 
 def _sewn(sim: Simulation) -> dict[str, np.ndarray]:
@@ -55,7 +55,7 @@ def _sewn(sim: Simulation) -> dict[str, np.ndarray]:
     panel, names = [], []
     for cloth in sim.scene.cloths:
         mesh = cloth.mesh
-        label = components(mesh.vertex_count, *face_edges(mesh.faces).T)[mesh.faces[:, 0]]
+        label = components(mesh.vertex_count, *face_edges(cloth.whole.faces).T)[cloth.whole.faces[:, 0]]
         of = {np.unique(index).tobytes(): name for name, index in mesh.groups.items()}
         parts = np.unique(label)
         for k, part in enumerate(parts):
@@ -66,11 +66,14 @@ def _sewn(sim: Simulation) -> dict[str, np.ndarray]:
 
 
 def frame(sim: Simulation) -> dict[str, np.ndarray]:
-    """What moves, now: t [s]; f32 x (n, 3) [m], v [m/s], with solids contact [N], surfaces and camera where they move."""
+    """What moves, now: t [s]; f32 x (n, 3) [m], v [m/s], with solids contact [N], surfaces and camera where they move;
+    where cloth may tear, faces (m, 3) as they hang together, over one vertex for all that are joined."""
     solids = [s for s in sim.scene.solids if not is_ground(s)]
     out = {"t": np.array(sim.time), "x": sim.positions().astype(np.float32), "v": sim.velocities().astype(np.float32)}
     if sim.contacts is not None:
         out["contact"] = sim.contact_forces().astype(np.float32)
+    if any(c.split is not None for c in sim.scene.cloths):
+        out["faces"] = sim.faces().astype(np.int32)
     if any(s.moves for s in solids):
         out["solid_x"] = np.concatenate([s.surface_at(sim.time) for s in solids]).astype(np.float32)
     if isinstance(sim.scene.view.camera, CameraKeys):

@@ -131,3 +131,19 @@ def orthonormal(directions: object) -> np.ndarray:
         return unit
     q, _ = np.linalg.qr(unit.T)
     return q.T
+
+
+def check_overlap(others: list[Attachment], new: Attachment) -> None:
+    """Refuses an attachment of vertices that others hold or lead in a direction of its own already.
+
+    Raises:
+        SceneError: with the first such vertex.
+    """
+    for old in others:
+        if old.cloth is not new.cloth or not (old.leads or new.leads):
+            continue
+        shared = np.intersect1d(old.vertices, new.vertices)
+        rank = np.linalg.matrix_rank(np.concatenate([old.directions, new.directions]), tol=1e-9)
+        if len(shared) and rank < len(old.directions) + len(new.directions):
+            raise SceneError(f"vertex {shared[0]} of {new.cloth.name!r} is already held or moved in that direction:"
+                             " unpin it first")

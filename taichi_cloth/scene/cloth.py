@@ -9,6 +9,7 @@ from ..errors import SceneError, shown
 from .appearance import Appearance, appearance
 from .fabric import ClothContact, Fabric
 from .mesh import TriMesh
+from .tear import Split, Tear
 from .view import Color
 
 
@@ -22,6 +23,7 @@ class Cloth:
         positions, velocities: (n, 3) at time 0 [m], [m/s].
         contact: how it meets other cloth; None passes through.
         panels: (rows of faces, their fabric): parts that are of another fabric.
+        tear, split: how it tears, and its mesh with corners apart; None does not.
     """
 
     name: str
@@ -33,6 +35,8 @@ class Cloth:
     color: str | Color | Appearance | None = None
     contact: ClothContact | None = None
     panels: tuple[tuple[np.ndarray, Fabric], ...] = ()
+    tear: Tear | None = None
+    split: Split | None = None
     appearance: Appearance = field(init=False, default=Appearance())
 
     def __post_init__(self) -> None:
@@ -48,8 +52,12 @@ class Cloth:
         checks.maybe(self.contact, checks.instance, f"contact of {what!r}", ClothContact)
         object.__setattr__(self, "panels", _checked_panels(what, self.panels, self.mesh.face_count))
         for rest in (f.bend.rest for f in self.fabrics if f.bend):
-            if isinstance(rest, tuple) and len(rest) != (edges := len(self.mesh.inner_edges)):
+            if isinstance(rest, tuple) and len(rest) != (edges := len(self.whole.inner_edges)):
                 raise SceneError(f"bend rest of {what!r}: {len(rest)} angles, but its mesh has {edges} inner edges")
+        if self.tear is not None and any(f.bend and f.bend.model == "curvature" for f in self.fabrics):
+            raise SceneError(f"{what!r} may tear: it bends over hinges, not by Bend(model=\"curvature\")")
+        if self.tear is not None and not any(f.stretch or f.shear for f in self.fabrics):
+            raise SceneError(f"{what!r} may tear: it needs stretch or shear, from which its stress comes")
         models = {f.bend.model for f in self.fabrics if f.bend}
         if len(models) > 1 or (self.panels and models == {"curvature"}):
             raise SceneError(f"panels of {what!r}: all fabrics of a cloth bend over hinges, or it has one fabric")
@@ -58,6 +66,11 @@ class Cloth:
     def fabrics(self) -> tuple[Fabric, ...]:
         """All that it is made of, the cloth's own first."""
         return self.fabric, *(fabric for _, fabric in self.panels)
+
+    @property
+    def whole(self) -> TriMesh:
+        """Its mesh as it was handed in."""
+        return self.mesh if self.split is None else self.split.whole
 
     @property
     def fabric_of(self) -> np.ndarray:

@@ -35,7 +35,7 @@ def make(cloth: Cloth, angle: object, line: object, edges: object, stiffness: ob
         raise SceneError(f"{what}: give a line over the pattern, or edges")
     there = cloth.mesh.inner_edges
     if edges is None:
-        chosen = _along(what, cloth.mesh, there, line)
+        chosen = along(what, cloth.mesh, there, line)
     else:
         n = cloth.mesh.vertex_count
         chosen = np.sort(checks.indices(f"{what}: edges", edges, n, width=2, row="edge"), axis=1)
@@ -58,7 +58,7 @@ def make(cloth: Cloth, angle: object, line: object, edges: object, stiffness: ob
     return Crease(cloth, chosen, angles, checks.number(f"{what}: stiffness", stiffness, least=0.0))
 
 
-def _along(what: str, mesh: TriMesh, there: np.ndarray, line: object) -> np.ndarray:
+def along(what: str, mesh: TriMesh, there: np.ndarray, line: object) -> np.ndarray:
     """Those edges that lie on a line through points (k, 2) of the pattern."""
     points = checks.array(f"{what}: line", line, ("p", 2), row="point")
     if len(points) < 2:

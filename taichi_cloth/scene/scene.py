@@ -14,16 +14,18 @@ from ..errors import SceneError, did_you_mean, shown
 from . import units
 from .air import Air
 from .appearance import Appearance
-from .attachment import Attachment, Event, Path, Script, orthonormal
+from .attachment import Attachment, Event, Path, Script, check_overlap, orthonormal
 from .cloth import Cloth, panels_of, used_vertices
 from .crease import Crease
 from .crease import make as make_crease
 from .fabric import ClothContact, Fabric
 from .garment import Garment
 from .mesh import TriMesh
-from .sewing import Seam, make_stitches
+from .score import Score, score
+from .sewing import Seam, corners, make_stitches
 from .sewing import make as make_seam
 from .solids import Shape, Solid, Value
+from .tear import Tear, split
 from .view import Color, View
 
 
@@ -48,6 +50,7 @@ class Scene:
         self.forces: list[Callable] = []
         self.seams: list[Seam] = []
         self.creases: list[Crease] = []
+        self.scores: list[Score] = []  # of cloth that may tear
         self.script, self._running = Script(), False
         self.followers: weakref.WeakSet = weakref.WeakSet()  # simulations of it that are open
 
@@ -59,7 +62,7 @@ class Scene:
     def add_cloth(self, mesh: TriMesh, fabric: Fabric, positions: ArrayLike | None = None,
                   velocities: ArrayLike | None = None, name: str | None = None,
                   color: str | Color | Appearance | None = None, contact: ClothContact | None = None,
-                  panels: dict[str, Fabric] | None = None) -> Cloth:
+                  panels: dict[str, Fabric] | None = None, tear: Tear | None = None) -> Cloth:
         """Adds a piece of cloth.
 
         Args:
@@ -68,16 +71,22 @@ class Scene:
             color: for pictures: a name of CSS, "#rrggbb" in sRGB, or linear RGB in 0..1; or an `Appearance`.
             contact: how it meets itself and other cloth that has a contact; None passes through, and costs nothing.
             panels: fabrics of faces all of whose corners are in a group of the mesh, by the groups' names.
+            tear: how it tears; None does not. Its `mesh` then has more vertices than the one given, behind those.
         """
         name = f"cloth{len(self.cloths)}" if name is None else name
         checks.instance("add_cloth: mesh", mesh, TriMesh)
+        apart = None if tear is None else split(name, mesh, checks.instance("add_cloth: tear", tear, Tear))
         x = mesh.x if positions is None else positions
         v = np.zeros(3) if velocities is None else velocities
+        if apart is not None:
+            mesh, x, v = apart.mesh, apart.spread(x), apart.spread(v)
         parts = panels_of(mesh, {} if panels is None else checks.instance("add_cloth: panels", panels, dict))
-        cloth = Cloth(name, mesh, fabric, x, v, self.vertex_count, color, contact, parts)  # type: ignore[arg-type]
+        cloth = Cloth(name, mesh, fabric, x, v, self.vertex_count, color, contact, parts, tear, apart)  # type: ignore[arg-type]
         if name in (c.name for c in self.cloths):
             raise SceneError(f"there is a cloth named {name!r} already")
         self.cloths.append(cloth)
+        if apart is not None:
+            self.seams.append(corners(cloth))
         units.say(cloth, self.gravity)
         return cloth
 
@@ -168,6 +177,22 @@ class Scene:
         self._own(cloth)
         self.creases.append(make_crease(cloth, angle, line, edges, stiffness))
         return self.creases[-1]
+
+    def score(self, cloth: Cloth, line: ArrayLike, fraction: float) -> Score:
+        """Weakens cloth that may tear along a line: it tears there at a fraction of its strength, and at 0 is cut.
+
+        Args:
+            line: (p, 2) points of the pattern [m]; the mesh's edges on the straight ways between them.
+
+        Raises:
+            SceneError: cloth that does not tear, no edge there, or a fraction beyond 0 to 1.
+        """
+        self._own(cloth)
+        self.scores.append(score(cloth, line, fraction))
+        if self.scores[-1].fraction == 0:
+            seam = next(s for s in self.seams if s.cloth is cloth and s.tears)
+            self.script.opened.append((seam, np.flatnonzero(cloth.split.on_line(self.scores[-1].edges))))  # type: ignore[union-attr]
+        return self.scores[-1]
 
     def pass_through(self, a: Cloth, b: Cloth) -> None:
         """Lets two cloths that have a contact pass through each other."""
@@ -344,17 +369,7 @@ class Scene:
                                 stiffness, most)
         if path is not None:
             attachment.checked(0.0)
-        self._check_overlap(attachment)
+        check_overlap(self.script.attachments, attachment)
         self._warn_followers()
         self.script.attachments.append(attachment)
         self.script.made += 1
-
-    def _check_overlap(self, new: Attachment) -> None:
-        for old in self.script.attachments:
-            if old.cloth is not new.cloth or not (old.leads or new.leads):
-                continue
-            shared = np.intersect1d(old.vertices, new.vertices)
-            rank = np.linalg.matrix_rank(np.concatenate([old.directions, new.directions]), tol=1e-9)
-            if len(shared) and rank < len(old.directions) + len(new.directions):
-                raise SceneError(f"vertex {shared[0]} of {new.cloth.name!r} is already held or moved in that direction:"
-                                 " unpin it first")

@@ -19,6 +19,7 @@ class Seam:
         rest: angle of the seam's hinges at rest [rad], or "given": that of the cloth's mesh.
         stiffness: factor of their bending stiffness.
         bears: (k,) force [N] at which each stitch gives; infinite where it never does.
+        tears: whether it holds the corners of triangles of cloth that may tear.
         row: whether stitches stand next to each other, as in a row, or each by itself, as buttons do.
     """
 
@@ -29,6 +30,7 @@ class Seam:
     stiffness: float
     bears: np.ndarray
     row: bool = True
+    tears: bool = False
 
     @property
     def gives(self) -> bool:
@@ -82,6 +84,13 @@ def make(cloth: Cloth, a: object, b: object, rest: object, stiffness: object, st
             raise SceneError("sew: strength is a force a length, and a single stitch has none: use Scene.stitch(force=...)")
         bears = checks.number("sew: strength", strength, "N/m", positive=True) * lengths(cloth, *rows)
     return Seam(cloth, *rows, angle, factor, bears)
+
+
+def corners(cloth: Cloth) -> Seam:
+    """What holds the corners of triangles of cloth that may tear together."""
+    parts = cloth.split
+    assert parts is not None
+    return Seam(cloth, parts.a, parts.b, 0.0, 0.0, np.full(len(parts.a), np.inf), row=False, tears=True)
 
 
 def make_stitches(cloth: Cloth, a: object, b: object, force: object) -> Seam:

@@ -106,7 +106,12 @@ class Parts:
         from ..system.stitches import Stitches
 
         stitches = Stitches(self.model.sewn, self.scene, self.force_terms)
-        return Giving(stitches, self.integrator, self.meter, self.contacts)
+        tears = None
+        if any(c.split is not None for c in self.scene.cloths):
+            from ..step.tearing import Tears
+
+            tears = Tears(self.scene, stitches, self.force_terms)
+        return Giving(stitches, self.integrator, self.meter, self.contacts, tears)
 
     def __enter__(self) -> Self:
         return self

@@ -10,6 +10,7 @@ import taichi as ti
 from numpy.typing import ArrayLike
 
 from .. import checks
+from ..backend.ordering import components
 from ..errors import SceneError, SimulationError
 from ..options import CG_TOL, LONGEST, SHORTEST
 from ..scene.intersections import count_crossings, count_self_crossings
@@ -138,6 +139,20 @@ class Queries(Parts):
             return []
         stitches = self.giving.stitches
         return np.split(~stitches.whole, stitches.first[1:-1])
+
+    def faces(self) -> np.ndarray:
+        """(m, 3) vertices of all triangles as they hang together now: where cloth may tear, the first vertex of those that are
+        joined stands for all of them."""
+        self._live()
+        faces = np.concatenate([c.mesh.faces + c.start for c in self.scene.cloths])
+        if self.giving is None:
+            return faces
+        stands = np.arange(self.vertex_count)
+        for seam, opened in zip(self.scene.seams, self.stitches_open()):
+            if seam.tears:
+                one = components(seam.cloth.mesh.vertex_count, seam.a[~opened], seam.b[~opened])
+                stands[seam.cloth.start: seam.cloth.start + len(one)] = seam.cloth.start + one
+        return stands[faces]
 
     def contact_forces(self) -> np.ndarray:
         """(n, 3) [N] of solids on the cloth in the last step, friction included."""

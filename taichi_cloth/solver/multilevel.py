@@ -325,4 +325,7 @@ def _material(scene: Scene, model) -> tuple[np.ndarray, np.ndarray]:
 def _links(scene: Scene, model) -> np.ndarray:
     """(e, 2) particles at the ends of the mesh's edges."""
     ends = np.concatenate([model.particle[face_edges(c.mesh.faces) + c.start] for c in scene.cloths])
+    if any(c.split is not None for c in scene.cloths):  # what may tear hangs together for now
+        joined = [model.particle[np.stack([s.a, s.b], axis=1) + s.cloth.start] for s in scene.seams if s.tears]
+        ends = np.concatenate([ends, *joined])
     return np.unique(np.sort(ends, axis=1), axis=0)

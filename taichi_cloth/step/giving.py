@@ -19,20 +19,26 @@ class Giving:
         integrator: what tries steps; its system knows what stitches bear.
         meter: measures potential energy where the model is.
         contacts: what is told of surfaces that are now apart, or None.
+        tears: `tearing.Tears` where cloth may tear, or None.
     """
 
-    def __init__(self, stitches: Stitches, integrator, meter, contacts) -> None:
+    def __init__(self, stitches: Stitches, integrator, meter, contacts, tears=None) -> None:
         self.stitches, self.integrator, self.meter, self.contacts = stitches, integrator, meter, contacts
+        self.tears = tears
         self.before: np.ndarray = stitches.whole  # at the start of a step in which something gave
         self.torn, self.tries = 0.0, 0  # J that is gone with what gave in this step; tries that let go
 
     def gives(self) -> bool:
         """Whether the attempt that the model shows loads anything beyond what it bears: that is open then, and the model back
         at its start."""
-        if not self.stitches.gives or self.tries == TRIES:
+        if self.tries == TRIES or not (self.stitches.gives or self.tears is not None):
             return False
         system = self.integrator.system
-        given = self.stitches.giving(system.tension() / system.span)
+        given = np.zeros(len(self.stitches.whole), dtype=bool)
+        if self.stitches.gives:
+            given = self.stitches.giving(system.tension() / system.span)
+        if self.tears is not None:
+            given[self.tears.giving(system.held)] = True
         if not given.any():
             return False
         if not self.tries:

@@ -1,9 +1,10 @@
 """Rest geometry of triangles and hinges in the material plane. numpy only."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..scene.cloth import Cloth
 from ..scene.mesh import TriMesh, face_edges
 
 
@@ -74,6 +75,17 @@ def hinges(mesh: TriMesh) -> Hinges:
     feet[:, 1] = np.where(edges[a, 0] == edges[b, 0], feet[:, 1], 1 - feet[:, 1])
     sides = np.column_stack([a % m, b % m])
     return Hinges(vertices, sides, ((length_a + length_b) / 2) ** 2, areas, feet, across, hinge_angle(mesh.x[vertices]))
+
+
+def hinges_of(cloth: Cloth) -> Hinges:
+    """The hinges of a cloth's mesh, also where the corners of its triangles are apart."""
+    h = hinges(cloth.whole)
+    if cloth.split is None:
+        return h
+    i, j, a, b = h.vertices.T
+    first, second = h.faces.T
+    of = cloth.split.corners
+    return replace(h, vertices=np.stack([of(i, first), of(j, first), of(a, first), of(b, second)], axis=1))
 
 
 def seam_hinges(mesh: TriMesh, a: np.ndarray, b: np.ndarray) -> Hinges:

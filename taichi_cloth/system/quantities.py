@@ -70,7 +70,7 @@ def evaluate(name: str, geometry: dict[str, np.ndarray], frame: dict[str, np.nda
     """
     checks.choice("quantity", name, QUANTITIES)
     x, n = frame["x"].astype(np.float64), len(frame["x"])
-    faces, uv = geometry["faces"], geometry["uv"].astype(np.float64)
+    faces, uv = frame.get("faces", geometry["faces"]), geometry["uv"].astype(np.float64)
     if name == "speed":
         return np.linalg.norm(frame["v"].astype(np.float64), axis=1)
     if name == "contact":

@@ -103,6 +103,8 @@ class ParticleState:
         local = np.full(scene.vertex_count, -1)
         local[used] = np.arange(len(used))
         order = cuthill_mckee(len(used), local[faces])
+        if any(c.split is not None for c in scene.cloths):
+            order = _corners_together(scene, used)
         self.user = used[order]
         self.n = len(order)
         self.particle = np.full(scene.vertex_count, -1)
@@ -254,6 +256,16 @@ def _masses(scene: Scene) -> np.ndarray:
             [c.mesh.faces.ravel() + c.start for c in scene.cloths])))):
         raise MeshError("a vertex has no mass: the mesh is too small for its density (wrong scale?)")
     return mass
+
+
+def _corners_together(scene: Scene, used: np.ndarray) -> np.ndarray:
+    """As `cuthill_mckee` of the meshes as they were handed in, the corners at a vertex behind each other."""
+    of = np.concatenate([c.start + (np.arange(c.mesh.vertex_count) if c.split is None else c.split.of) for c in scene.cloths])
+    faces = np.concatenate([c.whole.faces + c.start for c in scene.cloths])
+    whole = np.unique(faces)
+    rank = np.zeros(len(of), dtype=np.int64)
+    rank[whole[cuthill_mckee(len(whole), np.searchsorted(whole, faces))]] = np.arange(len(whole))
+    return np.argsort(rank[of[used]], kind="stable")
 
 
 def _local_origin(x: np.ndarray) -> np.ndarray:

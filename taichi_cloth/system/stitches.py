@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..scene.cloth import Cloth
 from ..scene.scene import Scene
 from ..scene.sewing import Seam
 from .checkpoint import Checkpointed
@@ -42,6 +43,7 @@ class Stitches(Checkpointed):
         self.bears = np.concatenate([s.bears for s in scene.seams])
         self.gives = bool(np.isfinite(self.bears).any())
         self.whole = np.ones(len(self.bears), dtype=bool)
+        self._by_hand = np.repeat([not s.tears for s in scene.seams], count)
         row = np.repeat([s.row for s in scene.seams], count)
         self._follows = row[1:] & (self.seam[1:] == self.seam[:-1])  # stitch k + 1 stands next to stitch k
 
@@ -60,7 +62,7 @@ class Stitches(Checkpointed):
             force.release(self.whole)
 
     def loads(self, tension: np.ndarray) -> np.ndarray:
-        """(k,) force [N] in each stitch; 0 where what it joins is, or was before the step, still apart.
+        """(k,) force [N] in each stitch of seams; 0 where what it joins is, or was before the step, still apart.
 
         Args:
             tension: (n, 3) [N] what members put on each other.
@@ -68,7 +70,7 @@ class Stitches(Checkpointed):
         a, b, label = self.clusters.a, self.clusters.b, self.clusters.label
         size = np.bincount(label + 1, minlength=2)[label + 1]  # of each particle's cluster
         out = np.zeros(len(self.bears))
-        real = self.whole & (a != b)
+        real = self.whole & (a != b) & self._by_hand
         alone = np.flatnonzero(real & (size[a] == 2))
         out[alone] = np.linalg.norm(tension[a[alone]], axis=1)
         several = np.flatnonzero(real & (size[a] > 2))
@@ -102,14 +104,25 @@ def between(a: np.ndarray, b: np.ndarray, tension: np.ndarray) -> np.ndarray:
     return B @ np.linalg.pinv(B.T @ B, hermitian=True) @ tension[members]
 
 
-def ends_of(scene: Scene, seams: Sequence[tuple[Seam, Hinges]]) -> np.ndarray:
-    """(hinges, 2) the stitches at the ends of the hinges that go over seams, numbered through all of a scene."""
+def ends_of(scene: Scene, parts: Sequence[tuple[Cloth | Seam, Hinges]]) -> np.ndarray:
+    """(hinges, 2) the stitches at the ends of hinges that go over seams or may tear, numbered through all of a scene; -1 for
+    none.
+
+    Args:
+        parts: hinges, and the cloth or seam that they are of.
+    """
     out = [np.zeros((0, 2), dtype=np.int64)]
     first = dict(zip(scene.seams, np.cumsum([0, *(len(s.a) for s in scene.seams)]).tolist()))
-    for seam, h in seams:
-        by = np.array([seam.cloth.mesh.vertex_count, 1])
-        pairs = np.sort(np.stack([seam.a[:-1], seam.a[1:]], axis=1), axis=1) @ by
-        order = np.argsort(pairs)
-        k = order[np.searchsorted(pairs, np.sort(h.vertices[:, :2], axis=1) @ by, sorter=order)]
-        out.append(first[seam] + np.stack([k, k + 1], axis=1))
+    for of, h in parts:
+        ends = np.full((len(h.vertices), 2), -1)
+        if isinstance(of, Seam):
+            by = np.array([of.cloth.mesh.vertex_count, 1])
+            pairs = np.sort(np.stack([of.a[:-1], of.a[1:]], axis=1), axis=1) @ by
+            order = np.argsort(pairs)
+            k = order[np.searchsorted(pairs, np.sort(h.vertices[:, :2], axis=1) @ by, sorter=order)]
+            ends = first[of] + np.stack([k, k + 1], axis=1)
+        elif of.split is not None:
+            seam = next(s for s in scene.seams if s.tears and s.cloth is of)
+            ends[of.split.edge, of.split.at] = first[seam] + np.arange(len(of.split.a))
+        out.append(ends)
     return np.concatenate(out)
