@@ -127,6 +127,8 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
                                   "contact": "tc.ClothContact(0.01)", "panels": "None"}),
     (BENT, "scene.crease", {"cloth": "cloth", "angle": "0.5", "edges": "None",
                              "line": "[(0.5, 0), (0.5, 1)]", "stiffness": "1.0"}),
+    (SCENE, "scene.inflate", {"cloth": "cloth", "pressure": "5.0", "gas": '"isothermal"', "volume": "0.1", "part": "None",
+                              "ambient": "1e5", "bulk": "1e6"}),
     (SCENE, "scene.sew", {"cloth": "cloth", "a": "[0, 1]", "b": "[7, 6]", "rest": "0.5", "stiffness": "1.0"}),
     (SCENE + "; ball = scene.add_solid(tc.Sphere(1), 0.1, 0.01)", "scene.attach",
      {"cloth": "cloth", "vertices": "[0, 1]", "solid": "ball", "since": "0.1"}),

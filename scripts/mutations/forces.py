@@ -20,11 +20,26 @@ CURVATURE, FIT = "taichi_cloth/forces/curvature_bend.py", "taichi_cloth/forces/c
 EXTERNAL, ELEMENTS = "taichi_cloth/forces/external.py", "taichi_cloth/system/elements.py"
 OPERATOR, MEASURE = "taichi_cloth/system/operator.py", "taichi_cloth/system/assembler.py"
 MODEL = "taichi_cloth/system/state.py"
+GAS, PUMP, ENCLOSURES = "taichi_cloth/forces/gas.py", "taichi_cloth/step/pump.py", "taichi_cloth/system/enclosures.py"
+FILLED = "tests/unit/test_gas.py::test_force_and_stiffness_by_differences"
 STIFFENING, LOCAL = "taichi_cloth/forces/stiffening.py", "taichi_cloth/forces/local_drag.py"
 LIMITS, WIND = "tests/physics/test_strain_limits.py tests/unit/test_forces.py", "tests/physics/test_wind.py"
 LIMIT_SLOPE = "tests/unit/test_forces.py::test_stiffness_against_differences[paper-limit]"
 
 MUTATIONS = (
+    # gas
+    (GAS, "+ (x[b] - here).cross(self.place(c, p) - mine)", "- (x[b] - here).cross(self.place(c, p) - mine)",
+     "ddV of one corner has a wrong sign", FILLED),
+    (GAS, "f += lasting * self.second(j, self.at, to.motion) - s * change * self.g[j]",
+     "f += lasting * self.second(j, self.at, to.motion) + s * change * self.g[j]", "p' dV dV^T pulls on the right-hand side",
+     "tests/unit/test_gas.py::test_work_of_a_pressure_that_rises tests/unit/test_gas.py::test_what_is_shut_in_keeps_its_law"),
+    (GAS, "out = self.model.sewn.mean(i, q)", "out = q[i]", "a room's corners are one of what is sewn together",
+     "tests/unit/test_gas.py::test_no_room_pushes_itself_wherever_it_is"),
+    (GAS, "rate -= self.state[k][3] * self.state[k][1]", "rate += self.state[k][3] * self.state[k][1]",
+     "the rate of a gas's energy has the wrong sign", "tests/unit/test_gas.py::test_work_of_a_pressure_that_rises"),
+    (PUMP, "- sum(stored.values())) / 2", "- sum(stored.values()))", "a pump's work is counted twice over TR-BDF2's step",
+     "tests/unit/test_gas.py::test_work_of_a_pressure_that_rises"),
+    (ENCLOSURES, "if enclosed < -FLAT * area**1.5:", "if enclosed > FLAT * area**1.5:", "inside out", FILLED),
     # stretch and shear
     (CONDITIONS, "transverse = k * (1 - b / length)", "transverse = k * (1 - length / b)",
      "stretch: transverse stiffness upside down",

@@ -36,6 +36,10 @@ def build_forces(fields: Fields, model: ParticleState, scene: Scene, mode: str, 
         (Pulls, _pulls(scene)),
     )
     kinds = [kind for kind, needed in wanted if needed] + scene.forces
+    if scene.pieces:
+        from .gas import Gas
+
+        kinds.append(Gas)
     return [kind(fields, model, scene, mode) for kind in kinds]
 
 

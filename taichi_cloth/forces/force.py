@@ -5,6 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..scene.attachment import Script
+
 
 class Force(ABC):
     """A force on a model's particles: its energy, its part of eq. (18), and what others have to know of it.
@@ -24,6 +26,8 @@ class Force(ABC):
         abrupt: whether its stiffness can grow many times over within a step.
         of_contact: whether its elements come and go with contact.
         attached: (k, 3) particle, stiffness and largest force of what it attaches softly; None where it never does.
+        coupled: whether its product takes sums over all of the cloth: `sum_up`, `add_coupled`.
+        driven: whether its energy changes with time by itself.
         notes: what was found out when it was made, for people.
     """
 
@@ -37,6 +41,8 @@ class Force(ABC):
     abrupt: bool = False
     of_contact: bool = False
     attached: np.ndarray | None = None
+    coupled: bool = False
+    driven: bool = False
     notes: Sequence[str] = ()
 
     @abstractmethod
@@ -72,7 +78,20 @@ class Force(ABC):
     def add_level_block(self, n, c, D, levels):
         """D, 6 numbers, plus the block of node n of the preconditioner's levels: s^T (-c D - c^2 K) s, s the node's hat."""
 
-    def set_time(self, t: float) -> None:  # noqa: B027 (most forces do not change)
+    def prepare(self, motion=None) -> None:  # noqa: B027 (what follows is empty for most forces)
+        """What all of the cloth together decides at the model's x and v is found out, before `add_force` and `evaluate`.
+
+        Args:
+            motion: field of what K is applied to, where `evaluate` does.
+        """
+
+    def sum_up(self, block, p):  # noqa: B027
+        """The block's parts of the sums over all of p that the product takes."""
+
+    def add_coupled(self, block, q):  # noqa: B027
+        """q += what these sums put on the rows of a block, another part of (-c D - c^2 K) p."""
+
+    def set_time(self, t: float) -> None:  # noqa: B027
         """What changes with time by itself is set to what it is at t [s]."""
 
     def geometry(self) -> dict[str, np.ndarray]:
@@ -87,6 +106,13 @@ class Force(ABC):
             part: weight of the end of the step against its beginning.
         """
         return 0.0
+
+    def follow(self, script: Script) -> None:  # noqa: B027
+        """From now on the force is as this script says, which events change."""
+
+    def record(self) -> dict[str, tuple[float, float]]:
+        """What a step's record says of gas."""
+        return {}
 
     def accept(self, h: float) -> bool:
         """A step of h [s] was accepted; True where the force has changed by that."""

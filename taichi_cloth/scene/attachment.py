@@ -10,6 +10,7 @@ from .. import checks
 from ..errors import SceneError
 from .cloth import Cloth
 from .glue import Places, places
+from .inflation import Inflation
 from .solids import Solid
 
 Path = Callable[[float], ArrayLike]
@@ -93,18 +94,20 @@ class Script:
     """The part of a scene that events may change while a simulation runs.
 
     Attributes:
-        made: attachments that were ever made in it, those that were released included: keys go on from there.
+        made: attachments and inflations that were ever made in it, those that were released included: keys go on from there.
         opened: (seam, rows of its stitches) that are to be opened.
+        inflations: gas in pieces of cloth, one a piece.
     """
 
     attachments: list[Attachment] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     made: int = 0
     opened: list = field(default_factory=list)
+    inflations: list[Inflation] = field(default_factory=list)
 
     def copy(self) -> "Script":
         """A copy whose lists are its own."""
-        return Script(list(self.attachments), list(self.events), self.made, list(self.opened))
+        return Script(list(self.attachments), list(self.events), self.made, list(self.opened), list(self.inflations))
 
 
 def orthonormal(directions: object) -> np.ndarray:

@@ -20,6 +20,8 @@ from .crease import Crease
 from .crease import make as make_crease
 from .fabric import ClothContact, Fabric
 from .garment import Garment
+from .inflation import ATMOSPHERE, Drive, Inflation
+from .inflation import make as make_inflation
 from .mesh import TriMesh
 from .score import Score, score
 from .sewing import Seam, corners, make_stitches
@@ -51,6 +53,7 @@ class Scene:
         self.seams: list[Seam] = []
         self.creases: list[Crease] = []
         self.scores: list[Score] = []  # of cloth that may tear
+        self.pieces: list[Inflation] = []  # the first inflation of each piece that has one
         self.script, self._running = Script(), False
         self.followers: weakref.WeakSet = weakref.WeakSet()  # simulations of it that are open
 
@@ -193,6 +196,52 @@ class Scene:
             seam = next(s for s in self.seams if s.cloth is cloth and s.tears)
             self.script.opened.append((seam, np.flatnonzero(cloth.split.on_line(self.scores[-1].edges))))  # type: ignore[union-attr]
         return self.scores[-1]
+
+    def inflate(self, cloth: Cloth, pressure: Drive | None = None, gas: str = "constant", volume: Drive | None = None,
+                part: object = None, ambient: float = ATMOSPHERE, bulk: float = 1e6) -> Inflation:
+        """Fills closed cloth with gas, which presses on it from inside. Seams count as closed; each closed piece is a room of
+        its own. What is inflated again, as in an event, gets the new gas instead of the old.
+
+        Args:
+            pressure: p over that outside [Pa], a number or a function of time [s], such as a ramp.
+            gas: "constant": p is what it is, whatever the volume V, as with a fan or a line. "isothermal": an amount of gas,
+                (p + ambient) V stays what it is at `volume`; without a pressure, what there is is shut in. "volume": the piece
+                is full of a liquid, of which there is `volume`: p = bulk (1 - V/volume).
+            volume: [m^3], of a liquid it may be a function of time [s]; the one when this begins where None.
+            part: vertices as in `pin`: the faces that have all corners among them; all of the cloth where None.
+            ambient: pressure outside [Pa].
+            bulk: modulus of the liquid [Pa]: the volume is off by p/bulk.
+
+        Raises:
+            SceneError: an impossible value; in an event, a piece that was not inflated when the simulation was made. That a
+                piece is open is found out when the scene is simulated.
+        """
+        self._own(cloth)
+        new = make_inflation(cloth, pressure, gas, volume, part, ambient, bulk, self.script.made)
+        known = any(p.of(cloth, new.part) for p in self.pieces)
+        if self._running and not known:
+            raise SceneError(f"inflate: {new.name!r} was not inflated when the simulation was made: do so, with pressure 0")
+        self._warn_followers()
+        if not known:
+            self.pieces.append(new)
+        self.script.inflations[:] = [i for i in self.script.inflations if not i.of(cloth, new.part)] + [new]
+        self.script.made += 1
+        return new
+
+    def deflate(self, cloth: Cloth, part: object = None) -> None:
+        """Opens what was inflated: nothing presses on it any more.
+
+        Raises:
+            SceneError: a piece that is not inflated.
+        """
+        self._own(cloth)
+        vertices = None if part is None else np.unique(cloth.mesh.select(part))
+        kept = [i for i in self.script.inflations if not i.of(cloth, vertices)]
+        if len(kept) == len(self.script.inflations):
+            where = "" if part is None else f" in part = {shown(part)}"
+            raise SceneError(f"deflate: {cloth.name!r} is not inflated{where}")
+        self._warn_followers()
+        self.script.inflations[:] = kept
 
     def pass_through(self, a: Cloth, b: Cloth) -> None:
         """Lets two cloths that have a contact pass through each other."""

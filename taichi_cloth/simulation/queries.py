@@ -154,6 +154,11 @@ class Queries(Parts):
                 stands[seam.cloth.start: seam.cloth.start + len(one)] = seam.cloth.start + one
         return stands[faces]
 
+    def gas(self) -> dict[str, tuple[float, float]]:
+        """(volume [m^3], pressure over that outside [Pa]) of what is inflated, by name of cloth and part."""
+        self._live().prescribed.set_time(self.time)
+        return {name: pair for force in self.force_terms for name, pair in force.record().items()}
+
     def contact_forces(self) -> np.ndarray:
         """(n, 3) [N] of solids on the cloth in the last step, friction included."""
         self._live()

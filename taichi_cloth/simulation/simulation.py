@@ -14,11 +14,12 @@ from ..errors import SceneError
 from ..options import SHORTEST, signature
 from ..scene.attachment import Path
 from ..scene.cloth import Cloth
+from ..scene.inflation import ATMOSPHERE, Drive, Inflation
 from ..scene.scene import Scene
 from ..scene.sewing import Seam
 from ..scene.solids import Solid
 from ..step.stepper import StepRecord
-from ..system.checkpoint import VERSION, below
+from ..system.checkpoint import VERSION, Checkpointed, below
 from .queries import Queries
 
 ROUND_TIME = 1e-9  # part of a step below which two times are the same
@@ -158,12 +159,30 @@ class Simulation(Queries):
                 self.stepper.start = None
             opened.clear()
 
-    def _change(self, change: Callable[[], None]) -> None:
+    def inflate(self, cloth: Cloth, pressure: Drive | None = None, gas: str = "constant", volume: Drive | None = None,
+                part: object = None, ambient: float = ATMOSPHERE, bulk: float = 1e6) -> None:
+        """As `Scene.inflate`, for this simulation, from now on: what was inflated when it was made gets other gas."""
+        self._change(lambda: self.scene.inflate(cloth, pressure, gas, volume, part, ambient, bulk))
+
+    def deflate(self, cloth: Cloth, part: object = None) -> None:
+        """As `Scene.deflate`, for this simulation, from now on."""
+        self._change(lambda: self.scene.deflate(cloth, part))
+
+    def _change(self, change: Callable[[], object]) -> None:
         """Pins and motions are changed by hand; what begins, begins where its vertices are."""
         self._live()
+        before = list(self.prescribed.script.inflations)
         with self.scene.running(self.prescribed.script):
             change()
         self.prescribed.changes += 1
+        self._gas_changed(before)
+
+    def _gas_changed(self, before: list[Inflation]) -> None:
+        """Forces jump where gas is another one at once: nothing of the last step goes on."""
+        if before != self.prescribed.script.inflations:
+            self.prescribed.set_time(self.time)
+            self.stepper.start = None
+            self.integrator.reset()
 
     def checkpoint(self) -> dict[str, np.ndarray]:
         """Everything that decides how the simulation goes on, as arrays by name; see `resume`."""
@@ -182,6 +201,9 @@ class Simulation(Queries):
             parts["stitches"] = self.giving.stitches
         if self.contacts is not None:
             parts["contacts"] = self.contacts
+        for force in self.force_terms:
+            if isinstance(force, Checkpointed):
+                parts["gas"] = force
         return parts | {"script": self.prescribed}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
@@ -206,7 +228,7 @@ class Simulation(Queries):
                 part.resume(below(name, state))
         except KeyError as missing:
             raise SceneError(f"the checkpoint has no {missing}: it is of a run with other options") from None
-        self._fire_events()
+        self._fire_events(again=True)
         self.prescribed.resume(below("script", state))  # attachments that events began, began where they did
 
     def __repr__(self) -> str:
@@ -239,11 +261,15 @@ class Simulation(Queries):
         self._fire_events()
         return record
 
-    def _fire_events(self) -> None:
+    def _fire_events(self, again: bool = False) -> None:
+        """Calls what is due; `again` after a checkpoint that has what followed from it."""
         script = self.prescribed.script
         while script.events and script.events[0].time <= self.time + ROUND_TIME * self.control.h_max:
             event = script.events.pop(0)
+            before = list(script.inflations)
             with self.scene.running(script):
                 self.scene.fire(event)
+            if not again:
+                self._gas_changed(before)
             script.events.sort(key=lambda e: e.time)
         self._unsew()

@@ -21,7 +21,7 @@ from .recurrences import BAD, BROKEN, DONE, GO_ON, Recurrences
 
 CONVERGED, MAX_ITERATIONS, BREAKDOWN, NOT_FINITE = "CONVERGED", "MAX_ITERATIONS", "BREAKDOWN", "NOT_FINITE"
 BEGIN, ITERATE, CHECK = range(3)  # stages of a phase scheduler's solve
-COPY, MULTIPLY, RESTART, UPDATE, TAKE, GIVE, CORRECT = range(1, 8)  # kinds of its phases
+COPY, MULTIPLY, RESTART, UPDATE, TAKE, GIVE, CORRECT, SUM_UP = range(1, 9)  # kinds of its phases
 STAGE, STATE, DID, ROUND = range(4)  # what it counts
 FIRST, LAST = range(2)  # residual norms that it keeps
 RESTARTS = 5
@@ -148,6 +148,10 @@ class PCG(Recurrences):
             if zero == 1:
                 self.dv[i] = ti.Vector.zero(float, 3)
             self.s[i] = self.dv[i]
+        if ti.static(self.operator.couples):
+            for t in range(self.blocks.count * self.blocks.grain):
+                if t % self.blocks.grain == 0:
+                    self.operator.sum_up(t // self.blocks.grain, self.s)
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
                 self.multiply(t // self.blocks.grain)
@@ -173,6 +177,10 @@ class PCG(Recurrences):
     @ti.kernel
     def _step(self, target: float, iteration: int) -> int:
         """One iteration, on all threads; says how it went."""
+        if ti.static(self.operator.couples):
+            for t in range(self.blocks.count * self.blocks.grain):
+                if t % self.blocks.grain == 0:
+                    self.operator.sum_up(t // self.blocks.grain, self.s)
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
                 self.multiply(t // self.blocks.grain)
@@ -217,6 +225,9 @@ class PCG(Recurrences):
             self.restart(block)
         elif kind == UPDATE:
             self.update(block)
+        if ti.static(self.operator.couples):
+            if kind == SUM_UP:
+                self.operator.sum_up(block, self.s)
         if ti.static(not self.preconditioner.pointwise):
             if kind == TAKE:
                 self.preconditioner.restrict_block(block, self.r)
@@ -241,8 +252,11 @@ class PCG(Recurrences):
             following = GIVE
         elif kind == GIVE:
             following = CORRECT
-        elif kind != COPY:
+        elif kind != COPY and kind != SUM_UP:
             following = self.decide(tolerance, reference, most)
+        if ti.static(self.operator.couples):
+            if following == MULTIPLY and kind != SUM_UP:
+                following = SUM_UP
         return following
 
     @ti.func

@@ -21,6 +21,8 @@ def choose(forces: list, scene: Scene, h: float, tolerance: float | None, adapti
         return "safe", "the scene has contact, which explicit methods do not know"
     if scene.seams:
         return "safe", "the scene has seams, which explicit methods do not know"
+    if any(inflation.gas != "constant" for inflation in scene.script.inflations):
+        return "safe", "the scene has gas whose pressure depends on its volume, which explicit methods do not know"
     if not adaptive:
         return "safe", "fixed steps are too large to be explicit ones"
     if tolerance is not None and tolerance < FINEST:

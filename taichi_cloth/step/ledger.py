@@ -31,6 +31,7 @@ class Work:
         lowered: of those that bring down to a solid what would else go through it: its motion has to pay for them.
         friction: of friction of cloth that slides on solids.
         layers: of cloth on cloth, besides the repulsion that is stored; with it what is stored anew where repulsion stiffens.
+        gas: of what changes a pressure, see `pump`.
     """
 
     attachments: float = 0.0
@@ -40,11 +41,13 @@ class Work:
     lowered: float = 0.0
     friction: float = 0.0
     layers: float = 0.0
+    gas: float = 0.0
 
     @property
     def total(self) -> float:
         """All of it [J]."""
-        return self.attachments + self.pins + self.solids + self.lifted + self.lowered + self.friction + self.layers
+        held = self.attachments + self.pins + self.solids
+        return held + self.lifted + self.lowered + self.friction + self.layers + self.gas
 
 
 @dataclass(frozen=True)
@@ -119,7 +122,7 @@ def three_stages(weights: tuple[float, float, float], stages: tuple[Measures, Me
     rate, wind, damped = (sum(w * getattr(m, name) for w, m in zip(weights, stages)) for name in ("rate", "wind", "damped"))
     potential = end.potential - start.potential
     return Ledger(**asdict(work), kinetic=end.energies["kinetic"] - start.energies["kinetic"], potential=potential, wind=wind,
-                  damping=2 * damped, method=lag + rate - potential)
+                  damping=2 * damped, method=lag + rate - (potential - work.gas))
 
 
 def many_steps(start: Measures, end: Measures, work: Work) -> Ledger:

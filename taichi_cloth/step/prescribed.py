@@ -28,6 +28,8 @@ class Prescribed(Checkpointed):
         self.model, self.script, self.forces, self.contacts = model, script, forces, contacts
         self.script.events.sort(key=lambda event: event.time)
         self.attachments = Attachments(model, model.exchange)
+        for force in forces:
+            force.follow(script)
         self.changes = 0
         self.pulls = next((force for force in forces if isinstance(force, Pulls)), None)
         if self.pulls is not None:

@@ -88,6 +88,7 @@ class StepRecord:
         error: estimated, over what the tolerance allows in this step; 0 where none is asked for.
         fell_back: why the default method redid the step by backward Euler; "" where it did not.
         opened: stitches of seams that are open at its end, of all.
+        gas: (volume [m^3], pressure over that outside [Pa]) of what is inflated, by name.
         ledger: J by name, what put energy in and what took it in this step: see `ledger.Ledger`.
         troubles: where attempts before it were rejected, and where it was itself slow to solve: see `trouble.Trouble`.
     """
@@ -115,6 +116,7 @@ class StepRecord:
     intersections: int | None = None
     opened: int = 0
     ledger: dict[str, float] = field(default_factory=dict)
+    gas: dict[str, tuple[float, float]] = field(default_factory=dict)
     troubles: tuple[Trouble, ...] = ()
 
 
@@ -238,6 +240,7 @@ class Stepper(Checkpointed):
                           seconds, attempt.contacts, attempt.unsettled, attempt.crossings, attempt.evaluations,
                           attempt.error or 0.0, attempt.fell_back, attempt.layers, attempt.least, attempt.tangled,
                           attempt.pinched, opened=opened, ledger={} if ledger is None else ledger.record(),
+                          gas={k: v for force in self.meter.forces for k, v in force.record().items()},
                           troubles=tuple(troubles))
 
     def _gave_up(self, t: float, h: float, rejection: str, attempt: Attempt, rejections: dict[str, int],

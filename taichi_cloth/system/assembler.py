@@ -108,6 +108,8 @@ class Assembler:
         return self._look(1, int(moves), c)
 
     def _look(self, linearizes: int, moves: int, c: float) -> Measures:
+        for force in self.forces:
+            force.prepare(self.operator.motion if moves else None)
         self._evaluate(linearizes, moves, c, self._report)
         sums, peaks = self._report.sum(axis=0, dtype=np.float64), self._report.max(axis=0)
         energies: dict[str, float] = {}

@@ -23,6 +23,8 @@ class Operator:
 
     def __init__(self, fields: Fields, model: ParticleState, forces: list) -> None:
         self.model, self.forces, self.blocks = model, forces, model.blocks
+        self.coupled = [force for force in forces if force.coupled]
+        self.couples = len(self.coupled) > 0
         for force in forces:
             force.build_stiffness()
         self.b, self.motion = fields.real(model.n, 3), fields.real(model.n, 3)
@@ -43,11 +45,19 @@ class Operator:
 
     @ti.func
     def product(self, block, p: ti.template(), q: ti.template()):
-        """q = A p on the rows of a block."""
+        """q = A p on the rows of a block; `sum_up` has been called for all of them where forces couple."""
         for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
             q[i] = self.model.m[i] * p[i]
         for k in ti.static(range(len(self.forces))):
             self.forces[k].add_product(block, p, q)
+        for k in ti.static(range(len(self.coupled))):
+            self.coupled[k].add_coupled(block, q)
+
+    @ti.func
+    def sum_up(self, block, p: ti.template()):
+        """What the product needs to know of all of p, a block's part."""
+        for k in ti.static(range(len(self.coupled))):
+            self.coupled[k].sum_up(block, p)
 
 
 @ti.data_oriented
@@ -58,9 +68,14 @@ class ForceField:
         self.model, self.forces, self.blocks = model, forces, model.blocks
         self.f = fields.real(model.n, 3)
 
-    @ti.kernel
-    def compute(self):
+    def compute(self) -> None:
         """f = internal plus external forces."""
+        for force in self.forces:
+            force.prepare()
+        self._compute()
+
+    @ti.kernel
+    def _compute(self):
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
                 block = t // self.blocks.grain
@@ -87,6 +102,10 @@ class Probe:
     @ti.kernel
     def apply(self, times: int):
         """q = A p; several times over in one launch where that is to be timed."""
+        if ti.static(self.operator.couples):
+            for t in range(self.blocks.count * self.blocks.grain):
+                if t % self.blocks.grain == 0:
+                    self.operator.sum_up(t // self.blocks.grain, self.p)
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
                 for _ in range(times):

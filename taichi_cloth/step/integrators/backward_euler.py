@@ -8,6 +8,7 @@ R half the dissipated power; `nonlinear.euler` says how far it is gone after, `n
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 from ...backend.timing import Clock
 from ...options import Options
@@ -20,6 +21,7 @@ from ..ledger import with_attachments
 from ..nonlinear.energy import EnergyTest
 from ..nonlinear.euler import EulerPolicy
 from ..nonlinear.system import System
+from ..pump import Pump
 
 
 class BackwardEuler(Checkpointed):
@@ -30,7 +32,7 @@ class BackwardEuler(Checkpointed):
 
     def __init__(self, system: System, options: Options, converge: bool = False) -> None:
         self.system, self.options, self.converge = system, options, converge
-        self.contacts, self.energy = system.contacts, EnergyTest(system)
+        self.contacts, self.energy, self.pump = system.contacts, EnergyTest(system), Pump(system.meter)
         self.dv = system.solver.dv  # the last change of velocity, from which contacts predict the next
         self.policy = self._policy()
 
@@ -65,12 +67,14 @@ class BackwardEuler(Checkpointed):
         layers = None if contacts is None else contacts.layers
         before = 0.0 if layers is None else layers.seconds
         start, led = self.system.meter.led(start, 0.0)
+        start, pumped = self.pump.at_end(start)
         made = self.policy.attempt(h, held, start, clock, solutions)
+        ledger = made.ledger and replace(made.ledger, gas=pumped, potential=made.ledger.potential + pumped)
         if layers is not None:
             spent = layers.seconds - before
             clock.seconds |= {"C-C": spent, "C-S": max(clock.seconds.get("C-S", 0.0) - spent, 0.0)}
         return Attempt(made.rejection, made.detail, made.measures, tuple(solutions), clock.seconds,
-                       ledger=None if made.ledger is None else with_attachments(made.ledger, led),
+                       ledger=None if ledger is None else with_attachments(ledger, led),
                        **({} if contacts is None else contacts.counts()))
 
     def commit(self, taken: float = 0.0) -> None:

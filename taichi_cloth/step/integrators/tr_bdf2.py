@@ -36,6 +36,7 @@ from ..nonlinear.newton import minimize
 from ..nonlinear.problem import Outcome
 from ..nonlinear.stage import FIRST, Effort, Stage
 from ..nonlinear.system import System
+from ..pump import Pump
 
 C = 1 - math.sqrt(0.5)
 GAMMA = 2 - math.sqrt(2)
@@ -64,7 +65,7 @@ class TRBDF2(Checkpointed):
     STATE = ("a_0", "v_p", "c", "power", "debt", "motion", "known", "pins")
 
     def __init__(self, fields: Fields, system: System, options: Options, gravity: np.ndarray) -> None:
-        self.system, self.options, self.model = system, options, system.model
+        self.system, self.options, self.model, self.pump = system, options, system.model, Pump(system.meter)
         n = self.model.n
         self.a_0, self.v_g, self.a_g, self.v_p = (fields.real(n, 3) for _ in range(4))  # a_0 = F_0/M
         self.known = False  # whether a_0 is, or follows from the last step
@@ -83,6 +84,8 @@ class TRBDF2(Checkpointed):
         clock, c, system = Clock(), C * h, self.system
         solutions: list[Solution] = []
         effort = self._effort(h)
+        with clock.part("EVAL"):
+            pumped = self.pump.around(held_at, h, start)
         pins = held_at(0.0)
         fresh = self._remember(pins, c, clock)
         if self.rate is not None:
@@ -106,7 +109,8 @@ class TRBDF2(Checkpointed):
             weights = (WEIGHT * h, WEIGHT * h, c)
             before = 0.0 if self.rate is not None else self.power  # what a_0 implies; where it is f(x_0, v_0)/M nothing holds
             start, led = self.system.meter.led(start, 0.5)
-            work = Work(pins=sum(w * p for w, p in zip(weights, (before, power, self.power_1))))
+            work = Work(pins=sum(w * p for w, p in zip(weights, (before, power, self.power_1))),
+                        gas=self.pump.mean(held_at, h, stage.measures, pumped))
             ledger = three_stages(weights, (start, first.measures, stage.measures), work, h * self._lag(c))
             self.system.settle(held)
         measures = stage.measures

@@ -24,6 +24,7 @@ from ...system.state import ParticleState
 from ..attempt import ENERGY, NOT_FINITE, Attempt
 from ..choice import SAFETY, stable_step
 from ..ledger import Work, gained, many_steps
+from ..pump import Pump
 
 SLOW = 16  # substeps between two evaluations of bending, at most
 SLOW_SAFETY = 0.5  # part of bending's own stable step that these take together
@@ -49,7 +50,7 @@ class Verlet(Checkpointed):
 
     def __init__(self, fields: Fields, model: ParticleState, forces: list, meter: Assembler, substep: float | None,
                  runtime: Runtime, scene: Scene) -> None:
-        self.model, self.meter, self.blocks = model, meter, model.blocks
+        self.model, self.meter, self.blocks, self.pump = model, meter, model.blocks, Pump(meter)
         self.fast = [f for f in forces if not f.slow]
         self.slow = [f for f in forces if f.slow]
         self.f, self.f_slow = fields.real(model.n, 3), fields.real(model.n if self.slow else 1, 3)
@@ -96,17 +97,20 @@ class Verlet(Checkpointed):
             if self.ramps:
                 held_at(0.0)
             wind = self._wind()
-            held = held_at(h)
-            moving = held is not None and held.moving
+            held, pumped = held_at(h), 0.0
+            moving = self.pump.runs or (held is not None and held.moving)
+            if self.pump.runs:
+                held_at(0.0)
             chunk = count if not moving else max(every, STRAIGHT // every * every)
             while done < count:
                 steps = min(chunk, count - done)
                 if moving:
-                    held = held_at((done + steps) * small)
+                    held, work_in = self.pump.go_on(held_at, (done + steps) * small)
+                    pumped += work_in
                 self._go(small, steps, every, held, wind)
                 done, wind = done + steps, self._wind()
             measures = self.meter.measure()
-            work = Work(pins=float(self.pulled[0]) if moving else 0.0)
+            work = Work(pins=float(self.pulled[0]) if moving else 0.0, gas=pumped)
         evaluations = count + math.ceil(count / chunk)
         rejection, detail = None if measures.finite else NOT_FINITE, f"{count} substeps of {small:.3g} s"
         blown = h * max(0.0, -start.dissipation, -measures.dissipation)
