@@ -16,7 +16,7 @@ _NAMES = {
     "io": "load",
     "io.solid": "load_solid",
     "scene.fabric": "Stretch Shear Bend Fabric ClothContact",
-    "scene.fabrics": "fabrics",
+    "scene.fabrics": "fabrics bends",
     "scene.garment": "Garment load_garment",
     "garment": "load_pattern",
     "garment.stitched": "load_stitched",

@@ -26,6 +26,9 @@ STIFFENING, LOCAL = "taichi_cloth/forces/stiffening.py", "taichi_cloth/forces/lo
 LIMITS, WIND = "tests/physics/test_strain_limits.py tests/unit/test_forces.py", "tests/physics/test_wind.py"
 LIMIT_SLOPE = "tests/unit/test_forces.py::test_stiffness_against_differences[paper-limit]"
 
+SLIDERS, SLIDES = "taichi_cloth/forces/curvature_hysteresis.py", "tests/unit/test_curvature_hysteresis.py"
+LEDGER = "tests/physics/test_limit_ledger.py"
+
 MUTATIONS = (
     # gas
     (GAS, "+ (x[b] - here).cross(self.place(c, p) - mine)", "- (x[b] - here).cross(self.place(c, p) - mine)",
@@ -40,6 +43,13 @@ MUTATIONS = (
     (PUMP, "- sum(stored.values())) / 2", "- sum(stored.values()))", "a pump's work is counted twice over TR-BDF2's step",
      "tests/unit/test_gas.py::test_work_of_a_pressure_that_rises"),
     (ENCLOSURES, "if enclosed < -FLAT * area**1.5:", "if enclosed > FLAT * area**1.5:", "inside out", FILLED),
+    # what bending by curvatures remembers
+    (SLIDERS, "mu = self.weighed(row, secant, z)", "mu = self.weighed(row, 1.0, z)", "friction grows without end", SLIDES),
+    (SLIDERS, "both - B[m] * (G[c][m, d] + G[d][m, c])", "both", "diagonal: the frame's mixed terms", SLIDES),
+    (SLIDERS, "sizes[3] * n.dot(T) * t_2", "0.0 * t_2", "no force turns the frame in its plane", SLIDES),
+    (SLIDERS, "self.move(row, (1 - d / phi) * z)", "self.move(row, z)", "sliders go all the way", SLIDES),
+    ("taichi_cloth/step/nonlinear/euler.py", "<= ACCOUNTED * through else None", "<= 10 * through else None",
+     "steps into a limit end with their first solve", LEDGER),
     # stretch and shear
     (CONDITIONS, "transverse = k * (1 - b / length)", "transverse = k * (1 - length / b)",
      "stretch: transverse stiffness upside down",

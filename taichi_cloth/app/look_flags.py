@@ -9,7 +9,7 @@ def look_flags(parser: argparse.ArgumentParser) -> None:
     """Flags of `look_of`."""
     add = parser.add_argument
     add("--quality", default="fast", help="fast, standard or high: shadow map, or traced shadows and ambient occlusion")
-    add("--heat", metavar="NAME", help="colour by stretch, shear, bend, speed or contact")
+    add("--heat", metavar="NAME", help="colour by stretch, shear, bend, speed, contact, crease, limit or seam")
     add("--range", type=_range, metavar="LOW:HIGH", help="of the heat map's scale")
     add("--wire", action="store_true", help="draw the triangles' edges")
     add("--caption", default="", metavar="TEXT", help="in which {t} and {frame} are the time and the frame")

@@ -55,6 +55,8 @@ class Bend(Force):
             rest = np.column_stack([law.own * rest[:, 0], rest[:, 1:]])
         self.remembers = self.gusty = self.hysteresis is not None  # explicit steps must be as short as its changes
         self.host_stiff = stiff
+        self.yields, self.creased = bool(self.remembers and self.hysteresis.yields), bool(scene.creases)
+        self.host_arc = np.concatenate([h.areas.sum(axis=1) / np.sqrt(h.length2) for _, h in parts])
         self.host_hinges, self.host_turns = vertices, np.concatenate([flat_turns(h) for _, h in parts])
         self.damps = bool(rest[:, 1].any())
         self._rest, self._sewn = rest, (scene, [(of, h) for of, (_, h) in zip(sewn, parts)])
@@ -301,7 +303,15 @@ class Bend(Force):
     def geometry(self) -> dict[str, np.ndarray]:
         """Hinges with their stiffness [N m] and rest angle."""
         k, _, theta_0, _ = self.host_rest.T
-        return {"hinges": self.model.user[self.host_hinges], "hinge_k": k, "hinge_rest": theta_0}
+        out = {"hinges": self.model.user[self.host_hinges], "hinge_k": k, "hinge_rest": theta_0}
+        if self.yields or self.creased:
+            own = self.hysteresis.own if self.yields else np.ones(len(k))
+            out |= {"creases": np.array(True), "hinge_arc": self.host_arc, "hinge_own": own}
+        return out
+
+    def recorded(self) -> dict[str, np.ndarray]:
+        """Angles [rad] that hinges have been creased by."""
+        return {"hinge_crease": self.hysteresis.creases().astype(np.float32)} if self.yields else {}
 
 
 def _rest(cloth: Cloth, h: Hinges) -> np.ndarray:

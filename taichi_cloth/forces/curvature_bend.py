@@ -8,24 +8,29 @@ keep lengths |x_uu|^2 + 2 |x_uv|^2 + |x_vv|^2 is the sum of squares of the curva
 triangles without rotations as in [Onate, Zarate 2000]. Linear in positions: a constant matrix, the same in all three
 coordinates.
 
+What it remembers is in `curvature_hysteresis`.
+
 Differs from [BW98 §4.2]: no angle; the rest shape is flat. Damping is that of the conditions C = |x_ab|, along x_ab: a
 cloth that turns as a whole is not slowed down.
 """
 
-import math
+from dataclasses import fields as fields_of
+from typing import Any
 
 import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
 from ..errors import SceneError
-from ..scene.fabric import pair
 from ..scene.scene import Scene
 from ..system.elements import row_sums
 from ..system.state import Elements, ParticleState
 from .conditions import sym_outer, sym_scaled_identity, unit
 from .curvature_fit import curvatures
+from .curvature_hysteresis import CurvatureHysteresis
+from .curvature_law import CurvatureLaw, curvature_law, moduli_of, own_part
 from .force import Force
+from .hysteresis import remembers
 
 
 @ti.data_oriented
@@ -40,32 +45,46 @@ class CurvatureBend(Force):
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
         self.model, self._fields = model, fields
-        vertices, weights, factors, faces = [], [], [], []
+        vertices, weights, factors, faces, laws = [], [], [], [], []
         for cloth in scene.cloths:
             bend = cloth.fabric.bend
             if bend is None or bend.model != "curvature":
                 continue
             if bend.rest not in (None, "flat"):
                 raise SceneError(f"{cloth.name}: bending by curvatures has a flat rest shape; another needs model='hinge'")
+            if mode == "paper" and remembers(bend):
+                raise SceneError(f"{cloth.name}: bending by curvatures that remembers has no exact K: leave K out, or use "
+                                 "model='hinge'")
             v, B, area = curvatures(cloth.mesh)
             vertices.append(model.particle[v + cloth.start])
             weights.append(B)
             faces.append(cloth.mesh.faces + cloth.start)
-            factors.append(area[:, None] * np.array([_moduli(bend.D) + _moduli(bend.k_d)]))
+            factors.append(area[:, None] * np.array([moduli_of(bend.D) + moduli_of(bend.k_d)]))
+            laws.append((own_part(bend), curvature_law(bend, cloth.mesh)))
         self.width = max(v.shape[1] for v in vertices)
         corners = np.concatenate([_wider(v, self.width) for v in vertices])
         B = np.concatenate([np.pad(w, ((0, 0), (0, 0), (0, self.width - w.shape[2]))) for w in weights])
         factor = np.concatenate(factors)
         self.elements = Elements(fields, model.blocks, corners)
+        self.host_faces, self.host_factor = np.concatenate(faces), factor[:, :3].copy()
+        stiff = factor.copy()
+        self.hysteresis: Any = None
+        law = CurvatureLaw(*(np.concatenate([getattr(law, f.name) for _, law in laws]) for f in fields_of(CurvatureLaw)))
+        if law.mean.any():
+            self.hysteresis = CurvatureHysteresis(fields, model, self.elements, model.particle[self.host_faces], law)
+            self.host_own = np.concatenate([np.full(len(part.mean), own) for own, part in laws])
+            factor[:, :3] *= self.host_own[:, None]
+            stiff[:, :3] = factor[:, :3] + law.k.sum(axis=1)  # before sliders give
+        self.remembers = self.gusty = self.hysteresis is not None  # explicit steps must be as short as its changes
+        self.yields = bool(self.remembers and self.hysteresis.creases_too)
         self.weight = fields.real(self.elements.count, 3 * self.width, self.elements.per_entry(
             B.reshape(-1, 3 * self.width)))
         self.factor = fields.real(self.elements.count, 6, self.elements.per_entry(factor))  # of k, then of k_d
         self.damps = bool(factor[:, 3:].any())
-        sizes = (np.abs(np.einsum("kma,km,kmb->kab", B, factor[:, first:first + 3], B)) for first in (0, 3))
+        sizes = (np.abs(np.einsum("kma,km,kmb->kab", B, stiff[:, first:first + 3], B)) for first in (0, 3))
         self.rates = tuple(float(row_sums(corners, s, model.mass).max()) for s in sizes)
-        self.host_faces = np.concatenate(faces)
-        self.host_corners, self.host_weight, self.host_factor = corners, B, factor[:, :3]  # a triangle each
-        self._unit_energy = float(np.sum(factor[:, :3] * np.sum(B**2, axis=2)) / 2)
+        self.host_corners, self.host_weight = corners, B  # a triangle each
+        self._unit_energy = float(np.sum(stiff[:, :3] * np.sum(B**2, axis=2)) / 2)
 
     def rounding_energy(self, d: float) -> float:
         """Energy [J] that positions off by d [m] put into the rest shape."""
@@ -76,6 +95,20 @@ class CurvatureBend(Force):
         self.A, self.stiff = self._fields.real(self.elements.count, 3), True
         if self.damps:
             self.way = self._fields.real(self.elements.count, 9)
+        if self.remembers:
+            self.hysteresis.build_stiffness(self._fields)
+
+    def accept(self, h: float) -> bool:
+        """Sliders follow the curvatures."""
+        if self.remembers:
+            self._settle(h)
+        return self.remembers
+
+    @ti.kernel
+    def _settle(self, h: float):
+        for e in range(self.elements.first[self.model.blocks.count]):
+            if self.elements.primary[e] == 1:
+                self.hysteresis.settle(e, self.second(e, self.model.x), h)
 
     @ti.func
     def second(self, e, q: ti.template()):
@@ -124,7 +157,11 @@ class CurvatureBend(Force):
         """f += internal forces of the block's patches."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
-            self.scatter(e, -self.pull(e, self.second(e, self.model.x)), f, lo, hi)
+            q = self.second(e, self.model.x)
+            r = self.pull(e, q)
+            if ti.static(self.remembers):
+                r += self.hysteresis.add_force(e, q, f, lo, hi)
+            self.scatter(e, -r, f, lo, hi)
 
     @ti.func
     def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
@@ -140,6 +177,10 @@ class CurvatureBend(Force):
                 for m, d in ti.static(ti.ndrange(3, 3)):
                     sums[0] += 0.5 * self.factor[e][m] * q[m, d] ** 2
                     sums[2] += self.factor[e][m] * q[m, d] * moved[m, d]
+                if ti.static(self.remembers):
+                    energy, rate = self.hysteresis.stored(e, q, moved)
+                    sums[0] += energy
+                    sums[2] += rate
                 if ti.static(self.damps):
                     u = self.along(q, moved)
                     for m, d in ti.static(ti.ndrange(3, 3)):
@@ -158,11 +199,13 @@ class CurvatureBend(Force):
     @ti.func
     def linearize(self, e, moves, c, q, to: ti.template(), lo, hi):
         """b += c (f + K motion); keeps the factors of -c D - c^2 K."""
-        r = self.pull(e, q)
+        r, moved = self.pull(e, q), q * 0
         if moves == 1:
             moved = self.second(e, to.motion)
             for m, d in ti.static(ti.ndrange(3, 3)):
                 r[m, d] += self.factor[e][m] * moved[m, d]
+        if ti.static(self.remembers):
+            r += self.hysteresis.linearize(e, moves, c, q, moved, to, lo, hi)
         self.scatter(e, -c * r, to.b, lo, hi)
         for m in ti.static(range(3)):
             self.A[e][m] = c * c * self.factor[e][m]
@@ -182,7 +225,16 @@ class CurvatureBend(Force):
                 own += sym_scaled_identity(self.A[e][m] * square)
                 if ti.static(self.damps):
                     own += square * sym_outer(self.direction(e, m))
+            if ti.static(self.remembers):
+                stiff = self.hysteresis.stiffness(e)
+                for m in ti.static(range(3)):
+                    own += sym_scaled_identity(stiff[m] * self.weight[e][self.width * m + a] ** 2)
             self.model.blocks.add(P, self.elements.vertices[e][a], own, lo, hi)
+        if ti.static(self.remembers):
+            for a in range(3):
+                B = ti.Vector([self.weight[e][self.width * m + self.hysteresis.slot[e][a]] for m in ti.static(range(3))])
+                own = self.hysteresis.frame_block(e, B, float(a == 1) - float(a == 0), float(a == 2) - float(a == 0))
+                self.model.blocks.add(P, self.hysteresis.corner[e][a], own, lo, hi)
 
     @ti.func
     def direction(self, e, m: ti.template()):
@@ -195,6 +247,9 @@ class CurvatureBend(Force):
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
             r = self.second(e, p)
+            more = r * 0
+            if ti.static(self.remembers):
+                more = self.hysteresis.add_product(e, r, p, q, lo, hi)
             for m in ti.static(range(3)):
                 row = ti.Vector([r[m, 0], r[m, 1], r[m, 2]])
                 out = self.A[e][m] * row
@@ -202,7 +257,7 @@ class CurvatureBend(Force):
                     way = self.direction(e, m)
                     out += way.dot(row) * way
                 for c in ti.static(range(3)):
-                    r[m, c] = out[c]
+                    r[m, c] = out[c] + more[m, c]
             self.scatter(e, r, q, lo, hi)
 
     def build_levels(self, levels) -> None:
@@ -214,31 +269,38 @@ class CurvatureBend(Force):
         """D + s^T (-c^2 K) s of the patches that node n's hat meets; without damping."""
         out = D
         for k in range(self.meets.first[n], self.meets.first[n + 1]):
-            out += sym_scaled_identity(self.level_block(self.meets.source[k], n, levels))
+            out += self.level_block(self.meets.source[k], n, levels)
         return out
 
     @ti.func
     def level_block(self, e, n, levels: ti.template()):
-        """A patch's, the same number in all directions."""
-        out = 0.0
+        """A patch's, 6 numbers: the same in all directions, but for what its frame adds."""
+        out, B, stiff = 0.0, ti.Vector.zero(float, 3), ti.Vector.zero(float, 3)
+        if ti.static(self.remembers):
+            stiff = self.hysteresis.stiffness(e)
         for m in ti.static(range(3)):
-            second = 0.0
             for a in range(self.width):
                 i = self.elements.vertices[e][a]
-                second += self.weight[e][self.width * m + a] * levels.hat(n, i) * levels.free(i)
-            out += self.A[e][m] * second * second
-        return out
+                B[m] += self.weight[e][self.width * m + a] * levels.hat(n, i) * levels.free(i)
+            out += (self.A[e][m] + stiff[m]) * B[m] * B[m]
+        block = sym_scaled_identity(out)
+        if ti.static(self.remembers):
+            s = ti.Vector.zero(float, 3)
+            for a in ti.static(range(3)):
+                i = self.hysteresis.corner[e][a]
+                s[a] = levels.hat(n, i) * levels.free(i)
+            block += self.hysteresis.frame_block(e, B, s[1] - s[0], s[2] - s[0])
+        return block
 
     def geometry(self) -> dict[str, np.ndarray]:
         """Patches of vertices round triangles, their weights and stiffness, and the triangles."""
-        return {"patches": self.model.user[self.host_corners], "patch_weight": self.host_weight,
-                "patch_factor": self.host_factor, "patch_faces": self.host_faces}
+        out = {"patches": self.model.user[self.host_corners], "patch_weight": self.host_weight,
+               "patch_factor": self.host_factor, "patch_faces": self.host_faces}
+        return out | ({"creases": np.array(True), "patch_own": self.host_own} if self.yields else {})
 
-
-def _moduli(value) -> list[float]:
-    """Of the terms |x_uu|^2, |x_uv|^2, |x_vv|^2, from (warp, weft)."""
-    u, v = pair(value)
-    return [u, 2 * math.sqrt(u * v), v]
+    def recorded(self) -> dict[str, np.ndarray]:
+        """Curvatures [1/m] that triangles have been creased by."""
+        return {"patch_crease": self.hysteresis.creases().astype(np.float32)} if self.yields else {}
 
 
 def _wider(vertices: np.ndarray, width: int) -> np.ndarray:

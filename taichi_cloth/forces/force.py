@@ -1,5 +1,6 @@
 """What every force is to the rest of the system: the contract, as a class."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
@@ -24,6 +25,7 @@ class Force(ABC):
         gusty: whether it changes with time by itself.
         uniform: whether all that changes is its `wind`, which explicit methods lead evenly through a step.
         abrupt: whether its stiffness can grow many times over within a step.
+        limit: largest stretch |w| / b up to which no triangle is beyond a limit of its strain.
         of_contact: whether its elements come and go with contact.
         attached: (k, 3) particle, stiffness and largest force of what it attaches softly; None where it never does.
         coupled: whether its product takes sums over all of the cloth: `sum_up`, `add_coupled`.
@@ -39,6 +41,7 @@ class Force(ABC):
     gusty: bool = False
     uniform: bool = False
     abrupt: bool = False
+    limit: float = math.inf
     of_contact: bool = False
     attached: np.ndarray | None = None
     coupled: bool = False
@@ -112,6 +115,10 @@ class Force(ABC):
 
     def record(self) -> dict[str, tuple[float, float]]:
         """What a step's record says of gas."""
+        return {}
+
+    def recorded(self) -> dict[str, np.ndarray]:
+        """Arrays by name that every frame keeps of what it remembers."""
         return {}
 
     def accept(self, h: float) -> bool:

@@ -84,7 +84,7 @@ class Hysteresis:
     """Where the sliders of hinges are, and what they do."""
 
     def __init__(self, made: Fields, model: ParticleState, elements: Elements, law: Sliders) -> None:
-        self.elements = elements
+        self.elements, self.own, self.yields = elements, law.own, bool(law.k[:, CREASE].any())
         count = len(law.own)
         self.hinge = made.integer(elements.count, data=elements.per_entry(np.arange(count)))
         self.k, self.reach = made.real(count, 2, law.k), made.real(count, 2, law.reach)

@@ -51,13 +51,15 @@ class Membrane(TriangleForce):
         per_entry = self.elements.per_entry
         inverse = np.concatenate([p.inverse for p in parts]).reshape(-1, 4)
         area = np.concatenate([p.area for p in parts])
-        first = np.cumsum([0] + [len(c.fabrics) for c in cloths])
-        material = np.concatenate([c.fabric_of + k for c, k in zip(cloths, first)])
+        material = _materials(cloths)
         # squared frequency [1/s^2] and damping rate [1/s] that no mode at rest exceeds, as each particle has them
         fabrics = [f for c in cloths for f in c.fabrics]
         self.stiffening: Any = Stiffening(fields, fabrics) if any(map(stiffens, fabrics)) else None
         self.stiffer = self.stiffening is not None
         self.abrupt = self.stiffening is not None and self.stiffening.limits
+        if self.abrupt:
+            self.host_limit = np.array([_limits(f) for c in scene.cloths for f in c.fabrics])[_materials(scene.cloths)]
+            self.limit = float(np.nanmin(self.host_limit[:, 2:4] / self.host_limit[:, :2], initial=np.inf))
         stiffest = table.copy()
         if self.stiffening is not None:
             stiffest[:, :K_S + 1] += self.stiffening.tangent
@@ -95,6 +97,10 @@ class Membrane(TriangleForce):
     def build_stiffness(self) -> None:
         """Allocates what only an implicit step needs."""
         self.A, self.stiff = self._fields.real(self.elements.count, 21), True
+
+    def geometry(self) -> dict[str, np.ndarray]:
+        """Limits of triangles, in the order of their cloths, where there are any: b_u, b_v, L_u, L_v and L of shear."""
+        return {"face_limit": self.host_limit} if self.abrupt else {}
 
     @ti.func
     def gradient(self, e, w_u, w_v, v_u, v_v):
@@ -304,6 +310,19 @@ def _row(fabric) -> list[float]:
     stretch, shear = fabric.stretch, fabric.shear
     k, k_d, b = (pair(stretch.k), pair(stretch.k_d), pair(stretch.b)) if stretch else ((0, 0), (0, 0), (1, 1))
     return [*k, shear.k if shear else 0, *k_d, shear.k_d if shear else 0, *b]
+
+
+def _materials(cloths: list) -> np.ndarray:
+    """(m,) number of each triangle's fabric among all of the cloths'."""
+    first = np.cumsum([0] + [len(c.fabrics) for c in cloths])
+    return np.concatenate([c.fabric_of + k for c, k in zip(cloths, first)])
+
+
+def _limits(fabric) -> list[float]:
+    """b_u, b_v, L_u, L_v and L of shear; NaN where there is none."""
+    stretch, shear = fabric.stretch, fabric.shear
+    limit = pair(stretch.limit) if stretch and stretch.limit is not None else (np.nan, np.nan)
+    return [*(pair(stretch.b) if stretch else (1.0, 1.0)), *limit, shear.limit if shear and shear.limit else np.nan]
 
 
 def _row_bounds(vertices: np.ndarray, inverse: np.ndarray, mass: np.ndarray, k: np.ndarray) -> np.ndarray:

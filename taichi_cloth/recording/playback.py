@@ -17,7 +17,7 @@ from ..output.picture import Artist, contact_sheet
 from ..output.png import encode_apng, encode_png
 from ..output.recording import Recording
 from ..scene.view import camera_at
-from ..system.quantities import QUANTITIES, evaluate
+from ..system.quantities import QUANTITIES, evaluate, require
 from .drawing import Extras, files_of, frames_of
 from .material import SameMaterial
 
@@ -32,6 +32,7 @@ def heat_of(name: str, geometry: dict[str, np.ndarray], limits: tuple[float, flo
         limits: (low, high) of its scale; else what fits the recording, or what is usual where there is none.
     """
     quantity = QUANTITIES[checks.choice("quantity", name, QUANTITIES)]
+    require(name, geometry)
     if limits is None:
         seen = None
         if recording is not None:

@@ -18,8 +18,10 @@ def geometry(sim: Simulation) -> dict[str, np.ndarray]:
     (NaN where left to the renderer) and what else `described.of_appearances` says; the same for solids (`solid_*`, without
     those drawn as ground); hinges with
     stiffness [N m] and rest angle; where bending goes by curvatures `patches` of vertices round triangles,
-    their weights and stiffness; where anything is sewn, `sewn`, the vertex that stands for what each is sewn to, and
-    `panel` of each face with `panel_names`; how it is seen, as `described.of_view` says.
+    their weights and stiffness; where anything is sewn, `sewn`, the vertex that stands for what each is sewn to,
+    `panel` of each face with `panel_names`, and `seam_length` [m] of each vertex; where fabrics have limits `face_limit`,
+    where they yield or are creased `creases` and what a hinge's or triangle's curvature is computed from; how it is seen, as
+    `described.of_view` says.
     """
     scene = sim.scene
     cloths, solids = scene.cloths, [s for s in scene.solids if not is_ground(s)]
@@ -62,14 +64,45 @@ def _sewn(sim: Simulation) -> dict[str, np.ndarray]:
             mine = of.get(np.unique(mesh.faces[label == part]).astype(np.int64).tobytes(), f"{cloth.name}_{k}")
             names.append(cloth.name if len(parts) == 1 else mine)
         panel.append(np.searchsorted(parts, label) + len(names) - len(parts))
-    return {"sewn": sewn, "panel": np.concatenate(panel), "panel_names": np.array(names, dtype=str)}
+    return {"sewn": sewn, "panel": np.concatenate(panel), "panel_names": np.array(names, dtype=str),
+            "seam_length": _seam_lengths(sim)}
+
+
+def _seam_lengths(sim: Simulation) -> np.ndarray:
+    """(n,) length of seam [m] that each vertex stands for: half of the edges beside it, as the pattern has them."""
+    out = np.zeros(sim.vertex_count)
+    for seam in sim.scene.seams:
+        mesh, n = seam.cloth.mesh, seam.cloth.mesh.vertex_count
+        ends = np.stack([mesh.faces[:, [0, 1, 2]], mesh.faces[:, [1, 2, 0]]], axis=2).reshape(-1, 2)
+        length = np.linalg.norm(mesh.corner_uv[:, [0, 1, 2]] - mesh.corner_uv[:, [1, 2, 0]], axis=2).ravel()
+        code, first = np.unique(np.sort(ends, axis=1) @ np.array([n, 1]), return_index=True)
+        for side in (seam.a, seam.b):
+            way = np.sort(np.column_stack([side[:-1], side[1:]]), axis=1)
+            at = np.minimum(np.searchsorted(code, way @ np.array([n, 1])), len(code) - 1)
+            half = np.where(code[at] == way @ np.array([n, 1]), length[first[at]] / 2, 0.0)
+            np.add.at(out, seam.cloth.start + way, half[:, None])
+    return out
+
+
+def _seam_tension(sim: Simulation) -> np.ndarray:
+    """(n,) force of seams on each vertex over the length that it stands for [N/m]; 0 elsewhere."""
+    length = _seam_lengths(sim)
+    force = np.linalg.norm(sim.seam_forces(), axis=1)
+    return np.where(length > 0, force / np.where(length > 0, length, 1.0), 0.0)
 
 
 def frame(sim: Simulation) -> dict[str, np.ndarray]:
-    """What moves, now: t [s]; f32 x (n, 3) [m], v [m/s], with solids contact [N], surfaces and camera where they move;
-    where cloth may tear, faces (m, 3) as they hang together, over one vertex for all that are joined."""
+    """What moves, now: t [s]; f32 x (n, 3) [m], v [m/s], with solids contact [N], surfaces and camera where they move.
+
+    With seams `seam`, their tension [N/m] at each vertex; with fabrics that yield `hinge_crease` [rad], `patch_crease` [1/m];
+    where cloth may tear, faces (m, 3) as they hang together, over one vertex for all that are joined.
+    """
     solids = [s for s in sim.scene.solids if not is_ground(s)]
     out = {"t": np.array(sim.time), "x": sim.positions().astype(np.float32), "v": sim.velocities().astype(np.float32)}
+    for force in sim.force_terms:
+        out |= force.recorded()
+    if sim.scene.seams:
+        out["seam"] = _seam_tension(sim).astype(np.float32)
     if sim.contacts is not None:
         out["contact"] = sim.contact_forces().astype(np.float32)
     if any(c.split is not None for c in sim.scene.cloths):

@@ -43,7 +43,7 @@ def render(what: Simulation | Recording, path: str | Path | None = None, frame: 
         frame: of a recorded run; its last one where None.
         size: (width, height) [pixels].
         quality: "fast" (shadow map), "standard" or "high" (traced shadows and ambient occlusion).
-        heat: quantity that colours the cloth: stretch, shear, bend, speed or contact.
+        heat: quantity that colours the cloth: stretch, shear, bend, speed, contact, crease, limit or seam.
         limits: (low, high) of its scale.
         camera: one, or cameras by time [s]; None takes the scene's, or fits one to all recorded frames.
         wire: whether the triangles' edges are drawn.

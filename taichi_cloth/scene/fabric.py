@@ -108,9 +108,9 @@ class Bend:
             elsewhere.
         model: "hinge", or "curvature": its rigidity is D on any triangulation, its rest shape flat, its cost higher.
         friction: HB [N], half the width of the loop of moment over curvature, M = D kappa +- HB (tables give 2HB); a number or
-            (warp, weft). Hinges only.
+            (warp, weft).
         yield_: curvature [1/m] beyond which cloth stays bent: what was bent to kappa comes back to
-            (1 - hardening) (kappa - yield_); None never. Hinges only.
+            (1 - hardening) (kappa - yield_); None never.
         hardening: part of D that does not yield, between 0 and 1.
         recovery: rate [1/s] at which creases go back while they are pulled back, or (rate, curvature [1/m] that stays).
     """
@@ -139,8 +139,6 @@ class Bend:
         object.__setattr__(self, "recovery", recovery if isinstance(recovery, tuple) else (recovery, 0.0))
         if self.recovery != (0.0, 0.0) and self.yield_ is None:
             raise SceneError("bend recovery: nothing stays bent without yield_")
-        if self.model == "curvature" and (max(pair(self.friction)) or self.yield_ is not None):
-            raise SceneError('bend friction and yield_: only hinges remember, so with model="hinge"')
         if checks.is_sequence(self.rest):
             angles = checks.array("bend rest", self.rest, ("k",), row="edge")
             if np.abs(angles).max(initial=0.0) > np.pi:

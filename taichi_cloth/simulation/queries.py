@@ -106,7 +106,7 @@ class Queries(Parts):
     def seam_forces(self) -> np.ndarray:
         """(n, 3) [N] that seams put on vertices in the last step or solve; they add up to 0 on what is sewn together."""
         system = self._system()
-        if self.model.sewn is None:
+        if self.model.sewn is None or not system.span:  # nothing sewn, nothing solved
             return np.zeros((self.vertex_count, 3))
         return self.model.to_user(system.tension() / system.span)
 

@@ -1,10 +1,11 @@
-"""What can be read off positions and velocities: stretch, shear, bend energy, speed, contact force. numpy only."""
+"""What can be read off a recorded frame: stretch, shear, bend energy, speed, contact force, creases, limits, seams."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from .. import checks
+from ..errors import SceneError
 from .elements import hinge_angle
 
 WIDTH = 1e-4  # stretch below which a triangle has no width that f32 would know from rounding
@@ -37,7 +38,13 @@ QUANTITIES = {
     "bend": Quantity("J/m2", 0.02),
     "speed": Quantity("m/s", 2.0),
     "contact": Quantity("N", 0.02),
+    "crease": Quantity("1/m", 100.0),
+    "limit": Quantity("of the limit", 1.0),
+    "seam": Quantity("N/m", 5.0),
 }
+ABSENT = {"crease": "no fabric of this scene yields, and no edge is creased", "limit": "no fabric of this scene has a limit",
+          "seam": "nothing in this scene is sewn"}
+MARKS = {"crease": "creases", "limit": "face_limit", "seam": "sewn"}  # what the geometry of a scene that has it names
 
 
 def principal_stretches(w: np.ndarray) -> np.ndarray:
@@ -73,6 +80,11 @@ def evaluate(name: str, geometry: dict[str, np.ndarray], frame: dict[str, np.nda
     faces, uv = frame.get("faces", geometry["faces"]), geometry["uv"].astype(np.float64)
     if name == "speed":
         return np.linalg.norm(frame["v"].astype(np.float64), axis=1)
+    require(name, geometry)
+    if name == "seam":
+        return frame["seam"].astype(np.float64) if "seam" in frame else np.zeros(n)
+    if name == "crease":
+        return _creases(geometry, frame)
     if name == "contact":
         return np.linalg.norm(frame["contact"], axis=1).astype(np.float64) if "contact" in frame else np.zeros(n)
     a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
@@ -92,10 +104,39 @@ def evaluate(name: str, geometry: dict[str, np.ndarray], frame: dict[str, np.nda
     w = deformation(x, faces, uv)
     if name == "stretch":
         values = principal_stretches(w)[:, 0]
+    elif name == "limit":
+        values = _used(w, geometry["face_limit"])
     else:
         length = np.linalg.norm(w[:, :, 0], axis=1) * np.linalg.norm(w[:, :, 1], axis=1)
         values = np.arcsin(np.clip(np.einsum("mi,mi->m", w[:, :, 0], w[:, :, 1]) / np.maximum(length, 1e-300), -1, 1))
     return on_vertices(values, faces, area, n)
+
+
+def require(name: str, geometry: dict[str, np.ndarray]) -> None:
+    """Raises SceneError where a run has nothing to show of a quantity."""
+    if name in MARKS and MARKS[name] not in geometry:
+        raise SceneError(f"heat {name!r}: {ABSENT[name]}")
+
+
+def _used(w: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """(m,) how much of a triangle's limits (m, 5: b_u, b_v, L_u, L_v, L of shear; NaN where none) is used: 1 at the first."""
+    u, v = w[:, :, 0], w[:, :, 1]
+    parts = [(np.linalg.norm(side, axis=1) - limit[:, k]) / (limit[:, k + 2] - limit[:, k]) for k, side in enumerate((u, v))]
+    parts.append(np.abs(np.einsum("mi,mi->m", u, v)) / limit[:, 4])
+    return np.fmax(np.fmax(np.fmax(parts[0], parts[1]), parts[2]), 0.0)
+
+
+def _creases(geometry: dict[str, np.ndarray], frame: dict[str, np.ndarray]) -> np.ndarray:
+    """(n,) the largest curvature at rest [1/m] of a vertex's edges, or of its triangles where they bend by curvatures."""
+    out = np.zeros(len(frame["x"]))
+    if "hinge_arc" in geometry:
+        stays = geometry["hinge_rest"] + (1 - geometry["hinge_own"]) * frame.get("hinge_crease", 0.0)
+        for end in (0, 1):
+            np.maximum.at(out, geometry["hinges"][:, end], np.abs(stays) / geometry["hinge_arc"])
+    if "patch_crease" in frame:
+        for corner in geometry["patch_faces"].T:
+            np.maximum.at(out, corner, (1 - geometry["patch_own"]) * frame["patch_crease"])
+    return out
 
 
 def on_vertices(values: np.ndarray, faces: np.ndarray, area: np.ndarray, n: int) -> np.ndarray:

@@ -6,6 +6,7 @@ from reference.geometry import against_solids, cloth_crossings
 
 import taichi_cloth as tc
 from taichi_cloth.backend.rows import read
+from taichi_cloth.recording import record
 
 FABRIC = tc.Fabric(0.2, tc.Stretch(1000, 1), tc.Shear(100, 0.1), tc.Bend(1e-4, 1e-6))
 
@@ -107,6 +108,10 @@ def test_a_strip_of_four_pieces_hangs_as_one():
         below = sum(f[row, 1].sum() for row in (a, b) if side_of(mesh, row[0])[mesh.uv[:, 1].argmin()] or row is a)
         assert abs(below) == pytest.approx(weight, rel=1e-3)
         assert np.abs(f[a].sum(axis=0) + f[b].sum(axis=0)).max() < 1e-9
+        length_of, tension = record.geometry(sim)["seam_length"], record.frame(sim)["seam"]
+        for row in (a, b):  # N/m, as heat maps show it
+            assert length_of[row].sum() == pytest.approx(0.1) and tension[row] == pytest.approx(weight / 0.1, rel=0.05)
+    assert np.count_nonzero(tension) == 6 * len(a)
 
 
 @pytest.mark.parametrize("rest", [0.7, -0.4, "flat"])

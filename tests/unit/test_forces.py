@@ -18,7 +18,10 @@ PARTS = {
     "curvature": tc.Fabric(0.2, bend=tc.Bend((2e-2, 3e-2), 2e-4, model="curvature")),
     "all": FULL,
 }
-SLIDES = {"friction": tc.Fabric(0.2, bend=tc.Bend((2e-2, 3e-2), friction=(0.05, 0.08), yield_=1.5))}
+SLIDES = {
+    "friction": tc.Fabric(0.2, bend=tc.Bend((2e-2, 3e-2), friction=(0.05, 0.08), yield_=1.5)),
+    "curvature_friction": tc.Fabric(0.2, bend=tc.Bend((2e-2, 3e-2), friction=(0.05, 0.08), yield_=1.5, model="curvature")),
+}
 
 
 def irregular(rng, n=4, rest="flat"):
@@ -77,6 +80,10 @@ def test_force_is_minus_energy_gradient(rng, part):
 @pytest.mark.parametrize("K", ["paper", "gauss_newton", "projected"])
 @pytest.mark.slow
 def test_stiffness_against_differences(rng, part, K):
+    if part == "curvature_friction" and K == "paper":
+        with pytest.raises(tc.SceneError, match="no exact K"):
+            simulation(rng, part, K)
+        return
     sim, x, v = simulation(rng, part, K)
     zero, p = np.zeros_like(v), rng.normal(size=x.shape)
     sim.set_state(x, zero)

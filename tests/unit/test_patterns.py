@@ -301,6 +301,15 @@ def test_measured_fabrics_have_a_source():
         assert 3e-6 < min(fabric.bend.D) and max(fabric.bend.D) < 1e-4 and fabric.shear.k < min(fabric.stretch.k) * 1.2
 
 
+def test_measured_loops_of_bending_have_a_source():
+    """HB over D [1/m]: faille 18, wool 25, broadcloth and denims 23 to 54."""
+    ratio = {name: bend.friction / bend.D for name, bend in tc.bends.items()}
+    assert ratio["polyester_faille"] == pytest.approx(18, abs=0.6) and ratio["wool_tropical"] == pytest.approx(25, abs=0.6)
+    assert len(ratio) == 9 and 18 < min(ratio.values()) < max(ratio.values()) < 54.5
+    assert all(isinstance(b, tc.Bend) and b.source and b.yield_ is None for b in tc.bends.values())
+    assert tc.Fabric(0.12, bend=tc.bends["wool_tropical"]).bend.D == pytest.approx(6.57e-6)
+
+
 @pytest.mark.slow
 def test_dressing(tmp_path):
     """The skirt is sewn round a cylinder and hangs on it; panels that start inside the body are refused."""
