@@ -149,7 +149,8 @@ MUTATIONS = (
      "own[r, s] = self.hessian[e][9 * (3 * i + r) + 3 * i + r]",
      "exact diagonal of hinges", PAPER),
     # curvatures
-    (CURVATURE, "return [u, 2 * math.sqrt(u * v), v]", "return [u, math.sqrt(u * v), v]", "twist counts once"),
+    ("taichi_cloth/forces/curvature_law.py", "return [u, 2 * np.sqrt(u * v), v]", "return [u, np.sqrt(u * v), v]",
+     "twist counts once"),
     (CURVATURE, "out[m, c] += self.factor[e][3 + m] * u[m, c]", "out[m, c] += self.factor[e][m] * u[m, c]",
      "curvatures are damped by their stiffness"),
     (CURVATURE, "sums[1] += 0.5 * self.factor[e][3 + m] * u[m, d] ** 2", "sums[1] += self.factor[e][3 + m] * u[m, d] ** 2",
