@@ -12,6 +12,8 @@ ITERATIONS, REFUSED = f"{SEAMS}::test_iterations_of_sewn_cloth", f"{SEAMS}::test
 CLUSTERS, COARSE, ELEMENTS = "taichi_cloth/system/seams.py", "taichi_cloth/solver/coarse.py", "taichi_cloth/system/elements.py"
 SOLVER = "taichi_cloth/solver/"
 CG, POINTWISE, MULTI = SOLVER + "recurrences.py", SOLVER + "pointwise.py", SOLVER + "multilevel.py"
+CLOSE, DRAWN = "taichi_cloth/forces/closing.py", "tests/physics/test_pulled_seams.py::test_"
+REACHED, DRAWN_BY = DRAWN + "it_comes_as_near_as_the_pull_reaches", DRAWN + "derivatives"
 BEND, PULLS = "taichi_cloth/forces/bend.py", "taichi_cloth/forces/pulls.py"
 SPRINGS = "tests/unit/test_soft_attach.py::test_"
 SOFT, WORKED = SPRINGS + "derivatives", SPRINGS + "all_of_their_work_is_accounted_for"
@@ -38,7 +40,7 @@ MUTATIONS = (
      ORDER),
     (STITCHES, "np.linalg.norm(tension[a[alone]], axis=1)", "np.abs(tension[a[alone]][:, 0])",
      "only one component of the force counts", BUTTONS),
-    (STITCHES, 'STATE = ("whole",)', "STATE = ()", "a resumed run is whole again", GOES_ON),
+    (STITCHES, 'STATE = ("whole", "pulled")', "STATE = ()", "a resumed run is whole again", GOES_ON),
     ("taichi_cloth/step/giving.py", "self.stitches.model.restore()", "pass", "the step goes on from its end", RIPS),
     ("taichi_cloth/contact/cloth/lips.py", "self.resumed()\n        return True", "return True",
      "contact is not told of what has opened", f"{RIPPING}::test_what_was_sewn_meets_as_layers_do"),
@@ -104,4 +106,10 @@ MUTATIONS = (
     (PULLS, "total += T * (d - 0.5 * T / k)", "total += 0.5 * T * d", "energy beyond the largest force", SOFT),
     (PULLS, "work += part *", "work += 0 *", "work of springs of first order", WORKED),
     ("taichi_cloth/step/ledger.py", "attachments=work, potential=", "potential=", "work of springs is not recorded", WORKED),
+    (CLOSE, "A -= c * c * ratio * sym_outer(u.normalized())", "A += c * c * ratio * sym_outer(u.normalized())",
+     "stitches are stiff along their pull", REACHED),
+    (CLOSE, "F / ti.static(CLOSING) * self.across(e, self.model.v)", "0.0 * self.across(e, self.model.v)",
+     "forces that are asked for know no dashpot", DRAWN_BY),
+    (CLOSE, "damped += 0.5 *", "damped += 1.0 *", "twice the damping", REACHED),
+    ("taichi_cloth/system/stitches.py", "self.pulled &= ~near", "pass", "what is closed is pulled on", REACHED),
 )

@@ -11,6 +11,7 @@ SHAPES = "tests/unit/test_solids.py"
 SWEPT = "tests/unit/test_swept_detection.py"
 HARD = "tests/hard/test_hard_contact.py"
 DRIVES = "tests/hard/test_drives.py"
+PARTS = "tests/physics/test_body_parts.py"
 TESTS = (CONTACT, SHAPES, DRIVES)
 
 FACADE = "taichi_cloth/contact/contacts.py"
@@ -184,4 +185,7 @@ MUTATIONS = (
     (SOLIDS, "elif volume < 0:", "elif volume > 0:", "meshes are turned inside out", SHAPES),
     (SOLIDS, "return local @ R.T + p", "return local @ R + p", "surfaces turn the wrong way",
      f"{SHAPES}::test_rotations"),
+    (SURFACES, "self.tree.info[triangle][1] == OFF", "self.tree.info[triangle][1] > OFF", "parts that are off are met", PARTS),
+    (SCAN, "self.tree.friction[triangle], mu)", "mu, mu)", "all parts have the solid's friction", PARTS),
+    (TREE, "np.concatenate(friction)[order]", "np.concatenate(friction)", "parts' friction in the file's order", PARTS),
 )

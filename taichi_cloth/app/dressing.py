@@ -18,6 +18,7 @@ def add_parser(commands) -> None:
     add("--spacing", type=number_of, default=0.02, metavar="M", help="edge length of the cloth's triangles (0.02)")
     add("--thickness", type=number_of, default=0.003, metavar="M", help="of the cloth and of the body's skin (0.003)")
     add("--friction", type=number_of, default=0.3, metavar="X", help="of cloth on the body and on itself (0.3)")
+    add("--pull", type=number_of, default=50.0, metavar="N/M", help="force a length that closes seams (50)")
     add("--longest", type=number_of, default=4.0, metavar="S", help="simulated time after which settling ends (4)")
 
 
@@ -40,7 +41,8 @@ def run(args: argparse.Namespace) -> int:
     print(f"{len(garment.seams)} seams, {garment.mesh.vertex_count} vertices, {garment.mesh.face_count} triangles")
     body = Scene()
     body.add_solid(load_solid(args.body), friction=args.friction, thickness=args.thickness, name="body")
-    made = dress(garment, fabrics[name], body, ClothContact(args.thickness, args.friction), args.longest, tell=print)
+    made = dress(garment, fabrics[name], body, ClothContact(args.thickness, args.friction), args.longest, tell=print,
+                 pull=args.pull)
     made.garment.save(out)
     print(f"{made.report()}\nwritten to {out}")
     return 0

@@ -10,6 +10,7 @@ from ..scene.air import Air
 from ..scene.scene import Scene
 from ..system.state import ParticleState
 from .bend import Bend
+from .closing import Closing
 from .curvature_bend import CurvatureBend
 from .external import Drag, Gravity
 from .force import Force
@@ -34,6 +35,7 @@ def build_forces(fields: Fields, model: ParticleState, scene: Scene, mode: str, 
         (Drag, scene.air is not None and not _local(scene.air)),
         (LocalDrag, scene.air is not None and _local(scene.air)),
         (Pulls, _pulls(scene)),
+        (Closing, any(s.pulls.any() for s in scene.seams)),
     )
     kinds = [kind for kind, needed in wanted if needed] + scene.forces
     if scene.pieces:

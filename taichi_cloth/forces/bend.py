@@ -291,7 +291,7 @@ class Bend(Force):
         """D + s^T (-c D - c^2 K) s of flat cloth, the same in all directions."""
         return D + sym_scaled_identity(c * (c * self.bent[n][0] + self.bent[n][1]))
 
-    def release(self, whole: np.ndarray) -> None:
+    def release(self, whole: np.ndarray, pulled: np.ndarray) -> None:
         """Hinges over a seam go with either of the stitches at their ends."""
         from ..system.stitches import ends_of
 

@@ -125,5 +125,5 @@ class Force(ABC):
         """A step of h [s] was accepted; True where the force has changed by that."""
         return False
 
-    def release(self, whole: np.ndarray) -> None:  # noqa: B027 (most forces know no stitches)
-        """Only the stitches (k,) of the scene's seams that are whole hold anything from now on."""
+    def release(self, whole: np.ndarray, pulled: np.ndarray) -> None:  # noqa: B027 (most forces know no stitches)
+        """Only the stitches (k,) of the scene's seams that are whole hold anything from now on; others are pulled together."""

@@ -1,7 +1,7 @@
 """From panels that hang round a body to a garment that it wears: sewn without weight, then let down.
 
-1. Sewing: no gravity, air that calms, seams that close (`system.seams`), the body smooth; cloth does not meet itself, as
-   panels have to pass each other's edges.
+1. Sewing: no gravity, air that calms, seams that close by a bounded pull (`forces.closing`), the body smooth; cloth does not
+   meet itself, as panels have to pass each other's edges.
 2. Settling: gravity, the body's friction, cloth that meets itself; until the cloth rests.
 """
 
@@ -21,6 +21,7 @@ from ..simulation import Simulation
 
 CALM = 2.0  # N s/m^3, drag of the air in which seams are closed
 SEWING = 3.0  # s in which seams have to close
+PULL = 50.0  # N/m at most, with which seams are closed
 SPARED = 0.5  # of the solids' thickness that cloth keeps from them meanwhile
 SLOW, SHORTEST = 0.05, 0.5  # m/s, RMS, at which cloth rests, not before so many s
 
@@ -52,7 +53,7 @@ class Dressed:
 
 
 def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact | None = None, longest: float = 4.0,
-          h: float = 1 / 60, tell: Callable[[str], None] | None = None) -> Dressed:
+          h: float = 1 / 60, tell: Callable[[str], None] | None = None, pull: float | None = PULL) -> Dressed:
     """Dresses the solids of a scene, as they are at time 0.
 
     Args:
@@ -60,6 +61,7 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
         contact: how the cloth meets itself once it is sewn.
         longest: s after which settling ends, at rest or not.
         tell: called with a line a tenth of a second of simulated time.
+        pull: force a length [N/m] that closes seams; None closes them by whatever force it takes.
 
     Raises:
         SceneError: a body without solids, panels that start inside the body, or seams that do not close, by name.
@@ -76,14 +78,14 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
     still = [_still(s) for s in body.solids]
     scene = Scene(gravity=None, air=Air(CALM, CALM))
     scene.solids += [replace(s, thickness=SPARED * s.thickness, friction=0.0) for s in still]
-    scene.add_garment(garment, fabric)
+    scene.add_garment(garment, fabric, pull=pull)
     sim = Simulation(scene, h=h)
     try:
         _refuse_inside(sim, garment)
-        while sim.model.sewn is not None and sim.model.sewn.gap > 0:
+        while (gap := sim.seam_gaps().max(initial=0.0)) > 0:
             if sim.time > SEWING:
                 raise SceneError(_left_open(sim.positions(), garment))
-            _advance(sim, tell, f"sewing, gap {sim.model.sewn.gap:.3g} m")
+            _advance(sim, tell, f"sewing, gap {gap:.3g} m")
         x, sewn = sim.positions(), sim.time
     finally:
         sim.close()
@@ -146,4 +148,4 @@ def _left_open(x: np.ndarray, garment: Garment) -> str:
     k = int(np.argmax(gaps))
     of = [_panel(garment, row[len(row) // 2]) for row in garment.seams[k][:2]]
     return (f"dress: {sum(g > 0 for g in gaps)} of {len(gaps)} seams are still open after {SEWING:g} s; the widest is seam "
-            f"{k}, of {of[0]!r} and {of[1]!r}, with {max(gaps):.3g} m")
+            f"{k}, of {of[0]!r} and {of[1]!r}, with {max(gaps):.3g} m: hang the panels nearer, or pull with more")

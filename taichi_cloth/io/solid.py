@@ -18,8 +18,8 @@ def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, m
 
     Args:
         path: a mesh file; a pattern such as "body_*.obj" whose files, in the order of their names, are the frames;
-            an .npz with `positions` ((n, 3) or (frames, n, 3)), `faces` (m, 3) and perhaps `fps`; or a .pc2
-            point cache, whose triangles are those of `mesh`.
+            an .npz with `positions` ((n, 3) or (frames, n, 3)), `faces` (m, 3), perhaps `fps`, and vertices
+            `group_NAME`; or a .pc2 point cache, whose triangles are those of `mesh`.
         scale: metres per unit of the file.
         fps: frames a second of a sequence; the file's own where None.
 
@@ -35,39 +35,40 @@ def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, m
     if not Path(path).is_file():
         if not any(c in path for c in "*?["):
             raise MeshError(f"no such file: {path}")
-        x, faces = _frames(path)
+        x, faces, groups = _frames(path)
     elif suffix == ".npz":
-        x, faces, fps = _npz(path, fps)
+        x, faces, fps, groups = _npz(path, fps)
     elif suffix == ".pc2":
         if mesh is None:
             raise MeshError(f"{path}: a point cache has no triangles: name the file that has them, mesh=...")
-        x, faces = _pc2(Path(path)), read_surface(Path(mesh))[1]
+        surface = read_surface(Path(mesh))
+        x, faces, groups = _pc2(Path(path)), surface[1], surface[3]
     else:
-        x, faces = read_surface(Path(path))[:2]
+        x, faces, _, groups = read_surface(Path(path))
     if fps is not None and not (math.isfinite(fps) and fps > 0):
         raise SceneError(f"{path}: fps = {fps!r}: must be positive")
     try:
         with np.errstate(over="ignore"):  # what is not finite then is named
-            return SolidMesh(x * scale, faces, fps)
+            return SolidMesh(x * scale, faces, fps, groups)
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
 
 
-def _frames(pattern: str) -> tuple[np.ndarray, np.ndarray]:
+def _frames(pattern: str) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
     files = sorted(glob.glob(pattern))
     if not files:
         raise MeshError(f"no file matches {pattern}")
     frames: list[np.ndarray] = []
-    first = read_surface(Path(files[0]))[1]
+    _, first, _, groups = read_surface(Path(files[0]))
     for name in files:
         x, faces = read_surface(Path(name))[:2]
         if faces.shape != first.shape or (faces != first).any() or (frames and x.shape != frames[0].shape):
             raise MeshError(f"{name}: its topology is not that of {files[0]}: a sequence keeps its vertices and faces")
         frames.append(x)
-    return np.stack(frames), first
+    return np.stack(frames), first, groups
 
 
-def _npz(path: str, fps: float | None) -> tuple[np.ndarray, np.ndarray, float | None]:
+def _npz(path: str, fps: float | None) -> tuple[np.ndarray, np.ndarray, float | None, dict[str, np.ndarray]]:
     try:
         arrays = npz.read(path)
     except npz.DamagedError as error:
@@ -81,7 +82,8 @@ def _npz(path: str, fps: float | None) -> tuple[np.ndarray, np.ndarray, float | 
         if arrays["fps"].size != 1 or arrays["fps"].dtype.kind not in "iuf":
             raise MeshError(f"{path}: fps must be one number")
         fps = float(arrays["fps"].ravel()[0])
-    return arrays["positions"].astype(np.float64), arrays["faces"], fps
+    groups = {name[6:]: index for name, index in arrays.items() if name.startswith("group_")}
+    return arrays["positions"].astype(np.float64), arrays["faces"], fps, groups
 
 
 def _pc2(path: Path) -> np.ndarray:

@@ -95,16 +95,16 @@ class Scene:
 
     def add_garment(self, garment: Garment, fabric: Fabric, velocities: ArrayLike | None = None, name: str | None = None,
                     color: str | Color | Appearance | None = None, contact: ClothContact | None = None,
-                    panels: dict[str, Fabric] | None = None) -> Cloth:
+                    panels: dict[str, Fabric] | None = None, pull: float | None = None) -> Cloth:
         """Adds a garment's panels as one piece of cloth, and sews its seams.
 
         Args:
-            velocities, name, color, contact, panels: as in `add_cloth`.
+            velocities, name, color, contact, panels: as in `add_cloth`; pull: as in `sew`.
         """
         checks.instance("add_garment: garment", garment, Garment)
         cloth = self.add_cloth(garment.mesh, fabric, garment.positions, velocities, name, color, contact, panels)
         for a, b, rest in garment.seams:
-            self.sew(cloth, a, b, rest)
+            self.sew(cloth, a, b, rest, pull=pull if len(a) > 1 else None)
         return cloth
 
     def add_force(self, make: Callable) -> None:
@@ -116,10 +116,10 @@ class Scene:
         self.forces.append(checks.function("add_force: make", make, "fields", "model", "scene", "K"))
 
     def sew(self, cloth: Cloth, a: ArrayLike, b: ArrayLike, rest: float | str = "flat", stiffness: float = 1.0,
-            strength: float | None = None) -> Seam:
+            strength: float | None = None, pull: float | None = None) -> Seam:
         """Sews two rows of vertices of a cloth to each other, one by one.
 
-        They move as one, exactly; what is apart is led together first, at .5 m/s at most. Where vertices that follow each
+        They move as one, exactly; what is apart comes together first, at .5 m/s at most. Where vertices that follow each
         other in a row are the ends of an edge, in both rows, the two edges have a hinge. Three and more layers are seams
         between two of them each.
 
@@ -129,13 +129,15 @@ class Scene:
             stiffness: factor of its hinges' bending stiffness; with 0 there are none.
             strength: force a length [N/m] at which it rips, stitch by stitch; None never does. Each stitch bears it over
                 half the way to the next on either side, from when it is closed.
+            pull: force a length [N/m] that draws it together while it is apart; what bears more stays apart, and
+                `Simulation.seam_gaps` says how far. None draws by whatever force it takes.
 
         Raises:
             SceneError: rows of different lengths, a vertex twice in a row, nothing to sew, or a strength that is not
                 positive.
         """
         self._own(cloth)
-        self.seams.append(make_seam(cloth, a, b, rest, stiffness, strength))
+        self.seams.append(make_seam(cloth, a, b, rest, stiffness, strength, pull))
         return self.seams[-1]
 
     def stitch(self, cloth: Cloth, a: ArrayLike, b: ArrayLike, force: float | None = None) -> Seam:
@@ -257,7 +259,8 @@ class Scene:
 
     def add_solid(self, shape: Shape, friction: float, thickness: float, position: Value = (0.0, 0.0, 0.0),
                   rotation: Value = (0.0, 0.0, 0.0), name: str | None = None,
-                  color: str | Color | None = None) -> Solid:
+                  color: str | Color | None = None,
+                  parts: dict[str, float | None] | None = None) -> Solid:
         """Adds a solid that cloth cannot enter.
 
         Args:
@@ -267,9 +270,12 @@ class Scene:
             position: of the shape's origin [m], (3,) or a function of time [s].
             rotation: rotation vector (3,) [rad] or matrix (3, 3), or a function of time [s].
             color: for pictures: a name of CSS, "#rrggbb" in sRGB, or linear RGB in 0..1.
+            parts: of a mesh, friction of the faces of its groups, by their names; None lets cloth pass there, as through hands
+                that press it.
         """
         name = f"solid{len(self.solids)}" if name is None else name
-        solid = Solid(name, shape, friction, thickness, position, rotation, color)  # type: ignore[arg-type]
+        solid = Solid(name, shape, friction, thickness, position, rotation, color,  # type: ignore[arg-type]
+                      {} if parts is None else parts)
         if name in (s.name for s in self.solids):
             raise SceneError(f"there is a solid named {name!r} already")
         self.solids.append(solid)

@@ -19,6 +19,7 @@ class Seam:
         rest: angle of the seam's hinges at rest [rad], or "given": that of the cloth's mesh.
         stiffness: factor of their bending stiffness.
         bears: (k,) force [N] at which each stitch gives; infinite where it never does.
+        pulls: (k,) force [N] with which each stitch is drawn together while it is apart; 0 where it is led, by any force.
         tears: whether it holds the corners of triangles of cloth that may tear.
         row: whether stitches stand next to each other, as in a row, or each by itself, as buttons do.
     """
@@ -29,6 +30,7 @@ class Seam:
     rest: float | str
     stiffness: float
     bears: np.ndarray
+    pulls: np.ndarray
     row: bool = True
     tears: bool = False
 
@@ -73,7 +75,7 @@ def rows_of(cloth: Cloth, a: object, b: object) -> tuple[np.ndarray, np.ndarray]
     return rows[0], rows[1]
 
 
-def make(cloth: Cloth, a: object, b: object, rest: object, stiffness: object, strength: object) -> Seam:
+def make(cloth: Cloth, a: object, b: object, rest: object, stiffness: object, strength: object, pull: object) -> Seam:
     """As `Scene.sew`."""
     rows = rows_of(cloth, a, b)
     angle = seam_angle("sew: rest", rest)
@@ -83,21 +85,27 @@ def make(cloth: Cloth, a: object, b: object, rest: object, stiffness: object, st
         if len(rows[0]) < 2:
             raise SceneError("sew: strength is a force a length, and a single stitch has none: use Scene.stitch(force=...)")
         bears = checks.number("sew: strength", strength, "N/m", positive=True) * lengths(cloth, *rows)
-    return Seam(cloth, *rows, angle, factor, bears)
+    pulls = np.zeros(len(rows[0]))
+    if pull is not None:
+        if len(rows[0]) < 2:
+            raise SceneError("sew: pull is a force a length, and a single stitch has none")
+        pulls = checks.number("sew: pull", pull, "N/m", positive=True) * lengths(cloth, *rows)
+    return Seam(cloth, *rows, angle, factor, bears, pulls)
 
 
 def corners(cloth: Cloth) -> Seam:
     """What holds the corners of triangles of cloth that may tear together."""
     parts = cloth.split
     assert parts is not None
-    return Seam(cloth, parts.a, parts.b, 0.0, 0.0, np.full(len(parts.a), np.inf), row=False, tears=True)
+    n = len(parts.a)
+    return Seam(cloth, parts.a, parts.b, 0.0, 0.0, np.full(n, np.inf), np.zeros(n), row=False, tears=True)
 
 
 def make_stitches(cloth: Cloth, a: object, b: object, force: object) -> Seam:
     """As `Scene.stitch`."""
     rows = rows_of(cloth, a, b)
     bears = np.full(len(rows[0]), np.inf if force is None else checks.number("stitch: force", force, "N", positive=True))
-    return Seam(cloth, *rows, 0.0, 0.0, bears, row=False)
+    return Seam(cloth, *rows, 0.0, 0.0, bears, np.zeros(len(rows[0])), row=False)
 
 
 def lengths(cloth: Cloth, a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..errors import SceneError, shown
+from ..errors import SceneError, did_you_mean, shown
 from .intersections import count_self_crossings
 from .mesh import face_edges, face_indices, facing
 from .primitives import Box, Capsule, Core, Cylinder, Plane, Sphere
@@ -25,6 +25,7 @@ class SolidMesh:
         faces: (m, 3); a closed mesh has an inside, and normals that point out; an open one is a sheet with two sides.
         fps: frames a second of a sequence; positions between frames are interpolated linearly, before the first
             and after the last they stay.
+        groups: named groups of vertices, name -> indices, for `Scene.add_solid(parts=...)`.
 
     Attributes:
         closed: whether every edge has two triangles.
@@ -38,6 +39,7 @@ class SolidMesh:
     x: np.ndarray
     faces: np.ndarray
     fps: float | None = None
+    groups: dict[str, np.ndarray] = field(default_factory=dict)
     closed: bool = field(init=False)
     notes: tuple[str, ...] = field(init=False)
     kind = MESH
@@ -51,6 +53,9 @@ class SolidMesh:
         if len(x) > 1 and self.fps is None:
             raise SceneError(f"solid mesh: a sequence of {len(x)} frames needs fps")
         faces = face_indices(self.faces, x.shape[1], SceneError)
+        groups = checks.instance("solid mesh: groups", self.groups, dict)
+        object.__setattr__(self, "groups", {checks.name("group name", name): checks.indices(
+            f"solid mesh: group {name!r}", index, x.shape[1]) for name, index in groups.items()})
         notes = []
         edges = face_edges(faces)
         code, back, count = np.unique(np.sort(edges, axis=1) @ np.array([x.shape[1], 1]), return_inverse=True,
@@ -119,6 +124,7 @@ class Solid:
         thickness: distance [m] that cloth keeps from its surface.
         position: of the local origin [m], (3,) or a function of time [s].
         rotation: rotation vector (3,) [rad] or matrix (3, 3), or a function of time [s] that returns one.
+        parts: friction of faces all of whose corners are in a group of the mesh, by the groups' names; None lets cloth pass.
     """
 
     name: str
@@ -128,6 +134,7 @@ class Solid:
     position: Value
     rotation: Value
     color: str | tuple[float, float, float] | None = None
+    parts: dict[str, float | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         checks.name("solid name", self.name)
@@ -145,6 +152,28 @@ class Solid:
             else:
                 object.__setattr__(self, name, checks.array(what + name, value, *shapes))
         self.pose(0.0)
+        parts = checks.instance(what + "parts", self.parts, dict)
+        object.__setattr__(self, "parts", {name: checks.maybe(mu, checks.number, f"{what}friction of part {name!r}", least=0.0)
+                                           for name, mu in parts.items()})
+        self.face_friction()
+
+    def face_friction(self) -> np.ndarray:
+        """(m,) friction of a mesh's faces, NaN where cloth passes.
+
+        Raises:
+            SceneError: a part that is no group of the mesh, or has no face.
+        """
+        faces, groups = (self.shape.faces, self.shape.groups) if isinstance(self.shape, SolidMesh) else (np.zeros((0, 3)), {})
+        out = np.full(len(faces), self.friction)
+        for name, mu in self.parts.items():
+            if name not in groups:
+                raise SceneError(f"solid {self.name!r}: part {name!r} is no group of its mesh; "
+                                 f"{did_you_mean(name, list(groups))}")
+            mine = np.isin(faces, groups[name]).all(axis=1)
+            if not mine.any():
+                raise SceneError(f"solid {self.name!r}: no face has all of its corners in the group {name!r}")
+            out[mine] = np.nan if mu is None else mu
+        return out
 
     @property
     def moves(self) -> bool:

@@ -138,7 +138,7 @@ class Queries(Parts):
         if self.giving is None:
             return []
         stitches = self.giving.stitches
-        return np.split(~stitches.whole, stitches.first[1:-1])
+        return np.split(~stitches.whole & ~stitches.pulled, stitches.first[1:-1])
 
     def faces(self) -> np.ndarray:
         """(m, 3) vertices of all triangles as they hang together now: where cloth may tear, the first vertex of those that are

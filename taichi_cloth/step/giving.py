@@ -61,14 +61,24 @@ class Giving:
         torn = self.torn
         self.torn, self.tries = 0.0, 0
         if self.contacts is not None and self.contacts.layers is not None:
-            self.contacts.layers.part(self.stitches.whole)
+            self.contacts.layers.part(self.stitches.whole | self.stitches.pulled)
         return torn, self.stitches.open
+
+    def join(self) -> bool:
+        """After a step that was accepted: what was pulled together and has come near holds. Whether anything does."""
+        joined = self.stitches.join()
+        if joined:
+            self.integrator.loosen()
+        return joined
 
     def open(self, rows: np.ndarray) -> bool:
         """Opens stitches by hand, between steps. Whether any was whole."""
-        whole = self.stitches.whole.copy()
-        whole[rows] = False
+        whole, closing = self.stitches.whole.copy(), self.stitches.pulled[rows].any()
+        whole[rows] = self.stitches.pulled[rows] = False
         changed = self.stitches.set(whole)
+        if closing and not changed:
+            self.stitches.resumed()
+            changed = True
         if changed:
             self.integrator.loosen()
         return changed

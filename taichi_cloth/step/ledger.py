@@ -59,7 +59,8 @@ class Ledger(Work):
         wind: work of the air.
         damping: what the cloth's own damping took.
         method: what the method took beyond; negative where it gave.
-        plastic: what the cloth's shape at rest took as it changed after the step: fibres that slid, creases.
+        plastic: what the cloth's shape at rest took as it changed after the step: fibres that slid, creases; what pulled
+            stitches that hold since.
         torn: what hinges over stitches that gave in the step had stored.
         braked: part of `method`: what was taken off velocities because the step would else have gained energy.
         unaccounted: change that none of these explains.

@@ -219,6 +219,7 @@ class Stepper(Checkpointed):
         if torn and ledger is not None:
             ledger = replace(ledger, potential=ledger.potential - torn, torn=torn)
         changed = [force.accept(h) for force in self.meter.forces]  # each is asked
+        changed.append(self.giving is not None and self.giving.join())
         if any(changed):
             before, measures = measures.potential, self.meter.measure()
             taken = before - measures.potential

@@ -48,7 +48,7 @@ class Clusters:
         self.size = fields.integer(1, data=np.array([self.count]))  # clusters, as kernels read them
         self.members = fields.integer(len(self.member), data=self.member)
         self._apart: np.ndarray = np.zeros(2, dtype=model.exchange)
-        self.led = False
+        self.led = self.pulled = False  # pulled: whether some stitches are drawn together by a force, and hold nothing yet
 
     def _gather(self, whole: np.ndarray) -> None:
         """Clusters by the stitches (k,) that are whole."""

@@ -19,6 +19,7 @@ from .checkpoint import Checkpointed
 from .elements import Hinges
 from .seams import TOGETHER, Clusters
 
+CATCH = 1e-3  # m from which on a stitch that is pulled together becomes a constraint, which closes it in the next step
 EVEN = 0.02  # part by which neighbours in a row may be loaded more than a stitch that opens with them
 
 
@@ -29,11 +30,11 @@ class Stitches(Checkpointed):
         forces: those that are told of what opens.
 
     Attributes:
-        whole: (k,) which hold.
+        whole: (k,) which hold; pulled: (k,) which are drawn together by a force, and will.
         bears: (k,) [N] at which each gives; seam: (k,) which it is of.
     """
 
-    STATE = ("whole",)
+    STATE = ("whole", "pulled")
 
     def __init__(self, clusters: Clusters, scene: Scene, forces: Sequence) -> None:
         self.clusters, self.model, self.forces = clusters, clusters.model, forces
@@ -42,9 +43,12 @@ class Stitches(Checkpointed):
         self.first = np.cumsum([0, *count])
         self.bears = np.concatenate([s.bears for s in scene.seams])
         self.gives = bool(np.isfinite(self.bears).any())
-        self.whole = np.ones(len(self.bears), dtype=bool)
+        self.pulled = (np.concatenate([s.pulls for s in scene.seams]) > 0) & (self._gaps() > CATCH)
+        self.whole = ~self.pulled
         self._by_hand = np.repeat([not s.tears for s in scene.seams], count)
         row = np.repeat([s.row for s in scene.seams], count)
+        if self.pulled.any():
+            self.resumed()
         self._follows = row[1:] & (self.seam[1:] == self.seam[:-1])  # stitch k + 1 stands next to stitch k
 
     def set(self, whole: np.ndarray) -> bool:
@@ -59,7 +63,21 @@ class Stitches(Checkpointed):
         """See `Checkpointed`: everything is told what is whole."""
         self.clusters.connect(self.whole)
         for force in self.forces:
-            force.release(self.whole)
+            force.release(self.whole, self.pulled)
+        self.clusters.pulled = bool(self.pulled.any())
+
+    def _gaps(self) -> np.ndarray:
+        """(k,) [m] of the stitches, where the model is."""
+        x = self.model.read_particles()[0]
+        return np.linalg.norm(x[self.clusters.a] - x[self.clusters.b], axis=1)
+
+    def join(self) -> bool:
+        """What is pulled together and has come near holds from now on. Whether anything does."""
+        if not self.pulled.any():
+            return False
+        near = self.pulled & (self._gaps() <= CATCH)
+        self.pulled &= ~near
+        return self.set(self.whole | near)
 
     def loads(self, tension: np.ndarray) -> np.ndarray:
         """(k,) force [N] in each stitch of seams; 0 where what it joins is, or was before the step, still apart.
@@ -92,7 +110,7 @@ class Stitches(Checkpointed):
     @property
     def open(self) -> int:
         """How many are open."""
-        return int(np.sum(~self.whole))
+        return int(np.sum(~self.whole & ~self.pulled))
 
 
 def between(a: np.ndarray, b: np.ndarray, tension: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from ...backend.bvh import LEAF
 from ...system.state import ParticleState
 from ..geometry import of_segments, on_triangle
 from .mesh import PairDetector
-from .tree import TriangleTree
+from .tree import OFF, TriangleTree
 
 
 @ti.data_oriented
@@ -46,9 +46,10 @@ class CrossingCounter:
                         continue
                     leaf = (node - self.tree.boxes.first_leaf) * LEAF
                     for t in range(leaf, ti.min(leaf + LEAF, self.tree.boxes.size[0])):
+                        off = self.tree.info[t][1] == OFF
                         d, e, g = self.tree.corner(t, 0, 1.0), self.tree.corner(t, 1, 1.0), self.tree.corner(t, 2, 1.0)
                         p, q = ti.min(d, e, g), ti.max(d, e, g)
-                        if (p <= high).all() and (q >= low).all():
+                        if not off and (p <= high).all() and (q >= low).all():
                             if through(a, b, c, d, e, g) + through(d, e, g, a, b, c) > 0:
                                 found[f] += 1
                             elif grown == 1 and within(self.pairs.radius[self.tree.info[t][0]], a, b, c, d, e, g) == 1:

@@ -16,7 +16,7 @@ from ...scene.scene import Scene
 from ...system.state import ParticleState
 from ..geometry import EDGE_EDGE, VERTEX_FACE, of_pair, on_triangle
 from .pairs import PAIR, Pairs
-from .tree import TriangleTree
+from .tree import OFF, TriangleTree
 from .vertices import HIT, KEEP, SAME_SIDE, SLOTS, WIDTH, carry, slot
 
 STRIDES = 24
@@ -51,7 +51,7 @@ class SurfaceDetector:
             if first == 0:
                 count = slots[i]
             a, b = self.model.x_saved[i], self.model.x[i]
-            solid, n, at, moved = self.contact(i, a, b)
+            solid, triangle, n, at, moved = self.contact(i, a, b)
             gap, where = n.dot(b - at), -1
             if solid >= 0:
                 where = slot(out, i, count, gap)
@@ -60,21 +60,22 @@ class SurfaceDetector:
                 if self.deforms[solid] == 0:
                     carried = carry(poses, solid, a)
                 row = ti.Vector([n[0], n[1], n[2], gap, n.dot(carried - at), carried[0], carried[1], carried[2]])
-                for c in ti.static(range(WIDTH - 1)):
+                for c in ti.static(range(WIDTH - 2)):
                     out[i, where, c] = row[c]
-                out[i, where, WIDTH - 1] = solid
+                out[i, where, WIDTH - 2], out[i, where, WIDTH - 1] = solid, triangle
                 count = ti.min(count + 1, SLOTS)
             slots[i] = count
 
     @ti.func
     def contact(self, i, a, b):
-        """Solid (or -1), plane (normal, point) and the solid's motion there, of the way from a to b."""
+        """Solid (or -1), triangle, plane (normal, point) and the solid's motion there, of the way from a to b. What is nearest
+        to a part that is off meets nothing."""
         reach = self.margin[0] + self.depth[i]
         low, high = ti.min(a, b) - reach, ti.max(a, b) + reach
         # nearest at the start: distance, side, motion of the solid; at the end: distance, side, triangle; first hit
         d_0, side_0, moved, sure_0 = 1e30, 1.0, a * 0, 0.0
-        d_1, side_1, n_1, sure_1, solid_1 = 1e30, 1.0, a * 0, 0.0, -1
-        when, n_hit, at_hit, solid_hit = 2.0, a * 0, a * 0, -1
+        d_1, side_1, n_1, sure_1, solid_1, near = 1e30, 1.0, a * 0, 0.0, -1, -1
+        when, n_hit, at_hit, solid_hit, hit = 2.0, a * 0, a * 0, -1, -1
         closed, nearest = 0, 1e30
         node = 1
         while True:
@@ -85,7 +86,7 @@ class SurfaceDetector:
                 leaf = (node - self.tree.boxes.first_leaf) * LEAF
                 for t in range(leaf, ti.min(leaf + LEAF, self.tree.boxes.size[0])):
                     info = self.tree.info[t]
-                    if info[1] == 1:
+                    if info[1] >= 1:
                         thick = self.thickness[info[0]]
                         w, difference, normal = self.at(t, a, 0.0)
                         d = difference.norm()
@@ -101,7 +102,7 @@ class SurfaceDetector:
                         up_1 = difference_1.dot(normal_1)
                         sure_e = ti.abs(up_1) / ti.max(e, 1e-20)
                         if e < d_1 - 1e-7 * thick or (e < d_1 + 1e-7 * thick and sure_e > sure_1):
-                            d_1, sure_1, solid_1 = ti.min(e, d_1), sure_e, info[0]
+                            d_1, sure_1, solid_1, near = ti.min(e, d_1), sure_e, info[0], t
                             side_1 = 1.0 if up_1 >= 0 else -1.0
                             n_1 = difference_1 / ti.max(e, 1e-20)
                             if e < 1e-3 * thick:
@@ -112,14 +113,14 @@ class SurfaceDetector:
                             low, high = ti.min(a, b) - within, ti.max(a, b) + within
                         s = self.meeting(t, a, b, d, thick)
                         if s < when and (side > 0 or info[2] == 0):
-                            when, solid_hit = s, info[0]
+                            when, solid_hit, hit = s, info[0], t
                             n_hit = side * normal_1
                             w_s, gone, normal_s = self.at(t, a + s * (b - a), s)
                             at_hit = self.point(t, w_s, 1.0) + thick * n_hit
             node = self.tree.boxes.following(node)
             if node == 1:
                 break
-        solid, n, at = -1, n_1, b
+        solid, triangle, n, at = -1, near, n_1, b
         if solid_1 >= 0:
             thick = self.thickness[solid_1]
             side = 1.0 if closed == 1 else side_0
@@ -129,8 +130,10 @@ class SurfaceDetector:
             if d_1 <= reach and height < thick * (1 + KEEP):  # beyond reach, the nearest may not have been seen
                 solid = solid_1
             if when <= 1 and (solid < 0 or (n_hit.dot(n) < SAME_SIDE and d_0 > 0.5 * thick)):
-                solid, n, at = solid_hit, n_hit, at_hit
-        return solid, n, at, moved
+                solid, triangle, n, at = solid_hit, hit, n_hit, at_hit
+        if solid >= 0 and self.tree.info[triangle][1] == OFF:
+            solid = -1
+        return solid, triangle, n, at, moved
 
     @ti.func
     def at(self, t, p, s):

@@ -25,6 +25,7 @@ class Scanner:
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene) -> None:
         self.model, self.solids, self.exchange, self.time = model, scene.solids, model.exchange, 0.0
         self.thickness = np.array([s.thickness for s in self.solids])
+        self.friction = np.array([s.friction for s in self.solids])
         edges = np.concatenate([np.linalg.norm(np.diff(c.positions[c.mesh.faces], axis=1), axis=2).ravel()
                                 for c in scene.cloths])
         self.edge, longest = float(edges.mean()), float(edges.max())
@@ -103,12 +104,21 @@ class Scanner:
         pick = np.arange(SLOTS)[None, :] < self._slots[i][:, None]
         rows = self._rows[i][pick].astype(np.float64)
         index = np.repeat(i, self._slots[i])
-        return VertexContacts(index, rows[:, 8].astype(np.int64), rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5:8])
+        solid, triangle = rows[:, 8].astype(np.int64), rows[:, 9].astype(np.int64)
+        mu = self.friction[solid]
+        if self.tree is not None:
+            mu = np.where(triangle >= 0, self.tree.friction[triangle], mu)
+        return VertexContacts(index, solid, rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5:8], mu)
 
     def find_crossings(self, grown: bool = False) -> np.ndarray:
         """(k, 3) particles of the cloth's in pairs of triangles of cloth and solids that cross; none where nothing pokes.
         `grown` as in `CrossingCounter.find`."""
         return self.crossings.find(grown) if self.crossings is not None else np.zeros((0, 3), dtype=np.int64)
+
+    def friction_of(self, pairs: Pairs) -> np.ndarray:
+        """(k,) Coulomb's coefficient at pairs."""
+        triangle = (pairs.key & 0xFFFFFFFF) // 8
+        return self.friction[pairs.solid] if self.tree is None else self.tree.friction[triangle]
 
     def find_pairs(self) -> Pairs | None:
         """Pairs that come within range on that way, or None where no solid has edges or corners to fear."""

@@ -80,7 +80,6 @@ class SolidContacts(Checkpointed):
 
     Attributes:
         scan: looks for them; penetration: judges what is too deep.
-        friction: (solids,) mu.
         accepted: states with which the last accepted step ended; trial: those of the last solve of this attempt.
         released: keys of contacts that were released in this attempt.
         near: what was met when last looked; active: what the last solve held; sliding, linearized, pressing: friction, pairs
@@ -92,7 +91,7 @@ class SolidContacts(Checkpointed):
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene) -> None:
         self.model, self.gravity, self.solids = model, scene.gravity, scene.solids
-        self.friction, thickness = (np.array([getattr(s, name) for s in self.solids]) for name in ("friction", "thickness"))
+        thickness = np.array([s.thickness for s in self.solids])
         self.scan = Scanner(fields, model, scene)
         self.penetration = Penetration(model.n, self.scan, thickness)
         self.trial = self.accepted = States()
@@ -143,7 +142,7 @@ class SolidContacts(Checkpointed):
         if start.together:  # solves go on from each other: what had to be held again stays held
             self.released = np.setdiff1d(self.released, f.key[active])
         f, slip, known, where = f.take(active), self.near.slip[active], known[active], where[active]
-        k, mu, mass = len(f.index), self.friction[f.solid], self.model.mass[f.index]
+        k, mu, mass = len(f.index), f.friction, self.model.mass[f.index]
         stick, force, push = np.zeros(k, dtype=bool), np.zeros(k), np.zeros((k, 3))
         if known.any():
             stick[known], force[known] = old.stick[where[known]], old.force[where[known]]
@@ -168,13 +167,13 @@ class SolidContacts(Checkpointed):
     def take_points(self, start: StepStart, base: tuple[np.ndarray, np.ndarray]) -> list[Points]:
         """Friction of what slides, and pairs, for a solve that begins at base: positions and velocities, each (n, 3)."""
         a, mass = self.active, self.model.mass
-        self.sliding = slide(a.contacts, a.states, a.slip, self.friction[a.contacts.solid], mass, start.h, start.x, base[1])
+        self.sliding = slide(a.contacts, a.states, a.slip, a.contacts.friction, mass, start.h, start.x, base[1])
         if self.near.pairs is None:
             return [self.sliding.points]
         t = self.thickness
         self.linearized = near = self.near.pairs.moved(self._to_go(), PAIR * t[self.near.pairs.solid])
         self.pressing = press(near, Step(start.h, start.h_usual, start.x, *base), mass, t[near.solid],
-                              self.friction[near.solid])
+                              self.scan.friction_of(near))
         return [self.sliding.points, self.pressing]
 
     def _to_go(self) -> np.ndarray:
@@ -195,7 +194,7 @@ class SolidContacts(Checkpointed):
         F, normal = self.record_forces(reaction, moved, h)
         tangent = F - normal[:, None] * f.normal
         shear = np.linalg.norm(tangent, axis=1)
-        mu = self.friction[f.solid]
+        mu = f.friction
         pulls = normal < -PULL * np.maximum(self.model.mass[f.index] * weight,
                                             np.mean(np.abs(normal)) if len(normal) else 0.0)
         if start.together and self.round >= RELEASES:

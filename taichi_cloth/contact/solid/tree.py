@@ -14,6 +14,7 @@ from ...scene.scene import Scene
 from ...scene.solids import MESH, SolidMesh
 
 FLAT, RIM = 0.01, 0.5  # angles [rad] that an edge must have to be one, on any solid and on a smooth cylinder
+OFF = 2  # in `TriangleTree.info`: cloth passes through it
 
 
 @ti.data_oriented
@@ -23,7 +24,7 @@ class TriangleTree:
     Attributes:
         x: (vertices, 6) positions at the start and at the end, relative to the model's origin [m].
         corners: (triangles, 3).
-        info: (triangles, 4): solid, whether it is the surface of a mesh, whether that is closed, and which of
+        info: (triangles, 4): solid, whether it is the surface of a mesh (1, or OFF), whether that is closed, and which of
             its corners (bits 0 to 2) and edges (bits 3 to 5) it speaks for.
     """
 
@@ -31,7 +32,7 @@ class TriangleTree:
         self.exchange = fields.exchange
         self.solids = [(k, scene.solids[k]) for k in wanted]
         self.origin = origin
-        locals_, corners, info = [], [], []
+        locals_, corners, info, friction = [], [], [], []
         start = 0
         self.ranges = []
         for k, solid in self.solids:
@@ -41,16 +42,20 @@ class TriangleTree:
             round_side = isinstance(solid.shape, Cylinder) and smooth(solid.shape.radius, solid.thickness, edge)
             owned = _owned(x, faces, rigid, RIM if round_side else FLAT)
             closed = int(mesh and solid.shape.closed)  # type: ignore[union-attr]
+            mu = solid.face_friction() if mesh else np.full(len(faces), solid.friction)
+            off = np.isnan(mu)
+            friction.append(mu)
             locals_.append(x)
             corners.append(faces + start)
-            info.append(np.column_stack([np.full(len(faces), k), np.full(len(faces), int(mesh)),
-                                         np.full(len(faces), closed), owned]))
+            info.append(np.column_stack([np.full(len(faces), k), np.where(off, OFF, int(mesh)),
+                                         np.full(len(faces), closed), np.where(off, 0, owned)]))
             self.ranges.append(slice(start, start + len(x)))
             start += len(x)
         self.local = np.concatenate(locals_)
         all_corners, all_info = np.concatenate(corners), np.concatenate(info)
         order = morton(np.concatenate([s.pose(0.0)[1] + x @ s.pose(0.0)[0].T
                                         for (_, s), x in zip(self.solids, locals_)])[all_corners].mean(axis=1))
+        self.friction = np.concatenate(friction)[order]  # (triangles,)
         self.vertex_count = start
         self.count = len(order)
         self.boxes = BVH(fields, self.count)

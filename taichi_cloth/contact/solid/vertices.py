@@ -18,7 +18,7 @@ from ...system.state import ParticleState
 from .sdf import distance
 
 SLOTS = 6  # contacts of one vertex; of more, those that it is deepest in
-WIDTH = 9  # numbers of a contact: normal (3), gap at the end, gap at the start, carried start (3), solid
+WIDTH = 10  # numbers of a contact: normal (3), gap at the end, gap at the start, carried start (3), solid, triangle or -1
 STRIDES = 48
 HIT = 1e-3  # of the thickness: nearer than this is a hit
 KEEP = 0.5  # of the thickness: a contact that was there is looked after up to this far away
@@ -36,6 +36,7 @@ class VertexContacts:
         gap: (k,) how far above the contact plane the particle is at the end [m]; negative is inside the thickness.
         start_gap: (k,) the same of `carried`.
         carried: (k, 3) where it would be if it moved with the solid from its place at the start [m].
+        friction: (k,) Coulomb's coefficient there.
     """
 
     index: np.ndarray
@@ -44,6 +45,7 @@ class VertexContacts:
     gap: np.ndarray
     start_gap: np.ndarray
     carried: np.ndarray
+    friction: np.ndarray
 
     @cached_property
     def key(self) -> np.ndarray:
@@ -54,7 +56,7 @@ class VertexContacts:
     def none(cls) -> "VertexContacts":
         """No contact."""
         k = np.zeros(0, dtype=np.int64)
-        return cls(k, k, np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros((0, 3)))
+        return cls(k, k, np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros((0, 3)), np.zeros(0))
 
     def take(self, which: np.ndarray) -> "VertexContacts":
         """Some of them."""
@@ -98,9 +100,9 @@ class VertexDetector:
                     carried = R_1 @ a + p_1
                     row = ti.Vector([n_world[0], n_world[1], n_world[2], gap, n.dot(a - at),
                                      carried[0], carried[1], carried[2], 0.0])
-                    for c in ti.static(range(WIDTH - 1)):
+                    for c in ti.static(range(WIDTH - 2)):
                         out[i, where, c] = row[c]
-                    out[i, where, WIDTH - 1] = self.solid[s]
+                    out[i, where, WIDTH - 2], out[i, where, WIDTH - 1] = self.solid[s], -1
                     count = ti.min(count + 1, SLOTS)
             slots[i] = count
 

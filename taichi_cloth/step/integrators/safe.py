@@ -49,7 +49,7 @@ class Safe(Checkpointed):
         """One step; see the package."""
         self.largest = max(self.largest, h)
         made, reason = None, TOUCH
-        if not self.touching and not (self.model.sewn is not None and self.model.sewn.open):
+        if not self.touching and not (self.model.sewn is not None and (self.model.sewn.open or self.model.sewn.pulled)):
             self.last = self.accurate
             made = self.accurate.attempt(h, held_at, start)
             reason = made.rejection or ""
