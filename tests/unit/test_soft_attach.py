@@ -81,17 +81,17 @@ def test_it_hangs_where_forces_balance():
     sunk = cloth.mesh.x[row] - sim.positions()[row]
     assert pull[row] == pytest.approx(100.0 * sunk, abs=1e-9) and sunk[:, 1].max() > 5e-4
     assert not np.delete(pull, row, axis=0).any()
-    sim.close()
     most, h = 0.6 * weight / len(row), 1 / 60
     sim.detach(cloth)
     sim.attach(cloth, row, sim.scene.solids[0], stiffness=1e4, most=most)
+    sim.step(h)  # a single solve knows the largest force from the step on in which it is reached
     for _ in range(20):
         before = sim.model.mass @ sim.velocities()[sim.model.user]
         sim.step(h)
         gained = sim.model.mass @ sim.velocities()[sim.model.user] - before
         pull = sim.attachment_forces()
         assert gained == pytest.approx(h * (pull.sum(axis=0) + [0, -weight, 0]), abs=2e-3 * h * weight)
-    assert np.linalg.norm(pull[row], axis=1) == pytest.approx(most, rel=1e-9) and sim.positions()[row, 1].max() < -0.1
+    assert np.linalg.norm(pull[row], axis=1) == pytest.approx(most, rel=1e-9) and sim.positions()[row, 1].max() < 0.2
     sim.close()
 
 
