@@ -80,11 +80,3 @@ def test_a_load_is_carried_after_one_more_solve():
     firmness.rise(pairs(np.array([(0.2 + 0.8 * left) * R])), np.array([(0.2 + 0.8 * began) * R]))
     now = began - (began - left) / firmness.factor[0]
     assert now == pytest.approx(0.7 * began)
-
-
-def test_what_solids_press_together_is_let_be_in_the_end():
-    """No stop keeps the room of what is led from both sides: it must not keep the step from being made."""
-    firmness, rises = Firmness(4), 0
-    while firmness.rise(pairs(np.array([0.21 * R])), np.array([0.5 * R])) and rises < 50:
-        rises += 1
-    assert 2 < rises < 30

@@ -30,7 +30,7 @@ class Firmness:
         self.factor[:] = 1.0
 
     def rise(self, p: ContactPairs, began: np.ndarray) -> bool:
-        """Stops what lost too much of its room more firmly; whether anything did, that can be.
+        """Stops what lost too much of its room more firmly; whether anything did.
 
         Args:
             p: pairs where a solve led.
@@ -38,7 +38,6 @@ class Firmness:
         """
         left, was = room(p.end, p.radius), room(np.minimum(began, p.radius), p.radius)
         lost = left < np.minimum(ENOUGH, np.minimum(was / 2, 2 * was))
-        lost &= self.factor[p.vertices].max(axis=1) < FIRMEST  # what is led together from both sides cannot keep its room
         if not lost.any():
             return False
         left, was = left[lost], np.clip(was[lost], 2 * SHALLOW, 1.0)  # where the stop begins
