@@ -60,7 +60,8 @@ MUTATIONS = (
     # pins and motions that are changed by hand
     ("taichi_cloth/step/prescribed.py", "if int(count) != self.changes:", "if False:",
      "changes by hand are forgotten on resume", BY_HAND),
-    ("taichi_cloth/scene/scene.py", "        self.script.made += 1\n", "", "attachments share a key", BY_HAND),
+    ("taichi_cloth/scene/scene.py", "        self.script.attachments.append(attachment)\n        self.script.made += 1\n",
+     "        self.script.attachments.append(attachment)\n", "attachments share a key", BY_HAND),
     ("taichi_cloth/simulation/simulation.py", "        with self.scene.running(self.prescribed.script):\n            change()",
      "        change()", "what is changed by hand changes the scene", BY_HAND),
     ("taichi_cloth/scene/scene.py", "if not self._running and len(self.followers):", "if False:",

@@ -12,7 +12,6 @@ import taichi_cloth as tc
 from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
 from taichi_cloth.contact.cloth import barrier as repulsion
-from taichi_cloth.contact.cloth.islands import bound
 from taichi_cloth.contact.cloth.narrow_phase import LayerDetector
 from taichi_cloth.contact.cloth.pair_kernels import (
     BACK,
@@ -224,7 +223,7 @@ def test_the_free_way_of_every_pair(rng):
         d.cover()
         part = np.ones(len(every.kind))
         part[every.rows(d.candidates)] = free_parts(d)
-        assert d.collision_free_step() == part.min()
+        assert d.collision_free_step()[0] == part.min()
         begins, ways = x[every.four], way[every.four]
         gone = ref.distances(every.kind, begins)
         floor = np.where(gone > 1.02 * every.radius / 5, every.radius / 5, 0.0)
@@ -247,38 +246,6 @@ def test_the_free_way_of_every_pair(rng):
         assert np.mean(short) < 0.02  # they crawl along each other
         touch = np.array([ref.first_touch(*each) for each in zip(*few)])
         assert np.isfinite(touch).sum() > 2 and (part[maybe] < touch).all() and (last <= touch).all()
-
-
-@pytest.mark.slow
-def test_what_is_blocked_is_bounded_where_it_is(rng):
-    """Whoever goes less than all of the way, or another, ends with pairs no nearer than the fifth that must be kept, on any
-    place of the ways; and most of the cloth, which nothing blocks, goes all of it. What is tied goes as one."""
-    scene = soup(rng)
-    d = detector(scene)
-    every, n = Truth(scene, d), d.model.n
-    x, still = d.model.read_particles()[0], np.zeros((n, 3))
-    d.begin()
-    tied = np.array([0, 5]), np.array([60, 80])
-    for size, least in ((0.004, 0.6), (0.02, 0.2)):
-        end = x + size * rng.normal(size=x.shape) + [0.3, -0.2, 0.1]  # together, and each by itself
-
-        def look(there):
-            d.model.write_particles(there, still)
-            d.cover()
-            return d.blocked()
-
-        blocked = look(end)
-        there, part = bound(x, end, blocked, look, tied)
-        whole = (there == end).all(axis=1)
-        assert len(blocked.part) > 5 and 0 < part <= blocked.part.min() and least < whole.mean() < 1
-        begins, ways = x[every.four], (there - x)[every.four]
-        gone = ref.distances(every.kind, begins)
-        floor = np.where(gone > 1.02 * every.radius / 5, every.radius / 5, 0.0)
-        allowed = np.minimum(floor + (gone - floor) / 5, gone)
-        for s in np.linspace(0, 1, 9)[1:]:
-            assert (ref.distances(every.kind, begins + s * ways) >= allowed * (1 - 1e-3) - 1e-12).all()
-        held = ~whole
-        assert np.linalg.norm((there - x)[held] - [0.3, -0.2, 0.1], axis=1).max() < 12 * size  # what holds it goes along
 
 
 @dataclasses.dataclass
@@ -409,6 +376,7 @@ def test_a_step_ends_when_forces_and_friction_agree(rng):
         layers.points(x)
         layers.record_forces()
         layers.look()
+    layers.was = layers.least
     assert layers.settled() and layers.count > 20
     taken = layers.linearized.taken
     taken[BEARS] *= 0.5
@@ -418,26 +386,6 @@ def test_a_step_ends_when_forces_and_friction_agree(rng):
     taken[FORCE] *= 2
     layers.look()
     assert not layers.settled() and layers.off > 10
-    sim.close()
-
-
-def test_what_is_firmer_is_stopped_so_much_more_and_no_stiffer(rng):
-    """The stop of what came nearer grows with the factor of the firmest of a pair's particles; its spring does not."""
-    sim = tc.Simulation(soup(rng), h=H, integrator="backward_euler", threads=1)
-    layers, x = sim.contacts.layers, sim.model.read_particles()[0]
-    layers.clear()
-    layers.begin(dataclasses.replace(layers.start, h=H, x=x), True)
-    way = 0.01 * rng.normal(size=x.shape)
-    sim.model.write_particles(x + way, way / H)
-    layers.look()
-    p, plain = layers.near, layers._evaluate(layers.near)[0].copy()
-    layers.firmness.factor = np.where(np.arange(len(x)) % 3 == 0, 8.0, 1.0)
-    layers._weighed = None
-    firm, factor = layers._evaluate(p)[0], layers.firmness.factor[p.vertices].max(axis=1)
-    gone = np.array([ref.stop(*each) for each in zip(p.end, p.radius, plain[BEGAN])])
-    assert (gone > 0).sum() > 10 and set(factor) == {1.0, 8.0}
-    assert np.allclose(firm[NOW] - plain[NOW], (factor - 1) * plain[HALT] * gone, rtol=1e-9, atol=1e-15)
-    assert np.array_equal(firm[STIFF], plain[STIFF]) and np.array_equal(firm[POTENTIAL], plain[POTENTIAL])
     sim.close()
 
 

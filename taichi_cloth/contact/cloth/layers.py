@@ -18,21 +18,19 @@ from typing import Any
 import numpy as np
 
 from ...backend.fields import Fields
-from ...backend.rows import read
 from ...backend.timing import Stopwatch, timed
 from ...errors import SceneError
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.place import Place
 from ...system.state import ParticleState
+from ..geometry import VERTEX_FACE
 from ..points import Points
 from ..rows import rows_of
 from ..step_start import StepStart
 from . import pair_kernels
 from .barrier import FLOOR, room
 from .contact_pairs import ContactPairs
-from .firmness import Firmness
-from .islands import Blocked, bound
 from .linearized import Comparison, LinearizedPairs
 from .narrow_phase import LayerDetector
 from .untangle import Intersections
@@ -61,7 +59,7 @@ class Layers(Checkpointed):
     """
 
     ROUNDS = 12
-    STATE = ("kept", "count", "energy", "boost", "detector", "intersections", "lips")
+    STATE = ("kept", "count", "energy", "was", "boost", "detector", "intersections", "lips")
     agreed, floor, kind = AGREED, FLOOR, pair_kernels.PairKernels
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool, tangles: str) -> None:
@@ -74,7 +72,7 @@ class Layers(Checkpointed):
                              for c in scene.cloths])
         self.kernels = self.kind(fields, model, np.sqrt(mu)[model.user], h)
         self.gravity = scene.gravity
-        self.boost, self.firmness = np.ones(model.n), Firmness(model.n)
+        self.boost = np.ones(model.n)
         self._weighed: tuple[ContactPairs, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for
         self.lips: Any = None
         if model.sewn is not None:
@@ -88,8 +86,8 @@ class Layers(Checkpointed):
         self.compared: Comparison | None = None  # those, and the ones that the last solve took
         self.there = nowhere  # where the first solve of an attempt takes the pairs
         self.round = 0  # solves of the attempt
-        self.blocked = self.detector.blocked()  # what the last solve's way was not free of
-        self.count, self.energy, self.least, self.off = 0, 0.0, 1.0, 0
+        self.blocking = self.detector.candidates  # pairs that a collision-free step stops at
+        self.count, self.energy, self.least, self.was, self.off = 0, 0.0, 1.0, 1.0, 0
         self.watch = Stopwatch()
 
     @property
@@ -101,7 +99,6 @@ class Layers(Checkpointed):
     def begin(self, start: StepStart, guess: bool) -> None:
         """A new attempt; the model is at its predicted end, with `guess` looked at there."""
         self.start = start
-        self.firmness.reset()
         self.round, self.there, self.compared, self._weighed = 0, self.model.read_particles()[0], None, None
         self.detector.begin()
         if guess:
@@ -113,7 +110,7 @@ class Layers(Checkpointed):
         """Whether anything is in reach of anything where the model now is, or passes through it on the way there."""
         self.detector.cover()
         self.near = self.detector.look(swept=True)
-        return len(self.near.end) > 0 or self.detector.collision_free_step() < 1  # the collision-free step misses nothing
+        return len(self.near.end) > 0 or self.detector.collision_free_step()[0] < 1  # the collision-free step misses nothing
 
     @timed
     def points(self, base: np.ndarray) -> Points:
@@ -148,24 +145,8 @@ class Layers(Checkpointed):
     def advance(self) -> float:
         """Part of the way from where the last solve began to where the model now is that nothing passes through on."""
         self.detector.cover()
-        self.blocked = self.detector.blocked()
-        return float(self.blocked.part.min(initial=1.0))
-
-    @timed
-    def bound(self) -> tuple[np.ndarray, float]:
-        """What `advance` leaves free, island by island: (n, 3) [m] from where the model is to where all may go on their ways
-        from where the last solve began, which is where it then is; and the smallest part that any goes."""
-        (end, v), knots = self.model.read_particles(), self.detector.mesh.knots
-
-        def look(x: np.ndarray) -> Blocked:
-            self.model.write_particles(x, v)
-            self.detector.cover()
-            return self.detector.blocked()
-
-        sewn = np.flatnonzero(knots != np.arange(self.model.n))
-        x, part = bound(read(self.detector.start).astype(np.float64), end, self.blocked, look, (sewn, knots[sewn]))
-        self.model.write_particles(x, v)
-        return x - end, part
+        part, self.blocking = self.detector.collision_free_step()
+        return part
 
     @timed
     def energy_here(self) -> float:
@@ -213,10 +194,8 @@ class Layers(Checkpointed):
         beyond = np.maximum(compared.led[pair_kernels.RUBBED] - pair_kernels.CONE * bears, 0)
         over = float(np.sum(beyond + compared.led[pair_kernels.BACK] * bears))
         rubs = over > RUBBED * rubs_as and self.round == 1  # what it still is then, it is in the next step
-        if self.firmness.rise(p, weighed[pair_kernels.BEGAN]):
-            self._weighed = None
-            return False
-        return not self.off and not rubs and not late
+        left, was = room(np.array([self.least, self.was]), np.ones(2)).tolist()
+        return not self.off and not rubs and not late and left > min(CLOSE / 3, was / 2, 2 * was)
 
     @timed
     def lagged(self) -> float:
@@ -241,6 +220,7 @@ class Layers(Checkpointed):
         if self.intersections.active:
             self.intersections.commit(self.start.h)
             self.detector.let_rest(self.intersections.resting)
+        self.was = self.least
         self.kept = NOTHING if q is None else {"key": q.near.key[q.near.order], "force": self.last_forces[q.near.order]}
         share = self.start.share
         self.boost = np.where(part < CLOSE, np.minimum(STIFFER**share * self.boost, STIFFEST),
@@ -265,7 +245,8 @@ class Layers(Checkpointed):
         Only what hardly moves within the step: what comes fast is not pinched, a smaller step stops it. With `every`, all.
         """
         d = self.detector
-        four = self.blocked.vertices
+        four = np.array([[i, *d.mesh.faces[j]] if kind == VERTEX_FACE else [*d.mesh.edges[i], *d.mesh.edges[j]]
+                         for i, j, kind in self.blocking.tolist()], dtype=np.int64).reshape(-1, 4)
         v = self.model.read_saved()[1][four]
         moves = self.start.h * np.linalg.norm(v - v.mean(axis=1, keepdims=True), axis=2).max(axis=1, initial=0.0)
         four = four[every | (moves < PINCHING * d.mesh.half_thickness[four[:, 0]])]
@@ -341,7 +322,7 @@ class Layers(Checkpointed):
             out, turns = np.empty((pair_kernels.WEIGHED, len(p.end))), np.empty((len(p.end), 4, 3))
             if len(p.end):
                 self.kernels.evaluate(p.pair, p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, self.boost,
-                                      self.firmness.factor, self.start.h, out, turns)
+                                      self.start.h, out, turns)
             self._weighed = p, out, turns
         return self._weighed[1:]
 

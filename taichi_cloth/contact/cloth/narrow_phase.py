@@ -15,7 +15,6 @@ from ..geometry import VERTEX_FACE
 from ..pair_geometry import between, closing, fading, gap
 from .broad_phase import ROUNDING, Candidates
 from .contact_pairs import ContactPairs
-from .islands import Blocked
 
 STRIDES = 48
 KEEP = 0.2  # of a pair's distance above its floor that a path must leave
@@ -51,30 +50,16 @@ class LayerDetector(Candidates):
         """Paths begin where the model is saved."""
         self._from_saved()
 
-    def collision_free_step(self) -> float:
-        """Part of the path that nothing passes through another on."""
-        return float(self.blocked().part.min(initial=1.0))
-
-    def blocked(self) -> Blocked:
-        """The pairs that do not allow all of the path."""
+    def collision_free_step(self) -> tuple[float, np.ndarray]:
+        """(part of the path that nothing passes through another on, the pairs (k, 3) that do not allow all of it)."""
         c = self.candidates
+        if not len(c):
+            return 1.0, c
+        self.displaced_count()
         part: np.ndarray = np.empty(len(c), dtype=self.exchange)
-        if len(c):
-            self.displaced_count()
-            self._free(c, self.distances, part)
-        rows = np.flatnonzero(part < 1)
-        c, part = c.take(rows, axis=0), part.take(rows).astype(np.float64)
-        vertices: np.ndarray = np.empty((len(c), 4), dtype=np.int32)
-        if len(c):
-            self._corners(c, vertices)
-        return Blocked(c, vertices.astype(np.int64), part)
-
-    @ti.kernel
-    def _corners(self, rows: ti.types.ndarray(), vertices: ti.types.ndarray()):
-        for k in range(rows.shape[0]):
-            v = self.mesh.corners(rows[k, 0], rows[k, 1], rows[k, 2])
-            for c in ti.static(range(4)):
-                vertices[k, c] = v[c]
+        self._free(c, self.distances, part)
+        least = float(part.min())
+        return least, c[part < 1]
 
     def look(self, swept: bool = False) -> ContactPairs:
         """Pairs that are in reach of each other where the model is; with `swept` also those that went through on the path."""

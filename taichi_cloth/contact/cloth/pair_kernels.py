@@ -16,14 +16,13 @@ from .barrier import SHALLOW, height, law, potential
 STEEP = 4.0  # size of a turn from which on friction fades: edges near parallel would turn each other by large normal forces
 FLAT = 1e-6  # over that: from which on there is none
 PRESS = 12.0  # stiffness of a pair over mass / h^2, h the largest step
-STOP = 30.0  # the same of what stops an approach, h this step, where it has not been made firmer
+STOP = 30.0  # the same of what stops an approach, h this step
 CREEP = 2e-5  # slip [m/s] below which friction between layers is viscous
 CONE = 1.02  # times the most that friction can be, above which what it damps slides
 
 # of a pair as it is: the mass that its distance has [kg], its stiffness [N/m], its distance where the step began, along its
-# normal [m], its force [N], the most that friction can be by that [N], its potential [J], its friction over its force, the
-# stiffness of what stops its approach [N/m]
-OWN, STIFF, BEGAN, NOW, COULOMB, POTENTIAL, MU, HALT, WEIGHED = range(9)
+# normal [m], its force [N], the most that friction can be by that [N], its potential [J], its friction over its force
+OWN, STIFF, BEGAN, NOW, COULOMB, POTENTIAL, MU, WEIGHED = range(8)
 # as a solve takes it: force [N] and slope [N/m] at a distance [m]; the most that friction can be [N], friction over slip
 # [N s/m], and, from WAY on, the direction of the slip of what slides, 0 for what sticks
 FORCE, SLOPE, AT, BEARS, DRAG, WAY, TAKEN = 0, 1, 2, 3, 4, 5, 8
@@ -48,26 +47,19 @@ class PairKernels:
     @ti.kernel
     def evaluate(self, pair: ti.types.ndarray(), vertices: ti.types.ndarray(), weights: ti.types.ndarray(),
               normals: ti.types.ndarray(), end: ti.types.ndarray(), radius: ti.types.ndarray(), factor: ti.types.ndarray(),
-              boost: ti.types.ndarray(), firm: ti.types.ndarray(), h: float, out: ti.types.ndarray(),
-              turns: ti.types.ndarray()):
-        """Pairs as they are, and their turns (k, 4, 3).
-
-        Args:
-            boost, firm: (n,) factors of the particles' stiffness, and of what stops their approach.
-        """
+              boost: ti.types.ndarray(), h: float, out: ti.types.ndarray(), turns: ti.types.ndarray()):
+        """Pairs as they are, and their turns (k, 4, 3); `boost` (n,) factors of the particles' stiffness."""
         for k in range(vertices.shape[0]):
-            light, more, firmer = 0 * weights[k, 0], boost[vertices[k, 0]], firm[vertices[k, 0]]
+            light, more = 0 * weights[k, 0], boost[vertices[k, 0]]
             for a in ti.static(range(4)):
                 light += weights[k, a] ** 2 / self.model.m[vertices[k, a]]
-                more, firmer = ti.max(more, boost[vertices[k, a]]), ti.max(firmer, firm[vertices[k, a]])
+                more = ti.max(more, boost[vertices[k, a]])
             own = 1 / ti.max(light, 1e-30)
             stiff = PRESS * own / self.h_usual[0] ** 2 * factor[k] * more
             n = row_of(normals, k)
             began = n.dot(self.at(vertices, weights, k, self.model.x_saved))
             counts = self.turn(pair[k, 2], vertices, k, n, end[k], turns)
-            halt = STOP * own * factor[k] / h**2 * firmer
-            force, slope = self.pull(end[k], radius[k], began, stiff, own, halt, h)
-            out[HALT, k] = halt
+            force, slope = self.pull(end[k], radius[k], began, stiff, own, factor[k], h)
             out[OWN, k], out[STIFF, k], out[BEGAN, k], out[NOW, k] = own, stiff, began, force
             out[MU, k] = self.friction[vertices[k, 0]] * self.friction[vertices[k, 3]] * counts
             out[COULOMB, k] = out[MU, k] * force
@@ -91,7 +83,7 @@ class PairKernels:
             n = row_of(normals, k)
             own, stiff, began = weighed[OWN, k], weighed[STIFF, k], weighed[BEGAN, k]
             at = self.where(end[k], radius[k], began, first)
-            force, slope = self.pull(at, radius[k], began, stiff, own, weighed[HALT, k], h)
+            force, slope = self.pull(at, radius[k], began, stiff, own, factor[k], h)
             moved, slip, v = 0 * n, 0 * n, self.at(vertices, weights, k, self.model.v_saved)
             for a in ti.static(range(4)):
                 i = vertices[k, a]
@@ -137,7 +129,8 @@ class PairKernels:
             out[RUBBED, k] = (bears * way + taken[DRAG, k] * (slip - along * way)).norm()
             out[BACK, k] = ti.select(along < 0, 1.0, 0.0)
             out[RUB, k] = h * bears * ti.select(speed < CREEP, speed**2 / (2 * CREEP), speed - CREEP / 2)
-            out[STOPPED, k] = weighed[HALT, k] * ti.max(limit(weighed[BEGAN, k], radius[k]) - gap, 0.0) ** 2 / 2
+            stop = STOP * weighed[OWN, k] * factor[k] / h**2
+            out[STOPPED, k] = stop * ti.max(limit(weighed[BEGAN, k], radius[k]) - gap, 0.0) ** 2 / 2
 
     @ti.func
     def at(self, vertices: ti.template(), weights: ti.template(), k, rows: ti.template()):
@@ -181,14 +174,14 @@ class PairKernels:
         return ti.min(ti.max(end, least), radius)
 
     @ti.func
-    def pull(self, d, radius, began, stiff, own, halt, h):
+    def pull(self, d, radius, began, stiff, own, factor, h):
         """(force [N], slope [N/m]) of a pair at a distance d: repulsion, and what stops its approach.
 
-        What comes nearer than at the start of the step, and than it should, is stopped by a stiffness `halt` that goes with
-        this step's own h. It acts within the step alone, and so gives no speed back.
+        What comes nearer than at the start of the step, and than it should, is stopped by a stiffness that goes with this
+        step's own h. It acts within the step alone, and so gives no speed back.
         """
         force, slope = law(d, radius)
-        most, stop = limit(began, radius), halt
+        most, stop = limit(began, radius), STOP * own * factor / h**2
         if d >= most:
             stop *= 0
         return stiff * force + stop * (most - d), stiff * slope + stop

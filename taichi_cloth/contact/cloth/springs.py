@@ -27,7 +27,7 @@ class SpringKernels(PairKernels):
         return end
 
     @ti.func
-    def pull(self, d, radius, began, stiff, own, halt, h):
+    def pull(self, d, radius, began, stiff, own, factor, h):
         """(force [N] of a pair at a distance d, its slope [N/m] over the step, in which the damper adds to the spring)."""
         spring = STRONG * stiff
         return spring * ti.max(radius - d, 0.0), spring + 2 * DAMPING * ti.sqrt(spring * own) / h

@@ -38,7 +38,6 @@ class LayerStep(EulerStep):
     """A step with layers of cloth in its problem.
 
     Attributes:
-        free: the smallest part of the last Newton step that any island of the cloth could take.
         released: whether pairs that leave no room were released, so that the step is worth another attempt.
     """
 
@@ -56,7 +55,7 @@ class LayerStep(EulerStep):
         self.leads = True  # whether held directions were still on their way to their targets
         self.verdict = Verdict(0, 0.0, False)
         self.agreed = self.released = False
-        self.part = self.free = 0.0
+        self.part = 0.0
 
     def solve(self, k: int) -> Outcome | None:
         """See `StepProblem`."""
@@ -97,8 +96,7 @@ class LayerStep(EulerStep):
             self.leads = bool(np.abs(np.einsum("kij,kj->ki", held.projector, z)).max() * h > NEARLY)
 
     def advance(self, k: int) -> float:
-        """See `StepProblem`. States of contacts with solids are judged at the end of the whole Newton step. Of that, what is
-        not free is bounded where it is, so that all of the rest may be taken."""
+        """See `StepProblem`. States of contacts with solids are judged at the end of the whole Newton step."""
         with self.clock.part("EVAL"):
             if k:
                 self.system.shift(self.c, 1.0)
@@ -108,13 +106,7 @@ class LayerStep(EulerStep):
         with self.clock.part("C-S"):
             self.verdict = self.contacts.judge(self.system.reaction_rows())
             self.layers.record_forces()
-            self.free = self.layers.advance()
-            if self.free == 1:
-                return 1.0
-            change, self.free = self.layers.bound()
-        with self.clock.part("EVAL"):
-            self.system.amend(change / self.c)
-        return 1.0
+            return self.layers.advance()
 
     def measure(self, k: int) -> Measures:
         """See `StepProblem`; with the repulsion of layers."""
@@ -136,7 +128,6 @@ class LayerStep(EulerStep):
 
     def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
         """See `StepProblem`."""
-        part *= self.free
         self.part, contacts = part, self.contacts
         with self.clock.part("C-S"):
             if part < 1:

@@ -15,7 +15,7 @@ from ...solver.pcg import PCG, Solution
 from ...solver.preconditioner import build_preconditioner
 from ...system.assembler import Assembler, Measures
 from ...system.constraints import Filter
-from ...system.held import Held, kernel_array
+from ...system.held import Held
 from ...system.operator import Operator
 from ...system.state import ParticleState
 
@@ -193,17 +193,6 @@ class System:
         for i in range(self.model.rows()):
             self.model.v[i] += part * self.solver.dv[i]
             self.model.x[i] += part * c * self.solver.dv[i]
-
-    def amend(self, dv: np.ndarray) -> None:
-        """The last solve's dv, and the model's velocities, by (n, 3) [m/s] otherwise."""
-        self._amend(kernel_array(dv, self.model.exchange))
-
-    @ti.kernel
-    def _amend(self, dv: ti.types.ndarray()):
-        for i in range(self.model.rows()):
-            for c in ti.static(range(3)):
-                self.solver.dv[i][c] += dv[i, c]
-                self.model.v[i][c] += dv[i, c]
 
     @ti.kernel
     def fall(self, h: float, x: float, y: float, z: float):
