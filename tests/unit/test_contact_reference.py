@@ -13,21 +13,7 @@ from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
 from taichi_cloth.contact.cloth import barrier as repulsion
 from taichi_cloth.contact.cloth.narrow_phase import LayerDetector
-from taichi_cloth.contact.cloth.pair_kernels import (
-    BACK,
-    BEARS,
-    BEGAN,
-    FORCE,
-    GAP,
-    HALT,
-    NOW,
-    OWN,
-    POTENTIAL,
-    RUB,
-    RUBBED,
-    STIFF,
-    STOPPED,
-)
+from taichi_cloth.contact.cloth.pair_kernels import BACK, BEARS, FORCE, GAP, OWN, POTENTIAL, RUB, RUBBED, STIFF, STOPPED
 from taichi_cloth.contact.pair_geometry import between, closing, fading, gap
 from taichi_cloth.scene import intersections
 from taichi_cloth.system.state import ParticleState
