@@ -316,6 +316,8 @@ def _alike(value: object, model: object, name: str) -> bool:
     if value is None:  # arguments that may be left out
         return name in ("uv", "groups", "fps", "rest", "stretch", "shear", "bend", "air", "view", "color", "contact", "camera",
                         "ground", "mesh", "heat", "directions", "limit", "curve", "yield_", "tear", "split", *MAY_BE_NONE)
+    if name == "where":  # vertices, by whatever names them
+        return value is None or isinstance(value, str) or _finite(value)
     if name == "rest" and isinstance(value, tuple):  # angles of edges
         return _finite(value)
     if isinstance(model, (bool, str)) or dataclasses.is_dataclass(model) or isinstance(model, tc.Scene):

@@ -54,6 +54,8 @@ class Cloth:
         for rest in (f.bend.rest for f in self.fabrics if f.bend):
             if isinstance(rest, tuple) and len(rest) != (edges := len(self.whole.inner_edges)):
                 raise SceneError(f"bend rest of {what!r}: {len(rest)} angles, but its mesh has {edges} inner edges")
+        checks.maybe(self.tear, checks.instance, f"tear of {what!r}", Tear)
+        checks.maybe(self.split, checks.instance, f"split of {what!r}", Split)
         if self.tear is not None and any(f.bend and f.bend.model == "curvature" for f in self.fabrics):
             raise SceneError(f"{what!r} may tear: it bends over hinges, not by Bend(model=\"curvature\")")
         if self.tear is not None and not any(f.stretch or f.shear for f in self.fabrics):

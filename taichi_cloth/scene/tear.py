@@ -4,6 +4,7 @@ Where a cloth may tear each triangle has corners of its own, and the corners at 
 between their triangles. Sewn, they move as the whole mesh does, exactly; tearing opens stitches, and changes no mesh.
 """
 
+import numbers
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,8 @@ from .. import checks
 from ..errors import SceneError
 from .fabric import pair
 from .mesh import TriMesh, face_edges
+
+MOST_VERTICES = 1 << 31  # that any mesh has
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,7 @@ class Tear:
         where: vertices or groups at which it may tear; None is everywhere.
 
     Raises:
-        SceneError: a strength or length that is not positive.
+        SceneError: a strength or length that is not positive, or what are no vertices.
     """
 
     strength: float | tuple[float, float]
@@ -39,11 +42,23 @@ class Tear:
         checked = tuple(checks.number("tear: strength", v, "N/m", positive=True) for v in values)  # type: ignore[union-attr]
         object.__setattr__(self, "strength", checked if len(checked) == 2 else checked[0])
         object.__setattr__(self, "length", checks.number("tear: length", self.length, "m", positive=True))
+        object.__setattr__(self, "where", _vertices(self.where))
 
     @property
     def strengths(self) -> np.ndarray:
         """(2,) along warp and weft [N/m]."""
         return np.array(pair(self.strength))
+
+
+def _vertices(where: object) -> object:
+    """What a mesh may select vertices by, as far as it can be told without the mesh."""
+    names = isinstance(where, str) or (isinstance(where, (list, tuple)) and len(where) > 0
+                                       and all(isinstance(name, str) for name in where))
+    mask = isinstance(where, np.ndarray) and where.dtype == bool and where.ndim == 1
+    if where is None or names or mask:
+        return where
+    one = isinstance(where, numbers.Real) or getattr(where, "ndim", None) == 0
+    return checks.indices("tear: where", [where] if one else where, MOST_VERTICES, error=SceneError)
 
 
 @dataclass(frozen=True, eq=False)
