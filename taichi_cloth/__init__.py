@@ -38,6 +38,7 @@ _NAMES = {
     "app.cli": "run", "app.recorder": "record",
     "errors": "ClothError MeshError SceneError BackendError OutputError ScriptError SimulationError",
 }
+_SHOWN = ("Scene", "Simulation")  # in notebooks by recording.shown: drawing is beyond the rooms that they are in
 _WHERE = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = ["__version__", *_WHERE]
@@ -45,8 +46,18 @@ __all__ = ["__version__", *_WHERE]
 
 def __getattr__(name: str):
     if name in _WHERE:
-        return getattr(importlib.import_module(f".{_WHERE[name]}", __name__), name)
+        found = getattr(importlib.import_module(f".{_WHERE[name]}", __name__), name)
+        if name in _SHOWN:
+            found._repr_html_ = _in_html
+        return found
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def _in_html(what) -> str:
+    """What a notebook shows of a scene or a simulation."""
+    from .recording.shown import in_html
+
+    return in_html(what)
 
 
 def __dir__() -> list[str]:

@@ -61,6 +61,9 @@ class Panel:
             raise SceneError(f"panel {self.name!r}: its edges are no closed line through {len(self.edges)} corners")
         self._refuse_crossings()
 
+    def __repr__(self) -> str:
+        return f"<Panel {self.name!r} with {len(self.edges)} edges>"
+
     def outline(self) -> tuple[np.ndarray, np.ndarray]:
         """(k, 2) [m] points of the border as it is drawn, and (k,) which edge goes on from each."""
         lines = [e.points(self.corners, np.linspace(0, 1, 1 + (1 if e.kind == "line" else PIECES)))[:-1] for e in self.edges]
@@ -150,6 +153,9 @@ class Pattern:
                                  "gathering")
             self._refuse_folded(k, stitch)
         self._refuse_units()
+
+    def __repr__(self) -> str:
+        return f"<Pattern of {len(self.panels)} panels, {len(self.stitches)} stitches>"
 
     def _refuse_folded(self, k: int, stitch: Stitch) -> None:
         """Refuses a stitch that sews the corner that two edges share to both their other ends."""

@@ -6,6 +6,7 @@ from ..backend.ordering import components
 from ..output import described
 from ..scene.mesh import face_edges
 from ..scene.primitives import Plane
+from ..scene.scene import Scene
 from ..scene.solids import Solid
 from ..scene.view import CameraKeys
 from ..simulation import Simulation
@@ -14,22 +15,31 @@ from ..simulation import Simulation
 def geometry(sim: Simulation) -> dict[str, np.ndarray]:
     """What does not change: everything that pictures and exports need besides `frame`.
 
+    What `as_built` says; hinges with stiffness [N m] and rest angle; where bending goes by curvatures `patches` of vertices
+    round triangles, their weights and stiffness; where anything is sewn, `sewn`, the vertex that stands for what each is sewn
+    to, `panel` of each face with `panel_names`, and `seam_length` [m] of each vertex; where fabrics have limits `face_limit`,
+    where they yield or are creased `creases` and what a hinge's or triangle's curvature is computed from.
+    """
+    out = as_built(sim.scene)
+    out |= {"hinges": np.zeros((0, 4), dtype=np.int64), "hinge_k": np.zeros(0), "hinge_rest": np.zeros(0)}
+    for force in sim.force_terms:
+        out |= force.geometry()
+    return out | (_sewn(sim) if any(not s.tears for s in sim.scene.seams) else {})
+
+
+def as_built(scene: Scene) -> dict[str, np.ndarray]:
+    """What a scene says by itself, at time 0.
+
     Faces and uv of all cloths in one, `cloth_start` (first vertex of each and the end), `cloth_names`, `cloth_colors`
     (NaN where left to the renderer) and what else `described.of_appearances` says; the same for solids (`solid_*`, without
-    those drawn as ground); hinges with
-    stiffness [N m] and rest angle; where bending goes by curvatures `patches` of vertices round triangles,
-    their weights and stiffness; where anything is sewn, `sewn`, the vertex that stands for what each is sewn to,
-    `panel` of each face with `panel_names`, and `seam_length` [m] of each vertex; where fabrics have limits `face_limit`,
-    where they yield or are creased `creases` and what a hinge's or triangle's curvature is computed from; how it is seen, as
-    `described.of_view` says.
+    those drawn as ground); how it is seen, as `described.of_view` says.
     """
-    scene = sim.scene
     cloths, solids = scene.cloths, [s for s in scene.solids if not is_ground(s)]
     surfaces = [s.shape.surface() for s in solids]
     starts = np.cumsum([0] + [len(x) for x, _ in surfaces])
     grounds = [float(s.pose(0.0)[1][1]) for s in scene.solids if is_ground(s)]
     ground = scene.view.ground if scene.view.ground is not None or not grounds else max(grounds)
-    out = {
+    return {
         "faces": np.concatenate([c.whole.faces + c.start for c in cloths]).astype(np.int32),
         "uv": np.concatenate([c.mesh.corner_uv for c in cloths]).astype(np.float32),
         "cloth_start": np.array([c.start for c in cloths] + [scene.vertex_count]),
@@ -44,10 +54,6 @@ def geometry(sim: Simulation) -> dict[str, np.ndarray]:
         "solid_x": _concatenate([s.surface_at(0.0) for s in solids], (0, 3)),
         **described.of_view(scene.view, ground),
     }
-    out |= {"hinges": np.zeros((0, 4), dtype=np.int64), "hinge_k": np.zeros(0), "hinge_rest": np.zeros(0)}
-    for force in sim.force_terms:
-        out |= force.geometry()
-    return out | (_sewn(sim) if any(not s.tears for s in scene.seams) else {})
 
 
 def _sewn(sim: Simulation) -> dict[str, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Pictures from Python: of a simulation as it now is or of a recorded run's frames, and what lies behind their pixels."""
+"""Pictures from Python: of scenes, simulations and recorded runs, and what lies behind their pixels."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -16,6 +16,7 @@ from ..output.picture import Artist
 from ..output.png import encode_png
 from ..output.recording import Recording
 from ..scene.appearance import Appearance
+from ..scene.scene import Scene
 from ..scene.view import AnyCamera, Camera, Color
 from ..simulation import Simulation
 from ..system.quantities import QUANTITIES
@@ -27,9 +28,10 @@ from .playback import render as render_files
 SMALLEST, LARGEST = 16, 16384  # pixels
 Cameras = AnyCamera | Mapping[float, Camera] | None
 Looks = Appearance | Mapping[str, Appearance] | None
+Drawable = Scene | Simulation | Recording
 
 
-def render(what: Simulation | Recording, path: str | Path | None = None, frame: int | None = None,
+def render(what: Drawable, path: str | Path | None = None, frame: int | None = None,
            size: tuple[int, int] = (1280, 720), quality: str = "standard", heat: str | None = None,
            limits: tuple[float, float] | None = None, camera: Cameras = None, wire: bool = False, caption: str = "", *,
            orbit: float = 0.0, follow: bool = False, background: str | Color | None = None, floor: str | Color | None = None,
@@ -38,12 +40,12 @@ def render(what: Simulation | Recording, path: str | Path | None = None, frame: 
     """Draws a picture.
 
     Args:
-        what: a simulation, drawn as it now is, or a recorded run.
+        what: a simulation, drawn as it now is; a recorded run; or a scene, drawn as it was built.
         path: of a PNG to be written, or None.
         frame: of a recorded run; its last one where None.
         size: (width, height) [pixels].
         quality: "fast" (shadow map), "standard" or "high" (traced shadows and ambient occlusion).
-        heat: quantity that colours the cloth: stretch, shear, bend, speed, contact, crease, limit or seam.
+        heat: quantity that colours the cloth: stretch, shear, bend, speed, contact, crease, limit or seam; not of a scene.
         limits: (low, high) of its scale.
         camera: one, or cameras by time [s]; None takes the scene's, or fits one to all recorded frames.
         wire: whether the triangles' edges are drawn.
@@ -71,7 +73,7 @@ def render(what: Simulation | Recording, path: str | Path | None = None, frame: 
     return image
 
 
-def passes(what: Simulation | Recording, frame: int | None = None, size: tuple[int, int] = (1280, 720),
+def passes(what: Drawable, frame: int | None = None, size: tuple[int, int] = (1280, 720),
            names: Iterable[str] = PASSES, **look: Any) -> dict[str, np.ndarray]:
     """What lies in the middle of each pixel of the picture that `render` draws.
 
@@ -133,8 +135,8 @@ def render_frames(recording: Recording, folder: str | Path, frames: str | Iterab
 def _artist(name: str, what: object, frame: int | None, size: object, heat: str | None, limits: object,
             **look: Any) -> tuple[Artist, dict[str, np.ndarray], int]:
     """What draws, the arrays of the frame, and its number."""
-    if not isinstance(what, (Simulation, Recording)):
-        raise SceneError(f"{name}: what = {shown(what)}: must be a Simulation or a Recording")
+    if not isinstance(what, Drawable):
+        raise SceneError(f"{name}: what = {shown(what)}: must be a Simulation, a Recording or a Scene")
     width, height, limits = _size_and_limits(name, size, limits)
     _look(None, None, {}, None, look)
     if heat is not None:
@@ -147,7 +149,16 @@ def _artist(name: str, what: object, frame: int | None, size: object, heat: str 
                       lambda: frames_of(recorded)), arrays, number
     if frame is not None:
         raise SceneError(f"{name}: frame: a simulation is drawn as it now is; frames are those of a recorded run")
-    geometry, arrays = record.geometry(what), record.frame(what)
+    if isinstance(what, Scene):
+        if heat is not None:
+            raise SceneError(f"{name}: heat: a scene has no state that could colour it: make a Simulation of it, or run it")
+        if not what.cloths:
+            raise SceneError(f"{name}: the scene has no cloth: there is nothing to draw")
+        geometry = record.as_built(what)
+        arrays = {"t": np.array(0.0), "x": geometry["x"]}
+        _start()
+    else:
+        geometry, arrays = record.geometry(what), record.frame(what)
     return Artist(geometry, (width, height), _look(heat, limits, geometry, None, look), lambda: [arrays]), arrays, 0
 
 

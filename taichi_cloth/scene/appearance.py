@@ -48,6 +48,10 @@ class Texture:
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "repeat", checks.flag("texture repeat", self.repeat))
 
+    def __repr__(self) -> str:
+        height, width = self.image.shape[:2]
+        return f"<Texture of {width} x {height} pixels>"
+
 
 @dataclass(frozen=True)
 class Weave:

@@ -64,6 +64,9 @@ class Cloth:
         if len(models) > 1 or (self.panels and models == {"curvature"}):
             raise SceneError(f"panels of {what!r}: all fabrics of a cloth bend over hinges, or it has one fabric")
 
+    def __repr__(self) -> str:
+        return f"<Cloth {self.name!r} of {self.whole.vertex_count:,} vertices, {self.whole.face_count:,} triangles>"
+
     @property
     def fabrics(self) -> tuple[Fabric, ...]:
         """All that it is made of, the cloth's own first."""

@@ -27,6 +27,9 @@ class Crease:
     angle: np.ndarray
     stiffness: float
 
+    def __repr__(self) -> str:
+        return f"<Crease of {self.cloth.name!r} over {len(self.edges):,} edges>"
+
 
 def make(cloth: Cloth, angle: object, line: object, edges: object, stiffness: object) -> Crease:
     """As `Scene.crease`."""

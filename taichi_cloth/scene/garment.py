@@ -37,6 +37,9 @@ class Garment:
         x = self.mesh.x if self.positions is None else self.positions
         object.__setattr__(self, "positions", checks.array("garment: positions", x, (n, 3), row="vertex"))
 
+    def __repr__(self) -> str:
+        return f"<Garment of {self.mesh.vertex_count:,} vertices, {len(self.seams)} seams>"
+
     def gap(self) -> float:
         """Largest distance [m] between vertices that are sewn to each other."""
         x = self.positions

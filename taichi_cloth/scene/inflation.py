@@ -39,6 +39,9 @@ class Inflation:
     bulk: float
     key: int
 
+    def __repr__(self) -> str:
+        return f"<Inflation of {self.name!r}, gas {self.gas!r}>"
+
     @property
     def driven(self) -> bool:
         """Whether it changes with time by itself."""

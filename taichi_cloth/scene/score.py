@@ -23,6 +23,9 @@ class Score:
     edges: np.ndarray
     fraction: float
 
+    def __repr__(self) -> str:
+        return f"<Score of {self.cloth.name!r} over {len(self.edges):,} edges, {self.fraction:g} of the strength left>"
+
 
 def score(cloth: Cloth, line: object, fraction: object) -> Score:
     """As `Scene.score`."""

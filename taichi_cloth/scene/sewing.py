@@ -34,6 +34,9 @@ class Seam:
     row: bool = True
     tears: bool = False
 
+    def __repr__(self) -> str:
+        return f"<Seam of {self.cloth.name!r}, {len(self.a):,} stitches>"
+
     @property
     def gives(self) -> bool:
         """Whether any of it can give."""

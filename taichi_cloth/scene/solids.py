@@ -88,6 +88,11 @@ class SolidMesh:
         object.__setattr__(self, "closed", closed)
         object.__setattr__(self, "notes", tuple(notes))
 
+    def __repr__(self) -> str:
+        frames, n = self.x.shape[:2]
+        moves = f", {frames:,} frames" if frames > 1 else ""
+        return f"<SolidMesh of {n:,} vertices, {len(self.faces):,} triangles, {'closed' if self.closed else 'open'}{moves}>"
+
     @property
     def parameters(self) -> list[float]:
         """None: distances are taken from the triangles."""
@@ -156,6 +161,9 @@ class Solid:
         object.__setattr__(self, "parts", {name: checks.maybe(mu, checks.number, f"{what}friction of part {name!r}", least=0.0)
                                            for name, mu in parts.items()})
         self.face_friction()
+
+    def __repr__(self) -> str:
+        return f"<Solid {self.name!r}: {self.shape!r}{', moves' if self.moves else ''}>"
 
     def face_friction(self) -> np.ndarray:
         """(m,) friction of a mesh's faces, NaN where cloth passes.
