@@ -53,6 +53,8 @@ TORN = BENT.replace("tc.Bend(1e-5))", "tc.Bend(1e-5)), tear=tc.Tear(50.0)")
 HELD = f"{SCENE}; ball = scene.add_solid(tc.Sphere(0.1), 0.3, 0.01); scene.attach(cloth, [0, 1], ball)"
 CLOSED = "tc.TriMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])"
 FULL = f"scene = tc.Scene(); cloth = scene.add_cloth({CLOSED}, {FABRIC}); scene.inflate(cloth, 5.0)"
+LOADED = f"{SCENE}; load = scene.add_load(cloth, [0, 1], (0.0, 0.0, 0.1))"
+BLOWN = SCENE.replace("tc.Scene()", "tc.Scene(air=tc.Air(1.0))")
 CORNERS, EDGES = "[[0.0, 0], [1, 0], [0, 1]]", "(tc.Curve(0, 1), tc.Curve(1, 2), tc.Curve(2, 0))"
 TRIANGLE = "[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]"
 
@@ -133,6 +135,9 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
                                   "contact": "tc.ClothContact(0.01)", "panels": "None", "pull": "50.0"}),
     (BENT, "scene.crease", {"cloth": "cloth", "angle": "0.5", "edges": "None",
                              "line": "[(0.5, 0), (0.5, 1)]", "stiffness": "1.0"}),
+    (SCENE, "scene.add_load", {"cloth": "cloth", "vertices": "[0, 1]", "force": "(0.0, 1.0, 0.0)"}),
+    (LOADED, "scene.remove_load", {"load": "load"}),
+    (BLOWN, "scene.set_wind", {"wind": "(1.0, 0.0, 0.0)"}),
     (SCENE, "scene.inflate", {"cloth": "cloth", "pressure": "5.0", "gas": '"isothermal"', "volume": "0.1", "part": "None",
                               "ambient": "1e5", "bulk": "1e6"}),
     (SCENE, "scene.sew", {"cloth": "cloth", "a": "[0, 1]", "b": "[7, 6]", "rest": "0.5", "stiffness": "1.0", "strength": "5.0",
@@ -183,6 +188,9 @@ RUNNING: list[tuple[str, str, dict[str, str]]] = [
                             "on_frame": "lambda sim, frame: None", "overwrite": "False", "checkpoint_every": "10",
                             "name": '"sheet"'}),
     (STARTED, "sim.resume", {"state": "sim.checkpoint()"}),
+    (LOADED + SIMULATED, "sim.add_load", {"cloth": "cloth", "vertices": "[0, 1]", "force": "(0.0, 1.0, 0.0)"}),
+    (LOADED + SIMULATED, "sim.remove_load", {"load": "load"}),
+    (BLOWN + SIMULATED, "sim.set_wind", {"wind": "(1.0, 0.0, 0.0)"}),
     (STARTED, "sim.pin", {"cloth": "cloth", "vertices": "[0, 1]", "directions": '"y"'}),
     (STARTED + "; sim.pin(cloth, [0, 1])", "sim.unpin", {"cloth": "cloth", "vertices": "[0]"}),
     (STARTED, "sim.move", {"cloth": "cloth", "vertices": "[0, 1]", "path": "lambda t: (0.0, t, 0.0)", "relative": "True",

@@ -6,7 +6,6 @@ A force that no cloth asks for is not in the list, so it has no fields, and no k
 from functools import partial
 
 from ..backend.fields import Fields
-from ..scene.air import Air
 from ..scene.scene import Scene
 from ..system.state import ParticleState
 from .bend import Bend
@@ -14,6 +13,7 @@ from .closing import Closing
 from .curvature_bend import CurvatureBend
 from .external import Drag, Gravity
 from .force import Force
+from .loads import Loads
 from .local_drag import LocalDrag
 from .membrane import Membrane
 from .pulls import Pulls
@@ -32,8 +32,9 @@ def build_forces(fields: Fields, model: ParticleState, scene: Scene, mode: str, 
         (Bend, any(bend == "hinge" for bend in bends)),
         (CurvatureBend, any(bend == "curvature" for bend in bends)),
         (Gravity, bool(scene.gravity.any())),
-        (Drag, scene.air is not None and not _local(scene.air)),
-        (LocalDrag, scene.air is not None and _local(scene.air)),
+        (Drag, scene.air is not None and not scene.air.local),
+        (LocalDrag, scene.air is not None and scene.air.local),
+        (Loads, scene.script.bears),
         (Pulls, _pulls(scene)),
         (Closing, any(s.pulls.any() for s in scene.seams)),
     )
@@ -49,8 +50,3 @@ def _pulls(scene: Scene) -> bool:
     """Whether anything is attached softly, or may be by an event."""
     script = scene.script
     return any(a.stiffness is not None for a in script.attachments) or bool(script.events and scene.solids)
-
-
-def _local(air: Air) -> bool:
-    """Whether triangles feel different air, or feel it by how fast it is."""
-    return air.varies_in_space or air.drag > 0

@@ -4,6 +4,8 @@ import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
+from ..scene.air import Air
+from ..scene.attachment import Script
 from ..scene.scene import Scene
 from ..system.state import Elements, ParticleState
 from .conditions import sym_outer, sym_scaled_identity, sym_times
@@ -80,7 +82,7 @@ class Drag(Force):
         self.elements = Elements(fields, model.blocks, vertices)
         air = scene.air
         assert air is not None  # build_forces makes no drag without air
-        self.air, self.now = air, np.zeros(3)
+        self.built, self.script, self.now = air, scene.script, np.zeros(3)
         self.normal, self.tangential = float(air.normal), float(air.tangential)
         density = min(f.density for c in scene.cloths for f in c.fabrics)
         self.rates = (0.0, max(self.normal, self.tangential) / density)
@@ -98,9 +100,18 @@ class Drag(Force):
         """Allocates what only an implicit step needs."""
         self.A, self.stiff = self._fields.real(self.elements.count, 6), True
 
+    @property
+    def air(self) -> Air:
+        """The air as it now is."""
+        return self.script.air or self.built
+
+    def follow(self, script: Script) -> None:
+        """See `Force`."""
+        self.script = script
+
     def set_time(self, t: float) -> None:
         """The wind at t [s], where it changes."""
-        if self.gusty:
+        if self.gusty or self.script.air is not None:
             self.set_wind(self.air.wind_at(t))
 
     def set_wind(self, now: np.ndarray) -> None:

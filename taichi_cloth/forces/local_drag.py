@@ -27,7 +27,7 @@ class LocalDrag(Drag):
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
         super().__init__(fields, model, scene, mode)
         self.gusty, self.uniform = True, False
-        self.plate = [0.5 * self.air.density * c for c in (self.air.drag, self.air.lift)]
+        self.plate = [0.5 * self.built.density * c for c in (self.built.drag, self.built.lift)]
         density = min(f.density for c in scene.cloths for f in c.fabrics)
         self.rates = (0.0, self.rates[1] + FASTEST * sum(self.plate) / density)
         self.local = fields.real(self.elements.count, 9)  # wind [m/s] and A B [N s/m]

@@ -53,6 +53,11 @@ class Air:
         """Whether the wind is a function of positions too."""
         return callable(self.wind) and checks.takes(self.wind, 1) is False
 
+    @property
+    def local(self) -> bool:
+        """Whether triangles feel different air, or feel it by how fast it is."""
+        return self.varies_in_space or self.drag > 0
+
     def wind_at(self, t: float, x: np.ndarray | None = None) -> np.ndarray:
         """Wind [m/s] at time t [s]: (3,), or (n, 3) at positions x (n, 3) [m] where it varies in space.
 

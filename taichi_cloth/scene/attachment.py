@@ -1,16 +1,18 @@
 """What holds and leads vertices of cloth, and what happens when: the part of a scene that changes as it runs. numpy only."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
 from ..errors import SceneError
+from .air import Air
 from .cloth import Cloth
 from .glue import Places, places
 from .inflation import Inflation
+from .load import Load
 from .solids import Solid
 
 Path = Callable[[float], ArrayLike]
@@ -97,6 +99,8 @@ class Script:
         made: attachments and inflations that were ever made in it, those that were released included: keys go on from there.
         opened: (seam, rows of its stitches) that are to be opened.
         inflations: gas in pieces of cloth, one a piece.
+        loads: forces on vertices; bears: whether the scene had any when it was built.
+        air: in place of the scene's, or None.
     """
 
     attachments: list[Attachment] = field(default_factory=list)
@@ -104,10 +108,17 @@ class Script:
     made: int = 0
     opened: list = field(default_factory=list)
     inflations: list[Inflation] = field(default_factory=list)
+    loads: list[Load] = field(default_factory=list)
+    bears: bool = False
+    air: Air | None = None
 
     def copy(self) -> "Script":
         """A copy whose lists are its own."""
-        return Script(list(self.attachments), list(self.events), self.made, list(self.opened), list(self.inflations))
+        return replace(self, **{name: list(value) for name, value in vars(self).items() if isinstance(value, list)})
+
+    def drives(self) -> tuple:
+        """What forces jump with where it changes at once."""
+        return (*self.inflations, *self.loads, self.air)
 
 
 def orthonormal(directions: object) -> np.ndarray:

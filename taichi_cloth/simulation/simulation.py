@@ -12,9 +12,11 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..errors import SceneError
 from ..options import SHORTEST, signature
+from ..scene.air import Wind
 from ..scene.attachment import Path
 from ..scene.cloth import Cloth
-from ..scene.inflation import ATMOSPHERE, Drive, Inflation
+from ..scene.inflation import ATMOSPHERE, Drive
+from ..scene.load import Force, Load
 from ..scene.scene import Scene
 from ..scene.sewing import Seam
 from ..scene.solids import Solid
@@ -168,18 +170,43 @@ class Simulation(Queries):
         """As `Scene.deflate`, for this simulation, from now on."""
         self._change(lambda: self.scene.deflate(cloth, part))
 
-    def _change(self, change: Callable[[], object]) -> None:
-        """Pins and motions are changed by hand; what begins, begins where its vertices are."""
-        self._live()
-        before = list(self.prescribed.script.inflations)
-        with self.scene.running(self.prescribed.script):
-            change()
-        self.prescribed.changes += 1
-        self._gas_changed(before)
+    def add_load(self, cloth: Cloth, vertices: object, force: Force) -> Load:
+        """As `Scene.add_load`, for this simulation, from now on; a function is one of the simulation's time.
 
-    def _gas_changed(self, before: list[Inflation]) -> None:
-        """Forces jump where gas is another one at once: nothing of the last step goes on."""
-        if before != self.prescribed.script.inflations:
+        Raises:
+            SceneError: besides, where the scene had no load when this simulation was made.
+        """
+        return self._change(lambda: self.scene.add_load(cloth, vertices, force))
+
+    def remove_load(self, load: Load) -> None:
+        """As `Scene.remove_load`, for this simulation, from now on."""
+        self._change(lambda: self.scene.remove_load(load))
+
+    def set_wind(self, wind: Wind) -> None:
+        """As `Scene.set_wind`, for this simulation, from now on.
+
+        Raises:
+            SceneError: besides, a function of time where the method is explicit and the scene's own wind is none.
+        """
+        air = self.scene.air
+        if callable(wind) and air is not None and not callable(air.wind) and self.integrator.system is None:
+            raise SceneError(f"set_wind: {self.integrator_name!r} takes its steps from the scene's own wind, which does not "
+                             "change: give the scene a wind that is a function of time")
+        self._change(lambda: self.scene.set_wind(wind))
+
+    def _change(self, change: Callable[[], Any]) -> Any:
+        """The script is changed by hand; what begins, begins where its vertices are."""
+        self._live()
+        before = self.prescribed.script.drives()
+        with self.scene.running(self.prescribed.script):
+            made = change()
+        self.prescribed.changes += 1
+        self._drives_changed(before)
+        return made
+
+    def _drives_changed(self, before: tuple) -> None:
+        """Forces jump where gas, loads or wind are others at once: nothing of the last step goes on."""
+        if before != self.prescribed.script.drives():
             self.prescribed.set_time(self.time)
             self.stepper.start = None
             self.integrator.reset()
@@ -266,10 +293,10 @@ class Simulation(Queries):
         script = self.prescribed.script
         while script.events and script.events[0].time <= self.time + ROUND_TIME * self.control.h_max:
             event = script.events.pop(0)
-            before = list(script.inflations)
+            before = script.drives()
             with self.scene.running(script):
                 self.scene.fire(event)
             if not again:
-                self._gas_changed(before)
+                self._drives_changed(before)
             script.events.sort(key=lambda e: e.time)
         self._unsew()

@@ -56,7 +56,7 @@ class Ledger(Work):
 
     Attributes:
         kinetic, potential: change of either.
-        wind: work of the air.
+        wind: work of the air, and of loads.
         damping: what the cloth's own damping took.
         method: what the method took beyond; negative where it gave.
         plastic: what the cloth's shape at rest took as it changed after the step: fibres that slid, creases; what pulled

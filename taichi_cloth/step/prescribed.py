@@ -19,7 +19,7 @@ class Prescribed(Checkpointed):
 
     Attributes:
         script: attachments and events that are still to come; it changes as the run goes on.
-        changes: how often pins and motions were changed by hand.
+        changes: how often the script was changed by hand.
     """
 
     STATE = ("anchors", "changed")
@@ -73,8 +73,8 @@ class Prescribed(Checkpointed):
     @changed.setter
     def changed(self, count: np.ndarray) -> None:
         if int(count) != self.changes:
-            raise SceneError(f"the checkpoint is of a simulation whose pins and motions were changed {int(count)} times by "
-                             f"hand (sim.pin, unpin, move, attach), and this one's {self.changes} times: change them "
+            raise SceneError(f"the checkpoint is of a simulation that was changed {int(count)} times by hand (sim.pin, unpin, "
+                             f"move, attach, add_load, set_wind and so on), and this one {self.changes} times: change it "
                              "alike, then resume")
 
     @property

@@ -20,7 +20,7 @@ class Measures:
         dissipation: half the dissipated power [W] (the Rayleigh function).
         damped: the part of it that is the cloth's own damping, without the air's.
         rate: at which the energies but the kinetic grow by the motion [W].
-        wind: power of the air on the cloth [W].
+        wind: power of the air and of loads on the cloth [W].
         change: 1/2 (v - v_base)^T M (v - v_base) [J].
         stretch: largest |w|/b; 1 is the pattern's size, 0 where no cloth has stretch or shear.
         stretch_change: its largest change in any triangle since the saved state.

@@ -1,0 +1,154 @@
+"""What there is in a scene: cloths, solids, point masses, the air, a user's own forces. numpy only; runs nothing."""
+
+import warnings
+import weakref
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import checks
+from ..errors import SceneError, did_you_mean, shown
+from . import units
+from .air import Air
+from .appearance import Appearance
+from .attachment import Script
+from .cloth import Cloth, panels_of, used_vertices
+from .crease import Crease
+from .fabric import ClothContact, Fabric
+from .inflation import Inflation
+from .mesh import TriMesh
+from .score import Score
+from .sewing import Seam, corners
+from .solids import Shape, Solid, Value
+from .tear import Tear, split
+from .view import Color, View
+
+
+class Contents:
+    """The part of a `Scene` that stays as it was built."""
+
+    def __init__(self, gravity: ArrayLike | None = (0.0, -9.81, 0.0), air: Air | None = None,
+                 view: View | None = None) -> None:
+        self.gravity = checks.vector("gravity", np.zeros(3) if gravity is None else gravity, "m/s^2")
+        self.air: Air | None = checks.maybe(air, checks.instance, "air", Air)
+        self.view = View() if view is None else checks.instance("view", view, View)
+        self.cloths: list[Cloth] = []
+        self.solids: list[Solid] = []
+        self.apart: list[tuple[Cloth, Cloth]] = []  # pairs that pass through each other
+        self.masses: list[tuple[Cloth, np.ndarray, float]] = []
+        self.forces: list[Callable] = []
+        self.seams: list[Seam] = []
+        self.creases: list[Crease] = []
+        self.scores: list[Score] = []  # of cloth that may tear
+        self.pieces: list[Inflation] = []  # the first inflation of each piece that has one
+        self.script, self._running = Script(), False
+        self.followers: weakref.WeakSet = weakref.WeakSet()  # simulations of it that are open
+
+    def __repr__(self) -> str:
+        cloths = ", ".join(f"{c.name} ({c.mesh.vertex_count:,} vertices)" for c in self.cloths) or "no cloth"
+        solids = ", ".join(s.name for s in self.solids) or "none"
+        return f"<Scene of {cloths}; solids: {solids}; {len(self.seams)} seams>"
+
+    def add_cloth(self, mesh: TriMesh, fabric: Fabric, positions: ArrayLike | None = None,
+                  velocities: ArrayLike | None = None, name: str | None = None,
+                  color: str | Color | Appearance | None = None, contact: ClothContact | None = None,
+                  panels: dict[str, Fabric] | None = None, tear: Tear | None = None) -> Cloth:
+        """Adds a piece of cloth.
+
+        Args:
+            positions: (n, 3) at time 0 [m]; the mesh's own where None.
+            velocities: (n, 3) or (3,) at time 0 [m/s]; zero where None.
+            color: for pictures: a name of CSS, "#rrggbb" in sRGB, or linear RGB in 0..1; or an `Appearance`.
+            contact: how it meets itself and other cloth that has a contact; None passes through, and costs nothing.
+            panels: fabrics of faces all of whose corners are in a group of the mesh, by the groups' names.
+            tear: how it tears; None does not. Its `mesh` then has more vertices than the one given, behind those.
+        """
+        name = f"cloth{len(self.cloths)}" if name is None else name
+        checks.instance("add_cloth: mesh", mesh, TriMesh)
+        apart = None if tear is None else split(name, mesh, checks.instance("add_cloth: tear", tear, Tear))
+        x = mesh.x if positions is None else positions
+        v = np.zeros(3) if velocities is None else velocities
+        if apart is not None:
+            mesh, x, v = apart.mesh, apart.spread(x), apart.spread(v)
+        parts = panels_of(mesh, {} if panels is None else checks.instance("add_cloth: panels", panels, dict))
+        cloth = Cloth(name, mesh, fabric, x, v, self.vertex_count, color, contact, parts, tear, apart)  # type: ignore[arg-type]
+        if name in (c.name for c in self.cloths):
+            raise SceneError(f"there is a cloth named {name!r} already")
+        self.cloths.append(cloth)
+        if apart is not None:
+            self.seams.append(corners(cloth))
+        units.say(cloth, self.gravity)
+        return cloth
+
+    def add_solid(self, shape: Shape, friction: float, thickness: float, position: Value = (0.0, 0.0, 0.0),
+                  rotation: Value = (0.0, 0.0, 0.0), name: str | None = None,
+                  color: str | Color | None = None,
+                  parts: dict[str, float | None] | None = None) -> Solid:
+        """Adds a solid that cloth cannot enter.
+
+        Args:
+            shape: Plane, Sphere, Capsule, Box, Cylinder or SolidMesh.
+            friction: Coulomb's coefficient, 0 is smooth.
+            thickness: distance [m] that cloth keeps from the surface.
+            position: of the shape's origin [m], (3,) or a function of time [s].
+            rotation: rotation vector (3,) [rad] or matrix (3, 3), or a function of time [s].
+            color: for pictures: a name of CSS, "#rrggbb" in sRGB, or linear RGB in 0..1.
+            parts: of a mesh, friction of the faces of its groups, by their names; None lets cloth pass there, as through hands
+                that press it.
+        """
+        name = f"solid{len(self.solids)}" if name is None else name
+        solid = Solid(name, shape, friction, thickness, position, rotation, color,  # type: ignore[arg-type]
+                      {} if parts is None else parts)
+        if name in (s.name for s in self.solids):
+            raise SceneError(f"there is a solid named {name!r} already")
+        self.solids.append(solid)
+        return solid
+
+    def add_mass(self, cloth: Cloth, vertices: object, mass: float) -> None:
+        """Adds a point mass [kg] to each of the vertices."""
+        self._own(cloth)
+        mass = checks.number("point mass", mass, "kg", positive=True)
+        self.masses.append((cloth, used_vertices(cloth, vertices), mass))
+
+    def add_force(self, make: Callable) -> None:
+        """Adds a force of your own.
+
+        Args:
+            make: a class, or a function, that makes a `forces.force.Force` of (fields, model, scene, K).
+        """
+        self.forces.append(checks.function("add_force: make", make, "fields", "model", "scene", "K"))
+
+    def pass_through(self, a: Cloth, b: Cloth) -> None:
+        """Lets two cloths that have a contact pass through each other."""
+        for cloth in (a, b):
+            self._own(cloth)
+        if a is b:
+            raise SceneError(f"pass_through: {a.name!r} twice; for a cloth and itself use ClothContact(itself=False)")
+        self.apart.append((a, b))
+
+    def passes(self, a: Cloth, b: Cloth) -> bool:
+        """Whether two cloths pass through each other."""
+        return (a, b) in self.apart or (b, a) in self.apart or a.contact is None or b.contact is None
+
+    @property
+    def touches(self) -> bool:
+        """Whether cloth can meet anything: solids, other cloth or itself."""
+        return bool(self.solids) or any(c.contact is not None for c in self.cloths)
+
+    @property
+    def vertex_count(self) -> int:
+        """Number of vertices of all cloths."""
+        return sum(c.mesh.vertex_count for c in self.cloths)
+
+    def _warn_followers(self) -> None:
+        """Says that simulations keep what was there when they were made."""
+        if not self._running and len(self.followers):
+            warnings.warn("a simulation of this scene has begun and does not follow changes of its pins and motions: use "
+                          "sim.pin, unpin, move or attach, or an event (scene.at)", stacklevel=3)
+
+    def _own(self, cloth: Cloth) -> None:
+        if not any(cloth is c for c in self.cloths):
+            names = [c.name for c in self.cloths]
+            what = cloth.name if isinstance(cloth, Cloth) else cloth
+            raise SceneError(f"not a cloth of this scene: {shown(what)}; {did_you_mean(what, names)}")

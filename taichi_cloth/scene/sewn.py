@@ -1,0 +1,120 @@
+"""What is done to cloth before it moves: garments, seams, creases, lines that are scored. numpy only."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .. import checks
+from ..errors import SceneError, shown
+from .appearance import Appearance
+from .cloth import Cloth
+from .contents import Contents
+from .crease import Crease
+from .crease import make as make_crease
+from .fabric import ClothContact, Fabric
+from .garment import Garment
+from .score import Score, score
+from .sewing import Seam, make_stitches
+from .sewing import make as make_seam
+from .view import Color
+
+
+class Sewn(Contents):
+    """The part of a `Scene` that makes garments."""
+
+    def add_garment(self, garment: Garment, fabric: Fabric, velocities: ArrayLike | None = None, name: str | None = None,
+                    color: str | Color | Appearance | None = None, contact: ClothContact | None = None,
+                    panels: dict[str, Fabric] | None = None, pull: float | None = None) -> Cloth:
+        """Adds a garment's panels as one piece of cloth, and sews its seams.
+
+        Args:
+            velocities, name, color, contact, panels: as in `add_cloth`; pull: as in `sew`.
+        """
+        checks.instance("add_garment: garment", garment, Garment)
+        cloth = self.add_cloth(garment.mesh, fabric, garment.positions, velocities, name, color, contact, panels)
+        for a, b, rest in garment.seams:
+            self.sew(cloth, a, b, rest, pull=pull if len(a) > 1 else None)
+        return cloth
+
+    def sew(self, cloth: Cloth, a: ArrayLike, b: ArrayLike, rest: float | str = "flat", stiffness: float = 1.0,
+            strength: float | None = None, pull: float | None = None) -> Seam:
+        """Sews two rows of vertices of a cloth to each other, one by one.
+
+        They move as one, exactly; what is apart comes together first, at .5 m/s at most. Where vertices that follow each
+        other in a row are the ends of an edge, in both rows, the two edges have a hinge. Three and more layers are seams
+        between two of them each.
+
+        Args:
+            a, b: (k,) vertices; where both are the same, as at the tip of a dart, nothing is sewn.
+            rest: "flat", "given" (the angle in the cloth's mesh), or the angle of the seam at rest [rad].
+            stiffness: factor of its hinges' bending stiffness; with 0 there are none.
+            strength: force a length [N/m] at which it rips, stitch by stitch; None never does. Each stitch bears it over
+                half the way to the next on either side, from when it is closed.
+            pull: force a length [N/m] that draws it together while it is apart; what bears more stays apart, and
+                `Simulation.seam_gaps` says how far. None draws by whatever force it takes.
+
+        Raises:
+            SceneError: rows of different lengths, a vertex twice in a row, nothing to sew, or a strength that is not
+                positive.
+        """
+        self._own(cloth)
+        self.seams.append(make_seam(cloth, a, b, rest, stiffness, strength, pull))
+        return self.seams[-1]
+
+    def stitch(self, cloth: Cloth, a: ArrayLike, b: ArrayLike, force: float | None = None) -> Seam:
+        """Sews vertices to each other by stitches that stand alone, as buttons do: without hinges, each for itself.
+
+        Args:
+            a, b: vertices, one or (k,).
+            force: [N] at which each gives; None never does.
+
+        Raises:
+            SceneError: as `sew`.
+        """
+        self._own(cloth)
+        self.seams.append(make_stitches(cloth, a, b, force))
+        return self.seams[-1]
+
+    def unsew(self, seam: Seam, vertices: object = None) -> None:
+        """Opens a seam, or those of its stitches that are at `vertices` of its cloth; in an event, from then on.
+
+        Raises:
+            SceneError: a seam of another scene, or no stitch there.
+        """
+        if not any(seam is s for s in self.seams):
+            raise SceneError(f"unsew: not a seam of this scene: {shown(seam)}")
+        rows = seam.stitches(vertices)
+        self._warn_followers()
+        self.script.opened.append((seam, rows))
+
+    def crease(self, cloth: Cloth, angle: ArrayLike, line: ArrayLike | None = None, edges: ArrayLike | None = None,
+               stiffness: float = 1.0) -> Crease:
+        """Bends edges of a cloth at rest, as ironed pleats are; later creases take the place of earlier ones.
+
+        Args:
+            angle: at rest [rad], -pi to pi, one or (k,) for `edges`; positive where the side that normals point to opens.
+            line: (p, 2) points of the pattern [m]; the mesh's edges on the straight ways between them.
+            edges: (k, 2) vertices, instead.
+            stiffness: factor of the edges' bending stiffness; with 0 they are free to turn.
+
+        Raises:
+            SceneError: no edge there, a fabric that does not bend over hinges, or an angle beyond pi.
+        """
+        self._own(cloth)
+        self.creases.append(make_crease(cloth, angle, line, edges, stiffness))
+        return self.creases[-1]
+
+    def score(self, cloth: Cloth, line: ArrayLike, fraction: float) -> Score:
+        """Weakens cloth that may tear along a line: it tears there at a fraction of its strength, and at 0 is cut.
+
+        Args:
+            line: (p, 2) points of the pattern [m]; the mesh's edges on the straight ways between them.
+
+        Raises:
+            SceneError: cloth that does not tear, no edge there, or a fraction beyond 0 to 1.
+        """
+        self._own(cloth)
+        self.scores.append(score(cloth, line, fraction))
+        if self.scores[-1].fraction == 0:
+            seam = next(s for s in self.seams if s.cloth is cloth and s.tears)
+            self.script.opened.append((seam, np.flatnonzero(cloth.split.on_line(self.scores[-1].edges))))  # type: ignore[union-attr]
+        return self.scores[-1]
