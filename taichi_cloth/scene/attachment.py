@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -114,7 +115,8 @@ class Script:
 
     def copy(self) -> "Script":
         """A copy whose lists are its own."""
-        return replace(self, **{name: list(value) for name, value in vars(self).items() if isinstance(value, list)})
+        lists: dict[str, Any] = {name: list(value) for name, value in vars(self).items() if isinstance(value, list)}
+        return replace(self, **lists)
 
     def drives(self) -> tuple:
         """What forces jump with where it changes at once."""
