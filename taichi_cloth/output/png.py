@@ -6,6 +6,16 @@ import zlib
 import numpy as np
 
 
+class Picture(np.ndarray):
+    """An array (height, width, 3 or 4), uint8 or uint16, that a notebook shows as the picture that it is."""
+
+    def _repr_png_(self) -> bytes | None:
+        try:
+            return encode_png(self)
+        except ValueError:  # a part of it, or what was computed from it
+            return None
+
+
 def encode_png(image: np.ndarray, level: int = 3) -> bytes:
     """A PNG file's bytes.
 

@@ -13,7 +13,7 @@ from ..output.folder import write_whole
 from ..output.look import Look
 from ..output.passes import PASSES
 from ..output.picture import Artist
-from ..output.png import encode_png
+from ..output.png import Picture, encode_png
 from ..output.recording import Recording
 from ..scene.appearance import Appearance
 from ..scene.scene import Scene
@@ -57,7 +57,8 @@ def render(what: Drawable, path: str | Path | None = None, frame: int | None = N
         bits: of a number, 8 or 16.
 
     Returns:
-        (height, width, 3), uint8 or uint16; (height, width, 4) where the background is transparent.
+        (height, width, 3), uint8 or uint16; (height, width, 4) where the background is transparent. A notebook shows it as a
+        picture.
 
     Raises:
         SceneError: an impossible value or an unknown name.
@@ -70,7 +71,7 @@ def render(what: Drawable, path: str | Path | None = None, frame: int | None = N
     image = artist.draw(arrays, number)
     if path is not None:
         write_whole(path, encode_png(image))
-    return image
+    return image.view(Picture)
 
 
 def passes(what: Drawable, frame: int | None = None, size: tuple[int, int] = (1280, 720),
