@@ -273,9 +273,28 @@ def drape() -> Iterator[Line]:
         before = rough
 
 
+def folded() -> Iterator[Line]:
+    """Two triangles folded flat and let go come to (1 - H) (pi - yield), H the hardening, and stay there for 100,000 steps."""
+    hardening, yields, arc, edge = 0.1, 200.0, 0.002, 0.01
+    x = np.array([[0.0, 0, 0], [0, 0, edge], [-arc, 0, edge / 2], [arc, 0, edge / 2]])
+    scene = tc.Scene(gravity=None)
+    fabric = tc.Fabric(0.1, tc.Stretch(200, 1e-3), tc.Shear(50, 1e-4), tc.Bend(1e-5, 2e-9, yield_=yields, hardening=hardening))
+    cloth = scene.add_cloth(tc.TriMesh(x, [[0, 1, 2], [1, 0, 3]]), fabric)
+    scene.pin(cloth, [0, 1, 2])
+    scene.move(cloth, [3], lambda t: (arc * math.cos(math.pi * min(1.0, 4 * t)), arc * math.sin(math.pi * min(1.0, 4 * t)),
+                                      edge / 2))
+    scene.at(0.5, lambda s: s.unpin(cloth, [3]))
+    with tc.Simulation(scene, h=1 / 240, stretch_limit=9.0, integrator="backward_euler") as sim:
+        for what, end in (("a second later", 1.5), ("100,000 steps later", 1.5 + 1e5 / 240)):
+            while sim.time < end - 1e-9:
+                sim.step()
+            tip = sim.positions()[3]
+            yield f"{what} [rad]", math.atan2(tip[1], tip[0]), (1 - hardening) * (math.pi - yields * arc), 1e-3
+
+
 CASES: dict[str, Callable[[], Iterator[Line]]] = {
     "hanging": hanging, "swing": swing, "cantilever": cantilever, "standing": standing, "buckling": buckling,
-    "strings": strings, "spin": spin, "drape": drape}
+    "strings": strings, "spin": spin, "drape": drape, "folded": folded}
 
 
 def main() -> None:

@@ -11,15 +11,13 @@ import taichi as ti
 
 from ..backend.fields import Fields
 from ..backend.rows import write
-from ..scene.cloth import Cloth
-from ..scene.fabric import pair
 from ..scene.scene import Scene
-from ..scene.sewing import Seam
-from ..system.elements import Hinges, flat_turns, hinges_of, row_sums, seam_hinges
+from ..system.elements import flat_turns, hinges_of, row_sums, seam_hinges
 from ..system.state import Elements, ParticleState
 from .conditions import sym, sym_outer, sym_scaled_identity
 from .force import Force
-from .hinge import COLLAPSED, hinge_condition, hinge_condition_change
+from .hinge import hinge_condition, hinge_condition_change
+from .hinge_rest import creased, rest_of, seam_rest
 from .hysteresis import Hysteresis, joined, remembers, sliders
 
 
@@ -42,8 +40,8 @@ class Bend(Force):
         sewn: list[Any] = [*bent, *(s for s, _ in seams)]
         vertices = np.concatenate([model.particle[h.vertices + c.start] for c, h in parts])
         self.elements = Elements(fields, model.blocks, vertices)
-        rest = np.concatenate([_creased(scene, c, h, _rest(c, h)) for c, h in parts[:len(bent)]]
-                              + [_seam_rest(s, h) for s, h in seams])
+        rest = np.concatenate([creased(scene, c, h, rest_of(c, h)) for c, h in parts[:len(bent)]]
+                              + [seam_rest(s, h) for s, h in seams])
         self.hysteresis: Any = None
         self.host_rest = stiff = rest
         if any(remembers(f.bend) for c in bent for f in c.fabrics if f.bend):
@@ -94,11 +92,21 @@ class Bend(Force):
         self.model.blocks.add(q, v[3], r_b, lo, hi)
 
     @ti.func
+    def turned(self, e):
+        """C and dC as the hinge lies, whichever way it was creased."""
+        e_x, a_x, b_x = self.arms(e, self.model.x)
+        way = 1.0
+        if ti.static(self.remembers):
+            way = self.hysteresis.way(e)
+        return hinge_condition(e_x, a_x, b_x, self.rest[e][2], self.rest[e][3], way)
+
+    @ti.func
     def strain(self, e):
         """C, dC and C_dot at the current state."""
-        e_x, a_x, b_x = self.arms(e, self.model.x)
-        rest = self.rest[e]
-        C, g_e, g_a, g_b = hinge_condition(e_x, a_x, b_x, rest[2], rest[3])
+        C, g_e, g_a, g_b = self.turned(e)
+        if ti.static(self.remembers):
+            side = self.hysteresis.side(e, C)
+            C, g_e, g_a, g_b = side * C, side * g_e, side * g_a, side * g_b
         C_dot = C * 0
         if ti.static(self.damps):
             C_dot = self.turning(e, g_e, g_a, g_b)
@@ -128,8 +136,7 @@ class Bend(Force):
     def _settle(self, h: float):
         for e in range(self.elements.first[self.model.blocks.count]):
             if self.elements.primary[e] == 1:
-                C, C_dot, g_e, g_a, g_b = self.strain(e)
-                self.hysteresis.settle(e, C, h)
+                self.hysteresis.settle(e, self.turned(e)[0], h)
 
     @ti.func
     def add_force(self, block, f: ti.template()):
@@ -189,8 +196,11 @@ class Bend(Force):
             pull += self.slid(e, C)[0]
         r_e, r_a, r_b = -c * s * g_e, -c * s * g_a, -c * s * g_b
         if ti.static(self.exact):
+            e_x, a_x, b_x = self.arms(e, self.model.x)
+            if ti.static(self.remembers):
+                if self.turned(e)[0] * C < 0:
+                    pull = -pull  # on the other side: ddC below is that of the angle as it is
             if moves == 1:
-                e_x, a_x, b_x = self.arms(e, self.model.x)
                 d_e, d_a, d_b = hinge_condition_change(e_x, a_x, b_x, m_e, m_a, m_b, self.rest[e][2], self.rest[e][3])
                 r_e, r_a, r_b = r_e - c * pull * d_e, r_a - c * pull * d_a, r_b - c * pull * d_b
         self.scatter(e, r_e, r_a, r_b, to.b, lo, hi)
@@ -312,40 +322,3 @@ class Bend(Force):
     def recorded(self) -> dict[str, np.ndarray]:
         """Angles [rad] that hinges have been creased by."""
         return {"hinge_crease": self.hysteresis.creases().astype(np.float32)} if self.yields else {}
-
-
-def _rest(cloth: Cloth, h: Hinges) -> np.ndarray:
-    """(hinges, 4): k [N m], k_d [N m s], theta_0, and the least squared normal [m^4]."""
-    bend = next(f.bend for f in cloth.fabrics if f.bend)
-    if isinstance(bend.rest, tuple):
-        return _rows(cloth, h, np.array(bend.rest))  # hinges are in the order of `TriMesh.inner_edges`
-    given = bend.rest == "given" or (bend.rest is None and cloth.mesh.flattened)
-    return _rows(cloth, h, h.angle if given else 0.0)
-
-
-def _creased(scene: Scene, cloth: Cloth, h: Hinges, rest: np.ndarray) -> np.ndarray:
-    """The same with what creases say of their edges."""
-    plain = rest[:, :2].copy()
-    code = np.sort(h.vertices[:, :2], axis=1) @ np.array([cloth.mesh.vertex_count, 1])
-    order = np.argsort(code)
-    for crease in scene.creases:
-        if crease.cloth is cloth:
-            wanted = crease.edges @ np.array([cloth.mesh.vertex_count, 1])
-            rows = order[np.searchsorted(code, wanted, sorter=order)]
-            rest[rows, :2], rest[rows, 2] = crease.stiffness * plain[rows], crease.angle
-    return rest
-
-
-def _seam_rest(seam: Seam, h: Hinges) -> np.ndarray:
-    """The same of a seam's hinges."""
-    return _rows(seam.cloth, h, h.angle if seam.rest == "given" else seam.rest, seam.stiffness)
-
-
-def _rows(cloth: Cloth, h: Hinges, theta_0, factor: float = 1.0) -> np.ndarray:
-    """Stiffness and damping of a hinge are the mean of its two sides'."""
-    weight, of = factor * h.length2 / h.areas.sum(axis=1), cloth.fabric_of[h.faces]
-    k, k_d = np.zeros((2, len(of)))
-    for name, total in (("D", k), ("k_d", k_d)):
-        values = np.array([pair(getattr(f.bend, name)) if f.bend else (0.0, 0.0) for f in cloth.fabrics])
-        total[:] = weight * np.einsum("hj,hj->h", h.across, values[of].mean(axis=1))
-    return np.column_stack([k, k_d, np.broadcast_to(theta_0, k.shape), (2 * COLLAPSED * h.areas.min(axis=1)) ** 2])

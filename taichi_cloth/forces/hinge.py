@@ -9,7 +9,7 @@ a triangle's tip passes through the edge, with gradients that grow without bound
 - `fade` takes the condition back to 0 with a triangle that has less than COLLAPSED of its area.
 
 C^2 then has a continuous gradient everywhere. Elsewhere, which is nearly always, C is the angle itself, as in [BW98].
-A fold of exactly pi has no side; it is pushed to the positive one.
+A fold of exactly pi has no side; it is pushed to the positive one, or to that where it is creased.
 """
 
 import math
@@ -43,19 +43,28 @@ def turn(angle):
 
 
 @ti.func
-def crest(angle):
-    """(value, slope, change of slope) of an angle in [-pi, pi], levelled off near the ends."""
+def crest(angle, way):
+    """(value, slope, change of slope) of an angle in [-pi, pi], levelled off near the ends; `way` is the sign of +-pi."""
     value, slope, bow = angle, angle * 0 + 1, angle * 0
     left = math.pi - ti.abs(angle)
     if left < CREST:
         sign, slope = 1.0, left / CREST
         if left < SIDE:
-            slope = 1.0
+            sign, slope = way, 1.0
         elif angle < 0:
             sign = -1.0
         value = sign * (math.pi - 0.5 * CREST - 0.5 * left * left / CREST)
         bow = -sign / CREST
     return value, slope, bow
+
+
+@ti.func
+def uncrested(C):
+    """The angle whose crest is C."""
+    angle, left = C, math.pi - 0.5 * CREST - ti.abs(C)
+    if left < 0.5 * CREST:
+        angle = (math.pi - ti.sqrt(2 * CREST * ti.max(left, 0.0))) * (C / ti.abs(C))
+    return angle
 
 
 @ti.func
@@ -68,14 +77,14 @@ def fade(r):
 
 
 @ti.func
-def hinge_condition(e, a, b, theta_0, floor2):
-    """C and dC/d(e, a, b); floor2 [m^4] is the squared normal below which a triangle fades."""
+def hinge_condition(e, a, b, theta_0, floor2, way):
+    """C and dC/d(e, a, b); floor2 [m^4] is the squared normal below which a triangle fades, `way` the sign of +-pi."""
     C = turn(hinge_angle(e, a, b) - theta_0)
     g_e, g_a, g_b = angle_gradient(e, a, b, floor2)
     n_a, n_b = e.cross(a), b.cross(e)
     if ti.abs(C) > KNEE or ti.min(n_a.norm_sqr(), n_b.norm_sqr()) < floor2:
         floor = ti.sqrt(floor2)
-        C, slope, _ = crest(C)
+        C, slope, _ = crest(C, way)
         value_a, slope_a, _ = fade(n_a.norm() / floor)
         value_b, slope_b, _ = fade(n_b.norm() / floor)
         slope *= value_a * value_b
@@ -91,7 +100,7 @@ def hinge_condition(e, a, b, theta_0, floor2):
 @ti.func
 def hinge_condition_change(e, a, b, de, da, db, theta_0, floor2):
     """Change of dC along (de, da, db): ddC times a direction."""
-    C, slope, bow = crest(turn(hinge_angle(e, a, b) - theta_0))
+    C, slope, bow = crest(turn(hinge_angle(e, a, b) - theta_0), 1.0)
     g_e, g_a, g_b = angle_gradient(e, a, b, floor2)
     h_e, h_a, h_b = angle_gradient_change(e, a, b, de, da, db, floor2)
     turned = g_e.dot(de) + g_a.dot(da) + g_b.dot(db)

@@ -12,10 +12,14 @@ what is stored falls by k_j d_j |change of q_j|. Two of them:
 - creases: k = (1 - H) D-stiffness, d = yield curvature; the hinge's own spring keeps H D, its hardening. What was folded by
   C comes back to (1 - H) (C - d).
 
+Folded flat, C levels off .1 rad below pi (`hinge`): creases then follow the angle itself, as far as C. A fold that passes
+through itself, by less than a radian in a step, has as much energy on either side: its sliders change theirs with it.
+
 The matrix takes T_j / z at the angle that the step is led to, not the slope, which is 0 where a slider gives: a semidefinite
 bound from above, so that no solve goes further than friction lets it.
 """
 
+import math
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -27,9 +31,11 @@ from ..scene.cloth import Cloth
 from ..scene.fabric import Bend, pair
 from ..system.elements import Hinges
 from ..system.state import Elements, ParticleState
+from .hinge import uncrested
 
 FRICTION, CREASE = range(2)
 SLIP = 2.0  # 1/m, the curvature by which fibres turn before they slide
+PASSED = math.pi - 1.0  # rad on the other side beyond which a fold is one that passed through itself
 
 
 @dataclass(frozen=True)
@@ -93,6 +99,22 @@ class Hysteresis:
         self.positions = model.remember("hinge_sliders", count, 2)
 
     @ti.func
+    def way(self, e):
+        """-1 where the sliders of a hinge went below 0, else 1."""
+        way = 1.0
+        if self.positions.now[self.hinge[e]][ti.static(CREASE if self.yields else FRICTION)] < 0:
+            way = -1.0
+        return way
+
+    @ti.func
+    def side(self, e, C):
+        """-1 where a hinge at C is one that passed through itself, else 1."""
+        side, way = 1.0, self.way(e)
+        if C * way < -PASSED:
+            side = -1.0
+        return side
+
+    @ti.func
     def respond(self, e, C):
         """(torque, torque over displacement from the sliders, slope, energy) at the condition C."""
         i = self.hinge[e]
@@ -114,10 +136,16 @@ class Hysteresis:
     @ti.func
     def settle(self, e, C, h):
         """The sliders follow a hinge that came to C in a step of h."""
-        i = self.hinge[e]
+        i, angle, side = self.hinge[e], uncrested(C), self.side(e, C)
         for j in ti.static(range(2)):
             d = self.reach[i][j]
-            self.positions.now[i][j] = ti.min(ti.max(self.positions.now[i][j], C - d), C + d)
+            self.positions.now[i][j] = side * self.positions.now[i][j]
+            low, high = C - d, C + d
+            if C > 0:
+                low = ti.max(low, ti.min(angle - d, C))
+            else:
+                high = ti.min(high, ti.max(angle + d, C))
+            self.positions.now[i][j] = ti.min(ti.max(self.positions.now[i][j], low), high)
         if ti.static(self.recovers):
             q, rate, stays = self.positions.now[i][CREASE], self.recovery[i][0], self.recovery[i][1]
             if (C - q) * q < 0 and ti.abs(q) > stays:
