@@ -15,6 +15,8 @@ STEP = "tests/unit/test_reference.py::test_a_step_of_backward_euler"
 
 CONDITIONS, HINGE = "taichi_cloth/forces/conditions.py", "taichi_cloth/forces/hinge.py"
 MEMBRANE, BEND = "taichi_cloth/forces/membrane.py", "taichi_cloth/forces/bend.py"
+REST, SLIDE = "taichi_cloth/forces/hinge_rest.py", "taichi_cloth/forces/hysteresis.py"
+PRESSED = "tests/physics/test_pressed_folds.py"
 TRIANGLE = "taichi_cloth/forces/triangle_force.py"
 CURVATURE, FIT = "taichi_cloth/forces/curvature_bend.py", "taichi_cloth/forces/curvature_fit.py"
 EXTERNAL, ELEMENTS = "taichi_cloth/forces/external.py", "taichi_cloth/system/elements.py"
@@ -127,17 +129,20 @@ MUTATIONS = (
     (HINGE, "dt_a = (da.dot(e) + a.dot(de) - t_a * d_e2) / e2", "dt_a = (da.dot(e) + a.dot(de)) / e2",
      "exact K of a hinge: feet move",
      PAPER),
-    (BEND, "factor * h.length2 / h.areas.sum(axis=1)", "factor * h.length2 / (2 * h.areas.sum(axis=1))",
+    (REST, "factor * h.length2 / h.areas.sum(axis=1)", "factor * h.length2 / (2 * h.areas.sum(axis=1))",
      "hinges half as stiff"),
-    (BEND, "given = bend.rest == \"given\" or", "given = bend.rest == \"flat\" or", "rest='given' is taken as flat",
+    (REST, "given = bend.rest == \"given\" or", "given = bend.rest == \"flat\" or", "rest='given' is taken as flat",
      "tests/unit/test_forces.py::test_rest_shape_has_no_force"),
-    (BEND, "(bend.rest is None and cloth.mesh.flattened)", "(bend.rest is None and not cloth.mesh.flattened)",
+    (REST, "(bend.rest is None and cloth.mesh.flattened)", "(bend.rest is None and not cloth.mesh.flattened)",
      "meshes without a pattern are flat at rest"),
-    (BEND, "(2 * COLLAPSED * h.areas.min(axis=1)) ** 2", "(2 * COLLAPSED * h.areas.max(axis=1)) ** 2",
+    (REST, "(2 * COLLAPSED * h.areas.min(axis=1)) ** 2", "(2 * COLLAPSED * h.areas.max(axis=1)) ** 2",
      "fading by the larger triangle",
      COLLAPSED),
     (BEND, "sums[1] += 0.5 * self.rest[e][1] * C_dot * C_dot", "sums[1] += 0.25 * self.rest[e][1] * C_dot * C_dot",
      "the hinges' dissipation is halved"),
+    (SLIDE, "low = ti.max(low, ti.min(angle - d, C))", "pass", "creases of flat folds follow C, not the angle", PRESSED),
+    (SLIDE, "side = -1.0", "side = 1.0", "folds that pass through themselves change the sign of C", PRESSED),
+    (SLIDE, "way = -1.0", "way = 1.0", "a flat fold is one to the positive side", PRESSED),
     (BEND, "root = ti.sqrt(c * c * k + c * k_d)", "root = ti.sqrt(c * c * k)", "hinges are not damped in the matrix"),
     (BEND, "s += k * (g_e.dot(m_e) + g_a.dot(m_a) + g_b.dot(m_b))", "s += k * (g_e.dot(m_e) + g_a.dot(m_a))",
      "K times motion lacks an arm"),
@@ -218,11 +223,11 @@ MUTATIONS = (
      "tests/unit/test_reference.py::test_measures_of_stretch"),
     (MEASURE, "energies.get(name, 0.0) + float(sums[base + i])", "float(sums[base + i])",
      "one model of bending hides the other"),
-    ("taichi_cloth/forces/bend.py", "h, np.array(bend.rest))", "h, -np.array(bend.rest))", "angles of edges are turned round",
+    (REST, "h, np.array(bend.rest))", "h, -np.array(bend.rest))", "angles of edges are turned round",
      "tests/unit/test_forces.py::test_angles_of_all_inner_edges_are_a_rest_shape"),
-    ("taichi_cloth/forces/bend.py", "= crease.stiffness * plain[rows], crease.angle", "= plain[rows], -crease.angle",
+    (REST, "= crease.stiffness * plain[rows], crease.angle", "= plain[rows], -crease.angle",
      "creases fold to the other side", CREASE),
-    ("taichi_cloth/forces/bend.py", "np.searchsorted(code, wanted, sorter=order)",
+    (REST, "np.searchsorted(code, wanted, sorter=order)",
      "np.searchsorted(np.sort(code), wanted) * 0",
      "all creases are the first hinge", CREASE),
     (MEASURE, "self.operator.b[i] = m * lag", "self.operator.b[i] = m * v", "right-hand side begins with the momentum"),

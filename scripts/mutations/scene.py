@@ -86,7 +86,7 @@ MUTATIONS = (
     ("taichi_cloth/scene/scene.py", "not which(a) else a.vertices[~np.isin(a.vertices, free)]",
      "not which(a) else a.vertices[np.isin(a.vertices, free)]", "unpin keeps what it frees",
      DESCRIPTION),
-    ("taichi_cloth/scene/scene.py", "return (a, b) in self.apart or (b, a) in self.apart or", "return (a, b) in self.apart or",
+    ("taichi_cloth/scene/contents.py", "return (a, b) in self.apart or (b, a) in self.apart or", "return (a, b) in self.apart or",
      "passing through has an order", DESCRIPTION),
     ("taichi_cloth/scene/cloth.py", 'object.__setattr__(self, "velocities", np.broadcast_to(v, (n, 3)).copy())',
      'object.__setattr__(self, "velocities", np.zeros((n, 3)))', "first velocities are lost", DESCRIPTION),

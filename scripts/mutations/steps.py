@@ -46,7 +46,7 @@ MUTATIONS = (
      "what friction took is no credit", CREASES),
     (HYSTERESIS, "energy += k * d * (size - 0.5 * d)", "energy += k * d * size",
      "energy of a slider jumps where it gives", CREASES),
-    (HYSTERESIS, "ti.min(ti.max(self.positions.now[i][j], C - d), C + d)", "ti.max(self.positions.now[i][j], C - d)",
+    (HYSTERESIS, "ti.min(ti.max(self.positions.now[i][j], low), high)", "ti.max(self.positions.now[i][j], low)",
      "sliders follow one way", CREASES),
     (HYSTERESIS, "if (C - q) * q < 0 and ti.abs(q) > stays:", "if ti.abs(q) > stays:", "creases recover while they are held",
      CREASES),
