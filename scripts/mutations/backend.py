@@ -2,7 +2,8 @@
 
 SECOND = "tests/unit/test_second_simulation.py"
 SHARED = f"{SECOND}::test_kernels_are_shared_where_they_read_the_same_and_only_there"
-TESTS = (SECOND,)
+MEMORY = "tests/unit/test_memory.py"
+TESTS = (SECOND, MEMORY)
 
 KERNELS, POOL, FIELDS = (f"taichi_cloth/backend/{name}.py" for name in ("shared_kernels", "field_pool", "fields"))
 
@@ -18,5 +19,7 @@ MUTATIONS = (
      f"{SECOND}::test_fields_come_again_and_are_zero"),
     (POOL, "self._at, segment.used = 0, True", "self._at, segment.used = 0, False", "two simulations share fields", SECOND),
     (POOL, "oldest = min(", "oldest = max(", "the newest goes first", f"{SECOND}::test_the_pool_is_bounded"),
+    (POOL, "if not self.pooled and self._start == _starts[0]:", "if False:", "fields that no other may have stay", MEMORY),
+    (POOL, "if not self.pooled and self._start == _starts[0]:", "if not self.pooled:", "dead fields are given back", MEMORY),
     (FIELDS, "self._end.detach()", "pass", "what was freed is freed again by the garbage collector", SECOND),
 )

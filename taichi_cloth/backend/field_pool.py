@@ -67,6 +67,7 @@ class Walk:
 
     def __init__(self, pooled: bool) -> None:
         self.pooled, self._at, self._roots = pooled, 0, _roots if pooled else []
+        self._start = _starts[0]
         self.path: list[Segment] = []
 
     @property
@@ -101,9 +102,13 @@ class Walk:
             segment.last = next(_clock)
 
     def leave(self) -> None:
-        """Others may have the fields. The garbage collector may call it in the middle of anything."""
+        """Others may have the fields; those that no other may have go when there is time, in `trim`. The garbage collector may
+        call it in the middle of anything."""
         for segment in self.path:
             segment.used = False
+        if not self.pooled and self._start == _starts[0]:
+            _dropped.extend(self.path)
+            self.path = []
 
     def _enter(self, segment: Segment) -> None:
         self.path.append(segment)
@@ -120,6 +125,8 @@ class Walk:
 
 
 _roots: list[Segment] = []
+_dropped: list[Segment] = []  # that nobody has or may have
+_starts = [0]  # how often Taichi was started
 _clock = itertools.count(1)
 
 
@@ -136,6 +143,8 @@ def _segments(roots: list[Segment]) -> Iterator[Segment]:
 
 def trim(most: int = MOST_BYTES, trees: int = MOST_TREES) -> None:
     """Gives memory back to the system, until what nobody uses is at most so many bytes, and all trees so many."""
+    while _dropped:
+        _dropped.pop().destroy()
     while True:
         segments = list(_segments(_roots))
         free = [s for s in segments if not s.used]
@@ -151,6 +160,8 @@ def trim(most: int = MOST_BYTES, trees: int = MOST_TREES) -> None:
 def forget() -> None:
     """Taichi was started anew: all fields are dead."""
     _roots.clear()
+    _dropped.clear()
+    _starts[0] += 1
 
 
 def _scalar(of):

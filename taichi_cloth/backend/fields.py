@@ -40,6 +40,7 @@ class Fields:
     def __init__(self, exchange: type, exact: bool = False, pooled: bool = False) -> None:
         self.exchange, self.exact = exchange, exact
         runtime.hold(self)
+        field_pool.trim()
         self._walk = field_pool.Walk(pooled and not exact)
         self._builder = self._first = None  # of what is new; and the first field in it
         self._end: weakref.finalize | None = None  # what the garbage collector does
@@ -73,9 +74,8 @@ class Fields:
         """Allocates and fills every field that was declared."""
         self._finalize()
         self._walk.end()
-        if self._walk.pooled:
-            self._end = weakref.finalize(self, self._walk.leave)
-            self._end.atexit = False
+        self._end = weakref.finalize(self, self._walk.leave)
+        self._end.atexit = False
         for k, filled in enumerate(self._reals):
             for first, numbers in _parts(filled, self.exchange):
                 self._fill_reals(k, first, numbers)
@@ -94,8 +94,8 @@ class Fields:
         if self._end is not None:
             self._end.detach()
         new = self._walk.new() if self._walk.pooled else None
-        for segment in [new] if new is not None else [] if self._walk.pooled else self._walk.path:
-            segment.destroy()
+        if new is not None:
+            new.destroy()
         field_pool.trim()
         runtime.let_go(self)
 

@@ -118,9 +118,16 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     return wanted
 
 
-def running() -> bool:
-    """Whether Taichi runs with fields that something holds."""
-    return _current is not None and len(_holders) > 0
+def go_on() -> Runtime:
+    """Taichi as it was started last, for what draws and the like; on the CPU in f32 where it was not."""
+    if _current is None:
+        return start("cpu", "f32")
+    return start(_current.arch, _current.precision, _current.threads, debug=_current.debug)
+
+
+def on_cpu() -> bool:
+    """Whether Taichi runs on the CPU."""
+    return _current is not None and _current.arch == "cpu"
 
 
 def hold(thing: object) -> None:

@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 import taichi as ti
 
+from ..backend import runtime
+from ..backend.fields import Fields
 from .coverage import corner, edge, weights
 from .ground import FADE, ground_at
 from .raster import Raster
@@ -20,7 +22,9 @@ class PassRaster:
     """Draws passes at a sample a pixel: their values mean nothing where they are averaged."""
 
     def __init__(self, width: int, height: int) -> None:
-        self.raster = Raster(width, height)
+        self.fields = Fields(np.float32, pooled=runtime.on_cpu())
+        self.raster = Raster(self.fields, width, height)
+        self.fields.allocate()
         self.width, self.height = width, height
 
     def draw(self, renderer: Any, x: np.ndarray) -> dict[str, np.ndarray]:

@@ -3,6 +3,7 @@
 import numpy as np
 import taichi as ti
 
+from ..backend.fields import Fields
 from .coverage import PIECE, corner, edge, pieces, weights
 
 SAME = 8  # roundings by which depths of one sample may differ between the two passes: not all backends round alike
@@ -13,6 +14,7 @@ class Raster:
     """Nearest 1/depth of each sample and the face that has it; room for another map behind the picture.
 
     Args:
+        fields: where its own are declared; who has them allocates.
         w, h: samples of the picture, across and down.
         behind: samples of the other map.
 
@@ -20,10 +22,10 @@ class Raster:
         depth: bits of an f32 from 0 up, 0 where nothing is; face: -1 where nothing is.
     """
 
-    def __init__(self, w: int, h: int, behind: int = 0) -> None:
+    def __init__(self, fields: Fields, w: int, h: int, behind: int = 0) -> None:
         self.w, self.h = w, h
         self.wide = ti.cfg.arch not in (ti.x64, ti.arm64)
-        self.depth, self.face = ti.field(ti.i32, w * h + behind), ti.field(ti.i32, w * h + behind)
+        self.depth, self.face = (fields.integer(w * h + behind) for _ in range(2))
 
     def see(self, screen: np.ndarray, faces: np.ndarray, near: float) -> None:
         """Rasterises the picture; points (n, 3) as `Frame.project` gives them, nothing nearer than `near` [m]."""

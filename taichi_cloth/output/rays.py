@@ -14,14 +14,13 @@ class RayTree:
     """Triangles that block rays.
 
     Args:
+        fields: where its own are declared; who has them allocates.
         count: number of triangles.
     """
 
-    def __init__(self, count: int) -> None:
-        self.fields = fields = Fields(np.float32)
+    def __init__(self, fields: Fields, count: int) -> None:
         self.boxes = BVH(fields, count, ti.f32)
         self.a, self.e, self.f = (fields.real(count, 3, dtype=ti.f32) for _ in range(3))  # a corner and two edges
-        fields.allocate()
 
     def build(self, x: np.ndarray, faces: np.ndarray) -> None:
         """Takes the triangles of faces (count, 3) at positions (n, 3)."""

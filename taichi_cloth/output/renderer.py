@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import checks
 from ..backend import runtime
+from ..backend.fields import Fields
 from ..errors import BackendError
 from ..scene.view import Camera, Color, View
 from .camera import frame, ground_height
@@ -48,10 +49,14 @@ class Renderer:
         self.light = light_frame(view.light)
         self.view = view
         around = around_of(view)
-        self.raster = Raster(width * samples, height * samples, 0 if rays[0] else MAP * MAP)
+        fields = Fields(np.float32, pooled=runtime.on_cpu())
+        self.raster = Raster(fields, width * samples, height * samples, 0 if rays[0] else MAP * MAP)
         self.lighting: Any = ShadowMap(self.raster)
         if rays[0]:
-            self.lighting = TracedLight(self.raster, samples, around.floor != "none", len(surfaces.faces), (rays[0], rays[1]))
+            self.lighting = TracedLight(fields, self.raster, samples, around.floor != "none", len(surfaces.faces),
+                                        (rays[0], rays[1]))
+        fields.allocate()
+        self.fields = fields  # given back when nobody has the renderer any more
         self.shader = Shader(self.raster, samples, self.lighting, around, surfaces.textured, surfaces.woven)
         images = surfaces.textures
         self.images = images.texels, images.levels, images.decode

@@ -4,6 +4,7 @@ take what pixels around found that see the same surface."""
 import numpy as np
 import taichi as ti
 
+from ..backend.fields import Fields
 from .coverage import corner, edge, weights
 from .ground import FADE, ground_at
 from .raster import Raster
@@ -20,18 +21,19 @@ class TracedLight:
     """Light that rays found.
 
     Args:
+        fields: where its own are declared.
         raster: the picture's; samples: of a pixel, across; floor: whether there is ground; triangles: how many there are.
         rays: (to the light, over the hemisphere) from each pixel.
     """
 
-    def __init__(self, raster: Raster, samples: int, floor: bool, triangles: int, rays: tuple[int, int]) -> None:
+    def __init__(self, fields: Fields, raster: Raster, samples: int, floor: bool, triangles: int,
+                 rays: tuple[int, int]) -> None:
         self.raster, self.samples, self.floor = raster, samples, floor
         self.width, self.height = raster.w // samples, raster.h // samples
         self.shadow_rays, self.ambient_rays = rays
-        self.tree = RayTree(triangles)
+        self.tree = RayTree(fields, triangles)
         # by pixel: what light reaches it, where it is, which way it faces
-        self.lit = ti.Vector.field(2, ti.f32, self.width * self.height)
-        self.spot, self.facing = (ti.Vector.field(3, ti.f32, self.width * self.height) for _ in range(2))
+        self.lit, self.spot, self.facing = (fields.real(self.width * self.height, k, dtype=ti.f32) for k in (2, 3, 3))
 
     def prepare(self, x: np.ndarray, faces: np.ndarray, light: np.ndarray) -> np.ndarray:
         """Takes points (n, 3)."""

@@ -133,8 +133,7 @@ def _plots(log: list[dict]) -> str:
 
 
 def _pictures(recording: Recording) -> str:
-    if not runtime.running():  # a simulation that goes on keeps its own
-        runtime.start("cpu", "f32", None, True, False)
+    runtime.go_on()
     numbers = spread(recording.frames(), PICTURES)
     artist = Artist(recording.geometry, THUMBNAIL, Look(quality="standard", caption="t = {t} s"),
                     lambda: frames_of(recording))

@@ -129,7 +129,7 @@ def render_frames(recording: Recording, folder: str | Path, frames: str | Iterab
     extras = Extras(_names(passes), pass_format)
     width, height, limits = _size_and_limits("render_frames", size, limits)
     made = _look(heat, limits, recording.geometry, recording, look)
-    _start()
+    runtime.go_on()
     return render_files(recording, path, (width, height), made, numbers, films, extras)
 
 
@@ -145,7 +145,7 @@ def _artist(name: str, what: object, frame: int | None, size: object, heat: str 
     if isinstance(what, Recording):
         number = what.frames()[-1] if frame is None else _frame(name, what, frame)
         geometry, arrays, recorded = what.geometry, what.frame(number), what
-        _start()
+        runtime.go_on()
         return Artist(geometry, (width, height), _look(heat, limits, geometry, recorded, look),
                       lambda: frames_of(recorded)), arrays, number
     if frame is not None:
@@ -157,7 +157,7 @@ def _artist(name: str, what: object, frame: int | None, size: object, heat: str 
             raise SceneError(f"{name}: the scene has no cloth: there is nothing to draw")
         geometry = record.as_built(what)
         arrays = {"t": np.array(0.0), "x": geometry["x"]}
-        _start()
+        runtime.go_on()
     else:
         geometry, arrays = record.geometry(what), record.frame(what)
     return Artist(geometry, (width, height), _look(heat, limits, geometry, None, look), lambda: [arrays]), arrays, 0
@@ -198,11 +198,6 @@ def _size_and_limits(name: str, size: object, limits: object) -> tuple[int, int,
 def _names(names: object) -> tuple[str, ...]:
     """Names of passes, from one or several."""
     return (names,) if isinstance(names, str) else tuple(names)  # type: ignore[arg-type]
-
-
-def _start() -> None:
-    if not runtime.running():
-        runtime.start("cpu", "f32")
 
 
 def _two(what: str, pair: object) -> tuple:

@@ -57,12 +57,15 @@ def test_rays_against_every_triangle(rng):
     runtime.start()
     import taichi as ti
 
+    from taichi_cloth.backend.fields import Fields
     from taichi_cloth.output.rays import RayTree
 
     count, rays = 300, 400
     x = (rng.uniform(size=(count, 1, 3)) + 0.15 * rng.normal(size=(count, 3, 3))).reshape(-1, 3)
     faces = np.arange(3 * count).reshape(-1, 3)
-    tree = RayTree(count)
+    fields = Fields(np.float32)
+    tree = RayTree(fields, count)
+    fields.allocate()
     tree.build(x, faces)
     origin, way = rng.normal(size=(rays, 3)), rng.normal(size=(rays, 3))
     way /= np.linalg.norm(way, axis=1, keepdims=True)
