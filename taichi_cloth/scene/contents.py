@@ -1,6 +1,6 @@
 """What there is in a scene: cloths, solids, point masses, the air, a user's own forces. numpy only; runs nothing."""
 
-import warnings
+import gc
 import weakref
 from collections.abc import Callable
 
@@ -75,6 +75,7 @@ class Contents:
         cloth = Cloth(name, mesh, fabric, x, v, self.vertex_count, color, contact, parts, tear, apart)  # type: ignore[arg-type]
         if name in (c.name for c in self.cloths):
             raise SceneError(f"there is a cloth named {name!r} already")
+        self._refuse_followed("add_cloth")
         self.cloths.append(cloth)
         if apart is not None:
             self.seams.append(corners(cloth))
@@ -102,14 +103,16 @@ class Contents:
                       {} if parts is None else parts)
         if name in (s.name for s in self.solids):
             raise SceneError(f"there is a solid named {name!r} already")
+        self._refuse_followed("add_solid")
         self.solids.append(solid)
         return solid
 
     def add_mass(self, cloth: Cloth, vertices: object, mass: float) -> None:
         """Adds a point mass [kg] to each of the vertices."""
         self._own(cloth)
-        mass = checks.number("point mass", mass, "kg", positive=True)
-        self.masses.append((cloth, used_vertices(cloth, vertices), mass))
+        mass, index = checks.number("point mass", mass, "kg", positive=True), used_vertices(cloth, vertices)
+        self._refuse_followed("add_mass")
+        self.masses.append((cloth, index, mass))
 
     def add_force(self, make: Callable) -> None:
         """Adds a force of your own.
@@ -117,7 +120,9 @@ class Contents:
         Args:
             make: a class, or a function, that makes a `forces.force.Force` of (fields, model, scene, K).
         """
-        self.forces.append(checks.function("add_force: make", make, "fields", "model", "scene", "K"))
+        checks.function("add_force: make", make, "fields", "model", "scene", "K")
+        self._refuse_followed("add_force")
+        self.forces.append(make)
 
     def pass_through(self, a: Cloth, b: Cloth) -> None:
         """Lets two cloths that have a contact pass through each other."""
@@ -125,6 +130,7 @@ class Contents:
             self._own(cloth)
         if a is b:
             raise SceneError(f"pass_through: {a.name!r} twice; for a cloth and itself use ClothContact(itself=False)")
+        self._refuse_followed("pass_through")
         self.apart.append((a, b))
 
     def passes(self, a: Cloth, b: Cloth) -> bool:
@@ -141,11 +147,20 @@ class Contents:
         """Number of vertices of all cloths."""
         return sum(c.mesh.vertex_count for c in self.cloths)
 
-    def _warn_followers(self) -> None:
-        """Says that simulations keep what was there when they were made."""
-        if not self._running and len(self.followers):
-            warnings.warn("a simulation of this scene has begun and does not follow changes of its pins and motions: use "
-                          "sim.pin, unpin, move or attach, or an event (scene.at)", stacklevel=3)
+    def _refuse_followed(self, change: str, live: bool = False) -> None:
+        """Refuses a change that simulations which have begun would not follow.
+
+        Args:
+            change: the method; live: whether simulations have it too, and events may call it.
+        """
+        if live and self._running:
+            return
+        if self.followers:
+            gc.collect()  # simulations that nobody knows any more are there until then
+        if any(sim.is_open for sim in self.followers):
+            instead = f"; or change the simulation, by sim.{change} or in an event (scene.at)" if live else ""
+            raise SceneError(f"{change}: a simulation of this scene has begun and would not follow: close it first "
+                             f"(sim.close()){instead}")
 
     def _own(self, cloth: Cloth) -> None:
         if not any(cloth is c for c in self.cloths):

@@ -101,7 +101,7 @@ class Scene(Sewn):
                 kept.append(replace(a, vertices=stay))
         if not found:
             raise SceneError(f"{what}: no such vertex of {cloth.name!r} is {held}")
-        self._warn_followers()
+        self._refuse_followed(what, live=True)
         self.script.attachments[:] = kept
 
     def _attach(self, cloth: Cloth, vertices: object, directions: object, path: Path | None, relative: bool,
@@ -119,7 +119,7 @@ class Scene(Sewn):
         if path is not None:
             attachment.checked(0.0)
         check_overlap(self.script.attachments, attachment)
-        self._warn_followers()
+        self._refuse_followed("attach" if solid is not None else "pin" if path is None else "move", live=True)
         self.script.attachments.append(attachment)
         self.script.made += 1
 
@@ -147,7 +147,7 @@ class Scene(Sewn):
         known = any(p.of(cloth, new.part) for p in self.pieces)
         if self._running and not known:
             raise SceneError(f"inflate: {new.name!r} was not inflated when the simulation was made: do so, with pressure 0")
-        self._warn_followers()
+        self._refuse_followed("inflate", live=True)
         if not known:
             self.pieces.append(new)
         self.script.inflations[:] = [i for i in self.script.inflations if not i.of(cloth, new.part)] + [new]
@@ -166,7 +166,7 @@ class Scene(Sewn):
         if len(kept) == len(self.script.inflations):
             where = "" if part is None else f" in part = {shown(part)}"
             raise SceneError(f"deflate: {cloth.name!r} is not inflated{where}")
-        self._warn_followers()
+        self._refuse_followed("deflate", live=True)
         self.script.inflations[:] = kept
 
     def add_load(self, cloth: Cloth, vertices: object, force: Force) -> Load:
@@ -183,7 +183,7 @@ class Scene(Sewn):
         load = make_load(cloth, vertices, force)
         if self._running and not self.script.bears:
             raise SceneError("add_load: the simulation was made without loads: give its scene one before, of 0 N if need be")
-        self._warn_followers()
+        self._refuse_followed("add_load", live=True)
         self.script.loads.append(load)
         self.script.bears = True
         return load
@@ -196,7 +196,7 @@ class Scene(Sewn):
         """
         if not any(load is known for known in self.script.loads):
             raise SceneError(f"remove_load: not a load that is there now: {shown(load)}")
-        self._warn_followers()
+        self._refuse_followed("remove_load", live=True)
         self.script.loads[:] = [known for known in self.script.loads if known is not load]
 
     def set_wind(self, wind: Wind) -> None:
@@ -213,7 +213,7 @@ class Scene(Sewn):
             raise SceneError("set_wind: the scene has no air: Scene(air=Air(normal=...)) says how the cloth drags in it")
         air = replace(self.air, wind=wind)
         if not self._running:
-            self._warn_followers()
+            self._refuse_followed("set_wind", live=True)
             self.air = air
             return
         if air.varies_in_space and not self.air.local:
@@ -231,6 +231,8 @@ class Scene(Sewn):
         checks.function("at: f", f)
         if checks.takes(f, 0) is False and checks.takes(f, 1) is False:
             raise SceneError(f"at: f = {shown(f)}: must be a function of nothing, or of the scene")
+        if not self._running:
+            self._refuse_followed("at")
         self.script.events.append(Event(t, f))
 
     @contextlib.contextmanager

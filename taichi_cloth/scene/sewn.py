@@ -57,8 +57,10 @@ class Sewn(Contents):
                 positive.
         """
         self._own(cloth)
-        self.seams.append(make_seam(cloth, a, b, rest, stiffness, strength, pull))
-        return self.seams[-1]
+        seam = make_seam(cloth, a, b, rest, stiffness, strength, pull)
+        self._refuse_followed("sew")
+        self.seams.append(seam)
+        return seam
 
     def stitch(self, cloth: Cloth, a: ArrayLike, b: ArrayLike, force: float | None = None) -> Seam:
         """Sews vertices to each other by stitches that stand alone, as buttons do: without hinges, each for itself.
@@ -71,8 +73,10 @@ class Sewn(Contents):
             SceneError: as `sew`.
         """
         self._own(cloth)
-        self.seams.append(make_stitches(cloth, a, b, force))
-        return self.seams[-1]
+        seam = make_stitches(cloth, a, b, force)
+        self._refuse_followed("stitch")
+        self.seams.append(seam)
+        return seam
 
     def unsew(self, seam: Seam, vertices: object = None) -> None:
         """Opens a seam, or those of its stitches that are at `vertices` of its cloth; in an event, from then on.
@@ -83,7 +87,7 @@ class Sewn(Contents):
         if not any(seam is s for s in self.seams):
             raise SceneError(f"unsew: not a seam of this scene: {shown(seam)}")
         rows = seam.stitches(vertices)
-        self._warn_followers()
+        self._refuse_followed("unsew", live=True)
         self.script.opened.append((seam, rows))
 
     def crease(self, cloth: Cloth, angle: ArrayLike, line: ArrayLike | None = None, edges: ArrayLike | None = None,
@@ -100,8 +104,10 @@ class Sewn(Contents):
             SceneError: no edge there, a fabric that does not bend over hinges, or an angle beyond pi.
         """
         self._own(cloth)
-        self.creases.append(make_crease(cloth, angle, line, edges, stiffness))
-        return self.creases[-1]
+        crease = make_crease(cloth, angle, line, edges, stiffness)
+        self._refuse_followed("crease")
+        self.creases.append(crease)
+        return crease
 
     def score(self, cloth: Cloth, line: ArrayLike, fraction: float) -> Score:
         """Weakens cloth that may tear along a line: it tears there at a fraction of its strength, and at 0 is cut.
@@ -113,7 +119,9 @@ class Sewn(Contents):
             SceneError: cloth that does not tear, no edge there, or a fraction beyond 0 to 1.
         """
         self._own(cloth)
-        self.scores.append(score(cloth, line, fraction))
+        scored = score(cloth, line, fraction)
+        self._refuse_followed("score")
+        self.scores.append(scored)
         if self.scores[-1].fraction == 0:
             seam = next(s for s in self.seams if s.cloth is cloth and s.tears)
             self.script.opened.append((seam, np.flatnonzero(cloth.split.on_line(self.scores[-1].edges))))  # type: ignore[union-attr]

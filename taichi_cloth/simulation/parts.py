@@ -124,11 +124,16 @@ class Parts:
 
         Some of their memory is kept for the next simulation, which need not compile what reads the same fields.
         """
-        if self._open and self._generation == runtime.generation():
+        if self.is_open:
             for fields in (self._fields, *self._extra):
                 fields.free()
         self._open = False
         self.scene.followers.discard(self)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it can go on: it was not closed, nor ended by one of another arch, precision or number of threads."""
+        return self._open and self._generation == runtime.generation()
 
     def _later(self, kind, *args):
         """An object with fields of its own, for what most runs never ask for."""

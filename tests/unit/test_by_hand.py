@@ -68,11 +68,49 @@ def test_going_on_needs_the_same_changes(simulations):
         assert (again.positions() == end).all()
 
 
-def test_a_scene_that_runs_says_that_it_is_not_followed(simulations):
-    sim, _, cloth, _ = simulations
-    with pytest.warns(UserWarning, match=r"sim\.pin"):
-        sim.scene.pin(cloth, 12)
-    with pytest.warns(UserWarning, match=r"sim\.pin"):
-        sim.scene.unpin(cloth, 12)
+def test_a_scene_that_runs_is_not_changed(simulations):
+    """Neither by hand nor, where simulations have it as it was built, in an event; nothing of a change is left."""
+    sim, _, cloth, ball = simulations
+    scene = sim.scene
+    changes = {
+        "pin": lambda: scene.pin(cloth, 12), "move": lambda: scene.move(cloth, 12, lambda t: (0, t, 0), relative=True),
+        "attach": lambda: scene.attach(cloth, 12, ball), "unpin": lambda: scene.unpin(cloth),
+        "at": lambda: scene.at(1.0, lambda: None), "add_load": lambda: scene.add_load(cloth, 12, (0, 1, 0)),
+        "add_cloth": lambda: scene.add_cloth(cloth.mesh, cloth.fabric), "add_mass": lambda: scene.add_mass(cloth, 12, 1.0),
+        "add_solid": lambda: scene.add_solid(tc.Sphere(1.0), 0.1, 0.01), "sew": lambda: scene.sew(cloth, [0], [12]),
+        "stitch": lambda: scene.stitch(cloth, 0, 12), "crease": lambda: scene.crease(cloth, 1.0, edges=[[7, 8]]),
+        "add_force": lambda: scene.add_force(lambda fields, model, scene, K: None)}
+    before = repr((scene, scene.script, scene.masses, scene.creases, scene.forces))
+    built = [name for name in changes if not hasattr(sim, name) and name != "at"]
+    assert len(built) == 7
+    for name, change in changes.items():
+        with pytest.raises(tc.SceneError, match=rf"^{name}: a simulation of this scene has begun.*close it") as error:
+            change()
+        assert (f"sim.{name}" in str(error.value)) == hasattr(sim, name)
+        if name in built:
+            with pytest.raises(tc.SceneError, match="has begun"), scene.running(sim.prescribed.script):
+                change()
+    assert repr((scene, scene.script, scene.masses, scene.creases, scene.forces)) == before
     with pytest.raises(tc.SceneError, match="no such vertex"):
         sim.unpin(cloth, 11)
+
+
+def test_a_scene_is_free_again_when_its_simulations_are_over():
+    scene = tc.Scene()
+    cloth = scene.add_cloth(tc.grid(0.5, 5), tc.Fabric(0.2, tc.Stretch(100)))
+    with tc.Simulation(scene, h=1 / 60, integrator="verlet"):
+        with pytest.raises(tc.SceneError, match="has begun"):
+            scene.pin(cloth, 12)
+    scene.pin(cloth, 12)
+    sim = tc.Simulation(scene, h=1 / 60, integrator="verlet", precision="f32")
+    with pytest.raises(tc.SceneError, match="has begun"):
+        scene.pin(cloth, 13)
+    sim.itself = sim
+    del sim  # nobody closed it
+    scene.pin(cloth, 13)
+    ended = tc.Simulation(scene, h=1 / 60, integrator="verlet", precision="f32")
+    with tc.Simulation(scene, h=1 / 60, integrator="verlet", precision="f64"):
+        with pytest.raises(tc.SceneError, match="has begun"):
+            scene.pin(cloth, 14)
+    assert not ended.is_open  # by the one of another precision
+    scene.pin(cloth, 14)
