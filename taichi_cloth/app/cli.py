@@ -96,7 +96,8 @@ def _guard(work: Callable[[], int]) -> int:
 
 
 def _run(args: argparse.Namespace, scene) -> int:
-    from .runner import describe, simulate
+    from .runner import simulate
+    from .summary import describe
 
     started = time.perf_counter()
     options = _options(args, scene)
@@ -166,7 +167,7 @@ def _options(args: argparse.Namespace, scene):
     from .. import checks
     from ..errors import SceneError, did_you_mean
     from ..simulation.simulation import MOST_FRAMES
-    from .runner import RunOptions
+    from .running import RunOptions
 
     given = {"duration": DURATION, "fps": FPS, **scene.run}
     unknown = [name for name in given if name not in ("duration", "fps", *BY_NAME)]

@@ -1,17 +1,15 @@
 """Recording a simulation from Python: the folder that `taichi-cloth run` leaves, for one that a script or a notebook made."""
 
-import contextlib
 import os
-import time
 from collections.abc import Callable
 
 from .. import checks
-from ..errors import OutputError, SimulationError
+from ..errors import OutputError
 from ..output.folder import RunFolder
 from ..recording.recorded import Recording
-from ..recording.resuming import run_of
 from ..simulation import Simulation
-from .runner import RunOptions, Writer, described, progress, summary
+from .running import RunOptions, run
+from .summary import described
 
 
 def record(sim: Simulation, out: str | os.PathLike, duration: float, fps: float = 30.0,
@@ -41,38 +39,7 @@ def record(sim: Simulation, out: str | os.PathLike, duration: float, fps: float 
     checks.maybe(on_frame, checks.function, "record: on_frame", "simulation", "frame")
     options = RunOptions(str(folder_path), duration, fps, overwrite=checks.flag("record: overwrite", overwrite),
                          checkpoint_every=checks.integer("record: checkpoint_every", checkpoint_every, least=0))
-    manifest = {**described(sim, options), "scene": checks.name("record: name", name), "path": None, "source": None,
-                "settings": {}}
-    folder, started = RunFolder(folder_path, options.overwrite), time.perf_counter()
-    outcome, writer = "interrupted", None
-    try:
-        folder.write_manifest({**manifest, "status": "running", "frames": [0, None]})
-        writer = Writer(folder, sim, options, None, 0, run_of(manifest))
-        with progress(options) as show:
-            sim.run(duration, fps, _kept(writer, show, on_frame))
-        writer.check()
-        outcome = "finished"
-    except Exception as error:
-        outcome = f"{'gave up' if isinstance(error, SimulationError) else 'failed'}: {type(error).__name__}: {error}"
-        raise
-    finally:
-        with contextlib.closing(folder), (contextlib.suppress(OutputError) if outcome.startswith("failed")
-                                          else contextlib.nullcontext()):
-            if writer:
-                writer.finish()
-            folder.write_manifest({**manifest, "status": outcome, "frames": writer.kept if writer else None,
-                                   "simulated_s": sim.time, "wall_s": round(time.perf_counter() - started, 3),
-                                   "summary": summary(sim), "output_seconds": writer.seconds if writer else {}})
+    manifest = {**described(sim, duration, fps, None), "scene": checks.name("record: name", name), "path": None,
+                "source": None, "settings": {}}
+    run(sim, options, RunFolder(folder_path, options.overwrite), manifest, on_frame)
     return Recording(folder_path)
-
-
-def _kept(writer: Writer, show: Callable[[Simulation, int], None],
-          on_frame: Callable[[Simulation, int], None] | None) -> Callable[[Simulation, int], None]:
-    """A function of frames that calls the user's, keeps the frame and says how far it is."""
-    def keep(sim: Simulation, frame: int) -> None:
-        if on_frame is not None:
-            on_frame(sim, frame)
-        writer.write(frame)
-        show(sim, frame)
-
-    return keep

@@ -126,7 +126,7 @@ def test_bitwise_repeatable():
 
 def test_a_summary_adds_up_what_steps_say():
     """Rejections by name over all steps, not those of one."""
-    from taichi_cloth.app.runner import summary
+    from taichi_cloth.app.summary import summary
 
     scene = tc.Scene()
     scene.add_cloth(tc.grid(1.0, 2), tc.Fabric(0.2, tc.Stretch(100)))

@@ -1,0 +1,213 @@
+"""A run: simulate, draw, keep every frame in a folder, show how far it is. For the command and for `tc.record`."""
+
+import contextlib
+import functools
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field
+
+import numpy as np
+
+from ..errors import ClothError, OutputError, SimulationError
+from ..output.folder import FRAMES, RunFolder
+from ..recording import record
+from ..recording.resuming import run_of
+from ..scene.scene import Scene
+from ..simulation import Simulation
+from .interrupts import after_this_frame
+from .progress import progress
+from .summary import summary
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What the command line asks for.
+
+    Attributes:
+        out: folder, or None to write nothing.
+        size: of the pictures [pixels], or None for no pictures.
+        simulation: arguments of `Simulation`.
+        settings: options of the scene's build.
+        look: as `look_flags.look_of` gives it.
+        pictures: which frames are drawn, as `drawing.numbers_in` reads it; "" is all.
+        passes: as `look_flags.passes_of` gives it.
+        checkpoint_every: frames; 0 writes none.
+        frames: whether positions are kept, for rendering again and for export.
+        resume: goes on with the run in `out`; from its last whole checkpoint, or from that of frame `from_frame` or the
+            last one before it.
+        force: goes on though the scene or its parameters have changed.
+    """
+
+    out: str | None
+    duration: float
+    fps: float
+    size: tuple[int, int] | None = None
+    overwrite: bool = False
+    settings: dict = field(default_factory=dict)
+    simulation: dict = field(default_factory=dict)
+    look: dict = field(default_factory=dict)
+    pictures: str = ""
+    passes: tuple[tuple[str, ...], str] = ((), "npy")
+    checkpoint_every: int = 10
+    frames: bool = True
+    resume: bool = False
+    from_frame: int | None = None
+    force: bool = False
+
+    @functools.cached_property
+    def drawn(self) -> set[int]:
+        """Numbers of the frames that are drawn."""
+        from ..recording.drawing import numbers_in
+
+        there = range(round(self.duration * self.fps) + 1)
+        return set(numbers_in(self.pictures, there) if self.pictures else there)
+
+
+def run(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest: dict,
+        on_frame: Callable[[Simulation, int], None] | None = None, resumed: int | None = None, first: int | None = 0,
+        began: float | None = None, said: Callable[[Exception], str] | None = None) -> None:
+    """Runs a simulation and keeps its frames; whatever ends it, they are whole and the manifest says what it was.
+
+    Args:
+        folder: to be closed at the end; None keeps nothing.
+        on_frame: the user's, called before a frame is kept.
+        resumed: as in `Simulation.run`; first: frame that the folder has, None where it keeps none.
+        began: when it did, by `time.perf_counter`; now where None.
+        said: an exception of the user's code in words.
+    """
+    frames = max(1, round(options.duration * options.fps))
+    with (_kept(sim, options, folder, manifest, resumed, first, time.perf_counter() if began is None else began,
+                said or _said) as keep, progress(frames) as show, after_this_frame() as interrupted):
+        def each(sim: Simulation, frame: int) -> None:
+            if on_frame is not None:
+                on_frame(sim, frame)
+            keep(frame)
+            show(sim, frame)
+            if interrupted():
+                raise KeyboardInterrupt
+
+        sim.run(options.duration, options.fps, each, resumed)
+
+
+@contextlib.contextmanager
+def _kept(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest: dict, resumed: int | None,
+          first: int | None, began: float, said: Callable[[Exception], str]) -> Iterator[Callable[[int], None]]:
+    """A function that keeps a frame; the folder's manifest says what becomes of the run."""
+    if folder is None:
+        yield lambda frame: None
+        return
+    outcome, writer = "interrupted", None
+    try:
+        folder.write_manifest({**manifest, "status": "running", "frames": None if first is None else [first, None]})
+        writer = Writer(folder, sim, options, resumed, first, run_of(manifest))
+        yield writer.write
+        writer.check()
+        outcome = "finished"
+    except Exception as error:
+        known = str(error) if isinstance(error, ClothError) else said(error)
+        outcome = f"{'gave up' if isinstance(error, SimulationError) else 'failed'}: {known}"
+        raise
+    finally:
+        with contextlib.closing(folder), (contextlib.suppress(OutputError) if outcome.startswith("failed")
+                                          else contextlib.nullcontext()):
+            if writer:
+                writer.finish()
+            folder.write_manifest({**manifest, "status": outcome, "frames": writer.kept if writer else None,
+                                   "simulated_s": sim.time, "wall_s": round(time.perf_counter() - began, 3),
+                                   "summary": summary(sim), "output_seconds": writer.seconds if writer else {}})
+
+
+def _said(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"
+
+
+class Writer:
+    """Writes what a run leaves behind, frame by frame, and keeps count of what that costs.
+
+    Attributes:
+        seconds: wall time by what was done: draw, write.
+    """
+
+    def __init__(self, folder: RunFolder, sim: Simulation, options: RunOptions, resumed: int | None, first: int | None,
+                 run: str) -> None:
+        self.folder, self.sim, self.options, self.run = folder, sim, options, run
+        self.first, self.last = first, resumed
+        self.seconds = {"draw": 0.0, "write": 0.0}
+        self.written = len(sim.log)
+        self.geometry = record.geometry(sim)
+        folder.write_telemetry([asdict(r) for r in sim.log])
+        folder.write_geometry(self.geometry)
+        self.artist = _artist(self.geometry, options, sim.scene) if options.size else None
+        self.cut = 0  # frames in which cloth is not all in the picture
+
+    def write(self, frame: int) -> None:
+        """The frame at which the simulation now is."""
+        sim, folder = self.sim, self.folder
+        begun = time.perf_counter()
+        arrays = record.frame(sim)
+        files = self._draw(arrays, frame)
+        drawn = time.perf_counter()
+        for ending, data in files.items():
+            folder.write_image(frame, data, ending)
+        if self.options.frames:
+            folder.write_frame(frame, arrays)
+            self.last = frame
+        self.flush()
+        every = self.options.checkpoint_every
+        if every and frame % every == 0:
+            folder.write_checkpoint(frame, sim.checkpoint(), self.run)
+        self.seconds["draw"] += drawn - begun
+        self.seconds["write"] += time.perf_counter() - drawn
+
+    def _draw(self, arrays: dict[str, np.ndarray], frame: int) -> dict[str, bytes]:
+        """The frame's pictures by their files' endings."""
+        if self.artist is None or frame not in self.options.drawn:
+            return {}
+        from ..recording.drawing import Extras, files_of
+
+        self.cut += self.artist.fitted and not self.artist.sees(arrays)
+        return files_of(self.artist, arrays, frame, Extras(*self.options.passes))[1]
+
+    def flush(self) -> None:
+        """Telemetry of the steps since the last time."""
+        self.folder.append_telemetry([asdict(r) for r in self.sim.log[self.written:]])
+        self.written = len(self.sim.log)
+
+    @property
+    def kept(self) -> list[int] | None:
+        """First and last frame whose positions are in the folder."""
+        return None if self.first is None or self.last is None or self.last < self.first else [self.first, self.last]
+
+    def check(self) -> None:
+        """All frames are still there.
+
+        Raises:
+            OutputError: some were removed while the run went on.
+        """
+        missing = self.folder.missing_frames(*self.kept) if self.kept else []
+        if missing:
+            raise OutputError(f"{self.folder.path / FRAMES}: {len(missing)} frames were removed while the run went on, the "
+                              f"first is {missing[0]}")
+
+    def finish(self) -> None:
+        """The last steps."""
+        self.flush()
+        if self.cut:
+            print(f"note: cloth left the picture in {self.cut} of {len(self.options.drawn)} frames: `taichi-cloth render "
+                  f"{self.folder.path}` draws them through a camera that fits all of them", file=sys.stderr)
+        self.seconds = {k: round(v, 4) for k, v in self.seconds.items()}
+
+
+def _artist(geometry: dict[str, np.ndarray], options: RunOptions, scene: Scene):
+    """What draws the run's frames."""
+    from ..output.look import Look
+    from ..output.picture import Artist
+    from ..recording.expected import expected
+    from ..recording.playback import heat_of
+
+    assert options.size is not None
+    look = dict(options.look)
+    if look.get("heat"):
+        look["heat"] = heat_of(look["heat"][0], geometry, look["heat"][1])
+    return Artist(geometry, options.size, Look(**look), lambda: expected(scene, options.duration))

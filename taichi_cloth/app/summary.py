@@ -1,0 +1,98 @@
+"""A run in numbers: what its manifest says of it, and the lines that the command ends with."""
+
+import datetime
+import platform
+from collections import Counter
+from dataclasses import asdict
+
+import numpy as np
+
+from .. import __version__
+from ..simulation import Simulation
+from ..step.ledger import totals
+
+
+def summary(sim: Simulation) -> dict:
+    """Steps, rejections by name, smallest step, worst residual, iterations and seconds by part of a run."""
+    rejections: Counter[str] = Counter()
+    seconds: dict[str, float] = {}
+    for r in sim.log:
+        rejections.update(r.rejections)
+        for name, value in r.seconds.items():
+            seconds[name] = seconds.get(name, 0.0) + value
+    return {"steps": len(sim.log), "rejections": dict(rejections),
+            "smallest_h": min((r.h for r in sim.log), default=None),
+            "worst_residual": max((r.residual for r in sim.log), default=None),
+            "not_converged": sum(r.status not in ("CONVERGED", "EXPLICIT") for r in sim.log),
+            "cg_iterations": sum(r.iterations for r in sim.log), "solves": sum(r.solves for r in sim.log),
+            "fell_back": sum(bool(r.fell_back) for r in sim.log),
+            "contacts": max((r.contacts for r in sim.log), default=0),
+            "crossings": max((r.crossings for r in sim.log), default=0),
+            "layers": max((r.layers for r in sim.log), default=0),
+            "least_gap": min((r.least for r in sim.log), default=1.0),
+            "tangled": max((r.tangled for r in sim.log), default=0), "pinched": max((r.pinched for r in sim.log), default=0),
+            "intersections": max((r.intersections for r in sim.log if r.intersections is not None), default=None),
+            "largest_stretch": max((r.stretch for r in sim.log), default=None),
+            "energy": totals([r.ledger for r in sim.log]),
+            "seconds": {k: round(v, 4) for k, v in seconds.items()}}
+
+
+def _seams(sim: Simulation) -> str:
+    """What is not sewn together yet, or no longer."""
+    seams, gaps, given = sim.scene.seams, sim.seam_gaps(), sim.stitches_open()
+    count = sum(int(o.sum()) for o in given)
+    if count:
+        return f"seams: {count} of {sum(map(len, given))} stitches have opened, at most {gaps.max():.3g} m\n"
+    if not (gaps > 0).any():
+        return f"seams: all {len(seams)} are closed\n" if seams else ""
+    k = int(np.argmax(gaps))
+    names = seams[k].cloth.mesh.groups
+    joined = [next((n for n, g in names.items() if np.isin(row, g).all()), f"vertices {row[0]} to {row[-1]}")
+              for row in (seams[k].a, seams[k].b)]
+    return (f"seams: {int((gaps > 0).sum())} of {len(seams)} are open, at most {gaps[k]:.3g} m: seam {k} of "
+            f"{seams[k].cloth.name!r}, {joined[0]} to {joined[1]}\n")
+
+
+def describe(sim: Simulation, wall: float) -> str:
+    """The closing lines of a run: how complex it was, how often it went wrong, what it cost."""
+    s = summary(sim)
+    cloths = sim.scene.cloths
+    bad = ", ".join(f"{n} {c}" for n, c in s["rejections"].items()) or "none"
+    parts = ", ".join(f"{n} {v:.2f} s" for n, v in s["seconds"].items() if v)
+    faces = sum(c.mesh.face_count for c in cloths)
+    model = f"{sim.model.n} vertices, {faces} triangles, {len(sim.scene.solids)} solids, at most {s['contacts']} contacts"
+    layers = ""
+    if sim.contacts is not None and sim.contacts.layers is not None:
+        counted = "not counted" if s["intersections"] is None else s["intersections"]
+        layers = (f"layers: at most {s['layers']} pairs of cloth in contact, smallest gap {s['least_gap']:.2f} thicknesses; "
+                  f"intersections {counted}, tangled at most {s['tangled']}, pinched {s['pinched']}\n")
+    return (f"model: {model}\n{layers}{_seams(sim)}"
+            f"trouble: rejected steps: {bad}; taken by backward Euler instead: {s['fell_back']}; smallest h "
+            f"{s['smallest_h'] * 1e3:.3g} ms, worst residual {s['worst_residual']:.1g}, "
+            f"crossings {s['crossings']}, largest stretch {s['largest_stretch']:.3f}\n"
+            f"energy: {_energy(s['energy'])}\n"
+            f"cost: {sim.time:g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}: {s['steps']} "
+            f"steps, {s['cg_iterations']} CG iterations; {parts}")
+
+
+def _energy(total: dict[str, float]) -> str:
+    """What put energy in, what took it, and what is unaccounted for, in a sentence."""
+    taken = ("damping", "method")
+    terms = (f"{name} {-value if name in taken else value:+.3g}" for name, value in total.items()
+             if value and name in ("attachments", "pins", "solids", "lifted", "lowered", "friction", "layers", "wind", *taken))
+    return (f"changed by {total['kinetic'] + total['potential']:+.3g} J: {', '.join(terms) or 'no work'}; "
+            f"unaccounted for {total['unaccounted']:+.2g} J")
+
+
+def described(sim: Simulation, duration: float, fps: float, size: tuple[int, int] | None) -> dict:
+    """What a manifest says of a run whatever its scene comes from."""
+    return {
+        "taichi_cloth": __version__, "python": platform.python_version(), "numpy": np.__version__,
+        "machine": f"{platform.system()} {platform.machine()}",
+        "started": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
+        "duration": duration, "fps": fps, "size": size,
+        "simulation": {**sim.options.record(), **asdict(sim.control), "integrator": sim.integrator_name},
+        "runtime": sim.runtime.record(),
+        "model": {"vertices": sim.model.n, "triangles": sum(c.mesh.face_count for c in sim.scene.cloths),
+                  "solids": len(sim.scene.solids), "notes": sim.notes},
+    }
