@@ -57,6 +57,7 @@ class Bend(Force):
         self.host_arc = np.concatenate([h.areas.sum(axis=1) / np.sqrt(h.length2) for _, h in parts])
         self.host_hinges, self.host_turns = vertices, np.concatenate([flat_turns(h) for _, h in parts])
         self.damps = bool(rest[:, 1].any())
+        self.host_whole = np.ones(len(rest), dtype=bool)
         self._rest, self._sewn = rest, (scene, [(of, h) for of, (_, h) in zip(sewn, parts)])
         self.rest = fields.real(self.elements.count, 4, self.elements.per_entry(rest))  # k, k_d, theta_0, floor2
         heights2 = np.concatenate([(2 * h.areas).min(axis=1) ** 2 / h.length2 for _, h in parts])
@@ -307,7 +308,8 @@ class Bend(Force):
 
         rest = self._rest.copy()
         held = np.append(whole, True)[ends_of(*self._sewn)]
-        rest[:, :2] *= held.all(axis=1, keepdims=True)
+        self.host_whole = held.all(axis=1)
+        rest[:, :2] *= self.host_whole[:, None]
         write(self.rest, self.elements.per_entry(rest).astype(self.model.exchange))
 
     def geometry(self) -> dict[str, np.ndarray]:
@@ -320,5 +322,6 @@ class Bend(Force):
         return out
 
     def recorded(self) -> dict[str, np.ndarray]:
-        """Angles [rad] that hinges have been creased by."""
-        return {"hinge_crease": self.hysteresis.creases().astype(np.float32)} if self.yields else {}
+        """Angles [rad] that hinges have been creased by, and which of them are whole, where not all are."""
+        out = {"hinge_crease": self.hysteresis.creases().astype(np.float32)} if self.yields else {}
+        return out if self.host_whole.all() else out | {"hinge_whole": self.host_whole}

@@ -35,6 +35,7 @@ class Artist:
     def __init__(self, geometry: Frame, size: tuple[int, int], look: Look,
                  frames: Callable[[], Iterable[Frame]] | None = None) -> None:
         self.look, self.geometry, self.size = look, geometry, size
+        self._first = {name: geometry[name] for name in ("faces", "sewn") if name in geometry}
         look.check_names([str(name) for name in geometry["cloth_names"]])
         self.smooth = (Smooth(geometry["faces"], len(geometry["x"]), look.smooth, geometry.get("sewn")) if look.smooth
                        else None)
@@ -101,12 +102,13 @@ class Artist:
                                frame.get("solid_x", self.geometry["solid_x"]).astype(np.float64)])
 
     def _follow(self, frame: Frame) -> None:
-        """Takes over the faces that a frame has of its own: those of cloth that tears."""
+        """Takes over the faces that a frame has of its own, where cloth tears, and what is sewn in it."""
         g, drawn = self.geometry, self.renderer.surfaces
-        if "faces" not in frame or np.array_equal(frame["faces"], g["faces"]):
+        own = {name: frame.get(name, first) for name, first in self._first.items()}
+        if all(np.array_equal(array, g[name]) for name, array in own.items()):
             return
-        self.geometry = g | {"faces": frame["faces"]}
-        faces = frame["faces"]
+        self.geometry = g = g | own
+        faces = g["faces"]
         if self.smooth is not None:
             before = self.smooth.count
             self.smooth = Smooth(faces, len(g["x"]), self.look.smooth, g.get("sewn"))

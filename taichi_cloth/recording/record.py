@@ -18,9 +18,12 @@ def geometry(sim: Simulation) -> dict[str, np.ndarray]:
     What `as_built` says; hinges with stiffness [N m] and rest angle; where bending goes by curvatures `patches` of vertices
     round triangles, their weights and stiffness; where anything is sewn, `sewn`, the vertex that stands for what each is sewn
     to, `panel` of each face with `panel_names`, and `seam_length` [m] of each vertex; where fabrics have limits `face_limit`,
-    where they yield or are creased `creases` and what a hinge's or triangle's curvature is computed from.
+    where they yield or are creased `creases` and what a hinge's or triangle's curvature is computed from; where cloth may tear
+    `corners` (m, 3), faces over corners of their own.
     """
     out = as_built(sim.scene)
+    if any(c.split is not None for c in sim.scene.cloths):
+        out["corners"] = np.concatenate([c.mesh.faces + c.start for c in sim.scene.cloths]).astype(np.int32)
     out |= {"hinges": np.zeros((0, 4), dtype=np.int64), "hinge_k": np.zeros(0), "hinge_rest": np.zeros(0)}
     for force in sim.force_terms:
         out |= force.geometry()
@@ -74,10 +77,16 @@ def _sewn(sim: Simulation) -> dict[str, np.ndarray]:
             "seam_length": _seam_lengths(sim)}
 
 
+def _still_sewn(sim: Simulation) -> np.ndarray:
+    """(n,) the vertex that stands for what each is still sewn to, by a seam or where cloth may tear."""
+    pairs = [(s.cloth.start + s.a[~o], s.cloth.start + s.b[~o]) for s, o in zip(sim.scene.seams, sim.stitches_open())]
+    return components(sim.vertex_count, *(np.concatenate(side) for side in zip(*pairs)))
+
+
 def _seam_lengths(sim: Simulation) -> np.ndarray:
     """(n,) length of seam [m] that each vertex stands for: half of the edges beside it, as the pattern has them."""
     out = np.zeros(sim.vertex_count)
-    for seam in sim.scene.seams:
+    for seam in (s for s in sim.scene.seams if not s.tears):
         mesh, n = seam.cloth.mesh, seam.cloth.mesh.vertex_count
         ends = np.stack([mesh.faces[:, [0, 1, 2]], mesh.faces[:, [1, 2, 0]]], axis=2).reshape(-1, 2)
         length = np.linalg.norm(mesh.corner_uv[:, [0, 1, 2]] - mesh.corner_uv[:, [1, 2, 0]], axis=2).ravel()
@@ -101,7 +110,8 @@ def frame(sim: Simulation) -> dict[str, np.ndarray]:
     """What moves, now: t [s]; f32 x (n, 3) [m], v [m/s], with solids contact [N], surfaces and camera where they move.
 
     With seams `seam`, their tension [N/m] at each vertex; with fabrics that yield `hinge_crease` [rad], `patch_crease` [1/m];
-    where cloth may tear, faces (m, 3) as they hang together, over one vertex for all that are joined.
+    where cloth may tear, faces (m, 3) as they hang together, over one vertex for all that are joined; where seams have opened
+    `sewn`; hinges over what opened are not among `hinge_whole`.
     """
     solids = [s for s in sim.scene.solids if not is_ground(s)]
     out = {"t": np.array(sim.time), "x": sim.positions().astype(np.float32), "v": sim.velocities().astype(np.float32)}
@@ -113,6 +123,8 @@ def frame(sim: Simulation) -> dict[str, np.ndarray]:
         out["contact"] = sim.contact_forces().astype(np.float32)
     if any(c.split is not None for c in sim.scene.cloths):
         out["faces"] = sim.faces().astype(np.int32)
+    if any(not s.tears for s in sim.scene.seams) and any(o.any() for o in sim.stitches_open()):
+        out["sewn"] = _still_sewn(sim)
     if any(s.moves for s in solids):
         out["solid_x"] = np.concatenate([s.surface_at(sim.time) for s in solids]).astype(np.float32)
     if isinstance(sim.scene.view.camera, CameraKeys):

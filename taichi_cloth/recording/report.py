@@ -162,7 +162,7 @@ def _playback(recording: Recording, budget: float) -> tuple[dict, str]:
 
     paints = paints_of(g)
     data = {"paints": paints[: len(g["cloth_names"])], "solidPaints": paints[len(g["cloth_names"]):],
-            "faces": indices(g["faces"]), "solidFaces": indices(g["solid_faces"]),
+            "faces": indices(g.get("corners", g["faces"])), "solidFaces": indices(g["solid_faces"]),
             "frames": [packed(f["x"]) for f in frames],
             "solidFrames": [packed(x) for x in solids], "low": low.tolist(), "span": span.tolist(), "numbers": kept,
             "times": [float(f["t"]) for f in frames], "fps": float(recording.manifest.get("fps", 24)) / every}

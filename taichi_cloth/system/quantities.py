@@ -86,16 +86,16 @@ def evaluate(name: str, geometry: dict[str, np.ndarray], frame: dict[str, np.nda
     if name == "crease":
         return _creases(geometry, frame)
     if name == "contact":
-        return np.linalg.norm(frame["contact"], axis=1).astype(np.float64) if "contact" in frame else np.zeros(n)
+        return np.linalg.norm(in_one(geometry, frame, frame["contact"]), axis=1) if "contact" in frame else np.zeros(n)
     a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
     area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
     if name == "bend":
         vertices = geometry["hinges"]
         turn = hinge_angle(x[vertices]) - geometry["hinge_rest"]
         turn = (turn + np.pi) % (2 * np.pi) - np.pi
-        energy = geometry["hinge_k"] * turn**2 / 2
+        energy = geometry["hinge_k"] * frame.get("hinge_whole", True) * turn**2 / 2
         own = np.bincount(faces.ravel(), np.repeat(area / 3, 3), minlength=n)
-        total = np.bincount(vertices.ravel(), np.repeat(energy / 4, 4), minlength=n)
+        total = np.bincount(standing(geometry, frame)[vertices].ravel(), np.repeat(energy / 4, 4), minlength=n)
         if "patches" in geometry:
             second = np.einsum("kma,kac->kmc", geometry["patch_weight"], x[geometry["patches"]])
             energy = np.sum(geometry["patch_factor"] * np.sum(second**2, axis=2), axis=1) / 2
@@ -131,12 +131,28 @@ def _creases(geometry: dict[str, np.ndarray], frame: dict[str, np.ndarray]) -> n
     out = np.zeros(len(frame["x"]))
     if "hinge_arc" in geometry:
         stays = geometry["hinge_rest"] + (1 - geometry["hinge_own"]) * frame.get("hinge_crease", 0.0)
+        stays = stays * frame.get("hinge_whole", True)
         for end in (0, 1):
-            np.maximum.at(out, geometry["hinges"][:, end], np.abs(stays) / geometry["hinge_arc"])
+            at = standing(geometry, frame)[geometry["hinges"][:, end]]
+            np.maximum.at(out, at, np.abs(stays) / geometry["hinge_arc"])
     if "patch_crease" in frame:
         for corner in geometry["patch_faces"].T:
             np.maximum.at(out, corner, (1 - geometry["patch_own"]) * frame["patch_crease"])
     return out
+
+
+def standing(geometry: dict[str, np.ndarray], frame: dict[str, np.ndarray]) -> np.ndarray:
+    """(n,) the vertex that each is drawn as: where cloth may tear, one stands for all corners that still hang together."""
+    out = np.arange(len(frame["x"]))
+    if "corners" in geometry:
+        out[geometry["corners"]] = frame.get("faces", geometry["faces"])
+    return out
+
+
+def in_one(geometry: dict[str, np.ndarray], frame: dict[str, np.ndarray], force: np.ndarray) -> np.ndarray:
+    """(n, 3) forces on vertices (n, 3), those on corners that hang together summed on the one that stands for them."""
+    at, n = standing(geometry, frame), len(force)
+    return np.stack([np.bincount(at, part, minlength=n) for part in force.T.astype(np.float64)], axis=1)
 
 
 def on_vertices(values: np.ndarray, faces: np.ndarray, area: np.ndarray, n: int) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ... import checks
 from ...errors import OutputError
-from ...system.quantities import evaluate
+from ...system.quantities import evaluate, in_one
 from ..recording import Recording
 from .pieces import PARTS, Cut, at
 from .shot import shot
@@ -22,6 +22,7 @@ SCENES = {"usda": "usd", "usdc": "usd", "glb": "gltf", "gltf": "gltf", "abc": "b
 MESHES = {"obj": "obj", "pc2": "pc2"}  # several files, also of scenes
 FIELDS = {"vtu": "vtu", "ply": "ply"}  # a file a frame, cloth alone, with values on vertices
 FORMATS = {**SCENES, **MESHES, **FIELDS}
+CHANGING = ("usda", "usdc", "obj")  # formats whose meshes may be others at every frame
 Fields = dict[str, Callable[[dict[str, np.ndarray]], np.ndarray]]
 
 
@@ -45,7 +46,7 @@ def export(recording: Recording, format: str, path: str | os.PathLike | None = N
             written.
     """
     checks.choice("format", format, FORMATS)
-    pieces = Cut(recording, checks.choice("parts", parts, PARTS))
+    pieces = Cut(recording, checks.choice("parts", parts, PARTS), format in CHANGING)
     folder = recording.path / format if path is None else checks.path("export: path", path, OutputError)
     module = importlib.import_module(f"{__name__}.{FORMATS[format]}")
     getattr(module, "needed", lambda format: None)(format)
@@ -58,7 +59,7 @@ def export(recording: Recording, format: str, path: str | os.PathLike | None = N
         of_pieces = {name: pieces.of(field) for name, field in chosen.items()}
         return _in(folder, lambda: module.write(pieces, folder, of_pieces))
     whole = shot(pieces)
-    if format not in ("usda", "usdc", "obj"):
+    if format not in CHANGING:
         whole.one_topology(format)
     return _in(folder, lambda: module.write(whole, folder) if format in MESHES else module.write(whole, file, format))
 
@@ -67,7 +68,7 @@ def usual_fields(recording: Recording) -> Fields:
     """Stretch, and where there are solids the forces of contact [N]."""
     fields: Fields = {"stretch": lambda frame: evaluate("stretch", at(recording.geometry, frame), frame)}
     if "contact" in recording.frame(recording.frames()[0]):
-        fields["contact_force"] = lambda frame: frame["contact"]
+        fields["contact_force"] = lambda frame: in_one(recording.geometry, frame, frame["contact"])
     return fields
 
 

@@ -33,10 +33,15 @@ class Frame(dict):
 
 
 class Cut:
-    """A recording with other meshes: what the modules of formats read."""
+    """A recording with other meshes: what the modules of formats read.
 
-    def __init__(self, recording: Recording, parts: str) -> None:
+    Args:
+        changing: whether normals may belong to other corners at every frame, as they do where seams open.
+    """
+
+    def __init__(self, recording: Recording, parts: str, changing: bool = True) -> None:
         self.recording, self.parts = recording, parts
+        self._names = [name for name in FACES if name != "sewn" or changing or parts == "welded"]
         self.manifest, self.path = recording.manifest, recording.path
         self._own: Arrays = {}
         self._cut = cut(recording.geometry, parts)
@@ -53,7 +58,7 @@ class Cut:
     def frame(self, number: int) -> Frame:
         """What moves, at a frame."""
         whole = self.recording.frame(number)
-        own = {name: whole[name] for name in FACES if name in whole}
+        own = {name: whole[name] for name in self._names if name in whole}
         if own.keys() != self._own.keys() or any(not np.array_equal(own[name], self._own[name]) for name in own):
             self._own, self._cut = own, cut(self.recording.geometry | own, self.parts)
         take, geometry = self._cut
