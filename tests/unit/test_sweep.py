@@ -67,7 +67,7 @@ def test_24_runs_on_two_workers_with_one_killed_are_those_of_one_process(tmp_pat
     told: list[str] = []
     there = tc.sweep(hung, grid, sag, out=tmp_path / "out", workers=2, say=told.append, **HOW)
     begun = (tmp_path / "begun").read_text().split()
-    assert len(begun) == 25 and len(set(begun)) == 3  # one run twice, by a third process
+    assert len(begun) == 25 and len(set(begun)) in (2, 3)  # one run twice; by a third process where that starts in time
     assert (tmp_path / "killed").read_text() in begun and str(os.getpid()) not in begun
     assert [r["status"] for r in there.rows] == ["ok"] * 24 and len(told) == 24
     assert [r["run"] for r in there.rows] == list(range(24)) and there.rows[23]["cells"] == 4
