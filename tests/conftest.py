@@ -27,10 +27,25 @@ def shared() -> pathlib.Path:
 
 @pytest.fixture(scope="session", autouse=True)
 def many_blocks() -> None:
-    """Small meshes in as many blocks as there are threads, as large ones are."""
+    """Small meshes in as many blocks as there are threads, as large ones are; one thread where a test asks for no more, as
+    workers of pytest-xdist would wait for each other's cores."""
+    from taichi_cloth.backend import runtime
     from taichi_cloth.system import state as model
 
     model.ROWS = 1
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        runtime.cores = lambda: 1
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """In every file, tests in f32 come last: Taichi starts anew, and compiles anew, where the precision changes."""
+    files = {path: k for k, path in enumerate(dict.fromkeys(item.path for item in items))}
+
+    def place(item: pytest.Item) -> tuple[int, bool]:
+        values = item.callspec.params.values() if hasattr(item, "callspec") else ()
+        return files[item.path], any(isinstance(value, str) and value == "f32" for value in values)
+
+    items.sort(key=place)
 
 
 @pytest.fixture

@@ -153,7 +153,7 @@ def _doctor() -> int:
     for package in ("taichi", "numpy", "meshio", "rich"):
         from importlib.metadata import version
         print(f"{package:8} {version(package)}")
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    cores = runtime.cores()
     print(f"cpu      runs, f32 and f64, {cores} threads")
     for arch in ARCHS[1:]:
         there = runtime.available(arch)

@@ -63,6 +63,11 @@ _generation = 0
 _holders: weakref.WeakSet = weakref.WeakSet()  # of fields
 
 
+def cores() -> int:
+    """CPU cores that the process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None, quiet: bool = True,
           debug: bool = False) -> Runtime:
     """Starts Taichi, or goes on with it where the same is running already and something still holds fields.
@@ -82,19 +87,19 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     global _current, _generation
     checks.choice("arch", arch, ARCHS)
     checks.choice("precision", precision, PRECISIONS)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    threads = checks.maybe(threads, checks.integer, "threads", most=max(cores, MOST_THREADS), error=BackendError)
+    there = cores()
+    threads = checks.maybe(threads, checks.integer, "threads", most=max(there, MOST_THREADS), error=BackendError)
     quiet, debug = checks.flag("quiet", quiet), checks.flag("debug", debug)
     if arch in NO_DOUBLE and precision == "f64":
         raise BackendError(f"arch {arch!r} has no f64; use precision='f32', or arch 'cpu' or 'cuda'")
     if arch != "cpu" and not available(arch):
-        there = [a for a in ARCHS if a == "cpu" or (a != arch and available(a))]
-        raise BackendError(f"arch {arch!r} does not run here; what does: {', '.join(there)}")
+        others = [a for a in ARCHS if a == "cpu" or (a != arch and available(a))]
+        raise BackendError(f"arch {arch!r} does not run here; what does: {', '.join(others)}")
     import taichi as ti
 
     from . import field_pool
 
-    wanted = Runtime(arch, precision, threads or cores, debug, ".".join(map(str, ti.__version__)))
+    wanted = Runtime(arch, precision, threads or there, debug, ".".join(map(str, ti.__version__)))
     if wanted == _current and (len(_holders) or field_pool.holds()):
         if len(_holders):
             gc.collect()  # simulations that nobody knows any more hold fields until then
