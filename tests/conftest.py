@@ -38,14 +38,13 @@ def many_blocks() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """In every file, tests in f32 come last: Taichi starts anew, and compiles anew, where the precision changes."""
-    files = {path: k for k, path in enumerate(dict.fromkeys(item.path for item in items))}
+    """Tests in f32 come last: where the precision changes, Taichi starts anew and compiles anew."""
 
-    def place(item: pytest.Item) -> tuple[int, bool]:
+    def single(item: pytest.Item) -> bool:
         values = item.callspec.params.values() if hasattr(item, "callspec") else ()
-        return files[item.path], any(isinstance(value, str) and value == "f32" for value in values)
+        return any(isinstance(value, str) and value == "f32" for value in values)
 
-    items.sort(key=place)
+    items.sort(key=single)
 
 
 @pytest.fixture

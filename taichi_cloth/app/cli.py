@@ -143,7 +143,6 @@ def _list() -> int:
 
 
 def _doctor() -> int:
-    import os
     import platform
 
     from .. import __version__

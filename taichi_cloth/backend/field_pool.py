@@ -1,12 +1,12 @@
 """Fields that closed simulations leave for the next, so that kernels need not be compiled again.
 
-Taichi compiles a kernel for the fields it reads, by identity. Simulations declare their fields one after the other, and most
-begin alike. So the pool keeps runs of fields, `Segment`s, as a tree. A new simulation walks it from a root and takes each
-field as long as they are what it declares; where they are not, it goes on in a segment of its own. What it ends with stays for
-others. A segment is used by one simulation at a time; one that starts meanwhile makes a root of its own.
+Taichi compiles a kernel for the fields it reads, by identity. A field is known by where it was declared (the lines of code
+that led there, and how often they did before), by its type, its width and its room. A new simulation gets for each field one
+that was declared alike and that nobody uses, and a new one where there is none. So it compiles what reads fields that others
+did not have, whatever else differs. Of two simulations at a time, each has fields of its own.
 
-Fields are handed out zero, as new ones are. The pool is bounded: beyond that, segments that nobody uses and none follows are
-given back to the system, those used longest ago first.
+Fields are handed out zero, as new ones are. The pool is bounded: beyond that, trees of fields that nobody uses are given back
+to the system, those used longest ago first.
 """
 
 from . import taichi_patches  # noqa: F401  (before Taichi)
@@ -14,7 +14,8 @@ from . import taichi_patches  # noqa: F401  (before Taichi)
 # isort: split
 import ctypes
 import itertools
-from collections.abc import Callable, Hashable, Iterator
+from collections import Counter
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,151 +27,155 @@ MOST_TREES = 200  # of Taichi's fields; it has room for 512
 
 
 @dataclass(eq=False)
-class Segment:
-    """Fields that were declared one after the other.
+class Slot:
+    """A field that is handed out.
 
     Attributes:
-        declared: (what, field): a field, and what it is: room, type and width.
-        follow: segments that go on where `at` of the fields before were taken.
-        trees: (Taichi's tree, the field that comes first in it).
-        used: by a simulation; last: when somebody took it, as a number that grows.
+        key: what it is known by.
+        used: by a simulation.
     """
 
-    before: "Segment | None" = None
-    at: int = 0
-    declared: list[tuple[Hashable, Any]] = field(default_factory=list)
-    follow: list["Segment"] = field(default_factory=list)
-    trees: list[tuple[Any, Any]] = field(default_factory=list)
+    key: Hashable
+    field: Any
     used: bool = True
+
+    @property
+    def node(self):
+        """Taichi's node of its rows, which lies in the root's cell."""
+        return _scalar(self.field).snode.ptr.parent
+
+    def clear(self, address: int) -> None:
+        """Sets it to zero; its tree begins at an address."""
+        rows = self.field.shape[0]
+        ctypes.memset(address + self.node.offset_bytes_in_parent_cell, 0, rows * self.node.cell_size_bytes)
+
+
+@dataclass(eq=False)
+class Tree:
+    """Fields that were allocated together, as a tree of Taichi's.
+
+    Attributes:
+        last: when one of them was left, as a number that grows.
+    """
+
+    handle: Any
+    slots: list[Slot]
     last: int = 0
+    _address: int = 0
 
     @property
     def bytes(self) -> int:
-        """Of its trees."""
-        return sum(_size(first) for _, first in self.trees)
+        """All of it."""
+        return self.slots[0].node.parent.cell_size_bytes
 
-    def destroy(self) -> None:
-        """Gives the memory back to the system; its fields are dead after it."""
-        for tree, _ in self.trees:
-            tree.destroy()
-        self.trees, self.declared = [], []
-        if self.before is not None:
-            self.before.follow.remove(self)
+    @property
+    def used(self) -> bool:
+        """Whether a simulation has any of its fields."""
+        return any(slot.used for slot in self.slots)
+
+    @property
+    def address(self) -> int:
+        """Of its first byte."""
+        if not self._address:
+            self._address = int(_address(_scalar(self.slots[0].field)))
+        return self._address
 
 
-class Walk:
-    """One simulation's way through the segments.
+@dataclass(eq=False)
+class Lease:
+    """The fields of one simulation.
 
     Args:
         pooled: whether it may take what others had, and leaves what it had.
+
+    Attributes:
+        trees: that it made.
     """
 
-    def __init__(self, pooled: bool) -> None:
-        self.pooled, self._at, self._roots = pooled, 0, _roots if pooled else []
-        self._start = _starts[0]
-        self.path: list[Segment] = []
+    pooled: bool
+    trees: list[Tree] = field(default_factory=list)
+    _start: int = field(default_factory=lambda: _starts[0])
+    _taken: list[tuple[Tree, Slot]] = field(default_factory=list)
+    _new: list[Slot] = field(default_factory=list)
+    _met: Counter[Hashable] = field(default_factory=Counter)
 
-    @property
-    def segment(self) -> Segment:
-        """Where it is."""
-        return self.path[-1]
+    def next(self, declared: Hashable, make: Callable[[], Any]) -> Any:
+        """A field that was `declared` like this before, or the one that `make` does."""
+        key = declared, self._met[declared]
+        self._met[declared] += 1
+        known = next((pair for pair in _slots.get(key, ()) if not pair[1].used), None) if self.pooled else None
+        if known is None:
+            self._new.append(Slot(key, make()))
+            return self._new[-1].field
+        tree, slot = known
+        slot.used = True
+        slot.clear(tree.address)
+        self._taken.append(known)
+        return slot.field
 
-    def next(self, what: Hashable, make: Callable[[], Any]) -> Any:
-        """The next field: one that there is, or a new one that `make` declares."""
-        if self.path and self._at < len(self.segment.declared) and self.segment.declared[self._at][0] == what:
-            self._at += 1
-            return self.segment.declared[self._at - 1][1]
-        ways = [s for s in (self.segment.follow if self.path else self._roots) if s.at == (self._at if self.path else 0)]
-        known = next((s for s in ways if not s.used and s.declared and s.declared[0][0] == what), None)
-        if known is not None:
-            self._enter(known)
-            return self.next(what, make)
-        if not (self.path and self.segment.last == 0 and self._at == len(self.segment.declared)):
-            self._begin()
-        made = make()
-        self.segment.declared.append((what, made))
-        self._at += 1
-        return made
+    def planted(self, handle: Any, alone: bool = False) -> None:
+        """What was declared since the last time is in a tree of Taichi's; with `alone` the last of it only."""
+        slots = self._new[-1:] if alone else self._new
+        self._new = self._new[:-1] if alone else []
+        self.trees.append(Tree(handle, slots))
 
-    def new(self) -> Segment | None:
-        """The segment that it began, if it did."""
-        return self.path[-1] if self.path and self.path[-1].last == 0 else None
-
-    def end(self) -> None:
-        """All fields are declared."""
-        for segment in self.path:
-            segment.last = next(_clock)
+    def keep(self) -> None:
+        """All of it is allocated: what is new is in the pool from now on, in use."""
+        if self.pooled:
+            for tree in self.trees:
+                _trees.append(tree)
+                for slot in tree.slots:
+                    _slots.setdefault(slot.key, []).append((tree, slot))
+                    self._taken.append((tree, slot))
+            self.trees = []
 
     def leave(self) -> None:
         """Others may have the fields; those that no other may have go when there is time, in `trim`. The garbage collector may
         call it in the middle of anything."""
-        for segment in self.path:
-            segment.used = False
-        if not self.pooled and self._start == _starts[0]:
-            _dropped.extend(self.path)
-            self.path = []
-
-    def _enter(self, segment: Segment) -> None:
-        self.path.append(segment)
-        self._at, segment.used = 0, True
-        for _, first in segment.trees:
-            ctypes.memset(int(_address(_scalar(first))), 0, _size(first))
-
-    def _begin(self) -> None:
-        before = self.path[-1] if self.path else None
-        segment = Segment(before, self._at)
-        (self._roots if before is None else before.follow).append(segment)
-        self.path.append(segment)
-        self._at = 0
+        for tree, slot in self._taken:
+            slot.used, tree.last = False, next(_clock)
+        if self._start == _starts[0]:
+            _dropped.extend(self.trees)
+        self.trees = []
 
 
-_roots: list[Segment] = []
-_dropped: list[Segment] = []  # that nobody has or may have
+_slots: dict[Hashable, list[tuple[Tree, Slot]]] = {}  # in the order in which they were made
+_trees: list[Tree] = []
+_dropped: list[Tree] = []  # that nobody has or may have
 _starts = [0]  # how often Taichi was started
 _clock = itertools.count(1)
 
 
 def holds() -> bool:
     """Whether there are any fields."""
-    return bool(_roots)
-
-
-def _segments(roots: list[Segment]) -> Iterator[Segment]:
-    for segment in roots:
-        yield segment
-        yield from _segments(segment.follow)
+    return bool(_trees)
 
 
 def trim(most: int = MOST_BYTES, trees: int = MOST_TREES) -> None:
     """Gives memory back to the system, until what nobody uses is at most so many bytes, and all trees so many."""
     while _dropped:
-        _dropped.pop().destroy()
+        _dropped.pop().handle.destroy()
     while True:
-        segments = list(_segments(_roots))
-        free = [s for s in segments if not s.used]
-        ends = [s for s in free if not s.follow]
-        if not ends or (sum(s.bytes for s in free) <= most and sum(len(s.trees) for s in segments) <= trees):
+        free = [tree for tree in _trees if not tree.used]
+        if not free or (sum(tree.bytes for tree in free) <= most and len(_trees) <= trees):
             return
-        oldest = min(ends, key=lambda s: s.last)
-        oldest.destroy()
-        if oldest.before is None:
-            _roots.remove(oldest)
+        oldest = min(free, key=lambda tree: tree.last)
+        _trees.remove(oldest)
+        for slot in oldest.slots:
+            _slots[slot.key].remove((oldest, slot))
+        oldest.handle.destroy()
 
 
 def forget() -> None:
     """Taichi was started anew: all fields are dead."""
-    _roots.clear()
+    _slots.clear()
+    _trees.clear()
     _dropped.clear()
     _starts[0] += 1
 
 
 def _scalar(of):
     return of.get_scalar_field(0) if isinstance(of, ti.MatrixField) else of
-
-
-def _size(first) -> int:
-    """Bytes of the tree of a field."""
-    return _scalar(first).snode.ptr.parent.parent.cell_size_bytes
 
 
 @ti.kernel

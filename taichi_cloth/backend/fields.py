@@ -3,6 +3,7 @@
 from . import taichi_patches  # noqa: F401  (before Taichi)
 
 # isort: split
+import sys
 import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -34,15 +35,16 @@ class Fields:
     Args:
         exchange: numpy type of arrays handed to kernels.
         exact: whether fields have no more rows than are asked for, so that checks of bounds see what is beyond.
-        pooled: whether they may be fields that others had before, and are left to others (`field_pool`).
+        pooled: whether they may be fields that others had before, and are left to others: see `field_pool`.
     """
 
     def __init__(self, exchange: type, exact: bool = False, pooled: bool = False) -> None:
         self.exchange, self.exact = exchange, exact
         runtime.hold(self)
         field_pool.trim()
-        self._walk = field_pool.Walk(pooled and not exact)
-        self._builder = self._first = None  # of what is new; and the first field in it
+        self._lease = field_pool.Lease(pooled and not exact)
+        self._maker = sys._getframe(1).f_code  # places of declarations are told from there on
+        self._builder = None  # of what is new
         self._end: weakref.finalize | None = None  # what the garbage collector does
         self._reals: list[Filled] = []
         self._integers: list[Filled] = []
@@ -61,10 +63,14 @@ class Fields:
         def make():
             field, builder = ti.Vector.field(width, float), ti.FieldsBuilder()
             builder.dense(ti.i, self.room(n)).place(field)
-            self._walk.segment.trees.append((builder.finalize(), field))
+            alone.append(builder.finalize())
             return field
 
-        return self._next(n, ("aside", width), make)
+        alone: list = []
+        field = self._next(n, ("aside", width), make)
+        if alone:
+            self._lease.planted(alone[0], alone=True)
+        return field
 
     def room(self, n: int) -> int:
         """Rows that a field of n rows gets."""
@@ -73,8 +79,8 @@ class Fields:
     def allocate(self) -> None:
         """Allocates and fills every field that was declared."""
         self._finalize()
-        self._walk.end()
-        self._end = weakref.finalize(self, self._walk.leave)
+        self._lease.keep()
+        self._end = weakref.finalize(self, self._lease.leave)
         self._end.atexit = False
         for k, filled in enumerate(self._reals):
             for first, numbers in _parts(filled, self.exchange):
@@ -90,25 +96,22 @@ class Fields:
         if self._builder is not None:  # else Taichi compiles no further kernel
             self._finalize()
             ti.sync()  # Taichi looks at its new fields here, and would otherwise after they are gone
-        self._walk.leave()
+        self._lease.leave()
         if self._end is not None:
             self._end.detach()
-        new = self._walk.new() if self._walk.pooled else None
-        if new is not None:
-            new.destroy()
         field_pool.trim()
         runtime.let_go(self)
 
     def _finalize(self) -> None:
         if self._builder is not None:
-            self._walk.segment.trees.append((self._builder.finalize(raise_warning=False), self._first))
+            self._lease.planted(self._builder.finalize(raise_warning=False))
             self._builder = None
 
     def _declare(self, n: int, width: int, dtype, data: np.ndarray | None, filled: list[Filled]):
         def make():
             field = ti.Vector.field(width, dtype) if width > 1 else ti.field(dtype)
             if self._builder is None:
-                self._builder, self._first = ti.FieldsBuilder(), field
+                self._builder = ti.FieldsBuilder()
             self._builder.dense(ti.i, self.room(n)).place(field)
             return field
 
@@ -121,9 +124,18 @@ class Fields:
         return field
 
     def _next(self, n: int, kind: tuple[str, int], make: Callable):
-        field = self._walk.next((self.room(n), *kind), make)
+        field = self._lease.next((self.room(n), *kind, *self._place()), make)
         field.rows = n
         return field
+
+    def _place(self) -> Iterator[tuple[str, int]]:
+        """The lines of code that led to a declaration, from where these fields were made."""
+        frame = sys._getframe(1)
+        while frame is not None and frame.f_code is not self._maker:
+            yield frame.f_code.co_filename, frame.f_lineno
+            frame = frame.f_back
+        if frame is not None:
+            yield frame.f_code.co_filename, frame.f_lineno
 
     @ti.kernel
     def _fill_reals(self, k: int, first: int, numbers: ti.types.ndarray()):

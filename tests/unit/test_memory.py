@@ -19,7 +19,7 @@ def trees() -> int:
 
 def held() -> list[int]:
     """Bytes of what somebody uses in the pool."""
-    return [s.bytes for s in field_pool._segments(field_pool._roots) if s.used]
+    return [tree.bytes for tree in field_pool._trees if tree.used]
 
 
 @pytest.fixture

@@ -73,7 +73,7 @@ def test_another_mesh_and_other_numbers_compile_nothing_and_go_as_alone(monkeypa
     assert not compiled.new()
     sim.close()
     with here["run"](8, 0.9, bend=False):  # of another make: what it has not in common is compiled
-        assert 10 < len(compiled.new())
+        assert 3 < len(compiled.new()) < 12
     with here["run"](9, 1.0), here["run"](9, 1.0, bend=False):  # two at once: the second's fields are new
         assert len(compiled.new()) > 20
     with here["run"](9, 1.0, bend=False), here["run"](9, 1.0):
@@ -137,22 +137,24 @@ def test_fields_come_again_and_are_zero(fields):
 
 def test_the_pool_is_bounded(fields):
     sets = [fields(300_000) for _ in range(3)]
-    sizes = [s.bytes for s in field_pool._segments(field_pool._roots)]
-    assert len(sizes) == 3 and min(sizes) > 300_000 * (2 + 4 + 3) * 8
+    sizes = [tree.bytes for tree in field_pool._trees]  # two each: what is aside has one of its own
+    assert len(sizes) == 6 and min(sizes[0] + sizes[1], sizes[4] + sizes[5]) > 300_000 * (2 + 4 + 3) * 8
     for held, _ in sets:
         held.free()
-    field_pool.trim(2 * sizes[0])
-    assert len(field_pool._roots) == 2
+    field_pool.trim(sum(sizes[2:]))
+    assert len(field_pool._trees) == 4
     held, made = fields(300_000)
     assert any(same(made, sets[1][1])) and not any(same(made, sets[0][1]))  # the oldest is gone
     field_pool.trim(0)
     assert field_pool.holds() and np.array_equal(made[0].to_numpy()[:2], [[0, 1], [2, 3]])  # what is used stays
     held.free()
-    for _ in range(5):
-        held, _ = fields(5, width=4)
+    field_pool.trim(0)
+    for width in range(3, 8):
+        held, _ = fields(5, width=width)
         held.free()
-    field_pool.trim(trees=1)
-    assert not field_pool.holds()
+    assert len(field_pool._trees) == 2 + 4  # the first whole, of the others the last field
+    field_pool.trim(trees=3)
+    assert len(field_pool._trees) == 3
 
 
 def test_what_was_declared_and_not_allocated_leaves_nothing(fields):
