@@ -7,6 +7,7 @@ import sys
 import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from types import FrameType
 
 import numpy as np
 import taichi as ti
@@ -130,7 +131,7 @@ class Fields:
 
     def _place(self) -> Iterator[tuple[str, int]]:
         """The lines of code that led to a declaration, from where these fields were made."""
-        frame = sys._getframe(1)
+        frame: FrameType | None = sys._getframe(1)
         while frame is not None and frame.f_code is not self._maker:
             yield frame.f_code.co_filename, frame.f_lineno
             frame = frame.f_back
