@@ -81,6 +81,13 @@ class Tree:
         return self._address
 
 
+_slots: dict[Hashable, list[tuple[Tree, Slot]]] = {}  # in the order in which they were made
+_trees: list[Tree] = []
+_dropped: list[Tree] = []  # that nobody has or may have
+_starts = [0]  # how often Taichi was started
+_clock = itertools.count(1)
+
+
 @dataclass(eq=False)
 class Lease:
     """The fields of one simulation.
@@ -134,16 +141,10 @@ class Lease:
         call it in the middle of anything."""
         for tree, slot in self._taken:
             slot.used, tree.last = False, next(_clock)
+        self._taken = []
         if self._start == _starts[0]:
             _dropped.extend(self.trees)
         self.trees = []
-
-
-_slots: dict[Hashable, list[tuple[Tree, Slot]]] = {}  # in the order in which they were made
-_trees: list[Tree] = []
-_dropped: list[Tree] = []  # that nobody has or may have
-_starts = [0]  # how often Taichi was started
-_clock = itertools.count(1)
 
 
 def holds() -> bool:

@@ -46,7 +46,6 @@ class Fields:
         self._lease = field_pool.Lease(pooled and not exact)
         self._maker = sys._getframe(1).f_code  # places of declarations are told from there on
         self._builder = None  # of what is new
-        self._end: weakref.finalize | None = None  # what the garbage collector does
         self._reals: list[Filled] = []
         self._integers: list[Filled] = []
 
@@ -81,8 +80,7 @@ class Fields:
         """Allocates and fills every field that was declared."""
         self._finalize()
         self._lease.keep()
-        self._end = weakref.finalize(self, self._lease.leave)
-        self._end.atexit = False
+        weakref.finalize(self, self._lease.leave).atexit = False
         for k, filled in enumerate(self._reals):
             for first, numbers in _parts(filled, self.exchange):
                 self._fill_reals(k, first, numbers)
@@ -98,8 +96,6 @@ class Fields:
             self._finalize()
             ti.sync()  # Taichi looks at its new fields here, and would otherwise after they are gone
         self._lease.leave()
-        if self._end is not None:
-            self._end.detach()
         field_pool.trim()
         runtime.let_go(self)
 
