@@ -5,6 +5,7 @@ round them, that could poke through a triangle of cloth between its vertices.
 """
 
 import math
+import numbers
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,10 +90,13 @@ class Capsule:
 
     a: tuple[float, float, float]
     b: tuple[float, float, float]
-    radius: float
+    radius: float = math.nan  # has to be given: what is given instead is answered by how
     kind = CAPSULE
 
     def __post_init__(self) -> None:
+        if isinstance(self.a, numbers.Real) and isinstance(self.b, numbers.Real):
+            raise SceneError(f"capsule: a = {shown(self.a)} and b = {shown(self.b)} must be the ends of its axis, not a "
+                             "radius and a height: one that stands is Capsule((0, 0, 0), (0, height, 0), radius)")
         _positive(self, "capsule", "radius")
         for name in "ab":
             object.__setattr__(self, name, tuple(checks.vector(f"capsule {name}", getattr(self, name), "m").tolist()))

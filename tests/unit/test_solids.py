@@ -142,7 +142,10 @@ def test_a_sequence_is_interpolated():
 
 @pytest.mark.parametrize("make, words", [
     (lambda: tc.Sphere(-1), "radius"), (lambda: tc.Box((1, 0, 1)), "box size"), (lambda: tc.Box((1, 1, 1), 0.6), "radius"),
-    (lambda: tc.Capsule((0, 0, 0), (0, 0, 0), 1), "Sphere"), (lambda: tc.Plane((0, 0, 0)), "normal"),
+    (lambda: tc.Capsule((0, 0, 0), (0, 0, 0), 1), "Sphere"),
+    (lambda: tc.Capsule((0, 0, 0), (0, 1, 0)), "capsule radius = nan"),
+    (lambda: tc.Capsule(0.1, 0.5), r"not a radius and a height: one that stands is Capsule\(\(0, 0, 0\), \(0, height, 0\)"),
+    (lambda: tc.Plane((0, 0, 0)), "normal"),
     (lambda: tc.SolidMesh(np.full((4, 3), np.nan), [[0, 1, 2]]), "not finite"),
     (lambda: tc.SolidMesh(np.zeros((2, 4, 3)), [[0, 1, 2]]), "fps"),
     (lambda: tc.SolidMesh(CUBE[0], [[0, 1, 99]]), r"face 0 \[0, 1, 99\] names a vertex out of range, but there are 8"),
