@@ -44,7 +44,7 @@ MUTATIONS = (
     ("taichi_cloth/step/giving.py", "self.stitches.model.restore()", "pass", "the step goes on from its end", RIPS),
     ("taichi_cloth/contact/cloth/lips.py", "self.resumed()\n        return True", "return True",
      "contact is not told of what has opened", f"{RIPPING}::test_what_was_sewn_meets_as_layers_do"),
-    ("taichi_cloth/forces/bend.py", "*= held.all(axis=1, keepdims=True)", "*= 1", "hinges stay over an open seam",
+    ("taichi_cloth/forces/bend.py", "*= self.host_whole[:, None]", "*= 1", "hinges stay over an open seam",
      f"{RIPPING}::test_hinges_go_with_their_seam"),
     (CLUSTERS, "out = first + rest / (hi - lo)", "out = first", "the first member for the mean", CUT),
     (CLUSTERS, "kept = 1 - CLOSING * h / widest", "kept = 0.0", "seams close at any speed", APART),

@@ -33,11 +33,15 @@ def build(name: str, fields: Fields, model: ParticleState, forces: list, meter: 
         contacts: `contact.response.Contacts` with the scene's solids, or None.
 
     Raises:
-        SceneError: the method does not know contact, or seams.
+        SceneError: the method does not know contact, tears or seams.
     """
     if name in EXPLICIT:
         if contacts is not None:
             raise SceneError(f"integrator {name!r} knows no contact, with solids or between layers of cloth: use 'safe' or "
+                             "'backward_euler'")
+        torn = next((s.cloth.name for s in scene.seams if s.tears), None)
+        if torn is not None:
+            raise SceneError(f"integrator {name!r} solves no system, and cloth tears in one ({torn!r} may): use 'safe' or "
                              "'backward_euler'")
         if scene.seams:
             raise SceneError(f"integrator {name!r} solves no system, and seams are constraints of one: use 'safe' or "
