@@ -1,20 +1,18 @@
 """The forces that a scene needs; `force.Force` is the contract.
 
-A force that no cloth asks for is not in the list, so it has no fields, and no kernel contains it.
+A force that no cloth asks for is not in the list, so it has no fields, and no kernel contains it; what few scenes ask for is
+imported where one does.
 """
 
 from functools import partial
+from typing import Any
 
 from ..backend.fields import Fields
 from ..scene.scene import Scene
 from ..system.state import ParticleState
 from .bend import Bend
-from .closing import Closing
-from .curvature_bend import CurvatureBend
 from .external import Drag, Gravity
 from .force import Force
-from .loads import Loads
-from .local_drag import LocalDrag
 from .membrane import Membrane
 from .pulls import Pulls
 
@@ -27,23 +25,45 @@ def build_forces(fields: Fields, model: ParticleState, scene: Scene, mode: str, 
         substep: explicit step [s] for which triangles are softened, see `Membrane`; None leaves them as they are.
     """
     bends = [f.bend.model for c in scene.cloths if c.whole.has_hinges for f in c.fabrics if f.bend]
-    wanted = (
-        (partial(Membrane, substep=substep), any(f.stretch or f.shear for c in scene.cloths for f in c.fabrics)),
-        (Bend, any(bend == "hinge" for bend in bends)),
-        (CurvatureBend, any(bend == "curvature" for bend in bends)),
-        (Gravity, bool(scene.gravity.any())),
-        (Drag, scene.air is not None and not scene.air.local),
-        (LocalDrag, scene.air is not None and scene.air.local),
-        (Loads, scene.script.bears),
-        (Pulls, _pulls(scene)),
-        (Closing, any(s.pulls.any() for s in scene.seams)),
-    )
-    kinds = [kind for kind, needed in wanted if needed] + scene.forces
+    kinds: list[Any] = []
+    if any(f.stretch or f.shear for c in scene.cloths for f in c.fabrics):
+        kinds.append(partial(Membrane, substep=substep))
+    if any(bend == "hinge" for bend in bends):
+        kinds.append(Bend)
+    if any(bend == "curvature" for bend in bends):
+        from .curvature_bend import CurvatureBend
+
+        kinds.append(CurvatureBend)
+    if scene.gravity.any():
+        kinds.append(Gravity)
+    if scene.air is not None and scene.air.local:
+        from .local_drag import LocalDrag
+
+        kinds.append(LocalDrag)
+    elif scene.air is not None:
+        kinds.append(Drag)
+    return [kind(fields, model, scene, mode) for kind in kinds + _from_outside(scene)]
+
+
+def _from_outside(scene: Scene) -> list:
+    """Kinds of forces that are no fabric's."""
+    kinds: list[Any] = []
+    if scene.script.bears:
+        from .loads import Loads
+
+        kinds.append(Loads)
+    if _pulls(scene):
+        kinds.append(Pulls)
+    if any(s.pulls.any() for s in scene.seams):
+        from .closing import Closing
+
+        kinds.append(Closing)
+    kinds += scene.forces
     if scene.pieces:
         from .gas import Gas
 
         kinds.append(Gas)
-    return [kind(fields, model, scene, mode) for kind in kinds]
+    return kinds
 
 
 def _pulls(scene: Scene) -> bool:

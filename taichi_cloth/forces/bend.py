@@ -11,6 +11,7 @@ import taichi as ti
 
 from ..backend.fields import Fields
 from ..backend.rows import write
+from ..scene.fabric import remembers
 from ..scene.scene import Scene
 from ..system.elements import flat_turns, hinges_of, row_sums, seam_hinges
 from ..system.state import Elements, ParticleState
@@ -18,7 +19,6 @@ from .conditions import sym, sym_outer, sym_scaled_identity
 from .force import Force
 from .hinge import hinge_condition, hinge_condition_change
 from .hinge_rest import creased, rest_of, seam_rest
-from .hysteresis import Hysteresis, joined, remembers, sliders
 
 
 @ti.data_oriented
@@ -45,6 +45,8 @@ class Bend(Force):
         self.hysteresis: Any = None
         self.host_rest = stiff = rest
         if any(remembers(f.bend) for c in bent for f in c.fabrics if f.bend):
+            from .hysteresis import Hysteresis, joined, sliders
+
             first = np.cumsum([0] + [len(h.vertices) for _, h in parts])
             law = joined([sliders(c, h, rest[a:b], k >= len(bent)) for k, ((c, h), a, b) in enumerate(zip(
                 parts, first[:-1], first[1:]))])

@@ -22,15 +22,14 @@ import taichi as ti
 
 from ..backend.fields import Fields
 from ..errors import SceneError
+from ..scene.fabric import remembers
 from ..scene.scene import Scene
 from ..system.elements import row_sums
 from ..system.state import Elements, ParticleState
 from .conditions import sym_outer, sym_scaled_identity, unit
 from .curvature_fit import curvatures
-from .curvature_hysteresis import CurvatureHysteresis
 from .curvature_law import CurvatureLaw, curvature_law, moduli_of, own_part
 from .force import Force
-from .hysteresis import remembers
 
 
 @ti.data_oriented
@@ -71,6 +70,8 @@ class CurvatureBend(Force):
         self.hysteresis: Any = None
         law = CurvatureLaw(*(np.concatenate([getattr(law, f.name) for _, law in laws]) for f in fields_of(CurvatureLaw)))
         if law.mean.any():
+            from .curvature_hysteresis import CurvatureHysteresis
+
             self.hysteresis = CurvatureHysteresis(fields, model, self.elements, model.particle[self.host_faces], law)
             self.host_own = np.concatenate([np.full(len(part.mean), own) for own, part in laws])
             factor[:, :3] *= self.host_own[:, None]

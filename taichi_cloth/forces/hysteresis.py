@@ -54,11 +54,6 @@ class Sliders:
     recovery: np.ndarray
 
 
-def remembers(bend: Bend) -> bool:
-    """Whether a fabric's bending has friction or creases."""
-    return bool(max(pair(bend.friction)) or bend.yield_ is not None)
-
-
 def sliders(cloth: Cloth, h: Hinges, rest: np.ndarray, seam: bool) -> Sliders:
     """Of a cloth's hinges with rows `rest` (stiffness first); those of a seam remember nothing.
 

@@ -206,6 +206,11 @@ def pair(value: Pair) -> tuple[float, float]:
     return value if isinstance(value, tuple) else (value, value)
 
 
+def remembers(bend: Bend) -> bool:
+    """Whether a fabric's bending has friction or creases."""
+    return bool(max(pair(bend.friction)) or bend.yield_ is not None)
+
+
 def _curve(what: str, given: object) -> Curve:
     """Points (strain, tension) as tuples of float."""
     points = checks.array(what, given, ("p", 2), row="point")
