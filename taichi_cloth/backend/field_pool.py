@@ -114,11 +114,9 @@ class Lease:
         if known is None:
             self._new.append(Slot(key, make()))
             return self._new[-1].field
-        tree, slot = known
-        slot.used = True
-        slot.clear(tree.address)
+        known[1].used = True
         self._taken.append(known)
-        return slot.field
+        return known[1].field
 
     def planted(self, handle: Any, alone: bool = False) -> None:
         """What was declared since the last time is in a tree of Taichi's; with `alone` the last of it only."""
@@ -127,7 +125,9 @@ class Lease:
         self.trees.append(Tree(handle, slots))
 
     def keep(self) -> None:
-        """All of it is allocated: what is new is in the pool from now on, in use."""
+        """All of it is allocated: what others had is zero, and what is new is in the pool from now on, in use."""
+        for tree, slot in self._taken:
+            slot.clear(tree.address)
         if self.pooled:
             for tree in self.trees:
                 _trees.append(tree)
