@@ -1,6 +1,8 @@
 """Named failures. Each message names the culprit and says what to do about it."""
 
 import difflib
+import itertools
+import pathlib
 from collections.abc import Iterable
 
 
@@ -54,6 +56,17 @@ def did_you_mean(name: object, choices: Iterable[object]) -> str:
     near = difflib.get_close_matches(name[:100], names, n=1, cutoff=0.5) if isinstance(name, str) else None
     hint = f"did you mean {near[0]!r}? " if near else ""
     return f"{hint}known: {', '.join(sorted(names)) or 'none'}"
+
+
+def near(path: object) -> str:
+    """A half-sentence for an error about a file or folder: what is beside it and has nearly its name; "" where it is there."""
+    place = pathlib.Path(str(path))
+    try:
+        names = [] if place.exists() else [f.name for f in itertools.islice(place.parent.iterdir(), 10_000)]
+    except (OSError, ValueError):
+        return ""
+    found = difflib.get_close_matches(place.name, names, n=1)
+    return f"; did you mean {str(place.parent / found[0])!r}?" if found else ""
 
 
 def shown(value: object, most: int = 60) -> str:

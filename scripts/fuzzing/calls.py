@@ -68,8 +68,10 @@ OPTIONS = {"h": "1/60", "arch": '"cpu"', "precision": "PRECISION", "integrator":
 CALLS: list[tuple[str, str, dict[str, str]]] = [
     ("", "tc.TriMesh", {"x": "np.eye(3)", "faces": "[[0, 1, 2]]", "uv": "[[0.0, 0], [1, 0], [0, 1]]", "groups": '{"a": [0]}',
                         "notes": '("a note",)'}),
-    ("", "tc.grid", {"size": "(1.0, 2.0)", "cells": "(2, 3)", "diagonals": '"cross"', "plane": '"xy"'}),
-    ("", "tc.strip", {"length": "2.0", "width": "1.0", "cells": "4", "diagonals": '"cross"', "plane": '"xy"'}),
+    ("", "tc.grid", {"size": "(1.0, 2.0)", "cells": "(2, 3)", "diagonals": '"cross"', "plane": '"xy"',
+                     "centred": "True"}),
+    ("", "tc.strip", {"length": "2.0", "width": "1.0", "cells": "4", "diagonals": '"cross"', "plane": '"xy"',
+                      "centred": "True"}),
     ("", "tc.equilateral_strip", {"length": "2.0", "rows_across": "2", "cells_along": "4", "plane": '"xy"'}),
     ("", "tc.disk", {"radius": "1.0", "rings": "2", "plane": '"xy"'}),
     ("", "tc.cylinder", {"radius": "1.0", "height": "2.0", "cells": "(5, 2)"}),

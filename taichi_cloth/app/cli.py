@@ -79,15 +79,14 @@ def _dispatch(args: argparse.Namespace) -> int:
 def _guard(work: Callable[[], int]) -> int:
     from ..errors import ClothError, ScriptError
     from .interrupts import raised
+    from .scenefile import own_lines
 
     try:
         with raised():
             return work()
     except ClothError as error:
         if isinstance(error, ScriptError):
-            import traceback
-
-            traceback.print_exception(error.__cause__)
+            print(own_lines(error.__cause__ or error), end="", file=sys.stderr)
         print(f"error: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:

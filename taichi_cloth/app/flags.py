@@ -33,11 +33,15 @@ class Parser(argparse.ArgumentParser):
         return super().parse_args(joined, namespace)
 
     def error(self, message: str) -> NoReturn:
-        """Ends the process with the message, and a suggestion for each flag that is not known."""
+        """Ends the process with the message, and a suggestion for each flag or command that is not known."""
         if message.startswith("unrecognized arguments"):
             for word in re.findall(r"(--[\w-]+)", message):
                 near = difflib.get_close_matches(word, sorted(self.known), n=2)
                 message += f"; {word}: " + (f"did you mean {' or '.join(near)}?" if near else "see --help of the command")
+        choice = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message)
+        if choice:
+            near = difflib.get_close_matches(choice[1], re.findall(r"[\w-]+", choice[2]), n=1)
+            message += f"; did you mean {near[0]!r}?" if near else ""
         super().error(message)
 
 

@@ -2,7 +2,6 @@
 
 import sys
 import time
-import traceback
 
 from ..errors import ClothError, ScriptError
 from ..output.folder import RunFolder, hash_of_file
@@ -10,7 +9,7 @@ from ..output.recording import Recording
 from ..recording.resuming import kept_from, resume
 from ..simulation import Simulation
 from .running import RunOptions, run
-from .scenefile import SceneFile
+from .scenefile import SceneFile, said
 from .summary import described
 
 
@@ -32,19 +31,12 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
     # only now, when nothing in the request is wrong any more, may an earlier run's files go
     folder = RunFolder(options.out, options.overwrite, resumed) if options.out else None
     try:
-        run(sim, options, folder, manifest, None, resumed, first, began, lambda error: _said(error, scene_file))
+        run(sim, options, folder, manifest, None, resumed, first, began, lambda error: said(error, scene_file.path))
     except ClothError:
         raise
     except Exception as error:
-        raise ScriptError(f"scene {scene_file.name}: {_said(error, scene_file)}") from error
+        raise ScriptError(f"scene {scene_file.name}: {said(error, scene_file.path)}") from error
     return sim
-
-
-def _said(error: Exception, scene_file: SceneFile) -> str:
-    """An exception of a scene's own code in one line: what, and where in the scene file."""
-    places = traceback.extract_tb(error.__traceback__)
-    where = next((p for p in reversed(places) if p.filename == scene_file.path), places[-1])
-    return f"{type(error).__name__}: {error} ({where.filename}, line {where.lineno})"
 
 
 def _manifest(scene_file: SceneFile, sim: Simulation, options: RunOptions) -> dict:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from types import ModuleType
 
-from ..errors import ClothError, SceneError, ScriptError, did_you_mean
+from ..errors import ClothError, SceneError, ScriptError, did_you_mean, near
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,7 @@ class SceneFile:
         except ClothError:
             raise
         except Exception as error:
-            where = traceback.extract_tb(error.__traceback__)[-1]
-            raise SceneError(f"scene {self.name}: {type(error).__name__}: {error} ({where.filename}, line "
-                             f"{where.lineno})") from error
+            raise SceneError(f"scene {self.name}: {said(error, self.path)}") from error
         from ..scene.scene import Scene
 
         if not isinstance(scene, Scene):
@@ -82,6 +80,22 @@ class SceneFile:
             return number(value, kind) if kind in (int, float) else value
         except (KeyError, ValueError):
             raise SceneError(f"scene {self.name}: option {name}={value!r} needs {_article(kind)}") from None
+
+
+def said(error: Exception, file: str) -> str:
+    """An exception of a scene's own code in one line: what, and where in the scene's file."""
+    places = traceback.extract_tb(error.__traceback__)
+    where = next((p for p in reversed(places) if p.filename == file), places[-1])
+    return f"{type(error).__name__}: {error} ({where.filename}, line {where.lineno})"
+
+
+def own_lines(error: BaseException) -> str:
+    """The traceback of an exception of a user's code, from his first line on."""
+    places = traceback.extract_tb(error.__traceback__)
+    others = str(pathlib.Path(__file__).parents[1]), sys.prefix, sys.base_prefix  # this package's and installed ones
+    first = next((k for k, p in enumerate(places) if not p.filename.startswith(others)), 0)
+    lines = traceback.StackSummary.from_list(places[first:]).format() + traceback.format_exception_only(error)
+    return "Traceback (most recent call last):\n" + "".join(lines)
 
 
 def number(text: str, kind: type = float):
@@ -126,7 +140,7 @@ def read(scene: str) -> SceneFile:
     if not path.is_file():
         known = available()
         if scene not in known:
-            raise SceneError(f"no scene file {scene!r}; {did_you_mean(path.stem, known)}")
+            raise SceneError(f"no scene file {scene!r}{near(path) or '; ' + did_you_mean(path.stem, known)}")
         path = known[scene]
     spec = importlib.util.spec_from_file_location(f"scene_{path.stem}", path)
     if spec is None or spec.loader is None:
@@ -138,7 +152,7 @@ def read(scene: str) -> SceneFile:
     except ClothError:
         raise
     except Exception as error:
-        raise SceneError(f"{path} does not run: {type(error).__name__}: {error}") from error
+        raise SceneError(f"{path} does not run: {said(error, str(path))}") from error
     if not hasattr(module, "build"):
         raise SceneError(f"{path} has no build() that returns a Scene")
     return of_module(module.build, module)
@@ -176,9 +190,7 @@ def run_check(scene: SceneFile, sim) -> Iterable[tuple[str, bool]]:
     except ClothError:
         raise
     except Exception as error:
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        raise ScriptError(f"scene {scene.name}: check: {type(error).__name__}: {error} ({where.filename}, line {where.lineno})"
-                          ) from error
+        raise ScriptError(f"scene {scene.name}: check: {said(error, scene.path)}") from error
 
 
 def _article(kind: type) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from .. import checks
-from ..errors import SceneError, did_you_mean
+from ..errors import SceneError, did_you_mean, near
 
 SIGMA = "sigma"  # standard deviation of each measurement, where it is known
 MOST = 1_000_000  # rows
@@ -61,7 +61,7 @@ def _of_file(source: object) -> tuple[dict[str, list[float]], str]:
     try:
         text = pathlib.Path(path).read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
-        raise SceneError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        raise SceneError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}{near(path)}") from None
     lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and not line.lstrip().startswith("#")]
     if not lines:
         raise SceneError(f"{path} is empty: needs names of columns, and a line a measurement")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import checks
-from ..errors import SceneError
+from ..errors import SceneError, near
 from .curves import Curve
 from .pattern import Panel, Pattern, Stitch
 
@@ -26,7 +26,7 @@ def read_garmentcode(path: Path) -> Pattern:
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise SceneError(f"{path}: cannot be read: {error.strerror or error}{near(path)}") from None
     except ValueError as error:
         raise SceneError(f"{path}: is no JSON: {error}") from None
     try:

@@ -20,7 +20,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from .. import checks
-from ..errors import SceneError, did_you_mean
+from ..errors import SceneError, did_you_mean, near
 from .curves import Curve
 from .garmentcode import CENTIMETRES, stitch_of, turned
 from .pattern import Panel, Pattern
@@ -41,7 +41,7 @@ def read_svg(path: Path, side: Path | None) -> Pattern:
     try:
         root = ElementTree.parse(path).getroot()
     except OSError as error:
-        raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise SceneError(f"{path}: cannot be read: {error.strerror or error}{near(path)}") from None
     except ElementTree.ParseError as error:
         raise SceneError(f"{path}: is no SVG: {error}") from None
     if _tag(root) != "svg":

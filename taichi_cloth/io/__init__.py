@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import checks
-from ..errors import MeshError
+from ..errors import MeshError, near
 from ..scene.mesh import TriMesh
 from .obj import read_obj
 from .off import read_off
@@ -60,7 +60,7 @@ def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None,
         MeshError: a missing, unknown or unreadable file.
     """
     if not path.is_file():
-        raise MeshError(f"no such mesh file: {path}")
+        raise MeshError(f"no such mesh file: {path}{near(path)}")
     suffix = path.suffix.lower()
     if suffix == ".obj":
         return read_obj(path)

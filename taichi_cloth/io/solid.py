@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import checks
-from ..errors import MeshError, SceneError
+from ..errors import MeshError, SceneError, near
 from ..scene.solids import SolidMesh
 from . import npz, read_surface
 
@@ -34,7 +34,7 @@ def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, m
     suffix = Path(path).suffix.lower()
     if not Path(path).is_file():
         if not any(c in path for c in "*?["):
-            raise MeshError(f"no such file: {path}")
+            raise MeshError(f"no such file: {path}{near(path)}")
         x, faces, groups = _frames(path)
     elif suffix == ".npz":
         x, faces, fps, groups = _npz(path, fps)

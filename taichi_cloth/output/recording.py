@@ -7,7 +7,7 @@ import pathlib
 import numpy as np
 
 from .. import checks
-from ..errors import OutputError
+from ..errors import OutputError, near
 from ..io import npz
 from .folder import CHECKPOINTS, FORMAT, FRAMES, GEOMETRY, MANIFEST, TELEMETRY, manifest_sum, numbered, read_line
 
@@ -28,7 +28,7 @@ class Recording:
         self.notes: list[str] = []
         file = self.path / MANIFEST
         if not file.is_file():
-            raise OutputError(f"{self.path} is no run's folder: it has no {MANIFEST}")
+            raise OutputError(f"{self.path} is no run's folder: it has no {MANIFEST}{near(self.path)}")
         try:
             self.manifest: dict = json.loads(file.read_bytes())
             if self.manifest.pop("checksum", "") != manifest_sum(self.manifest):

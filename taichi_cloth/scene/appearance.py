@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from .. import checks
-from ..errors import SceneError, shown
+from ..errors import SceneError, near, shown
 from .view import Color
 
 LARGEST = 8192  # pixels a side of an image
@@ -132,6 +132,6 @@ def _read(source: object) -> np.ndarray:
                                  f"{LARGEST} a side")
             return np.array(image.convert("RGBA"))
     except FileNotFoundError:
-        raise SceneError(f"texture image {shown(str(path))}: there is no such file") from None
+        raise SceneError(f"texture image {shown(str(path))}: there is no such file{near(path)}") from None
     except (OSError, UnidentifiedImageError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise SceneError(f"texture image {shown(str(path))}: cannot be read: {error}") from None

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import checks
-from ..errors import SceneError, shown
+from ..errors import SceneError, near, shown
 from .mesh import TriMesh
 
 Row = tuple[np.ndarray, np.ndarray, float | str]
@@ -101,6 +101,6 @@ def load_garment(path: str | Path) -> Garment:
         seams = tuple((*data[f"seam_{k}"], rest) for k, rest in enumerate(rests))
         return Garment(mesh, seams, data["positions"])  # type: ignore[arg-type]
     except OSError as error:
-        raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise SceneError(f"{path}: cannot be read: {error.strerror or error}{near(path)}") from None
     except (KeyError, ValueError, EOFError, TypeError, zipfile.BadZipFile, MemoryError, NotImplementedError) as error:
         raise SceneError(f"{path}: is no garment: {type(error).__name__}: {error}") from None

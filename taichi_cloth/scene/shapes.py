@@ -14,7 +14,7 @@ from .mesh import TriMesh
 MOST_TRIANGLES = 20_000_000  # of a shape: more would not fit a simulation into memory
 
 
-def grid(size, cells, diagonals: str = "alternating", plane: str = "xz") -> TriMesh:
+def grid(size, cells, diagonals: str = "alternating", plane: str = "xz", centred: bool = False) -> TriMesh:
     """A rectangle of cells, each cut into triangles.
 
     Args:
@@ -22,6 +22,7 @@ def grid(size, cells, diagonals: str = "alternating", plane: str = "xz") -> TriM
         cells: (along u, along v) or one number.
         diagonals: "alternating" (union jack), "uniform" (one direction) or "cross" (four triangles a cell).
         plane: "xz" or "xy".
+        centred: whether its middle is at the origin, where else its lower left corner is; the pattern stays as it is.
 
     Vertex i + j (cells_u + 1) lies at column i, row j. Groups: `left`, `right` (u), `bottom`, `top` (v),
     `border`, and the corners `bottom_left`, `bottom_right`, `top_left`, `top_right`, `corners`.
@@ -43,16 +44,18 @@ def grid(size, cells, diagonals: str = "alternating", plane: str = "xz") -> TriM
         falling = np.stack([a, b, d, b, c, d], axis=1)
         turn = (ci + cj) % 2 == 1 if diagonals == "alternating" else np.zeros(len(a), dtype=bool)
         faces = np.where(turn[:, None], falling, rising).reshape(-1, 3)
-    return TriMesh(_place(uv, plane), faces, uv, _grid_groups(nu, nv))
+    middle = np.array([width, height]) / 2 if checks.flag("centred", centred, MeshError) else np.zeros(2)
+    return TriMesh(_place(uv - middle, plane), faces, uv, _grid_groups(nu, nv))
 
 
-def strip(length: float, width: float, cells, diagonals: str = "alternating", plane: str = "xz") -> TriMesh:
+def strip(length: float, width: float, cells, diagonals: str = "alternating", plane: str = "xz",
+          centred: bool = False) -> TriMesh:
     """A strip along u: `grid` by another name; `cells` = (along, across) or the number along, cells kept square."""
     length, width = _length("length", length), _length("width", width)
     if checks.is_sequence(cells):
-        return grid((length, width), cells, diagonals, plane)
+        return grid((length, width), cells, diagonals, plane, centred)
     along = _count("cells", cells)
-    return grid((length, width), (along, max(1, round(along * width / length))), diagonals, plane)
+    return grid((length, width), (along, max(1, round(along * width / length))), diagonals, plane, centred)
 
 
 def equilateral_strip(length: float, rows_across: int, cells_along: int, plane: str = "xz") -> TriMesh:

@@ -95,7 +95,8 @@ def test_another_runs_files_are_safe(out, tmp_path):
 
 
 @pytest.mark.parametrize("args, words", [
-    (("run", "hnag"), "did you mean 'hang'"),
+    (("run", "hnag"), "did you mean 'hang'"), (("rnu", "hang"), "did you mean 'run'"),
+    (("run", str(pathlib.Path(__file__).with_name("test_cil.py"))), "test_cli.py'"),
     (("run", "hang", "--duratoin", "3"), "--duratoin: did you mean --duration"),
     (("run", "hang", "--check"), "unrecognized arguments: --check"),  # no --checkpoint-every cut short
     (("run", "hang", "--set", "m=3"), "no option 'm'"),

@@ -115,6 +115,7 @@ def test_an_exception_of_the_scenes_own_has_its_exit_code(scene, capsys):
     assert scene(act) == 4
     said = capsys.readouterr().err
     assert "KeyError: 'forgotten'" in said and "falling.py, line 9" in said and "Traceback" in said
+    assert "stepper.py" not in said and "running.py" not in said  # of the way there only his own lines
     assert manifest(scene.out)["status"].startswith("failed: KeyError: 'forgotten'") and not (scene.out / "run.lock").exists()
     assert names(scene.out, "frames") == [0, 1, 2]
     assert len(Recording(scene.out).telemetry()) == manifest(scene.out)["summary"]["steps"] > 0

@@ -66,6 +66,16 @@ def test_selections():
         mesh.select([0, 9])
 
 
+def test_a_grid_can_have_its_middle_at_the_origin():
+    for make, args in ((tc.grid, ((2, 1), (4, 3))), (tc.strip, (2, 1, 4))):
+        for plane in ("xz", "xy"):
+            aside, mesh = make(*args, plane=plane), make(*args, plane=plane, centred=True)
+            assert np.allclose(mesh.x.min(axis=0), -mesh.x.max(axis=0), atol=1e-15)
+            assert np.allclose(mesh.x - mesh.x[0], aside.x - aside.x[0]) and not mesh.uv[0].any()
+            assert (mesh.uv == aside.uv).all()
+            assert (mesh.faces == aside.faces).all() and set(mesh.groups) == set(aside.groups)
+
+
 @pytest.mark.parametrize("diagonals, faces, vertices", [("alternating", 24, 20), ("uniform", 24, 20), ("cross", 48, 32)])
 def test_grid(diagonals, faces, vertices):
     mesh = tc.grid((2, 1), (4, 3), diagonals)
