@@ -3,6 +3,7 @@
 IO = "tests/unit/test_io.py"
 EXPORT = "tests/unit/test_export.py"
 SCENE_EXPORT = "tests/unit/test_export_scenes.py"
+PRINTED = "tests/unit/test_export_printed.py"
 RECORDER = "tests/cli/test_recorder.py"
 FOLDER = "tests/unit/test_folder.py"
 CROSS = "tests/unit/test_intersections.py"
@@ -140,6 +141,9 @@ MUTATIONS = (
     (OUT + "export/vtu.py", 'timestep="{float(frame["t"]):.9g}"', 'timestep="{k}"', "ParaView's times are frame numbers",
      EXPORT),
     (OUT + "export/ply.py", '["x", "y", "z", "s", "t",', '["x", "y", "z", "t", "s",', "PLY's uv exchanged", EXPORT),
+    (OUT + "export/printed.py", "image, origin, size = whole, origin - pixel, size + 2 * pixel",
+     "image, origin, size = whole, origin, size", "the rim of an image moves it", PRINTED),
+    (OUT + "export/gltf.py", "REPEAT if on.repeats else CLAMP", "REPEAT", "glTF repeats what is there once", PRINTED),
     # recorded and played from Python
     (PACKAGE + "app/running.py", "            keep(frame)\n            show", "            show", "frames are not kept",
      RECORDER),

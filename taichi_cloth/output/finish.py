@@ -73,11 +73,9 @@ def object_row(look: Appearance, uv: np.ndarray, textures: Textures) -> np.ndarr
     row = np.zeros(COLUMNS, dtype=np.float32)
     row[CHECK] = DARKER if look.has_squares else 0.0
     if look.texture is not None:
-        low, high = (f(uv.reshape(-1, 2), axis=0) if len(uv) else np.zeros(2) for f in (np.min, np.max))
         t = look.texture
         row[TEXTURE] = 1 if t.repeat else 2
-        row[ORIGIN: ORIGIN + 2] = low if t.origin is None else t.origin
-        row[SIZE: SIZE + 2] = np.maximum(high - row[ORIGIN: ORIGIN + 2], 1e-9) if t.size is None else t.size
+        row[ORIGIN: ORIGIN + 2], row[SIZE: SIZE + 2] = t.place(uv)
         row[FIRST], row[LEVELS] = textures.add(t.image)
         row[BOTH] = look.back is None
     if look.weave is not None:

@@ -48,6 +48,12 @@ class Texture:
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "repeat", checks.flag("texture repeat", self.repeat))
 
+    def place(self, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(2,) lower left corner and (2,) size [m] of one image on a pattern whose faces have the corners uv (m, 3, 2) [m]."""
+        low, high = (f(uv.reshape(-1, 2), axis=0) if len(uv) else np.zeros(2) for f in (np.min, np.max))
+        origin = low if self.origin is None else np.array(self.origin)
+        return origin, np.maximum(high - origin, 1e-9) if self.size is None else np.array(self.size)
+
     def __repr__(self) -> str:
         height, width = self.image.shape[:2]
         return f"<Texture of {width} x {height} pixels>"

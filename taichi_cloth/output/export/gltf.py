@@ -13,10 +13,12 @@ import numpy as np
 from ...errors import OutputError
 from ..camera import frame as axes_of
 from ..folder import write_whole, written_aside
+from ..png import encode_png
 from .shot import ASPECT, Mesh, Shot
 
 FLOAT, UINT = 5126, 5125  # component types
 VERTICES, INDICES = 34962, 34963  # what a buffer is for
+REPEAT, CLAMP, LINEAR, MIPMAPS = 10497, 33071, 9729, 9987  # how an image goes on, and is read between its pixels
 MOST = 2**32 - 1  # bytes that the header of a .glb can say
 
 
@@ -43,6 +45,14 @@ class _Buffer:
         self.parts.append(data)  # all are of four bytes: what follows is aligned
         self.size += len(data)
         return len(self.accessors) - 1
+
+
+    def file(self, data: bytes) -> int:
+        """The number of a view of a file's bytes."""
+        self.views.append({"buffer": 0, "byteOffset": self.size, "byteLength": len(data)})
+        self.parts.append(data + bytes(-len(data) % 4))
+        self.size += len(self.parts[-1])
+        return len(self.views) - 1
 
 
 def write(shot: Shot, path: pathlib.Path, format: str) -> list[pathlib.Path]:
@@ -76,6 +86,7 @@ def write(shot: Shot, path: pathlib.Path, format: str) -> list[pathlib.Path]:
 def _content(shot: Shot, buffer: _Buffer) -> dict:
     """The JSON but for its buffers."""
     meshes, materials, nodes, channels, samplers = [], [], [], [], []
+    images: dict[str, list[dict]] = {"images": [], "textures": [], "samplers": []}
     clock = ((np.array(shot.numbers) - shot.numbers[0]) / shot.fps).astype(np.float32)
     times = buffer.add(clock, "SCALAR", bounds=True)
 
@@ -85,7 +96,7 @@ def _content(shot: Shot, buffer: _Buffer) -> dict:
 
     for k, mesh in enumerate(shot.meshes):
         materials.append({"name": mesh.name, "doubleSided": True, "pbrMetallicRoughness": {
-            "baseColorFactor": [*mesh.color.tolist(), 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.8}})
+            **_color(mesh, images, buffer), "metallicFactor": 0.0, "roughnessFactor": 0.8}})
         meshes.append(_mesh(mesh, k, buffer))
         nodes.append({"name": mesh.name, "mesh": k})
         if len(mesh.x) > 1:
@@ -101,7 +112,21 @@ def _content(shot: Shot, buffer: _Buffer) -> dict:
            "scenes": [{"name": "scene", "nodes": list(range(len(nodes))), "extras": {"fps": shot.fps}}],
            "nodes": nodes, "meshes": meshes, "materials": materials, "accessors": buffer.accessors,
            "bufferViews": buffer.views, "cameras": [{"type": "perspective", "perspective": lens}]}
+    if images["images"]:
+        out |= images
     return out | ({"animations": [{"name": "cloth", "channels": channels, "samplers": samplers}]} if channels else {})
+
+
+def _color(mesh: Mesh, images: dict[str, list[dict]], buffer: _Buffer) -> dict:
+    """A mesh's colour, or what is printed on it, which is added to the images in the buffer."""
+    on = mesh.printed
+    if on is None:
+        return {"baseColorFactor": [*mesh.color.tolist(), 1.0]}
+    number, wrap = len(images["images"]), REPEAT if on.repeats else CLAMP
+    images["images"].append({"name": mesh.name, "mimeType": "image/png", "bufferView": buffer.file(encode_png(on.image))})
+    images["samplers"].append({"magFilter": LINEAR, "minFilter": MIPMAPS, "wrapS": wrap, "wrapT": wrap})
+    images["textures"].append({"source": number, "sampler": number})
+    return {"baseColorTexture": {"index": number}}
 
 
 def _mesh(mesh: Mesh, material: int, buffer: _Buffer) -> dict:

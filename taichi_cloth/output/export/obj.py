@@ -6,16 +6,16 @@ import re
 import numpy as np
 
 from ..folder import write_whole
+from ..png import encode_png
 from .shot import Mesh, Shot, unique
 
 Bases = tuple[int, ...]  # of vertices, uv and normals
 
 
 def write(shot: Shot, folder: pathlib.Path) -> list[pathlib.Path]:
-    """`00000.obj ...` and `cloth.mtl`."""
+    """`00000.obj ...`, `cloth.mtl` and the images of what is printed."""
     words = unique(word(mesh.name) for mesh in shot.meshes)
-    files = [folder / "cloth.mtl"]
-    write_whole(files[0], materials(words, shot.meshes).encode())
+    files = colors(words, shot.meshes, folder)
     for k, number in enumerate(shot.numbers):
         lines = ["mtllib cloth.mtl"]
         bases: Bases = (1, 1, 1)
@@ -54,12 +54,20 @@ def object_lines(name: str, mesh: Mesh, k: int, bases: Bases, normals: bool) -> 
     return lines, tuple(b + c for b, c in zip(bases, counts))
 
 
-def materials(words: list[str], meshes: list[Mesh]) -> str:
-    """An MTL of the meshes' colours."""
-    lines: list[str] = []
+def colors(words: list[str], meshes: list[Mesh], folder: pathlib.Path) -> list[pathlib.Path]:
+    """An MTL of the meshes' colours, and a PNG for each that something is printed on."""
+    files, lines = [folder / "cloth.mtl"], []
     for name, mesh in zip(words, meshes):
-        lines += [f"newmtl {name}", "Kd {:.6g} {:.6g} {:.6g}".format(*mesh.color), "Ks 0 0 0", "illum 1", ""]
-    return "\n".join(lines)
+        on = mesh.printed
+        lines += [f"newmtl {name}", "Kd {:.6g} {:.6g} {:.6g}".format(*(mesh.color if on is None else (1, 1, 1))), "Ks 0 0 0",
+                  "illum 1"]
+        if on is not None:
+            files.append(folder / f"{name}.png")
+            write_whole(files[-1], encode_png(on.image))
+            lines.append(f"map_Kd {'' if on.repeats else '-clamp on '}{name}.png")
+        lines.append("")
+    write_whole(files[0], "\n".join(lines).encode())
+    return files
 
 
 def uv_vertices(uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,12 +9,12 @@ import struct
 import numpy as np
 
 from ..folder import write_whole
-from .obj import materials, object_lines, word
+from .obj import colors, object_lines, word
 from .shot import Shot, unique
 
 
 def write(shot: Shot, folder: pathlib.Path) -> list[pathlib.Path]:
-    """`NAME.obj` and `NAME.pc2` by the meshes' names, and `cloth.mtl`; cloths first."""
+    """`NAME.obj` and `NAME.pc2` by the meshes' names, `cloth.mtl` and the images of what is printed; cloths first."""
     words = unique(word(mesh.name) for mesh in shot.meshes)
     files = []
     for name, mesh in zip(words, shot.meshes):
@@ -24,9 +24,7 @@ def write(shot: Shot, folder: pathlib.Path) -> list[pathlib.Path]:
         if mesh.moves:
             files.append(folder / f"{name}.pc2")
             write_whole(files[-1], pc2(mesh.x, shot.numbers[0]))
-    files.append(folder / "cloth.mtl")
-    write_whole(files[-1], materials(words, shot.meshes).encode())
-    return files
+    return files + colors(words, shot.meshes, folder)
 
 
 def pc2(x: list[np.ndarray], start: int) -> bytes:

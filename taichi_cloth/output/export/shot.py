@@ -5,7 +5,7 @@ All is read before a file is written, so that what is missing or damaged is said
 
 import itertools
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +15,10 @@ from ...errors import OutputError
 from ...scene.view import Camera, CameraKeys
 from ..camera import frame as axes_of
 from ..colors import GROUND, PALETTE, STONE
-from ..described import view_of
+from ..described import appearances_of, view_of
 from ..framing import fit_all
 from .pieces import Arrays, Cut, Frame
+from .printed import Print, printed
 
 ASPECT = 16 / 9  # of the pictures that the camera is made for
 SHARP = np.cos(np.radians(40.0))  # edges of solids that turn by more look sharp
@@ -28,7 +29,7 @@ class Surface(NamedTuple):
 
     Attributes:
         faces: (m, 3) int32 vertices.
-        uv: (m, 3, 2) of corners, the pattern [m]; None for what has no pattern.
+        uv: (m, 3, 2) of corners, the pattern [m], or those of what is printed on it; None for what has no pattern.
         normal_of: (m, 3) number of each corner's normal: corners round a sharp edge have different ones.
     """
 
@@ -52,6 +53,7 @@ class Mesh:
         surfaces: one, or one a frame where the faces change.
         x: (n, 3) float32 [m], one or one a frame.
         v: the same [m/s], or none.
+        printed: what is on it, or None.
     """
 
     name: str
@@ -60,6 +62,7 @@ class Mesh:
     surfaces: list[Surface]
     x: list[np.ndarray]
     v: list[np.ndarray]
+    printed: Print | None = None
 
     @property
     def moves(self) -> bool:
@@ -144,14 +147,15 @@ def shot(pieces: Cut) -> Shot:
     """
     numbers, frames = pieces.frames(), list(pieces.checked())
     g = frames[0].geometry
-    meshes = [_cloth(k, frames) for k in range(len(g["cloth_names"]))]
+    prints = _prints(pieces.recording.geometry)
+    meshes = [_cloth(k, frames, prints) for k in range(len(g["cloth_names"]))]
     meshes += [_solid(k, g, frames) for k in range(len(g["solid_names"]))]
     times = np.array([float(f["t"]) for f in frames])
     cameras = _cameras(g, times, meshes)
     if not np.isnan(g["ground"]):
         meshes.append(_ground(float(g["ground"]), meshes))
     names = unique([mesh.name for mesh in meshes])
-    meshes = [Mesh(name, m.kind, m.color, m.surfaces, m.x, m.v) for name, m in zip(names, meshes)]
+    meshes = [replace(mesh, name=name) for name, mesh in zip(names, meshes)]
     return Shot(numbers, pieces.fps, times, meshes, cameras, str(pieces.path))
 
 
@@ -170,7 +174,18 @@ def bounds(meshes: list[Mesh]) -> tuple[np.ndarray, np.ndarray]:
     return np.min([x.min(axis=0) for x in every], axis=0), np.max([x.max(axis=0) for x in every], axis=0)
 
 
-def _cloth(k: int, frames: list[Frame]) -> Mesh:
+def _prints(g: Arrays) -> list[Print | None]:
+    """What is printed on each cloth of a run's own geometry."""
+    out: list[Print | None] = []
+    for k, (look, first, last) in enumerate(zip(appearances_of(g), g["cloth_faces"][:-1], g["cloth_faces"][1:])):
+        color = _color(g["cloth_colors"][k], PALETTE[k % len(PALETTE)])
+        out.append(None if look.texture is None else printed(look.texture, color, g["uv"][first:last]))
+    return out
+
+
+def _cloth(k: int, frames: list[Frame], prints: list[Print | None]) -> Mesh:
+    owner = int(frames[0].geometry["piece_cloth"][k]) if "piece_cloth" in frames[0].geometry else k
+    on = prints[owner]
     surfaces: list[Surface] = []
     x, v = [], []
     last: Arrays = {}
@@ -181,7 +196,8 @@ def _cloth(k: int, frames: list[Frame]) -> Mesh:
             rows = slice(int(g["cloth_faces"][k]), int(g["cloth_faces"][k + 1]))
             sewn = g["sewn"][frame.take] if "sewn" in g else np.arange(len(frame.take))
             numbers = np.unique(sewn[g["faces"][rows]], return_inverse=True)[1].reshape(-1, 3)
-            surface = Surface((g["faces"][rows] - first).astype(np.int32), g["uv"][rows], numbers)
+            uv = g["uv"][rows] if on is None else on.coordinates(g["uv"][rows])
+            surface = Surface((g["faces"][rows] - first).astype(np.int32), uv, numbers)
             surfaces.append(surfaces[-1] if surfaces and surface.equals(surfaces[-1]) else surface)
         else:
             surfaces.append(surfaces[-1])
@@ -189,10 +205,9 @@ def _cloth(k: int, frames: list[Frame]) -> Mesh:
         x.append(frame["x"][first:end])
         v.append(frame["v"][first:end])
     g = frames[0].geometry
-    owner = int(g["piece_cloth"][k]) if "piece_cloth" in g else k
     color = _color(g["cloth_colors"][k], PALETTE[owner % len(PALETTE)])
     steady = all(s is surfaces[0] for s in surfaces)
-    return Mesh(str(g["cloth_names"][k]), "cloth", color, surfaces[:1] if steady else surfaces, x, v)
+    return Mesh(str(g["cloth_names"][k]), "cloth", color, surfaces[:1] if steady else surfaces, x, v, on)
 
 
 def _solid(k: int, g: Arrays, frames: list[Frame]) -> Mesh:

@@ -12,12 +12,14 @@ import numpy as np
 
 from ...errors import OutputError
 from ..camera import frame as camera_axes
-from ..folder import written_aside
+from ..folder import write_whole, written_aside
+from ..png import encode_png
 from .shot import ASPECT, Mesh, Shot, unique
 
 WIDTH = 0.36  # width of the camera's film in tenths of a metre, the unit of USD's cameras: 36 mm
 ROOT, OWN = "scene", ("camera", "materials")  # names of prims that are no meshes
 Samples = list[np.ndarray]
+Images = dict[str, pathlib.Path]  # by prim
 Attribute = tuple[str, str, str, Samples]  # type, name, metadata, one value or one a frame
 
 
@@ -36,24 +38,29 @@ def needed(format: str) -> None:
 
 
 def write(shot: Shot, path: pathlib.Path, format: str) -> list[pathlib.Path]:
-    """One .usda, or one .usdc where the package usd-core (extra `usd`) is installed."""
+    """One .usda, or one .usdc where the package usd-core (extra `usd`) is installed; and the images of what is printed."""
     paths = unique([*OWN, *(identifier(mesh.name) for mesh in shot.meshes)])[len(OWN):]
+    images: Images = {}
+    for name, mesh in zip(paths, shot.meshes):
+        if mesh.printed is not None:
+            images[name] = path.with_name(f"{identifier(path.stem)}_{name}.png")
+            write_whole(images[name], encode_png(mesh.printed.image))
     with written_aside(path, f".partial.{format}") as aside:  # its kind goes by its name
         if format == "usda":
             with open(aside, "w", encoding="utf-8") as file:
-                file.writelines(line + "\n" for line in stage(shot, paths, samples=True))
+                file.writelines(line + "\n" for line in stage(shot, paths, images, samples=True))
         else:
-            _write_crate(shot, paths, aside)
-    return [path]
+            _write_crate(shot, paths, images, aside)
+    return [path, *images.values()]
 
 
-def _write_crate(shot: Shot, paths: list[str], file: pathlib.Path) -> None:
+def _write_crate(shot: Shot, paths: list[str], images: Images, file: pathlib.Path) -> None:
     from pxr import Sdf, Tf, Vt
 
     arrays = {"point3f[]": Vt.Vec3fArray, "vector3f[]": Vt.Vec3fArray, "float3[]": Vt.Vec3fArray, "normal3f[]": Vt.Vec3fArray,
               "int[]": Vt.IntArray, "texCoord2f[]": Vt.Vec2fArray}
     layer = Sdf.Layer.CreateAnonymous(".usda")
-    layer.ImportFromString("\n".join(stage(shot, paths, samples=False)))
+    layer.ImportFromString("\n".join(stage(shot, paths, images, samples=False)))
     for name, mesh in zip(paths, shot.meshes):
         for kind, attribute, _, values in attributes(shot, mesh):
             if len(values) > 1 or mesh.moves and attribute in SAMPLED:
@@ -95,8 +102,8 @@ def attributes(shot: Shot, mesh: Mesh) -> list[Attribute]:
     return out
 
 
-def stage(shot: Shot, paths: list[str], samples: bool) -> Iterator[str]:
-    """The lines of a stage: y up, metres; without what changes from frame to frame where that is set otherwise."""
+def stage(shot: Shot, paths: list[str], images: Images, samples: bool) -> Iterator[str]:
+    """The lines of a stage with images beside it: y up, metres; what changes from frame to frame only with `samples`."""
     first, last = shot.numbers[0], shot.numbers[-1]
     yield from ("#usda 1.0", "(", f'    defaultPrim = "{ROOT}"', f"    endTimeCode = {last}",
                 f"    framesPerSecond = {shot.fps:g}", "    metersPerUnit = 1", f"    startTimeCode = {first}",
@@ -108,7 +115,7 @@ def stage(shot: Shot, paths: list[str], samples: bool) -> Iterator[str]:
     yield '    def Scope "materials"'
     yield "    {"
     for name, mesh in zip(paths, shot.meshes):
-        yield from _material(name, mesh)
+        yield from _material(name, mesh, images)
     yield "    }"
     yield "}"
 
@@ -156,15 +163,30 @@ def _camera(shot: Shot) -> Iterator[str]:
     yield from ('        uniform token[] xformOpOrder = ["xformOp:transform"]', "    }", "")
 
 
-def _material(name: str, mesh: Mesh) -> Iterator[str]:
-    surface = f"/{ROOT}/materials/{name}/surface"
+def _material(name: str, mesh: Mesh, images: Images) -> Iterator[str]:
+    own = f"/{ROOT}/materials/{name}"
+    surface, color = f"{own}/surface", f"inputs:diffuseColor = {_tuple(mesh.color)}"
+    if mesh.printed is not None:
+        color = f"inputs:diffuseColor.connect = <{own}/image.outputs:rgb>"
     yield from (f'        def Material "{name}"', "        {",
                 f"            token outputs:surface.connect = <{surface}.outputs:surface>", "",
                 '            def Shader "surface"', "            {",
                 '                uniform token info:id = "UsdPreviewSurface"',
-                f"                color3f inputs:diffuseColor = {_tuple(mesh.color)}",
-                "                float inputs:roughness = 0.8", "                token outputs:surface",
-                "            }", "        }")
+                f"                color3f {color}",
+                "                float inputs:roughness = 0.8", "                token outputs:surface", "            }")
+    if mesh.printed is not None:
+        wrap = "repeat" if mesh.printed.repeats else "clamp"
+        yield from ('            def Shader "image"', "            {",
+                    '                uniform token info:id = "UsdUVTexture"',
+                    f"                asset inputs:file = @./{images[name].name}@",
+                    '                token inputs:sourceColorSpace = "sRGB"',
+                    f"                float2 inputs:st.connect = <{own}/place.outputs:result>",
+                    f'                token inputs:wrapS = "{wrap}"', f'                token inputs:wrapT = "{wrap}"',
+                    "                float3 outputs:rgb", "            }",
+                    '            def Shader "place"', "            {",
+                    '                uniform token info:id = "UsdPrimvarReader_float2"',
+                    '                string inputs:varname = "st"', "                float2 outputs:result", "            }")
+    yield "        }"
 
 
 def identifier(name: str) -> str:
