@@ -65,7 +65,7 @@ def near(path: object) -> str:
         names = [] if place.exists() else [f.name for f in itertools.islice(place.parent.iterdir(), 10_000)]
     except (OSError, ValueError):
         return ""
-    found = difflib.get_close_matches(place.name, names, n=1)
+    found = difflib.get_close_matches(place.name, names, n=1, cutoff=0.7)
     return f"; did you mean {str(place.parent / found[0])!r}?" if found else ""
 
 

@@ -195,3 +195,17 @@ def test_solids_turn_triangles_round():
 def test_colours_are_three_parts_from_0_to_1(color):
     with pytest.raises(tc.SceneError, match="each from 0 to 1"):
         tc.Scene().add_solid(tc.Sphere(1.0), 0.1, 0.01, color=color)
+
+
+def test_files_that_are_not_there_are_answered_with_the_nearest(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "shirt.obj").write_text("v 0 0 0\n")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "hang").mkdir()
+    for read, name, there in ((tc.load, "shrit.obj", "shirt.obj"), (tc.load_solid, "shirt.ojb", "shirt.obj"),
+                              (tc.Recording, "out/hnag", "out/hang"), (tc.load_garment, "shirtt.obj", "shirt.obj")):
+        with pytest.raises(tc.ClothError, match=f"{name}.*did you mean '{there}'"):
+            read(name)
+    for read, name in ((tc.load, "nothing.obj"), (tc.load, "none/shirt.obj"), (tc.Recording, "out/hang"), (tc.load, "a\0")):
+        with pytest.raises(tc.ClothError, match="^(?!.*did you mean)"):
+            read(name)
