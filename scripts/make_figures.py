@@ -1,0 +1,77 @@
+"""Pictures of the theory pages, in docs/images/.
+
+    python scripts/make_figures.py [strain_limits bend_friction shirt_fold] [--to docs/images]
+"""
+
+import argparse
+import pathlib
+from collections.abc import Callable
+
+import numpy as np
+
+import taichi_cloth as tc
+from taichi_cloth.app import scenefile
+from taichi_cloth.output.look import Look
+from taichi_cloth.output.picture import Artist
+from taichi_cloth.output.png import encode_png
+from taichi_cloth.recording import record
+from taichi_cloth.recording.playback import heat_of
+
+SIZE = (480, 320)
+
+
+def drawn(sim: tc.Simulation, heat: str | None = None, limits: tuple[float, float] | None = None) -> np.ndarray:
+    """What the scene's camera sees now."""
+    geometry = record.geometry(sim)
+    shown = None if heat is None else heat_of(heat, geometry, limits)
+    return Artist(geometry, SIZE, Look(quality="high", heat=shown)).draw(record.frame(sim))
+
+
+def of_scene(name: str, heat: str | None = None, limits: tuple[float, float] | None = None) -> np.ndarray:
+    """The end of a scene."""
+    scene = scenefile.read(name)
+    plan = dict(scene.run)
+    duration, fps = plan.pop("duration"), plan.pop("fps")
+    with tc.Simulation(scene.make({}), **plan) as sim:
+        sim.run(duration, fps)
+        return drawn(sim, heat, limits)
+
+
+def strain_limits() -> np.ndarray:
+    """The same weight on a knit, a soft weave and one with a limit, by stretch."""
+    return of_scene("knit_stretch", "stretch", (0.6, 1.4))
+
+
+def bend_friction() -> np.ndarray:
+    """Three strips that were let go level, with 0, .8 and 2.5 mN of friction in bending, at rest."""
+    scene = tc.Scene(air=tc.Air(0.3, 0.1), view=tc.View(
+        tc.Camera((0.14, 0.05, 0.36), (0.055, -0.026, -0.08), 24.0), ground=-0.09))
+    mesh = tc.grid((0.11, 0.03), (33, 3))
+    for k, (friction, color) in enumerate(((0.0, "steelblue"), (8e-4, "seagreen"), (2.5e-3, "firebrick"))):
+        fabric = tc.Fabric(0.15, tc.Stretch(500, 0.5), tc.Shear(50, 0.05), tc.Bend(5e-5, 2e-7, friction=friction))
+        cloth = scene.add_cloth(mesh, fabric, mesh.x - [0, 0, 0.05 * k], name=f"friction {friction:g}",
+                                color=tc.Appearance(color, squares=False))
+        scene.pin(cloth, np.flatnonzero(mesh.uv[:, 0] < 0.021))
+    with tc.Simulation(scene, h=1 / 60, integrator="backward_euler") as sim:
+        sim.run(4.0, 10)
+        return drawn(sim)
+
+
+FIGURES: dict[str, Callable[[], np.ndarray]] = {
+    "strain_limits": strain_limits, "bend_friction": bend_friction, "shirt_fold": lambda: of_scene("shirt_fold")}
+
+
+def main() -> None:
+    """Makes them."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("names", nargs="*", help="all where none is named")
+    parser.add_argument("--to", default="docs/images", type=pathlib.Path)
+    args = parser.parse_args()
+    for name in args.names or FIGURES:
+        file = args.to / f"{name}.png"
+        file.write_bytes(encode_png(FIGURES[name](), 9))
+        print(f"{file}: {file.stat().st_size / 1e3:.0f} kB", flush=True)
+
+
+if __name__ == "__main__":
+    main()
