@@ -1,6 +1,5 @@
 """What every force is to the rest of the system: the contract, as a class."""
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
@@ -18,14 +17,14 @@ class Force(ABC):
 
     Attributes:
         energies: names of its energy terms; none for what has no energy.
-        extremes: 0, or 2 where its columns of the report end with the largest stretch and its change.
+        extremes: 0, or 2 where its columns of the report end with the largest stretch and its change, or 3 where with what is
+            used of limits of strain after them.
         stiff: whether `build_stiffness` was called.
         rates: bounds at rest on the squared frequency [1/s^2] and the damping rate [1/s] of any mode, for explicit steps.
         slow: whether explicit methods may evaluate it once in several substeps.
         gusty: whether it changes with time by itself.
         uniform: whether all that changes is its `wind`, which explicit methods lead evenly through a step.
         abrupt: whether its stiffness can grow many times over within a step.
-        limit: largest stretch |w| / b up to which no triangle is beyond a limit of its strain.
         of_contact: whether its elements come and go with contact.
         attached: (k, 3) particle, stiffness and largest force of what it attaches softly; None where it never does.
         coupled: whether its product takes sums over all of the cloth: `sum_up`, `add_coupled`.
@@ -41,7 +40,6 @@ class Force(ABC):
     gusty: bool = False
     uniform: bool = False
     abrupt: bool = False
-    limit: float = math.inf
     of_contact: bool = False
     attached: np.ndarray | None = None
     coupled: bool = False

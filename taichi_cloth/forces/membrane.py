@@ -59,7 +59,7 @@ class Membrane(TriangleForce):
         self.abrupt = self.stiffening is not None and self.stiffening.limits
         if self.abrupt:
             self.host_limit = np.array([_limits(f) for c in scene.cloths for f in c.fabrics])[_materials(scene.cloths)]
-            self.limit = float(np.nanmin(self.host_limit[:, 2:4] / self.host_limit[:, :2], initial=np.inf))
+            self.extremes = 3
         stiffest = table.copy()
         if self.stiffening is not None:
             stiffest[:, :K_S + 1] += self.stiffening.tangent
@@ -136,6 +136,13 @@ class Membrane(TriangleForce):
             if s < 0:
                 force = -force
         return force, slope, energy
+
+    @ti.func
+    def used(self, e, w_u, w_v):
+        """Largest part of the ways from rest to a limit."""
+        m, k = self.material[e], self.table[self.material[e]]
+        warp, weft = self.stiffening.used(m, WARP, w_u.norm(), k[B_U]), self.stiffening.used(m, WEFT, w_v.norm(), k[B_V])
+        return ti.max(warp, weft, self.stiffening.used(m, SHEAR, ti.abs(w_u.dot(w_v)), 0.0))
 
     @ti.func
     def stiffness(self, e, w_u, w_v):
@@ -231,9 +238,9 @@ class Membrane(TriangleForce):
     def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
                  dtype: ti.template()):
         """Energies by term [J], from column `base`; dissipated power / 2 [W]; the rate at which the energies grow [W]; largest
-        |w| / b, and its largest change since the saved state. With `linearizes`, the linear system too."""
+        |w| / b, its largest change since the saved state, what is used of limits. With `linearizes`, the linear system too."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
-        sums, largest, change = ti.Vector.zero(dtype, 5), 0.0, 0.0
+        sums, largest, change, used = ti.Vector.zero(dtype, 5), 0.0, 0.0, 0.0
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
             k = self.table[self.material[e]]
             w_u, w_v = self.spread(e, self.model.x)
@@ -242,6 +249,8 @@ class Membrane(TriangleForce):
             u, v = w_u.norm(), w_v.norm()
             largest = ti.max(largest, ti.max(u / k[B_U], v / k[B_V]))
             change = ti.max(change, ti.max(ti.abs(u - o_u.norm()) / k[B_U], ti.abs(v - o_v.norm()) / k[B_V]))
+            if ti.static(self.abrupt):
+                used = ti.max(used, self.used(e, w_u, w_v))
             if self.elements.primary[e] == 1:
                 half = 0.5 * self.area[e]
                 if ti.static(self.stretches):
@@ -278,6 +287,8 @@ class Membrane(TriangleForce):
         report[block, base + 2 * self.stretches + self.shears + 1] = sums[4]
         report[block, base + 2 * self.stretches + self.shears + 2] = largest
         report[block, base + 2 * self.stretches + self.shears + 3] = change
+        if ti.static(self.abrupt):
+            report[block, base + 2 * self.stretches + self.shears + 4] = used
 
     @ti.func
     def linearize(self, e, moves, c, w_u, w_v, v_u, v_v, to: ti.template(), lo, hi):

@@ -62,6 +62,11 @@ class Stiffening:
         self.table = fields.real(3 * len(rows), width, table.reshape(-1, width))
 
     @ti.func
+    def used(self, material, axis: ti.template(), s, rest):
+        """Part of the way from rest to the limit that the size s is."""
+        return (s - rest) / (self.table[3 * material + axis][0] - rest)
+
+    @ti.func
     def beyond(self, material, axis: ti.template(), s):
         """(tension, its slope, its energy) at the size s."""
         law = self.table[3 * material + axis]

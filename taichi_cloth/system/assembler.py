@@ -24,6 +24,7 @@ class Measures:
         change: 1/2 (v - v_base)^T M (v - v_base) [J].
         stretch: largest |w|/b; 1 is the pattern's size, 0 where no cloth has stretch or shear.
         stretch_change: its largest change in any triangle since the saved state.
+        used: largest part of its way from rest to its limit of strain that any triangle went, in stretch or in shear.
         finite: no NaN and no infinity in x or v.
     """
 
@@ -36,6 +37,7 @@ class Measures:
     damped: float = 0.0
     rate: float = 0.0
     wind: float = 0.0
+    used: float = 0.0
 
     @property
     def potential(self) -> float:
@@ -70,10 +72,12 @@ class Assembler:
         self.linear = operator is not None
         self.base, column = [], 0
         self.extremes: list[int] = []  # columns of the largest stretch, each before that of its change
+        self.used: list[int] = []  # columns of what is used of limits
         for force in forces:
             self.base.append(column)
             column += len(force.energies) + 2 + force.extremes
-            self.extremes += [column - 2] if force.extremes else []
+            self.extremes += [column - force.extremes] if force.extremes else []
+            self.used += [column - 1] if force.extremes > 2 else []
         self.column = column  # of kinetic energy; then change, a sum over x and v
         self._report: np.ndarray = np.zeros((self.blocks.count, column + 3), dtype=runtime.exchange)
 
@@ -128,7 +132,8 @@ class Assembler:
         energies["kinetic"] = float(sums[n])
         finite = bool(np.isfinite(sums).all())
         stretch, stretch_change = (max((float(peaks[k + j]) for k in self.extremes), default=0.0) for j in (0, 1))
-        return Measures(energies, dissipation, float(sums[n + 1]), stretch, stretch_change, finite, damped, rate, wind)
+        used = max((float(peaks[k]) for k in self.used), default=0.0)
+        return Measures(energies, dissipation, float(sums[n + 1]), stretch, stretch_change, finite, damped, rate, wind, used)
 
     @ti.kernel
     def _evaluate(self, linearizes: int, moves: int, c: float, report: ti.types.ndarray()):

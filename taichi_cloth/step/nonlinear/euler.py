@@ -11,8 +11,6 @@ Differs from [BW98]: the test and what follows it; the paper accepts every solve
 
 from dataclasses import asdict
 
-import numpy as np
-
 from ...backend.timing import Clock
 from ...options import CG_TOL, NEWTON_TOL
 from ...solver.pcg import Solution
@@ -43,7 +41,6 @@ class EulerStep(StepProblem):
         super().__init__(system, h, held, start, clock, solutions)
         self.energy, self.converge, self.start = energy, converge, start
         self.cg_tol = system.options.cg_tol or CG_TOL
-        self.limit = min((force.limit for force in system.meter.forces), default=np.inf)
         self.settled = False  # whether the last Newton step was a full one, and small enough
         self.ended: tuple[Measures, Ledger] | None = None  # the first one's, with its energy right
 
@@ -75,7 +72,7 @@ class EulerStep(StepProblem):
         with self.clock.part("EVAL"):
             self.system.linearize(self.c)
         with self.clock.part("CG"):
-            mends = not self.converge and self.before.stretch > self.limit
+            mends = not self.converge and self.before.used > 1
             tolerance = max(self.cg_tol, FURTHER) if mends else self.cg_tol
             self.solutions.append(self.system.solve(tolerance, self.held, lasting=True))
         self.level = self.potential(self.before)
@@ -136,7 +133,7 @@ class EulerStep(StepProblem):
 
     def accounted(self, ended: tuple[Measures, Ledger] | None) -> tuple[Measures, Ledger] | None:
         """The end of a step, or None where cloth runs into a limit and a solve left too much of its energy unaccounted for."""
-        if ended is None or max(self.start.stretch, ended[0].stretch) <= self.limit:
+        if ended is None or max(self.start.used, ended[0].used) <= 1:
             return ended
         ledger = ended[1]
         through = sum(abs(value) for value in asdict(ledger).values())
