@@ -38,6 +38,24 @@ def test_pressed_sheets_lift_apart_freely():
 
 
 @pytest.mark.slow
+def test_what_rests_lies_as_near_whatever_the_step():
+    """Three sheets on a plane: gaps are the same at steps of 1/30 to 1/480 s, and go with the load."""
+    gaps = []
+    for h in (1 / 30, 1 / 60, 1 / 240, 1 / 480):
+        scene, mesh = tc.Scene(), tc.grid(0.3, 4)
+        scene.add_solid(tc.Plane(), 0.3, THICKNESS)
+        for k in range(3):
+            scene.add_cloth(mesh, FABRIC, mesh.x + [0, 0.006 * (k + 1), 0], contact=tc.ClothContact(THICKNESS, 0.3))
+        with tc.Simulation(scene, h=h, integrator="backward_euler", threads=1) as sim:
+            while sim.time < 0.3 - 1e-9:
+                sim.step()
+            gaps.append(np.diff(sim.positions()[:, 1].reshape(3, -1), axis=0).mean(axis=1) / THICKNESS)
+    assert np.abs(np.array(gaps) - gaps[1]).max() < 1e-3 and (np.array(gaps) < 0.99).all()
+    lower, upper = 1 - gaps[1]
+    assert lower == pytest.approx(2 * upper, rel=0.05)  # it bears two
+
+
+@pytest.mark.slow
 def test_smooth_sheets_glide():
     sim, upper = sheet_on_sheet(0.0, (0, -9.81, 0), v=(2.0, 0, 0))
     for _ in range(10):

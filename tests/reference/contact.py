@@ -15,7 +15,8 @@ VERTEX_FACE, EDGE_EDGE = 0, 1
 
 FLOOR = 1 / 5  # of the distance r that a pair should keep: repulsion is that of what is above it
 LAST = 0.02  # part of the room above the floor, and of r, where the law changes for what solids press
-STIFFNESS = 12.0  # of a pair over mass / h^2, h the usual step
+STIFFNESS = 12.0 * 60**2  # of a pair over mass [1/s^2]
+SETTLING = 0.3  # r a second that a pair may come nearer and is not stopped
 STOPPING = 30.0  # of what stops an approach, over mass / h^2, h this step
 END, ANGLE = 0.05, 1e-3  # part of an edge near its ends, squared sine of the angle between edges, where pairs fade
 STEEP = 4.0  # size of a turn from which on friction fades
@@ -142,9 +143,10 @@ def repulsion(d: float, r: float) -> tuple[float, float, float]:
     return energy + force * low * np.log(low / end) + most * (end - d), most, most / end
 
 
-def stop(d: float, r: float, began: float) -> float:
-    """How far [m] a pair has come nearer than it began, and than it should be; no further than into the floor."""
-    return max(min(max(began, FLOOR * r + 2 * LAST * (1 - FLOOR) * r), r) - d, 0.0)
+def stop(d: float, r: float, began: float, h: float) -> float:
+    """How far [m] a pair has come nearer in h [s] than it began, settling apart, and than it should be; no further than into
+    the floor."""
+    return max(min(max(began - SETTLING * h * r, FLOOR * r + 2 * LAST * (1 - FLOOR) * r), r) - d, 0.0)
 
 
 def turns(kind: int, x: np.ndarray, n: np.ndarray, d: float) -> np.ndarray:
@@ -190,7 +192,7 @@ class Pair:
         kind: VERTEX_FACE or EDGE_EDGE; x: (4, 3) where its turns are taken; w, n: (4,), (3,) weights and normal.
         end: distance [m] along the normal; r: what it should be; began: where the step began.
         mass: (4,) [kg]; mu: Coulomb's coefficient; factor: fading; boost: factor of its stiffness.
-        h, usual: this step and the usual one [s].
+        h: the step [s].
     """
 
     kind: int
@@ -205,11 +207,10 @@ class Pair:
     factor: float
     boost: float
     h: float
-    usual: float
 
     def __post_init__(self) -> None:
         self.own = 1 / float(np.sum(self.w**2 / self.mass))  # kg that its distance has
-        self.stiff = STIFFNESS * self.own / self.usual**2 * self.factor * self.boost
+        self.stiff = STIFFNESS * self.own * self.factor * self.boost
         self.t = turns(self.kind, self.x, self.n, self.end)
         self.J = jacobian(self.w, self.t, self.n)
         self.rubs = self.mu * turning(self.t)
@@ -218,7 +219,7 @@ class Pair:
     def pull(self, d: float) -> tuple[float, float]:
         """(force [N], slope [N/m]) at a distance d."""
         _, force, slope = repulsion(d, self.r)
-        stopped = stop(d, self.r, self.began)
+        stopped = stop(d, self.r, self.began, self.h)
         return self.stiff * force + self.stopping * stopped, self.stiff * slope + self.stopping * (stopped > 0)
 
     def take(self, first: bool, bore: float | None, there: np.ndarray, base: np.ndarray, v: np.ndarray,

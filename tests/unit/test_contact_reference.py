@@ -251,7 +251,7 @@ def reference_pairs(sim, p, at, x_0, boost) -> dict:
         v = p.vertices[k]
         out[key] = ref.Pair(int(p.pair[k, 2]), at[v], p.weights[k], p.normal[k], float(p.end[k]), float(p.radius[k]),
                             float(p.normal[k] @ (p.weights[k] @ x_0[v])), mass[v], float(np.sqrt(mu[v[0]] * mu[v[3]])),
-                            float(p.factor[k]), float(boost[v].max()), H / 2, H)
+                            float(p.factor[k]), float(boost[v].max()), H / 2)
     return out
 
 
@@ -325,7 +325,7 @@ def test_solves_are_told_what_the_reference_says(rng):
             friction = -bound * way - drag * (slip - ahead * way)
             led[GAP, row], led[RUBBED, row], led[BACK, row] = now, np.linalg.norm(friction), ahead < 0
             led[RUB, row] = H / 2 * bound * (speed**2 / 4e-5 if speed < 2e-5 else speed - 1e-5)
-            led[STOPPED, row] = pair.stopping * ref.stop(now, pair.r, pair.began) ** 2 / 2
+            led[STOPPED, row] = pair.stopping * ref.stop(now, pair.r, pair.began, pair.h) ** 2 / 2
             J = ref.jacobian(pair.w, points.turns[row], pair.n)
             if wild[row]:
                 friction = layers.linearized.friction(layers.linearized.slip(model_at - x_0) / (H / 2))[row]

@@ -70,7 +70,7 @@ class Layers(Checkpointed):
         self.intersections = Intersections(model.n, d.mesh.faces, d.mesh.half_thickness, d.mesh.may_meet, tangles)
         mu = np.concatenate([np.full(c.mesh.vertex_count, c.contact.friction if c.contact else 0.0)
                              for c in scene.cloths])
-        self.kernels = self.kind(fields, model, np.sqrt(mu)[model.user], h)
+        self.kernels = self.kind(fields, model, np.sqrt(mu)[model.user])
         self.gravity = scene.gravity
         self.boost = np.ones(model.n)
         self._weighed: tuple[ContactPairs, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for

@@ -8,15 +8,16 @@ import taichi as ti
 
 from ...backend.fields import Fields
 from ...forces.conditions import sym_outer, sym_scaled_identity
-from ...options import usual
+from ...options import USUAL
 from ...system.state import ParticleState
 from ..geometry import EDGE_EDGE
 from .barrier import SHALLOW, height, law, potential
 
 STEEP = 4.0  # size of a turn from which on friction fades: edges near parallel would turn each other by large normal forces
 FLAT = 1e-6  # over that: from which on there is none
-PRESS = 12.0  # stiffness of a pair over mass / h^2, h the largest step
+PRESS = 12.0  # stiffness of a pair over mass / h^2, h = USUAL whatever the step, so that what rests lies as near
 STOP = 30.0  # the same of what stops an approach, h this step
+SETTLING = 0.3  # radii a second that a pair may come nearer before it is stopped: loads settle as fast whatever h is
 CREEP = 2e-5  # slip [m/s] below which friction between layers is viscous
 CONE = 1.02  # times the most that friction can be, above which what it damps slides
 
@@ -37,11 +38,10 @@ class PairKernels:
 
     Args:
         friction: (n,) square roots of the particles' coefficients.
-        h: the largest step [s].
     """
 
-    def __init__(self, fields: Fields, model: ParticleState, friction: np.ndarray, h: float) -> None:
-        self.model, self.h_usual = model, fields.real(1, data=np.array([usual(h)]))
+    def __init__(self, fields: Fields, model: ParticleState, friction: np.ndarray) -> None:
+        self.model = model
         self.friction = fields.real(model.n, data=friction)
 
     @ti.kernel
@@ -55,7 +55,7 @@ class PairKernels:
                 light += weights[k, a] ** 2 / self.model.m[vertices[k, a]]
                 more = ti.max(more, boost[vertices[k, a]])
             own = 1 / ti.max(light, 1e-30)
-            stiff = PRESS * own / self.h_usual[0] ** 2 * factor[k] * more
+            stiff = ti.static(PRESS / USUAL**2) * own * factor[k] * more
             n = row_of(normals, k)
             began = n.dot(self.at(vertices, weights, k, self.model.x_saved))
             counts = self.turn(pair[k, 2], vertices, k, n, end[k], turns)
@@ -130,7 +130,7 @@ class PairKernels:
             out[BACK, k] = ti.select(along < 0, 1.0, 0.0)
             out[RUB, k] = h * bears * ti.select(speed < CREEP, speed**2 / (2 * CREEP), speed - CREEP / 2)
             stop = STOP * weighed[OWN, k] * factor[k] / h**2
-            out[STOPPED, k] = stop * ti.max(limit(weighed[BEGAN, k], radius[k]) - gap, 0.0) ** 2 / 2
+            out[STOPPED, k] = stop * ti.max(limit(weighed[BEGAN, k], radius[k], h) - gap, 0.0) ** 2 / 2
 
     @ti.func
     def at(self, vertices: ti.template(), weights: ti.template(), k, rows: ti.template()):
@@ -181,7 +181,7 @@ class PairKernels:
         step's own h. It acts within the step alone, and so gives no speed back.
         """
         force, slope = law(d, radius)
-        most, stop = limit(began, radius), STOP * own * factor / h**2
+        most, stop = limit(began, radius, h), STOP * own * factor / h**2
         if d >= most:
             stop *= 0
         return stiff * force + stop * (most - d), stiff * slope + stop
@@ -205,9 +205,9 @@ class PairKernels:
 
 
 @ti.func
-def limit(began, radius):
+def limit(began, radius, h):
     """Distance [m] below which a pair is stopped."""
-    return ti.min(ti.max(began, height(2 * SHALLOW, radius)), radius)
+    return ti.min(ti.max(began - SETTLING * h * radius, height(2 * SHALLOW, radius)), radius)
 
 
 @ti.func

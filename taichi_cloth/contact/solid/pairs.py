@@ -4,12 +4,14 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from ...options import USUAL
 from ..points import Points
 from ..rows import EYE, rows_of, sym_outer, sym_times, tangential
 
 PAIR = 0.5  # of the thickness (beyond the core's radius): what edges and faces of cloth keep
 PRESS = 100.0  # stiffness of a pair over mass / h^2, h the largest step
 LEAST = 0.42  # of a pair's range: nearer is not accepted; a fifth of the thickness, and what rounding takes
+SETTLING = 0.3  # ranges a second that a pair may come nearer before it is stopped, as between layers
 CLOSE, CREEP = 0.55, 0.05  # of a pair's range: what ends nearer than that, by so much, takes another round
 BARELY, KEPT = 0.45, 0.7  # of a pair's range: nearer than that, or than it was, a step stops it with a stiffness of its
 # own; the former for small steps, which lift what is nearer no faster than large ones do
@@ -81,7 +83,7 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
     """Repulsion of pairs, linearised where they now are, and friction as a damping.
 
     Within the range r the force is k (r - d) down to halfway between r and the least distance d_0, and
-    k (r - d_0)^2/4(d - d_0) below, with k = PRESS m/h^2 of the largest step: it bears what rests. What comes nearer
+    k (r - d_0)^2/4(d - d_0) below, with k = PRESS m/h^2, h = USUAL whatever the step: it bears what rests. What comes nearer
     in this step than it was is stopped by as much again, of this step's own h, and given no speed by it.
 
     Args:
@@ -93,7 +95,7 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
     room = (1 - LEAST) * r
     u = np.maximum((p.distance - LEAST * r) / room, SHALLOW)
     d = LEAST * r + u * room
-    stiff = PRESS * own / step.h_usual**2
+    stiff = PRESS * own / USUAL**2
     far = u >= 0.5
     f = stiff * room * np.where(far, 1 - u, 1 / (4 * u))
     k = stiff * np.where(far, 1.0, 1 / (4 * u**2))
@@ -101,7 +103,8 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
     f0 = f + k * (ahead + d - p.distance)
     stop = PRESS * own / h**2
     kept = (BARELY + (KEPT - BARELY) * min(1.0, h / step.h_usual)) * r
-    limit = np.clip(p.distance - np.einsum("ki,ki->k", p.normal, p.point - p.carried), kept, r)
+    began = p.distance - np.einsum("ki,ki->k", p.normal, p.point - p.carried)
+    limit = np.clip(began - SETTLING * h * r, kept, r)
     nearing = p.distance < limit
     f0 += np.where(nearing, stop * (limit - p.distance + ahead), 0.0)
     k = k + np.where(nearing, stop, 0.0)
