@@ -206,7 +206,8 @@ class Simulation(Queries):
 
     def _drives_changed(self, before: tuple) -> None:
         """Forces jump where gas, loads or wind are others at once: nothing of the last step goes on."""
-        if before != self.prescribed.script.drives():
+        now = self.prescribed.script.drives()
+        if len(before) != len(now) or any(was is not what for was, what in zip(before, now)):
             self.prescribed.set_time(self.time)
             self.stepper.start = None
             self.integrator.reset()
