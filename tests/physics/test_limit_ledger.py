@@ -6,7 +6,6 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth.system.quantities import deformation
 
-
 SOFT = tc.Stretch(20, 0.1, limit=1.05), tc.Shear(100, 0.1)
 LOOSE = tc.Stretch(1000, 0.1), tc.Shear(2.0, 0.02, limit=0.1)
 
