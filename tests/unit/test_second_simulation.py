@@ -61,6 +61,8 @@ def test_another_mesh_and_other_numbers_compile_nothing_and_go_as_alone(monkeypa
     here: dict = {}
     exec(CODE, here)
     compiled = Compiled(monkeypatch)
+    gc.collect()
+    field_pool.trim(0)  # of what tests before this one left
     sim = here["run"](9, 1.0)
     assert len(compiled.new()) > 30
     sim.close()
