@@ -67,7 +67,8 @@ def test_24_runs_on_two_workers_with_one_killed_are_those_of_one_process(tmp_pat
     told: list[str] = []
     there = tc.sweep(hung, grid, sag, out=tmp_path / "out", workers=2, say=told.append, **HOW)
     begun = (tmp_path / "begun").read_text().split()
-    assert len(begun) == 25 and len(set(begun)) in (2, 3)  # one run twice; by a third process where that starts in time
+    # the killed run twice, and the one before where its result was not fetched yet; a third process where that starts in time
+    assert len(begun) in (25, 26) and len(set(begun)) in (2, 3)
     assert (tmp_path / "killed").read_text() in begun and str(os.getpid()) not in begun
     assert [r["status"] for r in there.rows] == ["ok"] * 24 and len(told) == 24
     assert [r["run"] for r in there.rows] == list(range(24)) and there.rows[23]["cells"] == 4
@@ -84,7 +85,7 @@ def test_24_runs_on_two_workers_with_one_killed_are_those_of_one_process(tmp_pat
     page = (tmp_path / "out" / "sweep.html").read_text()
     assert "<figcaption>sag</figcaption>" in page and "cells = 4</text>" in page and page.count("<tr") == 25
     again = tc.sweep(hung, grid, sag, out=tmp_path / "out", workers=2, **HOW)
-    assert again.again == 24 and again.rows == there.rows and len((tmp_path / "begun").read_text().split()) == 50
+    assert again.again == 24 and again.rows == there.rows and len((tmp_path / "begun").read_text().split()) == len(begun) + 25
 
 
 def test_failures_are_rows_with_their_reasons(tmp_path):
