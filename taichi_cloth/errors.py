@@ -20,6 +20,12 @@ class SceneError(ClothError, ValueError):
     """A scene, a fabric or an option with an impossible value or an unknown name."""
 
 
+class NameUnknown(SceneError, KeyError):
+    """A name that is in no table, such as a fabric's."""
+
+    __str__ = Exception.__str__  # a KeyError would show the message's repr
+
+
 class BackendError(ClothError, RuntimeError):
     """An arch, precision or simulation that is not there (any more)."""
 

@@ -100,8 +100,8 @@ def _run(args: argparse.Namespace, scene) -> int:
 
     started = time.perf_counter()
     options = _options(args, scene)
-    sim = simulate(scene, options)
-    print(describe(sim, time.perf_counter() - started))
+    sim, start = simulate(scene, options)
+    print(describe(sim, time.perf_counter() - started, start))
     if options.out:
         print(f"written to {options.out}/" + ("images/" if options.size else ""))
     return OK
@@ -114,7 +114,7 @@ def _check(args: argparse.Namespace, scene) -> int:
     if args.small:
         args.set = [f"{k}={v}" for k, v in scene.small.items()] + args.set
     options = _options(args, scene)
-    sim, passed = simulate(scene, options), True
+    sim, passed = simulate(scene, options)[0], True
     for sentence, good in run_check(scene, sim):
         print(f"{'ok    ' if good else 'FAILED'} {sentence}")
         passed &= bool(good)

@@ -11,15 +11,8 @@ from typing import Any, NoReturn
 class Parser(argparse.ArgumentParser):
     """As argparse's, for a command and its subcommands."""
 
-    known: set[str] = set()  # flags of all parsers of the process
-
     def __init__(self, **options: Any) -> None:
         super().__init__(**{**options, "allow_abbrev": False})  # --check is no --checkpoint-every
-
-    def add_argument(self, *names: str, **options: Any) -> argparse.Action:  # type: ignore[override]
-        """As argparse's."""
-        self.known.update(name for name in names if name.startswith("--"))
-        return super().add_argument(*names, **options)
 
     def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
         """As argparse's; `--camera -1,1,2:0,0,0` is a flag and its value, which argparse would take for another flag."""
@@ -30,14 +23,33 @@ class Parser(argparse.ArgumentParser):
                 joined[-1] += "=" + word
             else:
                 joined.append(word)
-        return super().parse_args(joined, namespace)
+        out, rest = self.parse_known_args(joined, namespace)
+        if rest:
+            hints = self._hints(rest, getattr(out, "command", ""))
+            self.error("; ".join([f"unrecognized arguments: {' '.join(rest)}", *hints]))
+        return out
+
+    def _hints(self, rest: list[str], command: str) -> list[str]:
+        """What each flag among the words that a command does not know was perhaps meant to be."""
+        parsers: dict[str, argparse.ArgumentParser] = {"": self}
+        for action in self._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                parsers |= action.choices
+        of = {name: [flag for a in p._actions for flag in a.option_strings if flag.startswith("--")]
+              for name, p in parsers.items()}
+        out = []
+        for word in (found[0] for found in map(re.compile(r"--[\w-]+").match, rest) if found):
+            having = [name for name, flags in of.items() if word in flags]
+            near = difflib.get_close_matches(word, of[command], n=2)
+            if having:
+                verb = "has" if len(having) == 1 else "have"
+                out.append(f"{word}: {command} has no such flag; {', '.join(having)} {verb} it")
+            else:
+                out.append(f"{word}: did you mean {' or '.join(near)}?" if near else f"{word}: see --help of the command")
+        return out
 
     def error(self, message: str) -> NoReturn:
-        """Ends the process with the message, and a suggestion for each flag or command that is not known."""
-        if message.startswith("unrecognized arguments"):
-            for word in re.findall(r"(--[\w-]+)", message):
-                near = difflib.get_close_matches(word, sorted(self.known), n=2)
-                message += f"; {word}: " + (f"did you mean {' or '.join(near)}?" if near else "see --help of the command")
+        """Ends the process with the message, and a suggestion for a command that is not known."""
         choice = re.search(r"invalid choice: '([^']*)' \(choose from (.*)\)", message)
         if choice:
             near = difflib.get_close_matches(choice[1], re.findall(r"[\w-]+", choice[2]), n=1)

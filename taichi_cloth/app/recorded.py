@@ -23,7 +23,7 @@ def add_parsers(commands) -> None:
     frame_flags(render)
     compare = commands.add_parser("compare", help="two runs in one picture, with their difference")
     compare.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
-    compare.add_argument("--to", default="compare.png", metavar="FILE", help="picture (compare.png)")
+    compare.add_argument("--to", metavar="FILE", help="picture (compare.png in the first run's folder)")
     compare.add_argument("--size", type=size_of, default=(480, 360), metavar="WxH", help="of one frame (480x360)")
     compare.add_argument("--frames", type=int, default=5, metavar="N", help="number of frames in a row")
     look_flags(compare)
@@ -78,8 +78,8 @@ def _compare(args: argparse.Namespace) -> int:
     _check_to(args)
     checks.integer("--frames", args.frames)
     first, second = map(Recording, args.runs)
-    rms, largest = compare(first, second, pathlib.Path(args.to), args.size, args.frames, _look(args, first))
-    print(f"RMS distance {rms:.6g} m, largest {largest:.6g} m; written to {args.to}")
+    file = pathlib.Path(args.to) if args.to else first.path / "compare.png"
+    print(f"{compare(first, second, file, args.size, args.frames, _look(args, first))}; written to {file}")
     return 0
 
 

@@ -12,9 +12,11 @@ from .running import RunOptions, run
 from .scenefile import SceneFile, said
 from .summary import described
 
+INSTEAD = "--resume goes on with that run, --overwrite removes them"
 
-def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
-    """Builds the scene, runs it, writes its folder.
+
+def simulate(scene_file: SceneFile, options: RunOptions) -> tuple[Simulation, float]:
+    """Builds the scene, runs it, writes its folder; the simulation, and its time [s] where this began.
 
     Raises:
         ClothError: by what went wrong; the frames so far are whole.
@@ -27,16 +29,17 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> Simulation:
     old = Recording(options.out) if options.resume and options.out else None
     last = round(options.duration * options.fps)
     resumed = resume(sim, old, manifest, last, options.from_frame, options.force) if old else None
+    start = sim.time
     first = kept_from(old, resumed, options.frames)
     # only now, when nothing in the request is wrong any more, may an earlier run's files go
-    folder = RunFolder(options.out, options.overwrite, resumed) if options.out else None
+    folder = RunFolder(options.out, options.overwrite, resumed, INSTEAD) if options.out else None
     try:
         run(sim, options, folder, manifest, None, resumed, first, began, lambda error: said(error, scene_file.path))
     except ClothError:
         raise
     except Exception as error:
         raise ScriptError(f"scene {scene_file.name}: {said(error, scene_file.path)}") from error
-    return sim
+    return sim, start
 
 
 def _manifest(scene_file: SceneFile, sim: Simulation, options: RunOptions) -> dict:

@@ -53,15 +53,19 @@ def _seams(sim: Simulation) -> str:
             f"{seams[k].cloth.name!r}, {joined[0]} to {joined[1]}\n")
 
 
-def describe(sim: Simulation, wall: float) -> str:
-    """The closing lines of a run: how complex it was, how often it went wrong, what it cost."""
+def describe(sim: Simulation, wall: float, start: float = 0.0) -> str:
+    """The closing lines of a run: how complex it was, how often it went wrong, what it cost.
+
+    Args:
+        wall: time that it took [s]; start: simulated time from which on it did, where a run was gone on with.
+    """
     s = summary(sim)
     cloths = sim.scene.cloths
     bad = ", ".join(f"{n} {c}" for n, c in s["rejections"].items()) or "none"
     parts = ", ".join(f"{n} {v:.2f} s" for n, v in s["seconds"].items() if v)
     faces = sum(c.mesh.face_count for c in cloths)
     model = f"{sim.model.n} vertices, {faces} triangles, {len(sim.scene.solids)} solids, at most {s['contacts']} contacts"
-    layers = ""
+    layers, since = "", f", from t = {start:g} s on; of the whole run" if start else ""
     if sim.contacts is not None and sim.contacts.layers is not None:
         counted = "not counted" if s["intersections"] is None else s["intersections"]
         layers = (f"layers: at most {s['layers']} pairs of cloth in contact, smallest gap {s['least_gap']:.2f} thicknesses; "
@@ -71,8 +75,8 @@ def describe(sim: Simulation, wall: float) -> str:
             f"{s['smallest_h'] * 1e3:.3g} ms, worst residual {s['worst_residual']:.1g}, "
             f"crossings {s['crossings']}, largest stretch {s['largest_stretch']:.3f}\n"
             f"energy: {_energy(s['energy'])}\n"
-            f"cost: {sim.time:g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}: {s['steps']} "
-            f"steps, {s['cg_iterations']} CG iterations; {parts}")
+            f"cost: {sim.time - start:g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}{since}: "
+            f"{s['steps']} steps, {s['cg_iterations']} CG iterations; {parts}")
 
 
 def _energy(total: dict[str, float]) -> str:

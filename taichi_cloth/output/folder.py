@@ -41,30 +41,32 @@ class RunFolder:
         path: made where it does not exist.
         overwrite: whether another run's files there may be removed; nothing else ever is.
         resumed: the frame from which that run is gone on with: its files up to then stay.
+        instead: what else than choosing another folder may be done where one holds another run's files.
 
     Raises:
         OutputError: another run's files are there, another process writes there, or the folder cannot be written.
     """
 
-    def __init__(self, path: str | os.PathLike, overwrite: bool = False, resumed: int | None = None) -> None:
+    def __init__(self, path: str | os.PathLike, overwrite: bool = False, resumed: int | None = None,
+                 instead: str = "overwrite=True removes them") -> None:
         self.path = pathlib.Path(path)
         self._telemetry: BinaryIO | None = None
         self._sum = 0
         self._made = {self.path}
         try:
-            self._prepare(overwrite, resumed)
+            self._prepare(overwrite, resumed, instead)
         except OutputError:
             raise
         except OSError as error:
             raise OutputError(f"cannot write to {self.path}: {error.strerror or error}") from None
 
-    def _prepare(self, overwrite: bool, resumed: int | None) -> None:
+    def _prepare(self, overwrite: bool, resumed: int | None, instead: str) -> None:
         if self.path.exists() and not self.path.is_dir():
             raise OutputError(f"{self.path} is a file, not a folder")
         old = self.run_files() if resumed is None else [f for f in self.of_frames() if _number(f) > resumed]
         if old and resumed is None and not overwrite:
             raise OutputError(f"{self.path} holds another run's files ({len(old)}, such as {old[0].name}): choose another "
-                              "folder, --resume goes on with that run, or --overwrite removes them")
+                              f"folder, or {instead}")
         self.path.mkdir(parents=True, exist_ok=True)
         if not os.access(self.path, os.W_OK):
             raise OutputError(f"cannot write to {self.path}")

@@ -12,7 +12,7 @@ from ..errors import OutputError
 from ..output.colors import draw_bar, heat_colors
 from ..output.folder import write_whole
 from ..output.look import Heat, Look
-from ..output.movie import write_mp4
+from ..output.movie import encoder, write_mp4
 from ..output.picture import Artist, contact_sheet
 from ..output.png import encode_apng, encode_png
 from ..output.recording import Recording
@@ -60,11 +60,13 @@ def render(recording: Recording, folder: pathlib.Path, size: tuple[int, int], lo
     """Draws frames of a recorded run into `folder`; the files that were written.
 
     Raises:
-        OutputError: a film that cannot be transparent.
+        OutputError: a film that cannot be written, or cannot be transparent; nothing is drawn then.
     """
+    if films.mp4:
+        encoder()
     artist = Artist(recording.geometry, size, look, lambda: frames_of(recording))
     if films.mp4 and artist.renderer.transparent:
-        raise OutputError("a film (mp4) cannot be transparent: choose another background, or --apng")
+        raise OutputError("a film (mp4) cannot be transparent: choose another background, or an animated PNG (apng)")
     files, images = [], []
     folder.mkdir(parents=True, exist_ok=True)
     picked = set(spread(numbers, films.sheet)) if films.sheet else set()
@@ -123,8 +125,8 @@ def weights(a: Recording, b: Recording) -> np.ndarray | None:
 
 
 def compare(a: Recording, b: Recording, file: pathlib.Path, size: tuple[int, int], count: int,
-            look: Look) -> tuple[float, float]:
-    """Draws both runs and their difference, row by row, into one picture; (RMS, maximum) of the difference [m]."""
+            look: Look) -> str:
+    """Draws both runs and their difference, row by row, into one picture; how far they are apart, in a sentence."""
     apart, other = distances(a, b), dict(_same_times(a, b))
     high = max(max(float(d.max()) for d in apart.values()), 1e-12)
     rows: list[list[np.ndarray]] = [[], [], []]
@@ -139,8 +141,13 @@ def compare(a: Recording, b: Recording, file: pathlib.Path, size: tuple[int, int
             draw_bar(image, 0.0, high, False, "distance [m]")
         rows[2].append(image)
     write_whole(file, encode_png(contact_sheet([image for row in rows for image in row], len(numbers))))
-    of = weights(a, b)
-    return _rms([_rms([d], of) for d in apart.values()]), max(float(d.max()) for d in apart.values())
+    return apart_in_all(apart, weights(a, b))
+
+
+def apart_in_all(apart: dict[int, np.ndarray], of: np.ndarray | None) -> str:
+    """How far two runs are apart in all frames, in a sentence; `apart` as `distances`, `of` as `weights` gives it."""
+    rms = _rms([_rms([d], of) for d in apart.values()])
+    return f"in all {len(apart)} frames: RMS {rms:.3g} m, largest {max(float(d.max()) for d in apart.values()):.3g} m"
 
 
 def parting(a: Recording, b: Recording, tolerance: float) -> list[str]:
@@ -151,13 +158,13 @@ def parting(a: Recording, b: Recording, tolerance: float) -> list[str]:
     off = _rms([apart[last]], of)
     counts = len(apart[last]), len(b.geometry["x"])
     where = "" if of is None else f" of {counts[0]:,} vertices against {counts[1]:,}, by material coordinates"
-    end = f"error at t = {last / fps:.4g} s{where}: RMS {off:.3g} m, {off / size:.2%} of the size {size:.3g} m"
+    end = f"at the end, t = {last / fps:.4g} s{where}: RMS {off:.3g} m, {off / size:.2%} of the size {size:.3g} m"
     for k, d in apart.items():
         rms = _rms([d], of)
         if rms > tolerance:
             worst = int(np.argmax(d))
             return [f"the motion parts at frame {k} (t = {k / fps:.4g} s): RMS {rms:.3g} m, "
-                    f"vertex {worst} by {d[worst]:.3g} m", end]
+                    f"vertex {worst} by {d[worst]:.3g} m", end, apart_in_all(apart, of)]
     largest = max(float(d.max()) for d in apart.values())
     return [f"the motion agrees in all {len(apart)} frames: no vertex is further apart than {largest:.3g} m"]
 

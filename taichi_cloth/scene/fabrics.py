@@ -16,9 +16,12 @@ your own. Where a cloth yields was measured for none of them.
 """
 
 from dataclasses import dataclass
+from typing import TypeVar
 
+from ..errors import NameUnknown, did_you_mean, shown
 from .fabric import Bend, Fabric, Shear, Stretch
 
+T = TypeVar("T")
 WANG = "Wang et al. 2011, as shipped with ARCSim"
 MATSUDAIRA = "Matsudaira et al. 2015, KES-FB2, as quoted"
 DENIMS = "Journal of Textiles 2016, 4614168, KES-F"
@@ -61,7 +64,22 @@ def _clyde(density: float, k: tuple[float, float], shear: float, D: tuple[float,
     return Measured(density, Stretch(k), Shear(shear), Bend((D[0] * 1e-6, D[1] * 1e-6)), CLYDE, thickness * 1e-3)
 
 
-fabrics: dict[str, Measured] = {
+class Table(dict[str, T]):
+    """Values by name; a name that is not there is answered with the nearest.
+
+    Args:
+        what: they are, in messages.
+    """
+
+    def __init__(self, what: str, values: dict[str, T]) -> None:
+        super().__init__(values)
+        self.what = what
+
+    def __missing__(self, name: object) -> T:
+        raise NameUnknown(f"unknown {self.what} {shown(name)}; {did_you_mean(name, self)}")
+
+
+fabrics: Table[Measured] = Table("fabric", {
     "interlock": _wang(0.187, (33.0, 69.0), 37.0, (5.8, 3.6), (93.0, 812.0)),
     "rib_knit": _wang(0.276, (86.0, 130.0), 83.0, (11.6, 8.1), (105.0, 509.0)),
     "ponte": _wang(0.284, (62.0, 88.0), 32.0, (9.1, 9.3), (157.0, 384.0)),
@@ -74,7 +92,7 @@ fabrics: dict[str, Measured] = {
     "charmeuse": _clyde(0.083, (774.0, 1790.0), 51.0, (3.2, 3.2), 0.18),
     "canvas": _clyde(0.294, (2844.0, 10496.0), 532.0, (20.0, 14.0), 0.53),
     "wool_coating": _clyde(0.481, (2931.0, 2840.0), 237.0, (75.0, 39.0), 1.28),
-}
+})
 
 
 def _kes(D: float, two_HB: float, source: str) -> MeasuredBend:
@@ -82,7 +100,7 @@ def _kes(D: float, two_HB: float, source: str) -> MeasuredBend:
     return MeasuredBend(D * 1e-6, friction=two_HB / 2 * 1e-3, source=source)
 
 
-bends: dict[str, MeasuredBend] = {
+bends: Table[MeasuredBend] = Table("bend", {
     "cotton_broadcloth": _kes(11.57, 1.216, MATSUDAIRA),
     "wool_tropical": _kes(6.570, 0.3236, MATSUDAIRA),
     "polyester_faille": _kes(1.863, 0.06865, MATSUDAIRA),
@@ -92,7 +110,7 @@ bends: dict[str, MeasuredBend] = {
     "denim_d": _kes(14.42, 1.383, DENIMS),
     "denim_e": _kes(20.30, 2.099, DENIMS),
     "denim_f": _kes(14.51, 1.559, DENIMS),
-}
+})
 
 
 def table() -> str:

@@ -67,13 +67,13 @@ class TriMesh:
             uv = checks.array("material coordinates", uv, (len(x), 2), (len(faces), 3, 2), row="vertex or face",
                               error=MeshError)
         _check_area(uv, faces)
-        borders = _borders(faces)
+        borders = borders_of(faces)
         loose = len(x) - len(np.unique(faces))
         if loose:
             note = f"{loose} of {len(x)} vertices belong to no face and are kept out of the simulation"
             warnings.warn(note, stacklevel=2)
             notes += (note,)
-        notes += _tears(x, borders) + _flips(faces)
+        notes += open_note(x, borders) + _flips(faces)
         for name, value in (("x", x), ("faces", faces), ("uv", uv)):
             value.setflags(write=False)
             object.__setattr__(self, name, value)
@@ -192,7 +192,7 @@ def face_edges(faces: np.ndarray) -> np.ndarray:
     return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
 
 
-def _borders(faces: np.ndarray) -> np.ndarray:
+def borders_of(faces: np.ndarray) -> np.ndarray:
     """(k, 2) edges with one triangle.
 
     Raises:
@@ -207,18 +207,36 @@ def _borders(faces: np.ndarray) -> np.ndarray:
     return edges[count == 1]
 
 
-def _tears(x: np.ndarray, borders: np.ndarray) -> tuple[str, ...]:
-    """A note where edges of the border lie on each other: vertices that were to be one, most often."""
-    ends = np.unique(borders)
-    _, place = np.unique(x[ends], axis=0, return_inverse=True)
-    merged = np.sort(place.reshape(-1)[np.searchsorted(ends, borders)], axis=1)
+def open_note(x: np.ndarray, borders: np.ndarray, joined: np.ndarray | None = None) -> tuple[str, ...]:
+    """A note where edges of the border lie on each other: vertices that were to be one, most often.
+
+    Args:
+        borders: (k, 2) vertices of edges.
+        joined: (n,) a number of each vertex that those have in common that are sewn to each other; none are where None.
+    """
+    ends = borders if joined is None else joined[borders]
+    ends, times = np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
+    ends = ends[times == 1]  # others are sewn
+    names, first = np.unique(np.arange(len(x)) if joined is None else joined, return_index=True)
+    used = np.unique(ends)
+    place = _places(x[first[np.searchsorted(names, used)]])
+    merged = np.sort(place[np.searchsorted(used, ends)], axis=1)
     count = np.unique(merged[merged[:, 0] != merged[:, 1]], axis=0, return_counts=True)[1]
     pairs = int((count == 2).sum())
     if not pairs:
         return ()
-    vertices = len(ends) - len(np.unique(place))
+    vertices = len(used) - len(np.unique(place))
     return (f"the border lies on itself in {pairs} pairs of edges, with {vertices} vertices where there is another one: the "
-            "cloth is open there; make them one if it is to be sewn",)
+            "cloth is open there, unless they are made one or sewn",)
+
+
+def _places(x: np.ndarray) -> np.ndarray:
+    """(n,) a number of each point's place, the same for points that differ by rounding."""
+    close, of = 1e-9 * float(np.ptp(x, axis=0).max(initial=0.0)) if len(x) else 0.0, np.zeros(x.shape, dtype=np.int64)
+    for d, values in enumerate(x.T):
+        order = np.argsort(values)
+        of[order[1:], d] = np.cumsum(np.diff(values[order]) > close)
+    return np.unique(of, axis=0, return_inverse=True)[1].reshape(-1)
 
 
 def _flips(faces: np.ndarray) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from ..backend import taichi_patches  # noqa: F401  (before Taichi)
 
 # isort: split
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, Self
 
@@ -12,10 +13,14 @@ import taichi as ti
 from .. import checks
 from ..backend import runtime
 from ..backend.fields import Fields
+from ..backend.ordering import components
 from ..errors import BackendError, SceneError
 from ..forces import build_forces
 from ..options import EXPLICIT, H_MIN_FACTOR, MACHINE, Options, usual
+from ..scene.cloth import Cloth
+from ..scene.mesh import borders_of, open_note
 from ..scene.scene import Scene
+from ..scene.sewing import Seam
 from ..solver.pcg import Solution
 from ..step import integrators
 from ..step.choice import SAFETY, choose
@@ -62,7 +67,7 @@ class Parts:
             self.integrator.subcycles = asked.adaptive
             if asked.adaptive and not bound and not self.integrator.gusty:
                 self.control = replace(self.control, h_max=H_EXPLICIT)
-        self.notes += [f"{c.name}: {note}" for c in scene.cloths for note in c.mesh.notes]
+        self.notes += [f"{c.name}: {note}" for c in scene.cloths for note in notes_of(c, scene.seams)]
         self._note_collapsed(self.model.start_positions)
         if self.contacts is not None:
             self.notes += self.contacts.inspect()
@@ -160,6 +165,16 @@ class Parts:
                     "a side to open them to, so they may stay so; give them some width")
             if count and note not in self.notes:
                 self.notes.append(note)
+
+
+def notes_of(cloth: Cloth, seams: Iterable[Seam]) -> tuple[str, ...]:
+    """Of a cloth's mesh; where its border lies on itself it is not open where it is sewn."""
+    seams, mesh, whole = [s for s in seams if s.cloth is cloth], cloth.mesh, cloth.whole
+    if all(s.tears for s in seams):
+        return mesh.notes
+    unsewn = open_note(whole.x, borders_of(whole.faces))
+    joined = components(mesh.vertex_count, *(np.concatenate([getattr(s, side) for s in seams]) for side in "ab"))
+    return (*(note for note in mesh.notes if note not in unsewn), *open_note(mesh.x, borders_of(mesh.faces), joined))
 
 
 def _contacts(fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool, options: Options):

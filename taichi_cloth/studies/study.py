@@ -77,7 +77,8 @@ class Row:
         energy_error: largest difference of the mechanical energy up to then [J]; stretch_error: of the largest stretch,
             over the whole run.
         note: "reference not converged", or why the run ended early.
-        best: on the Pareto front of wall time and error.
+        converged: whether the reference is good enough to tell the error.
+        best: on the Pareto front of wall time and error; no row is whose error the reference cannot tell.
     """
 
     case: Case
@@ -91,6 +92,7 @@ class Row:
     iterations: int = 0
     evaluations: int = 0
     note: str = ""
+    converged: bool = True
     best: bool = False
 
 
@@ -167,7 +169,8 @@ def judge(row: Row, track: Track, fine: Track, last: int, doubt: float) -> None:
     row.error = float(_rms(track.positions[last], fine.positions[last]))
     row.energy_error = float(np.abs(track.energy - fine.energy)[: last + 1].max())
     row.stretch_error = float(np.abs(track.stretch - fine.stretch)[1:].max())
-    notes = ["reference not converged"] if doubt > CONVERGED * row.error else []
+    row.converged = doubt <= CONVERGED * row.error
+    notes = [] if row.converged else ["reference not converged"]
     notes += [f"{row.fell_back} steps by backward Euler"] if row.fell_back else []
     row.note = ", ".join(notes + [f"{k} {v}" for k, v in row.rejections.items()])
 
@@ -176,7 +179,7 @@ def mark_front(rows: list[Row]) -> None:
     """Marks rows that no other beats in both wall time and error."""
     good = [r for r in rows if r.error is not None]
     for row in good:
-        row.best = not any(o.wall <= row.wall and o.error <= row.error and o is not row for o in good)  # type: ignore[operator]
+        row.best = row.converged and not any(o.wall <= row.wall and o.error <= row.error and o is not row for o in good)  # type: ignore[operator]
 
 
 def table(s: Study) -> str:

@@ -1,6 +1,7 @@
 """Pictures by the command line and from Python, of a run whose cloth falls further than its scene foresees."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -103,6 +104,12 @@ def test_a_keyed_camera_is_at_its_keys(fallen):
     for frame, camera in ((0, a), (6, b), (9, b)):
         assert (picture(frame, keys) == picture(frame, camera)).all()
     assert (picture(3, keys) != picture(3, a)).any()
+
+
+def test_a_film_that_cannot_be_written_costs_no_pictures(fallen, tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    assert cli.main(["render", str(fallen), "--to", str(tmp_path / "none"), *SMALL, "--mp4"]) == 2
+    assert "taichi-cloth[film]" in capsys.readouterr().err and not (tmp_path / "none").exists()
 
 
 @pytest.mark.parametrize("flags, what", [

@@ -165,7 +165,7 @@ def test_drawn_again_and_compared(whole, tmp_path):
     data = (tmp_path / "again" / "animation.png").read_bytes()
     assert data.count(b"fcTL") == 4 and data.count(b"fdAT") == 3 and data[data.index(b"acTL") + 7] == 4
     done = call("compare", whole, whole, "--to", tmp_path / "both.png", "--size", "64x48", "--frames", "3")
-    assert "RMS distance 0 m, largest 0 m" in done.stdout
+    assert "in all 16 frames: RMS 0 m, largest 0 m" in done.stdout
     assert read_png(tmp_path / "both.png").shape == (3 * 48, 3 * 64, 3)
 
 

@@ -49,7 +49,7 @@ def test_what_is_wrong_costs_nothing_on_disk(sim, tmp_path):
                            ({"overwrite": 2}, "overwrite"), ({"name": ""}, "name")):
         with pytest.raises(tc.SceneError, match=words):
             tc.record(sim, kept.path, **{"duration": 0.1, "overwrite": True, **options})
-    with pytest.raises(tc.OutputError, match="another run's files"):
+    with pytest.raises(tc.OutputError, match="another run's files.*or overwrite=True removes them"):
         tc.record(sim, kept.path, 0.1)
     with pytest.raises(tc.SceneError, match="sim"):
         tc.record(3, kept.path, 0.1, overwrite=True)

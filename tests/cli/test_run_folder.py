@@ -156,8 +156,9 @@ def test_a_run_goes_on_with_its_own_checkpoints_only(again, finished, capsys):
     path = again.out / "checkpoints" / "00008.npz"
     path.write_bytes(npz.pack(npz.unpack(path) | {"run": np.array("another")}))
     assert again(lambda: None, "--resume") == 0
-    said = capsys.readouterr().err
+    written, said = capsys.readouterr()
     assert "00008.npz is of another run" in said and "going on from frame 6" in said
+    assert "cost: 0.1 s simulated in" in written and "from t = 0.3 s on; of the whole run" in written
     for kind in ("frames", "checkpoints"):
         assert all(p.read_bytes() == (finished.out / kind / p.name).read_bytes() for p in (again.out / kind).glob("*7.npz"))
     assert run_of(manifest(finished.out)) == run_of(manifest(again.out))

@@ -8,6 +8,7 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth import checks
 from taichi_cloth.scene.mesh import facing
+from taichi_cloth.simulation.parts import notes_of
 
 nan, inf = float("nan"), float("inf")
 SHEET = tc.grid(1.0, 3)
@@ -155,6 +156,24 @@ def test_a_tear_is_noted():
     assert not tc.TriMesh(apart, mesh.faces, mesh.uv).notes
     for shape in (tc.disk(1, 3), tc.cylinder(1, 2, (6, 2)), tc.equilateral_strip(2, 2, 4), tc.grid(1, 3, "cross")):
         assert not shape.notes
+
+
+def test_what_is_sewn_is_not_noted_as_open():
+    """Three panels in a row, whose places differ by rounding: k times .4 is not k - 1 times .4 and .4."""
+    panel, rows = tc.grid((0.4, 0.2), (3, 2)), range(3)
+    n = panel.vertex_count
+    mesh = tc.TriMesh(np.concatenate([panel.x + [0.1 + (k + 2) * 0.4, 0, 0] for k in rows]),
+                      np.concatenate([panel.faces + k * n for k in rows]), np.concatenate([panel.uv + [k, 0] for k in rows]))
+    left, right = (np.sort(panel.select(side)) for side in ("left", "right"))
+    assert (mesh.x[right] != mesh.x[left + n]).any() and "in 4 pairs of edges, with 6 vertices" in mesh.notes[0]
+    for tear in (None, tc.Tear(100.0)):
+        scene = tc.Scene()
+        cloth = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(100.0)), tear=tear)
+        assert notes_of(cloth, scene.seams) == mesh.notes
+        scene.sew(cloth, right, left + n)
+        assert "in 2 pairs of edges, with 3 vertices" in notes_of(cloth, scene.seams)[0]
+        scene.sew(cloth, right + n, left + 2 * n)
+        assert not notes_of(cloth, scene.seams)
 
 
 def test_turned_triangles_are_noted():

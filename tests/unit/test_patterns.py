@@ -301,6 +301,13 @@ def test_measured_fabrics_have_a_source():
         assert 3e-6 < min(fabric.bend.D) and max(fabric.bend.D) < 1e-4 and fabric.shear.k < min(fabric.stretch.k) * 1.2
 
 
+def test_a_fabric_that_is_not_there_is_answered_with_the_nearest():
+    for table, wrong, right in ((tc.fabrics, "denimm", "denim"), (tc.bends, "denim_g", "denim_")):
+        with pytest.raises(tc.SceneError, match=f"^unknown [a-z]+ '{wrong}'; did you mean '{right}") as found:
+            table[wrong]
+        assert isinstance(found.value, KeyError) and table.get(wrong) is None and wrong not in table
+
+
 def test_measured_loops_of_bending_have_a_source():
     """HB over D [1/m]: faille 18, wool 25, broadcloth and denims 23 to 54."""
     ratio = {name: bend.friction / bend.D for name, bend in tc.bends.items()}

@@ -86,7 +86,7 @@ def test_an_error_that_the_reference_cannot_tell_is_doubted(part, doubted):
     track, fine = tracks()
     row = Row(Case("safe", 0.1))
     judge(row, track, fine, 2, part * np.sqrt(12.5))
-    assert (row.note == "reference not converged") == doubted
+    assert (row.note == "reference not converged") == doubted != row.converged
 
 
 def test_positions_are_compared_while_the_references_agree():
@@ -99,6 +99,9 @@ def test_the_front_is_what_nothing_beats():
     rows = [Row(Case("safe", 0.1), wall, error) for wall, error in ((1, 5), (2, 3), (3, 4), (2.5, 3), (4, 1), (0.5, None))]
     mark_front(rows)
     assert [row.best for row in rows] == [True, True, False, False, True, False]
+    rows[1].converged = False  # it beats others all the same
+    mark_front(rows)
+    assert [row.best for row in rows] == [True, False, False, False, True, False]
 
 
 @pytest.mark.parametrize("case", [{"h": 0}, {"h": 0.1, "tolerance": -1}, {"h": 0.1, "cg_tol": float("nan")},
