@@ -140,6 +140,8 @@ MUTATIONS = (
      COLLAPSED),
     (BEND, "sums[1] += 0.5 * self.rest[e][1] * C_dot * C_dot", "sums[1] += 0.25 * self.rest[e][1] * C_dot * C_dot",
      "the hinges' dissipation is halved"),
+    (MEMBRANE, "self.stiffening.used(m, SHEAR, ti.abs(w_u.dot(w_v)), 0.0)", "0.0", "limits of shear are not accounted for",
+     "tests/physics/test_limit_ledger.py"),
     (SLIDE, "low = ti.max(low, ti.min(angle - d, C))", "pass", "creases of flat folds follow C, not the angle", PRESSED),
     (SLIDE, "side = -1.0", "side = 1.0", "folds that pass through themselves change the sign of C", PRESSED),
     (SLIDE, "way = -1.0", "way = 1.0", "a flat fold is one to the positive side", PRESSED),
