@@ -2,11 +2,15 @@
 
 import os
 import pathlib
+import signal
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
 
 import taichi_cloth as tc
+
+LONGEST = 600  # s that a test may take
 
 
 def shared_data() -> pathlib.Path | None:
@@ -14,6 +18,23 @@ def shared_data() -> pathlib.Path | None:
     beside = pathlib.Path(__file__).parents[2] / "shared"
     folder = pathlib.Path(os.environ.get("TAICHI_CLOTH_SHARED", beside))
     return folder if folder.is_dir() else None
+
+
+@pytest.fixture(autouse=True)
+def time_limit() -> Iterator[None]:
+    """A test that waits for what does not come fails; it does not keep all others waiting."""
+    if not hasattr(signal, "SIGALRM"):
+        yield
+        return
+
+    def late(*_: object) -> None:
+        raise TimeoutError(f"the test took longer than {LONGEST} s")
+
+    before = signal.signal(signal.SIGALRM, late)
+    signal.alarm(LONGEST)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
 
 
 @pytest.fixture

@@ -184,8 +184,8 @@ def test_parquet_holds_the_table(tmp_path):
 
 SBATCH = """#!/bin/sh
 # stands for Slurm's: notes the job's script, and runs it here
-cp "$1" "{folder}/job"
-sh "$1" > "{folder}/log" 2>&1 &
+cp "$1" "{folder}/job"  # the script is removed when this one ends
+sh "{folder}/job" > "{folder}/log" 2>&1 &
 echo $! > "{folder}/pid"
 echo "Submitted batch job $$"
 """
