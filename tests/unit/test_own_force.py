@@ -10,6 +10,7 @@ import taichi_cloth as tc
 from taichi_cloth.backend.rows import read, write
 from taichi_cloth.forces.bend import Bend
 from taichi_cloth.forces.force import Force
+from taichi_cloth.step.ledger import totals
 
 FABRIC = tc.Fabric(0.2, tc.Stretch(500.0, k_d=0.5), tc.Shear(50.0), tc.Bend(3e-3))
 CREEP = 3.0  # 1/s, at which a hinge's rest angle goes to the angle that it has
@@ -146,9 +147,9 @@ def test_a_force_that_lacks_a_part_is_not_made():
 def test_energy_gone_by_creep_is_the_forces_own(sim):
     """What is stored is measured after the rest angles moved; what they took stands in the ledger by itself."""
     for _ in range(3):
-        before = sum(sim.energy().values())
-        record = sim.step()
-        row, after = record.ledger, sum(sim.energy().values())
+        before, first = sum(sim.energy().values()), len(sim.log)
+        record = sim.step()  # in smaller ones, where another test had one rejected
+        row, after = totals([r.ledger for r in sim.log[first:]]), sum(sim.energy().values())
         assert abs(row["unaccounted"]) < 0.05 * sum(abs(e) for e in record.energies.values())
         assert row["kinetic"] + row["potential"] == pytest.approx(after - before, abs=1e-12) and row["plastic"] > 0
         assert sum(record.energies.values()) == pytest.approx(after, abs=1e-14)
