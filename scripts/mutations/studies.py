@@ -96,7 +96,7 @@ MUTATIONS = (
      "(track.stretch - fine.stretch)[1:].max()", "(track.stretch - fine.stretch)[:last].max()",
      "stretch is compared over a part of the run", JUDGED),
     ("taichi_cloth/studies/study.py",
-     "if doubt > CONVERGED * row.error", "if doubt > row.error", "doubtful errors are given as good",
+     "doubt <= CONVERGED * row.error", "doubt <= row.error", "doubtful errors are given as good",
      STUDY),
     ("taichi_cloth/studies/study.py", "CONVERGED = 0.1  #", "CONVERGED = 0.5  #", "an error twice the references' own is good",
      JUDGED),
