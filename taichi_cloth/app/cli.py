@@ -72,7 +72,9 @@ def _dispatch(args: argparse.Namespace) -> int:
         return fitting.run(args)
     if args.command == "sweep":
         return _sweep(args)
-    scene = scenefile.read(args.scene)
+    scene, mine = scenefile.read(args.scene), scenefile.own(args.scene)
+    if mine:
+        print(f"note: scene {args.scene} is {mine}", file=sys.stderr)
     return _run(args, scene) if args.command == "run" else _check(args, scenefile.checked(scene))
 
 
@@ -137,7 +139,8 @@ def _list() -> int:
     from . import scenefile
 
     for name in scenefile.available():
-        print(f"{name:22} {scenefile.read(name).summary}")
+        mine = scenefile.own(name)
+        print(f"{name:22} {scenefile.read(name).summary}{f' ({mine})' if mine else ''}")
     return OK
 
 

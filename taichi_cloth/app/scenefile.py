@@ -17,6 +17,8 @@ from types import ModuleType
 
 from ..errors import ClothError, SceneError, ScriptError, did_you_mean, near
 
+OWN = pathlib.Path("scenes")  # where scenes of one's own are looked for by name
+
 
 @dataclass(frozen=True)
 class SceneFile:
@@ -116,7 +118,7 @@ def number(text: str, kind: type = float):
 def folders() -> list[pathlib.Path]:
     """Where scenes are looked for by name: ./scenes, those of the checkout, those of the installed package."""
     here = pathlib.Path(__file__).parents[1]
-    places = [pathlib.Path("scenes"), here.parent / "scenes", here / "bundled_scenes"]
+    places = [OWN, here.parent / "scenes", here / "bundled_scenes"]
     return [p for p in places if p.is_dir()]
 
 
@@ -128,6 +130,14 @@ def available() -> dict[str, pathlib.Path]:
             if not path.name.startswith("_"):
                 found.setdefault(path.stem, path)
     return dict(sorted(found.items()))
+
+
+def own(scene: str) -> str:
+    """Which file a scene's name stands for, where it is one of the user's in ./scenes; "" for others, and for paths."""
+    path, package = available().get(scene), [p for p in folders() if p != OWN]
+    if pathlib.Path(scene).is_file() or path is None or path.parent != OWN or OWN.resolve() in (p.resolve() for p in package):
+        return ""
+    return str(path) + next((f", not {p / path.name}" for p in package if (p / path.name).is_file()), "")
 
 
 def read(scene: str) -> SceneFile:

@@ -52,7 +52,7 @@ def test_what_is_not_of_its_type_is_named(scene, name, text):
         scene.typed({name: text})
 
 
-def test_the_first_folder_that_has_a_scene_wins(tmp_path, monkeypatch):
+def test_the_first_folder_that_has_a_scene_wins(tmp_path, monkeypatch, capsys):
     (tmp_path / "scenes").mkdir()
     for name in ("hang.py", "own.py", "_helper.py"):
         (tmp_path / "scenes" / name).write_text(TEXT)
@@ -61,6 +61,13 @@ def test_the_first_folder_that_has_a_scene_wins(tmp_path, monkeypatch):
     assert found["hang"].resolve() == (tmp_path / "scenes" / "hang.py").resolve() and "own" in found and "swing" in found
     assert "_helper" not in found and list(found) == sorted(found)
     assert scenefile.read("hang").summary == "What it shows."
+    theirs = scenefile.folders()[1]
+    assert scenefile.own("hang") == f"scenes/hang.py, not {theirs / 'hang.py'}" and scenefile.own("own") == "scenes/own.py"
+    assert not any(scenefile.own(name) for name in ("swing", "scenes/own.py", "none"))
+    assert cli.main(["check", "own"]) == 2 and "note: scene own is scenes/own.py\n" in capsys.readouterr().err
+    assert cli.main(["list"]) == 0 and "(scenes/own.py)" in capsys.readouterr().out
+    monkeypatch.chdir(theirs.parent)
+    assert not scenefile.own("hang")
 
 
 def test_scene_files_that_do_not_work_are_named(tmp_path):
