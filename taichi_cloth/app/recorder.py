@@ -26,7 +26,8 @@ def record(sim: Simulation, out: str | os.PathLike, duration: float, fps: float 
         name: of the scene, for reports.
 
     Returns:
-        The recording: to be drawn, played, exported, reported.
+        The recording: to be drawn, exported, reported, and played: `recording.play().save("run.html")` is a page that needs
+        nothing else, `.show()` opens it in a browser.
 
     Raises:
         SceneError: an impossible value.

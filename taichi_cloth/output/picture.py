@@ -1,10 +1,12 @@
 """Pictures of a recorded run: geometry once, then frame after frame, with camera, heat map and caption."""
 
+import contextlib
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
 import numpy as np
 
+from ..errors import OutputError
 from ..scene.view import Camera, CameraKeys, View, camera_at
 from .camera import ground_height
 from .colors import PALETTE, STONE, draw_bar, heat_colors
@@ -43,8 +45,7 @@ class Artist:
         first = np.concatenate([geometry["x"], geometry["solid_x"]])
         view = look.view(view_of(geometry))
         self.fitted = view.camera is None
-        if self.fitted:
-            view = self._fitted(view, first, frames)
+        view = self._placed(view, first, frames)
         self.camera = view.camera
         view = replace(view, camera=camera_at(view.camera, 0.0))
         self.renderer = Renderer(*size, surfaces(geometry, look, self.smooth), first, view, look.quality)
@@ -131,17 +132,25 @@ class Artist:
             target = target + frame["x"].mean(axis=0) - self.centre
         return replace(camera, eye=tuple((target + arm).tolist()), target=tuple(target.tolist()))
 
-    def _fitted(self, view: View, first: np.ndarray, frames: Callable[[], Iterable[Frame]] | None) -> View:
-        """The view with a camera that has all frames in its picture, and the ground below them."""
-        sets, lowest = [first], float(first[:, 1].min())
-        for frame in frames() if frames else ():
-            x = np.concatenate([frame["x"], frame.get("solid_x", first[:0])]).astype(np.float64)
-            lowest = min(lowest, float(x[:, 1].min()))
-            sets.append(x - (frame["x"].mean(axis=0) - self.centre) if self.look.follow else x)
+    def _placed(self, view: View, first: np.ndarray, frames: Callable[[], Iterable[Frame]] | None) -> View:
+        """The view with a ground, and with a camera that has all frames in its picture where it has none.
+
+        The ground touches solids where they are the lowest of all that there is in any frame; else it is below.
+        """
+        n = len(self.geometry["x"])
+        cloth, solid = (float(x[:, 1].min(initial=np.inf)) for x in (first[:n], first[n:]))
+        cloth, ground, sets = cloth - view.reach, ground_height(first, view), [first]
+        stands = view.ground is None and view.drawn_floor != "none" and solid <= cloth
+        with contextlib.nullcontext() if self.fitted else contextlib.suppress(OutputError):  # said where it is drawn
+            for frame in frames() if frames and (self.fitted or stands) else ():
+                x = np.concatenate([frame["x"], frame.get("solid_x", first[:0])]).astype(np.float64)
+                low = (float(part[:, 1].min(initial=np.inf)) for part in np.split(x, [len(frame["x"])]))
+                cloth, solid = map(min, (cloth, solid), low)
+                sets.append(x - (frame["x"].mean(axis=0) - self.centre) if self.look.follow else x)
+        if view.ground is None:
+            view = replace(view, ground=solid if solid <= cloth else min(ground, cloth, solid) if self.fitted else ground)
         fit = fit_round if self.look.orbit else fit_all
-        ground = ground_height(first, view)
-        return replace(view, camera=fit(sets, view.reach, self.size[0] / self.size[1]),
-                       ground=view.ground if view.ground is not None else min(ground, lowest))
+        return replace(view, camera=fit(sets, view.reach, self.size[0] / self.size[1])) if self.fitted else view
 
 
 def surfaces(geometry: Frame, look: Look, smooth: Smooth | None) -> Surfaces:

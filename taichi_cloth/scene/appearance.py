@@ -84,8 +84,9 @@ class Appearance:
     """How a cloth looks. What is None is left to the renderer.
 
     Args:
-        color: of the front; back: of the other side, on which no texture shows then. Names of CSS ("crimson"), "#rrggbb" in
-            sRGB, or linear RGB in 0..1.
+        color: of the front, to which the faces' normals point (corners run counterclockwise there): the upper side of
+            `grid` in the plane "xz", that towards +z in "xy"; back: of the other side, on which no texture shows then. Names
+            of CSS ("crimson"), "#rrggbb" in sRGB, or linear RGB in 0..1.
         squares: whether squares on the pattern show how it is strained; None draws them where there is neither texture
             nor weave.
         texture: an image on the pattern.

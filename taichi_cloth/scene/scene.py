@@ -52,9 +52,9 @@ class Scene(Sewn):
 
     def attach(self, cloth: Cloth, vertices: object, solid: Solid, since: float = 0.0, stiffness: float | None = None,
                most: float | None = None) -> None:
-        """Lets vertices ride on a solid, from where they are: at the nearest place of its surface, as that turns and moves.
+        """Lets vertices ride on a solid, from where they are: with the nearest place of its surface, as that turns and moves.
 
-        Hard, or by springs, which give where a solid presses the cloth away. `detach` lets go.
+        Each keeps its offset from that place; it is not drawn to the surface. Hard, or by springs, which give where a solid presses the cloth away. `detach` lets go.
 
         Args:
             since: when this begins [s]; in an event, the event's own time.

@@ -102,7 +102,8 @@ class View:
 
     Args:
         camera: one, or cameras by time [s], such as {0: Camera(...), 2: Camera(...)}; None fits one.
-        ground: height [m] of the ground; None puts it under the scene.
+        ground: height [m] of the ground; None takes that of a level plane that stays, else puts it where it touches the
+            lowest solid, if nothing comes lower in all frames, else some way below all of them.
         reach: room [m] that the cloth will need round its first shape, for the fitted camera.
         floor: the ground: "checker", "plain", "shadow" (nothing but the shadows on it), "none", or a colour. None is
             "none" where the background is transparent, "checker" elsewhere.

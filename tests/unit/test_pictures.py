@@ -44,6 +44,22 @@ def shot(sim, frame=None, **look):
     return artist.draw(record.frame(sim) if frame is None else frame), artist
 
 
+@pytest.mark.parametrize("camera", [None, AHEAD])
+def test_the_ground_touches_what_stands_on_it(sim, camera):
+    """A pole's foot at -.8, and at -.9 in a later frame; not where cloth comes lower, in any frame."""
+    def ground(*frames, **view):
+        scene = tc.Scene(view=View(camera, **view))
+        scene.add_cloth(tc.grid(1.0, 2, plane="xy"), FABRIC)
+        scene.add_solid(tc.Capsule((0, -0.7, 0), (0, 1, 0), 0.1), 0.4, 0.005)
+        g = record.as_built(scene)
+        made = [{"x": g["x"] - [0, sunk, 0], "solid_x": g["solid_x"] - [0, lower, 0]} for sunk, lower in frames]
+        return Artist(g, SIZE, Look(), lambda: made).renderer.ground
+
+    assert ground() == ground((0.7, 0.0)) == pytest.approx(-0.8) and ground((0.85, 0.1)) == pytest.approx(-0.9)
+    assert ground((0.85, 0.0)) < -0.85 and ground((0.7, 0.0), ground=-2.0) == -2.0 and ground(reach=0.9) < -1.7
+    assert ground((1.0, 0.1)) < -0.9
+
+
 def test_names_of_colours():
     image_color = pytest.importorskip("PIL.ImageColor")
     assert len(colornames.NAMES) == 148
