@@ -54,7 +54,8 @@ class Scene(Sewn):
                most: float | None = None) -> None:
         """Lets vertices ride on a solid, from where they are: with the nearest place of its surface, as that turns and moves.
 
-        Each keeps its offset from that place; it is not drawn to the surface. Hard, or by springs, which give where a solid presses the cloth away. `detach` lets go.
+        Each keeps its offset from that place; it is not drawn to the surface. Hard, or by springs, which give where a solid
+        presses the cloth away. `detach` lets go.
 
         Args:
             since: when this begins [s]; in an event, the event's own time.
