@@ -24,7 +24,7 @@ _NAMES = {
     "garment.curves": "Curve",
     "garment.dressing": "dress",
     "scene.scene": "Scene", "scene.cloth": "Cloth", "scene.air": "Air Gusts",
-    "scene.primitives": "Plane Sphere Capsule Box Cylinder", "scene.solids": "SolidMesh Solid",
+    "scene.primitives": "Plane Sphere Capsule Box Cylinder", "scene.solids": "SolidMesh Solid Prop",
     "scene.tear": "Tear",
     "scene.view": "Camera View",
     "scene.appearance": "Appearance Texture Weave",

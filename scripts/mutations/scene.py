@@ -149,4 +149,9 @@ MUTATIONS = (
      "tests/unit/test_quantities.py::test_means_over_a_vertex_are_weighted_by_area"),
     ("taichi_cloth/scene/view.py", "least=1.0, most=150.0", "least=1.0, most=15000.0", "an impossible angle is taken",
      "tests/unit/test_checks.py " + DESCRIPTION),
+    ("taichi_cloth/scene/scene.py", "there = [*self.solids, *self.props]", "there = [*self.solids]", "cloth rides on no prop",
+     DESCRIPTION),
+    ("taichi_cloth/scene/mesh.py", "ends = ends[times == 1]", "ends = ends[times > 0]", "sewn borders are open", CHECKS),
+    ("taichi_cloth/scene/mesh.py", "np.diff(values[order]) > close", "np.diff(values[order]) > 0",
+     "places that differ by rounding are apart", CHECKS),
 )

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..scene.attachment import Attachment
 from ..scene.scene import Scene
-from .record import is_ground
+from .record import drawn_solids, is_ground
 
 TIMES = 13  # at which what is prescribed is looked at, from 0 to the end
 
@@ -18,7 +18,7 @@ def expected(scene: Scene, duration: float) -> Iterator[dict[str, np.ndarray]]:
     down as far as the cloth is long from there; what falls, falls to the ground, where there is one.
     """
     x = np.concatenate([c.positions for c in scene.cloths])
-    solids = [s for s in scene.solids if not is_ground(s)]
+    solids = drawn_solids(scene)
     grounds = [float(s.pose(0.0)[1][1]) for s in scene.solids if is_ground(s)]
     moving = any(s.moves for s in solids)
     for t in np.linspace(0.0, duration, TIMES):

@@ -7,7 +7,7 @@ from ..output import described
 from ..scene.mesh import face_edges
 from ..scene.primitives import Plane
 from ..scene.scene import Scene
-from ..scene.solids import Solid
+from ..scene.solids import Placed
 from ..scene.view import CameraKeys
 from ..simulation import Simulation
 
@@ -37,10 +37,10 @@ def as_built(scene: Scene) -> dict[str, np.ndarray]:
     (NaN where left to the renderer) and what else `described.of_appearances` says; the same for solids (`solid_*`, without
     those drawn as ground); how it is seen, as `described.of_view` says.
     """
-    cloths, solids = scene.cloths, [s for s in scene.solids if not is_ground(s)]
+    cloths, solids = scene.cloths, drawn_solids(scene)
     surfaces = [s.shape.surface() for s in solids]
     starts = np.cumsum([0] + [len(x) for x, _ in surfaces])
-    grounds = [float(s.pose(0.0)[1][1]) for s in scene.solids if is_ground(s)]
+    grounds = [float(s.pose(0.0)[1][1]) for s in (*scene.solids, *scene.props) if is_ground(s)]
     ground = scene.view.ground if scene.view.ground is not None or not grounds else max(grounds)
     return {
         "faces": np.concatenate([c.whole.faces + c.start for c in cloths]).astype(np.int32),
@@ -113,7 +113,7 @@ def frame(sim: Simulation) -> dict[str, np.ndarray]:
     where cloth may tear, faces (m, 3) as they hang together, over one vertex for all that are joined; where seams have opened
     `sewn`; hinges over what opened are not among `hinge_whole`.
     """
-    solids = [s for s in sim.scene.solids if not is_ground(s)]
+    solids = drawn_solids(sim.scene)
     out = {"t": np.array(sim.time), "x": sim.positions().astype(np.float32), "v": sim.velocities().astype(np.float32)}
     for force in sim.force_terms:
         out |= force.recorded()
@@ -132,7 +132,12 @@ def frame(sim: Simulation) -> dict[str, np.ndarray]:
     return out
 
 
-def is_ground(solid: Solid) -> bool:
+def drawn_solids(scene: Scene) -> list[Placed]:
+    """Solids and props in their order in a recording, without those that are drawn as ground."""
+    return [s for s in (*scene.solids, *scene.props) if not is_ground(s)]
+
+
+def is_ground(solid: Placed) -> bool:
     """A level plane that stays is drawn as the ground."""
     if not isinstance(solid.shape, Plane) or solid.moves:
         return False

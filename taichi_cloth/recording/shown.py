@@ -11,7 +11,7 @@ from ..output.png import encode_png
 from ..scene.cloth import Cloth
 from ..scene.scene import Scene
 from ..scene.sewing import Seam
-from ..scene.solids import Solid, SolidMesh
+from ..scene.solids import Placed, Solid, SolidMesh
 from ..simulation import Simulation
 from .still import render
 
@@ -46,9 +46,9 @@ def _state(sim: Simulation) -> str:
 
 
 def _table(scene: Scene) -> str:
-    """A row for each cloth, for each solid, and for the seams of each cloth."""
+    """A row for each cloth, each solid and prop, and for the seams of each cloth."""
     rows = [("cloth", c.name, _of_cloth(scene, c)) for c in scene.cloths]
-    rows += [("solid", s.name, _of_solid(s)) for s in scene.solids]
+    rows += [(s.WHAT, s.name, _of_solid(s)) for s in (*scene.solids, *scene.props)]
     seams = {c: [s for s in scene.seams if s.cloth is c and not s.tears] for c in scene.cloths}
     rows += [("seams", c.name, _of_seams(mine)) for c, mine in seams.items() if mine]
     if not rows:
@@ -69,8 +69,9 @@ def _of_cloth(scene: Scene, cloth: Cloth) -> str:
     return ", ".join(said + (["may tear"] if cloth.tear else []))
 
 
-def _of_solid(solid: Solid) -> str:
-    said = [repr(solid.shape), f"friction {solid.friction:g}", f"thickness {solid.thickness:g} m"]
+def _of_solid(solid: Placed) -> str:
+    said = [repr(solid.shape)]
+    said += [f"friction {solid.friction:g}", f"thickness {solid.thickness:g} m"] if isinstance(solid, Solid) else []
     said += ["moves"] if solid.moves else []
     said += list(solid.shape.notes) if isinstance(solid.shape, SolidMesh) else []
     return ", ".join(said)

@@ -14,7 +14,7 @@ from .cloth import Cloth
 from .glue import Places, places
 from .inflation import Inflation
 from .load import Load
-from .solids import Solid
+from .solids import Placed
 
 Path = Callable[[float], ArrayLike]
 
@@ -43,7 +43,7 @@ class Attachment:
     key: int
     selected: np.ndarray
     order: np.ndarray
-    solid: Solid | None = None
+    solid: Placed | None = None
     since: float = 0.0
     stiffness: float | None = None
     most: float = np.inf

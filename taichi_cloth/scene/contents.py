@@ -20,7 +20,7 @@ from .inflation import Inflation
 from .mesh import TriMesh
 from .score import Score
 from .sewing import Seam, corners
-from .solids import Shape, Solid, Value
+from .solids import Prop, Shape, Solid, Value
 from .tear import Tear, split
 from .view import Color, View
 
@@ -35,6 +35,7 @@ class Contents:
         self.view = View() if view is None else checks.instance("view", view, View)
         self.cloths: list[Cloth] = []
         self.solids: list[Solid] = []
+        self.props: list[Prop] = []
         self.apart: list[tuple[Cloth, Cloth]] = []  # pairs that pass through each other
         self.masses: list[tuple[Cloth, np.ndarray, float]] = []
         self.forces: list[Callable] = []
@@ -48,7 +49,8 @@ class Contents:
     def __repr__(self) -> str:
         cloths = ", ".join(f"{c.name} ({c.mesh.vertex_count:,} vertices)" for c in self.cloths) or "no cloth"
         solids = ", ".join(s.name for s in self.solids) or "none"
-        return f"<Scene of {cloths}; solids: {solids}; {len(self.seams)} seams>"
+        props = f"; props: {', '.join(p.name for p in self.props)}" if self.props else ""
+        return f"<Scene of {cloths}; solids: {solids}{props}; {len(self.seams)} seams>"
 
     def add_cloth(self, mesh: TriMesh, fabric: Fabric, positions: ArrayLike | None = None,
                   velocities: ArrayLike | None = None, name: str | None = None,
@@ -101,11 +103,30 @@ class Contents:
         name = f"solid{len(self.solids)}" if name is None else name
         solid = Solid(name, shape, friction, thickness, position, rotation, color,  # type: ignore[arg-type]
                       {} if parts is None else parts)
-        if name in (s.name for s in self.solids):
-            raise SceneError(f"there is a solid named {name!r} already")
+        self._refuse_twice(name)
         self._refuse_followed("add_solid")
         self.solids.append(solid)
         return solid
+
+    def add_prop(self, shape: Shape, position: Value = (0.0, 0.0, 0.0), rotation: Value = (0.0, 0.0, 0.0),
+                 name: str | None = None, color: str | Color | None = None) -> Prop:
+        """Adds what pictures and exports show and cloth does not meet: a ring, a table's legs. It costs a simulation nothing.
+
+        Cloth may ride on it (`attach`).
+
+        Args:
+            shape, position, rotation, color: as in `add_solid`.
+        """
+        prop = Prop(f"prop{len(self.props)}" if name is None else name, shape, position, rotation, color)  # type: ignore[arg-type]
+        self._refuse_twice(prop.name)
+        self._refuse_followed("add_prop")
+        self.props.append(prop)
+        return prop
+
+    def _refuse_twice(self, name: str) -> None:
+        for one in (*self.solids, *self.props):
+            if one.name == name:
+                raise SceneError(f"there is a {one.WHAT} named {name!r} already")
 
     def add_mass(self, cloth: Cloth, vertices: object, mass: float) -> None:
         """Adds a point mass [kg] to each of the vertices."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .solids import Solid, SolidMesh
+from .solids import Placed, SolidMesh
 
 CHUNK = 1 << 21  # pairs of a point and a triangle that are looked at together
 
@@ -23,7 +23,7 @@ class Places:
     weights: np.ndarray
     offset: np.ndarray
 
-    def at(self, solid: Solid, t: float) -> np.ndarray:
+    def at(self, solid: Placed, t: float) -> np.ndarray:
         """(k, 3) where they are at time t [s]."""
         if self.faces is None:
             R, p = solid.pose(t)
@@ -32,7 +32,7 @@ class Places:
         return np.einsum("ka,kai->ki", self.weights, corner) + np.einsum("kij,kj->ki", _frames(corner), self.offset)
 
 
-def places(solid: Solid, t: float, points: np.ndarray) -> Places:
+def places(solid: Placed, t: float, points: np.ndarray) -> Places:
     """Of points (k, 3) [m] at time t [s]."""
     if not (isinstance(solid.shape, SolidMesh) and solid.deforms):
         R, p = solid.pose(t)

@@ -16,7 +16,7 @@ from .inflation import make as make_inflation
 from .load import Force, Load
 from .load import make as make_load
 from .sewn import Sewn
-from .solids import Solid
+from .solids import Prop, Solid
 
 
 class Scene(Sewn):
@@ -50,9 +50,9 @@ class Scene(Sewn):
         checks.function("move: path", path, "time")
         self._attach(cloth, vertices, directions, path, checks.flag("move: relative", relative))
 
-    def attach(self, cloth: Cloth, vertices: object, solid: Solid, since: float = 0.0, stiffness: float | None = None,
-               most: float | None = None) -> None:
-        """Lets vertices ride on a solid, from where they are: with the nearest place of its surface, as that turns and moves.
+    def attach(self, cloth: Cloth, vertices: object, solid: Solid | Prop, since: float = 0.0,
+               stiffness: float | None = None, most: float | None = None) -> None:
+        """Lets vertices ride on a solid or a prop, from where they are: with the nearest place of its surface, as it moves.
 
         Each keeps its offset from that place; it is not drawn to the surface. Hard, or by springs, which give where a solid
         presses the cloth away. `detach` lets go.
@@ -65,8 +65,9 @@ class Scene(Sewn):
         Raises:
             SceneError: a solid of another scene, or a largest force without a stiffness.
         """
-        if not any(solid is s for s in self.solids):
-            names = [s.name for s in self.solids]
+        there = [*self.solids, *self.props]
+        if not any(solid is s for s in there):
+            names = [s.name for s in there]
             raise SceneError(f"attach: not a solid of this scene: {shown(getattr(solid, 'name', solid))}; there are {names}")
         since = checks.number("attach: since", since, "s", least=0.0)
         if most is not None and stiffness is None:
@@ -106,7 +107,7 @@ class Scene(Sewn):
         self.script.attachments[:] = kept
 
     def _attach(self, cloth: Cloth, vertices: object, directions: object, path: Path | None, relative: bool,
-                solid: Solid | None = None, since: float = 0.0, stiffness: float | None = None,
+                solid: Solid | Prop | None = None, since: float = 0.0, stiffness: float | None = None,
                 most: float = np.inf) -> None:
         self._own(cloth)
         index = used_vertices(cloth, vertices)

@@ -120,35 +120,20 @@ Shape = Plane | Sphere | Capsule | Box | Cylinder | SolidMesh
 Value = ArrayLike | Callable[[float], ArrayLike]
 
 
-@dataclass(frozen=True, eq=False)
-class Solid:
-    """A solid in a scene; made by `Scene.add_solid`.
+class Placed:
+    """What has a shape and a place in a scene, both of which may depend on time."""
 
-    Attributes:
-        friction: Coulomb's coefficient against cloth.
-        thickness: distance [m] that cloth keeps from its surface.
-        position: of the local origin [m], (3,) or a function of time [s].
-        rotation: rotation vector (3,) [rad] or matrix (3, 3), or a function of time [s] that returns one.
-        parts: friction of faces all of whose corners are in a group of the mesh, by the groups' names; None lets cloth pass.
-    """
-
+    WHAT = ""  # it is, in messages
     name: str
     shape: Shape
-    friction: float
-    thickness: float
     position: Value
     rotation: Value
-    color: str | tuple[float, float, float] | None = None
-    parts: dict[str, float | None] = field(default_factory=dict)
+    color: str | tuple[float, float, float] | None
 
-    def __post_init__(self) -> None:
-        checks.name("solid name", self.name)
+    def _check_place(self) -> None:
+        what = f"{self.WHAT} {checks.name(self.WHAT + ' name', self.name)!r}: "
         if not isinstance(self.shape, Shape):
-            raise SceneError(f"solid {self.name!r}: needs a Plane, Sphere, Capsule, Box, Cylinder or SolidMesh, not "
-                             f"{shown(self.shape)}")
-        what = f"solid {self.name!r}: "
-        for name, check in (("friction", {"least": 0.0}), ("thickness", {"unit": "m", "positive": True})):
-            object.__setattr__(self, name, checks.number(what + name, getattr(self, name), **check))  # type: ignore[arg-type]
+            raise SceneError(f"{what}needs a Plane, Sphere, Capsule, Box, Cylinder or SolidMesh, not {shown(self.shape)}")
         object.__setattr__(self, "color", checks.maybe(self.color, checks.color, what + "color"))
         for name, shapes in (("position", [(3,)]), ("rotation", [(3,), (3, 3)])):
             value = getattr(self, name)
@@ -157,31 +142,9 @@ class Solid:
             else:
                 object.__setattr__(self, name, checks.array(what + name, value, *shapes))
         self.pose(0.0)
-        parts = checks.instance(what + "parts", self.parts, dict)
-        object.__setattr__(self, "parts", {name: checks.maybe(mu, checks.number, f"{what}friction of part {name!r}", least=0.0)
-                                           for name, mu in parts.items()})
-        self.face_friction()
 
     def __repr__(self) -> str:
-        return f"<Solid {self.name!r}: {self.shape!r}{', moves' if self.moves else ''}>"
-
-    def face_friction(self) -> np.ndarray:
-        """(m,) friction of a mesh's faces, NaN where cloth passes.
-
-        Raises:
-            SceneError: a part that is no group of the mesh, or has no face.
-        """
-        faces, groups = (self.shape.faces, self.shape.groups) if isinstance(self.shape, SolidMesh) else (np.zeros((0, 3)), {})
-        out = np.full(len(faces), self.friction)
-        for name, mu in self.parts.items():
-            if name not in groups:
-                raise SceneError(f"solid {self.name!r}: part {name!r} is no group of its mesh; "
-                                 f"{did_you_mean(name, list(groups))}")
-            mine = np.isin(faces, groups[name]).all(axis=1)
-            if not mine.any():
-                raise SceneError(f"solid {self.name!r}: no face has all of its corners in the group {name!r}")
-            out[mine] = np.nan if mu is None else mu
-        return out
+        return f"<{self.WHAT.capitalize()} {self.name!r}: {self.shape!r}{', moves' if self.moves else ''}>"
 
     @property
     def moves(self) -> bool:
@@ -201,12 +164,12 @@ class Solid:
         """
         t = checks.number("t", t, "s")
         p, R = (value(t) if callable(value) else value for value in (self.position, self.rotation))
-        p = checks.vector(f"solid {self.name!r}: position at t = {t:g} s", p, "m")
-        R = checks.array(f"solid {self.name!r}: rotation at t = {t:g} s", R, (3,), (3, 3))
+        p = checks.vector(f"{self.WHAT} {self.name!r}: position at t = {t:g} s", p, "m")
+        R = checks.array(f"{self.WHAT} {self.name!r}: rotation at t = {t:g} s", R, (3,), (3, 3))
         if R.shape == (3,):
             R = rotation_matrix(R)
         elif not (np.allclose(R @ R.T, np.eye(3), atol=1e-6) and np.linalg.det(R) > 0):
-            raise SceneError(f"solid {self.name!r}: the matrix at t = {t:g} s is no rotation")
+            raise SceneError(f"{self.WHAT} {self.name!r}: the matrix at t = {t:g} s is no rotation")
         return R, p
 
     def surface_at(self, t: float) -> np.ndarray:
@@ -214,6 +177,77 @@ class Solid:
         R, p = self.pose(t)
         local = self.shape.shape_at(t) if isinstance(self.shape, SolidMesh) else self.shape.surface()[0]
         return local @ R.T + p
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Prop(Placed):
+    """What pictures and exports show and cloth does not meet; made by `Scene.add_prop`.
+
+    Attributes:
+        position: of the local origin [m], (3,) or a function of time [s].
+        rotation: rotation vector (3,) [rad] or matrix (3, 3), or a function of time [s] that returns one.
+    """
+
+    WHAT = "prop"
+    name: str
+    shape: Shape
+    position: Value
+    rotation: Value
+    color: str | tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        self._check_place()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Solid(Placed):
+    """A solid in a scene; made by `Scene.add_solid`.
+
+    Attributes:
+        friction: Coulomb's coefficient against cloth.
+        thickness: distance [m] that cloth keeps from its surface.
+        position: of the local origin [m], (3,) or a function of time [s].
+        rotation: rotation vector (3,) [rad] or matrix (3, 3), or a function of time [s] that returns one.
+        parts: friction of faces all of whose corners are in a group of the mesh, by the groups' names; None lets cloth pass.
+    """
+
+    WHAT = "solid"
+    name: str
+    shape: Shape
+    friction: float
+    thickness: float
+    position: Value
+    rotation: Value
+    color: str | tuple[float, float, float] | None = None
+    parts: dict[str, float | None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._check_place()
+        what = f"solid {self.name!r}: "
+        for name, check in (("friction", {"least": 0.0}), ("thickness", {"unit": "m", "positive": True})):
+            object.__setattr__(self, name, checks.number(what + name, getattr(self, name), **check))  # type: ignore[arg-type]
+        parts = checks.instance(what + "parts", self.parts, dict)
+        object.__setattr__(self, "parts", {name: checks.maybe(mu, checks.number, f"{what}friction of part {name!r}", least=0.0)
+                                           for name, mu in parts.items()})
+        self.face_friction()
+
+    def face_friction(self) -> np.ndarray:
+        """(m,) friction of a mesh's faces, NaN where cloth passes.
+
+        Raises:
+            SceneError: a part that is no group of the mesh, or has no face.
+        """
+        faces, groups = (self.shape.faces, self.shape.groups) if isinstance(self.shape, SolidMesh) else (np.zeros((0, 3)), {})
+        out = np.full(len(faces), self.friction)
+        for name, mu in self.parts.items():
+            if name not in groups:
+                raise SceneError(f"solid {self.name!r}: part {name!r} is no group of its mesh; "
+                                 f"{did_you_mean(name, list(groups))}")
+            mine = np.isin(faces, groups[name]).all(axis=1)
+            if not mine.any():
+                raise SceneError(f"solid {self.name!r}: no face has all of its corners in the group {name!r}")
+            out[mine] = np.nan if mu is None else mu
+        return out
 
 
 def rotation_matrix(vector: ArrayLike) -> np.ndarray:

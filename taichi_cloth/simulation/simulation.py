@@ -19,7 +19,7 @@ from ..scene.inflation import ATMOSPHERE, Drive
 from ..scene.load import Force, Load
 from ..scene.scene import Scene
 from ..scene.sewing import Seam
-from ..scene.solids import Solid
+from ..scene.solids import Prop, Solid
 from ..step.stepper import StepRecord
 from ..system.checkpoint import VERSION, Checkpointed, below
 from .queries import Queries
@@ -126,7 +126,7 @@ class Simulation(Queries):
         """As `Scene.move`, for this simulation, from now on; the path is a function of the simulation's time."""
         self._change(lambda: self.scene.move(cloth, vertices, path, relative, directions))
 
-    def attach(self, cloth: Cloth, vertices: object, solid: Solid, since: float | None = None,
+    def attach(self, cloth: Cloth, vertices: object, solid: Solid | Prop, since: float | None = None,
                stiffness: float | None = None, most: float | None = None) -> None:
         """As `Scene.attach`, for this simulation, from now on; `since` [s] is now where None.
 

@@ -23,6 +23,7 @@ def build(cells: int = 4):
     scene.add_cloth(tc.grid(0.4, cells), fabric, positions=tc.grid(0.4, cells).x + [0, 0.5, 3], name="falling")
     scene.add_solid(tc.Box((2.0, 0.2, 2.0)), friction=0.4, thickness=0.01, position=(0.2, -0.11, -0.2), name="box")
     scene.add_solid(tc.Sphere(0.2), friction=0.4, thickness=0.01, position=lambda t: (2 + 3 * t, t * t, 5), name="ball")
+    scene.add_prop(tc.Box((0.1, 1.0, 0.1)), position=lambda t: (0.2, t, -0.2), name="post")  # through the sheet that lies
     return scene
 '''
 FPS, FRAMES, G, WEIGHT = 20, 6, 9.81, 0.2 * 0.4 * 0.4 * 9.81
@@ -62,12 +63,13 @@ def test_contact_forces_carry_the_sheet(run):
 
 def test_moving_solids_are_where_the_script_says(run):
     ball = slice(*run.g["solid_start"][1:3])
-    assert run.g["solid_names"].tolist() == ["box", "ball"]
+    assert run.g["solid_names"].tolist() == ["box", "ball", "post"] and run.manifest["model"]["solids"] == 2
     for f in run.frames:
         t = float(f["t"])
         ring = f["solid_x"][ball].astype(float)
         assert (ring.min(axis=0) + ring.max(axis=0)) / 2 == pytest.approx([2 + 3 * t, t * t, 5], abs=2e-3)
         assert np.linalg.norm(ring - [2 + 3 * t, t * t, 5], axis=1) == pytest.approx(0.2, abs=1e-5)
+        assert f["solid_x"][ball.stop:, 1].min() == pytest.approx(t - 0.5, abs=1e-6)
         box = f["solid_x"][: run.g["solid_start"][1]]
         assert box.max(axis=0) == pytest.approx([1.2, -0.01, 0.8]) and box.min(axis=0) == pytest.approx([-0.8, -0.21, -1.2])
     assert (run.g["solid_x"].astype(np.float32) == run.frames[0]["solid_x"]).all()

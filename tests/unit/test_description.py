@@ -183,6 +183,22 @@ def test_solids_turn_and_go():
     assert not still.moves and not still.deforms and still.pose(5.0)[1].tolist() == [1, 2, 3]
 
 
+def test_cloth_rides_on_props_and_does_not_meet_them():
+    scene = tc.Scene()
+    cloth = scene.add_cloth(tc.grid(1.0, 2), tc.Fabric(0.2))
+    ring = scene.add_prop(tc.Sphere(0.1), position=lambda t: (t, 0, 0), name="ring", color="gold")
+    scene.attach(cloth, [0, 2], ring)
+    assert not scene.touches and "props: ring" in repr(scene) and repr(ring).startswith("<Prop 'ring'")
+    a, = scene.script.attachments
+    assert np.allclose(a.target(0.5, cloth.positions), cloth.positions[[0, 2]] + [0.5, 0, 0])
+    for again in (lambda: scene.add_solid(tc.Sphere(1), 0.1, 0.01, name="ring"),
+                  lambda: scene.add_prop(tc.Sphere(1), name="ring")):
+        with pytest.raises(tc.SceneError, match="a prop named 'ring' already"):
+            again()
+    with pytest.raises(tc.SceneError, match="^prop 'b': position"):
+        scene.add_prop(tc.Sphere(1), (1, 2), name="b")
+
+
 SCENE = '''"""What it shows.
 
 More."""
@@ -253,7 +269,7 @@ def test_flags_go_before_the_scenes_own_and_those_before_defaults(scene):
 def test_a_check_that_fails_has_exit_code_1(scene, result, code, monkeypatch, capsys):
     from taichi_cloth.app import runner
 
-    monkeypatch.setattr(runner, "simulate", lambda scene, options: result if options.settings == {"n": "2"} else None)
+    monkeypatch.setattr(runner, "simulate", lambda scene, options: (result, 0.0) if options.settings == {"n": "2"} else None)
     args = cli._parser().parse_args(["check", "sheet", "--small"])
     assert cli._check(args, scene) == code
     said = capsys.readouterr().out.splitlines()
