@@ -1,5 +1,7 @@
 """A sewing pattern: panels in the plane, where they hang round the body, and which edges are sewn to each other."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass, field, replace
 
@@ -180,12 +182,12 @@ class Pattern:
         p = next(p for p in self.panels if p.name == panel)
         return p.edges[edge].length(p.corners)
 
-    def with_panel(self, panel: Panel) -> "Pattern":
+    def with_panel(self, panel: Panel) -> Pattern:
         """The pattern with a panel in the place of the one of its name."""
         return replace(self, panels=tuple(panel if p.name == panel.name else p for p in self.panels))
 
     def wrap(self, panel: str, around: ArrayLike, radius: float | None = None, turn: float = 0.0,
-             gap: float = 0.02) -> "Pattern":
+             gap: float = 0.02) -> Pattern:
         """The pattern with a panel bent round a part of the body, as a sleeve round an arm.
 
         Its middle comes to the middle of the axis, its v axis along it, upward.

@@ -1,5 +1,7 @@
 """Pictures from Python: of scenes, simulations and recorded runs, and what lies behind their pixels."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any

@@ -1,5 +1,7 @@
 """The air that cloth moves in: how it drags and lifts, and how it blows. numpy only."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, field
 

@@ -1,5 +1,7 @@
 """A piece of cloth in a scene. numpy only."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 
 import numpy as np

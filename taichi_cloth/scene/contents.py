@@ -1,5 +1,7 @@
 """What there is in a scene: cloths, solids, point masses, the air, a user's own forces. numpy only; runs nothing."""
 
+from __future__ import annotations
+
 import gc
 import weakref
 from collections.abc import Callable

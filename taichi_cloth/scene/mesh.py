@@ -3,6 +3,8 @@
 numpy only. Everything that is wrong with a mesh is said here, before anything is computed.
 """
 
+from __future__ import annotations
+
 import numbers
 import warnings
 from collections.abc import Mapping

@@ -1,5 +1,7 @@
 """What there is and what is done to it as it runs: pins, prescribed motion, gas, loads, wind, events. numpy only."""
 
+from __future__ import annotations
+
 import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace

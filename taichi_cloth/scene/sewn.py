@@ -1,5 +1,7 @@
 """What is done to cloth before it moves: garments, seams, creases, lines that are scored. numpy only."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike
 

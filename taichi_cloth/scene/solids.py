@@ -1,5 +1,7 @@
 """Solids that cloth meets: shapes, and how they move. numpy only."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field

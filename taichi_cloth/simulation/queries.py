@@ -3,6 +3,8 @@
 Arrays are the user's: his vertex order, float64, SI units.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,5 +1,7 @@
 """A running scene: steps, frames, what is changed between them, and checkpoints."""
 
+from __future__ import annotations
+
 import inspect
 import math
 from collections.abc import Callable
@@ -68,7 +70,7 @@ class Simulation(Queries):
         self._check_length("h", h)
         return self._advance_to(self.time + h)
 
-    def run(self, duration: float, fps: float, on_frame: Callable[["Simulation", int], None] | None = None,
+    def run(self, duration: float, fps: float, on_frame: Callable[[Simulation, int], None] | None = None,
             resumed: int | None = None) -> None:
         """Runs for `duration` [s], rounded to whole frames, and calls on_frame(simulation, frame) at the start and at
         every frame's time.

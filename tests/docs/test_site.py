@@ -60,6 +60,15 @@ def test_every_public_name_has_its_place():
     assert errors == {name for name in tc._WHERE if name.endswith("Error") and name != "ClothError"}
 
 
+def test_help_names_types_and_does_not_spell_them_out():
+    import taichi_cloth as tc
+
+    names = [name for name in tc.__all__ if name != "Constraint" and not name.endswith("Error")]  # whose file has kernels
+    for public in (getattr(tc, name) for name in names):
+        for what in [public, *(f for n, f in inspect.getmembers(public, inspect.isfunction) if not n.startswith("_"))]:
+            assert not callable(what) or "_SupportsArray" not in str(inspect.signature(what)), what
+
+
 def test_every_rejection_is_explained():
     from taichi_cloth.step.stepper import ADVICE
 
