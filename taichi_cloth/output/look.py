@@ -90,7 +90,8 @@ class Look:
         if not isinstance(self.cloths, Mapping):
             raise SceneError(f"cloths = {shown(self.cloths)}: must be appearances by the cloths' names")
         for name, one in self.cloths.items():
-            checks.instance(f"appearance of {name!r}", one, Appearance)
+            if checks.instance(f"appearance of {name!r}", one, Appearance).panels:
+                raise SceneError(f"appearance of {name!r}: panels have colours from the scene (add_cloth), as their groups")
 
     def caption_at(self, t: float, number: int) -> str:
         """The caption of a frame at time t [s]."""

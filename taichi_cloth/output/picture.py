@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import OutputError
+from ..scene.appearance import Appearance
 from ..scene.view import Camera, CameraKeys, View, camera_at
 from .camera import ground_height
 from .colors import PALETTE, STONE, draw_bar, heat_colors
@@ -162,9 +163,12 @@ def surfaces(geometry: Frame, look: Look, smooth: Smooth | None) -> Surfaces:
     for k, (name, own) in enumerate(zip(names, appearances_of(geometry))):
         one = look.appearance(name, own)
         color = np.array(PALETTE[k % len(PALETTE)] if one.color is None else one.color)
-        count = int(starts[k + 1] - starts[k])
-        colors.append(np.tile(color, (count, 1)))
-        backs.append(np.tile(back_of(color) if one.back is None else np.array(one.back), (count, 1)))
+        mine = np.tile(color, (int(starts[k + 1] - starts[k]), 1))
+        if "face_colors" in geometry and look.appearance(name, Appearance()).color is None:
+            panels = geometry["face_colors"][starts[k]: starts[k + 1]]
+            mine = np.where(np.isnan(panels), mine, panels)
+        colors.append(mine)
+        backs.append(back_of(mine) if one.back is None else np.tile(one.back, (len(mine), 1)))
         rows.append(object_row(one, corner_uv[starts[k]: starts[k + 1]], textures))
     owner = np.repeat(np.arange(len(names)), np.diff(starts))
     n = len(geometry["x"])

@@ -4,6 +4,7 @@ import numpy as np
 
 from ..backend.ordering import components
 from ..output import described
+from ..scene.cloth import Cloth
 from ..scene.mesh import face_edges
 from ..scene.primitives import Plane
 from ..scene.scene import Scene
@@ -49,6 +50,7 @@ def as_built(scene: Scene) -> dict[str, np.ndarray]:
         "cloth_faces": np.cumsum([0] + [c.mesh.face_count for c in cloths]),
         "cloth_names": np.array([c.name for c in cloths]),
         **described.of_appearances([c.appearance for c in cloths]),
+        **_face_colors(cloths),
         "x": np.concatenate([c.positions for c in cloths]),
         "solid_faces": _concatenate([f + k for (_, f), k in zip(surfaces, starts)], (0, 3)).astype(np.int32),
         "solid_start": starts,
@@ -57,6 +59,15 @@ def as_built(scene: Scene) -> dict[str, np.ndarray]:
         "solid_x": _concatenate([s.surface_at(0.0) for s in solids], (0, 3)),
         **described.of_view(scene.view, ground),
     }
+
+
+def _face_colors(cloths: list[Cloth]) -> dict[str, np.ndarray]:
+    """`face_colors` (m, 3), NaN where a face has its cloth's, where panels have colours of their own."""
+    own = [c.face_colors() for c in cloths]
+    if all(colors is None for colors in own):
+        return {}
+    return {"face_colors": np.concatenate([np.full((c.mesh.face_count, 3), np.nan) if colors is None else colors
+                                           for c, colors in zip(cloths, own)])}
 
 
 def _sewn(sim: Simulation) -> dict[str, np.ndarray]:

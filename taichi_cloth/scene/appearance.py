@@ -1,5 +1,6 @@
 """How a cloth looks: the colours of its two sides, an image printed on the pattern, the weave. For pictures only."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -91,6 +92,8 @@ class Appearance:
             nor weave.
         texture: an image on the pattern.
         weave: threads that show.
+        panels: colours of faces all of whose corners are in a group of the cloth's mesh, by the groups' names; later ones go
+            over earlier ones, and all over `color`. A scene's to say, in `add_cloth` and `add_garment`.
     """
 
     color: str | Color | None = None
@@ -98,6 +101,7 @@ class Appearance:
     squares: bool | None = None
     texture: Texture | None = None
     weave: Weave | None = None
+    panels: Mapping[str, str | Color] | None = None
 
     def __post_init__(self) -> None:
         for name in ("color", "back"):
@@ -105,6 +109,11 @@ class Appearance:
         object.__setattr__(self, "squares", checks.maybe(self.squares, checks.flag, "appearance squares"))
         checks.maybe(self.texture, checks.instance, "appearance texture", Texture)
         checks.maybe(self.weave, checks.instance, "appearance weave", Weave)
+        if self.panels is not None:
+            if not isinstance(self.panels, Mapping):
+                raise SceneError(f"appearance panels = {shown(self.panels)}: must be colours by the names of a mesh's groups")
+            object.__setattr__(self, "panels", {checks.name("appearance panels: name", name): checks.color(
+                f"colour of panel {shown(name)}", color) for name, color in self.panels.items()})
 
     def over(self, other: "Appearance") -> "Appearance":
         """This one, and what it leaves open from another."""

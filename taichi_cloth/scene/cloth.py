@@ -51,6 +51,7 @@ class Cloth:
         object.__setattr__(self, "start", checks.integer(f"start of {what!r}", self.start, least=0))
         object.__setattr__(self, "appearance", appearance(f"color of {what!r}", self.color))
         object.__setattr__(self, "color", self.appearance.color)
+        self.face_colors()
         checks.maybe(self.contact, checks.instance, f"contact of {what!r}", ClothContact)
         object.__setattr__(self, "panels", _checked_panels(what, self.panels, self.mesh.face_count))
         for rest in (f.bend.rest for f in self.fabrics if f.bend):
@@ -87,6 +88,19 @@ class Cloth:
             out[rows] = k
         return out
 
+    def face_colors(self) -> np.ndarray | None:
+        """(m, 3) linear RGB of faces in panels that have a colour of their own, NaN elsewhere; None where none has.
+
+        Raises:
+            SceneError: a panel that is no group of the mesh, or has no face.
+        """
+        if not self.appearance.panels:
+            return None
+        out = np.full((self.mesh.face_count, 3), np.nan)
+        for name, color in self.appearance.panels.items():
+            out[panel_faces(self.mesh, name)] = color
+        return out
+
     @property
     def density(self) -> np.ndarray:
         """(m,) of each face [kg/m^2]."""
@@ -109,11 +123,20 @@ def panels_of(mesh: TriMesh, fabrics: dict[str, Fabric]) -> tuple[tuple[np.ndarr
     out = []
     for name, fabric in fabrics.items():
         checks.instance(f"fabric of panel {name!r}", fabric, Fabric)
-        rows = np.flatnonzero(np.isin(mesh.faces, mesh.select(name)).all(axis=1))
-        if not len(rows):
-            raise SceneError(f"panel {name!r}: no face has all of its corners in that group")
-        out.append((rows, fabric))
+        out.append((panel_faces(mesh, name), fabric))
     return tuple(out)
+
+
+def panel_faces(mesh: TriMesh, name: str) -> np.ndarray:
+    """Rows of the faces all of whose corners are in a group of vertices.
+
+    Raises:
+        SceneError: there is none.
+    """
+    rows = np.flatnonzero(np.isin(mesh.faces, mesh.select(name)).all(axis=1))
+    if not len(rows):
+        raise SceneError(f"panel {name!r}: no face has all of its corners in that group")
+    return rows
 
 
 def used_vertices(cloth: Cloth, vertices: object) -> np.ndarray:

@@ -128,3 +128,23 @@ def test_panels_have_their_part_of_it(tmp_path, rng):
     assert (np.concatenate(parts) == whole).all()
     assert whole.reshape(-1, 2).min(axis=0) == pytest.approx(0, abs=1e-6)
     assert whole.reshape(-1, 2).max(axis=0) == pytest.approx(1, abs=1e-6)
+
+
+def test_colours_of_panels_are_in_a_palette(tmp_path, rng):
+    """Each face at the colour that it has; a piece of one colour needs no image, and keeps its pattern."""
+    own = np.full((5, 3), np.nan)
+    own[0], own[3], own[4] = (1, 0, 0), (0, 0.5, 1), (0, 0.5, 1)
+    made = make(tmp_path / "run", rng, cloth_colors=np.array([COLORS[0], [0.9, 0.5, 0.1]]), face_colors=own,
+                panel=np.array([0, 0, 1, 2, 2]), panel_names=np.array(["a", "b", "c"]), sewn=np.arange(9))
+    colors = np.where(np.isnan(own), made.geometry["cloth_colors"][[0, 0, 1, 1, 1]], own)
+    mtl, *files = export(made.recording, "obj", tmp_path / "o")
+    images = [np.array(Image.open(file)) for file in files if file.suffix == ".png"]
+    for (name, found), image, rows in zip(read_obj(files[-1]).items(), images, (slice(0, 2), slice(2, 5))):
+        for uv, color in zip(found.uv, colors[rows]):
+            assert np.abs(pixel(image, uv, False) - encoded(color)).max() <= 1 and np.ptp(uv) < 1, name
+    mtl, *files = export(made.recording, "obj", tmp_path / "p", "panels")
+    blocks = {words[0]: words for words in (block.split() for block in mtl.read_text().split("newmtl ")[1:])}
+    assert "map_Kd" in blocks["a"] and blocks["b"][2:5] == ["0.9", "0.5", "0.1"] and blocks["c"][2:5] == ["0", "0.5", "1"]
+    assert read_obj(files[-1])["c"].uv == pytest.approx(made.geometry["uv"][3:])
+    file = Gltf(export(made.recording, "glb", tmp_path / "g", "panels")[0])
+    assert [len(file.json["materials"][k]["pbrMetallicRoughness"].get("baseColorFactor", [])) for k in range(3)] == [0, 4, 4]

@@ -15,6 +15,7 @@ from taichi_cloth.output.look import Look
 from taichi_cloth.output.picture import Artist, surfaces
 from taichi_cloth.output.png import encode_png
 from taichi_cloth.output.smooth import Smooth
+from taichi_cloth.output.surfaces import back_of
 from taichi_cloth.output.text import draw_text
 from taichi_cloth.recording import record
 from taichi_cloth.recording.drawing import numbers_in
@@ -158,6 +159,28 @@ def test_background_floor_and_light_are_as_said(sim):
     left, right = (shot(sim, light=v, cloths={"": tc.Appearance(squares=False)})[0][60, 60, 0]
                    for v in ((0, 0, 1), (0, 1, 0.01)))
     assert left > right + 40, "lit from the front it is brighter than by light that only grazes it"
+
+
+def test_panels_have_colours_of_their_own(sim):
+    mesh = tc.grid(1.0, 4, plane="xy")
+    mesh = tc.TriMesh(mesh.x, mesh.faces, mesh.uv, {"left half": mesh.uv[:, 0] < 0.51, "corner": [0, 1, 5, 6]})
+    scene = tc.Scene()
+    scene.add_cloth(tc.grid(1.0, 1), FABRIC, color="white", name="other")
+    scene.add_cloth(mesh, FABRIC, color=tc.Appearance("lime", panels={"left half": "red", "corner": "#0000ff"}), name="flag")
+    g = record.as_built(scene)
+    side = mesh.uv[mesh.faces].mean(axis=1)
+    wanted = np.where(side[:, :1] < 0.5, [1.0, 0, 0], [0, 1.0, 0])
+    wanted[(side < 0.25).all(axis=1)] = 0, 0, 1
+    drawn = surfaces(g, Look(), None)
+    assert (drawn.colors[drawn.owner == 0] == 1).all() and np.allclose(drawn.colors[drawn.owner == 1], wanted)
+    assert np.allclose(drawn.backs[drawn.owner == 1], back_of(wanted))
+    asked = surfaces(g, Look(cloths={"flag": tc.Appearance("black")}), None)  # over all of its panels
+    assert (asked.colors[asked.owner == 1] == 0).all() and (asked.colors[asked.owner == 0] == 1).all()
+    for panels, words in (({"rigth": "red"}, "rigth"), ({"left half": "redd"}, "'redd'"), (["red"], "by the names")):
+        with pytest.raises(tc.SceneError, match=words):
+            scene.add_cloth(mesh, FABRIC, color=tc.Appearance(panels=panels), name="b")
+    with pytest.raises(tc.SceneError, match="from the scene"):
+        Look(cloths={"": tc.Appearance(panels={"left half": "red"})})
 
 
 def test_passes_are_what_positions_say(sim):

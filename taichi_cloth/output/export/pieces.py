@@ -118,33 +118,34 @@ def cut(geometry: Arrays, parts: str) -> tuple[np.ndarray, Arrays]:
 def _by(g: Arrays, panel: np.ndarray, names: np.ndarray) -> tuple[np.ndarray, Arrays]:
     """A mesh for each panel (m,) of faces."""
     takes: list[np.ndarray] = []
-    faces, uvs = [], []
+    faces, rows = [], []
     for k in range(len(names)):
         mine = g["faces"][panel == k]
         used = np.unique(mine)
         faces.append(np.searchsorted(used, mine) + sum(map(len, takes)))
         takes.append(used)
-        uvs.append(g["uv"][panel == k])
-    return _made(g, takes, faces, uvs, names)
+        rows.append(np.flatnonzero(panel == k))
+    return _made(g, takes, faces, rows, names)
 
 
 def _welded(g: Arrays) -> tuple[np.ndarray, Arrays]:
     """A mesh for each cloth, what is sewn together one vertex of it."""
     takes: list[np.ndarray] = []
-    faces, uvs = [], []
+    faces, rows = [], []
     for first, last in zip(g["cloth_faces"][:-1], g["cloth_faces"][1:]):
         mine = g["sewn"][g["faces"][first:last]]
         whole = (mine != np.roll(mine, 1, axis=1)).all(axis=1)  # what has two corners sewn to each other has no area
         used = np.unique(mine[whole])
         faces.append(np.searchsorted(used, mine[whole]) + sum(map(len, takes)))
         takes.append(used)
-        uvs.append(g["uv"][first:last][whole])
-    return _made(g, takes, faces, uvs, g["cloth_names"])
+        rows.append(first + np.flatnonzero(whole))
+    return _made(g, takes, faces, rows, g["cloth_names"])
 
 
-def _made(g: Arrays, takes: list, faces: list, uvs: list, names: np.ndarray) -> tuple[np.ndarray, Arrays]:
+def _made(g: Arrays, takes: list, faces: list, rows: list, names: np.ndarray) -> tuple[np.ndarray, Arrays]:
     owner = [int(np.searchsorted(g["cloth_start"], take[0], side="right")) - 1 for take in takes]
-    return np.concatenate(takes), g | {
-        "faces": np.concatenate(faces).astype(np.int32), "uv": np.concatenate(uvs), "cloth_names": names,
+    of_faces = {name: g[name][np.concatenate(rows)] for name in ("uv", "face_colors") if name in g}
+    return np.concatenate(takes), g | of_faces | {
+        "faces": np.concatenate(faces).astype(np.int32), "cloth_names": names,
         "cloth_colors": g["cloth_colors"][owner], "piece_cloth": np.array(owner),
         "cloth_start": np.cumsum([0] + [len(t) for t in takes]), "cloth_faces": np.cumsum([0] + [len(f) for f in faces])}

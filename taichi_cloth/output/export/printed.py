@@ -7,6 +7,8 @@ import numpy as np
 from ...colornames import from_srgb, to_srgb
 from ...scene.appearance import Texture
 
+BLOCK = 8  # pixels a side of a colour in a palette, so that its middle is free of its neighbours
+
 
 class Print(NamedTuple):
     """An image on a cloth's pattern.
@@ -40,3 +42,16 @@ def printed(texture: Texture, color: np.ndarray, uv: np.ndarray) -> Print:
         whole[1:-1, 1:-1] = image
         image, origin, size = whole, origin - pixel, size + 2 * pixel
     return Print(image, texture.repeat, origin, size)
+
+
+def palette(colors: np.ndarray) -> Print:
+    """An image of linear colours (k, 3) beside each other; faces are in it by `in_palette`."""
+    row = np.repeat((255 * to_srgb(colors) + 0.5).astype(np.uint8), BLOCK, axis=0)
+    return Print(np.tile(row, (BLOCK, 1, 1)), False, np.zeros(2), np.ones(2))
+
+
+def in_palette(faces: np.ndarray, colors: np.ndarray) -> np.ndarray:
+    """(m, 3, 2) float32 coordinates in the palette of colours (k, 3), of the corners of faces of some of them (m, 3)."""
+    which = np.linalg.norm(faces[:, None] - colors, axis=2).argmin(axis=1)
+    middle = np.column_stack([(which + 0.5) / len(colors), np.full(len(which), 0.5)])
+    return np.repeat(middle[:, None], 3, axis=1).astype(np.float32)

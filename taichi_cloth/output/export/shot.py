@@ -18,7 +18,7 @@ from ..colors import GROUND, PALETTE, STONE
 from ..described import appearances_of, view_of
 from ..framing import fit_all
 from .pieces import Arrays, Cut, Frame
-from .printed import Print, printed
+from .printed import Print, in_palette, palette, printed
 
 ASPECT = 16 / 9  # of the pictures that the camera is made for
 SHARP = np.cos(np.radians(40.0))  # edges of solids that turn by more look sharp
@@ -185,7 +185,11 @@ def _prints(g: Arrays) -> list[Print | None]:
 
 def _cloth(k: int, frames: list[Frame], prints: list[Print | None]) -> Mesh:
     owner = int(frames[0].geometry["piece_cloth"][k]) if "piece_cloth" in frames[0].geometry else k
-    on = prints[owner]
+    on, color, colors = prints[owner], *_colors_of(k, owner, frames[0].geometry)
+    if on is None and len(colors) > 1:
+        on = palette(colors)
+    elif on is None and len(colors):
+        color = colors[0]
     surfaces: list[Surface] = []
     x, v = [], []
     last: Arrays = {}
@@ -196,7 +200,10 @@ def _cloth(k: int, frames: list[Frame], prints: list[Print | None]) -> Mesh:
             rows = slice(int(g["cloth_faces"][k]), int(g["cloth_faces"][k + 1]))
             sewn = g["sewn"][frame.take] if "sewn" in g else np.arange(len(frame.take))
             numbers = np.unique(sewn[g["faces"][rows]], return_inverse=True)[1].reshape(-1, 3)
-            uv = g["uv"][rows] if on is None else on.coordinates(g["uv"][rows])
+            if prints[owner] is None and on is not None:
+                uv = in_palette(_of_faces(g, rows, color), colors)
+            else:
+                uv = g["uv"][rows] if on is None else on.coordinates(g["uv"][rows])
             surface = Surface((g["faces"][rows] - first).astype(np.int32), uv, numbers)
             surfaces.append(surfaces[-1] if surfaces and surface.equals(surfaces[-1]) else surface)
         else:
@@ -205,9 +212,23 @@ def _cloth(k: int, frames: list[Frame], prints: list[Print | None]) -> Mesh:
         x.append(frame["x"][first:end])
         v.append(frame["v"][first:end])
     g = frames[0].geometry
-    color = _color(g["cloth_colors"][k], PALETTE[owner % len(PALETTE)])
     steady = all(s is surfaces[0] for s in surfaces)
     return Mesh(str(g["cloth_names"][k]), "cloth", color, surfaces[:1] if steady else surfaces, x, v, on)
+
+
+def _colors_of(k: int, owner: int, g: Arrays) -> tuple[np.ndarray, np.ndarray]:
+    """(3,) a piece's colour, and (c, 3) all those that its faces have where panels have their own, else none."""
+    color = _color(g["cloth_colors"][k], PALETTE[owner % len(PALETTE)])
+    rows = slice(int(g["cloth_faces"][k]), int(g["cloth_faces"][k + 1]))
+    if "face_colors" not in g or np.isnan(g["face_colors"][rows]).all():
+        return color, np.zeros((0, 3))
+    return color, np.unique(_of_faces(g, rows, color), axis=0)
+
+
+def _of_faces(g: Arrays, rows: slice, color: np.ndarray) -> np.ndarray:
+    """(m, 3) colours of a piece's faces."""
+    own = g["face_colors"][rows]
+    return np.where(np.isnan(own), color, own)
 
 
 def _solid(k: int, g: Arrays, frames: list[Frame]) -> Mesh:
