@@ -160,8 +160,8 @@ def _playback(recording: Recording, budget: float) -> tuple[dict, str]:
     def indices(faces: np.ndarray) -> str:
         return base64.b64encode(faces.astype("<u4").tobytes()).decode()
 
-    paints = paints_of(g)
-    data = {"paints": paints[: len(g["cloth_names"])], "solidPaints": paints[len(g["cloth_names"]):],
+    paints, on_solids = paints_of(g)
+    data = {"paints": paints, "solidPaints": on_solids,
             "faces": indices(g.get("corners", g["faces"])), "solidFaces": indices(g["solid_faces"]),
             "frames": [packed(f["x"]) for f in frames],
             "solidFrames": [packed(x) for x in solids], "low": low.tolist(), "span": span.tolist(), "numbers": kept,
@@ -169,16 +169,19 @@ def _playback(recording: Recording, budget: float) -> tuple[dict, str]:
     return data, f"Every {every}th frame, to keep the page small." if every > 1 else ""
 
 
-def paints_of(geometry: dict[str, np.ndarray]) -> list[list]:
-    """(first face among cloth's or solids', how many, linear RGB of the front, of the back) of each cloth and then solid."""
+def paints_of(geometry: dict[str, np.ndarray]) -> tuple[list[list], list[list]]:
+    """(first face, how many, linear RGB of the front, of the back) of runs of faces that are alike: of cloths, of solids."""
     drawn = surfaces(geometry, Look(), None)
-    out = []
-    for k in range(len(drawn.objects)):
-        mine = np.flatnonzero(drawn.owner == k)
-        if len(mine):
-            first = int(mine[0]) - (0 if mine[0] < drawn.cloth_faces else drawn.cloth_faces)
-            sides = (drawn.mean_color(int(mine[0]), front) for front in (True, False))
-            out.append([first, len(mine), *([round(float(v), 4) for v in side] for side in sides)])
+    out: tuple[list[list], list[list]] = [], []
+    if not len(drawn.faces):
+        return out
+    alike = np.column_stack([drawn.owner, drawn.colors, drawn.backs, np.arange(len(drawn.faces)) >= drawn.cloth_faces])
+    starts = np.concatenate([[0], 1 + np.flatnonzero((alike[1:] != alike[:-1]).any(axis=1)), [len(alike)]])
+    for first, end in zip(starts[:-1].tolist(), starts[1:].tolist()):
+        solid = first >= drawn.cloth_faces
+        sides = (drawn.mean_color(first, front) for front in (True, False))
+        out[solid].append([first - drawn.cloth_faces * solid, end - first,
+                           *([round(float(v), 4) for v in side] for side in sides)])
     return out
 
 

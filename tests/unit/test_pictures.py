@@ -20,6 +20,7 @@ from taichi_cloth.output.text import draw_text
 from taichi_cloth.recording import record
 from taichi_cloth.recording.drawing import numbers_in
 from taichi_cloth.recording.expected import expected
+from taichi_cloth.recording.report import paints_of
 from taichi_cloth.scene.appearance import appearance
 from taichi_cloth.scene.view import Camera, CameraKeys, View
 
@@ -163,7 +164,7 @@ def test_background_floor_and_light_are_as_said(sim):
 
 def test_panels_have_colours_of_their_own(sim):
     mesh = tc.grid(1.0, 4, plane="xy")
-    mesh = tc.TriMesh(mesh.x, mesh.faces, mesh.uv, {"left half": mesh.uv[:, 0] < 0.51, "corner": [0, 1, 5, 6]})
+    mesh = tc.TriMesh(mesh.x, mesh.faces, mesh.uv, {"left half": np.flatnonzero(mesh.uv[:, 0] < 0.51), "corner": [0, 1, 5, 6]})
     scene = tc.Scene()
     scene.add_cloth(tc.grid(1.0, 1), FABRIC, color="white", name="other")
     scene.add_cloth(mesh, FABRIC, color=tc.Appearance("lime", panels={"left half": "red", "corner": "#0000ff"}), name="flag")
@@ -174,10 +175,13 @@ def test_panels_have_colours_of_their_own(sim):
     drawn = surfaces(g, Look(), None)
     assert (drawn.colors[drawn.owner == 0] == 1).all() and np.allclose(drawn.colors[drawn.owner == 1], wanted)
     assert np.allclose(drawn.backs[drawn.owner == 1], back_of(wanted))
+    runs, _ = paints_of(g)  # what the page of a report plays
+    assert sum(run[1] for run in runs) == len(drawn.colors) and [run[0] for run in runs[:2]] == [0, 2]
+    assert np.allclose(np.concatenate([np.tile(run[2], (run[1], 1)) for run in runs]), drawn.colors, atol=1e-4)
     asked = surfaces(g, Look(cloths={"flag": tc.Appearance("black")}), None)  # over all of its panels
     assert (asked.colors[asked.owner == 1] == 0).all() and (asked.colors[asked.owner == 0] == 1).all()
     for panels, words in (({"rigth": "red"}, "rigth"), ({"left half": "redd"}, "'redd'"), (["red"], "by the names")):
-        with pytest.raises(tc.SceneError, match=words):
+        with pytest.raises(tc.ClothError, match=words):
             scene.add_cloth(mesh, FABRIC, color=tc.Appearance(panels=panels), name="b")
     with pytest.raises(tc.SceneError, match="from the scene"):
         Look(cloths={"": tc.Appearance(panels={"left half": "red"})})
