@@ -176,10 +176,10 @@ def judge(row: Row, track: Track, fine: Track, last: int, doubt: float) -> None:
 
 
 def mark_front(rows: list[Row]) -> None:
-    """Marks rows that no other beats in both wall time and error."""
-    good = [r for r in rows if r.error is not None]
+    """Marks rows that no other beats in both wall time and error, of those whose error the reference can tell."""
+    good = [r for r in rows if r.error is not None and r.converged]
     for row in good:
-        row.best = row.converged and not any(o.wall <= row.wall and o.error <= row.error and o is not row for o in good)  # type: ignore[operator]
+        row.best = not any(o.wall <= row.wall and o.error <= row.error and o is not row for o in good)  # type: ignore[operator]
 
 
 def table(s: Study) -> str:
