@@ -217,8 +217,7 @@ def open_note(x: np.ndarray, borders: np.ndarray, joined: np.ndarray | None = No
         joined: (n,) a number of each vertex that those have in common that are sewn to each other; none are where None.
     """
     ends = borders if joined is None else joined[borders]
-    ends, times = np.unique(np.sort(ends, axis=1), axis=0, return_counts=True)
-    ends = ends[times == 1]  # others are sewn
+    ends = np.unique(np.sort(ends, axis=1), axis=0)  # two that are sewn are one
     names, first = np.unique(np.arange(len(x)) if joined is None else joined, return_index=True)
     used = np.unique(ends)
     place = _places(x[first[np.searchsorted(names, used)]])

@@ -135,7 +135,7 @@ def test_colours_of_panels_are_in_a_palette(tmp_path, rng):
     own = np.full((5, 3), np.nan)
     own[0], own[3], own[4] = (1, 0, 0), (0, 0.5, 1), (0, 0.5, 1)
     made = make(tmp_path / "run", rng, cloth_colors=np.array([COLORS[0], [0.9, 0.5, 0.1]]), face_colors=own,
-                panel=np.array([0, 0, 1, 2, 2]), panel_names=np.array(["a", "b", "c"]), sewn=np.arange(9))
+                panel=np.array([0, 0, 2, 1, 1]), panel_names=np.array(["a", "b", "c"]), sewn=np.arange(9))
     colors = np.where(np.isnan(own), made.geometry["cloth_colors"][[0, 0, 1, 1, 1]], own)
     mtl, *files = export(made.recording, "obj", tmp_path / "o")
     images = [np.array(Image.open(file)) for file in files if file.suffix == ".png"]
@@ -144,7 +144,7 @@ def test_colours_of_panels_are_in_a_palette(tmp_path, rng):
             assert np.abs(pixel(image, uv, False) - encoded(color)).max() <= 1 and np.ptp(uv) < 1, name
     mtl, *files = export(made.recording, "obj", tmp_path / "p", "panels")
     blocks = {words[0]: words for words in (block.split() for block in mtl.read_text().split("newmtl ")[1:])}
-    assert "map_Kd" in blocks["a"] and blocks["b"][2:5] == ["0.9", "0.5", "0.1"] and blocks["c"][2:5] == ["0", "0.5", "1"]
-    assert read_obj(files[-1])["c"].uv == pytest.approx(made.geometry["uv"][3:])
+    assert "map_Kd" in blocks["a"] and blocks["b"][2:5] == ["0", "0.5", "1"] and blocks["c"][2:5] == ["0.9", "0.5", "0.1"]
+    assert read_obj(files[-1])["b"].uv == pytest.approx(made.geometry["uv"][3:])
     file = Gltf(export(made.recording, "glb", tmp_path / "g", "panels")[0])
     assert [len(file.json["materials"][k]["pbrMetallicRoughness"].get("baseColorFactor", [])) for k in range(3)] == [0, 4, 4]
