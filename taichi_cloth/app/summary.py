@@ -65,7 +65,7 @@ def describe(sim: Simulation, wall: float, start: float = 0.0) -> str:
     parts = ", ".join(f"{n} {v:.2f} s" for n, v in s["seconds"].items() if v)
     faces = sum(c.mesh.face_count for c in cloths)
     model = f"{sim.model.n} vertices, {faces} triangles, {len(sim.scene.solids)} solids, at most {s['contacts']} contacts"
-    layers, since = "", f", from t = {start:g} s on; of the whole run" if start else ""
+    layers, since = "", f", from t = {start:.4g} s on; of the whole run" if start else ""
     if sim.contacts is not None and sim.contacts.layers is not None:
         counted = "not counted" if s["intersections"] is None else s["intersections"]
         layers = (f"layers: at most {s['layers']} pairs of cloth in contact, smallest gap {s['least_gap']:.2f} thicknesses; "
@@ -75,7 +75,7 @@ def describe(sim: Simulation, wall: float, start: float = 0.0) -> str:
             f"{s['smallest_h'] * 1e3:.3g} ms, worst residual {s['worst_residual']:.1g}, "
             f"crossings {s['crossings']}, largest stretch {s['largest_stretch']:.3f}\n"
             f"energy: {_energy(s['energy'])}\n"
-            f"cost: {sim.time - start:g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}{since}: "
+            f"cost: {sim.time - start:.4g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}{since}: "
             f"{s['steps']} steps, {s['cg_iterations']} CG iterations; {parts}")
 
 
