@@ -75,7 +75,7 @@ def test_24_runs_on_two_workers_with_one_killed_are_those_of_one_process(tmp_pat
     here = tc.sweep(hung, grid, sag, workers=0, **HOW)
     for a, b in zip(there.rows, here.rows):
         assert {n: v for n, v in a.items() if n not in NOT_FIGURES} == {n: v for n, v in b.items() if n not in NOT_FIGURES}
-        assert len(a["digest"]) == 16 and a["steps"] == 2
+        assert len(a["digest"]) == 16 and a["steps"] in (2, 3)  # a rejected step goes on in two
     assert len({r["digest"] for r in here.rows}) == 24  # none is another's
     with tc.Simulation(hung(3, 200.0, 11, str(tmp_path)), threads=1, h=1 / 20, integrator="verlet") as sim:
         sim.run(0.1, 20)
