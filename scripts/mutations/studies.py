@@ -98,7 +98,7 @@ MUTATIONS = (
     ("taichi_cloth/studies/study.py",
      "doubt <= CONVERGED * row.error", "doubt <= row.error", "doubtful errors are given as good",
      STUDY),
-    ("taichi_cloth/studies/study.py", "row.best = row.converged and not any(", "row.best = not any(",
+    ("taichi_cloth/studies/study.py", "r.error is not None and r.converged]", "r.error is not None]",
      "rows that the reference cannot judge are marked as best", STUDY),
     ("taichi_cloth/studies/study.py", "CONVERGED = 0.1  #", "CONVERGED = 0.5  #", "an error twice the references' own is good",
      JUDGED),

@@ -138,6 +138,7 @@ def test_files_are_there_for_every_frame(run):
     assert frame == 4 and int(state["records"]) == at + 1 and float(state["time"]) == pytest.approx(4 / FPS)
 
 
+@pytest.mark.slow
 def test_the_report_tells_the_same(run, tmp_path, monkeypatch):
     file = tmp_path / "report.html"
     log = [{**r, "contacts": r["contacts"] + k % 3} for k, r in enumerate(run.log)]  # it has 16 in each step

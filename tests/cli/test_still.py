@@ -18,6 +18,7 @@ def run(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_a_picture_is_the_one_that_the_command_draws(run, tmp_path):
     recording = tc.Recording(run)
     for frame in (1, None):
@@ -30,6 +31,7 @@ def test_a_picture_is_the_one_that_the_command_draws(run, tmp_path):
     assert (heat != image).any()
 
 
+@pytest.mark.slow
 def test_a_simulation_is_drawn_as_it_is_and_goes_on(run):
     scene = tc.Scene()
     cloth = scene.add_cloth(tc.grid(0.5, 5), tc.Fabric(0.2, tc.Stretch(100)))

@@ -27,11 +27,13 @@ def test_others_pass(name, integrator):
 
 
 @pytest.mark.parametrize("name", ["masses", "half", "far away"])
+@pytest.mark.slow
 def test_in_f32(name):
     row = stability.run(stability.CASES[name], "safe", "f32")
     assert row["passed"], row
 
 
+@pytest.mark.slow
 def test_the_rules_can_be_broken():
     """A frozen sheet and one that gains energy are told apart from good ones."""
     case = stability.CASES["half"]

@@ -102,6 +102,7 @@ def test_momentum_is_conserved_and_the_seam_opens_from_its_end():
             assert largest_gain(sim) < 1e-8
 
 
+@pytest.mark.slow
 def test_what_was_sewn_meets_as_layers_do():
     """Opened by hand, halves are thrown against each other: they keep apart, as two sheets do."""
     x = cut(tc.grid((0.4, 0.1), (20, 4)), 0.2)[0].x.copy()

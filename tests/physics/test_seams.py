@@ -284,6 +284,7 @@ def test_what_holds_a_cluster_is_shared_by_masses(rng):
     assert np.abs(shared[:k] + shared[k:-1] - total).max() < 1e-14 and (shared[-1] == rows[-1]).all()
 
 
+@pytest.mark.slow
 def test_the_coarsest_level_is_q_s_a_s_q():
     """As found by products with hats that have nothing in common, against dense matrices."""
     mesh, seams = tc.grid(1.0, 24), []

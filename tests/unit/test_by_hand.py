@@ -37,6 +37,7 @@ def simulations():
         yield sim, other, cloth, ball
 
 
+@pytest.mark.slow
 def test_between_steps_as_in_events(simulations):
     sim, other, cloth, ball = simulations
     sim.run(0.1, fps=10)
@@ -53,6 +54,7 @@ def test_between_steps_as_in_events(simulations):
     assert len(sim.scene.script.attachments) == 1  # the scene stays as it was built
 
 
+@pytest.mark.slow
 def test_going_on_needs_the_same_changes(simulations):
     sim, _, cloth, ball = simulations
     state = sim.checkpoint()

@@ -314,6 +314,7 @@ def test_rates_bound_the_fastest_mode_of_flat_cloth(bend, jitter, rng):
         sim.close()
 
 
+@pytest.mark.slow
 def test_panels_of_other_fabrics(rng):
     """Energies, masses and hinges of a mesh in two fabrics: those of its parts, and the mean where they meet."""
     mesh = tc.grid(1.0, 4)

@@ -32,6 +32,7 @@ def scene():
     return made
 
 
+@pytest.mark.slow
 def test_a_simulation_that_nobody_names_gives_its_fields_back(scene):
     seen, made = [], []
     for _ in range(5):
@@ -47,6 +48,7 @@ def test_a_simulation_that_nobody_names_gives_its_fields_back(scene):
     assert made[-1]() is None and not held() and not len(scene.followers)
 
 
+@pytest.mark.slow
 def test_pictures_leave_nothing(scene):
     with tc.Simulation(scene, h=1 / 60, integrator="verlet") as sim:
         before = held()

@@ -229,6 +229,7 @@ def write_panels(tmp_path, cells=(3, 4), lines: str = "", name: str = "two.obj")
 
 
 @pytest.mark.parametrize("own", [False, True])
+@pytest.mark.slow
 def test_stitches_split_the_edges_of_both_sides(tmp_path, own):
     """Four vertices a side against five: each is sewn to a place on the other's edges, and they close."""
     _, meshes, (left, right) = write_panels(tmp_path)
@@ -282,6 +283,7 @@ def test_what_is_wrong_with_stitches_is_named(tmp_path):
         tc.load_stitched(tmp_path / "none.obj")
 
 
+@pytest.mark.slow
 def test_the_dress_of_the_reference_data(shared):
     """Where it is: nearly all stitches become edges that are sewn to edges."""
     folder = shared / "data"

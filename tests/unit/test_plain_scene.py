@@ -5,6 +5,8 @@ import json
 import subprocess
 import sys
 
+import pytest
+
 ABSENT = ("forces.gas", "forces.hysteresis", "forces.curvature_bend", "forces.curvature_hysteresis", "forces.closing",
           "forces.loads", "forces.local_drag", "forces.stress", "system.enclosures", "system.stitches", "step.giving",
           "step.tearing", "contact", "contact.contacts", "output.recording")
@@ -28,6 +30,7 @@ print(json.dumps({
 """
 
 
+@pytest.mark.slow
 def test_what_a_scene_does_not_name_is_not_there():
     done = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, check=True)
     told = json.loads(done.stdout.splitlines()[-1])

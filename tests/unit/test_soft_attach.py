@@ -34,6 +34,7 @@ def hung(request):
     sim.close()
 
 
+@pytest.mark.slow
 def test_derivatives(hung, rng):
     """f = -dE/dx, and K = df/dx on a ladder, on both sides of the largest force; "projected" is no less stiff."""
     sim, row, K = hung

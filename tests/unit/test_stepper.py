@@ -61,6 +61,7 @@ def test_fixed_step_does_what_it_is_told_and_reports():
     assert "MAX_ITERATIONS" in {r.status for r in slow.log}
 
 
+@pytest.mark.slow
 def test_overflow_is_named():
     scene = tc.Scene()
     cloth = scene.add_cloth(tc.grid(1.0, 3), tc.Fabric(0.2, tc.Stretch(1e4)))

@@ -43,6 +43,7 @@ def pressed():
     return sim
 
 
+@pytest.mark.slow
 def test_nearest_contact_is_the_nearest(pressed):
     sim, T = pressed, 0.01
     x = sim.positions()
@@ -60,6 +61,7 @@ def test_nearest_contact_is_the_nearest(pressed):
                                                                      + trouble.vertex], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_why_names_the_costliest_steps(tmp_path):
     folder = tmp_path / "run"
     from taichi_cloth.app import cli
