@@ -13,7 +13,28 @@ from .force import Force
 
 
 @ti.data_oriented
-class Gravity(Force):
+class DeadLoad(Force):
+    """What has no derivative, neither by position nor by velocity: it is in b alone."""
+
+    def build_stiffness(self) -> None:
+        """Nothing but to be asked for."""
+        self.stiff = True
+
+    @ti.func
+    def add_product(self, block, p: ti.template(), q: ti.template()):
+        """Nothing."""
+
+    def build_levels(self, levels) -> None:
+        """Nothing."""
+
+    @ti.func
+    def add_level_block(self, n, c, D, levels: ti.template()):
+        """D"""
+        return D
+
+
+@ti.data_oriented
+class Gravity(DeadLoad):
     """m g, with the potential -m g . x."""
 
     energies = ("gravity",)
@@ -25,10 +46,6 @@ class Gravity(Force):
     def rounding_energy(self, d: float) -> float:
         """Energy [J] that positions off by d [m] amount to."""
         return float(np.linalg.norm(self.g) * self.model.mass.sum()) * d
-
-    def build_stiffness(self) -> None:
-        """Nothing but to be asked for: gravity has no derivative."""
-        self.stiff = True
 
     @ti.func
     def add_force(self, block, f: ti.template()):
@@ -54,18 +71,6 @@ class Gravity(Force):
         report[block, base] = total
         report[block, base + 1] = 0
         report[block, base + 2] = rate
-
-    @ti.func
-    def add_product(self, block, p: ti.template(), q: ti.template()):
-        """Nothing."""
-
-    def build_levels(self, levels) -> None:
-        """Nothing: gravity has no derivative."""
-
-    @ti.func
-    def add_level_block(self, n, c, D, levels: ti.template()):
-        """D"""
-        return D
 
 
 @ti.data_oriented

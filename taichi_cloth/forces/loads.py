@@ -8,11 +8,11 @@ from ..backend.rows import write
 from ..scene.attachment import Script
 from ..scene.scene import Scene
 from ..system.state import ParticleState
-from .force import Force
+from .external import DeadLoad
 
 
 @ti.data_oriented
-class Loads(Force):
+class Loads(DeadLoad):
     """The sum of all loads on every particle."""
 
     gusty = True
@@ -25,10 +25,6 @@ class Loads(Force):
     def rounding_energy(self, d: float) -> float:
         """None: they have no energy."""
         return 0.0
-
-    def build_stiffness(self) -> None:
-        """Nothing but to be asked for: they have no derivative."""
-        self.stiff = True
 
     def follow(self, script: Script) -> None:
         """See `Force`."""
@@ -62,15 +58,3 @@ class Loads(Force):
                     to.b[i] = to.b[i] + c * self.load[i]
         report[block, base] = power
         report[block, base + 1] = power
-
-    @ti.func
-    def add_product(self, block, p: ti.template(), q: ti.template()):
-        """Nothing."""
-
-    def build_levels(self, levels) -> None:
-        """Nothing: they have no derivative."""
-
-    @ti.func
-    def add_level_block(self, n, c, D, levels: ti.template()):
-        """D"""
-        return D
