@@ -19,8 +19,9 @@ from collections import Counter
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT), str(ROOT / "scenes")]
 PACKAGE = ROOT / "taichi_cloth"
-LEFT_OUT = {str(PACKAGE / "backend" / name) for name in ("taichi_patches.py", "timing.py")}  # what binds kernels to their
-# objects, and what times methods, are no part of where a step goes
+LEFT_OUT = {str(PACKAGE / "backend" / name) for name in ("taichi_patches.py", "shared_kernels.py", "timing.py")}
+# what binds kernels to their objects, what Taichi asks at each launch whether one is compiled, and what times methods, are
+# no part of where a step goes
 
 
 def imported(path: pathlib.Path) -> set[str]:

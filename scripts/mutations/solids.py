@@ -30,7 +30,7 @@ SCAN = "taichi_cloth/contact/solid/query.py"
 TOUCH = "taichi_cloth/contact/contact_force.py"
 CLOSEST = "taichi_cloth/contact/geometry.py"
 CROSSING = "taichi_cloth/contact/solid/crossing.py"
-ROWS = "taichi_cloth/contact/rows.py"
+ROWS = "taichi_cloth/contact/points.py"
 ROOM = "taichi_cloth/contact/solid/room.py"
 SOLIDS = "taichi_cloth/scene/solids.py"
 
@@ -50,8 +50,8 @@ MUTATIONS = (
      "forces of points: the damping's sign", FORCES),
     (RESPONSE, "Forces(held, self.pressing.forces(moved, h), at)",
      "Forces(held, 0 * self.pressing.forces(moved, h), at)", "forces of pairs are not told", FORCES),
-    ("taichi_cloth/step/nonlinear/solid_contact.py", "        contacts.record_forces(self.system.reaction_rows())\n",
-     "        pass\n", "forces stay those of the solve before last", FORCES),
+    (RESPONSE, "        self.look()\n        self.record_forces(reaction, base)\n",
+     "        self.look()\n", "forces stay those of the solve before last", FORCES),
     (HOLDING, "force[mine] = made_up + (whole - made_up.sum(axis=0)) / len(mine)", "force[mine] = whole",
      "a particle's force counts for each of its contacts", f"{CONTACT}::test_the_corner_of_two_planes_is_loaded_once"),
     # friction
@@ -155,7 +155,7 @@ MUTATIONS = (
      "crossings are overlooked", f"{SHAPES}::test_crossings_of_a_state_are_seen"),
     (CROSSING, "if n.dot(p) * n.dot(q) < 0:", "if n.dot(p) * n.dot(q) > 0:", "edges on one side of a triangle cross it",
      f"{SHAPES}::test_crossings_of_a_state_are_seen"),
-    (RESPONSE, "return self.penetration.look_across() and self.may_shrink(start)", "return False", "crossings reject no step",
+    (RESPONSE, "return self.penetration.look_across() and self.may_shrink()", "return False", "crossings reject no step",
      f"{SHAPES}::test_crossings_of_a_state_are_seen"),
     (STEP, "return self.h <= usual(self.h_usual) / SMALLER", "return self.h <= self.h_usual * SMALLER",
      "every step is the smallest",
@@ -170,7 +170,7 @@ MUTATIONS = (
     (ROOM, "x[found.index] - height[:, None] * found.normal,", "x[found.index] + height[:, None] * found.normal,",
      "walls stand on the wrong side of cloth", "tests/unit/test_room.py"),
     # what cloth meets, points, solids
-    (SCAN, "for first, time in ((0, t), (12, t + h)):", "for first, time in ((0, t), (12, t)):",
+    (SCAN, "self._pose(solid, t) + self._pose(solid, t + h)", "self._pose(solid, t) + self._pose(solid, t)",
      "solids stand still in a step",
      f"{STICKS} {FORCES}"),
     (SCAN, "self.time = t + h", "self.time = t", "the solids' time is the step's beginning", FORCES),

@@ -38,7 +38,7 @@ MUTATIONS = (
     ("taichi_cloth/step/stepper.py", "before, measures = measures.potential, self.meter.measure()",
      "before = measures.potential",
      "energy after a force's own change is not measured", "tests/unit/test_own_force.py"),
-    ("taichi_cloth/step/stepper.py", "changed = [force.accept(h) for force in self.meter.forces]", "changed = [False]",
+    ("taichi_cloth/step/stepper.py", "changed = [force.accept(h) for force in self._accepting]", "changed = [False]",
      "forces are not told of accepted steps", "tests/unit/test_own_force.py"),
     ("taichi_cloth/step/stepper.py", "potential=ledger.potential - taken, plastic=taken", "plastic=taken",
      "what creases take is counted twice", CREASES),

@@ -12,7 +12,6 @@ from ..system.place import Place
 from ..system.state import ParticleState
 from .contact_force import ContactForce
 from .points import Points
-from .solid.query import Scanner
 from .solid.solid_contacts import SolidContacts, Verdict
 from .step_start import StepStart
 
@@ -21,7 +20,8 @@ class Contacts(Checkpointed):
     """The contacts of a model's cloth with a scene's solids, and of its cloths with each other.
 
     Attributes:
-        solids: against solids; layers: cloth against cloth, or None; sprung: whether by the paper's springs.
+        solids: against solids; scan: what looks for these; layers: cloth against cloth, or None; sprung: whether by the
+            paper's springs.
         force: what contacts add to the system of a solve.
         start: of the attempt; base: positions and velocities (n, 3) with which its last solve began.
         between: points of layers in that solve.
@@ -42,36 +42,12 @@ class Contacts(Checkpointed):
 
             self.layers = (Springs if self.sprung else Layers)(fields, model, scene, h, cpu, tangles)
         self.force = ContactForce(fields, model, self.layers is not None)
-        self.solids = SolidContacts(fields, model, scene)
         nowhere = np.zeros((model.n, 3))
         self.start, self.base = StepStart(h, h, nowhere, nowhere), (nowhere, nowhere)
+        self.solids = SolidContacts(fields, model, scene, self.start)
+        self.scan = self.solids.scan
         self.between = Points.none()
         self.warm = self.crowded = False
-
-    @property
-    def scan(self) -> Scanner:
-        """What looks for contacts with solids."""
-        return self.solids.scan
-
-    @property
-    def round(self) -> int:
-        """Solves of the attempt."""
-        return self.solids.round
-
-    @property
-    def reach(self) -> float:
-        """How far [m] a particle may close in on a solid in one step."""
-        return self.solids.reach
-
-    @property
-    def small(self) -> bool:
-        """As `StepStart.small`."""
-        return self.start.small
-
-    @property
-    def smallest(self) -> bool:
-        """As `StepStart.smallest`."""
-        return self.start.smallest
 
     @property
     def layered(self) -> bool:
@@ -89,7 +65,7 @@ class Contacts(Checkpointed):
 
     def hold(self) -> tuple[Held | None, float]:
         """(what the next solve holds, pins included; the largest closing distance [m])"""
-        start, closing = self.start, self.solids.hold(self.start)
+        start, closing = self.start, self.solids.hold()
         held = self.solids.active.holding.held
         self.base = start.x + start.h * start.v, start.v
         if held is not None:
@@ -103,7 +79,7 @@ class Contacts(Checkpointed):
 
     def set_points(self) -> None:
         """Friction of what slides, pairs, and layers where they are part of the problem, as points of contact."""
-        points, together = self.solids.take_points(self.start, self.base), self.start.together
+        points, together = self.solids.take_points(self.base), self.start.together
         if self.layers is not None and (self.sprung or together):
             self.between = self.layers.points(self.base[0])
             points = [*points, self.between] if together else [self.between, *points]
@@ -111,63 +87,33 @@ class Contacts(Checkpointed):
 
     def judge(self, reaction: np.ndarray) -> Verdict:
         """What must change after a solve; `reaction` (k, 3) [N s] on the held particles, in `hold`'s order."""
-        return self.solids.judge(self.start, reaction, self._moved())
+        return self.solids.judge(reaction, self.base[0])
 
-    def record_forces(self, reaction: np.ndarray) -> None:
-        """What contacts with solids bore in the last solve; `reaction` as in `judge`."""
-        self.solids.record_forces(reaction, self._moved(), self.start.h)
+    def went_in(self, reaction: np.ndarray) -> bool:
+        """As `SolidContacts.went_in`; `reaction` as in `judge`."""
+        return self.solids.went_in(reaction, self.base[0])
 
-    def _moved(self) -> np.ndarray:
-        """(n, 3) what the last solve moved particles by [m]."""
-        return self.model.read_particles()[0] - self.base[0]
+    def works(self, x: np.ndarray, v: np.ndarray) -> tuple[float, float, float]:
+        """Work on the motion of the step [J], which ends at x with v (n, 3): of friction that slides on solids, of edges and
+        corners of solids, of cloth on cloth."""
+        h, moved, solids = self.start.h, x - self.base[0], self.solids
+        return (solids.sliding.points.work(moved, h, h * v), solids.pressing.work(moved, h, h * v),
+                self.between.work(moved, h, h * v) if self.layered else 0.0)
 
-    def stop_short(self) -> None:
-        """As `SolidContacts.stop_short`."""
-        self.solids.stop_short()
-
-    def may_shrink(self) -> bool:
-        """As `Penetration.may_shrink`."""
-        return self.solids.may_shrink(self.start)
-
-    def went_in(self) -> bool:
-        """As `SolidContacts.went_in`."""
-        return self.solids.went_in(self.start)
-
-    def went_through(self) -> bool:
-        """As `SolidContacts.went_through`."""
-        return self.solids.went_through(self.start)
-
-    def works(self) -> tuple[float, float, float]:
-        """Work on the motion of the step [J]: of friction that slides on solids, of edges and corners of solids, of cloth on
-        cloth."""
-        h, moved = self.start.h, self._moved()
-        way = h * self.model.read_particles()[1]
-
-        def work(p: Points) -> float:
-            return float(np.einsum("ki,ki->k", p.forces(moved, h), p.of(way)).sum())
-
-        return work(self.solids.sliding.points), work(self.solids.pressing), work(self.between) if self.layered else 0.0
-
-    def against_layers(self, y: np.ndarray) -> float:
-        """What altering positions by y (n, 3) takes [J] against the forces of cloth on cloth in the last solve."""
-        if not self.layered:
-            return 0.0
-        return -float(np.einsum("ki,ki->k", self.between.forces(self._moved(), self.start.h), self.between.of(y)).sum())
-
-    def rows_held(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """As `SolidContacts.rows_held`."""
-        return self.solids.rows_held(count)
+    def against_layers(self, x: np.ndarray, y: np.ndarray) -> float:
+        """What altering positions x by y (n, 3) takes [J] against the forces of cloth on cloth in the last solve."""
+        return -self.between.work(x - self.base[0], self.start.h, y) if self.layered else 0.0
 
     def lagged(self, h: float) -> float:
         """What friction, pairs and layers add to the incremental potential [J] where the model now is, as the last solve took
         them."""
-        moved, solids = self._moved(), self.solids
+        moved, solids = self.model.read_particles()[0] - self.base[0], self.solids
         points = [*([self.between] if self.sprung else []), solids.sliding.points, solids.pressing]
         return sum(p.potential(moved, h) for p in points) + (self.layers.lagged() if self.layers is not None else 0.0)
 
     def commit(self) -> None:
         """The step was accepted: the next begins from its contacts."""
-        self.solids.commit(self.start)
+        self.solids.commit()
         self.warm = True
         if self.layers is not None:
             self.layers.commit()
@@ -180,7 +126,7 @@ class Contacts(Checkpointed):
 
     def pass_by(self) -> None:
         """A step without contact was accepted."""
-        self.solids.pass_by(self.start.h)
+        self.solids.pass_by()
         self.warm = False
         if self.layers is not None:
             self.layers.pass_by()
@@ -234,7 +180,3 @@ class Contacts(Checkpointed):
         """(n, 3) [N] on each particle in the last solve, in particle order."""
         out = self.solids.forces_on_particles()
         return out if self.layers is None else out + self.layers.forces()
-
-    def loads(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """As `SolidContacts.loads`."""
-        return self.solids.loads()

@@ -1,13 +1,13 @@
-"""Points of contact: weighted sums of particles that a solve pushes and brakes. numpy only."""
+"""Points of contact: weighted sums of particles that a solve pushes and brakes; and arithmetic on rows of them: vectors
+(k, 3), symmetric blocks (k, 6), sorted keys. numpy only."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from .rows import sym_times
-
 CORNERS = 4
+EYE = np.array([1.0, 0, 0, 1, 0, 1])  # as symmetric blocks are kept: xx xy xz yy yz zz
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,10 @@ class Points:
         """(k, 3) [N] on the points, where particles moved by (n, 3) [m] in a solve of a step of h [s]: (r - A J dv)/h."""
         return (self.rhs - sym_times(self.block, self.of(moved) / h)) / h
 
+    def work(self, moved: np.ndarray, h: float, way: np.ndarray) -> float:
+        """Work [J] of those forces where the particles go by way (n, 3) [m]."""
+        return float(np.einsum("ki,ki->k", self.forces(moved, h), self.of(way)).sum())
+
     def potential(self, moved: np.ndarray, h: float) -> float:
         """What they add to the incremental potential [J] there: sum 1/2 (J dv)^T A J dv - r . J dv."""
         dv = self.of(moved) / h
@@ -71,3 +75,37 @@ class Points:
         return Points(vertices, weights, block, rhs,
                       np.concatenate([z[:, 0] if p.normal is None else p.normal for p, z in zip(parts, zero)]),
                       np.concatenate([z[:, 1:] if p.turns is None else p.turns for p, z in zip(parts, zero)]))
+
+
+def tangential(rows: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Rows (k, 3) without their part along the normals (k, 3)."""
+    return rows - np.einsum("ki,ki->k", rows, normal)[:, None] * normal
+
+
+def length(rows: np.ndarray) -> np.ndarray:
+    """(k,) lengths of rows (k, 3); three times as fast as `np.linalg.norm`."""
+    return np.sqrt(np.einsum("ki,ki->k", rows, rows))
+
+
+def sym_outer(rows: np.ndarray) -> np.ndarray:
+    """(k, 6) symmetric blocks r r^T of rows (k, 3)."""
+    x, y, z = np.ascontiguousarray(rows.T)
+    return np.stack([x * x, x * y, x * z, y * y, y * z, z * z], axis=1)
+
+
+def sym_times(blocks: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(k, 3) symmetric blocks (k, 6) times rows (k, 3)."""
+    return np.einsum("kij,kj->ki", blocks[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3), rows)
+
+
+def unit(rows: np.ndarray) -> np.ndarray:
+    """Rows (k, 3) of length 1, or 0 where they are 0."""
+    return rows / np.maximum(length(rows), 1e-30)[:, None]
+
+
+def rows_of(keys: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Where each wanted key is among sorted keys, or -1."""
+    if not len(keys):
+        return np.full(len(wanted), -1)
+    where = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return np.where(keys[where] == wanted, where, -1)

@@ -1,6 +1,7 @@
 """Where an attempt at a step begins, as contact sees it. numpy only."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -29,17 +30,17 @@ class StepStart:
     pins: Held | None = None
     together: bool = False
 
-    @property
+    @cached_property
     def share(self) -> float:
         """Of a usual step."""
         return min(1.0, self.h / self.h_usual)
 
-    @property
+    @cached_property
     def small(self) -> bool:
         """Whether the step is so small that smaller ones do not help where there is no room."""
         return self.h <= usual(self.h_usual) / SMALLER
 
-    @property
+    @cached_property
     def smallest(self) -> bool:
         """Whether there is hardly a smaller step to try."""
         return self.h <= usual(self.h_usual) / SMALLEST

@@ -46,6 +46,11 @@ class Force(ABC):
     driven: bool = False
     notes: Sequence[str] = ()
 
+    @classmethod
+    def does(cls, method: str) -> bool:
+        """Whether a method that does nothing in this contract does something here; else it need not be called."""
+        return getattr(cls, method) is not getattr(Force, method)
+
     @abstractmethod
     def rounding_energy(self, d: float) -> float:
         """Energy [J] that positions off by d [m] put into the rest shape."""

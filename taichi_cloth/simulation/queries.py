@@ -185,7 +185,7 @@ class Queries(Parts):
     def solid_loads(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Force (3,) [N] of the cloth on each solid in the last step, and torque (3,) [N m] about its origin, by name."""
         self._live()
-        return {} if self.contacts is None else self.contacts.loads()
+        return {} if self.contacts is None else self.contacts.solids.loads()
 
     def _linearized(self, h: float, held: Held | None = None):
         """The system, linearized at the current state for a step h, with y of the held particles."""

@@ -26,6 +26,7 @@ class Prescribed(Checkpointed):
 
     def __init__(self, model: ParticleState, script: Script, forces: Sequence[Force], contacts) -> None:
         self.model, self.script, self.forces, self.contacts = model, script, forces, contacts
+        self._driven = [force for force in forces if force.does("set_time")]
         self.script.events.sort(key=lambda event: event.time)
         self.attachments = Attachments(model, model.exchange)
         for force in forces:
@@ -58,7 +59,7 @@ class Prescribed(Checkpointed):
 
     def set_time(self, t: float) -> None:
         """What changes with time by itself, such as the wind, is set to what it is at t [s]."""
-        for force in self.forces:
+        for force in self._driven:
             force.set_time(t)
 
     def begin_anew(self) -> None:

@@ -128,6 +128,7 @@ class Stepper(Checkpointed):
     def __init__(self, model: ParticleState, integrator, meter: Assembler, control: Control,
                  locator: Locator | None = None, giving=None) -> None:
         self.model, self.integrator, self.meter, self.control, self.locator = model, integrator, meter, control, locator
+        self._accepting, self._recording = ([f for f in meter.forces if f.does(name)] for name in ("accept", "record"))
         self.giving = giving  # a `giving.Giving` where anything is sewn
         self.h = control.h_max
         self.quiet = 0
@@ -218,7 +219,7 @@ class Stepper(Checkpointed):
         torn, opened = (0.0, 0) if self.giving is None else self.giving.commit()
         if torn and ledger is not None:
             ledger = replace(ledger, potential=ledger.potential - torn, torn=torn)
-        changed = [force.accept(h) for force in self.meter.forces]  # each is asked
+        changed = [force.accept(h) for force in self._accepting]  # each is asked
         changed.append(self.giving is not None and self.giving.join())
         if any(changed):
             before, measures = measures.potential, self.meter.measure()
@@ -241,7 +242,7 @@ class Stepper(Checkpointed):
                           seconds, attempt.contacts, attempt.unsettled, attempt.crossings, attempt.evaluations,
                           attempt.error or 0.0, attempt.fell_back, attempt.layers, attempt.least, attempt.tangled,
                           attempt.pinched, opened=opened, ledger={} if ledger is None else ledger.record(),
-                          gas={k: v for force in self.meter.forces for k, v in force.record().items()},
+                          gas={k: v for force in self._recording for k, v in force.record().items()},
                           troubles=tuple(troubles))
 
     def _gave_up(self, t: float, h: float, rejection: str, attempt: Attempt, rejections: dict[str, int],

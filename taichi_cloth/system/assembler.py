@@ -67,6 +67,7 @@ class Assembler:
 
     def __init__(self, model: ParticleState, forces: list, runtime: Runtime, operator: Operator | None) -> None:
         self.model, self.forces, self.blocks = model, forces, model.blocks
+        self._prepared = [force for force in forces if force.does("prepare")]
         self.operator = operator  # type: ignore[assignment]
         self.sum_type = ti.f32 if runtime.sums == "f32" else ti.f64
         self.linear = operator is not None
@@ -112,7 +113,7 @@ class Assembler:
         return self._look(1, int(moves), c)
 
     def _look(self, linearizes: int, moves: int, c: float) -> Measures:
-        for force in self.forces:
+        for force in self._prepared:
             force.prepare(self.operator.motion if moves else None)
         self._evaluate(linearizes, moves, c, self._report)
         sums, peaks = self._report.sum(axis=0, dtype=np.float64), self._report.max(axis=0)

@@ -91,8 +91,7 @@ class Attachments:
         projector = np.einsum("kdi,kdj->kij", basis, basis)
         if len(np.unique(index)) < len(index):
             index, projector, goal = _combine(index, basis, goal)
-        return Held(kernel_array(index, np.int32), kernel_array(projector, self.exchange),
-                    kernel_array(goal, self.exchange), moving, np.zeros(goal.shape, dtype=self.exchange))
+        return Held.of(index, projector, goal, moving, np.zeros(goal.shape), self.exchange)
 
 
 def by_hand(constraints: Sequence[Constraint], model: ParticleState,
@@ -113,9 +112,9 @@ def by_hand(constraints: Sequence[Constraint], model: ParticleState,
     if not constraints:
         return None, np.zeros((0, 3))
     projector = np.array([c.basis.T @ c.basis for c in constraints])
-    index = model.particle[vertices].astype(np.int32)
-    z, y = (kernel_array([getattr(c, name) for c in constraints], exchange) for name in "zy")
-    return Held(index, kernel_array(projector, exchange), np.zeros((len(index), 3), dtype=exchange), False, y), z
+    index = model.particle[vertices]
+    z, y = ([getattr(c, name) for c in constraints] for name in "zy")
+    return Held.of(index, projector, np.zeros((len(index), 3)), False, y, exchange), kernel_array(z, exchange)
 
 
 def _padded(directions: np.ndarray) -> np.ndarray:

@@ -24,6 +24,12 @@ class Held:
     moving: bool
     y: np.ndarray
 
+    @classmethod
+    def of(cls, index: ArrayLike, projector: ArrayLike, target: ArrayLike, moving: bool, y: ArrayLike, dtype: type) -> "Held":
+        """From arrays of any type; `dtype` is what kernels were compiled for."""
+        P, goal, shift = (kernel_array(rows, dtype) for rows in (projector, target, y))
+        return cls(kernel_array(index, np.int32), P, goal, moving, shift)
+
 
 def kernel_array(values: ArrayLike, dtype: type) -> np.ndarray:
     """An array as kernels take it: contiguous, of the type they were compiled for."""

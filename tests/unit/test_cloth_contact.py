@@ -355,7 +355,7 @@ def test_a_step_in_which_layers_turn_out_to_meet_begins_anew():
     assert sim.contacts.touching and layers.count > 0 and not layers.intersections.active
     layers.count = 0  # what crosses keeps contact in mind, also where all of its pairs rest
     assert not sim.contacts.touching
-    layers.intersections.resting[3] = True
+    layers.intersections.active = True
     assert sim.contacts.touching
     sim.close()
 
@@ -369,7 +369,7 @@ def test_only_what_nothing_else_can_make_room_for_is_released(small, smallest, m
     step = LayerStep.__new__(LayerStep)
     step.layers = SimpleNamespace(release=lambda every: asked.append(every) or True, off=3, least=0.2,
                                   intersections=SimpleNamespace(active=False))
-    step.contacts = SimpleNamespace(small=small, smallest=smallest)
+    step.contacts = SimpleNamespace(start=SimpleNamespace(small=small, smallest=smallest))
     step.held, step.part, step.agreed, step.released = SimpleNamespace(moving=moving), part, False, False
     step.solutions, step.conclude = [], lambda measures: None
     assert step.give_up(None).rejection == "CONTACT" and step.released is released

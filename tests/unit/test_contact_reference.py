@@ -263,7 +263,7 @@ def test_solves_are_told_what_the_reference_says(rng):
     sim = tc.Simulation(scene, h=H, integrator="backward_euler", threads=1)
     layers, model = sim.contacts.layers, sim.model
     layers.clear()
-    layers.intersections.resting[:] = False  # what passes through counts like all else
+    layers.intersections.resting[:] = layers.intersections.active = False  # what passes through counts like all else
     layers.detector.let_rest(layers.intersections.resting)
     layers.boost = rng.choice([1.0, 4.0], size=model.n)
     x_0, v_0 = model.read_particles()

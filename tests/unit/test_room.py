@@ -16,7 +16,7 @@ def room(contacts, yields=(False, False), pinned=(), row=(0, 1, 2)) -> bool:
     """contacts: (particle, solid, normal, distance from its surface [m])."""
     index, solid, normal, distance = (np.array(v) for v in zip(*contacts))
     none = np.zeros(len(index))
-    found = VertexContacts(index, solid, normal, distance - THICK[solid], none, np.zeros((len(index), 3)), none)
+    found = VertexContacts(index, solid, normal, distance - THICK[solid], none, np.zeros((len(index), 3)), none, index)
     held = np.zeros(7, dtype=bool)
     held[list(pinned)] = True
     return bool(has_room(np.array([row]), FACES, walls(found, None, X, THICK), THICK, np.array(yields), held)[0])

@@ -225,8 +225,8 @@ def test_crossings_of_a_state_are_seen(rng):
         sim.set_state(x, 0 * x)
         exact = count_crossings(x, mesh.faces, solid.surface_at(0), cube.faces)
         assert (sim.contacts.crossings > 0) == (exact > 0)
-        assert not sim.contacts.went_through()  # what crossed before is not held against a step
+        assert not sim.contacts.solids.went_through()  # what crossed before is not held against a step
         sim.contacts.solids.penetration.before = np.zeros((0, 3), dtype=np.int64)
-        assert sim.contacts.went_through() == (exact > 0)
+        assert sim.contacts.solids.went_through() == (exact > 0)
         seen.append(exact > 0)
     assert 10 < sum(seen) < 50

@@ -62,7 +62,8 @@ class Candidates(Checkpointed):
         self._found: np.ndarray = np.zeros(self.chunks, dtype=np.int32)
 
     def cover(self) -> None:
-        """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model."""
+        """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model, and measures
+        how far it leads."""
         count = self.displaced_count() if self.fresh else self.model.n
         if not count:
             return
@@ -80,6 +81,7 @@ class Candidates(Checkpointed):
             found = np.concatenate([self.candidates.take(kept, axis=0), found])
             apart = np.concatenate([self.distances.take(kept), apart])
         self.candidates, self.distances, self.fresh = found, apart, True
+        self.displaced_count()
 
     def displaced_count(self) -> int:
         """How many particles, on their path, leave where the candidates were walked for by more than the skin."""

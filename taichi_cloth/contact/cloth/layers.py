@@ -25,13 +25,11 @@ from ...system.checkpoint import Checkpointed
 from ...system.place import Place
 from ...system.state import ParticleState
 from ..geometry import VERTEX_FACE
-from ..points import Points
-from ..rows import rows_of
+from ..points import Points, rows_of
 from ..step_start import StepStart
 from . import pair_kernels
 from .barrier import FLOOR, room
-from .contact_pairs import ContactPairs
-from .linearized import Comparison, LinearizedPairs
+from .contact_pairs import Comparison, ContactPairs, LinearizedPairs
 from .narrow_phase import LayerDetector
 from .untangle import Intersections
 

@@ -51,11 +51,11 @@ class LayerDetector(Candidates):
         self._from_saved()
 
     def collision_free_step(self) -> tuple[float, np.ndarray]:
-        """(part of the path that nothing passes through another on, the pairs (k, 3) that do not allow all of it)."""
+        """(part of the path, which `cover` has seen, that nothing passes through another on, the pairs (k, 3) that do not
+        allow all of it)."""
         c = self.candidates
         if not len(c):
             return 1.0, c
-        self.displaced_count()
         part: np.ndarray = np.empty(len(c), dtype=self.exchange)
         self._free(c, self.distances, part)
         least = float(part.min())

@@ -11,8 +11,7 @@ import numpy as np
 from ...scene.intersections import self_crossings
 from ...scene.mesh import face_edges
 from ...system.checkpoint import Checkpointed
-from ..points import Points
-from ..rows import sym_outer, sym_times, unit
+from ..points import Points, sym_outer, sym_times, unit
 from ..step_start import StepStart
 
 RINGS = 2  # of neighbours round a crossing that rest with it
@@ -32,7 +31,7 @@ class Intersections(Checkpointed):
     Attributes:
         count: crossing (edge, triangle) pairs where cloth was last looked at; pinched: particles that were let go, as no way
             was free for them.
-        resting: (n,) whether pairs of a particle with another such rest.
+        resting: (n,) whether pairs of a particle with another such rest; active: whether any does.
         until: (n,) time [s] for which what was pinched rests.
         edges, rows: (k, 2) particles and (k,) rows of faces that crossed where the step begins.
     """
@@ -46,7 +45,7 @@ class Intersections(Checkpointed):
         self.order = np.argsort(code, kind="stable")
         self.code = code[self.order]
         self.until = np.zeros(n)
-        self.resting = np.zeros(n, dtype=bool)
+        self.resting, self.active = np.zeros(n, dtype=bool), False
         self.edges, self.rows = np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64)  # where the step begins
         self.found = self.edges, self.rows  # where cloth was last looked at
 
@@ -54,11 +53,6 @@ class Intersections(Checkpointed):
         """See `Checkpointed`."""
         self.found = self.edges, self.rows
         self._rest()
-
-    @property
-    def active(self) -> bool:
-        """Whether anything rests."""
-        return bool(self.resting.any())
 
     @property
     def pinched(self) -> int:
@@ -89,11 +83,13 @@ class Intersections(Checkpointed):
         for _ in range(RINGS):
             near[self.faces[near[self.faces].any(axis=1)].ravel()] = True
         self.resting = near | (self.until > 0)
+        self.active = bool(self.resting.any())
 
     def release(self, particles: np.ndarray) -> None:
         """Lets pairs of particles rest for a while."""
         self.until[particles] = RELEASED
         self.resting |= self.until > 0
+        self.active = bool(self.resting.any())
 
     def points(self, start: StepStart, base: np.ndarray, mass: np.ndarray) -> Points:
         """What leads edges and triangles apart, as points of contact."""

@@ -1,14 +1,31 @@
-"""Contacts with solids, and pins, as one set of held directions."""
+"""Contacts with solids: what is known of them from round to round, and what holds, with pins, as one set of held directions.
+numpy only."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from ...system.held import Held, kernel_array
-from .states import States
+from ...system.held import Held
 from .vertices import VertexContacts
 
 APART = 0.3  # sine of the angle between directions below which the second is no further constraint of a particle
+
+
+@dataclass
+class States:
+    """What is known of the contacts of a step, sorted by key; kept from step to step.
+
+    Attributes:
+        key: (k,) particle and solid.
+        stick: (k,) whether friction holds it.
+        force: (k,) normal force [N].
+        push: (k, 3) direction of friction on what has just begun to slide, 0 elsewhere.
+    """
+
+    key: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    stick: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    force: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    push: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 @dataclass(frozen=True)
@@ -102,8 +119,8 @@ def hold_together(f: VertexContacts, stick: np.ndarray, lift: np.ndarray, pinned
     all_index = np.concatenate(index)
     row = np.full(n, -1)
     row[all_index] = np.arange(len(all_index))
-    P, goal, shift = (kernel_array(np.concatenate(parts), exchange) for parts in (projector, target, y))
-    return Holding(Held(kernel_array(all_index, np.int32), P, goal, True, shift), alone, row[f.index])
+    P, goal, shift = (np.concatenate(parts) for parts in (projector, target, y))
+    return Holding(Held.of(all_index, P, goal, True, shift, exchange), alone, row[f.index])
 
 
 def _combine(f: VertexContacts, stick: np.ndarray, shifts: np.ndarray, i: int, pinned: Held | None) -> tuple:

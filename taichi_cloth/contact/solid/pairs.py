@@ -5,8 +5,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ...options import USUAL
-from ..points import Points
-from ..rows import EYE, rows_of, sym_outer, sym_times, tangential
+from ..points import EYE, Points, rows_of, sym_outer, sym_times, tangential
 
 PAIR = 0.5  # of the thickness (beyond the core's radius): what edges and faces of cloth keep
 PRESS = 100.0  # stiffness of a pair over mass / h^2, h the largest step

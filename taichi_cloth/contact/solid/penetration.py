@@ -4,41 +4,18 @@ Such a step is tried smaller; one that is small already is taken as it is where 
 wrong then is pinched: for a while it does not make steps small again.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ...system.checkpoint import Checkpointed
 from ..step_start import StepStart
 from .pairs import Pairs, left
-from .query import Scanner
+from .query import Nearby, Scanner
 from .room import has_room, pinned_particles, walls
 from .vertices import VertexContacts
 
 PENETRATION = 1e-2  # of the thickness that a particle may end inside it without a further round
 DEEP, DEEPER = 0.5, 0.7  # of the thickness: what ends deeper is not accepted; where pairs guard faces and edges of cloth too
 SPARED = 0.1  # s for which what is pinched does not make steps small again
-
-
-@dataclass(frozen=True)
-class Nearby:
-    """What cloth meets on its way from the saved state to where the model was.
-
-    Attributes:
-        there: (n, 3) positions where it was [m].
-        vertices: contacts of particles; slip: (k, 3) their velocity against the solid [m/s].
-        pairs: with edges and corners of solids; None where none has any.
-    """
-
-    there: np.ndarray
-    vertices: VertexContacts
-    slip: np.ndarray
-    pairs: Pairs | None
-
-    @property
-    def any_pairs(self) -> bool:
-        """Whether there are pairs."""
-        return self.pairs is not None and len(self.pairs.key) > 0
 
 
 class Penetration(Checkpointed):
@@ -52,9 +29,9 @@ class Penetration(Checkpointed):
 
     STATE = ("before", "spared")
 
-    def __init__(self, n: int, scan: Scanner, thickness: np.ndarray) -> None:
-        self.scan, self.thickness = scan, thickness
-        self.deep = np.where(scan.pokes, DEEPER, DEEP) * thickness
+    def __init__(self, n: int, scan: Scanner) -> None:
+        self.scan, self.thickness = scan, scan.thickness
+        self.deep = np.where(scan.pokes, DEEPER, DEEP) * scan.thickness
         self.spared = np.zeros(n)
         self.crossed = self.before = np.zeros((0, 3), dtype=np.int64)
 

@@ -1,15 +1,40 @@
 """What cloth meets on its way through a step: the detectors that a scene needs, and where its solids are."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ...backend.fields import Fields
 from ...scene.scene import Scene
 from ...scene.solids import MESH, Solid, SolidMesh
-from ...system.held import kernel_array
 from ...system.state import ParticleState
+from ..points import tangential
 from .pairs import Pairs
 from .tree import TriangleTree, smooth
 from .vertices import SLOTS, WIDTH, VertexContacts, VertexDetector
+
+SOLIDS = 65536  # more than a scene can have
+
+
+@dataclass(frozen=True)
+class Nearby:
+    """What cloth meets on its way from the saved state to where the model was.
+
+    Attributes:
+        there: (n, 3) positions where it was [m].
+        vertices: contacts of particles; slip: (k, 3) their velocity against the solid [m/s].
+        pairs: with edges and corners of solids; None where none has any.
+    """
+
+    there: np.ndarray
+    vertices: VertexContacts
+    slip: np.ndarray
+    pairs: Pairs | None
+
+    @property
+    def any_pairs(self) -> bool:
+        """Whether there are pairs."""
+        return self.pairs is not None and len(self.pairs.key) > 0
 
 
 class Scanner:
@@ -45,6 +70,8 @@ class Scanner:
             self.surfaces = SurfaceDetector(fields, model, scene, self.tree) if any(meshes) else None
             self.pairs = PairDetector(fields, model, scene, self.tree)
             self.crossings = CrossingCounter(model, self.pairs, self.tree)
+        poses: np.ndarray = np.array([2 * self._pose(solid, 0.0) for solid in self.solids], dtype=self.exchange)
+        self.poses = poses.reshape(-1, 24)  # at the two ends of a step
         self._slots = np.zeros(model.n, dtype=np.int32)
         self._rows: np.ndarray = np.zeros((model.n, SLOTS, WIDTH), dtype=self.exchange)
 
@@ -85,14 +112,21 @@ class Scanner:
     def set_time(self, t: float, h: float) -> None:
         """Poses of the solids at the two ends of the step from t to t + h [s]."""
         self.time = t + h
-        poses = np.empty((len(self.solids), 24))
-        for row, solid in zip(poses, self.solids):
-            for first, time in ((0, t), (12, t + h)):
-                R, p = solid.pose(time)
-                row[first: first + 9], row[first + 9: first + 12] = R.ravel(), p - self.model.origin
-        self.poses = kernel_array(poses, self.exchange)
+        for row, solid in zip(self.poses, self.solids):
+            if solid.moves:
+                row[:] = self._pose(solid, t) + self._pose(solid, t + h)
         if self.tree is not None:
             self.tree.set_time(t, h)
+
+    def _pose(self, solid: Solid, t: float) -> list[float]:
+        """R, row by row, and p [m], from the local origin, at t [s]."""
+        R, p = solid.pose(t)
+        return [*R.ravel(), *(p - self.model.origin)]
+
+    def look(self, h: float) -> Nearby:
+        """What cloth meets on its way from the saved state to where the model now is, in a step of h [s]."""
+        f, there = self.detect(), self.model.read_particles()[0]
+        return Nearby(there, f, tangential((there[f.index] - f.carried) / h, f.normal), self.find_pairs())
 
     def detect(self) -> VertexContacts:
         """Contacts of the particles on their way from the saved to the current positions."""
@@ -108,7 +142,8 @@ class Scanner:
         mu = self.friction[solid]
         if self.tree is not None:
             mu = np.where(triangle >= 0, self.tree.friction[triangle], mu)
-        return VertexContacts(index, solid, rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5:8], mu)
+        return VertexContacts(index, solid, rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5:8], mu,
+                              index * SOLIDS + solid)
 
     def find_crossings(self, grown: bool = False) -> np.ndarray:
         """(k, 3) particles of the cloth's in pairs of triangles of cloth and solids that cross; none where nothing pokes.

@@ -10,9 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..points import Points
-from ..rows import EYE, sym_outer, sym_times
-from .states import States
+from ..points import EYE, Points, sym_outer, sym_times
+from .active_set import States
 from .vertices import VertexContacts
 
 SLOW = 5e-5  # slip [m/s] below which friction holds

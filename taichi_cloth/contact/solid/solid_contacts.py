@@ -18,15 +18,13 @@ from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.place import Place
 from ...system.state import ParticleState
-from ..points import Points
-from ..rows import rows_of, tangential
+from ..points import Points, rows_of
 from ..step_start import StepStart
-from .active_set import ActiveSet, hold_together
+from .active_set import ActiveSet, States, hold_together
 from .pairs import PAIR, Pairs, Step, press
-from .penetration import PENETRATION, Nearby, Penetration
-from .query import Scanner
+from .penetration import PENETRATION, Penetration
+from .query import Nearby, Scanner
 from .sliding import SLOW, Sliding, slide
-from .states import States
 from .vertices import VertexContacts
 
 TOLERATED = 0.3  # of the thickness: the same after further rounds, and where little would hold it; the next step brings it out
@@ -79,7 +77,8 @@ class SolidContacts(Checkpointed):
     """The contacts of a model's cloth with a scene's solids.
 
     Attributes:
-        scan: looks for them; penetration: judges what is too deep.
+        start: of the attempt; scan: looks for contacts; penetration: judges what is too deep.
+        reach: how far [m] a particle may close in on a solid in one step.
         accepted: states with which the last accepted step ended; trial: those of the last solve of this attempt.
         released: keys of contacts that were released in this attempt.
         near: what was met when last looked; active: what the last solve held; sliding, linearized, pressing: friction, pairs
@@ -89,11 +88,11 @@ class SolidContacts(Checkpointed):
 
     STATE = ("accepted", "penetration")
 
-    def __init__(self, fields: Fields, model: ParticleState, scene: Scene) -> None:
-        self.model, self.gravity, self.solids = model, scene.gravity, scene.solids
-        thickness = np.array([s.thickness for s in self.solids])
+    def __init__(self, fields: Fields, model: ParticleState, scene: Scene, start: StepStart) -> None:
+        self.model, self.gravity, self.start = model, scene.gravity, start
         self.scan = Scanner(fields, model, scene)
-        self.penetration = Penetration(model.n, self.scan, thickness)
+        self.penetration = Penetration(model.n, self.scan)
+        self.reach = REACH * self.scan.edge
         self.trial = self.accepted = States()
         self.released = np.zeros(0, dtype=np.int64)
         self.round = self.unsettled = 0
@@ -105,23 +104,17 @@ class SolidContacts(Checkpointed):
     @property
     def thickness(self) -> np.ndarray:
         """(solids,) [m]"""
-        return self.penetration.thickness
-
-    @property
-    def reach(self) -> float:
-        """How far [m] a particle may close in on a solid in one step."""
-        return REACH * self.scan.edge
+        return self.scan.thickness
 
     def begin(self, start: StepStart) -> None:
         """A new attempt; the model is at its predicted end."""
         self.trial, self.released, self.round = self.accepted, np.zeros(0, dtype=np.int64), 0
-        self.penetration.crossed = self.penetration.before
-        self.look(start)
+        self.start, self.penetration.crossed = start, self.penetration.before
+        self.look()
 
-    def look(self, start: StepStart) -> None:
+    def look(self) -> None:
         """What cloth meets on its way to where it now is, and how fast it slips there."""
-        f, there = self.scan.detect(), self.model.read_particles()[0]
-        self.near = Nearby(there, f, tangential((there[f.index] - f.carried) / start.h, f.normal), self.scan.find_pairs())
+        self.near = self.scan.look(self.start.h)
 
     def stop_short(self) -> None:
         """The model went a part of its way only: edges and corners of solids are met as they are from there."""
@@ -132,10 +125,11 @@ class SolidContacts(Checkpointed):
         """Whether anything was met when last looked."""
         return bool((self.near.vertices.gap < 0).any()) or self.near.any_pairs
 
-    def hold(self, start: StepStart) -> float:
+    def hold(self) -> float:
         """Chooses what the next solve holds, pins included: `active`. Returns the largest closing distance [m]."""
-        f, old, h = self.near.vertices, self.trial, start.h
-        known, where = old.find(f.key)
+        f, old, start, h = self.near.vertices, self.trial, self.start, self.start.h
+        where = rows_of(old.key, f.key)
+        known = where >= 0
         active = known | (f.gap < 0)
         again = np.isin(f.key, self.released)
         active &= ~again | (f.gap < -PENETRATION * self.thickness[f.solid])
@@ -164,9 +158,9 @@ class SolidContacts(Checkpointed):
         self.active = ActiveSet(f, States(f.key, stick, force, push), slip, lift, holding)
         return float(np.max(-lift, initial=0.0))
 
-    def take_points(self, start: StepStart, base: tuple[np.ndarray, np.ndarray]) -> list[Points]:
+    def take_points(self, base: tuple[np.ndarray, np.ndarray]) -> list[Points]:
         """Friction of what slides, and pairs, for a solve that begins at base: positions and velocities, each (n, 3)."""
-        a, mass = self.active, self.model.mass
+        a, mass, start = self.active, self.model.mass, self.start
         self.sliding = slide(a.contacts, a.states, a.slip, a.contacts.friction, mass, start.h, start.x, base[1])
         if self.near.pairs is None:
             return [self.sliding.points]
@@ -183,15 +177,17 @@ class SolidContacts(Checkpointed):
             out[held.index] = np.einsum("kij,kj->ki", held.projector, held.target - self.near.there[held.index])
         return out
 
-    def judge(self, start: StepStart, reaction: np.ndarray, moved: np.ndarray) -> Verdict:
+    def judge(self, reaction: np.ndarray, base: np.ndarray) -> Verdict:
         """What must change after a solve.
 
         Args:
             reaction: (k, 3) impulse [N s] on the held particles, in the order of what was held.
-            moved: (n, 3) what the solve moved particles by [m].
+            base: (n, 3) positions with which the solve began [m].
         """
-        f, s, h, weight = self.active.contacts, self.active.states, start.h, np.linalg.norm(self.gravity)
-        F, normal = self.record_forces(reaction, moved, h)
+        f, s, start, h = self.active.contacts, self.active.states, self.start, self.start.h
+        weight = np.linalg.norm(self.gravity)
+        self.look()
+        F, normal = self.record_forces(reaction, base)
         tangent = F - normal[:, None] * f.normal
         shear = np.linalg.norm(tangent, axis=1)
         mu = f.friction
@@ -200,7 +196,6 @@ class SolidContacts(Checkpointed):
         if start.together and self.round >= RELEASES:
             pulls[:] = False  # what layers press in again and again stays held until the next step
         breaks = s.stick & ~pulls & (shear > mu * np.maximum(normal, 0) * (1 + CONE))
-        self.look(start)
         here = rows_of(self.near.vertices.key, f.key)
         slip_now = np.where((here >= 0)[:, None], self.near.slip[here] if len(self.near.slip) else 0.0, 0.0)
         speed = np.linalg.norm(slip_now, axis=1)
@@ -229,36 +224,40 @@ class SolidContacts(Checkpointed):
         matters = bad or entered or disagree or (wrong > float(np.sum(force)) and self.round <= PATIENCE)
         return Verdict(max(changes, 1) if matters else 0, float(np.max(depth, initial=0.0)), bad)
 
-    def record_forces(self, reaction: np.ndarray, moved: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
-        """What contacts bore in the last solve, which was taken whole; arguments as in `judge`.
+    def record_forces(self, reaction: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What contacts bore in the last solve, which was taken whole, to where cloth was last looked at; arguments as in
+        `judge`.
 
         Returns:
             (forces (k, 3) [N] on what is held, their parts (k,) along the normals); sliding friction is not among them.
         """
-        f, states = self.active.contacts, self.active.states
+        f, states, h = self.active.contacts, self.active.states, self.start.h
+        moved = self.near.there - base
         F, normal = self.active.holding.forces(f, reaction / h)
         held = np.where(states.stick[:, None], F, normal[:, None] * f.normal)
         held[self.sliding.rows] += self.sliding.points.forces(moved, h)
         self.forces = replace(NO_FORCES, held=held)
         if self.linearized is not None:
-            at = self.linearized.of(self.model.read_particles()[0])
+            at = self.linearized.of(self.near.there)
             self.forces = Forces(held, self.pressing.forces(moved, h), at)
         return F, normal
 
-    def went_in(self, start: StepStart) -> bool:
-        """Whether something ended too deep, or through, after further solves that held the same contacts."""
-        self.look(start)
+    def went_in(self, reaction: np.ndarray, base: np.ndarray) -> bool:
+        """Whether something ended too deep, or through, after further solves that held the same contacts; arguments as in
+        `judge`."""
+        self.look()
+        self.record_forces(reaction, base)
         inside = self.penetration.inside(self.near.vertices, self.active.contacts.key)
         bad = self.penetration.left(self.near, inside, self.linearized)[1]
-        return (bad and self.may_shrink(start)) or self.went_through(start)
+        return (bad and self.may_shrink()) or self.went_through()
 
-    def may_shrink(self, start: StepStart) -> bool:
+    def may_shrink(self) -> bool:
         """As `Penetration.may_shrink`."""
-        return self.penetration.may_shrink(start, self.near, self.active.contacts.key, self.linearized)
+        return self.penetration.may_shrink(self.start, self.near, self.active.contacts.key, self.linearized)
 
-    def went_through(self, start: StepStart) -> bool:
+    def went_through(self) -> bool:
         """Whether cloth passes through solids where it did not before, in a step that can still be made smaller."""
-        return self.penetration.look_across() and self.may_shrink(start)
+        return self.penetration.look_across() and self.may_shrink()
 
     def rows_held(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Of rows of what is held (count,): whether solids hold them, and not pins alone; whether they are brought out of
@@ -268,18 +267,18 @@ class SolidContacts(Checkpointed):
         out[rows[self.active.lift > 0]] = True
         return solids, out
 
-    def commit(self, start: StepStart) -> None:
+    def commit(self) -> None:
         """The step was accepted: the next begins from its contacts. What went wrong in a small one is pinched."""
-        self.penetration.pass_time(start.h)
-        if start.small:
+        self.penetration.pass_time(self.start.h)
+        if self.start.small:
             self.penetration.spare(self.penetration.wrong(self.near, self.active.contacts.key, self.linearized))
         self.accepted, self.penetration.before = self.trial, self.penetration.crossed
 
-    def pass_by(self, h: float) -> None:
+    def pass_by(self) -> None:
         """A step without contact was accepted."""
         self.accepted = self.trial = States()
         self.active, self.forces, self.linearized, self.unsettled = ActiveSet.none(), NO_FORCES, None, 0
-        self.penetration.pass_time(h)
+        self.penetration.pass_time(self.start.h)
 
     def clear(self) -> None:
         """Forgets all contacts: the state was changed from outside."""
@@ -318,7 +317,7 @@ class SolidContacts(Checkpointed):
             at, force = np.concatenate([at, self.forces.at]), np.concatenate([force, self.forces.pairs])
             which = np.concatenate([which, self.linearized.solid])
         out = {}
-        for k, solid in enumerate(self.solids):
+        for k, solid in enumerate(self.scan.solids):
             mine = which == k
             arm = at[mine] - solid.pose(self.scan.time)[1] + self.model.origin
             out[solid.name] = (-force[mine].sum(axis=0), -np.cross(arm, force[mine]).sum(axis=0))

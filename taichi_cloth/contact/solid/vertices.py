@@ -6,7 +6,6 @@ it comes within the thickness there is a contact: a plane that the vertex must b
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import taichi as ti
@@ -37,6 +36,7 @@ class VertexContacts:
         start_gap: (k,) the same of `carried`.
         carried: (k, 3) where it would be if it moved with the solid from its place at the start [m].
         friction: (k,) Coulomb's coefficient there.
+        key: (k,) one number for particle and solid.
     """
 
     index: np.ndarray
@@ -46,17 +46,13 @@ class VertexContacts:
     start_gap: np.ndarray
     carried: np.ndarray
     friction: np.ndarray
-
-    @cached_property
-    def key(self) -> np.ndarray:
-        """(k,) one number for particle and solid."""
-        return self.index.astype(np.int64) * 65536 + self.solid
+    key: np.ndarray
 
     @classmethod
     def none(cls) -> "VertexContacts":
         """No contact."""
         k = np.zeros(0, dtype=np.int64)
-        return cls(k, k, np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros((0, 3)), np.zeros(0))
+        return cls(k, k, np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros((0, 3)), np.zeros(0), k)
 
     def take(self, which: np.ndarray) -> "VertexContacts":
         """Some of them."""

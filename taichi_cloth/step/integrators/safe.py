@@ -63,7 +63,7 @@ class Safe(Checkpointed):
                 return made
             self.model.restore()
         self.last = self.robust
-        redone = self._judged(h, self.robust.attempt(h, held_at, start), held_at(h))
+        redone = self._judged(h, self.robust.attempt(h, held_at, start), held_at)
         self.gained = 0.0 if redone.ledger is None else redone.ledger.change - redone.ledger.total
         if made is None:
             return replace(redone, fell_back=reason)
@@ -94,7 +94,7 @@ class Safe(Checkpointed):
         x, v = self.model.read_saved()
         return self.contacts.meets(h, held, x, v)
 
-    def _judged(self, h: float, made: Attempt, held: Held | None) -> Attempt:
+    def _judged(self, h: float, made: Attempt, held_at: Callable[[float], Held | None]) -> Attempt:
         """With an estimate of a backward Euler step's error, where one is asked for: h (v_1 - v_0) / 2.
 
         Over the steps these telescope: what swings to and fro, as cloth does after an impact, cancels out. So the
@@ -103,6 +103,7 @@ class Safe(Checkpointed):
         if self.tolerance is None or made.rejection is not None:
             return made
         a = (self.model.read_particles()[1] - self.model.read_saved()[1]) / h
+        held = held_at(h)
         if held is not None:
             a[held.index] -= np.einsum("kij,kj->ki", held.projector, a[held.index])
         self.mean_1 = self.mean - math.expm1(-h / LAPSE) * (a - self.mean)

@@ -32,8 +32,7 @@ from ...system.constraints import project
 from ...system.held import Held
 from ..attempt import ACCURACY, ENERGY, SOLVER, Attempt
 from ..ledger import Work, gained, three_stages, with_attachments
-from ..nonlinear.newton import minimize
-from ..nonlinear.problem import Outcome
+from ..nonlinear.newton import Outcome, minimize
 from ..nonlinear.stage import FIRST, Effort, Stage
 from ..nonlinear.system import System
 from ..pump import Pump

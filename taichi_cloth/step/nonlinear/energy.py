@@ -44,8 +44,8 @@ class EnergyTest:
             work = replace(work, layers=min(work.layers, stiffened))
         over = gained(start, measures, work) - max(0.0, ledger.wind) - self.system.rounding(h, start, measures)
         over -= SLIGHT * measures.energies.get("contact", 0.0)
-        if self.contacts is not None and self.contacts.small:  # nothing smaller does better where cloth is pinched: how it is
-            # moved out need not be paid for, and works are off by as much as forces may be
+        if self.contacts is not None and self.contacts.start.small:  # nothing smaller does better where cloth is pinched: how
+            # it is moved out need not be paid for, and works are off by as much as forces may be
             over += min(work.lifted, 0.0) - PINCHED * sum(abs(value) for value in asdict(work).values())
             over -= PRESSED * measures.energies.get("contact", 0.0)
         if not over > 0 or (math.isfinite(over) and self._leads_all(held)):
@@ -64,36 +64,39 @@ class EnergyTest:
 
     def work(self, h: float, held: Held | None, start: Measures, measures: Measures) -> Work:
         """What was put in by what holds, touches and alters positions, as the last solve took it."""
+        x, v = self.model.read_particles()
         by_pins = by_solids = lifted = lowered = friction = edges = layers = 0.0
         if held is not None and held.moving and len(held.index):
             reaction = self.system.reaction_rows()  # J
-            v, y = self.system.motion_rows(held, h)
-            power = np.einsum("ki,ki->k", reaction, v)
+            motion, y = self.system.motion_rows(held, h)
+            power = np.einsum("ki,ki->k", reaction, motion)
             solids = up = np.zeros(len(power), dtype=bool)
             if self.contacts is not None:
-                solids, up = self.contacts.rows_held(len(power))
+                solids, up = self.contacts.solids.rows_held(len(power))
             by_pins, by_solids = float(power[~solids].sum()), float(power[solids].sum())
-            (lifted, above), (lowered, below) = (self._altering(held.index[k], y[k]) for k in (up, ~up))
+            (lifted, above), (lowered, below) = (self._altering(x, held.index[k], y[k]) for k in (up, ~up))
+            self.model.write_particles(x, v)
             layers = -above - below  # y stores it, and not the motion
         if self.model.sewn is not None and self.model.sewn.led:
-            by_pins += float(np.sum(self.system.tension() * self.model.read_particles()[1]))
+            by_pins += float(np.sum(self.system.tension() * v))
         if self.contacts is not None:
-            if self.contacts.small:  # what no smaller step can do better is let be
+            if self.contacts.start.small:  # what no smaller step can do better is let be
                 lifted, lowered = lifted + lowered, 0.0
-            friction, edges, between = self.contacts.works()
+            friction, edges, between = self.contacts.works(x, v)
             layers += between + measures.energies.get("contact", 0.0) - start.energies.get("contact", 0.0)
         return Work(pins=by_pins, solids=by_solids + edges, lifted=lifted, lowered=lowered, friction=friction, layers=layers)
 
-    def _altering(self, index: np.ndarray, y: np.ndarray) -> tuple[float, float]:
-        """(what it takes to alter positions of particles index (k,) by y (k, 3), the part of it that is stored between layers)
-        [J]: dE . y, with the cloth's energy here and the repulsion of the last solve."""
+    def _altering(self, x: np.ndarray, index: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+        """(what it takes to alter positions x (n, 3) of particles index (k,) by y (k, 3), the part of it that is stored
+        between layers) [J]: dE . y, with the cloth's energy here and the repulsion of the last solve.
+
+        The model is left with y as its velocities.
+        """
         if not np.abs(y).max(initial=0.0) > self.system.resolution:
             return 0.0, 0.0
-        x, v = self.model.read_particles()
-        motion = np.zeros_like(v)
+        motion = np.zeros_like(x)
         motion[index] = y
         self.model.write_particles(x, motion)
         taken = self.meter.measure().rate
-        self.model.write_particles(x, v)
-        between = self.contacts.against_layers(motion) if self.contacts is not None else 0.0
+        between = self.contacts.against_layers(x, motion) if self.contacts is not None else 0.0
         return taken + between, between

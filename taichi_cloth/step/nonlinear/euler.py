@@ -20,8 +20,7 @@ from ..attempt import ENERGY, NEWTON
 from ..ledger import Ledger
 from .brake import MOST
 from .energy import LIGHT, EnergyTest
-from .newton import minimize
-from .problem import Outcome, StepProblem, phi
+from .newton import Outcome, StepProblem, minimize, phi
 from .system import System
 
 FURTHER = 0.03  # relative residual of the further solves that look for it

@@ -21,8 +21,7 @@ from ..ledger import Ledger
 from .brake import MOST
 from .energy import EnergyTest
 from .euler import EulerStep
-from .newton import minimize
-from .problem import Outcome, phi
+from .newton import Outcome, minimize, phi
 from .solid_contact import SolidPolicy, predict
 from .system import System
 
@@ -69,7 +68,7 @@ class LayerStep(EulerStep):
                 contacts.set_points()
         if contacts.crowded:
             return Outcome(CONTACT, f"more than {contacts.force.capacity} points of contact", self.before)
-        if closing > contacts.reach:
+        if closing > contacts.solids.reach:
             return Outcome(APPROACH, f"{closing:.3g} m in one step", self.before)
         self.linear(k)
         unsolved = self.unsolved()
@@ -131,7 +130,7 @@ class LayerStep(EulerStep):
         self.part, contacts = part, self.contacts
         with self.clock.part("C-S"):
             if part < 1:
-                contacts.stop_short()
+                contacts.solids.stop_short()
             again = self.verdict.changes and k < contacts.ROUNDS
             self.agreed = part == 1 and self.layers.settled() and not again
         ended = self.conclude(measures) if self.agreed else None
@@ -146,20 +145,20 @@ class LayerStep(EulerStep):
         """Whether solids let the step pass."""
         contacts, verdict = self.contacts, self.verdict
         with self.clock.part("C-S"):
-            if verdict.changes and verdict.bad and contacts.may_shrink():
+            if verdict.changes and verdict.bad and contacts.solids.may_shrink():
                 return Outcome(CONTACT, f"{verdict.deepest:.2g} thicknesses inside a solid", measures)
-            if contacts.went_through():
+            if contacts.solids.went_through():
                 return Outcome(CONTACT, f"{contacts.crossings} crossings with solids", measures)
         return Outcome(None, "", measures, ledger)
 
     def give_up(self, measures: Measures) -> Outcome:
         """See `StepProblem`. The smallest of steps are taken as they are; what leaves no room in them is released."""
-        contacts, layers, held = self.contacts, self.layers, self.held
-        ended = self.conclude(measures) if self.part == 1 and contacts.small else None
+        layers, start, held = self.layers, self.contacts.start, self.held
+        ended = self.conclude(measures) if self.part == 1 and start.small else None
         if ended is not None:
             return self.finish(*ended)
-        if self.part < 1 and (contacts.smallest or (contacts.small and held is not None and held.moving)):
-            self.released = layers.release(contacts.smallest)  # else nothing presses that does not give way
+        if self.part < 1 and (start.smallest or (start.small and held is not None and held.moving)):
+            self.released = layers.release(start.smallest)  # else nothing presses that does not give way
         why = "its energy grew" if self.agreed else (f"{layers.off} pairs unsettled, smallest gap {layers.least:.2g} of "
                                                      "what it should be")
         return Outcome(CONTACT, f"between layers of cloth, after {len(self.solutions)} solves: a collision-free step is "

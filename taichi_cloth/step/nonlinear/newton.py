@@ -1,10 +1,105 @@
-"""Newton's method with line search, on any `StepProblem`."""
+"""Newton's method with line search, and what a step or stage minimizes, as it sees it.
 
+    Phi(v) = 1/2 (v - v_base)^T M (v - v_base) + E(x_base + c v) + c R(v) + what contact adds,
+
+R half the dissipated power. Its gradient is 0 where M (v - v_base) = c f(x_base + c v, v); with a positive semidefinite K
+each Newton step dv, (M - c D - c^2 K) dv = M (v_base - v) + c f, goes downhill on it.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...backend.timing import Clock
+from ...solver.pcg import CONVERGED, Solution
 from ...system.assembler import Measures
-from ..attempt import NOT_FINITE
-from .problem import Outcome, StepProblem
+from ...system.held import Held
+from ..attempt import NOT_FINITE, SOLVER
+from ..ledger import Ledger
+from .system import System
 
 HALVINGS = 9  # of a Newton step; one that helps at no size is left there: an exact fold needs that little to find a side
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How the solution of a problem ended.
+
+    Attributes:
+        rejection: None, or the name of what is wrong; detail: more about it, for people.
+        measures: of the state that was reached.
+        ledger: of the step's energy, where it was finished.
+    """
+
+    rejection: str | None
+    detail: str
+    measures: Measures
+    ledger: Ledger | None = None
+
+
+class StepProblem(ABC):
+    """One step's or stage's problem on a model. `minimize` calls these in this order, for k = 0, 1, ...:
+    `solve`, `advance`, then `measure` and `acceptable` (after `shift` where the step had to be shortened), `judge`.
+
+    Attributes:
+        c: step [s], or what a stage multiplies forces by.
+        held: constraints at its end, of the last solve.
+        before, level: measures of the state that a Newton step starts from, and Phi there [J].
+        clock, solutions: wall time by part, and linear solves; both go on from problem to problem of a step.
+    """
+
+    def __init__(self, system: System, c: float, held: Held | None, start: Measures, clock: Clock,
+                 solutions: list[Solution]) -> None:
+        self.system, self.c, self.held, self.before = system, c, held, start
+        self.clock, self.solutions, self.level = clock, solutions, np.inf
+
+    @abstractmethod
+    def solve(self, k: int) -> Outcome | None:
+        """Linearizes the problem and solves for the Newton step dv; an outcome where something forbids to go on."""
+
+    @abstractmethod
+    def advance(self, k: int) -> float:
+        """Moves the model by all of dv. Returns the collision-free step size: the part of it, at most 1, that may be taken."""
+
+    @abstractmethod
+    def shift(self, k: int, part: float, taken: float) -> None:
+        """Moves the model from `taken` of dv to `part` of it."""
+
+    @abstractmethod
+    def measure(self, k: int) -> Measures:
+        """Of the state that the model is in."""
+
+    @abstractmethod
+    def acceptable(self, k: int, part: float, measures: Measures) -> bool:
+        """Whether a Newton step may be taken that far: sufficient decrease, or what else the problem asks for."""
+
+    @abstractmethod
+    def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
+        """How the solution ended with this Newton step, or None: it goes on."""
+
+    @abstractmethod
+    def give_up(self, measures: Measures) -> Outcome:
+        """After the last Newton step."""
+
+    def decreases(self, measures: Measures, slack: float = 0.0) -> bool:
+        """Whether Phi does not grow from `before` by more than rounding and a slack [J]."""
+        return self.potential(measures) <= self.level + self.system.rounding(self.c, self.before, measures) + slack
+
+    def potential(self, measures: Measures) -> float:
+        """Phi [J] where the model is; NaN counts as infinite."""
+        return phi(measures, self.c)
+
+    def unsolved(self) -> Outcome | None:
+        """The end where the last linear solve did not converge."""
+        last = self.solutions[-1]
+        return None if last.status == CONVERGED else Outcome(SOLVER, last.status, self.system.meter.measure())
+
+
+def phi(measures: Measures, c: float) -> float:
+    """Phi without contact [J]; NaN counts as infinite."""
+    value = measures.change + measures.potential + c * measures.dissipation
+    return value if np.isfinite(value) else np.inf
 
 
 def minimize(problem: StepProblem, most: int) -> Outcome:

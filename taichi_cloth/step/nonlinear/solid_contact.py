@@ -9,7 +9,7 @@ from ...system.assembler import Measures
 from ..attempt import APPROACH, CONTACT
 from ..ledger import Ledger
 from .euler import EulerPolicy, EulerStep
-from .problem import Outcome
+from .newton import Outcome
 from .system import System
 
 
@@ -44,7 +44,7 @@ class SolidStep(EulerStep):
                 self.system.model.restore()
             if contacts.crowded:
                 return self.refuse(CONTACT, f"more than {contacts.force.capacity} points of contact")
-            if closing > contacts.reach:
+            if closing > contacts.solids.reach:
                 return self.refuse(APPROACH, f"{closing:.3g} m in one step")
             self.solve_linear()
             unsolved = self.unsolved()
@@ -52,12 +52,12 @@ class SolidStep(EulerStep):
                 return unsolved
             with self.clock.part("C-S"):
                 verdict = contacts.judge(self.system.reaction_rows())
-            if verdict.changes and contacts.round < contacts.ROUNDS:
+            if verdict.changes and contacts.solids.round < contacts.ROUNDS:
                 continue
-            if verdict.changes and verdict.bad and contacts.may_shrink():
+            if verdict.changes and verdict.bad and contacts.solids.may_shrink():
                 return self.refuse(CONTACT, f"{verdict.deepest:.2g} thicknesses inside")
             with self.clock.part("C-S"):
-                through = contacts.went_through()
+                through = contacts.solids.went_through()
             return self.refuse(CONTACT, f"{contacts.crossings} crossings") if through else None
 
     def refuse(self, name: str, detail: str) -> Outcome:
@@ -76,9 +76,7 @@ class SolidStep(EulerStep):
 
     def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
         """Whether anything ended too deep after further Newton steps that held the same contacts."""
-        contacts = self.system.contacts
-        contacts.record_forces(self.system.reaction_rows())
-        if contacts.went_in():
+        if self.system.contacts.went_in(self.system.reaction_rows()):
             return Outcome(CONTACT, "after further solves", measures)
         return Outcome(None, "", measures, ledger)
 

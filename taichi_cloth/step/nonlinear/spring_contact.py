@@ -7,7 +7,7 @@ from ...solver.pcg import Solution
 from ...system.assembler import Measures
 from ...system.held import Held
 from ..attempt import CONTACT
-from .problem import Outcome
+from .newton import Outcome
 from .solid_contact import SolidPolicy
 
 
@@ -22,8 +22,8 @@ class SpringPolicy(SolidPolicy):
             layers.record_forces()
             part = layers.advance()
             if part < 1:
-                if contacts.small:
-                    layers.release(contacts.smallest)
+                if contacts.start.small:
+                    layers.release(contacts.start.smallest)
                 detail = f"cloth would pass through cloth, a collision-free step is {part:.2g} of it"
                 made = replace(made, rejection=CONTACT, detail=detail)
             layers.look()

@@ -9,8 +9,7 @@ from ...solver.pcg import Solution
 from ...system.assembler import Measures
 from ...system.held import Held
 from ..attempt import NEWTON
-from .newton import HALVINGS
-from .problem import Outcome, StepProblem
+from .newton import HALVINGS, Outcome, StepProblem
 from .system import System
 
 FIRST, OTHERS = 0.03, 0.1  # relative residuals of a stage's solves: they need not be more exact than the linearization
