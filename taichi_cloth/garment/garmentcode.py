@@ -2,9 +2,13 @@
 
 Panels have corners [cm], edges that are straight or curved, a translation [cm] and a rotation R_z R_y R_x [degrees];
 stitches join two edges, the start of one to the end of the other unless "right_wrong" says otherwise.
+
+Beyond the format: a panel may be bent, as a sleeve round an arm, by `around`, the ends of an axis [cm], `radius` [cm] and
+`turn` [degrees]; other programs see its translation and rotation.
 """
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +40,11 @@ def read_garmentcode(path: Path) -> Pattern:
             raise SceneError(f"units_in_meter = {per_metre}: must be a positive number")
         order = body.get("panel_order") or list(body["panels"])
         panels = tuple(_panel(name, body["panels"][name], per_metre) for name in order)
-        return Pattern(panels, tuple(stitch_of(k, s) for k, s in enumerate(body.get("stitches", []))))
+        pattern = Pattern(panels, tuple(stitch_of(k, s) for k, s in enumerate(body.get("stitches", []))))
+        for name in order:
+            if "around" in body["panels"][name]:
+                pattern = bent(pattern, name, body["panels"][name], per_metre)
+        return pattern
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
     except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
@@ -50,6 +58,15 @@ def _panel(name: str, panel: dict, per_metre: float) -> Panel:
     translation = checks.vector(f"translation of panel {name!r}", panel.get("translation", (0, 0, 0)), "cm") / per_metre
     angles = np.radians(checks.vector(f"rotation of panel {name!r}", panel.get("rotation", (0, 0, 0)), "degrees"))
     return Panel(checks.name("panel name", name), corners, edges, translation, turned(angles))
+
+
+def bent(pattern: Pattern, name: str, place: dict, per_metre: float) -> Pattern:
+    """The pattern with a panel bent round an axis: `around`, `radius` and `turn` of a file."""
+    what = f"of panel {name!r}"
+    ends = checks.array(f"around {what}", place["around"], (2, 3), row="end") / per_metre
+    radius = checks.number(f"radius {what}", place.get("radius"), "cm", positive=True) / per_metre
+    turn = checks.number(f"turn {what}", place.get("turn", 0.0), "degrees")
+    return pattern.wrap(name, ends, radius, math.radians(turn))
 
 
 def turned(angles: np.ndarray) -> np.ndarray:

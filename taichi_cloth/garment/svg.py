@@ -22,7 +22,7 @@ import numpy as np
 from .. import checks
 from ..errors import SceneError, did_you_mean, near
 from .curves import Curve
-from .garmentcode import CENTIMETRES, stitch_of, turned
+from .garmentcode import CENTIMETRES, bent, stitch_of, turned
 from .pattern import Panel, Pattern
 
 UNITS = {"": 0.0254 / 96, "px": 0.0254 / 96, "pt": 0.0254 / 72, "pc": 0.0254 / 6, "in": 0.0254, "mm": 1e-3, "cm": 1e-2}  # m
@@ -93,10 +93,7 @@ def _known(panels: dict[str, Panel], name: str, what: str) -> Panel:
 def _placed(pattern: Pattern, panel: Panel, place: dict) -> Pattern:
     what = f"of panel {panel.name!r}"
     if "around" in place:
-        ends = checks.array(f"around {what}", place["around"], (2, 3), row="end") / CENTIMETRES
-        radius = checks.number(f"radius {what}", place["radius"], "cm", positive=True) / CENTIMETRES
-        turn = checks.number(f"turn {what}", place.get("turn", 0.0), "degrees")
-        return pattern.wrap(panel.name, ends, radius, math.radians(turn))
+        return bent(pattern, panel.name, place, CENTIMETRES)
     R = turned(np.radians(checks.vector(f"rotation {what}", place.get("rotation", (0, 0, 0)), "degrees")))
     at = checks.vector(f"translation {what}", place.get("translation", (0, 0, 0)), "cm") / CENTIMETRES
     return pattern.with_panel(replace(panel, rotation=R, translation=at))

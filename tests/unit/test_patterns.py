@@ -52,7 +52,7 @@ def least_angles(mesh: tc.TriMesh) -> np.ndarray:
 SCENES = pathlib.Path(__file__).parents[2] / "scenes"
 
 
-@pytest.mark.parametrize("name", ["skirt", "dress"])
+@pytest.mark.parametrize("name", ["skirt", "dress", "shirt", "trousers"])
 def test_patterns_that_come_with_scenes_are_meshed(name):
     garment = tc.load_pattern(SCENES / "patterns" / f"{name}.json").mesh(0.02)
     angles = least_angles(garment.mesh)
@@ -77,6 +77,34 @@ def test_a_dress_is_gathered_and_worn():
                        for name, panel in (("waist", "bodice front"), ("gathered", "skirt front")))
     assert gathered == pytest.approx(0.62, abs=1e-9) and waist == pytest.approx(0.4, abs=1e-9)
     sim.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name, places", [
+    ("shirt", {"shoulder": 1.46, "hem": 0.88, "cuff": 1.22, "collar": 1.50}),
+    ("trousers", {"waist": 1.02, "hem": 0.12})])
+def test_sleeves_a_collar_and_legs_are_worn(name, places):
+    """Nobody's hand on them: hung, sewn and let go, with no crossing in any frame; sleeves round arms, legs apart."""
+    from taichi_cloth.app import scenefile
+
+    scene = scenefile.read(str(SCENES / "dress_up.py")).make(
+        {"pattern": str(SCENES / "patterns" / f"{name}.json"), "spacing": 0.06})
+    with tc.Simulation(scene, h=1 / 60, cg_tol=1e-3) as sim:
+        crossed = []
+        sim.run(0.9, 10, lambda sim, frame: crossed.append(cloth_crossings(sim)))
+        x, groups = sim.positions(), scene.cloths[0].mesh.groups
+        assert not any(crossed) and all(not through for _, through in against_solids(sim).values())
+        assert all((x[s.a] == x[s.b]).all() for s in scene.seams) and len(scene.seams) == {"shirt": 14, "trousers": 8}[name]
+        for label, height in places.items():
+            assert x[groups[label], 1].mean() == pytest.approx(height, abs=0.04), label
+        for side, sign in (("right", 1), ("left", -1)):
+            mine = groups["cuff" if name == "shirt" else "hem"]
+            mine = mine[sign * x[mine, 0] > 0]
+            middle = x[mine].mean(axis=0)
+            limb = next(s for s in scene.solids if s.name == f"{side} {'arm' if name == 'shirt' else 'leg'}").shape
+            a, b = np.array(limb.a), np.array(limb.b)
+            nearest = a + np.clip((middle - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1) * (b - a)
+            assert np.linalg.norm(middle - nearest) < 0.04  # it is round the limb
 
 
 @pytest.mark.parametrize("spacing", [0.04, 0.02, 0.011])
@@ -160,6 +188,9 @@ def test_stitches_that_run_together(tmp_path):
     (lambda p: p["panels"]["front"]["edges"][0].update(curvature={"type": "cubic", "params": [[2, -1], [-1, -1]]}),
      "panel 'front': edge 0 crosses itself"),
     (lambda p: p["panels"]["front"]["vertices"][4].__setitem__(1, 0), "panel 'front': edges 0 and [34] cross or touch"),
+    (lambda p: p["panels"]["back"].update(around=[[0, 90, 0], [0, 140, 0]]), "radius of panel 'back'"),
+    (lambda p: p["panels"]["back"].update(around=[[0, 90, 0], [0, 140, 0]], radius=9),
+     "'back' is 0.6 m wide, and the way round is 0.565 m"),
 ])
 def test_what_is_wrong_with_a_pattern_is_named(tmp_path, change, what):
     data = skirt()
