@@ -10,6 +10,7 @@ AGE = f"{LEVELS}::test_levels_that_last_are_made_anew_when_they_have_aged"
 TESTS = (SOLVE, LEVELS)
 
 PCG, MULTI = "taichi_cloth/solver/pcg.py", "taichi_cloth/solver/multilevel.py"
+HATS = "taichi_cloth/solver/hierarchy.py"
 POINT, LATTICE = "taichi_cloth/solver/pointwise.py", "taichi_cloth/solver/lattice.py"
 HELD, OPERATOR = "taichi_cloth/system/constraints.py", "taichi_cloth/system/operator.py"
 
@@ -47,17 +48,17 @@ MUTATIONS = (
      f"{DIAGONAL} {LEVELS}"),
     (MULTI, "                    own += self.T[i]\n", "                    pass\n", "levels know nothing of contact",
      DIAGONAL),
-    (MULTI, "total += self.take_weight[k] * values", "total += values", "restriction without weights",
+    (HATS, "total += self.take_weight[k] * values", "total += values", "restriction without weights",
      f"{SYMMETRIC} {ITERATIONS}"),
-    (MULTI, "z += self.parent_weight[n][k] * self.z[self.parent[n][k]]", "z += 0 * self.z[self.parent[n][k]]",
+    (MULTI, "z += self.hats.parent_weight[n][k]", "z += 0 * self.hats.parent_weight[n][k]",
      "coarse levels have no say", f"{ITERATIONS} {SYMMETRIC}"),
-    (MULTI, "z += self.weight[i][k] * self.z[self.node[i][k]]", "z += self.z[self.node[i][k]]",
+    (HATS, "z += self.weight[i][k] * self.z[self.node[i][k]]", "z += self.z[self.node[i][k]]",
      "prolongation without weights", SYMMETRIC),
     (MULTI, "self.inverse_l[n] = sym(sym_unpack(D).inverse()) / size", "self.inverse_l[n] = sym(sym_unpack(D).inverse())",
      "nodes are not scaled back",
      DIAGONAL),
     (MULTI, "self.excess <= WORTH", "True", "levels last for ever", AGE),
-    (MULTI, "and np.array_equal(made_for, self.made_for)", "", "levels last though other directions are held", AGE),
+    (MULTI, "if not np.array_equal(wanted, self.made_for):", "if False:", "levels last though other directions are held", AGE),
     (MULTI, "if lasting and not self.touches", "if lasting", "levels last in contact",
      f"{LEVELS}::test_levels_do_not_last_in_contact"),
     (LATTICE, "owner, where, links = keys[:, 0], keys[:, 1:] / 2, _sharing(node, weight)",
@@ -80,7 +81,7 @@ MUTATIONS = (
     (PCG, "if norm < 0 or first < 0:", "if False:", "a breakdown is no breakdown",
      f"{SOLVE}::test_indefinite_matrix_is_a_breakdown_not_an_answer tests/unit/test_golden.py"),
     (PCG, "if norm <= SLACK * allowed * first:", "if True:", "all that ends has converged", f"{EXACT} {SOLVE}"),
-    (MULTI, 'STATE = ("inverse_l", "made_for", ', 'STATE = ("made_for", ', "levels are forgotten on resume",
+    (MULTI, 'STATE = ("inverse_l", "age", ', 'STATE = ("age", ', "levels are forgotten on resume",
      f"{LEVELS}::test_a_run_goes_on_with_the_levels_that_it_had"),
     (PCG, "ROUNDING * self.epsilon * math.sqrt(max(size, 0.0)) / first", "1.0", "any residual is rounding",
      f"{SOLVE} {DENSE}"),

@@ -78,7 +78,7 @@ class Force(ABC):
 
     @abstractmethod
     def build_levels(self, levels) -> None:
-        """Prepares what `add_level_block` needs; `levels` is a `solver.multilevel.LevelFields`."""
+        """Prepares what `add_level_block` needs; `levels` is a `solver.hierarchy.LevelFields`."""
 
     @abstractmethod
     def add_level_block(self, n, c, D, levels):

@@ -20,7 +20,8 @@ from ..system.checkpoint import Checkpointed
 from ..system.held import Held
 from ..system.operator import Operator
 from .coarse import MOST, Coarse
-from .lattice import Gather, Level, coordinates, gather, levels, meeting, squares
+from .hierarchy import Hierarchy, LevelFields
+from .lattice import coordinates, levels
 from .pointwise import Pointwise
 
 WORTH = 15  # iterations that making the levels costs: they are made anew when age has cost as many
@@ -28,36 +29,43 @@ LONGEST = 31  # steps in which levels are made anew every time, after they have 
 NOTHING = 1e-24  # trace [kg] of a node's block below which it says nothing
 
 
-@ti.data_oriented
-class Rows:
-    """A `Gather` of several levels in fields."""
-
-    def __init__(self, fields: Fields, parts: list[Gather]) -> None:
-        starts = np.cumsum([0] + [len(p.source) for p in parts])
-        first = np.concatenate([p.first[:-1] + s for p, s in zip(parts, starts)] + [starts[-1:]])
-        self.first = fields.integer(len(first), data=first)
-        self.source = fields.integer(int(starts[-1]), data=np.concatenate([p.source for p in parts]))
-
-
-class LevelFields:
-    """The levels as a force sees them that prepares its part.
+class Age(Checkpointed):
+    """Whether levels that were made for an earlier system do for this one.
 
     Attributes:
-        count: of nodes of all levels.
+        made_for: what was held then, and the span.
+        cost, excess: iterations when they were new, and those beyond since; kept: steps since.
+        wait, pause: steps until they may last again, and the last such pause.
     """
 
-    def __init__(self, fields: Fields, made: list[Level]) -> None:
-        self._fields, self._made, self.count = fields, made, sum(level.count for level in made)
+    STATE = ("made_for", "cost", "excess", "kept", "wait", "pause")
 
-    def meeting(self, elements) -> Rows:
-        """For each node the `Elements`, as entries, that its hat meets."""
-        primary = np.flatnonzero(elements.entries.primary).astype(np.int32)
-        parts = [meeting(level, elements.host_vertices[primary]) for level in self._made]
-        return Rows(self._fields, [Gather(p.first, primary[p.source]) for p in parts])
+    def __init__(self) -> None:
+        self.made_for: np.ndarray = np.zeros(0)
+        self.cost = self.excess = self.kept = self.wait = self.pause = 0
 
-    def squares(self, vertices: np.ndarray, weights: np.ndarray, factor: np.ndarray) -> np.ndarray:
-        """(count,) sums over elements of factor (m,) times the square of the hat at vertices (m, k), weighted (m, k)."""
-        return np.concatenate([squares(level, vertices, weights, factor) for level in self._made])
+    def allows(self, wanted: np.ndarray) -> bool:
+        """Whether they last for one more step."""
+        if not np.array_equal(wanted, self.made_for):
+            return False
+        if not self.wait and self.excess <= WORTH:
+            self.kept += 1
+            return True
+        if self.wait:
+            self.wait -= 1
+        else:  # what did not last for two steps is not tried again at once
+            self.pause = min(2 * self.pause + 1, LONGEST) if self.kept < 2 else 0
+            self.wait = self.pause
+        return False
+
+    def begin(self, made_for: np.ndarray) -> None:
+        """They are made anew."""
+        self.made_for, self.cost, self.excess, self.kept = made_for, 0, 0, 0
+
+    def count_iterations(self, iterations: int) -> None:
+        """Of a solve."""
+        self.cost = self.cost or iterations
+        self.excess += max(iterations - self.cost, 0)
 
 
 @ti.data_oriented
@@ -65,7 +73,7 @@ class Multilevel(Checkpointed):
     """Block Jacobi on the particles and on every level; `sweep` applies it to all of a field at once."""
 
     pointwise = False
-    STATE = ("inverse_l", "made_for", "cost", "excess", "kept", "wait", "pause", "coarsest")
+    STATE = ("inverse_l", "age", "coarsest")
 
     def __init__(self, fields: Fields, operator: Operator, scene: Scene) -> None:
         self.jacobi, self.operator = Pointwise(fields, operator), operator
@@ -73,32 +81,11 @@ class Multilevel(Checkpointed):
         edges = np.concatenate([np.linalg.norm(np.diff(c.mesh.corner_uv, axis=1), axis=2).ravel() for c in scene.cloths])
         self.exact = model.sewn is not None
         made = levels(*_material(scene, model), float(np.median(edges)), _links(scene, model), MOST if self.exact else 0)
-        self.start = np.cumsum([0] + [level.count for level in made]).tolist()
-        self.nodes = self.start[-1]
-        self.size = fields.integer(3, data=np.array([self.start[1], self.start[-2], self.nodes]))
-        # as kernels read them: nodes of the finest level, of all but the coarsest, of all
-        self.width = width = made[0].node.shape[1]
+        self.hats = Hierarchy(fields, made, model.n)
+        self.particles = self.hats.particles  # as forces read them
         self.blocks = model.blocks.count
-        self.r, self.z = fields.real(self.nodes, 3), fields.real(self.nodes, 3)
-        self.inverse_l = fields.real(self.nodes, 6)
-        # row l n + i: the nodes of level l around particle i, and their hats there
-        self.node = fields.integer(len(made) * model.n, width, np.concatenate([v.node + s for v, s in zip(made, self.start)]))
-        self.weight = fields.real(len(made) * model.n, width, np.concatenate([v.weight for v in made]))
-        self.row = fields.integer(self.nodes, data=np.repeat(
-            model.n * np.arange(len(made)), [level.count for level in made]))  # of particle 0 at the level of each node
-        takes = [gather(made[0].node, made[0].weight, made[0].count)] + [
-            gather(a.parent, a.parent_weight, b.count) for a, b in zip(made[:-1], made[1:])]  # type: ignore[arg-type]
-        self.takes = Rows(fields, [Gather(t.first, t.source + s) for t, s in zip(takes, [0, *self.start])])
-        self.take_weight = fields.real(sum(len(t.source) for t in takes), data=np.concatenate([t.weight for t in takes]))
-        parents = [a.parent + s for a, s in zip(made[:-1], self.start[1:])]  # type: ignore[operator]
-        inner = self.start[-2]
-        self.parent = fields.integer(max(inner, 1), width, np.concatenate(parents) if parents else np.zeros((1, width)))
-        self.parent_weight = fields.real(max(inner, 1), width, np.concatenate(
-            [a.parent_weight for a in made[:-1]]) if parents else np.zeros((1, width)))
-        self.particles = Rows(fields, [gather(v.node, v.weight, v.count) for v in made])
-        self.cost, self.excess, self.kept = 0, 0, 0  # iterations when made, those beyond, steps since
-        self.wait, self.pause = 0, 0  # steps until levels may last again, and the last such pause
-        self.made_for: np.ndarray = np.zeros(0)
+        self.inverse_l = fields.real(self.hats.start[-1], 6)
+        self.age = Age()
         self.forces = operator.forces
         self.touch = next((f for f in self.forces if f.of_contact), None)
         self.touches = self.touch is not None
@@ -109,7 +96,7 @@ class Multilevel(Checkpointed):
         self.coarsest: Coarse | None = None
         if self.exact:
             faces = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths])
-            self.coarsest = Coarse(fields, operator, self.jacobi, made[-1], self.start[-2], faces)
+            self.coarsest = Coarse(fields, operator, self.jacobi, made[-1], self.hats.start[-2], faces)
 
     def make(self, span: float, held: Held | None, lasting: bool = False) -> None:
         """For a system as linearized with c = span [s]; the levels, if they are lasting, not before they have aged."""
@@ -118,28 +105,20 @@ class Multilevel(Checkpointed):
             self.coarsest.make(span)
         rows = np.zeros((0, 10)) if held is None else np.column_stack([held.index, held.projector.reshape(-1, 9)])
         made_for = np.append(rows.ravel().astype(np.float64), np.float32(span))  # without its last digits
-        if lasting and not self.touches and np.array_equal(made_for, self.made_for):
-            if not self.wait and self.excess <= WORTH:
-                self.kept += 1
-                return
-            if self.wait:
-                self.wait -= 1
-            else:  # what did not last for two steps is not tried again at once
-                self.pause = min(2 * self.pause + 1, LONGEST) if self.kept < 2 else 0
-                self.wait = self.pause
+        if lasting and not self.touches and self.age.allows(made_for):
+            return
         self.finish(span)
-        self.made_for, self.cost, self.excess, self.kept = made_for, 0, 0, 0
+        self.age.begin(made_for)
 
     def forget(self) -> None:
         """What levels were made for is no more: they are made anew."""
-        self.made_for = np.zeros(0)
+        self.age.made_for = np.zeros(0)
         if self.coarsest is not None:
             self.coarsest.span = 0.0
 
     def count_iterations(self, iterations: int) -> None:
         """Iterations of the first solve after `make`: how well the levels still do."""
-        self.cost = self.cost or iterations
-        self.excess += max(iterations - self.cost, 0)
+        self.age.count_iterations(iterations)
         if self.coarsest is not None:
             self.coarsest.count_iterations(iterations)
 
@@ -180,7 +159,7 @@ class Multilevel(Checkpointed):
 
     @ti.kernel
     def _build_levels(self, c: float):
-        for n in range(self.size[2]):
+        for n in range(self.hats.size[2]):
             D = ti.Vector.zero(float, 6)
             for k in range(self.particles.first[n], self.particles.first[n + 1]):
                 i = self.particles.source[k]
@@ -204,11 +183,7 @@ class Multilevel(Checkpointed):
     @ti.func
     def hat(self, n, i):
         """The hat of node n at particle i."""
-        out, row = 0.0, self.row[n] + i
-        for k in ti.static(range(self.width)):
-            if self.node[row][k] == n:
-                out += self.weight[row][k]
-        return out
+        return self.hats.hat(n, i)
 
     @ti.func
     def free(self, i):
@@ -240,77 +215,61 @@ class Multilevel(Checkpointed):
     @ti.func
     def sweep(self, r: ti.template()):
         """The levels' part for a filtered r: afterwards `correction(i)` has it for every particle."""
-        for n in range(self.size[0]):
-            self.restrict(n, r)
+        for n in range(self.hats.size[0]):
+            self.hats.restrict(n, r)
         for _ in range(1):
             self.coarse()
-        for n in range(self.size[0]):
+        for n in range(self.hats.size[0]):
             self.prolong(n)
 
     @ti.func
     def restrict_block(self, block, r: ti.template()):
         """The finest level's sums, a block's share."""
-        for n in range(self.size[0] * block // self.blocks, self.size[0] * (block + 1) // self.blocks):
-            self.restrict(n, r)
+        for n in range(self.hats.size[0] * block // self.blocks, self.hats.size[0] * (block + 1) // self.blocks):
+            self.hats.restrict(n, r)
 
     @ti.func
     def prolong_block(self, block):
         """The finest level's values, a block's share."""
-        for n in range(self.size[0] * block // self.blocks, self.size[0] * (block + 1) // self.blocks):
+        for n in range(self.hats.size[0] * block // self.blocks, self.hats.size[0] * (block + 1) // self.blocks):
             self.prolong(n)
 
     @ti.func
     def coarse(self):
         """Sums of all levels but the finest, each from the one below, and their values from the coarsest down."""
-        for n in range(self.size[0], self.size[2]):
-            self.restrict(n, self.r)
-        for back in range(self.size[2] - self.size[0]):
-            self.prolong(self.size[2] - 1 - back)
-
-    @ti.func
-    def restrict(self, n, values: ti.template()):
-        """A node's sum of values below it."""
-        total = ti.Vector.zero(float, 3)
-        for k in range(self.takes.first[n], self.takes.first[n + 1]):
-            total += self.take_weight[k] * values[self.takes.source[k]]
-        self.r[n] = total
+        for n in range(self.hats.size[0], self.hats.size[2]):
+            self.hats.restrict(n, self.hats.r)
+        for back in range(self.hats.size[2] - self.hats.size[0]):
+            self.prolong(self.hats.size[2] - 1 - back)
 
     @ti.func
     def prolong(self, n):
         """A node's value: its own, and what the level above says."""
         z = ti.Vector.zero(float, 3)
         if ti.static(self.exact):
-            if n >= self.size[1]:
-                z = self.coarsest.solve(n, self.r)
+            if n >= self.hats.size[1]:
+                z = self.coarsest.solve(n, self.hats.r)
             else:
-                z = sym_times(self.inverse_l[n], self.r[n])
+                z = sym_times(self.inverse_l[n], self.hats.r[n])
         else:
-            z = sym_times(self.inverse_l[n], self.r[n])
-        if n < self.size[1]:
-            for k in ti.static(range(self.width)):
-                z += self.parent_weight[n][k] * self.z[self.parent[n][k]]
-        self.z[n] = z
+            z = sym_times(self.inverse_l[n], self.hats.r[n])
+        if n < self.hats.size[1]:
+            for k in ti.static(range(self.hats.width)):
+                z += self.hats.parent_weight[n][k] * self.hats.z[self.hats.parent[n][k]]
+        self.hats.z[n] = z
 
     @ti.func
     def correction(self, i):
         """The levels' part at particle i, after `sweep`; of what is sewn together the mean."""
-        out = self.interpolated(i)
+        out = self.hats.interpolated(i)
         if ti.static(self.jacobi.sews):
             k = self.jacobi.sewn.of[i]
             if k >= 0:
                 lo, hi = self.jacobi.sewn.begins[k], self.jacobi.sewn.begins[k + 1]
                 out = ti.Vector.zero(float, 3)
                 for j in range(lo, hi):
-                    out += self.interpolated(self.jacobi.sewn.members[j]) / (hi - lo)
+                    out += self.hats.interpolated(self.jacobi.sewn.members[j]) / (hi - lo)
         return out
-
-    @ti.func
-    def interpolated(self, i):
-        """The levels' values at particle i."""
-        z = ti.Vector.zero(float, 3)
-        for k in ti.static(range(self.width)):
-            z += self.weight[i][k] * self.z[self.node[i][k]]
-        return z
 
 
 def _material(scene: Scene, model) -> tuple[np.ndarray, np.ndarray]:

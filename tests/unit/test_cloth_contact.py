@@ -75,7 +75,7 @@ def triangle_distance(p, a, b, c) -> float:
 @pytest.mark.slow
 def test_all_near_pairs_are_found_once(rng):
     d = detector(soup(rng, 60))
-    d.begin()
+    d.paths.begin()
     d.cover()
     found = [tuple(row) for row in d.candidates.tolist()]
     assert len(found) == len(set(found))
@@ -109,13 +109,13 @@ def test_only_what_strays_is_looked_for_again(rng, precision):
     again = 0
     for k in range(15):
         far = (rng.uniform(size=(len(x), 1)) < 0.1 * (k % 3)) * 0.1
-        way = (far + 0.3 * d.skin[0]) * rng.normal(size=x.shape)
+        way = (far + 0.3 * d.paths.skin[0]) * rng.normal(size=x.shape)
         for each in (d, anew):
             each.model.write_particles(x, np.zeros_like(x))
             each.model.save()
-            each.begin()
+            each.paths.begin()
             each.model.write_particles(x + way, np.zeros_like(x))
-        again += 0 < d.displaced_count() < 0.3 * len(x) and d.fresh
+        again += 0 < d.paths.displaced_count() < 0.3 * len(x) and d.fresh
         anew.fresh = False
         d.cover()
         anew.cover()
@@ -131,7 +131,7 @@ def test_only_what_strays_is_looked_for_again(rng, precision):
 def test_what_is_near_at_rest_keeps_half_of_that(rng):
     scene = soup(rng, 60, spread=1.0)
     d = detector(scene)
-    d.begin()
+    d.paths.begin()
     d.cover()
     assert not len(d.look().end)  # everything is where it rests
     x = d.model.read_particles()[0]
@@ -153,7 +153,7 @@ def test_the_free_way_is_free_and_not_too_short(rng, precision):
         way = 0.05 * rng.normal(size=x_0.shape)
         d.model.write_particles(x_0, np.zeros_like(x_0))
         d.model.save()
-        d.begin()
+        d.paths.begin()
         d.model.write_particles(x_0 + way, np.zeros_like(x_0))
         d.cover()
         part, blocking = d.collision_free_step()
@@ -235,7 +235,7 @@ def test_degenerate_pairs_are_defined(precision):
         scene = tc.Scene()
         scene.add_cloth(mesh, FABRIC, positions=np.array(x, dtype=float), contact=tc.ClothContact(THICKNESS))
         d = detector(scene, precision)
-        d.begin()
+        d.paths.begin()
         d.cover()
         part, _ = d.collision_free_step()
         p = d.look()

@@ -144,7 +144,7 @@ def test_all_pairs_in_reach_are_found_as_they_are(rng, precision):
     scene = soup(rng)
     d = detector(scene, precision)
     every = Truth(scene, d)
-    d.begin()
+    d.paths.begin()
     d.cover()
     x, small = d.model.read_particles()[0].astype(float), 1e-12 if precision == "f64" else 1e-6
     for stray in (0.0, 0.97 * SKIN):
@@ -162,8 +162,8 @@ def test_all_pairs_in_reach_are_found_as_they_are(rng, precision):
             x = x + way
             d.model.write_particles(x, np.zeros_like(x))
             d.model.save()
-            d.begin()
-            assert d.displaced_count() == 0
+            d.paths.begin()
+            assert d.paths.displaced_count() == 0
         p = d.look()
         x = d.model.read_particles()[0].astype(float)
         rows, four = every.rows(p.pair), x[every.four]
@@ -188,7 +188,7 @@ def test_all_pairs_in_reach_are_found_as_they_are(rng, precision):
 
 def free_parts(d: LayerDetector) -> np.ndarray:
     """(k,) what each candidate allows of the path."""
-    d.displaced_count()
+    d.paths.displaced_count()
     part = np.empty(len(d.candidates), dtype=d.exchange)
     d._free(d.candidates, d.distances, part)
     return part.astype(float)
@@ -202,7 +202,7 @@ def test_the_free_way_of_every_pair(rng):
     d = detector(scene)
     every = Truth(scene, d)
     x = d.model.read_particles()[0]
-    d.begin()
+    d.paths.begin()
     for size in (0.03, 0.15):
         way = size * rng.normal(size=x.shape) + rng.normal(size=3)
         d.model.write_particles(x + way, np.zeros_like(x))
@@ -271,7 +271,7 @@ def test_solves_are_told_what_the_reference_says(rng):
     ends = [x_0 + 0.005 * rng.normal(size=x_0.shape) for _ in range(3)]
     model.write_particles(ends[0], v_0)
     model_at = ends[0]
-    layers.detector.begin()
+    layers.detector.paths.begin()
     layers.detector.cover()
     layers.begin(dataclasses.replace(layers.start, h=H / 2, x=x_0), True)
     before, slid, stuck, new = Solve({}, {}), 0, 0, 0

@@ -122,16 +122,16 @@ def test_levels_that_last_are_made_anew_when_they_have_aged(monkeypatch):
     levels.finish = lambda span: (made.append(len(sim.log)), finish(span))
     h = 1 / 60
     for excess, step, anew in ((0, h, True), (0, h, False), (1000, h, True), (0, h, False), (0, h / 2, True)):
-        levels.excess, levels.wait = excess, 0  # the last one has another matrix
+        levels.age.excess, levels.age.wait = excess, 0  # the last one has another matrix
         before = len(made)
         sim.step(step)
         assert len(made) == before + anew
-    levels.excess, levels.kept, levels.wait = 1000, 1, 0
+    levels.age.excess, levels.age.kept, levels.age.wait = 1000, 1, 0
     before = len(made)
     for _ in range(3):
         sim.step(h / 2)
-        levels.excess = 0
-    assert len(made) >= before + 2 and levels.pause > 0  # they did not last: not tried again at once
+        levels.age.excess = 0
+    assert len(made) >= before + 2 and levels.age.pause > 0  # they did not last: not tried again at once
 
 
 @pytest.mark.parametrize("integrator", ["backward_euler", "newton_euler"])
@@ -144,7 +144,7 @@ def test_a_run_goes_on_with_the_levels_that_it_had(integrator):
     sim = mid_fall()
     for _ in range(8):
         sim.step()
-    assert sim.integrator.system.preconditioner.kept > 0
+    assert sim.integrator.system.preconditioner.age.kept > 0
     resumed, state = mid_fall(), sim.checkpoint()
     resumed.resume(state)
     for _ in range(4):
@@ -236,14 +236,14 @@ def test_levels_have_the_diagonal_of_what_is_free():
         S[3 * i:3 * i + 3, 3 * i:3 * i + 3] = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] if held[i] else np.eye(3)
     traces = [np.trace(S[3 * i:3 * i + 3, 3 * i:3 * i + 3]) for i in range(n)]
     assert any(1.5 < t < 2.5 for t in traces) and any(t < 0.5 for t in traces)
-    inverse, rows, first = read(multilevel.inverse_l), read(multilevel.row), multilevel.start
-    nodes, weights = read(multilevel.node), read(multilevel.weight)
+    inverse, rows, first = read(multilevel.inverse_l), read(multilevel.hats.row), multilevel.hats.start
+    nodes, weights = read(multilevel.hats.node), read(multilevel.hats.weight)
     bent = read(next(f for f in multilevel.forces if f.slow).bent)
     for level, (start, end) in enumerate(zip(first, first[1:])):
         assert (rows[start:end] == level * n).all()
         here = slice(level * n, (level + 1) * n)
-        Q = np.zeros((n, multilevel.nodes))
-        np.add.at(Q, (np.repeat(np.arange(n), multilevel.width), nodes[here].ravel()), weights[here].ravel())
+        Q = np.zeros((n, first[-1]))
+        np.add.at(Q, (np.repeat(np.arange(n), multilevel.hats.width), nodes[here].ravel()), weights[here].ravel())
         assert np.allclose(Q.sum(axis=1), 1) and not Q[:, :start].any() and not Q[:, end:].any()
         for k in range(start, end):
             hat = S @ np.kron(Q[:, k:k + 1], np.eye(3))

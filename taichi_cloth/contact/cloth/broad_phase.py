@@ -25,6 +25,65 @@ SKIN = 0.4  # of half the thickness: how far paths may lead from where the tree 
 
 
 @ti.data_oriented
+class Paths(Checkpointed):
+    """On which particles go from `start` to where the model is, against those for which the tree was walked.
+
+    Attributes:
+        start: (n, 3) where they begin [m]; left, walked: where those began and ended on which each particle's pairs are known.
+        displaced_now, displaced: how far [m] particles are from `walked`, and are at most anywhere on their paths.
+        moved: whether a particle's pairs are looked for.
+        skin: [m] that a path may lead from where the tree was walked for.
+    """
+
+    STATE = ("walked",)
+
+    def __init__(self, fields: Fields, model: ParticleState, skin: float) -> None:
+        self.model = model
+        self.skin = fields.real(1, data=np.array([skin]))
+        self.start, self.left, self.walked = (fields.real(model.n, 3) for _ in range(3))
+        self.displaced_now, self.displaced = fields.real(model.n), fields.real(model.n)
+        self.moved = fields.integer(model.n)
+        self._count: np.ndarray = np.zeros(1, dtype=np.int32)
+
+    @ti.kernel
+    def begin(self):
+        """They begin where the model is saved."""
+        for i in range(self.model.rows()):
+            self.start[i] = self.model.x_saved[i]
+
+    @ti.kernel
+    def arrive(self):
+        """They begin where the model is."""
+        for i in range(self.model.rows()):
+            self.start[i] = self.model.x[i]
+
+    def displaced_count(self) -> int:
+        """How many particles, on their path, leave where the candidates were walked for by more than the skin."""
+        self._measure(self._count)
+        return int(self._count[0])
+
+    @ti.func
+    def walk(self, i, everything):
+        """Pairs of a particle are looked for on its path, if it is displaced, or `everything` is."""
+        self.moved[i] = ti.max(everything, ti.cast(self.displaced[i] > self.skin[0], ti.i32))
+        if self.moved[i] == 1:
+            self.left[i], self.walked[i] = self.start[i], self.model.x[i]
+        else:
+            self.left[i] = self.walked[i]
+
+    @ti.kernel
+    def _measure(self, count: ti.types.ndarray()):
+        """How far particles are, and begin, from where they were walked for."""
+        for _ in range(1):
+            far = 0
+            for i in range(self.model.rows()):
+                here, there = (self.model.x[i] - self.walked[i]).norm(), (self.start[i] - self.walked[i]).norm()
+                self.displaced_now[i], self.displaced[i] = here, ti.max(here, there)
+                far += ti.cast(self.displaced[i] > self.skin[0], ti.i32)
+            count[0] = far
+
+
+@ti.data_oriented
 class Candidates(Checkpointed):
     """Pairs of the cloths of a scene that have a `contact`.
 
@@ -36,7 +95,7 @@ class Candidates(Checkpointed):
         fresh: whether they cover paths near that.
     """
 
-    STATE = ("candidates", "distances", "walked", "fresh")
+    STATE = ("candidates", "distances", "paths", "fresh")
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, cpu: bool) -> None:
         self.model, self.exchange = model, fields.exchange
@@ -48,11 +107,7 @@ class Candidates(Checkpointed):
         self.face_low, self.face_high = fields.real(m, 3), fields.real(m, 3)  # swept box, with what belongs to it round it
         half = self.mesh.half_thickness
         skin = SKIN * float(half[half > 0].min())
-        self.skin = fields.real(1, data=np.array([skin]))  # [m] that a path may lead from where the tree was walked for
-        self.start, self.left, self.walked = (fields.real(model.n, 3) for _ in range(3))
-        self.displaced_now, self.displaced = fields.real(model.n), fields.real(model.n)  # [m] from `walked`; on all the path
-        self.moved = fields.integer(model.n)  # whether the particle's pairs are looked for
-        self._displaced_count: np.ndarray = np.zeros(1, dtype=np.int32)
+        self.paths = Paths(fields, model, skin)
         self.candidates: np.ndarray = np.zeros((0, 3), dtype=np.int32)
         self.distances: np.ndarray = np.zeros(0, dtype=self.exchange)
         self.fresh = False
@@ -64,7 +119,7 @@ class Candidates(Checkpointed):
     def cover(self) -> None:
         """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model, and measures
         how far it leads."""
-        count = self.displaced_count() if self.fresh else self.model.n
+        count = self.paths.displaced_count() if self.fresh else self.model.n
         if not count:
             return
         everything = count > MOST * self.model.n
@@ -81,12 +136,7 @@ class Candidates(Checkpointed):
             found = np.concatenate([self.candidates.take(kept, axis=0), found])
             apart = np.concatenate([self.distances.take(kept), apart])
         self.candidates, self.distances, self.fresh = found, apart, True
-        self.displaced_count()
-
-    def displaced_count(self) -> int:
-        """How many particles, on their path, leave where the candidates were walked for by more than the skin."""
-        self._measure_displaced(self._displaced_count)
-        return int(self._displaced_count[0])
+        self.paths.displaced_count()
 
     def _look_for(self, everything: bool) -> np.ndarray:
         """(k, 3) pairs of what is displaced, or all, that may come within reach, and twice the skin, on their paths."""
@@ -97,17 +147,6 @@ class Candidates(Checkpointed):
                 break
             self.rows = np.zeros((self.chunks, int(self._found.max()) * 3 // 2, 3), dtype=np.int32)
         return np.concatenate([rows[:k] for rows, k in zip(self.rows, self._found.tolist())])
-
-    @ti.kernel
-    def _measure_displaced(self, count: ti.types.ndarray()):
-        """How far particles are, and begin, from where they were walked for."""
-        for _ in range(1):
-            far = 0
-            for i in range(self.model.rows()):
-                here, there = (self.model.x[i] - self.walked[i]).norm(), (self.start[i] - self.walked[i]).norm()
-                self.displaced_now[i], self.displaced[i] = here, ti.max(here, there)
-                far += ti.cast(self.displaced[i] > self.skin[0], ti.i32)
-            count[0] = far
 
     @ti.kernel
     def _stays(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):
@@ -121,27 +160,25 @@ class Candidates(Checkpointed):
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
             v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
-            p, q, r, s = self.walked[v[0]], self.walked[v[1]], self.walked[v[2]], self.walked[v[3]]
+            from_, to = ti.static(self.paths.left, self.paths.walked)
+            p, q, r, s = to[v[0]], to[v[1]], to[v[2]], to[v[3]]
             difference, w = between(kind, p, q, r, s)
             d = difference.norm()
-            moves = closing(kind, p - self.left[v[0]], q - self.left[v[1]], r - self.left[v[2]], s - self.left[v[3]])
+            moves = closing(kind, p - from_[v[0]], q - from_[v[1]], r - from_[v[2]], s - from_[v[3]])
             out[k] = -1.0
-            if d < (1 + ROUNDING) * (self.mesh.thickness(v) + 2 * self.skin[0] + moves):
+            if d < (1 + ROUNDING) * (self.mesh.thickness(v) + 2 * self.paths.skin[0] + moves):
                 out[k] = d
 
     @ti.func
     def stirs(self, v):
         """1 if one of four particles is displaced beyond the skin."""
-        return ti.min(self.moved[v[0]] + self.moved[v[1]] + self.moved[v[2]] + self.moved[v[3]], 1)
+        moved = ti.static(self.paths.moved)
+        return ti.min(moved[v[0]] + moved[v[1]] + moved[v[2]] + moved[v[3]], 1)
 
     @ti.kernel
     def _refit(self, everything: int):
         for i in range(self.model.rows()):
-            self.moved[i] = ti.max(everything, ti.cast(self.displaced[i] > self.skin[0], ti.i32))
-            if self.moved[i] == 1:
-                self.left[i], self.walked[i] = self.start[i], self.model.x[i]
-            else:
-                self.left[i] = self.walked[i]
+            self.paths.walk(i, everything)
         for f in range(self.mesh.size[0]):
             v = self.mesh.face[f]
             self.face_hull[f] = self.hull(v[0], v[1], v[2])
@@ -152,11 +189,11 @@ class Candidates(Checkpointed):
             low, high, changed = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30]), 0
             for f in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.mesh.size[0])):
                 low_f, high_f, low_1, high_1 = corners_of(self.face_hull[f])
-                margin = self.mesh.half[self.mesh.face[f][0]] + self.skin[0]
+                margin = self.mesh.half[self.mesh.face[f][0]] + self.paths.skin[0]
                 self.face_low[f], self.face_high[f] = ti.min(low_f, low_1) - margin, ti.max(high_f, high_1) + margin
                 low, high = ti.min(low, self.face_low[f]), ti.max(high, self.face_high[f])
                 v = self.mesh.face[f]
-                changed = ti.max(changed, self.moved[v[0]], self.moved[v[1]], self.moved[v[2]])
+                changed = ti.max(changed, self.paths.moved[v[0]], self.paths.moved[v[1]], self.paths.moved[v[2]])
             self.changed[self.boxes.first_leaf + leaf] = changed
             self.boxes.low[self.boxes.first_leaf + leaf] = low
             self.boxes.high[self.boxes.first_leaf + leaf] = high
@@ -227,12 +264,12 @@ class Candidates(Checkpointed):
     @ti.func
     def reach_of(self, f, g):
         """Within which pairs of two faces are candidates [m]."""
-        return self.mesh.half[self.mesh.face[f][0]] + self.mesh.half[self.mesh.face[g][0]] + 2 * self.skin[0]
+        return self.mesh.half[self.mesh.face[f][0]] + self.mesh.half[self.mesh.face[g][0]] + 2 * self.paths.skin[0]
 
     @ti.func
     def hull(self, p, q, r):
         """Boxes of three particles where the path begins, and where it ends, as 12 numbers."""
-        a, b = ti.static(self.left, self.walked)
+        a, b = ti.static(self.paths.left, self.paths.walked)
         low, high, low_1, high_1 = ti.min(a[p], a[q], a[r]), ti.max(a[p], a[q], a[r]), ti.min(b[p], b[q], b[r]), ti.max(
             b[p], b[q], b[r])
         return ti.Vector([low[0], low[1], low[2], high[0], high[1], high[2], low_1[0], low_1[1], low_1[2], high_1[0],

@@ -98,7 +98,7 @@ class Layers(Checkpointed):
         """A new attempt; the model is at its predicted end, with `guess` looked at there."""
         self.start = start
         self.round, self.there, self.compared, self._weighed = 0, self.model.read_particles()[0], None, None
-        self.detector.begin()
+        self.detector.paths.begin()
         if guess:
             self.near = self.detector.look(swept=True)  # of those that were candidates before
             self._evaluate(self.near)  # the model is not there any more when a solve asks for them
@@ -290,7 +290,7 @@ class Layers(Checkpointed):
         self.count_tangled()
         self.intersections.commit()
         self.detector.let_rest(self.intersections.resting)
-        self.detector.begin()
+        self.detector.paths.begin()
         self.detector.cover()
         self.look()
 

@@ -46,10 +46,6 @@ class LayerDetector(Candidates):
             write(self.tangled, resting.astype(np.int32))
         self.resting = bool(resting.any())
 
-    def begin(self) -> None:
-        """Paths begin where the model is saved."""
-        self._from_saved()
-
     def collision_free_step(self) -> tuple[float, np.ndarray]:
         """(part of the path, which `cover` has seen, that nothing passes through another on, the pairs (k, 3) that do not
         allow all of it)."""
@@ -65,7 +61,7 @@ class LayerDetector(Candidates):
         """Pairs that are in reach of each other where the model is; with `swept` also those that went through on the path."""
         c = self.candidates
         if len(c):
-            self.displaced_count()
+            self.paths.displaced_count()
             flag: np.ndarray = np.empty(len(c), dtype=np.int32)
             self._reach(c, self.distances, int(swept), flag)
             c = c.take(np.flatnonzero(flag), axis=0)
@@ -78,33 +74,24 @@ class LayerDetector(Candidates):
         weights, start, end, normal, factor, radius = (np.ascontiguousarray(r[:, k]) for k in COLUMNS)
         return ContactPairs(c, v, weights, start, end, normal, factor, radius)
 
-    @ti.kernel
-    def _from_saved(self):
-        for i in range(self.model.rows()):
-            self.start[i] = self.model.x_saved[i]
-
-    @ti.kernel
-    def arrive(self):
-        """The model is where the next path begins."""
-        for i in range(self.model.rows()):
-            self.start[i] = self.model.x[i]
-
     @ti.func
     def path(self, v, swept):
         """Where four particles' path begins and how far it leads; where it is not swept, its end and nowhere."""
         p, q, r, s = self.model.x[v[0]], self.model.x[v[1]], self.model.x[v[2]], self.model.x[v[3]]
         dp, dq, dr, ds = 0 * p, 0 * q, 0 * r, 0 * s
         if swept:
-            dp, dq, dr, ds = p - self.start[v[0]], q - self.start[v[1]], r - self.start[v[2]], s - self.start[v[3]]
-            p, q, r, s = self.start[v[0]], self.start[v[1]], self.start[v[2]], self.start[v[3]]
+            start = ti.static(self.paths.start)
+            dp, dq, dr, ds = p - start[v[0]], q - start[v[1]], r - start[v[2]], s - start[v[3]]
+            p, q, r, s = start[v[0]], start[v[1]], start[v[2]], start[v[3]]
         return p, q, r, s, dp, dq, dr, ds
 
     @ti.func
     def slack(self, kind, v, swept):
         """By how much a pair's distance may differ from that where it was walked for, now or, swept, anywhere on the path."""
-        s = ti.Vector([self.displaced_now[v[0]], self.displaced_now[v[1]], self.displaced_now[v[2]], self.displaced_now[v[3]]])
+        now, most = ti.static(self.paths.displaced_now, self.paths.displaced)
+        s = ti.Vector([now[v[0]], now[v[1]], now[v[2]], now[v[3]]])
         if swept:
-            s = ti.Vector([self.displaced[v[0]], self.displaced[v[1]], self.displaced[v[2]], self.displaced[v[3]]])
+            s = ti.Vector([most[v[0]], most[v[1]], most[v[2]], most[v[3]]])
         out = ti.max(s[0], s[1]) + ti.max(s[2], s[3])
         if kind == VERTEX_FACE:
             out = s[0] + ti.max(s[1], s[2], s[3])

@@ -61,7 +61,7 @@ class LayerStep(EulerStep):
         contacts = self.contacts
         with self.clock.part("C-S"):
             self.held, closing = contacts.hold()
-            self.layers.detector.arrive()
+            self.layers.detector.paths.arrive()
             if k:
                 contacts.rebase()
             else:
