@@ -97,7 +97,7 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
     ("", "tc.load_pattern", {"path": '"none.json"', "side": "None"}),
     ("", "tc.load_garment", {"path": '"none.npz"'}),
     ("", "tc.Recording", {"path": '"none"'}),
-    ("", "tc.load_stitched", {"path": "OBJ", "stitches": "None", "scale": "1.0"}),
+    ("", "tc.load_stitched", {"path": "OBJ", "stitches": "None", "scale": "1.0", "positions": "None"}),
     ("", "tc.Air", {"normal": "0.5", "tangential": "0.1", "wind": "(1, 0, 0)", "drag": "1.0", "lift": "0.5",
                     "density": "1.2"}),
     ("", "tc.Gusts", {"mean": "(5, 0, 0)", "strength": "2.0", "length": "1.0", "seed": "3", "waves": "8"}),

@@ -20,6 +20,7 @@ SOFT, WORKED = SPRINGS + "derivatives", SPRINGS + "all_of_their_work_is_accounte
 CURVES, PATTERN = "taichi_cloth/garment/curves.py", "taichi_cloth/garment/pattern.py"
 MESHER = "taichi_cloth/garment/mesher.py"
 FILE, GARMENT = "taichi_cloth/garment/garmentcode.py", "taichi_cloth/scene/garment.py"
+STITCHED = "taichi_cloth/garment/stitched.py"
 
 RIPPING, STITCHES = "tests/physics/test_ripping.py", "taichi_cloth/system/stitches.py"
 RIPS, ORDER, GOES_ON = (f"{RIPPING}::{name}" for name in (
@@ -99,6 +100,9 @@ MUTATIONS = (
      PATTERNS),
     (MESHER, "b[j]) <= 0)", "b[j]) < 0)", "a corner on another edge", PATTERNS),
     (FILE, "return z @ y @ x", "return x @ y @ z", "turned about the axes in another order", PATTERNS),
+    (FILE, "math.radians(turn))", "0.0)", "a bent panel is not turned", PATTERNS),
+    (STITCHED, "at.append((1 - t) * at[a] + t * at[b])", "at.append((1 - t) * self.x[a] + t * self.x[b])",
+     "new vertices of a draped garment are where its pattern is", "tests/unit/test_stitched.py"),
     (FILE, 'together="right_wrong" in stitch[2:]', "together=False", "right_wrong is not read", PATTERNS),
     (GARMENT, 'Garment(mesh, seams, data["positions"])', "Garment(mesh, seams)",
      "where a dressed garment is, is lost", PATTERNS),

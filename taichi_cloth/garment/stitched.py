@@ -4,10 +4,13 @@ A stitch (v, a, b, t) sews v to (1 - t) a + t b. Where that is within an edge, t
 side has a vertex between two that are sewn, the edge opposite is split too: both sides of a seam have as many vertices.
 """
 
+from __future__ import annotations
+
 from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .. import checks
 from ..errors import SceneError
@@ -21,16 +24,19 @@ LONGEST = 6  # vertices on one side of a seam between two that are sewn to the e
 Stitch = tuple[int, int, int, float]
 
 
-def load_stitched(path: str | Path, stitches: str | Path | None = None, scale: float = 1.0) -> Garment:
+def load_stitched(path: str | Path, stitches: str | Path | None = None, scale: float = 1.0,
+                  positions: ArrayLike | None = None) -> Garment:
     """A garment from an OBJ with panels, texture coordinates as its pattern, and stitches.
 
     Args:
         stitches: a .csv with columns vertex, edge_a, edge_b, t (vertices from 0); where None, the file's own lines
             `stitch v a b t` (from 0), or edges without a face, `l v w` (from 1).
         scale: metres per unit of the file.
+        positions: (n, 3) where the file's vertices are in the garment, as another program draped it, in the file's units;
+            where an edge is split, the new vertex is as far along it there.
 
     Raises:
-        SceneError: a missing file, no stitches, or one that names no edge.
+        SceneError: a missing file, no stitches, or one that names no edge; positions of another shape, or not finite.
         MeshError: a mesh that cannot be read.
     """
     path, scale = checks.path("path", path, SceneError), checks.number("scale", scale, positive=True)
@@ -40,7 +46,9 @@ def load_stitched(path: str | Path, stitches: str | Path | None = None, scale: f
     found = _in_obj(path) if stitches is None else _in_csv(checks.path("stitches", stitches, SceneError))
     if not found:
         raise SceneError(f"{path}: has no stitches: lines 'stitch v a b t' or 'l v w', or a .csv beside it")
-    work = _Panels(x * scale, faces, corner_uv * scale, groups)
+    hint = f": {path.name} has {len(x):,} vertices"
+    draped = None if positions is None else scale * checks.array("positions", positions, (len(x), 3), row="vertex", hint=hint)
+    work = _Panels(x * scale, faces, corner_uv * scale, groups, draped)
     try:
         return work.sewn(found)
     except SceneError as error:
@@ -74,10 +82,12 @@ def _in_csv(path: Path) -> list[Stitch]:
 
 
 class _Panels:
-    """Panels that are split where stitches need it."""
+    """Panels that are split where stitches need it; `draped` (n, 3) are their positions in the garment, if they are known."""
 
-    def __init__(self, x: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, groups: dict[str, np.ndarray]) -> None:
+    def __init__(self, x: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, groups: dict[str, np.ndarray],
+                 draped: np.ndarray | None) -> None:
         self.x, self.count = [*x], len(x)
+        self.draped = None if draped is None else [*draped]
         self.faces: list[list[int] | None] = faces.tolist()
         self.uv: list[np.ndarray | None] = [*corner_uv]
         self.groups = {name: set(index.tolist()) for name, index in groups.items()}
@@ -113,7 +123,8 @@ class _Panels:
         for t, v in on:
             if not new or t - new[-1][0] > AT_END:
                 new.append((t, len(self.x)))
-                self.x.append((1 - t) * self.x[a] + t * self.x[b])
+                for at in (self.x,) if self.draped is None else (self.x, self.draped):
+                    at.append((1 - t) * at[a] + t * at[b])
                 for members in self.groups.values():
                     if a in members and b in members:
                         members.add(len(self.x) - 1)
@@ -187,7 +198,8 @@ class _Panels:
         used = np.unique(faces)
         groups = {name: np.intersect1d(np.array(sorted(members)), used) for name, members in self.groups.items()}
         mesh = TriMesh(np.array(self.x), faces, uv if own else corner, groups, tuple(notes))
-        return Garment(mesh, tuple(self._seams(clusters, faces, set(used.tolist()))))
+        seams = tuple(self._seams(clusters, faces, set(used.tolist())))
+        return Garment(mesh, seams) if self.draped is None else Garment(mesh, seams, np.array(self.draped))
 
     def _seams(self, clusters: dict[int, set[int]], faces: np.ndarray, used: set[int]) -> list[Row]:
         """Edges that are sewn to each other, and vertices that are but belong to no such edge."""

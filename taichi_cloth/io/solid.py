@@ -43,6 +43,7 @@ def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, m
             raise MeshError(f"{path}: a point cache has no triangles: name the file that has them, mesh=...")
         surface = read_surface(Path(mesh))
         x, faces, groups = _pc2(Path(path)), surface[1], surface[3]
+        _refuse_other(path, x.shape[1], str(mesh), len(surface[0]))
     else:
         x, faces, _, groups = read_surface(Path(path))
     if fps is not None and not (math.isfinite(fps) and fps > 0):
@@ -59,13 +60,20 @@ def _frames(pattern: str) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]
     if not files:
         raise MeshError(f"no file matches {pattern}")
     frames: list[np.ndarray] = []
-    _, first, _, groups = read_surface(Path(files[0]))
+    rest, first, _, groups = read_surface(Path(files[0]))
     for name in files:
         x, faces = read_surface(Path(name))[:2]
-        if faces.shape != first.shape or (faces != first).any() or (frames and x.shape != frames[0].shape):
+        _refuse_other(name, len(x), files[0], len(rest))
+        if faces.shape != first.shape or (faces != first).any():
             raise MeshError(f"{name}: its topology is not that of {files[0]}: a sequence keeps its vertices and faces")
         frames.append(x)
     return np.stack(frames), first, groups
+
+
+def _refuse_other(name: str, count: int, first: str, wanted: int) -> None:
+    """Refuses frames of another mesh."""
+    if count != wanted:
+        raise MeshError(f"{name}: has {count:,} vertices, and {first} {wanted:,}: frames are of one mesh")
 
 
 def _npz(path: str, fps: float | None) -> tuple[np.ndarray, np.ndarray, float | None, dict[str, np.ndarray]]:

@@ -83,7 +83,7 @@ class Contents:
         self.cloths.append(cloth)
         if apart is not None:
             self.seams.append(corners(cloth))
-        units.say(cloth, self.gravity)
+        units.say(units.doubts(cloth, self.gravity))
         return cloth
 
     def add_solid(self, shape: Shape, friction: float, thickness: float, position: Value = (0.0, 0.0, 0.0),
@@ -108,6 +108,7 @@ class Contents:
         self._refuse_twice(name)
         self._refuse_followed("add_solid")
         self.solids.append(solid)
+        units.say(units.doubts_of_solid(solid))
         return solid
 
     def add_prop(self, shape: Shape, position: Value = (0.0, 0.0, 0.0), rotation: Value = (0.0, 0.0, 0.0),

@@ -6,9 +6,11 @@ import numpy as np
 
 from .cloth import Cloth
 from .fabric import pair
+from .solids import Solid, SolidMesh
 
 # (least, largest) that cloth has; what is outside is seldom meant
 SIZE, DENSITY, RIGIDITY, THICKNESS, GRAVITY = (0.005, 100.0), (0.003, 10.0), (1e-10, 0.1), (1e-6, 0.2), (0.0, 100.0)
+BODY = (0.003, 50.0)  # m, of a closed mesh
 
 
 def doubts(cloth: Cloth, gravity: np.ndarray) -> list[str]:
@@ -33,7 +35,18 @@ def doubts(cloth: Cloth, gravity: np.ndarray) -> list[str]:
     return out
 
 
-def say(cloth: Cloth, gravity: np.ndarray) -> None:
-    """Warns of them; Python shows each once, with the line that added the cloth."""
-    for doubt in doubts(cloth, gravity):
-        warnings.warn(doubt, stacklevel=3)
+def doubts_of_solid(solid: Solid) -> list[str]:
+    """A sentence on a body of a mesh that is too large, or too small, to wear cloth; hills are larger than bodies."""
+    if not isinstance(solid.shape, SolidMesh) or not solid.shape.closed:
+        return []
+    size = float(np.ptp(solid.shape.x[0], axis=0).max())
+    if BODY[0] <= size <= BODY[1]:
+        return []
+    return [f"{solid.name}: size = {size:,.4g} m looks like another unit: a closed mesh usually has {BODY[0]:g} to "
+            f"{BODY[1]:g} m; lengths are in metres (a file in cm: tc.load_solid(path, scale=0.01))"]
+
+
+def say(sentences: list[str]) -> None:
+    """Warns of them; Python shows each once, with the line that added the cloth or the solid."""
+    for sentence in sentences:
+        warnings.warn(sentence, stacklevel=3)

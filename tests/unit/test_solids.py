@@ -185,7 +185,20 @@ def test_solids_from_files(tmp_path):
     (tmp_path / "cube.pc2").write_bytes(header + frames.tobytes())
     cache = tc.load_solid(tmp_path / "cube.pc2", fps=24, mesh=tmp_path / "cube_0.obj")
     assert np.allclose(cache.x, np.stack([x, x + 1]))
-    (tmp_path / "cube_3.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    other = (tmp_path / "cube_1.obj").read_text()
+    (tmp_path / "cube_3.obj").write_text(other.replace("f 1 ", "f 2 "))
+    for more, count in (("v 0 0 0\n", 9), ("v 0 0 0\nv 1 1 1\n", 10)):  # before and after its faces
+        (tmp_path / "more.obj").write_text(more + other)
+        with pytest.raises(tc.MeshError, match=rf"cube.pc2: has 8 vertices, and .*more.obj {count}: frames are of one mesh"):
+            tc.load_solid(tmp_path / "cube.pc2", fps=24, mesh=tmp_path / "more.obj")
+    (tmp_path / "seq_0.obj").write_text(other)
+    (tmp_path / "seq_1.obj").write_text(other + "\nv 0 0 0\n")
+    with pytest.raises(tc.MeshError, match=r"seq_1.obj: has 9 vertices, and .*seq_0.obj 8: frames are of one mesh"):
+        tc.load_solid(tmp_path / "seq_*.obj", fps=24)
+    np.savez(tmp_path / "none.npz", positions=np.zeros((0, 8, 3)), faces=faces, fps=24)
+    with pytest.raises(tc.SceneError, match=r"none.npz: solid mesh: has no frames"):
+        tc.load_solid(tmp_path / "none.npz")
+    (tmp_path / "none.npz").unlink()
     for path, words in ((tmp_path / "cube_*.obj", "topology"), (tmp_path / "none.npz", "no such file"),
                         (tmp_path / "x_*.obj", "no file matches"), (tmp_path / "cube.pc2", "mesh=")):
         with pytest.raises(tc.MeshError, match=words):

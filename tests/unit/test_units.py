@@ -22,6 +22,23 @@ def test_what_looks_like_another_unit_is_said(mesh, fabric, more, words):
         tc.Scene(gravity=(0, -9810, 0)).add_cloth(tc.grid(1.0, 2), tc.Fabric(0.15))
 
 
+@pytest.mark.parametrize("size, words", [(170.0, "statue: size = 170 m"), (1700.0, "size = 1,700 m"), (1e-3, "0.001 m")])
+def test_a_body_in_another_unit_is_said(size, words):
+    x, faces = tc.Box((1.0, 1.0, 1.0)).surface()
+    x, corner = np.unique(x.round(9), axis=0, return_inverse=True)
+    faces = corner.reshape(-1)[faces]
+    scene = tc.Scene()
+    with pytest.warns(UserWarning, match=f"{words} looks like another unit.*scale=0.01") as said:
+        scene.add_solid(tc.SolidMesh(size * x, faces), 0.3, 0.004, name="statue")
+    assert len(said) == 1 and said[0].filename == __file__ and len(scene.solids) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for usual in (0.02, 1.7, 30.0):
+            scene.add_solid(tc.SolidMesh(usual * x, faces), 0.3, 0.004)
+        scene.add_solid(tc.SolidMesh(size * tc.grid(1.0, 2).x, tc.grid(1.0, 2).faces), 0.3, 0.004)  # a hill, open
+        scene.add_solid(tc.Plane(), 0.3, 0.004)
+
+
 def test_usual_cloth_is_not_doubted():
     with warnings.catch_warnings():
         warnings.simplefilter("error")

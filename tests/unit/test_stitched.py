@@ -1,0 +1,113 @@
+"""Meshed panels with stitches: edges that are split, seams that close, positions of another program, what is refused."""
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+
+
+def write_panels(tmp_path, cells=(3, 4), lines: str = "", name: str = "two.obj") -> tuple:
+    """Two panels of .3 m, 5 cm apart, with as many cells along the seam as asked for: (path, meshes, rows of the seam)."""
+    meshes = [tc.grid(0.3, (2, n)) for n in cells]
+    rows = [np.flatnonzero(meshes[0].uv[:, 0] > 0.2999), np.flatnonzero(meshes[1].uv[:, 0] < 1e-9)]
+    text, first = "", 1
+    for k, (mesh, away) in enumerate(zip(meshes, (0.0, 0.35))):
+        text += f"g panel{k}\n" + "".join("v {:.9f} {:.9f} {:.9f}\n".format(*(p + [away, 0, 0])) for p in mesh.x)
+        text += "".join("vt {:.9f} {:.9f}\n".format(*(p + [away, 0])) for p in mesh.uv)
+        text += "".join("f " + " ".join(f"{i + first}/{i + first}" for i in f) + "\n" for f in mesh.faces)
+        first += mesh.vertex_count
+    path = tmp_path / name
+    path.write_text(text + lines)
+    return path, meshes, (rows[0], rows[1] + meshes[0].vertex_count)
+
+
+@pytest.mark.parametrize("own", [False, True])
+@pytest.mark.slow
+def test_stitches_split_the_edges_of_both_sides(tmp_path, own):
+    """Four vertices a side against five: each is sewn to a place on the other's edges, and they close."""
+    _, meshes, (left, right) = write_panels(tmp_path)
+    n = meshes[0].vertex_count
+    stitches = []
+    for v, s in zip(right, np.linspace(0, 3, 5)):
+        k = min(int(s), 2)
+        stitches.append((v, left[k], left[k + 1], s - k))
+    if own:
+        path, _, _ = write_panels(tmp_path, lines="".join(f"stitch {v} {a} {b} {t:.9f}\n" for v, a, b, t in stitches))
+        garment = tc.load_stitched(path)
+    else:
+        path, _, _ = write_panels(tmp_path)
+        rows = "".join(f"{v},{a},{b},{t:.9f}\n" for v, a, b, t in stitches)
+        (tmp_path / "s.csv").write_text("vertex,edge_a,edge_b,t\n" + rows)
+        garment = tc.load_stitched(path, tmp_path / "s.csv")
+    mesh = garment.mesh
+    assert mesh.vertex_count == n + meshes[1].vertex_count + 3 + 2  # three splits on the left, two on the right
+    assert mesh.material_areas.sum() == pytest.approx(0.18, rel=1e-6) and mesh.uv.shape == (mesh.vertex_count, 2)
+    assert sorted(len(a) for a, _, _ in garment.seams) == [2] * 6  # edges against edges
+    sewn = {int(i) for a, b, _ in garment.seams for i in (*a, *b)}
+    assert len(sewn) == 14 and all(mesh.x[a, 2] == pytest.approx(mesh.x[b, 2], abs=1e-7) for a, b, _ in garment.seams)
+    assert set(mesh.groups) == {"panel0", "panel1"} and sum(len(g) for g in mesh.groups.values()) == mesh.vertex_count
+    scene = tc.Scene(gravity=None)
+    scene.add_garment(garment, tc.Fabric(0.2, tc.Stretch(500, 1), tc.Shear(50), tc.Bend(1e-4)))
+    sim = tc.Simulation(scene, h=1 / 60, integrator="backward_euler")
+    sim.run(0.2, fps=60)
+    x = sim.positions()
+    assert all((x[a] == x[b]).all() for a, b, _ in garment.seams)
+
+
+def test_edges_without_a_face_are_stitches(tmp_path):
+    _, _, (left, right) = write_panels(tmp_path, (4, 4))
+    path, _, _ = write_panels(tmp_path, (4, 4), "".join(f"l {a + 1} {b + 1}\n" for a, b in zip(left, right)))
+    garment = tc.load_stitched(path)
+    assert len(garment.seams) == 4 and garment.gap() == pytest.approx(0.05, abs=1e-6)
+
+
+def test_a_stitched_garment_starts_as_it_was_draped(tmp_path):
+    """Positions are those of the file's vertices; those of new ones are as far along the split edges as in the pattern."""
+    _, meshes, (left, right) = write_panels(tmp_path)
+    lines = [f"stitch {v} {left[0]} {left[-1]} 0\n" for v in right[:1]]
+    lines += [f"stitch {right[1]} {left[0]} {left[1]} 0.75\n", f"stitch {right[4]} {left[3]} {left[2]} 0\n"]
+    path, _, _ = write_panels(tmp_path, lines="".join(lines))
+    garment = tc.load_stitched(path, scale=0.5)
+    n, flat = sum(m.vertex_count for m in meshes), garment.mesh.x
+    assert (garment.positions == flat).all() and len(flat) == n + 1
+
+    def bent(x):  # affine along every edge: parameters are kept, lengths are not
+        return x @ np.array([[0.3, 0.1, 0.9], [-0.2, 1.4, 0.0], [0.5, 0.0, 0.2]]) + [0.1, 1.0, -0.3]
+
+    in_file = flat[:n] / 0.5
+    worn = tc.load_stitched(path, scale=0.5, positions=bent(in_file))
+    assert (worn.mesh.x == flat).all() and (worn.mesh.faces == garment.mesh.faces).all()
+    assert np.abs(worn.positions - 0.5 * bent(flat / 0.5)).max() < 1e-12
+    assert tc.Scene().add_garment(worn, tc.Fabric(0.2)).positions == pytest.approx(worn.positions)
+    for wrong, what in ((flat, rf"positions: needs shape \({n}, 3\), not \({len(flat)}, 3\): two.obj has {n} vertices"),
+                        (np.where(np.arange(n)[:, None] == 4, np.nan, in_file), "positions: vertex 4 is not finite"),
+                        ("here", "positions: needs numbers")):
+        with pytest.raises(tc.SceneError, match=what):
+            tc.load_stitched(path, positions=wrong)
+
+
+def test_what_is_wrong_with_stitches_is_named(tmp_path):
+    path, _, (left, right) = write_panels(tmp_path)
+    for text, what in (("stitch 1 2\n", "line"), (f"stitch {right[0]} {left[0]} {right[2]} 0.5\n", "no edge between"),
+                       ("stitch 999 0 1 0.5\n", "vertices go from 0"),
+                       (f"stitch 0 {left[0]} {left[1]} 1.5\n", "t from 0 to 1"), ("", "no stitches")):
+        wrong, _, _ = write_panels(tmp_path, lines=text, name="wrong.obj")
+        with pytest.raises(tc.SceneError, match=what):
+            tc.load_stitched(wrong)
+    (tmp_path / "s.csv").write_text("vertex,edge_a\n1,2\n")
+    with pytest.raises(tc.SceneError, match="four columns"):
+        tc.load_stitched(path, tmp_path / "s.csv")
+    with pytest.raises((tc.SceneError, tc.MeshError), match="none.obj"):
+        tc.load_stitched(tmp_path / "none.obj")
+
+
+@pytest.mark.slow
+def test_the_dress_of_the_reference_data(shared):
+    """Where it is: nearly all stitches become edges that are sewn to edges."""
+    folder = shared / "data"
+    if not (folder / "dress_pattern.obj").is_file():
+        pytest.skip("the dress of the reference data is not there")
+    with pytest.warns(UserWarning, match="belong to no face"):
+        garment = tc.load_stitched(folder / "dress_pattern.obj", folder / "dress_stitches.csv")
+    rows = [len(a) for a, _, _ in garment.seams]
+    assert rows.count(2) > 1000 and rows.count(1) < 60 and len(garment.mesh.groups) == 14
