@@ -8,7 +8,8 @@ import taichi_cloth as tc
 
 RUN = {"duration": 2.0, "fps": 30, "h": 1 / 60, "cg_tol": 1e-3}
 SMALL = {"spacing": 0.05}
-SEWN = 0.7  # s at which what is held up is let go
+PULL = 100.0  # N/m at most that closes seams
+SEWN = 1.0  # s at which what is held up is let go
 THICKNESS = 0.004
 PATTERN = pathlib.Path(__file__).parent / "patterns" / "skirt.json"
 
@@ -40,7 +41,7 @@ def build(pattern: str = "", body: str = "", spacing: float = 0.03, friction: fl
     garment = tc.load_pattern(pattern or PATTERN).mesh(spacing)
     fabric = tc.Fabric(0.19, tc.Stretch(400, 0.4), tc.Shear(50, 0.05), tc.Bend(2e-5, 2e-7))
     cloth = scene.add_garment(garment, fabric, name="garment", color=(0.13, 0.30, 0.28),
-                              contact=tc.ClothContact(0.003, friction))
+                              contact=tc.ClothContact(0.003, friction), pull=PULL)
     held = held or next((label for label in ("shoulder", "waist") if label in garment.mesh.groups), "")
     if held:
         scene.pin(cloth, held, "y")

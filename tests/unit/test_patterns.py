@@ -91,7 +91,7 @@ def test_sleeves_a_collar_and_legs_are_worn(name, places):
         {"pattern": str(SCENES / "patterns" / f"{name}.json"), "spacing": 0.06})
     with tc.Simulation(scene, h=1 / 60, cg_tol=1e-3) as sim:
         crossed = []
-        sim.run(0.9, 10, lambda sim, frame: crossed.append(cloth_crossings(sim)))
+        sim.run(1.2, 10, lambda sim, frame: crossed.append(cloth_crossings(sim)))
         x, groups = sim.positions(), scene.cloths[0].mesh.groups
         assert not any(crossed) and all(not through for _, through in against_solids(sim).values())
         assert all((x[s.a] == x[s.b]).all() for s in scene.seams) and len(scene.seams) == {"shirt": 14, "trousers": 8}[name]
