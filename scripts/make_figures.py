@@ -1,11 +1,12 @@
-"""Pictures of the theory pages, in docs/images/.
+"""Pictures of the theory pages and tutorials, in docs/images/.
 
-    python scripts/make_figures.py [strain_limits bend_friction shirt_fold] [--to docs/images]
+    python scripts/make_figures.py [strain_limits bend_friction shirt_fold dressed] [--to docs/images]
 """
 
 import argparse
 import pathlib
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,14 +18,17 @@ from taichi_cloth.output.png import encode_png
 from taichi_cloth.recording import record
 from taichi_cloth.recording.playback import heat_of
 
+PATTERNS = pathlib.Path(__file__).parents[1] / "scenes" / "patterns"
 SIZE = (480, 320)
+FIGURE = (230, 380)
 
 
-def drawn(sim: tc.Simulation, heat: str | None = None, limits: tuple[float, float] | None = None) -> np.ndarray:
+def drawn(sim: tc.Simulation, heat: str | None = None, limits: tuple[float, float] | None = None,
+          size: tuple[int, int] = SIZE) -> np.ndarray:
     """What the scene's camera sees now."""
     geometry = record.geometry(sim)
     shown = None if heat is None else heat_of(heat, geometry, limits)
-    return Artist(geometry, SIZE, Look(quality="high", heat=shown)).draw(record.frame(sim))
+    return Artist(geometry, size, Look(quality="high", heat=shown)).draw(record.frame(sim))
 
 
 def of_scene(name: str, heat: str | None = None, limits: tuple[float, float] | None = None) -> np.ndarray:
@@ -57,8 +61,24 @@ def bend_friction() -> np.ndarray:
         return drawn(sim)
 
 
+def dressed() -> np.ndarray:
+    """The patterns that come with `dress_up`, worn, from in front and from behind."""
+    scene, columns = scenefile.read("dress_up"), []
+    for name in ("skirt", "dress", "shirt", "trousers"):
+        description = scene.make({"pattern": str(PATTERNS / f"{name}.json"), "spacing": 0.02})
+        with tc.Simulation(description, h=scene.run["h"], cg_tol=scene.run["cg_tol"]) as sim:
+            sim.run(scene.run["duration"], scene.run["fps"])
+            sides = []
+            for eye in ((1.0, 1.25, 2.9), (-1.0, 1.25, -2.9)):
+                description.view = replace(description.view, camera=tc.Camera(eye, (0, 0.9, 0), 36))
+                sides.append(drawn(sim, size=FIGURE))
+            columns.append(np.concatenate(sides))
+    return np.concatenate(columns, axis=1)
+
+
 FIGURES: dict[str, Callable[[], np.ndarray]] = {
-    "strain_limits": strain_limits, "bend_friction": bend_friction, "shirt_fold": lambda: of_scene("shirt_fold")}
+    "strain_limits": strain_limits, "bend_friction": bend_friction, "shirt_fold": lambda: of_scene("shirt_fold"),
+    "dressed": dressed}
 
 
 def main() -> None:
