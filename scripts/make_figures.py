@@ -20,7 +20,7 @@ from taichi_cloth.recording.playback import heat_of
 
 PATTERNS = pathlib.Path(__file__).parents[1] / "scenes" / "patterns"
 SIZE = (480, 320)
-FIGURE = (230, 380)
+FIGURE = (225, 330)
 
 
 def drawn(sim: tc.Simulation, heat: str | None = None, limits: tuple[float, float] | None = None,
@@ -69,8 +69,9 @@ def dressed() -> np.ndarray:
         with tc.Simulation(description, h=scene.run["h"], cg_tol=scene.run["cg_tol"]) as sim:
             sim.run(scene.run["duration"], scene.run["fps"])
             sides = []
-            for eye in ((1.0, 1.25, 2.9), (-1.0, 1.25, -2.9)):
-                description.view = replace(description.view, camera=tc.Camera(eye, (0, 0.9, 0), 36))
+            for way in (1, -1):
+                camera = tc.Camera((0.7 * way, 1.25, 2.9 * way), (0, 0.9, 0), 37)
+                description.view = replace(description.view, camera=camera, light=(0.45 * way, 0.8, 0.5 * way))
                 sides.append(drawn(sim, size=FIGURE))
             columns.append(np.concatenate(sides))
     return np.concatenate(columns, axis=1)
