@@ -268,19 +268,19 @@ def test_levels_have_the_trace_of_hinges_in_flat_cloth(rng):
         scene.add_cloth(tc.TriMesh(flat, sheet.faces, uv), fabric, positions=x)
         sim = tc.Simulation(scene, h=h, preconditioner="multilevel")
         method, n = sim._linearized(h), sim.model.n
-        levels_ = method.preconditioner
-        built.append(read(next(f for f in levels_.forces if f.slow).bent)[:levels_.nodes])
+        levels_, hats = method.preconditioner, method.preconditioner.hats
+        built.append(read(next(f for f in levels_.forces if f.slow).bent)[:hats.start[-1]])
         if x is flat:
             probe = sim._later(Probe, method.operator)
             A = np.array([probe.product(e.reshape(n, 3)).ravel() for e in np.eye(3 * n)])
             next(f for f in levels_.forces if f.slow).g.fill(0)
             bend = A - np.array([probe.product(e.reshape(n, 3)).ravel() for e in np.eye(3 * n)])
-            nodes, weights, width = read(levels_.node), read(levels_.weight), levels_.width
-            for level in range(len(levels_.start) - 1):
+            nodes, weights, width = read(hats.node), read(hats.weight), hats.width
+            for level in range(len(hats.start) - 1):
                 here = slice(level * n, (level + 1) * n)
-                Q = np.zeros((n, levels_.nodes))
+                Q = np.zeros((n, hats.start[-1]))
                 np.add.at(Q, (np.repeat(np.arange(n), width), nodes[here].ravel()), weights[here].ravel())
-                for k in range(levels_.start[level], levels_.start[level + 1]):
+                for k in range(hats.start[level], hats.start[level + 1]):
                     free = np.kron(Q[:, k:k + 1], np.eye(3))
                     wanted = np.trace(free.T @ bend @ free)
                     assert wanted > 0 and abs(built[0][k] @ [h * h, h] - wanted) < 1e-9 * wanted
