@@ -178,7 +178,28 @@ def clearance(solid, t: float, x: np.ndarray, faces: np.ndarray, reach: float, s
     if sampled:
         at = SAMPLES @ x[faces]
         return signed_distance(solid, t, at.reshape(-1, 3)).reshape(len(faces), -1).min(axis=1)
-    return _lowest(lambda q: signed_distance(solid, t, q), x[faces], reach)
+    exact = _from_core(solid, t, x[faces])
+    return _lowest(lambda q: signed_distance(solid, t, q), x[faces], reach) if exact is None else exact
+
+
+def _from_core(solid, t: float, corners: np.ndarray) -> np.ndarray | None:
+    """(m,) exact clearance of triangles (m, 3, 3) from what is round a point or a segment, or a plane; None from others."""
+    shape, (R, p) = solid.shape, pose(solid, t)
+    local = (corners - p) @ R
+    if hasattr(shape, "normal"):
+        return _local_distance(shape, local.reshape(-1, 3)).reshape(-1, 3).min(axis=1)
+    if hasattr(shape, "length") or hasattr(shape, "size"):
+        return None
+    ends = [shape.a, shape.b] if hasattr(shape, "a") else [np.zeros(3)] * 2
+    a, b = (np.tile(np.asarray(end, dtype=float), (len(local), 1)) for end in ends)
+    u, v, w = local.swapaxes(0, 1)
+    out = np.minimum(point_triangle(a, u, v, w), point_triangle(b, u, v, w))
+    for first, second in ((u, v), (v, w), (w, u)):
+        out = np.minimum(out, segment_segment(a, b, first, second))
+    through = orientation(a, b, u, v) + orientation(a, b, v, w) + orientation(a, b, w, u)
+    sides = orientation(u, v, w, a) * orientation(u, v, w, b)
+    out[(np.abs(through) == 3) & (sides < 0)] = 0.0
+    return out - shape.radius
 
 
 def _lowest(measure, corners: np.ndarray, reach: float) -> np.ndarray:

@@ -37,7 +37,7 @@ def soup(rng, count: int, spread: float = 10.0) -> tc.Scene:
 
 def detector(scene: tc.Scene, precision: str = "f64") -> LayerDetector:
     run = runtime.start("cpu", precision)
-    fields = Fields(run.exchange)
+    fields = Fields(run.exchange, pooled=True)
     model = ParticleState(fields, scene, run)
     made = LayerDetector(fields, model, scene, True, FLOOR)
     fields.allocate()

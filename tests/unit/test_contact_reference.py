@@ -36,7 +36,7 @@ def soup(rng, count: int = 26, reach: float = 0.7) -> tc.Scene:
 
 def detector(scene: tc.Scene, precision: str = "f64") -> LayerDetector:
     run = runtime.start("cpu", precision, 1)
-    fields = Fields(run.exchange)
+    fields = Fields(run.exchange, pooled=True)
     model = ParticleState(fields, scene, run)
     made = LayerDetector(fields, model, scene, True, 0.2)
     fields.allocate()

@@ -54,6 +54,17 @@ def test_faces_come_nearer_than_their_corners(rng):
     assert (near - mine)[apart].max() < 0.2 and np.median((near - mine)[apart]) < 0.03
 
 
+@pytest.mark.parametrize("shape", [tc.Sphere(0.3), tc.Capsule((-0.3, 0, 0.1), (0.4, 0.2, 0), 0.2), tc.Plane((1, 2, 0.5))])
+def test_closed_forms_are_what_bounds_close_in_on(rng, shape):
+    x, faces = rng.normal(size=(180, 3)), np.arange(180).reshape(60, 3)
+    one = solid(shape, (0.1, -0.2, 0.1), (0.3, 0.5, -0.2))
+    wanted = geometry._lowest(lambda q: geometry.signed_distance(one, 0.0, q), x[faces], 1.0)
+    mine = geometry.clearance(one, 0.0, x, faces, 1.0)
+    near = wanted < 1
+    assert near.sum() > 30 and (wanted < 0).sum() > 3 and (mine <= wanted + 1e-12).all()
+    assert (wanted - mine)[near].max() <= geometry.FINE
+
+
 def test_crossings_are_those_of_rational_arithmetic(rng):
     """On a coarse lattice, where most doubtful cases are exact contact; and none is lost by scale or place."""
     from fractions import Fraction
