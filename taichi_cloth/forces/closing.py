@@ -129,8 +129,4 @@ class Closing(Force):
     @ti.func
     def add_level_block(self, n, c, D, levels: ti.template()):
         """D, with either side of a stitch as if the other were held: they are of different hats."""
-        for k in range(levels.particles.first[n], levels.particles.first[n + 1]):
-            i = levels.particles.source[k]
-            w = levels.hat(n, i)
-            D += w * w * levels.free(i) * self.own[i]
-        return D
+        return levels.add_diagonal(n, D, self.own)

@@ -29,11 +29,11 @@ from ..system.state import Elements, ParticleState
 from .conditions import sym_outer, sym_scaled_identity, unit
 from .curvature_fit import curvatures
 from .curvature_law import CurvatureLaw, curvature_law, moduli_of, own_part
-from .force import Force
+from .force import ElementForce
 
 
 @ti.data_oriented
-class CurvatureBend(Force):
+class CurvatureBend(ElementForce):
     """Bending by curvatures with damping.
 
     Stored for an element: weights of a dozen vertices, the three factors of its block in A, and the directions of its
@@ -260,18 +260,6 @@ class CurvatureBend(Force):
                 for c in ti.static(range(3)):
                     r[m, c] = out[c] + more[m, c]
             self.scatter(e, r, q, lo, hi)
-
-    def build_levels(self, levels) -> None:
-        """Which patches each node's hat meets."""
-        self.meets = levels.meeting(self.elements)
-
-    @ti.func
-    def add_level_block(self, n, c, D, levels: ti.template()):
-        """D + s^T (-c^2 K) s of the patches that node n's hat meets; without damping."""
-        out = D
-        for k in range(self.meets.first[n], self.meets.first[n + 1]):
-            out += self.level_block(self.meets.source[k], n, levels)
-        return out
 
     @ti.func
     def level_block(self, e, n, levels: ti.template()):

@@ -2,8 +2,10 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+import taichi as ti
 
 from ..scene.attachment import Script
 
@@ -130,3 +132,30 @@ class Force(ABC):
 
     def release(self, whole: np.ndarray, pulled: np.ndarray) -> None:  # noqa: B027 (most forces know no stitches)
         """Only the stitches (k,) of the scene's seams that are whole hold anything from now on; others are pulled together."""
+
+
+class ElementForce(Force):
+    """A force whose part of the preconditioner's levels is summed up element by element.
+
+    Attributes:
+        elements: `system.state.Elements`.
+        meets: which of them each node's hat meets.
+    """
+
+    elements: Any
+
+    def build_levels(self, levels) -> None:
+        """See `Force`."""
+        self.meets = levels.meeting(self.elements)
+
+    @ti.func
+    def add_level_block(self, n, c, D, levels: ti.template()):
+        """D + s^T (-c D - c^2 K) s of the elements that node n's hat meets."""
+        out = D
+        for k in range(self.meets.first[n], self.meets.first[n + 1]):
+            out += self.level_block(self.meets.source[k], n, levels)
+        return out
+
+    @abstractmethod
+    def level_block(self, e, n, levels):
+        """Element e's part of it, 6 numbers."""

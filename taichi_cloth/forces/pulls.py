@@ -188,8 +188,4 @@ class Pulls(Force):
     @ti.func
     def add_level_block(self, n, c, D, levels: ti.template()):
         """D += sum_i w_i^2 A_i over what is not held"""
-        for k in range(levels.particles.first[n], levels.particles.first[n + 1]):
-            i = levels.particles.source[k]
-            w = levels.hat(n, i)
-            D += w * w * levels.free(i) * self.A[i]
-        return D
+        return levels.add_diagonal(n, D, self.A)

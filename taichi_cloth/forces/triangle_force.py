@@ -9,11 +9,11 @@ import taichi as ti
 
 from ..system.state import Elements, ParticleState
 from .conditions import sym, sym_unpack
-from .force import Force
+from .force import ElementForce
 
 
 @ti.data_oriented
-class TriangleForce(Force):
+class TriangleForce(ElementForce):
     """A force with the condition that its energy is one of (w_u, w_v) alone.
 
     Attributes:
@@ -79,18 +79,6 @@ class TriangleForce(Force):
             self.model.blocks.add(q, vertices[0], -(q_1 + q_2), lo, hi)
             self.model.blocks.add(q, vertices[1], q_1, lo, hi)
             self.model.blocks.add(q, vertices[2], q_2, lo, hi)
-
-    def build_levels(self, levels) -> None:
-        """Which triangles each node's hat meets."""
-        self.meets = levels.meeting(self.elements)
-
-    @ti.func
-    def add_level_block(self, n, c, D, levels: ti.template()):
-        """D + s^T (-c D - c^2 K) s of the triangles that node n's hat meets."""
-        out = D
-        for k in range(self.meets.first[n], self.meets.first[n + 1]):
-            out += self.level_block(self.meets.source[k], n, levels)
-        return out
 
     @ti.func
     def level_block(self, e, n, levels: ti.template()):

@@ -82,7 +82,6 @@ class Multilevel(Checkpointed):
         self.exact = model.sewn is not None
         made = levels(*_material(scene, model), float(np.median(edges)), _links(scene, model), MOST if self.exact else 0)
         self.hats = Hierarchy(fields, made, model.n)
-        self.particles = self.hats.particles  # as forces read them
         self.blocks = model.blocks.count
         self.inverse_l = fields.real(self.hats.start[-1], 6)
         self.age = Age()
@@ -161,8 +160,8 @@ class Multilevel(Checkpointed):
     def _build_levels(self, c: float):
         for n in range(self.hats.size[2]):
             D = ti.Vector.zero(float, 6)
-            for k in range(self.particles.first[n], self.particles.first[n + 1]):
-                i = self.particles.source[k]
+            for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
+                i = self.hats.particles.source[k]
                 w = self.hat(n, i)
                 w *= w * self.free(i)
                 own = sym_scaled_identity(self.operator.model.m[i])
@@ -194,6 +193,15 @@ class Multilevel(Checkpointed):
             if S[0] + S[3] + S[5] < 0.5:
                 out = 0.0
         return out
+
+    @ti.func
+    def add_diagonal(self, n, D, blocks: ti.template()):
+        """D + sum_i w_i^2 blocks_i over what is not held of the particles i that node n's hat w meets."""
+        for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
+            i = self.hats.particles.source[k]
+            w = self.hat(n, i)
+            D += w * w * self.free(i) * blocks[i]
+        return D
 
     @ti.func
     def partly(self, i):
