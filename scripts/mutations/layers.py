@@ -156,7 +156,7 @@ MUTATIONS = (
     (CONTACT + "cloth/contact_pairs.py",
      "self.taken[SLOPE] * (self.taken[AT] - gap)", "self.taken[SLOPE] * (gap - self.taken[AT])",
      "forces grow outwards", SOLVES),
-    (CONTACT + "cloth/layers.py", "self._lead(q)[pair_kernels.GAP]), 0.0)", "self._lead(q)[pair_kernels.GAP]), -1e9)",
+    (CONTACT + "cloth/layers.py", "self._measure(q)[pair_kernels.GAP]), 0.0)", "self._measure(q)[pair_kernels.GAP]), -1e9)",
      "pairs that pull bear",
      SOLVES),
     (CONTACT + "cloth/layers.py",

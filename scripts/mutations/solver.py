@@ -59,7 +59,7 @@ MUTATIONS = (
      DIAGONAL),
     (MULTI, "self.excess <= WORTH", "True", "levels last for ever", AGE),
     (MULTI, "if not np.array_equal(wanted, self.made_for):", "if False:", "levels last though other directions are held", AGE),
-    (MULTI, "if lasting and not self.touches", "if lasting", "levels last in contact",
+    (MULTI, "if lasting and not self.has_contact", "if lasting", "levels last in contact",
      f"{LEVELS}::test_levels_do_not_last_in_contact"),
     (LATTICE, "owner, where, links = keys[:, 0], keys[:, 1:] / 2, _sharing(node, weight)",
      "owner, where, links = keys[:, 0], keys[:, 1:] / 1, _sharing(node, weight)", "levels do not get coarser", HATS),

@@ -9,7 +9,7 @@ from ..options import usual
 from ..system.held import Held
 
 SMALLER = 64  # times smaller than the usual, a step is taken though cloth ends inside or across, where there is no room
-SMALLEST = 2048  # times smaller than the usual, layers that leave no way free are pinched however fast they come
+SMALLEST = 2048  # times smaller than the usual, layers that allow no collision-free step are pinched, however fast
 
 
 @dataclass(frozen=True)

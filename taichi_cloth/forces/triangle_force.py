@@ -86,7 +86,7 @@ class TriangleForce(ElementForce):
         v = self.elements.vertices[e]
         w = ti.Vector([levels.hat(n, v[0]), levels.hat(n, v[1]), levels.hat(n, v[2])])
         out = self.free_level_block(e, w, levels)
-        if ti.static(levels.touches):
+        if ti.static(levels.has_contact):
             if levels.partly(v[0]) or levels.partly(v[1]) or levels.partly(v[2]):
                 A = self.A[e]
                 S_0 = levels.shape(v[0], w[0])

@@ -86,9 +86,9 @@ class Multilevel(Checkpointed):
         self.inverse_l = fields.real(self.hats.start[-1], 6)
         self.age = Age()
         self.forces = operator.forces
-        self.touch = next((f for f in self.forces if f.of_contact), None)
-        self.touches = self.touch is not None
-        if self.touches:
+        self.contact = next((f for f in self.forces if f.of_contact), None)
+        self.has_contact = self.contact is not None
+        if self.has_contact:
             self.T = fields.real(model.n, 6)
         for force in self.forces:
             force.build_levels(LevelFields(fields, made))
@@ -104,7 +104,7 @@ class Multilevel(Checkpointed):
             self.coarsest.make(span)
         rows = np.zeros((0, 10)) if held is None else np.column_stack([held.index, held.projector.reshape(-1, 9)])
         made_for = np.append(rows.ravel().astype(np.float64), np.float32(span))  # without its last digits
-        if lasting and not self.touches and self.age.allows(made_for):
+        if lasting and not self.has_contact and self.age.allows(made_for):
             return
         self.finish(span)
         self.age.begin(made_for)
@@ -143,18 +143,18 @@ class Multilevel(Checkpointed):
 
     def finish(self, span: float) -> None:
         """Inverts the nodes' diagonal blocks, of what is free; `make` has been called."""
-        if self.touches:
-            self._touch_diagonal()
+        if self.has_contact:
+            self._contact_diagonal()
         self._build_levels(span)
 
     @ti.kernel
-    def _touch_diagonal(self):
+    def _contact_diagonal(self):
         """T = diagonal blocks of the points of contact."""
         for i in range(self.operator.model.rows()):
             self.T[i] = ti.Vector.zero(float, 6)
         for t in range(self.operator.blocks.count * self.operator.blocks.grain):
             if t % self.operator.blocks.grain == 0:
-                self.touch.add_diagonal(t // self.operator.blocks.grain, self.T)
+                self.contact.add_diagonal(t // self.operator.blocks.grain, self.T)
 
     @ti.kernel
     def _build_levels(self, c: float):
@@ -165,7 +165,7 @@ class Multilevel(Checkpointed):
                 w = self.hat(n, i)
                 w *= w * self.free(i)
                 own = sym_scaled_identity(self.operator.model.m[i])
-                if ti.static(self.touches):
+                if ti.static(self.has_contact):
                     own += self.T[i]
                     if self.partly(i):
                         S = sym_unpack(self.jacobi.S[i])

@@ -331,7 +331,7 @@ def test_solves_are_told_what_the_reference_says(rng):
                 friction = layers.linearized.friction(layers.linearized.slip(model_at - x_0) / (H / 2))[row]
             np.add.at(forces, v, (J.T @ (normal * pair.n + friction)).reshape(4, 3))
         tame = np.flatnonzero(~wild)
-        mine = layers._lead(layers.linearized)
+        mine = layers._measure(layers.linearized)
         for row in range(5):
             one = {GAP: GAP, RUBBED: RUBBED, BACK: BACK, RUB: RUB, STOPPED: STOPPED}[row]
             assert np.allclose(mine[one, tame], led[one, tame], rtol=1e-6, atol=1e-12 + 1e-9 * np.abs(led[one, tame]).max())

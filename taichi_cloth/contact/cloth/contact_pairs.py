@@ -72,7 +72,7 @@ class LinearizedPairs:
     Attributes:
         near: the pairs.
         points: what the solve is given of them.
-        weighed, taken: (., k) numbers of theirs, see `pressing`.
+        weighed, taken: (., k) numbers of theirs, see `pair_kernels`.
     """
 
     near: ContactPairs
@@ -101,12 +101,12 @@ class Comparison:
 
     Attributes:
         took: the former; near: the latter.
-        led: (., j) numbers of the former there, see `pressing`.
+        measured: (., j) numbers of the former there, see `pair_kernels`.
     """
 
     took: LinearizedPairs
     near: ContactPairs
-    led: np.ndarray
+    measured: np.ndarray
 
     @cached_property
     def rows(self) -> np.ndarray:
@@ -116,4 +116,4 @@ class Comparison:
     @cached_property
     def repelled(self) -> np.ndarray:
         """(j,) normal forces [N] that the solve took them to have there."""
-        return self.took.repelled(self.led[GAP])
+        return self.took.repelled(self.measured[GAP])

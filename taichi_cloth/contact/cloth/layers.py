@@ -1,13 +1,13 @@
 """Cloth against cloth: repulsion within a thickness and Coulomb friction between layers, inside the solve.
 
-Pairs of vertex and face, edge and edge repel each other (`repulsion`). Each is a point of contact: linearised along its
-normal, semidefinite, in the matrix-free product and the preconditioner. The first solve of a step linearises them where
-the last motion would lead; further solves, where the cloth then is. No solve is taken further than the way is free, so
-that what was apart stays apart.
+Pairs of vertex and face, edge and edge repel each other (`barrier`). Each is a point of contact: linearised along its
+normal, semidefinite, in the matrix-free product and the preconditioner (`pair_kernels`, which has friction too). The first
+solve of a step linearises them where the last motion would lead; further solves, where the cloth then is. Each update stops
+at the first collision (`narrow_phase.collision_free_step`): what was apart stays apart.
 
 What comes nearer than at the start of the step, and than it should, is stopped by a stiffness of the step's own h,
 which gives no speed back. Friction is a damping by the slip that was last seen, or, where that would be more than
-Coulomb's cone, its full size against the slip; the normal force is what the pair bore in the last solve.
+Coulomb's cone, its full size against the slip; the normal force is the pair's in the last solve.
 
 Differs from [BW98 §6]: the paper's damped springs act on what is near at the start of a step, and trust in coherence:
 `springs`.
@@ -77,9 +77,9 @@ class Layers(Checkpointed):
             from .lips import Lips
 
             self.lips = Lips(model, d.mesh)
-        self.kept = NOTHING  # what pairs bore in the last accepted step
+        self.kept = NOTHING  # normal forces of pairs in the last accepted step
         self.linearized: LinearizedPairs | None = None
-        self.last_forces: np.ndarray = np.zeros(0)  # what they bore in the last solve [N]
+        self.last_forces: np.ndarray = np.zeros(0)  # normal forces in the last solve [N]
         self.near = ContactPairs.none()  # where cloth was last looked at
         self.compared: Comparison | None = None  # those, and the ones that the last solve took
         self.there = nowhere  # where the first solve of an attempt takes the pairs
@@ -120,24 +120,24 @@ class Layers(Checkpointed):
         before = q.taken if q is not None else np.zeros((pair_kernels.TAKEN, 1))
         if k:
             there = self.there if self.compared is None else base
-            self.kernels.take(p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, weighed, turns, self.start.h,
+            self.kernels.linearize(p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, weighed, turns, self.start.h,
                               int(not self.round), base, there, self._last_forces(p), row, before, taken, block, rhs)
         points = Points(p.vertices, p.weights, block, rhs, p.normal, turns)
         self.linearized = LinearizedPairs(p, points, weighed, taken)
         if self.compared is not None:
-            self.compared = Comparison(self.linearized, p, self._lead(self.linearized))
+            self.compared = Comparison(self.linearized, p, self._measure(self.linearized))
         self.round += 1
         if not self.intersections.active:
             return points
         return Points.join([points, self.intersections.points(self.start, base, self.model.mass)])
 
     def _last_forces(self, p: ContactPairs) -> np.ndarray:
-        """(k,) [N] what pairs bore in the last solve, or, where that is not known, -1."""
+        """(k,) normal forces [N] of pairs in the last solve, or, where that is not known, -1."""
         if self.compared is None:
-            where, bore = rows_of(self.kept["key"], p.key), self.kept["force"]
+            where, force = rows_of(self.kept["key"], p.key), self.kept["force"]
         else:
-            where, bore = self.compared.rows, self.last_forces
-        return np.where(where >= 0, bore[where], -1.0) if len(bore) else np.full(len(where), -1.0)
+            where, force = self.compared.rows, self.last_forces
+        return np.where(where >= 0, force[where], -1.0) if len(force) else np.full(len(where), -1.0)
 
     @timed
     def advance(self) -> float:
@@ -158,17 +158,17 @@ class Layers(Checkpointed):
     def look(self) -> None:
         """Pairs as they are where the model now is."""
         self.near = p = self.detector.look()
-        self.compared = None if self.linearized is None else Comparison(self.linearized, p, self._lead(self.linearized))
+        self.compared = None if self.linearized is None else Comparison(self.linearized, p, self._measure(self.linearized))
         self.energy = self._energy(p)
         self.count = len(p.end)
         self.least = float(np.min(p.end / p.radius, initial=1.0))
 
     @timed
     def record_forces(self) -> None:
-        """Remembers what pairs bore in the last solve, which the model now shows the end of."""
+        """Remembers the normal forces of the last solve; the model is at its end."""
         q = self.linearized
         assert q is not None
-        self.last_forces = np.maximum(q.repelled(self._lead(q)[pair_kernels.GAP]), 0.0)
+        self.last_forces = np.maximum(q.repelled(self._measure(q)[pair_kernels.GAP]), 0.0)
 
     @timed
     def settled(self) -> bool:
@@ -189,8 +189,8 @@ class Layers(Checkpointed):
         rubs_as = float(np.sum(bears))
         lag = abs(float(np.sum(weighed[pair_kernels.COULOMB])) - rubs_as)
         late = lag > LAGGED * rubs_as and self.round <= PATIENCE
-        beyond = np.maximum(compared.led[pair_kernels.RUBBED] - pair_kernels.CONE * bears, 0)
-        over = float(np.sum(beyond + compared.led[pair_kernels.BACK] * bears))
+        beyond = np.maximum(compared.measured[pair_kernels.RUBBED] - pair_kernels.CONE * bears, 0)
+        over = float(np.sum(beyond + compared.measured[pair_kernels.BACK] * bears))
         rubs = over > RUBBED * rubs_as and self.round == 1  # what it still is then, it is in the next step
         left, was = room(np.array([self.least, self.was]), np.ones(2)).tolist()
         return not self.off and not rubs and not late and left > min(CLOSE / 3, was / 2, 2 * was)
@@ -206,7 +206,7 @@ class Layers(Checkpointed):
         if q is None or compared is None or not len(q.near.end):
             return 0.0
         change = np.where(compared.rows >= 0, q.near.factor[compared.rows] / p.factor - 1, 0.0)
-        lost = compared.led[pair_kernels.RUB] + compared.led[pair_kernels.STOPPED]
+        lost = compared.measured[pair_kernels.RUB] + compared.measured[pair_kernels.STOPPED]
         return float(np.sum(lost) + np.sum(change * self._evaluate(p)[0][pair_kernels.POTENTIAL]))
 
     @timed
@@ -238,7 +238,7 @@ class Layers(Checkpointed):
             self.detector.fresh = False
 
     def release(self, every: bool) -> bool:
-        """What leaves no way free is pinched, and rests for a while; whether anything was let go.
+        """Deactivates for a while the pairs that allow no collision-free step: they are pinched. Whether there were any.
 
         Only what hardly moves within the step: what comes fast is not pinched, a smaller step stops it. With `every`, all.
         """
@@ -315,7 +315,7 @@ class Layers(Checkpointed):
         self.detector.let_rest(self.intersections.resting)
 
     def _evaluate(self, p: ContactPairs) -> tuple[np.ndarray, np.ndarray]:
-        """((., k) numbers, (k, 4, 3) turns) of pairs as they are, see `pressing`."""
+        """((., k) numbers, (k, 4, 3) turns) of pairs as they are, see `pair_kernels`."""
         if self._weighed is None or self._weighed[0] is not p:
             out, turns = np.empty((pair_kernels.WEIGHED, len(p.end))), np.empty((len(p.end), 4, 3))
             if len(p.end):
@@ -324,10 +324,10 @@ class Layers(Checkpointed):
             self._weighed = p, out, turns
         return self._weighed[1:]
 
-    def _lead(self, q: LinearizedPairs) -> np.ndarray:
+    def _measure(self, q: LinearizedPairs) -> np.ndarray:
         """(., j) numbers of pairs that a solve took, where the model now is."""
         p, out = q.near, np.empty((pair_kernels.LED, len(q.near.end)))
         if len(p.end):
-            self.kernels.lead(p.vertices, p.weights, p.normal, p.radius, p.factor, q.weighed, q.points.turns, q.taken,
+            self.kernels.measure(p.vertices, p.weights, p.normal, p.radius, p.factor, q.weighed, q.points.turns, q.taken,
                               self.start.h, out)
         return out

@@ -1,7 +1,7 @@
 """Cloth near cloth: how near vertices and faces, edges and edges come to each other on a path, and how far everything may go
 along it.
 
-What may be near is known from `candidates`; distances and the collision-free step are taken pair by pair.
+What may be near is known from `broad_phase`; distances and the collision-free step are taken pair by pair.
 """
 
 import numpy as np

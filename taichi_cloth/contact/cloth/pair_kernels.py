@@ -46,8 +46,8 @@ class PairKernels:
 
     @ti.kernel
     def evaluate(self, pair: ti.types.ndarray(), vertices: ti.types.ndarray(), weights: ti.types.ndarray(),
-              normals: ti.types.ndarray(), end: ti.types.ndarray(), radius: ti.types.ndarray(), factor: ti.types.ndarray(),
-              boost: ti.types.ndarray(), h: float, out: ti.types.ndarray(), turns: ti.types.ndarray()):
+                 normals: ti.types.ndarray(), end: ti.types.ndarray(), radius: ti.types.ndarray(), factor: ti.types.ndarray(),
+                 boost: ti.types.ndarray(), h: float, out: ti.types.ndarray(), turns: ti.types.ndarray()):
         """Pairs as they are, and their turns (k, 4, 3); `boost` (n,) factors of the particles' stiffness."""
         for k in range(vertices.shape[0]):
             light, more = 0 * weights[k, 0], boost[vertices[k, 0]]
@@ -66,17 +66,17 @@ class PairKernels:
             out[POTENTIAL, k] = stiff * potential(end[k], radius[k])
 
     @ti.kernel
-    def take(self, vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normals: ti.types.ndarray(),
-             end: ti.types.ndarray(), radius: ti.types.ndarray(), factor: ti.types.ndarray(), weighed: ti.types.ndarray(),
-             turns: ti.types.ndarray(), h: float, first: int, base: ti.types.ndarray(), there: ti.types.ndarray(),
-             bore: ti.types.ndarray(), row: ti.types.ndarray(), before: ti.types.ndarray(), out: ti.types.ndarray(),
-             block: ti.types.ndarray(), rhs: ti.types.ndarray()):
+    def linearize(self, vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normals: ti.types.ndarray(),
+                  end: ti.types.ndarray(), radius: ti.types.ndarray(), factor: ti.types.ndarray(), weighed: ti.types.ndarray(),
+                  turns: ti.types.ndarray(), h: float, first: int, base: ti.types.ndarray(), there: ti.types.ndarray(),
+                  last_force: ti.types.ndarray(), row: ti.types.ndarray(), before: ti.types.ndarray(), out: ti.types.ndarray(),
+                  block: ti.types.ndarray(), rhs: ti.types.ndarray()):
         """Pairs as a solve takes them that begins at base (n, 3), and their blocks (k, 6) and right-hand sides (k, 3).
 
         Args:
             first: 1 in a step's first solve.
             there: (n, 3) where slip is looked at.
-            bore: (k,) what they bore in the last solve [N], negative where that is not known.
+            last_force: (k,) normal forces [N] of the last solve, negative where that is not known.
             row: (k,) what they were in the last solve, columns of `before`, or -1.
         """
         for k in range(vertices.shape[0]):
@@ -93,7 +93,7 @@ class PairKernels:
                 moved += w * now + n.dot(now) * turn
                 slip += (w * then + n.dot(then) * turn) / h
             slip -= n.dot(slip) * n
-            speed, expected = slip.norm(), bore[k]
+            speed, expected = slip.norm(), last_force[k]
             if expected < 0:  # what stops those that are new, and no more
                 repelled, _ = law(at, radius[k])
                 expected = ti.min(stiff * repelled, own / h**2 * ti.max(radius[k] - began - h * n.dot(v), 0.0))
@@ -112,9 +112,9 @@ class PairKernels:
                 block[k, b] = both[b]
 
     @ti.kernel
-    def lead(self, vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normals: ti.types.ndarray(),
-             radius: ti.types.ndarray(), factor: ti.types.ndarray(), weighed: ti.types.ndarray(), turns: ti.types.ndarray(),
-             taken: ti.types.ndarray(), h: float, out: ti.types.ndarray()):
+    def measure(self, vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normals: ti.types.ndarray(),
+                radius: ti.types.ndarray(), factor: ti.types.ndarray(), weighed: ti.types.ndarray(), turns: ti.types.ndarray(),
+                taken: ti.types.ndarray(), h: float, out: ti.types.ndarray()):
         """Pairs that a solve took, where the model now is."""
         for k in range(vertices.shape[0]):
             n, way = row_of(normals, k), ti.Vector([taken[WAY + c, k] for c in ti.static(range(3))])

@@ -225,7 +225,7 @@ class SolidContacts(Checkpointed):
         return Verdict(max(changes, 1) if matters else 0, float(np.max(depth, initial=0.0)), bad)
 
     def record_forces(self, reaction: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What contacts bore in the last solve, which was taken whole, to where cloth was last looked at; arguments as in
+        """Forces of contacts in the last solve, which was taken whole, to where cloth was last looked at; arguments as in
         `judge`.
 
         Returns:

@@ -30,7 +30,7 @@ def build(name: str, fields: Fields, model: ParticleState, forces: list, meter: 
 
     Args:
         meter: with an operator, unless the method is explicit.
-        contacts: `contact.response.Contacts` with the scene's solids, or None.
+        contacts: `contact.contacts.Contacts` with the scene's solids, or None.
 
     Raises:
         SceneError: the method does not know contact, tears or seams.

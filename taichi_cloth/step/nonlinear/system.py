@@ -27,7 +27,7 @@ class System:
     """A model's system, ready to be linearized and solved.
 
     Attributes:
-        contacts: `contact.response.Contacts`, or None.
+        contacts: `contact.contacts.Contacts`, or None.
         held: of the last solve.
         span: c [s] that it was linearized with.
         leads: whether the last solve led something: pins that move, solids, seams that close.
