@@ -57,10 +57,10 @@ class Contacts(Checkpointed):
     def begin(self, h: float, pins: Held | None, x: np.ndarray, v: np.ndarray, together: bool = False) -> None:
         """A new attempt from the saved state (n, 3); the model is at its predicted end. With `together`, layers of cloth are
         part of its problem from the first solve on."""
-        self.start = StepStart(h, self.start.h_usual, x, v, pins, together)
         self.warm = False
-        self.solids.begin(self.start)
+        self.start = self.solids.begin(StepStart(h, self.start.h_usual, x, v, pins, together))
         if self.layers is not None:
+            self.layers.waive(self.solids.pinches.where, self.solids.pinches.accepted.index)
             self.layers.begin(self.start, together)
 
     def hold(self) -> tuple[Held | None, float]:
@@ -122,7 +122,7 @@ class Contacts(Checkpointed):
         """Whether cloth that went from the saved state (n, 3) to where the model now is meets anything on its way."""
         self.begin(h, pins, x, v)
         layered = self.layers is not None and (self.layers.intersections.active or self.layers.meet())
-        return self.solids.touching or layered
+        return self.solids.touching or bool(self.solids.pinches.where.any()) or layered
 
     def pass_by(self) -> None:
         """A step without contact was accepted."""
@@ -135,7 +135,7 @@ class Contacts(Checkpointed):
     def touching(self) -> bool:
         """Whether the last step had contacts."""
         layered = self.layers is not None and (self.layers.count > 0 or self.layers.intersections.active)
-        return self.count > 0 or self.solids.near.any_pairs or layered
+        return self.count > 0 or self.solids.near.any_pairs or len(self.solids.pinches.accepted.index) > 0 or layered
 
     @property
     def count(self) -> int:

@@ -54,6 +54,7 @@ class Layers(Checkpointed):
         count: pairs in contact after the last solve; energy: of their repulsion [J].
         least: smallest distance of any pair over what it should keep; 1 where none is in contact.
         off: pairs whose force was not what the last solve took it to be.
+        waived: (n,) particles that solids pinch; freed: whether any is no longer pinched.
     """
 
     ROUNDS = 12
@@ -65,6 +66,7 @@ class Layers(Checkpointed):
         self.model, self.start = model, StepStart(h, h, nowhere, nowhere)
         self.detector = LayerDetector(fields, model, scene, cpu, self.floor)
         d = self.detector
+        self.waived, self.freed = np.zeros(model.n, dtype=bool), False
         self.intersections = Intersections(model.n, d.mesh.faces, d.mesh.half_thickness, d.mesh.may_meet, tangles)
         mu = np.concatenate([np.full(c.mesh.vertex_count, c.contact.friction if c.contact else 0.0)
                              for c in scene.cloths])
@@ -92,6 +94,16 @@ class Layers(Checkpointed):
     def seconds(self) -> float:
         """Wall time spent here."""
         return self.watch.seconds
+
+    def waive(self, pinched: np.ndarray, before: np.ndarray) -> None:
+        """Pairs of particles (n,) that solids pinch are left alone; those pinched before (k,), no longer, may have crossed."""
+        self.freed = not pinched[before].all()
+        if self.waived.any() or pinched.any():
+            self.waived = pinched.copy()
+            self._let_rest()
+
+    def _let_rest(self) -> None:
+        self.detector.let_rest(self.intersections.resting | self.waived)
 
     @timed
     def begin(self, start: StepStart, guess: bool) -> None:
@@ -215,9 +227,9 @@ class Layers(Checkpointed):
         p, q = self.near, self.linearized
         part = np.full(self.model.n, np.inf)
         np.minimum.at(part, p.vertices, np.broadcast_to(room(p.end, p.radius)[:, None], p.vertices.shape))
-        if self.intersections.active:
+        if self.intersections.active or self.freed:
             self.intersections.commit(self.start.h)
-            self.detector.let_rest(self.intersections.resting)
+            self._let_rest()
         self.was = self.least
         self.kept = NOTHING if q is None else {"key": q.near.key[q.near.order], "force": self.last_forces[q.near.order]}
         share = self.start.share
@@ -249,7 +261,7 @@ class Layers(Checkpointed):
         moves = self.start.h * np.linalg.norm(v - v.mean(axis=1, keepdims=True), axis=2).max(axis=1, initial=0.0)
         four = four[every | (moves < PINCHING * d.mesh.half_thickness[four[:, 0]])]
         self.intersections.release(four.ravel())
-        d.let_rest(self.intersections.resting)
+        self._let_rest()
         return len(four) > 0
 
     def nearest(self) -> Place | None:
@@ -289,7 +301,7 @@ class Layers(Checkpointed):
         self.intersections.until[:] = 0
         self.count_tangled()
         self.intersections.commit()
-        self.detector.let_rest(self.intersections.resting)
+        self._let_rest()
         self.detector.paths.begin()
         self.detector.cover()
         self.look()
@@ -312,7 +324,7 @@ class Layers(Checkpointed):
     def resumed(self) -> None:
         """See `Checkpointed`."""
         self._weighed = None
-        self.detector.let_rest(self.intersections.resting)
+        self._let_rest()
 
     def _evaluate(self, p: ContactPairs) -> tuple[np.ndarray, np.ndarray]:
         """((., k) numbers, (k, 4, 3) turns) of pairs as they are, see `pair_kernels`."""

@@ -56,9 +56,11 @@ class Pairs:
         """Those that are within reach (k,) [m] of each other where particles are moved by (n, 3) [m], as they are there."""
         shift = self.of(by)
         distance = self.distance + np.einsum("ki,ki->k", self.normal, shift)
-        near = distance < reach
-        there = replace(self, distance=distance, point=self.point + shift)
-        return Pairs(*(getattr(there, f.name)[near] for f in fields(there)))
+        return replace(self, distance=distance, point=self.point + shift).take(distance < reach)
+
+    def take(self, which: np.ndarray) -> "Pairs":
+        """Some of them."""
+        return Pairs(*(getattr(self, f.name)[which] for f in fields(self)))
 
 
 @dataclass(frozen=True)

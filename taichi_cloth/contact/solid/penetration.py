@@ -23,7 +23,8 @@ class Penetration(Checkpointed):
 
     Attributes:
         deep: (solids,) depth [m] that is not accepted.
-        spared: (n,) time [s] for which it does not matter how deep inside solids particles end.
+        spared: (n,) time [s] for which it does not matter how deep inside solids particles end; pinched: (n,) nor in this
+            attempt.
         crossed: (k, 3) particles of triangles that cross solids' at the end of the attempt; before: at its beginning.
     """
 
@@ -32,18 +33,23 @@ class Penetration(Checkpointed):
     def __init__(self, n: int, scan: Scanner) -> None:
         self.scan, self.thickness = scan, scan.thickness
         self.deep = np.where(scan.pokes, DEEPER, DEEP) * scan.thickness
-        self.spared = np.zeros(n)
+        self.spared, self.pinched = np.zeros(n), np.zeros(n, dtype=bool)
         self.crossed = self.before = np.zeros((0, 3), dtype=np.int64)
 
     def resumed(self) -> None:
         """See `Checkpointed`."""
         self.crossed = self.before
 
+    @property
+    def minded(self) -> np.ndarray:
+        """(n,) whether it matters how deep inside solids a particle ends."""
+        return (self.spared == 0) & ~self.pinched
+
     def inside(self, f: VertexContacts, held: np.ndarray) -> VertexContacts:
         """Of contacts, those that end inside a solid's thickness and are not among the keys that are held, or are held at
         another plane, and are not pinched."""
         moved_on = (f.gap < -self.deep[f.solid]) & (f.gap < f.start_gap - PENETRATION * self.thickness[f.solid])
-        return f.take((f.gap < 0) & (~np.isin(f.key, held) | moved_on) & (self.spared[f.index] == 0))
+        return f.take((f.gap < 0) & (~np.isin(f.key, held) | moved_on) & self.minded[f.index])
 
     def left(self, near: Nearby, inside: VertexContacts, linearized: Pairs | None) -> tuple[int, bool]:
         """(pairs that are left closer than they should be, whether they or what is inside ended too deep).
@@ -55,7 +61,7 @@ class Penetration(Checkpointed):
         if near.pairs is None:
             return 0, bad
         nearer, lost = left(near.pairs, linearized, self.thickness[near.pairs.solid])
-        minded = (self.spared[near.pairs.vertices] == 0).all(axis=1)
+        minded = self.minded[near.pairs.vertices].all(axis=1)
         return int(np.sum(nearer & minded)), bad or bool((lost & minded).any())
 
     def may_shrink(self, start: StepStart, near: Nearby, held: np.ndarray, linearized: Pairs | None) -> bool:
@@ -104,4 +110,4 @@ class Penetration(Checkpointed):
 
     def _minded(self, vertices: np.ndarray) -> np.ndarray:
         """Those rows (k, .) of particles none of which is pinched."""
-        return vertices[(self.spared[vertices] == 0).all(axis=1)]
+        return vertices[self.minded[vertices].all(axis=1)]

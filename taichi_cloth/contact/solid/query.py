@@ -36,6 +36,13 @@ class Nearby:
         """Whether there are pairs."""
         return self.pairs is not None and len(self.pairs.key) > 0
 
+    def without(self, pinched: np.ndarray, around: np.ndarray) -> "Nearby":
+        """But contacts of pinched particles (n,), and pairs of any that are around these (n,)."""
+        keep, pairs = ~pinched[self.vertices.index], self.pairs
+        if pairs is not None:
+            pairs = pairs.take(~around[pairs.vertices].any(axis=1))
+        return Nearby(self.there, self.vertices.take(keep), self.slip[keep], pairs)
+
 
 class Scanner:
     """Looks for contacts of a model's particles, edges and faces with a scene's solids.
@@ -44,7 +51,8 @@ class Scanner:
         time: [s] to which the solids were last moved.
         edge: mean edge length of the cloth at the start [m].
         faces: (m, 3) particles of the cloth's faces.
-        pokes: (solids,) whether a solid could come through a triangle of cloth; yields: (solids,) whether it deforms.
+        pokes: (solids,) whether a solid could come through a triangle of cloth; yields: whether it deforms; meshes: whether
+            it is a mesh, closed: with an inside.
     """
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene) -> None:
@@ -54,11 +62,13 @@ class Scanner:
         edges = np.concatenate([np.linalg.norm(np.diff(c.positions[c.mesh.faces], axis=1), axis=2).ravel()
                                 for c in scene.cloths])
         self.edge, longest = float(edges.mean()), float(edges.max())
-        meshes = [s.shape.kind == MESH for s in self.solids]
+        self.meshes = np.array([s.shape.kind == MESH for s in self.solids], dtype=bool)
+        meshes = self.meshes.tolist()
         poking = [k for k, s in enumerate(self.solids) if meshes[k] or _pokes(s, longest)]
         self.pokes = np.isin(np.arange(len(self.solids)), poking)
         self.rounded = any(self.solids[k].shape.core()[2] > 0 for k in poking)
         self.yields = np.array([s.deforms for s in self.solids], dtype=bool)
+        self.closed = np.array([isinstance(s.shape, SolidMesh) and s.shape.closed for s in self.solids], dtype=bool)
         self.faces = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths])
         self.vertices = None if all(meshes) else VertexDetector(fields, model, scene)
         self.tree = self.surfaces = self.pairs = self.crossings = None
@@ -74,6 +84,11 @@ class Scanner:
         self.poses = poses.reshape(-1, 24)  # at the two ends of a step
         self._slots = np.zeros(model.n, dtype=np.int32)
         self._rows: np.ndarray = np.zeros((model.n, SLOTS, WIDTH), dtype=self.exchange)
+
+    @property
+    def fastest(self) -> float:
+        """How far any vertex of a mesh goes in the step [m]."""
+        return self.tree.fastest if self.tree is not None else 0.0
 
     def inspect(self, h: float) -> list[str]:
         """What is wrong with the scene from the start, in words; remembers who is inside. h: a usual step [s]."""
@@ -142,8 +157,21 @@ class Scanner:
         mu = self.friction[solid]
         if self.tree is not None:
             mu = np.where(triangle >= 0, self.tree.friction[triangle], mu)
-        return VertexContacts(index, solid, rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5:8], mu,
-                              index * SOLIDS + solid)
+        key = index * SOLIDS + solid
+        found = VertexContacts(index, solid, rows[:, :3], rows[:, 3], rows[:, 4], rows[:, 5:8], mu, key)
+        return found if (np.diff(key) > 0).all() else found.take(np.argsort(key))
+
+    def above(self, x: np.ndarray, solid: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of points x (k, 3) at the start of the step [m] above solids (k,) that are no meshes: (heights (k,) [m], normals
+        (k, 3), motions (k, 3) of the solids there in the step [m])."""
+        out: np.ndarray = np.zeros((len(x), 4), dtype=self.exchange)
+        if len(x) and self.vertices is not None:
+            analytic = np.cumsum([s.shape.kind != MESH for s in self.solids]) - 1
+            self.vertices.heights(self.poses, kernel_array(x, self.exchange), kernel_array(analytic[solid], np.int32), out)
+        poses = self.poses.astype(np.float64)[solid]
+        (R_0, p_0), (R_1, p_1) = ((poses[:, k: k + 9].reshape(-1, 3, 3), poses[:, k + 9: k + 12]) for k in (0, 12))
+        there = np.einsum("kij,kj->ki", R_1, np.einsum("kji,kj->ki", R_0, x - p_0)) + p_1
+        return out[:, 0].astype(np.float64), out[:, 1:].astype(np.float64), there - x
 
     def find_crossings(self, grown: bool = False) -> np.ndarray:
         """(k, 3) particles of the cloth's in pairs of triangles of cloth and solids that cross; none where nothing pokes.

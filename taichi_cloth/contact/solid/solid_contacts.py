@@ -23,6 +23,7 @@ from ..step_start import StepStart
 from .active_set import ActiveSet, States, hold_together
 from .pairs import PAIR, Pairs, Step, press
 from .penetration import PENETRATION, Penetration
+from .pinch import Pinches
 from .query import Nearby, Scanner
 from .sliding import SLOW, Sliding, slide
 from .vertices import VertexContacts
@@ -77,7 +78,8 @@ class SolidContacts(Checkpointed):
     """The contacts of a model's cloth with a scene's solids.
 
     Attributes:
-        start: of the attempt; scan: looks for contacts; penetration: judges what is too deep.
+        start: of the attempt; scan: looks for contacts; penetration: judges what is too deep; pinches: what
+            solids leave no room.
         reach: how far [m] a particle may close in on a solid in one step.
         accepted: states with which the last accepted step ended; trial: those of the last solve of this attempt.
         released: keys of contacts that were released in this attempt.
@@ -86,12 +88,13 @@ class SolidContacts(Checkpointed):
         round: solves of this attempt; unsettled: contacts that would have changed in one more.
     """
 
-    STATE = ("accepted", "penetration")
+    STATE = ("accepted", "penetration", "pinches")
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, start: StepStart) -> None:
         self.model, self.gravity, self.start = model, scene.gravity, start
         self.scan = Scanner(fields, model, scene)
         self.penetration = Penetration(model.n, self.scan)
+        self.pinches = Pinches(model.n, model.particle, self.scan, scene)
         self.reach = REACH * self.scan.edge
         self.trial = self.accepted = States()
         self.released = np.zeros(0, dtype=np.int64)
@@ -106,19 +109,25 @@ class SolidContacts(Checkpointed):
         """(solids,) [m]"""
         return self.scan.thickness
 
-    def begin(self, start: StepStart) -> None:
-        """A new attempt; the model is at its predicted end."""
+    def begin(self, start: StepStart) -> StepStart:
+        """A new attempt; the model is at its predicted end. Returns its start, with what is pinched among the pins."""
         self.trial, self.released, self.round = self.accepted, np.zeros(0, dtype=np.int64), 0
-        self.start, self.penetration.crossed = start, self.penetration.before
-        self.look()
+        self.penetration.crossed = self.penetration.before
+        near = self.scan.look(start.h)
+        self.pinches.begin(start, near.vertices)
+        self.penetration.pinched = self.pinches.around
+        self.near = near.without(self.pinches.where, self.pinches.around)
+        self.start = replace(start, pins=self.pinches.with_pins(start.pins))
+        return self.start
 
     def look(self) -> None:
         """What cloth meets on its way to where it now is, and how fast it slips there."""
-        self.near = self.scan.look(self.start.h)
+        self.near = self.scan.look(self.start.h).without(self.pinches.where, self.pinches.around)
 
     def stop_short(self) -> None:
         """The model went a part of its way only: edges and corners of solids are met as they are from there."""
-        self.near = replace(self.near, there=self.model.read_particles()[0], pairs=self.scan.find_pairs())
+        near = replace(self.near, there=self.model.read_particles()[0], pairs=self.scan.find_pairs())
+        self.near = near.without(self.pinches.where, self.pinches.around)
 
     @property
     def touching(self) -> bool:
@@ -265,11 +274,16 @@ class SolidContacts(Checkpointed):
         solids, out, rows = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool), self.active.holding.rows
         solids[rows] = True
         out[rows[self.active.lift > 0]] = True
+        held = self.active.holding.held
+        if held is not None:
+            solids |= self.pinches.where[held.index]
         return solids, out
 
     def commit(self) -> None:
         """The step was accepted: the next begins from its contacts. What went wrong in a small one is pinched."""
         self.penetration.pass_time(self.start.h)
+        self.pinches.commit()
+        self.penetration.spare(np.flatnonzero(self.pinches.around))
         if self.start.small:
             self.penetration.spare(self.penetration.wrong(self.near, self.active.contacts.key, self.linearized))
         self.accepted, self.penetration.before = self.trial, self.penetration.crossed
@@ -284,6 +298,7 @@ class SolidContacts(Checkpointed):
         """Forgets all contacts: the state was changed from outside."""
         self.accepted, self.near = States(), replace(self.near, vertices=VertexContacts.none())
         self.penetration.spared[:] = 0
+        self.pinches.clear()
         self.penetration.crossed = self.penetration.before = self.scan.find_crossings()
 
     def nearest(self) -> Place | None:

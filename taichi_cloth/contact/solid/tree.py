@@ -26,6 +26,7 @@ class TriangleTree:
         corners: (triangles, 3).
         info: (triangles, 4): solid, whether it is the surface of a mesh (1, or OFF), whether that is closed, and which of
             its corners (bits 0 to 2) and edges (bits 3 to 5) it speaks for.
+        fastest: how far any vertex goes in the step [m].
     """
 
     def __init__(self, fields: Fields, scene: Scene, wanted: list[int], origin: np.ndarray, edge: float) -> None:
@@ -64,7 +65,7 @@ class TriangleTree:
         self.corners = fields.integer(self.count, 3, all_corners[order])
         self.info = fields.integer(self.count, 4, all_info[order])
         self.still = all(not s.moves for _, s in self.solids)
-        self.placed = False
+        self.placed, self.fastest = False, 0.0
         self._normals = [_normals(x, s.shape.core()[1]) for (_, s), x in zip(self.solids, locals_)]
 
     def set_time(self, t: float, h: float) -> None:
@@ -79,6 +80,7 @@ class TriangleTree:
                 x[rows, column: column + 3] = shape @ R.T + p - self.origin
             normal[rows] = (_normals(solid.shape.shape_at(t), solid.shape.faces) if isinstance(solid.shape, SolidMesh)
                             and len(solid.shape.x) > 1 else n) @ solid.pose(t)[0].T
+        self.fastest = float(np.sqrt(np.max(np.sum((x[:, 3:] - x[:, :3]) ** 2, axis=1))))
         self._place(x.astype(self.exchange), normal.astype(self.exchange))
         self.placed = True
 

@@ -102,6 +102,18 @@ class VertexDetector:
                     count = ti.min(count + 1, SLOTS)
             slots[i] = count
 
+    @ti.kernel
+    def heights(self, poses: ti.types.ndarray(), asked: ti.types.ndarray(), rows: ti.types.ndarray(), out: ti.types.ndarray()):
+        """(height, normal) out (k, 4) of points asked (k, 3) above solids, by their rows (k,) here, at the start of the step."""
+        for k in range(asked.shape[0]):
+            R, p = pose(poses, self.solid[rows[k]], 0)
+            q = ti.Vector([ti.cast(asked[k, 0], float), ti.cast(asked[k, 1], float), ti.cast(asked[k, 2], float)])
+            there = self.measure(rows[k], R.transpose() @ (q - p))
+            n = R @ ti.Vector([there[1], there[2], there[3]])
+            out[k, 0] = there[0]
+            for c in ti.static(range(3)):
+                out[k, 1 + c] = n[c]
+
     @ti.func
     def contact(self, s, a, b):
         """Whether the way from a to b meets the thickness; its plane: normal, and a point on it."""

@@ -48,8 +48,8 @@ class LayerStep(EulerStep):
             known = self.contacts.warm
             predict(system, h, pins, together=True)
             system.model.restore()
-            stored = self.layers.energy if known else self.layers.energy_here()
-        self.stiffened = stored - start.energies.get("contact", 0.0)  # J, of pairs that got stiffer between steps
+            stored = self.layers.energy if known and not self.layers.freed else self.layers.energy_here()
+        self.stiffened = stored - start.energies.get("contact", 0.0)  # J, of pairs that got stiffer between steps, or no longer rest
         self.levels: list[float] = []  # Phi at the start of each Newton step
         self.leads = True  # whether held directions were still on their way to their targets
         self.verdict = Verdict(0, 0.0, False)
@@ -189,6 +189,6 @@ class LayerPolicy(SolidPolicy):
             if not problem.released:
                 break
             self.system.model.restore()
-        if self.layers.intersections.active:
+        if self.layers.intersections.active or self.layers.freed:
             self.layers.count_tangled()
         return made

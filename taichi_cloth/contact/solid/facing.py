@@ -1,0 +1,104 @@
+"""Surfaces of mesh solids near points, by the direction they face.
+
+What is nearest to a particle between an arm and a trunk is one of them; the other is found by where it faces, inside a body
+that passes through itself too.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import taichi as ti
+
+from ...backend.bvh import LEAF
+from ..geometry import on_triangle
+from .tree import TriangleTree
+
+SURE = 0.5  # part of the distance to a triangle that the height above it should be: else it is seen past its border
+COLUMNS = 8  # of what is found: solid or -1, height, normal (3), motion (3)
+
+
+@dataclass(frozen=True)
+class Sides:
+    """Surfaces of solids that k points are near.
+
+    Attributes:
+        solid: (k,) index, or -1 where there is none.
+        normal: (k, 3) out of the solid.
+        height: (k,) of the point above it at the start of the step [m]; negative inside.
+        motion: (k, 3) of the solid there in the step [m].
+    """
+
+    solid: np.ndarray
+    normal: np.ndarray
+    height: np.ndarray
+    motion: np.ndarray
+
+    def take(self, which: np.ndarray) -> "Sides":
+        """Some of them."""
+        return Sides(self.solid[which], self.normal[which], self.height[which], self.motion[which])
+
+    @classmethod
+    def join(cls, parts: "list[Sides]") -> "Sides":
+        """One after the other."""
+        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in cls.__dataclass_fields__))
+
+
+@ti.data_oriented
+class FacingSurfaces:
+    """Looks for them in a tree of triangles, where these are at the start of a step."""
+
+    def __init__(self, tree: TriangleTree) -> None:
+        self.tree = tree
+
+    def find(self, at: np.ndarray, way: np.ndarray, cosine: float, reach: np.ndarray, least: np.ndarray,
+             sure: float = SURE) -> Sides:
+        """The nearest surface to each point that faces it.
+
+        Args:
+            at: (k, 3) points, relative to the model's origin [m].
+            way: (k, 3) unit vectors; cosine: what a surface's normal must have with them at least.
+            reach: (k,) how far away it may be; least: (k,) height above it that the point must have [m].
+            sure: part of the distance that the height must be.
+        """
+        exchange = self.tree.exchange
+        asked: np.ndarray = np.ascontiguousarray(np.column_stack([at, way, reach, least]), dtype=exchange)
+        out: np.ndarray = np.zeros((len(at), COLUMNS), dtype=exchange)
+        if len(at):
+            self._find(asked, cosine, sure, out)
+        rows = out.astype(np.float64)
+        return Sides(rows[:, 0].astype(np.int64), rows[:, 2:5], rows[:, 1], rows[:, 5:8])
+
+    @ti.kernel
+    def _find(self, asked: ti.types.ndarray(), cosine: float, sure: float, out: ti.types.ndarray()):
+        for k in range(asked.shape[0]):
+            p = ti.Vector([asked[k, 0], asked[k, 1], asked[k, 2]])
+            way = ti.Vector([asked[k, 3], asked[k, 4], asked[k, 5]])
+            nearest, least = asked[k, 6], asked[k, 7]
+            solid, height, facing, motion = -1, 0.0, way, 0 * p
+            low, high = p - nearest, p + nearest
+            node = 1
+            while True:
+                if self.tree.boxes.meets(node, low, high):
+                    if node < self.tree.boxes.first_leaf:
+                        node *= 2
+                        continue
+                    leaf = (node - self.tree.boxes.first_leaf) * LEAF
+                    for t in range(leaf, ti.min(leaf + LEAF, self.tree.boxes.size[0])):
+                        info = self.tree.info[t]
+                        a, b, c = self.tree.corner(t, 0, 0.0), self.tree.corner(t, 1, 0.0), self.tree.corner(t, 2, 0.0)
+                        normal = (b - a).cross(c - a).normalized(1e-30)
+                        if info[1] == 1 and normal.dot(way) > cosine:
+                            w = on_triangle(p, a, b, c)
+                            gone = p - w[0] * a - w[1] * b - w[2] * c
+                            up, d = gone.dot(normal), gone.norm()
+                            if d < nearest and ti.abs(up) >= sure * d and up >= least:
+                                nearest, solid, height, facing = d, info[0], up, normal
+                                motion = (w[0] * (self.tree.corner(t, 0, 1.0) - a) + w[1] * (self.tree.corner(t, 1, 1.0) - b)
+                                          + w[2] * (self.tree.corner(t, 2, 1.0) - c))
+                                low, high = p - nearest, p + nearest
+                node = self.tree.boxes.following(node)
+                if node == 1:
+                    break
+            out[k, 0], out[k, 1] = ti.cast(solid, float), height
+            for j in ti.static(range(3)):
+                out[k, 2 + j], out[k, 5 + j] = facing[j], motion[j]

@@ -1,0 +1,247 @@
+"""Cloth between two surfaces of solids that leave it no room: it is held midway between them. [BWK03 §5, flypaper] numpy only.
+
+Where an arm closes on a trunk, or a body passes through itself, no place is outside both. A particle there has a height
+above either surface; their sum is the room. Where it ends below what both thicknesses need, the particle is pinched: all of
+its directions are held (S = 0), z leads it by the mean of both surfaces' motions, and towards its share of the room at a
+bounded speed. Its contacts are none, and what passes through what there does not count. Once there is a quarter more room
+than needed, and it is outside both, it is free again.
+
+Differs from [BWK03]: they hold what is pinched for one step, in a quasi-static pass after it; here it is part of the solve.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ...scene.scene import Scene
+from ...system.checkpoint import Checkpointed
+from ...system.held import Held, kernel_array
+from ..step_start import StepStart
+from .facing import FacingSurfaces, Sides
+from .query import Scanner
+from .vertices import SLOTS, VertexContacts
+
+FACING, WEDGE = 0.0, 0.5  # cosine between normals below which surfaces need all of their room, and above which none
+SAME = 0.5  # cosine between the normals of one side from step to step
+FREE = 1.25  # times the room needed: with more, what was pinched is free
+SLOWLY = 0.05  # m/s by which what is pinched goes to its share of the room, besides the surfaces' own motions
+LEAST = 0.1  # length of the difference of two normals that shifts are measured by
+SHARE = 0.2  # of the room that is kept from either side
+SQUEEZED = 0.5  # of the room needed: layers that are pinched are led apart as if there were so much
+
+
+@dataclass(frozen=True)
+class Pinched:
+    """Particles between two surfaces.
+
+    Attributes:
+        index: (k,) particles, sorted.
+        solid: (k, 2) of either side; normal: (k, 2, 3) out of it; height: (k, 2) above it when last looked [m].
+        share: (k,) of the room that is below the particle, from the first side.
+    """
+
+    index: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    solid: np.ndarray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    normal: np.ndarray = field(default_factory=lambda: np.zeros((0, 2, 3)))
+    height: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
+    share: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+
+@dataclass(frozen=True)
+class Between:
+    """Particles index (k,) between two sides each, in a step."""
+
+    index: np.ndarray
+    a: Sides
+    b: Sides
+
+    @property
+    def opening(self) -> np.ndarray:
+        """(k,) by how much [m] there is more room at the end of the step."""
+        return np.einsum("ki,ki->k", self.a.normal - self.b.normal, self.b.motion - self.a.motion) / 2
+
+    @property
+    def room(self) -> np.ndarray:
+        """(k,) [m] at the end of the step, where a particle goes with the mean of both."""
+        return self.a.height + self.b.height + self.opening
+
+    @property
+    def cosine(self) -> np.ndarray:
+        """(k,) between the normals."""
+        return np.einsum("ki,ki->k", self.a.normal, self.b.normal)
+
+    def take(self, which: np.ndarray) -> "Between":
+        """Some of them."""
+        return Between(self.index[which], self.a.take(which), self.b.take(which))
+
+
+class Pinches(Checkpointed):
+    """The pinched particles of a model.
+
+    Args:
+        particle: (n,) of a vertex.
+
+    Attributes:
+        between: (n,) [m] what its cloth keeps from cloth; 0 where it meets none.
+        possible: whether a scene's solids can close on each other, or on themselves, at all.
+        accepted: as of the last accepted step; trial: of this attempt.
+        where: (n,) whether a particle is pinched in this attempt; around: whether it is, or shares a face with one that is.
+        target: (k, 3) where they are led [m]; forces: (k, 3) [N] that it took in the last solve.
+    """
+
+    STATE = ("accepted",)
+
+    def __init__(self, n: int, particle: np.ndarray, scan: Scanner, scene: Scene) -> None:
+        self.scan, self.thickness = scan, scan.thickness
+        self.between = np.zeros(n)
+        for c in scene.cloths:
+            if c.contact is not None:
+                self.between[particle[c.start: c.start + c.mesh.vertex_count]] = c.contact.thickness
+        self.possible = len(scene.solids) > 1 or any(s.deforms for s in scene.solids)
+        self.surfaces = FacingSurfaces(scan.tree) if self.possible and scan.tree is not None and scan.meshes.any() else None
+        self.accepted = self.trial = Pinched()
+        self.where, self.around = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+        self.target = self.forces = np.zeros((0, 3))
+
+    def resumed(self) -> None:
+        """See `Checkpointed`."""
+        self.trial = self.accepted
+        self._mark()
+
+    def _mark(self) -> None:
+        self.where = np.zeros(len(self.where), dtype=bool)
+        self.where[self.trial.index] = True
+        self.around = self.where.copy()
+        self.around[self.scan.faces[self.where[self.scan.faces].any(axis=1)]] = True
+
+    def clear(self) -> None:
+        """Nothing is pinched: the state was changed from outside."""
+        self.accepted = Pinched()
+        self.resumed()
+
+    def begin(self, start: StepStart, found: VertexContacts) -> None:
+        """A new attempt, with the contacts that were found on the predicted way."""
+        if not self.possible:
+            return
+        known, share = self._known(start)
+        new = self._entering(start, found)
+        new = new.take(~np.isin(new.index, known.index))
+        both = Between(np.concatenate([known.index, new.index]), Sides.join([known.a, new.a]), Sides.join([known.b, new.b]))
+        height = np.maximum(np.stack([new.a.height, new.b.height], axis=1), 1e-12)
+        share = np.concatenate([share, np.clip(height[:, 0] / height.sum(axis=1), SHARE, 1 - SHARE)])
+        order = np.argsort(both.index, kind="stable")
+        both, share = both.take(order), share[order]
+        self.trial = Pinched(both.index, np.stack([both.a.solid, both.b.solid], axis=1),
+                             np.stack([both.a.normal, both.b.normal], axis=1),
+                             np.stack([both.a.height, both.b.height], axis=1), share)
+        self.target = self._lead(start, both, share)
+        self._mark()
+
+    def _needed(self, both: Between) -> np.ndarray:
+        """(k,) room [m] that both thicknesses take, and two layers of cloth that meets cloth; less between the sides of a
+        wedge, out of which cloth can be pushed."""
+        whole = self.thickness[both.a.solid] + self.thickness[both.b.solid] + self.between[both.index]
+        return whole * np.clip((WEDGE - both.cosine) / (WEDGE - FACING), 0, 1)
+
+    def _lead(self, start: StepStart, both: Between, share: np.ndarray) -> np.ndarray:
+        """(k, 3) where particles are at the end of the step [m]."""
+        a, b = both.a, both.b
+        mean, apart = (a.motion + b.motion) / 2, a.normal - b.normal
+        size = np.maximum(np.linalg.norm(apart, axis=1), LEAST)
+        across = apart / size[:, None]
+        height = [s.height + np.einsum("ki,ki->k", s.normal, mean - s.motion) for s in (a, b)]
+        wanted = (2 * share - 1) * np.maximum(both.room, SQUEEZED * self._needed(both))
+        most = SLOWLY * start.h + np.abs(np.einsum("ki,ki->k", across, b.motion - a.motion)) / 2
+        shift = np.clip((wanted - (height[0] - height[1])) / size, -most, most)
+        return start.x[both.index] + mean + shift[:, None] * across
+
+    def _known(self, start: StepStart) -> tuple[Between, np.ndarray]:
+        """What was pinched and still is, and its shares."""
+        old = self.accepted
+        a, b = (self._side(start, old, k) for k in range(2))
+        both = Between(old.index, a, b)
+        there = (a.solid >= 0) & (b.solid >= 0)
+        inside = np.minimum(a.height, b.height) < 0
+        keep = there & ((both.room < FREE * self._needed(both)) | inside)
+        return both.take(keep), old.share[keep]
+
+    def _side(self, start: StepStart, old: Pinched, k: int) -> Sides:
+        """One side of what was pinched, where it is now; of a mesh next to where its foot was: not of another part of it."""
+        solid, x = old.solid[:, k], start.x[old.index]
+        sides, analytic = self._above(x, solid), ~self.scan.meshes[solid]
+        if analytic.all() or self.surfaces is None:
+            return sides
+        part = np.flatnonzero(~analytic)
+        above = old.height[part, k, None] * old.normal[part, k]
+        reach = 2 * self.scan.fastest + self.thickness[solid[part]]
+        foot = self.surfaces.find(x[part] - above, old.normal[part, k], SAME, reach, np.full(len(part), -np.inf), 0.0)
+        _fill(sides, part, replace(foot, height=foot.height + np.einsum("ki,ki->k", above, foot.normal)))
+        return sides
+
+    def _above(self, x: np.ndarray, solid: np.ndarray) -> Sides:
+        """Solids (k,) as sides of points x (k, 3) [m]; of meshes nothing."""
+        sides = Sides(np.full(len(x), -1), np.zeros((len(x), 3)), np.zeros(len(x)), np.zeros((len(x), 3)))
+        rows = np.flatnonzero(~self.scan.meshes[solid])
+        height, normal, motion = self.scan.above(x[rows], solid[rows])
+        _fill(sides, rows, Sides(solid[rows], normal, height, motion))
+        return sides
+
+    def _entering(self, start: StepStart, found: VertexContacts) -> Between:
+        """What gets pinched in this step: between what it is in contact with, or that and another part of the same mesh."""
+        sides, parts = self._above(start.x[found.index], found.solid), []
+        meshes = np.flatnonzero(self.scan.meshes[found.solid])
+        if self.surfaces is not None:
+            x, index = start.x[found.index[meshes]], found.index[meshes]
+            thick = self.thickness[found.solid[meshes]]
+            reach = 2 * thick + self.between[index] + 2 * self.scan.fastest
+            least = np.where(self.scan.closed[found.solid[meshes]], -thick, 0.0)  # a sheet has its other side there
+            nearest = self.surfaces.find(x, found.normal[meshes], SAME, reach, least)
+            _fill(sides, meshes, nearest)
+            yields = np.flatnonzero((nearest.solid >= 0) & self.scan.yields[nearest.solid])
+            a, least, reach = nearest.take(yields), least[yields], reach[yields]
+            parts.append(Between(index[yields], a, self.surfaces.find(x[yields], -a.normal, -WEDGE, reach, least)))
+        for k in range(1, SLOTS):  # contacts of one particle follow each other
+            first = np.flatnonzero(found.index[k:] == found.index[:-k]) if k < len(found.index) else np.arange(0)
+            parts.append(Between(found.index[first], sides.take(first), sides.take(first + k)))
+        all_ = Between(np.concatenate([p.index for p in parts]), Sides.join([p.a for p in parts]),
+                       Sides.join([p.b for p in parts]))
+        all_ = all_.take((all_.a.solid >= 0) & (all_.b.solid >= 0))
+        room = all_.room
+        outside = (all_.a.height > -self.thickness[all_.a.solid]) & (all_.b.height > -self.thickness[all_.b.solid])
+        pinched = outside & (room < self._needed(all_)) & (all_.opening < 0)
+        rows = np.flatnonzero(pinched)
+        rows = rows[np.lexsort((room[rows], all_.index[rows]))]  # the narrowest of each particle
+        _, first = np.unique(all_.index[rows], return_index=True)
+        return all_.take(rows[first])
+
+    def with_pins(self, pins: Held | None) -> Held | None:
+        """What scripts hold, and what is pinched; where scripts hold all directions of a particle they have it their way."""
+        index, target = self.trial.index, self.target
+        if not len(index):
+            return pins
+        exchange = self.scan.exchange
+        if pins is not None:
+            whole = pins.index[np.trace(pins.projector, axis1=1, axis2=2) > 2.5]
+            free = ~np.isin(index, whole)
+            index, target = index[free], target[free]
+            other = ~np.isin(pins.index, index)
+            pins = Held(pins.index[other], pins.projector[other], pins.target[other], True, pins.y[other])
+            index = np.concatenate([pins.index, index])
+            target = np.concatenate([pins.target, target])
+        count, before = len(index), 0 if pins is None else len(pins.index)
+        projector = np.tile(np.eye(3), (count, 1, 1))
+        y = np.zeros((count, 3))
+        if pins is not None:
+            projector[:before], y[:before] = pins.projector, pins.y
+        return Held(kernel_array(index, np.int32), kernel_array(projector, exchange), kernel_array(target, exchange), True,
+                    kernel_array(y, exchange))
+
+    def commit(self) -> None:
+        """The step was accepted."""
+        self.accepted = self.trial
+
+
+def _fill(sides: Sides, rows: np.ndarray, part: Sides) -> None:
+    """Writes a part of sides down."""
+    for name in sides.__dataclass_fields__:
+        getattr(sides, name)[rows] = getattr(part, name)
