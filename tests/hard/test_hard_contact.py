@@ -130,23 +130,20 @@ def test_in_the_corner_of_two_planes(angle):
     assert (x[:, 0] * math.cos(angle) + x[:, 1] * math.sin(angle)).min() > 0.004 - 4e-5
 
 
-@pytest.mark.parametrize("gap, named", [(0.005, False), (0.003, True)])
-def test_plates_that_close_on_layers(gap, named):
-    """.005 m leaves three sheets a tenth of what they should keep; .003 m is less than the plates keep from each other."""
+@pytest.mark.parametrize("gap", [0.005, 0.0])
+def test_plates_that_close_on_layers(gap):
+    """Three sheets between plates that leave them half of what all thicknesses need, or nothing, and open again: steps stay within
+    an eighth of what was asked, no sheet passes through another, and they part."""
     path = pathlib.Path(__file__).parents[2] / "scenes" / "pinch.py"
     sim = tc.Simulation(scenefile.read(str(path)).make({"cells": 4, "gap": gap}), h=1 / 60, cg_tol=1e-3,
                         integrator="backward_euler")
-    while sim.time < 0.84:
-        sim.step()
-    x = sim.positions()
-    assert np.isfinite(x).all() and np.abs(x).max() < 1 and max(r.stretch for r in sim.log) < 1.5
-    assert (max(r.pinched for r in sim.log) > 0) == named
-    assert named or sim.intersections() == 0
-    if not named:  # and open again
-        while sim.time < 1.5:
-            sim.step()
-        heights = sim.positions()[:, 1].reshape(3, -1)
-        assert (np.diff(heights, axis=0) > 0.004).all() and sim.log[-1].h == pytest.approx(1 / 60)
+    while sim.time < 1.5:
+        sim.run(1 / 60, fps=60)
+        assert sim.intersections() == 0
+    assert min(r.h for r in sim.log) > 1 / 60 / 8 - 1e-9 and max(r.pinched for r in sim.log) == sim.vertex_count
+    assert np.isfinite(sim.positions()).all() and max(r.stretch for r in sim.log) < 1.1
+    heights = sim.positions()[:, 1].reshape(3, -1)
+    assert (np.diff(heights, axis=0) > 0.004).all() and sim.log[-1].h == pytest.approx(1 / 60)
     sim.close()
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
-from ...system.held import Held, kernel_array
+from ...system.held import Held
 from ..step_start import StepStart
 from .facing import FacingSurfaces, Sides
 from .query import Scanner
@@ -135,6 +135,7 @@ class Pinches(Checkpointed):
                              np.stack([both.a.normal, both.b.normal], axis=1),
                              np.stack([both.a.height, both.b.height], axis=1), share)
         self.target = self._lead(start, both, share)
+        self.forces = np.zeros_like(self.target)
         self._mark()
 
     def _needed(self, both: Between) -> np.ndarray:
@@ -219,22 +220,22 @@ class Pinches(Checkpointed):
         index, target = self.trial.index, self.target
         if not len(index):
             return pins
-        exchange = self.scan.exchange
+        parts = [np.tile(np.eye(3), (len(index), 1, 1)), target, np.zeros_like(target)]
         if pins is not None:
             whole = pins.index[np.trace(pins.projector, axis1=1, axis2=2) > 2.5]
             free = ~np.isin(index, whole)
-            index, target = index[free], target[free]
-            other = ~np.isin(pins.index, index)
-            pins = Held(pins.index[other], pins.projector[other], pins.target[other], True, pins.y[other])
-            index = np.concatenate([pins.index, index])
-            target = np.concatenate([pins.target, target])
-        count, before = len(index), 0 if pins is None else len(pins.index)
-        projector = np.tile(np.eye(3), (count, 1, 1))
-        y = np.zeros((count, 3))
-        if pins is not None:
-            projector[:before], y[:before] = pins.projector, pins.y
-        return Held(kernel_array(index, np.int32), kernel_array(projector, exchange), kernel_array(target, exchange), True,
-                    kernel_array(y, exchange))
+            other = ~np.isin(pins.index, index[free])
+            parts = [np.concatenate([mine[other], part[free]])
+                     for mine, part in zip((pins.projector, pins.target, pins.y), parts)]
+            index = np.concatenate([pins.index[other], index[free]])
+        return Held.of(index, *parts[:2], True, parts[2], self.scan.exchange)
+
+    def bear(self, held: Held | None, reaction: np.ndarray) -> None:
+        """Remembers what the last solve took: `reaction` (k, 3) [N] on what it held."""
+        if held is not None and len(self.trial.index):
+            whole = np.zeros((len(self.where), 3))
+            whole[held.index] = reaction
+            self.forces = whole[self.trial.index]
 
     def commit(self) -> None:
         """The step was accepted."""

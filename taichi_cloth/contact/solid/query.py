@@ -7,6 +7,7 @@ import numpy as np
 from ...backend.fields import Fields
 from ...scene.scene import Scene
 from ...scene.solids import MESH, Solid, SolidMesh
+from ...system.held import kernel_array
 from ...system.state import ParticleState
 from ..points import tangential
 from .pairs import Pairs

@@ -246,6 +246,7 @@ class SolidContacts(Checkpointed):
         held = np.where(states.stick[:, None], F, normal[:, None] * f.normal)
         held[self.sliding.rows] += self.sliding.points.forces(moved, h)
         self.forces = replace(NO_FORCES, held=held)
+        self.pinches.bear(self.active.holding.held, reaction / h)
         if self.linearized is not None:
             at = self.linearized.of(self.near.there)
             self.forces = Forces(held, self.pressing.forces(moved, h), at)
@@ -319,6 +320,7 @@ class SolidContacts(Checkpointed):
         """(n, 3) [N] on each particle in the last solve, in particle order."""
         out = np.zeros((self.model.n, 3))
         np.add.at(out, self.active.contacts.index, self.forces.held)
+        out[self.pinches.trial.index] += self.pinches.forces
         if self.linearized is not None:
             p = self.linearized
             np.add.at(out, p.vertices, p.weights[:, :, None] * self.forces.pairs[:, None, :])
@@ -326,8 +328,10 @@ class SolidContacts(Checkpointed):
 
     def loads(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """(force [N], torque [N m] about the origin) on each solid, by name."""
-        f = self.active.contacts
-        at, force, which = self.model.read_particles()[0][f.index], self.forces.held, f.solid
+        f, pinched, x = self.active.contacts, self.pinches.trial, self.model.read_particles()[0]
+        either = [self.pinches.forces / 2] * 2  # of what is pinched, as much on either side
+        at, force = x[np.concatenate([f.index, pinched.index, pinched.index])], np.concatenate([self.forces.held, *either])
+        which = np.concatenate([f.solid, pinched.solid[:, 0], pinched.solid[:, 1]])
         if self.linearized is not None:
             at, force = np.concatenate([at, self.forces.at]), np.concatenate([force, self.forces.pairs])
             which = np.concatenate([which, self.linearized.solid])
