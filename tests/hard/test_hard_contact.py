@@ -132,8 +132,8 @@ def test_in_the_corner_of_two_planes(angle):
 
 @pytest.mark.parametrize("gap", [0.005, 0.0])
 def test_plates_that_close_on_layers(gap):
-    """Three sheets between plates that leave them half of what all thicknesses need, or nothing, and open again: steps stay within
-    an eighth of what was asked, no sheet passes through another, and they part."""
+    """Three sheets between plates that leave them half of what all thicknesses need, or nothing, and open again: steps stay
+    within an eighth of what was asked, no sheet passes through another, and they part."""
     path = pathlib.Path(__file__).parents[2] / "scenes" / "pinch.py"
     sim = tc.Simulation(scenefile.read(str(path)).make({"cells": 4, "gap": gap}), h=1 / 60, cg_tol=1e-3,
                         integrator="backward_euler")

@@ -19,7 +19,7 @@ from ...system.held import Held
 from ..step_start import StepStart
 from .facing import FacingSurfaces, Sides
 from .query import Scanner
-from .vertices import SLOTS, VertexContacts
+from .vertices import VertexContacts
 
 FACING, WEDGE = 0.0, 0.5  # cosine between normals below which surfaces need all of their room, and above which none
 SAME = 0.5  # cosine between the normals of one side from step to step
@@ -201,9 +201,10 @@ class Pinches(Checkpointed):
             yields = np.flatnonzero((nearest.solid >= 0) & self.scan.yields[nearest.solid])
             a, least, reach = nearest.take(yields), least[yields], reach[yields]
             parts.append(Between(index[yields], a, self.surfaces.find(x[yields], -a.normal, -WEDGE, reach, least)))
-        for k in range(1, SLOTS):  # contacts of one particle follow each other
-            first = np.flatnonzero(found.index[k:] == found.index[:-k]) if k < len(found.index) else np.arange(0)
-            parts.append(Between(found.index[first], sides.take(first), sides.take(first + k)))
+        for other in np.flatnonzero(~self.scan.meshes):
+            rows = np.flatnonzero((found.solid != other) & (self.scan.moves[found.solid] | self.scan.moves[other]))
+            index = found.index[rows]
+            parts.append(Between(index, sides.take(rows), self._above(start.x[index], np.full(len(rows), other))))
         all_ = Between(np.concatenate([p.index for p in parts]), Sides.join([p.a for p in parts]),
                        Sides.join([p.b for p in parts]))
         all_ = all_.take((all_.a.solid >= 0) & (all_.b.solid >= 0))
@@ -220,15 +221,14 @@ class Pinches(Checkpointed):
         index, target = self.trial.index, self.target
         if not len(index):
             return pins
-        parts = [np.tile(np.eye(3), (len(index), 1, 1)), target, np.zeros_like(target)]
+        projector, y = np.tile(np.eye(3), (len(index), 1, 1)), np.zeros_like(target)
         if pins is not None:
             whole = pins.index[np.trace(pins.projector, axis1=1, axis2=2) > 2.5]
             free = ~np.isin(index, whole)
             other = ~np.isin(pins.index, index[free])
-            parts = [np.concatenate([mine[other], part[free]])
-                     for mine, part in zip((pins.projector, pins.target, pins.y), parts)]
-            index = np.concatenate([pins.index[other], index[free]])
-        return Held.of(index, *parts[:2], True, parts[2], self.scan.exchange)
+            index, projector, target, y = (np.concatenate([mine[other], part[free]]) for mine, part in zip(
+                (pins.index, pins.projector, pins.target, pins.y), (index, projector, target, y)))
+        return Held.of(index, projector, target, True, y, self.scan.exchange)
 
     def bear(self, held: Held | None, reaction: np.ndarray) -> None:
         """Remembers what the last solve took: `reaction` (k, 3) [N] on what it held."""

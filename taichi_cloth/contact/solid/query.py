@@ -52,8 +52,8 @@ class Scanner:
         time: [s] to which the solids were last moved.
         edge: mean edge length of the cloth at the start [m].
         faces: (m, 3) particles of the cloth's faces.
-        pokes: (solids,) whether a solid could come through a triangle of cloth; yields: whether it deforms; meshes: whether
-            it is a mesh, closed: with an inside.
+        pokes: (solids,) whether a solid could come through a triangle of cloth; yields: whether it deforms; moves: whether
+            it moves; meshes: is a mesh; closed: is one with an inside.
     """
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene) -> None:
@@ -68,6 +68,7 @@ class Scanner:
         poking = [k for k, s in enumerate(self.solids) if meshes[k] or _pokes(s, longest)]
         self.pokes = np.isin(np.arange(len(self.solids)), poking)
         self.rounded = any(self.solids[k].shape.core()[2] > 0 for k in poking)
+        self.moves = np.array([s.moves for s in self.solids], dtype=bool)
         self.yields = np.array([s.deforms for s in self.solids], dtype=bool)
         self.closed = np.array([isinstance(s.shape, SolidMesh) and s.shape.closed for s in self.solids], dtype=bool)
         self.faces = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths])

@@ -104,7 +104,7 @@ class VertexDetector:
 
     @ti.kernel
     def heights(self, poses: ti.types.ndarray(), asked: ti.types.ndarray(), rows: ti.types.ndarray(), out: ti.types.ndarray()):
-        """(height, normal) out (k, 4) of points asked (k, 3) above solids, by their rows (k,) here, at the start of the step."""
+        """(height, normal) out (k, 4) of points asked (k, 3) above solids, by their rows (k,) here, where a step starts."""
         for k in range(asked.shape[0]):
             R, p = pose(poses, self.solid[rows[k]], 0)
             q = ti.Vector([ti.cast(asked[k, 0], float), ti.cast(asked[k, 1], float), ti.cast(asked[k, 2], float)])

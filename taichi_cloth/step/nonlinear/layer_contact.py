@@ -49,7 +49,7 @@ class LayerStep(EulerStep):
             predict(system, h, pins, together=True)
             system.model.restore()
             stored = self.layers.energy if known and not self.layers.freed else self.layers.energy_here()
-        self.stiffened = stored - start.energies.get("contact", 0.0)  # J, of pairs that got stiffer between steps, or no longer rest
+        self.stiffened = stored - start.energies.get("contact", 0.0)  # J: pairs got stiffer, or rest no more
         self.levels: list[float] = []  # Phi at the start of each Newton step
         self.leads = True  # whether held directions were still on their way to their targets
         self.verdict = Verdict(0, 0.0, False)
