@@ -125,17 +125,19 @@ def test_what_is_between_bears_and_is_resumed_bit_for_bit():
     other.close()
 
 
-def test_a_corner_that_does_not_close_pinches_nothing():
-    """Two planes that meet at 60 degrees, cloth in the crevice: contacts hold it."""
+def test_a_wall_pushes_cloth_along_a_floor():
+    """The corner between them closes on the sheet's edge, and pinches nothing: the edge goes with the wall."""
     scene, mesh = tc.Scene(), tc.grid(0.2, 6)
-    lean = math.radians(30)
-    scene.add_solid(tc.Plane((math.sin(lean) * math.sqrt(3), math.cos(lean), 0)), friction=0.3, thickness=THICK)
-    scene.add_solid(tc.Plane(), friction=0.3, thickness=THICK)
-    scene.add_cloth(mesh, FABRIC, positions=mesh.x + [0.03, THICK, 0])
+    scene.add_solid(tc.Plane(), friction=0.1, thickness=THICK, name="floor")
+    scene.add_solid(tc.Plane((1, 0, 0)), friction=0.1, thickness=THICK, name="wall",
+                    position=lambda t: (0.3 * t - 0.01, 0.0, 0.0))
+    scene.add_cloth(mesh, FABRIC, positions=mesh.x + [0.0, THICK, 0], contact=tc.ClothContact(0.004, 0.1))
     sim = tc.Simulation(scene, h=H)
-    for _ in range(20):
+    while sim.time < 0.4:
         sim.step()
-    assert max(r.pinched for r in sim.log) == 0 and max(r.contacts for r in sim.log) > 5
+    edge = sim.positions()[:, 0].min()
+    assert max(r.pinched for r in sim.log) == 0 and min(r.h for r in sim.log) > H - 1e-9
+    assert edge == pytest.approx(0.3 * sim.time - 0.01 + THICK, abs=0.3 * THICK)
     sim.close()
 
 

@@ -21,7 +21,8 @@ from .facing import FacingSurfaces, Sides
 from .query import Scanner
 from .vertices import VertexContacts
 
-FACING, WEDGE = 0.0, 0.5  # cosine between normals below which surfaces need all of their room, and above which none
+FACING = -0.5  # cosine between normals below which surfaces face each other
+WHOLE, WEDGE = 0.0, 0.5  # below which they need all of their room, next to what is pinched, and above which none
 SAME = 0.5  # cosine between the normals of one side from step to step
 FREE = 1.25  # times the room needed: with more, what was pinched is free
 SLOWLY = 0.05  # m/s by which what is pinched goes to its share of the room, besides the surfaces' own motions
@@ -126,6 +127,7 @@ class Pinches(Checkpointed):
         known, share = self._known(start)
         new = self._entering(start, found)
         new = new.take(~np.isin(new.index, known.index))
+        new = new.take(self._grows(known.index, new))
         both = Between(np.concatenate([known.index, new.index]), Sides.join([known.a, new.a]), Sides.join([known.b, new.b]))
         height = np.maximum(np.stack([new.a.height, new.b.height], axis=1), 1e-12)
         share = np.concatenate([share, np.clip(height[:, 0] / height.sum(axis=1), SHARE, 1 - SHARE)])
@@ -138,11 +140,25 @@ class Pinches(Checkpointed):
         self.forces = np.zeros_like(self.target)
         self._mark()
 
+    def _grows(self, known: np.ndarray, new: Between) -> np.ndarray:
+        """(k,) which of what could be pinched is: where surfaces face each other, and next to that. In a corner by itself, of a
+        floor and a wall that moves for example, cloth is pushed along."""
+        faces, out, inside = self.scan.faces, new.cosine < FACING, np.zeros(len(self.where), dtype=bool)
+        inside[known] = True
+        while True:
+            inside[new.index[out]] = True
+            around = inside.copy()
+            around[faces[inside[faces].any(axis=1)]] = True
+            more = around[new.index] & ~out
+            if not more.any():
+                return out
+            out = out | more
+
     def _needed(self, both: Between) -> np.ndarray:
         """(k,) room [m] that both thicknesses take, and two layers of cloth that meets cloth; less between the sides of a
         wedge, out of which cloth can be pushed."""
         whole = self.thickness[both.a.solid] + self.thickness[both.b.solid] + self.between[both.index]
-        return whole * np.clip((WEDGE - both.cosine) / (WEDGE - FACING), 0, 1)
+        return whole * np.clip((WEDGE - both.cosine) / (WEDGE - WHOLE), 0, 1)
 
     def _lead(self, start: StepStart, both: Between, share: np.ndarray) -> np.ndarray:
         """(k, 3) where particles are at the end of the step [m]."""
