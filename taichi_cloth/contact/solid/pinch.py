@@ -141,8 +141,8 @@ class Pinches(Checkpointed):
         self._mark()
 
     def _grows(self, known: np.ndarray, new: Between) -> np.ndarray:
-        """(k,) which of what could be pinched is: where surfaces face each other, and next to that. In a corner by itself, of a
-        floor and a wall that moves for example, cloth is pushed along."""
+        """(k,) which of what could be pinched is: where surfaces face each other, and next to that. In a corner by itself, of
+        a floor and a wall that moves for example, cloth is pushed along."""
         faces, out, inside = self.scan.faces, new.cosine < FACING, np.zeros(len(self.where), dtype=bool)
         inside[known] = True
         while True:
