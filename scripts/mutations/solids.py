@@ -12,6 +12,12 @@ SWEPT = "tests/unit/test_swept_detection.py"
 HARD = "tests/hard/test_hard_contact.py"
 DRIVES = "tests/hard/test_drives.py"
 PARTS = "tests/physics/test_body_parts.py"
+CLOSING = "tests/physics/test_closing_bodies.py"
+ARM, MESH_ARM = (f"{CLOSING}::test_an_arm_that_closes_on_a_trunk[{which}]" for which in ("False-1-1", "True-1-1"))
+BETWEEN, FACING = (f"{CLOSING}::{name}" for name in (
+    "test_what_is_between_bears_and_is_resumed_bit_for_bit", "test_surfaces_by_where_they_face"))
+ALONG = f"{CLOSING}::test_a_wall_pushes_cloth_along_a_floor"
+PLATES, PINCHED = f"{HARD}::test_plates_that_close_on_layers[0.0]", "tests/unit/test_pinch.py"
 TESTS = (CONTACT, SHAPES, DRIVES)
 
 FACADE = "taichi_cloth/contact/contacts.py"
@@ -33,6 +39,8 @@ CROSSING = "taichi_cloth/contact/solid/crossing.py"
 ROWS = "taichi_cloth/contact/points.py"
 ROOM = "taichi_cloth/contact/solid/room.py"
 SOLIDS = "taichi_cloth/scene/solids.py"
+PINCH, SIDES = "taichi_cloth/contact/solid/pinch.py", "taichi_cloth/contact/solid/facing.py"
+LAYERS = "taichi_cloth/contact/cloth/layers.py"
 
 MUTATIONS = (
     # forces that are told
@@ -188,4 +196,33 @@ MUTATIONS = (
     (SURFACES, "self.tree.info[triangle][1] == OFF", "self.tree.info[triangle][1] > OFF", "parts that are off are met", PARTS),
     (SCAN, "self.tree.friction[triangle], mu)", "mu, mu)", "all parts have the solid's friction", PARTS),
     (TREE, "np.concatenate(friction)[order]", "np.concatenate(friction)", "parts' friction in the file's order", PARTS),
+    # where solids close
+    (PINCH, "out, inside = self.scan.faces, new.cosine < FACING,", "out, inside = self.scan.faces, new.cosine < 2,",
+     "any corner pinches", ALONG),
+    (PINCH, "wanted = (2 * share - 1)", "wanted = (1 - 2 * share)", "layers that are pinched change places", PLATES),
+    (PINCH, "np.clip((wanted - (height[0] - height[1])) / size, -most, most)", "(wanted - (height[0] - height[1])) / size",
+     "what is pinched goes to its share of the room at once", PINCHED),
+    (PINCH, "(both.room < FREE * self._needed(both)) | inside)", "(both.room < FREE * self._needed(both)))",
+     "what is pinched is freed inside a solid", PINCHED),
+    (PINCH, "free = ~np.isin(index, whole)", "free = np.isin(index, index)", "scripts' pins give way to what is pinched", PINCHED),
+    (SIDES, "normal.dot(way) > cosine:", "normal.dot(way) > -cosine:", "surfaces that face elsewhere are found", FACING),
+    (SIDES, "motion = (w[0] * (self.tree.corner(t, 0, 1.0) - a)", "motion = (w[0] * (self.tree.corner(t, 0, 0.0) - a)",
+     "a corner of the surface beside cloth stands still", FACING),
+    (LAYERS, "self.intersections.resting | self.waived)", "self.intersections.resting)", "layers that are pinched meet", PINCHED),
+    (LAYERS, "self.freed = not pinched[before].all()", "self.freed = False", "layers are not looked at again when freed", PINCHED),
+    (DEPTH, "return (self.spared == 0) & ~self.pinched", "return self.spared == 0", "how deep pinched cloth is counts", PINCHED),
+    (SCAN, "keep, pairs = ~pinched[self.vertices.index],", "keep, pairs = pinched[self.vertices.index] >= 0,",
+     "what is pinched has contacts as well", PINCHED),
+    (SCAN, "pairs = pairs.take(~around[pairs.vertices].any(axis=1))", "pairs = pairs.take(around[pairs.vertices].any(axis=1) >= 0)",
+     "edges of solids press on what is pinched", ARM),
+    (RESPONSE, "solids |= self.pinches.where[held.index]", "pass", "what is pinched counts as pinned", ARM),
+    (RESPONSE, "either = [self.pinches.forces / 2] * 2", "either = [self.pinches.forces] * 2",
+     "each side bears all that the pinched take", BETWEEN),
+    (RESPONSE, 'STATE = ("accepted", "penetration", "pinches")', 'STATE = ("accepted", "penetration")',
+     "what solids close on is not resumed", BETWEEN),
+    (RESPONSE, "        self.pinches.commit()\n", "", "what was pinched is looked for afresh", ARM),
+    (RESPONSE, "self.penetration.spare(np.flatnonzero(self.pinches.around))", "pass", "what was freed may not be inside", ARM),
+    (RESPONSE, "        self.pinches.clear()\n", "", "what was pinched stays so when the state is changed", PINCHED),
+    (FACADE, "len(self.solids.pinches.accepted.index) > 0 or layered", "layered", "pinched cloth alone does not count as contact", PINCHED),
+    (FACADE, "bool(self.solids.pinches.where.any()) or layered", "layered", "pinched cloth alone is not met", PINCHED),
 )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..errors import SceneError, did_you_mean, shown
+from ..errors import SceneError, shown
 from . import units
 from .air import Air
 from .appearance import Appearance
@@ -188,6 +188,5 @@ class Contents:
 
     def _own(self, cloth: Cloth) -> None:
         if not any(cloth is c for c in self.cloths):
-            names = [c.name for c in self.cloths]
             what = cloth.name if isinstance(cloth, Cloth) else cloth
-            raise SceneError(f"not a cloth of this scene: {shown(what)}; {did_you_mean(what, names)}")
+            raise SceneError(f"not a cloth of this scene: {shown(what)}; pass what its add_cloth returned, not a name")

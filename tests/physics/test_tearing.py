@@ -129,6 +129,8 @@ def test_a_scored_line_tears_at_its_fraction():
             while not sim.log or not sim.log[-1].opened:
                 sim.step()
             assert sim.time == pytest.approx(fraction * 100 / 1000 * 0.1 / 0.05, abs=0.012)
+            edge = cloth.split.edge
+            assert (np.isin(edge, edge[sim.stitches_open()[0]]) == sim.stitches_open()[0]).all(), "an edge opens at both ends"
             if fraction < 1:
                 opened = sim.stitches_open()[0]
                 assert (np.abs(cloth.mesh.uv[cloth.split.a[opened], 0] - 0.03) < 1e-9).all()

@@ -1,0 +1,96 @@
+"""Particles between two plates, one step at a time: where they are led, when they are free, and who minds them meanwhile."""
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth.contact.solid.pinch import FREE, SLOWLY, Pinched
+from taichi_cloth.contact.solid.vertices import VertexContacts
+from taichi_cloth.contact.step_start import StepStart
+from taichi_cloth.system.held import Held
+
+H, THICK, KEEPS, GAP = 1 / 60, 0.005, 0.003, 0.01
+NEEDED = 2 * THICK + KEEPS
+DOWN, UP = np.array([0.0, -1.0, 0.0]), np.array([0.0, 1.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def between():
+    """A sheet of nine vertices between plates that stand still, GAP from each other: less than is needed."""
+    scene, mesh = tc.Scene(gravity=None), tc.grid(0.2, 2)
+    scene.add_solid(tc.Plane(), 0.3, thickness=THICK, name="floor")
+    scene.add_solid(tc.Plane(DOWN), 0.3, thickness=THICK, position=lambda t: (0.0, GAP, 0.0), name="ceiling")
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, 1)), mesh.x + [0, 0.002, 0], contact=tc.ClothContact(KEEPS, 0.3))
+    with tc.Simulation(scene, h=H, integrator="backward_euler") as sim:
+        yield sim.contacts
+
+
+def held_at(contacts, height, share=0.5):
+    """(n, 3) places of particles at heights (n,) [m] above the floor, all pinched since the last step."""
+    x = contacts.solids.model.read_particles()[0].copy()
+    n = len(x)
+    x[:, 1] = height - contacts.solids.model.origin[1]
+    above = np.stack([x[:, 1], GAP - x[:, 1]], axis=1)
+    contacts.solids.pinches.accepted = Pinched(np.arange(n), np.tile([0, 1], (n, 1)), np.tile([UP, DOWN], (n, 1, 1)), above,
+                                               np.full(n, share))
+    return x
+
+
+def begin(contacts, x, h=H, pins=None):
+    """An attempt at a step from there, of size h [s]; what begins."""
+    contacts.solids.pinches.begin(StepStart(h, H, x, 0 * x, pins), VertexContacts.none())
+    return contacts.solids.pinches
+
+
+@pytest.mark.parametrize("h, share, height", [(H, 0.5, 0.002 + SLOWLY * H), (1.0, 0.5, GAP / 2), (1.0, 0.3, 0.3 * GAP)])
+def test_it_goes_to_its_share_of_the_room_slowly(between, h, share, height):
+    x = held_at(between, 0.002, share)
+    target = begin(between, x, h).target
+    assert np.abs(target[:, 1] + between.solids.model.origin[1] - height).max() < 1e-6
+    assert np.abs((target - x)[:, [0, 2]]).max() < 1e-9
+
+
+def test_it_is_free_where_there_is_room_and_it_is_outside(between, monkeypatch):
+    """With a quarter more room than needed: but not inside one of the plates."""
+    pinches = between.solids.pinches
+    monkeypatch.setattr(pinches, "between", pinches.between - KEEPS)
+    monkeypatch.setattr(pinches, "thickness", pinches.thickness * (GAP / FREE) / (2 * THICK) * 0.99)
+    height = np.full(9, GAP / 2)
+    height[[1, 5]] = -0.001, GAP + 0.001
+    assert begin(between, held_at(between, height)).trial.index.tolist() == [1, 5]
+    monkeypatch.setattr(pinches, "thickness", pinches.thickness * 1.02)
+    assert len(begin(between, held_at(between, height)).trial.index) == 9
+
+
+def test_scripts_have_their_way_with_what_they_hold_whole(between):
+    x = held_at(between, 0.002)
+    pinches = begin(between, x)
+    there = x[:2] + [0.01, 0.0, 0.02]
+    P = np.stack([np.eye(3), np.diag([1.0, 0.0, 0.0])])
+    held = pinches.with_pins(Held.of([0, 1], P, there, True, 0 * there, pinches.scan.exchange))
+    assert sorted(held.index) == list(range(9)) and np.abs(held.projector - np.eye(3)).max() == 0
+    at = held.target[np.argsort(held.index)]
+    assert np.abs(at[0] - there[0]).max() < 1e-6 and np.abs(at[1:] - pinches.target[1:]).max() < 1e-6
+
+
+def test_nothing_else_minds_it(between):
+    """No contact with solids, no pairs of layers, no depth; it counts as contact all the same, until the state is changed."""
+    x = held_at(between, 0.002)
+    solids, layers = between.solids, between.layers
+    solids.model.save()
+    assert between.meets(H, None, x, 0 * x) and between.touching
+    assert not len(solids.near.vertices.index) and not solids.touching
+    assert not solids.penetration.minded.any()
+    assert layers.detector.resting and layers.detector.tangled.to_numpy()[:9].all()
+    between.clear()
+    assert between.meets(H, None, x, 0 * x) and len(solids.near.vertices.index) and solids.penetration.minded.all()
+    assert not solids.pinches.where.any() and not between.touching
+
+
+def test_layers_are_looked_at_again_when_it_is_free(between):
+    layers, n = between.layers, len(between.solids.pinches.where)
+    for after, freed in ((np.ones(n, dtype=bool), False), (np.zeros(n, dtype=bool), True)):
+        layers.waive(after, np.arange(n))
+        assert layers.freed == freed and (layers.detector.tangled.to_numpy()[:n] == after).all()
+    layers.waive(np.zeros(n, dtype=bool), np.arange(0))
+    assert not layers.freed
