@@ -8,17 +8,25 @@ Rounds are interleaved, medians of them and of their ratios reported. Baselines 
 line that says so: `pip install numba pypbd`.
 
     python scripts/bench_peers.py --sizes 26 51 --json peers.json --plots docs
+
+`--contact` is another table: sheets on a ball with self-contact, next to Blender, pyPBD and Newton where they are installed
+(peers_contact.py). Blender may be in another Python than the rest.
+
+    python scripts/bench_peers.py --contact --sizes 51 --scenes drape --blender-python BLENDER_ENV/bin/python
 """
 
 import argparse
 import pathlib
 import re
+import shutil
 import sys
 import time
 from collections.abc import Callable
 
 import numpy as np
+import peers_contact
 import results
+from baselines.contact import SYSTEMS
 
 import taichi_cloth as tc
 from taichi_cloth.output.plot import as_file, line_plot
@@ -166,13 +174,26 @@ def draw(rows: list[dict]) -> str:
 def main() -> None:
     """Prints the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--sizes", type=int, nargs="+", default=[26, 51], help="vertices a side")
+    parser.add_argument("--sizes", type=int, nargs="+", help="vertices a side (26 51; 51 with --contact)")
     parser.add_argument("--stretch", type=float, nargs="+", default=[1000.0], help="N/m; shear is a tenth of it")
-    parser.add_argument("--until", type=float, default=0.5, help="simulated time [s]")
+    parser.add_argument("--until", type=float, help="simulated time [s] (0.5; 1.5 with --contact)")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--json", help="file to write")
     parser.add_argument("--plots", metavar="DIR", help="folder for an SVG of each sheet")
+    parser.add_argument("--contact", action="store_true", help="sheets on a ball with self-contact instead")
+    parser.add_argument("--scenes", nargs="+", choices=list(peers_contact.SCENES), default=["drape"], help="of --contact")
+    parser.add_argument("--peers", nargs="*", choices=list(SYSTEMS), default=list(SYSTEMS), help="of --contact")
+    parser.add_argument("--peer-python", default=sys.executable, help="Python with pyPBD and Newton, of --contact")
+    parser.add_argument("--blender-python", help="Python with bpy, of --contact; that of --peer-python where left out")
     args = parser.parse_args()
+    if args.contact:
+        pythons = {**dict.fromkeys(SYSTEMS, args.peer_python), "Blender": args.blender_python or args.peer_python}
+        for python in pythons.values():
+            if not shutil.which(python):
+                parser.error(f"no Python at {python}: give the path of one to --peer-python, or to --blender-python")
+        results.write(args.json, peers_contact.table(args.scenes, args.sizes or [51], args.until or 1.5, args.peers, pythons))
+        return
+    args.sizes, args.until = args.sizes or [26, 51], args.until or 0.5
     rows = []
     print(f"{'sheet':>8} {'stretch':>8} {'method':<30} {'wall s / s':>10} {'RMS error m':>12} {'over Numba':>10}")
     for stretch in args.stretch:

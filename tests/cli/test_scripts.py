@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 from test_cli import ROOT, call_script
 
@@ -26,3 +27,34 @@ def test_a_benchmark_runs_and_its_tables_compare(name, tmp_path):
     assert done.stdout.count("\n") >= 2 and json.loads(file.read_text())
     done = call_script(ROOT / "scripts" / "bench_compare.py", file, file)
     assert done.returncode == 0, done.stderr
+
+
+def test_peers_in_contact_name_who_is_absent(tmp_path):
+    """Ours has a row with all columns; each peer has one too, or a line that says why not."""
+    file = tmp_path / "table.json"
+    done = call_script(ROOT / "scripts" / "bench_peers.py", "--contact", "--sizes", "9", "--until", "0.1", "--peers", "pyPBD",
+                       "Blender", "--json", file)
+    assert done.returncode == 0, done.stderr
+    rows = {row["system"]: row for row in json.loads(file.read_text())["rows"]}
+    assert {"scene", "n", "about", "setup", "wall", "cpu", "crossings", "stretch", "gap", "height"} <= set(rows["ours"])
+    assert rows["ours"]["crossings"] == 0 and rows["ours"]["wall"] > 0 and 0 < rows["ours"]["stretch"] < 5
+    for name in ("pyPBD", "Blender"):
+        assert (name in rows) != (f"{name}: left out, " in done.stderr)
+
+
+def test_a_row_of_peers_in_contact_counts(monkeypatch):
+    """A sheet folded through itself, one vertex inside the ball, one edge pulled to twice its length."""
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    import peers_contact
+
+    task = peers_contact.plan("drape", 5, 1.0)
+    made = {"x": task["x"].copy(), "about": "", "setup": 0.0, "wall": 2.0, "cpu": 3.0}
+    flat = peers_contact.row("drape", "none", task, made)
+    assert flat["crossings"] == 0 and abs(flat["stretch"]) < 1e-9 and flat["wall"] == 2.0 and abs(flat["height"]) < 1e-12
+    assert flat["gap"] == pytest.approx(0.055)
+    made["x"][12] = 0, 0.28, 0  # the middle, over the centre of the ball
+    made["x"][0] = made["x"][18] + [0.01, -0.1, 0.02]  # a corner through another cell
+    bent = peers_contact.row("drape", "none", task, made)
+    assert bent["crossings"] > 0 and bent["gap"] == pytest.approx(-0.02)
+    assert bent["stretch"] > 50 and bent["height"] == pytest.approx(np.ptp(made["x"][:, 1]))
+    assert len(peers_contact.plan("layers", 5, 1.0)["x"]) == 75
