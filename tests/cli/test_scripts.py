@@ -32,7 +32,7 @@ def test_a_benchmark_runs_and_its_tables_compare(name, tmp_path):
 def test_peers_in_contact_name_who_is_absent(tmp_path):
     """Ours has a row with all columns; each peer has one too, or a line that says why not."""
     file = tmp_path / "table.json"
-    done = call_script(ROOT / "scripts" / "bench_peers.py", "--contact", "--sizes", "9", "--until", "0.1", "--peers", "pyPBD",
+    done = call_script(ROOT / "scripts" / "bench_peers.py", "--contact", "--sizes", "9", "--until", "0.2", "--peers", "pyPBD",
                        "Blender", "--json", file)
     assert done.returncode == 0, done.stderr
     rows = {row["system"]: row for row in json.loads(file.read_text())["rows"]}
