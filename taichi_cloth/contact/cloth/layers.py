@@ -41,7 +41,7 @@ LOOSE = 2.0  # of gravity: what the forces of pairs may be off by, over the mass
 GIVE = 0.01  # of a pair's distance over h^2: the same where gravity is small
 PINCHING = 0.02  # of half the thickness: what moves more than that within a step is not pinched, but comes fast
 CLOSE, WIDE = 0.3, 0.7  # of a pair's room: what ends with less gets stiffer, with more softer again
-STIFFER, SOFTER, STIFFEST = 4.0, 0.8, 64.0  # factors from usual step to usual step, and their product at most
+STIFFER, SOFTER, STIFFEST = 4.0, 0.8, 4096.0  # factors from usual step to usual step, and their product at most
 
 
 NOTHING: dict[str, np.ndarray] = {"key": np.zeros(0, dtype=np.int64), "force": np.zeros(0)}
@@ -72,7 +72,8 @@ class Layers(Checkpointed):
                              for c in scene.cloths])
         self.kernels = self.kind(fields, model, np.sqrt(mu)[model.user])
         self.gravity = scene.gravity
-        self.boost = np.ones(model.n)
+        self.boost = self.accepted_boost = np.ones(model.n)
+        self.stiffened = 0.0
         self._weighed: tuple[ContactPairs, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for
         self.lips: Any = None
         if model.sewn is not None:
@@ -108,7 +109,8 @@ class Layers(Checkpointed):
     @timed
     def begin(self, start: StepStart, guess: bool) -> None:
         """A new attempt; the model is at its predicted end, with `guess` looked at there."""
-        self.start = start
+        self.start, self.stiffened = start, 0.0
+        self.boost = self.accepted_boost.copy()
         self.round, self.there, self.compared, self._weighed = 0, self.model.read_particles()[0], None, None
         self.detector.paths.begin()
         if guess:
@@ -205,7 +207,19 @@ class Layers(Checkpointed):
         over = float(np.sum(beyond + compared.measured[pair_kernels.BACK] * bears))
         rubs = over > RUBBED * rubs_as and self.round == 1  # what it still is then, it is in the next step
         left, was = room(np.array([self.least, self.was]), np.ones(2)).tolist()
-        return not self.off and not rubs and not late and left > min(CLOSE / 3, was / 2, 2 * was)
+        near = left <= min(CLOSE / 3, was / 2, 2 * was)
+        if near and not (self.off or rubs or late):
+            self._stiffen()
+        return not (near or self.off or rubs or late)
+
+    def _stiffen(self) -> None:
+        """Pairs with little room left get stiffer within the step; what that stores is `stiffened`."""
+        p, before = self.near, self.energy
+        self.boost[p.vertices[room(p.end, p.radius) < CLOSE]] *= STIFFER
+        self.boost = np.minimum(self.boost, STIFFEST)
+        self._weighed = None
+        self.energy = self._energy(p)
+        self.stiffened += self.energy - before
 
     @timed
     def lagged(self) -> float:
@@ -235,6 +249,7 @@ class Layers(Checkpointed):
         share = self.start.share
         self.boost = np.where(part < CLOSE, np.minimum(STIFFER**share * self.boost, STIFFEST),
                               np.where(part > WIDE, np.maximum(SOFTER**share * self.boost, 1.0), self.boost))
+        self.accepted_boost = self.boost
         self._weighed = None
         self.energy = self._energy(p)  # what the next step begins with
 

@@ -138,7 +138,7 @@ class LayerStep(EulerStep):
 
     def conclude(self, measures: Measures) -> tuple[Measures, Ledger] | None:
         """As `EnergyTest.conclude`; what is pulled apart may be given energy."""
-        given = math.inf if self.layers.intersections.active else self.stiffened
+        given = math.inf if self.layers.intersections.active else self.stiffened + self.layers.stiffened
         return self.energy.conclude(self.c, self.held, self.start, measures, MOST, given)
 
     def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
