@@ -167,7 +167,7 @@ class Contacts(Checkpointed):
         """As `Scanner.inspect`, at the beginning."""
         notes = self.scan.inspect(self.start.h_usual)
         self.clear()
-        return notes + (self.layers.inspect() if self.layers is not None else [])
+        return notes + (self.layers.intersections.inspect() if self.layers is not None else [])
 
     def clear(self) -> None:
         """Forgets all contacts: the state was changed from outside."""

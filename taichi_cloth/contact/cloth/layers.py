@@ -19,7 +19,6 @@ import numpy as np
 
 from ...backend.fields import Fields
 from ...backend.timing import Stopwatch, timed
-from ...errors import SceneError
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.place import Place
@@ -54,6 +53,8 @@ class Layers(Checkpointed):
         count: pairs in contact after the last solve; energy: of their repulsion [J].
         least: smallest distance of any pair over what it should keep; 1 where none is in contact.
         off: pairs whose force was not what the last solve took it to be.
+        boost: (n,) factors of pairs' stiffness, from step to step; firmness: (n,) more of it within the attempt, which
+            stores `stiffened` [J].
         waived: (n,) particles that solids pinch; freed: whether any is no longer pinched.
     """
 
@@ -72,8 +73,7 @@ class Layers(Checkpointed):
                              for c in scene.cloths])
         self.kernels = self.kind(fields, model, np.sqrt(mu)[model.user])
         self.gravity = scene.gravity
-        self.boost = self.accepted_boost = np.ones(model.n)
-        self.stiffened = 0.0
+        self.boost, self.firmness, self.stiffened = np.ones(model.n), np.ones(model.n), 0.0
         self._weighed: tuple[ContactPairs, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for
         self.lips: Any = None
         if model.sewn is not None:
@@ -110,7 +110,7 @@ class Layers(Checkpointed):
     def begin(self, start: StepStart, guess: bool) -> None:
         """A new attempt; the model is at its predicted end, with `guess` looked at there."""
         self.start, self.stiffened = start, 0.0
-        self.boost = self.accepted_boost.copy()
+        self.firmness[:] = 1.0
         self.round, self.there, self.compared, self._weighed = 0, self.model.read_particles()[0], None, None
         self.detector.paths.begin()
         if guess:
@@ -212,11 +212,14 @@ class Layers(Checkpointed):
             self._stiffen()
         return not (near or self.off or rubs or late)
 
+    def _boost(self) -> np.ndarray:
+        """(n,) factors of pairs' stiffness in this attempt."""
+        return np.minimum(self.boost * self.firmness, STIFFEST)
+
     def _stiffen(self) -> None:
         """Pairs with little room left get stiffer within the step; what that stores is `stiffened`."""
         p, before = self.near, self.energy
-        self.boost[p.vertices[room(p.end, p.radius) < CLOSE]] *= STIFFER
-        self.boost = np.minimum(self.boost, STIFFEST)
+        self.firmness[np.unique(p.vertices[room(p.end, p.radius) < CLOSE])] *= STIFFER
         self._weighed = None
         self.energy = self._energy(p)
         self.stiffened += self.energy - before
@@ -246,10 +249,10 @@ class Layers(Checkpointed):
             self._let_rest()
         self.was = self.least
         self.kept = NOTHING if q is None else {"key": q.near.key[q.near.order], "force": self.last_forces[q.near.order]}
-        share = self.start.share
-        self.boost = np.where(part < CLOSE, np.minimum(STIFFER**share * self.boost, STIFFEST),
-                              np.where(part > WIDE, np.maximum(SOFTER**share * self.boost, 1.0), self.boost))
-        self.accepted_boost = self.boost
+        share, boost = self.start.share, self._boost()
+        self.boost = np.where(part < CLOSE, np.minimum(STIFFER**share * boost, STIFFEST),
+                              np.where(part > WIDE, np.maximum(SOFTER**share * boost, 1.0), boost))
+        self.firmness[:] = 1.0
         self._weighed = None
         self.energy = self._energy(p)  # what the next step begins with
 
@@ -321,21 +324,6 @@ class Layers(Checkpointed):
         self.detector.cover()
         self.look()
 
-    def inspect(self) -> list[str]:
-        """What is wrong from the start, in words.
-
-        Raises:
-            SceneError: cloth passes through cloth, and the policy is "abort".
-        """
-        count = self.intersections.count
-        if not count:
-            return []
-        what = f"{count} pairs of an edge and a triangle of cloth pass through each other at the start"
-        if self.intersections.policy == "abort":
-            raise SceneError(f"{what}; tangles='untangle' pulls them apart, 'ignore' leaves them")
-        pulled = self.intersections.policy == "untangle"
-        return [f"{what}: they are " + ("pulled apart" if pulled else "left alone until apart")]
-
     def resumed(self) -> None:
         """See `Checkpointed`."""
         self._weighed = None
@@ -346,7 +334,7 @@ class Layers(Checkpointed):
         if self._weighed is None or self._weighed[0] is not p:
             out, turns = np.empty((pair_kernels.WEIGHED, len(p.end))), np.empty((len(p.end), 4, 3))
             if len(p.end):
-                self.kernels.evaluate(p.pair, p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, self.boost,
+                self.kernels.evaluate(p.pair, p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, self._boost(),
                                       self.start.h, out, turns)
             self._weighed = p, out, turns
         return self._weighed[1:]

@@ -8,6 +8,7 @@ Magnenat-Thalmann 2006]
 
 import numpy as np
 
+from ...errors import SceneError
 from ...scene.intersections import self_crossings
 from ...scene.mesh import face_edges
 from ...system.checkpoint import Checkpointed
@@ -62,6 +63,20 @@ class Intersections(Checkpointed):
     @property
     def count(self) -> int:
         return len(self.found[1])
+
+    def inspect(self) -> list[str]:
+        """What is wrong from the start, in words.
+
+        Raises:
+            SceneError: cloth passes through cloth, and the policy is "abort".
+        """
+        if not self.count:
+            return []
+        what = f"{self.count} pairs of an edge and a triangle of cloth pass through each other at the start"
+        if self.policy == "abort":
+            raise SceneError(f"{what}; tangles='untangle' pulls them apart, 'ignore' leaves them")
+        pulled = self.policy == "untangle"
+        return [f"{what}: they are " + ("pulled apart" if pulled else "left alone until apart")]
 
     def look(self, x: np.ndarray) -> None:
         """Finds the crossings at positions (n, 3), where a step may end."""
