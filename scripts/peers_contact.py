@@ -1,10 +1,10 @@
 """Cloth in contact, ours next to programs that pip installs: the table of `bench_peers.py --contact`.
 
 Every program gets the same vertices, mass, ball, thickness, friction and time, no damping, and a fabric as near to ours as
-its model has; how is said in scripts/baselines/contact.py. Solvers keep their own defaults. Each runs in a process of its
-own, one after the other, and first compiles: ours, whose kernels know their size, by the first half second of the task,
-peers by that of a small sheet. What is counted at the end is counted by us, from
-positions: crossings, the largest stretch of a mesh edge, the gap of the nearest vertex to the ball's surface.
+its model has; how is said in scripts/baselines/contact.py. Solvers keep their own defaults. Each peer runs in a process
+of its own, one after the other, and each first compiles: ours, whose kernels know their size, by the first half second of
+the task, peers by that of a small sheet. What is counted at the end is counted by us, from positions: crossings, the
+largest stretch of a mesh edge, the gap of the nearest vertex to the ball's surface.
 """
 
 import json
