@@ -47,7 +47,7 @@ def detection(cells: int, rounds: int) -> dict:
     for _ in range(rounds + 1):
         layers.fresh = False
         start = time.perf_counter()
-        layers.begin()
+        layers.paths.begin()
         layers.cover()
         layers.collision_free_step()
         layers.look()

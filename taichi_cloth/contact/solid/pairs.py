@@ -14,7 +14,7 @@ SETTLING = 0.3  # ranges a second that a pair may come nearer before it is stopp
 CLOSE, CREEP = 0.55, 0.05  # of a pair's range: what ends nearer than that, by so much, takes another round
 BARELY, KEPT = 0.45, 0.7  # of a pair's range: nearer than that, or than it was, a step stops it with a stiffness of its
 # own; the former for small steps, which lift what is nearer no faster than large ones do
-SHALLOW = 0.005  # of the way from LEAST to the range: the law stiffens no further
+SHALLOW = 0.05  # of the way from LEAST to the range: the law stiffens no further
 LIGHT = 0.01  # weight of a particle below which a place on cloth is not its
 DRAG_SLIP = 5e-4  # slip [m/s] below which a pair's friction is viscous
 
