@@ -71,6 +71,8 @@ def test_scripts_have_their_way_with_what_they_hold_whole(between):
     assert sorted(held.index) == list(range(9)) and np.abs(held.projector - np.eye(3)).max() == 0
     at = held.target[np.argsort(held.index)]
     assert np.abs(at[0] - there[0]).max() < 1e-6 and np.abs(at[1:] - pinches.target[1:]).max() < 1e-6
+    pinches.bear(held, np.ones((9, 3)))  # what a pin bears is no solid's
+    assert (pinches.forces[0] == 0).all() and (pinches.forces[1:] == 1).all()
 
 
 def test_nothing_else_minds_it(between):

@@ -10,7 +10,6 @@ import numpy as np
 import taichi as ti
 
 from ...backend.bvh import LEAF
-from ..geometry import on_triangle
 from .tree import TriangleTree
 
 SURE = 0.5  # part of the distance to a triangle that the height above it should be: else it is seen past its border
@@ -50,18 +49,19 @@ class FacingSurfaces:
     def __init__(self, tree: TriangleTree) -> None:
         self.tree = tree
 
-    def find(self, at: np.ndarray, way: np.ndarray, cosine: float, reach: np.ndarray, least: np.ndarray,
-             sure: float = SURE) -> Sides:
+    def find(self, at: np.ndarray, way: np.ndarray, cosine: float, reach: np.ndarray, least: np.ndarray, only: np.ndarray,
+             but: np.ndarray, sure: float = SURE) -> Sides:
         """The nearest surface to each point that faces it.
 
         Args:
             at: (k, 3) points, relative to the model's origin [m].
             way: (k, 3) unit vectors; cosine: what a surface's normal must have with them at least.
             reach: (k,) how far away it may be; least: (k,) height above it that the point must have [m].
+            only: (k,) solid that it must be of; but: (k,) solid that it must not be of; -1 for any.
             sure: part of the distance that the height must be.
         """
         exchange = self.tree.exchange
-        asked: np.ndarray = np.ascontiguousarray(np.column_stack([at, way, reach, least]), dtype=exchange)
+        asked: np.ndarray = np.ascontiguousarray(np.column_stack([at, way, reach, least, only, but]), dtype=exchange)
         out: np.ndarray = np.zeros((len(at), COLUMNS), dtype=exchange)
         if len(at):
             self._find(asked, cosine, sure, out)
@@ -74,6 +74,7 @@ class FacingSurfaces:
             p = ti.Vector([asked[k, 0], asked[k, 1], asked[k, 2]])
             way = ti.Vector([asked[k, 3], asked[k, 4], asked[k, 5]])
             nearest, least = asked[k, 6], asked[k, 7]
+            only, but = ti.cast(asked[k, 8], ti.i32), ti.cast(asked[k, 9], ti.i32)
             solid, height, facing, motion = -1, 0.0, way, 0 * p
             low, high = p - nearest, p + nearest
             node = 1
@@ -85,16 +86,12 @@ class FacingSurfaces:
                     leaf = (node - self.tree.boxes.first_leaf) * LEAF
                     for t in range(leaf, ti.min(leaf + LEAF, self.tree.boxes.size[0])):
                         info = self.tree.info[t]
-                        a, b, c = self.tree.corner(t, 0, 0.0), self.tree.corner(t, 1, 0.0), self.tree.corner(t, 2, 0.0)
-                        normal = (b - a).cross(c - a).normalized(1e-30)
-                        if info[1] == 1 and normal.dot(way) > cosine:
-                            w = on_triangle(p, a, b, c)
-                            gone = p - w[0] * a - w[1] * b - w[2] * c
+                        if info[1] == 1 and info[0] != but and (only < 0 or info[0] == only):
+                            w, gone, normal = self.tree.closest(t, p, 0.0)
                             up, d = gone.dot(normal), gone.norm()
-                            if d < nearest and ti.abs(up) >= sure * d and up >= least:
+                            if normal.dot(way) > cosine and d < nearest and ti.abs(up) >= sure * d and up >= least:
                                 nearest, solid, height, facing = d, info[0], up, normal
-                                motion = (w[0] * (self.tree.corner(t, 0, 1.0) - a) + w[1] * (self.tree.corner(t, 1, 1.0) - b)
-                                          + w[2] * (self.tree.corner(t, 2, 1.0) - c))
+                                motion = self.tree.point(t, w, 1.0) - self.tree.point(t, w, 0.0)
                                 low, high = p - nearest, p + nearest
                 node = self.tree.boxes.following(node)
                 if node == 1:

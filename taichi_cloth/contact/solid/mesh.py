@@ -14,7 +14,7 @@ from ...backend.rows import read
 from ...scene.mesh import face_edges
 from ...scene.scene import Scene
 from ...system.state import ParticleState
-from ..geometry import EDGE_EDGE, VERTEX_FACE, of_pair, on_triangle
+from ..geometry import EDGE_EDGE, VERTEX_FACE, of_pair
 from .pairs import PAIR, Pairs
 from .tree import OFF, TriangleTree
 from .vertices import HIT, KEEP, SAME_SIDE, SLOTS, WIDTH, carry, slot
@@ -88,16 +88,16 @@ class SurfaceDetector:
                     info = self.tree.info[t]
                     if info[1] >= 1:
                         thick = self.thickness[info[0]]
-                        w, difference, normal = self.at(t, a, 0.0)
+                        w, difference, normal = self.tree.closest(t, a, 0.0)
                         d = difference.norm()
                         up = difference.dot(normal)
                         sure = ti.abs(up) / ti.max(d, 1e-20)
                         side = 1.0 if up >= 0 else -1.0
-                        c_0, c_1 = self.point(t, w, 0.0), self.point(t, w, 1.0)
+                        c_0, c_1 = self.tree.point(t, w, 0.0), self.tree.point(t, w, 1.0)
                         if d < d_0 - 1e-7 * thick or (d < d_0 + 1e-7 * thick and sure > sure_0):
                             d_0, side_0, sure_0, moved = ti.min(d, d_0), side, sure, c_1 - c_0
                             closed = info[2]
-                        w_1, difference_1, normal_1 = self.at(t, b, 1.0)
+                        w_1, difference_1, normal_1 = self.tree.closest(t, b, 1.0)
                         e = difference_1.norm()
                         up_1 = difference_1.dot(normal_1)
                         sure_e = ti.abs(up_1) / ti.max(e, 1e-20)
@@ -115,8 +115,8 @@ class SurfaceDetector:
                         if s < when and (side > 0 or info[2] == 0):
                             when, solid_hit, hit = s, info[0], t
                             n_hit = side * normal_1
-                            w_s, gone, normal_s = self.at(t, a + s * (b - a), s)
-                            at_hit = self.point(t, w_s, 1.0) + thick * n_hit
+                            w_s, gone, normal_s = self.tree.closest(t, a + s * (b - a), s)
+                            at_hit = self.tree.point(t, w_s, 1.0) + thick * n_hit
             node = self.tree.boxes.following(node)
             if node == 1:
                 break
@@ -136,18 +136,6 @@ class SurfaceDetector:
         return solid, triangle, n, at, moved
 
     @ti.func
-    def at(self, t, p, s):
-        """Weights of the closest point of triangle t at the part s of the step, difference to it, unit normal."""
-        a, b, c = self.tree.corner(t, 0, s), self.tree.corner(t, 1, s), self.tree.corner(t, 2, s)
-        w = on_triangle(p, a, b, c)
-        return w, p - w[0] * a - w[1] * b - w[2] * c, (b - a).cross(c - a).normalized(1e-30)
-
-    @ti.func
-    def point(self, t, w, s):
-        """The point with weights w of triangle t."""
-        return w[0] * self.tree.corner(t, 0, s) + w[1] * self.tree.corner(t, 1, s) + w[2] * self.tree.corner(t, 2, s)
-
-    @ti.func
     def meeting(self, t, a, b, d, thick):
         """When on the way from a to b triangle t comes within the thickness; 2 if never. d: distance at the start."""
         when = 2.0
@@ -160,7 +148,7 @@ class SurfaceDetector:
             s = (d - thick) / speed
             for _ in range(STRIDES):
                 if when > 1 and s <= 1:
-                    w, difference, normal = self.at(t, a + s * (b - a), s)
+                    w, difference, normal = self.tree.closest(t, a + s * (b - a), s)
                     left = difference.norm() - thick
                     if left < HIT * thick:
                         when = s

@@ -5,8 +5,6 @@ above either surface; their sum is the room. Where it ends below what both thick
 its directions are held (S = 0), z leads it by the mean of both surfaces' motions, and towards its share of the room at a
 bounded speed. Its contacts are none, and what passes through what there does not count. Once there is a quarter more room
 than needed, and it is outside both, it is free again.
-
-Differs from [BWK03]: they hold what is pinched for one step, in a quasi-static pass after it; here it is part of the solve.
 """
 
 from dataclasses import dataclass, field, replace
@@ -84,10 +82,12 @@ class Pinches(Checkpointed):
 
     Attributes:
         between: (n,) [m] what its cloth keeps from cloth; 0 where it meets none.
-        possible: whether a scene's solids can close on each other, or on themselves, at all.
+        possible: whether a scene's solids can close on each other, or on themselves, at all: two of which one moves, or one
+            that deforms.
         accepted: as of the last accepted step; trial: of this attempt.
         where: (n,) whether a particle is pinched in this attempt; around: whether it is, or shares a face with one that is.
-        target: (k, 3) where they are led [m]; forces: (k, 3) [N] that it took in the last solve.
+        target: (k, 3) where they are led [m]; led: (k,) whether they are, and not held by a script; forces: (k, 3) [N] that it
+            took in the last solve.
     """
 
     STATE = ("accepted",)
@@ -98,11 +98,12 @@ class Pinches(Checkpointed):
         for c in scene.cloths:
             if c.contact is not None:
                 self.between[particle[c.start: c.start + c.mesh.vertex_count]] = c.contact.thickness
-        self.possible = len(scene.solids) > 1 or any(s.deforms for s in scene.solids)
+        self.possible = bool(scan.yields.any() or (len(scene.solids) > 1 and scan.moves.any()))
         self.surfaces = FacingSurfaces(scan.tree) if self.possible and scan.tree is not None and scan.meshes.any() else None
         self.accepted = self.trial = Pinched()
         self.where, self.around = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
         self.target = self.forces = np.zeros((0, 3))
+        self.led = np.zeros(0, dtype=bool)
 
     def resumed(self) -> None:
         """See `Checkpointed`."""
@@ -191,7 +192,8 @@ class Pinches(Checkpointed):
         part = np.flatnonzero(~analytic)
         above = old.height[part, k, None] * old.normal[part, k]
         reach = 2 * self.scan.fastest + self.thickness[solid[part]]
-        foot = self.surfaces.find(x[part] - above, old.normal[part, k], SAME, reach, np.full(len(part), -np.inf), 0.0)
+        foot = self.surfaces.find(x[part] - above, old.normal[part, k], SAME, reach, np.full(len(part), -np.inf), solid[part],
+                                  np.full(len(part), -1), sure=0.0)
         _fill(sides, part, replace(foot, height=foot.height + np.einsum("ki,ki->k", above, foot.normal)))
         return sides
 
@@ -204,21 +206,23 @@ class Pinches(Checkpointed):
         return sides
 
     def _entering(self, start: StepStart, found: VertexContacts) -> Between:
-        """What gets pinched in this step: between what it is in contact with, or that and another part of the same mesh."""
-        sides, parts = self._above(start.x[found.index], found.solid), []
-        meshes = np.flatnonzero(self.scan.meshes[found.solid])
+        """What gets pinched in this step: between what it is in contact with, and another solid or another part of a mesh that
+        deforms."""
+        scan, sides, parts = self.scan, self._above(start.x[found.index], found.solid), []
         if self.surfaces is not None:
-            x, index = start.x[found.index[meshes]], found.index[meshes]
-            thick = self.thickness[found.solid[meshes]]
-            reach = 2 * thick + self.between[index] + 2 * self.scan.fastest
-            least = np.where(self.scan.closed[found.solid[meshes]], -thick, 0.0)  # a sheet has its other side there
-            nearest = self.surfaces.find(x, found.normal[meshes], SAME, reach, least)
-            _fill(sides, meshes, nearest)
-            yields = np.flatnonzero((nearest.solid >= 0) & self.scan.yields[nearest.solid])
-            a, least, reach = nearest.take(yields), least[yields], reach[yields]
-            parts.append(Between(index[yields], a, self.surfaces.find(x[yields], -a.normal, -WEDGE, reach, least)))
-        for other in np.flatnonzero(~self.scan.meshes):
-            rows = np.flatnonzero((found.solid != other) & (self.scan.moves[found.solid] | self.scan.moves[other]))
+            thick, nothing = self.thickness[found.solid], np.full(len(found.solid), -1)
+            reach = thick + self.thickness.max() + self.between[found.index] + 2 * scan.fastest
+            least = np.where(scan.closed[found.solid], -thick, 0.0)  # a sheet has its other side there
+            on = np.flatnonzero(scan.meshes[found.solid])
+            _fill(sides, on, self.surfaces.find(start.x[found.index[on]], found.normal[on], SAME, reach[on], least[on],
+                                                found.solid[on], nothing[on]))
+            on = np.flatnonzero((sides.solid >= 0) & (scan.moves[found.solid] | scan.moves[scan.meshes].any()))
+            a, index = sides.take(on), found.index[on]
+            b = self.surfaces.find(start.x[index], -a.normal, -WEDGE, reach[on] + np.linalg.norm(a.motion, axis=1), least[on],
+                                   nothing[on], np.where(scan.yields[a.solid], -1, a.solid))
+            parts.append(Between(index, a, b))
+        for other in np.flatnonzero(~scan.meshes):
+            rows = np.flatnonzero((found.solid != other) & (scan.moves[found.solid] | scan.moves[other]))
             index = found.index[rows]
             parts.append(Between(index, sides.take(rows), self._above(start.x[index], np.full(len(rows), other))))
         all_ = Between(np.concatenate([p.index for p in parts]), Sides.join([p.a for p in parts]),
@@ -235,14 +239,15 @@ class Pinches(Checkpointed):
     def with_pins(self, pins: Held | None) -> Held | None:
         """What scripts hold, and what is pinched; where scripts hold all directions of a particle they have it their way."""
         index, target = self.trial.index, self.target
+        self.led = np.ones(len(index), dtype=bool)
         if not len(index):
             return pins
         projector, y = np.tile(np.eye(3), (len(index), 1, 1)), np.zeros_like(target)
         if pins is not None:
             whole = pins.index[np.trace(pins.projector, axis1=1, axis2=2) > 2.5]
-            free = ~np.isin(index, whole)
-            other = ~np.isin(pins.index, index[free])
-            index, projector, target, y = (np.concatenate([mine[other], part[free]]) for mine, part in zip(
+            self.led = ~np.isin(index, whole)
+            other = ~np.isin(pins.index, index[self.led])
+            index, projector, target, y = (np.concatenate([mine[other], part[self.led]]) for mine, part in zip(
                 (pins.index, pins.projector, pins.target, pins.y), (index, projector, target, y)))
         return Held.of(index, projector, target, True, y, self.scan.exchange)
 
@@ -251,7 +256,7 @@ class Pinches(Checkpointed):
         if held is not None and len(self.trial.index):
             whole = np.zeros((len(self.where), 3))
             whole[held.index] = reaction
-            self.forces = whole[self.trial.index]
+            self.forces = whole[self.trial.index] * self.led[:, None]
 
     def commit(self) -> None:
         """The step was accepted."""

@@ -277,7 +277,7 @@ class SolidContacts(Checkpointed):
         out[rows[self.active.lift > 0]] = True
         held = self.active.holding.held
         if held is not None:
-            solids |= self.pinches.where[held.index]
+            solids |= np.isin(held.index, self.pinches.trial.index[self.pinches.led])
         return solids, out
 
     def commit(self) -> None:

@@ -12,6 +12,7 @@ from ...scene.mesh import face_edges
 from ...scene.primitives import Cylinder
 from ...scene.scene import Scene
 from ...scene.solids import MESH, SolidMesh
+from ..geometry import on_triangle
 
 FLAT, RIM = 0.01, 0.5  # angles [rad] that an edge must have to be one, on any solid and on a smooth cylinder
 OFF = 2  # in `TriangleTree.info`: cloth passes through it
@@ -114,6 +115,18 @@ class TriangleTree:
         both = self.x[i]
         a, b = ti.Vector([both[0], both[1], both[2]]), ti.Vector([both[3], both[4], both[5]])
         return a + s * (b - a)
+
+    @ti.func
+    def closest(self, t, p, s):
+        """Weights of the closest point of triangle t at the part s of the step, difference to it, unit normal."""
+        a, b, c = self.corner(t, 0, s), self.corner(t, 1, s), self.corner(t, 2, s)
+        w = on_triangle(p, a, b, c)
+        return w, p - w[0] * a - w[1] * b - w[2] * c, (b - a).cross(c - a).normalized(1e-30)
+
+    @ti.func
+    def point(self, t, w, s):
+        """The point with weights w of triangle t."""
+        return w[0] * self.corner(t, 0, s) + w[1] * self.corner(t, 1, s) + w[2] * self.corner(t, 2, s)
 
 
 def smooth(radius: float, thickness: float, edge: float) -> bool:
