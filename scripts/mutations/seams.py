@@ -29,6 +29,7 @@ RIPS, ORDER, GOES_ON = (f"{RIPPING}::{name}" for name in (
 BUTTONS = f"{RIPPING}::test_buttons_give_at_their_force"
 
 TEARING, TEAR = "tests/physics/test_tearing.py", "taichi_cloth/step/tearing.py"
+SIDES = f"{RIPPING}::test_sides_keep_what_they_have_come_apart_by"
 SCORED = f"{TEARING}::test_a_scored_line_tears_at_its_fraction"
 
 MUTATIONS = (
@@ -44,6 +45,10 @@ MUTATIONS = (
     ("taichi_cloth/step/giving.py", "self.stitches.model.restore()", "pass", "the step goes on from its end", RIPS),
     ("taichi_cloth/contact/cloth/lips.py", "self.resumed()\n        return True", "return True",
      "contact is not told of what has opened", f"{RIPPING}::test_what_was_sewn_meets_as_layers_do"),
+    ("taichi_cloth/contact/cloth/lips.py", "np.maximum(self.grown, apart)", "apart",
+     "sides keep no more than the distance that they have", SIDES),
+    ("taichi_cloth/contact/cloth/lips.py", "label[self.a[opened]]), 0.0, self.grown)",
+     "label[self.a[opened]]), self.grown, self.grown)", "what has just opened keeps a thickness at once", SIDES),
     ("taichi_cloth/forces/bend.py", "*= self.host_whole[:, None]", "*= 1", "hinges stay over an open seam",
      f"{RIPPING}::test_hinges_go_with_their_seam"),
     (CLUSTERS, "out = first + rest / (hi - lo)", "out = first", "the first member for the mean", CUT),

@@ -3,13 +3,13 @@
 import datetime
 import platform
 from collections import Counter
-from dataclasses import asdict
+from dataclasses import asdict, fields
 
 import numpy as np
 
 from .. import __version__
 from ..simulation import Simulation
-from ..step.ledger import totals
+from ..step.ledger import Work, totals
 
 
 def summary(sim: Simulation) -> dict:
@@ -81,9 +81,10 @@ def describe(sim: Simulation, wall: float, start: float = 0.0) -> str:
 
 def _energy(total: dict[str, float]) -> str:
     """What put energy in, what took it, and what is unaccounted for, in a sentence."""
-    taken = ("damping", "method")
+    given = [f.name for f in fields(Work)] + ["wind"]
+    taken = ("damping", "plastic", "torn", "method")
     terms = (f"{name} {-value if name in taken else value:+.3g}" for name, value in total.items()
-             if value and name in ("attachments", "pins", "solids", "lifted", "lowered", "friction", "layers", "wind", *taken))
+             if value and name in (*given, *taken))
     return (f"changed by {total['kinetic'] + total['potential']:+.3g} J: {', '.join(terms) or 'no work'}; "
             f"unaccounted for {total['unaccounted']:+.2g} J")
 

@@ -124,6 +124,27 @@ def test_what_was_sewn_meets_as_layers_do():
         assert met > 10 and sim.stitches_open()[0].all()
 
 
+def test_sides_keep_what_they_have_come_apart_by():
+    """Led a third of a thickness apart, and back towards each other by five times as much: they do not pass."""
+    scene, cloth, seam = sewn(contact=tc.ClothContact(0.006, 0.0))
+    left, right = ends(cloth)
+    scene.pin(cloth, left)
+    scene.at(0.025, lambda s: s.unsew(seam))
+    path = np.array([[0, 0, 0], [0.002, 0.001, 0], [-0.008, 0.001, 0]])
+    scene.move(cloth, right, lambda t: [np.interp(t, [0.025, 0.075, 0.175], path[:, c]) for c in range(3)], relative=True)
+    with tc.Simulation(scene, h=1 / 60, integrator="backward_euler") as sim:
+        met, least = 0, np.inf
+        while sim.time < 0.3:
+            sim.step()
+            met = max(met, sim.log[-1].layers)
+            assert met == 0 or sim.time > 0.076, "nothing pushes them apart"
+            x = sim.positions()
+            assert cloth_crossings(sim) == 0 and sim.log[-1].tangled == 0
+            if sim.time > 0.08:
+                least = min(least, np.linalg.norm(x[seam.a] - x[seam.b], axis=1).min())
+        assert met > 10 and 0.0005 < least < 0.0025
+
+
 def test_a_run_goes_on_bit_for_bit_through_a_rip():
     def made():
         scene, cloth, _ = sewn(STRENGTH, gravity=(0, -9.81, 0), contact=tc.ClothContact(0.004, 0.2))

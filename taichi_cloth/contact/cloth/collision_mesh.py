@@ -12,6 +12,9 @@ from ...system.state import ParticleState
 from ..geometry import VERTEX_FACE
 from ..pair_geometry import between
 
+ACROSS = (0, 1), (0, 2), (0, 3), (1, 2), (1, 3)  # two of a pair's four particles, on different sides of it
+LEAST = 0.01  # of a thickness: sides of what opened that have not been so far apart are one surface
+
 
 @ti.data_oriented
 class CollisionMesh:
@@ -32,6 +35,7 @@ class CollisionMesh:
         given = np.concatenate([c.mesh.x for c in scene.cloths])[model.user]
         order = morton(given[faces].mean(axis=1))
         order = order[np.argsort(cloth[order], kind="stable")]  # each cloth by itself
+        self.exchange = fields.exchange
         self.faces, self._cloth_of = faces[order], cloth[order]
         m = len(self.faces)
         ends = np.sort(face_edges(self.faces), axis=1)
@@ -54,6 +58,7 @@ class CollisionMesh:
         self.sews = model.sewn is not None
         if self.sews:
             self.joined = fields.integer(model.n, data=self.knots)  # what was one in the beginning
+            self.grown = fields.real(model.n, data=2 * self.half_thickness)  # see `Lips`
         owner = np.concatenate([np.full(c.mesh.vertex_count, k) for k, c in enumerate(scene.cloths)])[model.user]
         self.owner, self.rest = fields.integer(model.n, data=owner), fields.real(model.n, 3, given)
 
@@ -88,24 +93,47 @@ class CollisionMesh:
         self.knots = knots
         write(self.knot, knots.astype(np.int32))
 
+    def set_grown(self, grown: np.ndarray) -> None:
+        """What particles keep [m] from what they were sewn to."""
+        write(self.grown, grown.astype(self.exchange))
+
+    @ti.func
+    def were_one(self, kind, v, a, b):
+        """Whether particles a and b of a pair are on different sides of it and were sewn to each other once."""
+        across = b >= 2
+        if kind == VERTEX_FACE:
+            across = a == 0
+        return across and self.joined[v[a]] == self.joined[v[b]]
+
     @ti.func
     def parted(self, kind, v):
         """Whether the two of a pair were sewn to each other once, and so have no distance in the cloth's own shape."""
         out = False
         if ti.static(self.sews):
-            j = ti.Vector([self.joined[v[0]], self.joined[v[1]], self.joined[v[2]], self.joined[v[3]]])
-            out = j[0] == j[2] or j[0] == j[3] or j[1] == j[2] or j[1] == j[3]
-            if kind == VERTEX_FACE:
-                out = j[0] == j[1] or j[0] == j[2] or j[0] == j[3]
+            for a, b in ti.static(ACROSS):
+                out = out or self.were_one(kind, v, a, b)
         return out
 
     @ti.func
-    def radius(self, kind, v):
-        """The distance that a pair should keep [m]."""
+    def came_apart(self, kind, v):
+        """The distance [m] that the two of such a pair have had; negative where that is too little to keep."""
         out = self.thickness(v)
-        if self.owner[v[0]] == self.owner[v[3]] and not self.parted(kind, v):  # near in its own shape
-            rest, w = between(kind, self.rest[v[0]], self.rest[v[1]], self.rest[v[2]], self.rest[v[3]])
-            out = ti.min(out, 0.5 * rest.norm())
+        if ti.static(self.sews):
+            for a, b in ti.static(ACROSS):
+                if self.were_one(kind, v, a, b):
+                    out = ti.min(out, ti.max(self.grown[v[a]], self.grown[v[b]]))
+        return ti.select(out < LEAST * self.thickness(v), -1.0, out)
+
+    @ti.func
+    def radius(self, kind, v):
+        """The distance that a pair should keep [m]; negative where it is none."""
+        out = self.thickness(v)
+        if self.owner[v[0]] == self.owner[v[3]]:
+            if self.parted(kind, v):
+                out = self.came_apart(kind, v)
+            else:  # near in its own shape
+                rest, w = between(kind, self.rest[v[0]], self.rest[v[1]], self.rest[v[2]], self.rest[v[3]])
+                out = ti.min(out, 0.5 * rest.norm())
         return out
 
 

@@ -263,9 +263,10 @@ class Layers(Checkpointed):
 
     @timed
     def part(self, whole: np.ndarray) -> None:
-        """After a step, with the stitches (k,) that are whole: sides of open ones that are apart meet as other cloth does."""
-        if self.lips.part(whole):
-            self.detector.fresh = False
+        """After a step, with the stitches (k,) that are whole: sides of open ones keep what they have come apart by."""
+        self.detector.fresh &= not self.lips.part(whole)
+        if self.lips.growing:
+            self.lips.grow(self.detector.apart())
 
     def release(self, every: bool) -> bool:
         """Deactivates for a while the pairs that allow no collision-free step: they are pinched. Whether there were any.

@@ -14,6 +14,7 @@ from ...system.state import ParticleState
 from ..geometry import VERTEX_FACE
 from ..pair_geometry import between, closing, fading, gap
 from .broad_phase import ROUNDING, Candidates
+from .collision_mesh import ACROSS
 from .contact_pairs import ContactPairs
 
 STRIDES = 48
@@ -74,6 +75,16 @@ class LayerDetector(Candidates):
         weights, start, end, normal, factor, radius = (np.ascontiguousarray(r[:, k]) for k in COLUMNS)
         return ContactPairs(c, v, weights, start, end, normal, factor, radius)
 
+    def apart(self) -> np.ndarray:
+        """(n,) how far [m] particles are, where the model is, from what they were sewn to and are no more, a thickness at
+        most; paths begin there."""
+        self.paths.arrive()
+        self.cover()
+        out: np.ndarray = (2 * self.mesh.half_thickness).astype(self.exchange)
+        if len(self.candidates):
+            self._apart(self.candidates, out)
+        return out.astype(np.float64)
+
     @ti.func
     def path(self, v, swept):
         """Where four particles' path begins and how far it leads; where it is not swept, its end and nowhere."""
@@ -117,7 +128,10 @@ class LayerDetector(Candidates):
                 difference, w = between(kind, p, q, r, s)
                 d = difference.norm()
                 if d > 0 and (1 - KEEP) * (d - floor) < speed:
-                    floor = self.floor * self.mesh.radius(kind, v)
+                    radius = self.mesh.radius(kind, v)
+                    if radius < 0:
+                        continue  # sides of what has just opened
+                    floor = self.floor * radius
                     if d <= PINCHED * floor:
                         floor = 0.0
                     keep = KEEP * (d - floor)
@@ -131,6 +145,20 @@ class LayerDetector(Candidates):
                             difference, w = between(kind, p + done * dp, q + done * dq, r + done * dr, s + done * ds)
                             d = difference.norm()
                     part[k] = done
+
+    @ti.kernel
+    def _apart(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):
+        for k in range(rows.shape[0]):
+            kind = rows[k, 2]
+            v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
+            if self.mesh.parted(kind, v):
+                p, q, r, s, dp, dq, dr, ds = self.path(v, 0)
+                difference, w = between(kind, p, q, r, s)
+                d = difference.norm()
+                for a, b in ti.static(ACROSS):
+                    if self.mesh.were_one(kind, v, a, b):
+                        ti.atomic_min(out[v[a]], d)
+                        ti.atomic_min(out[v[b]], d)
 
     @ti.kernel
     def _reach(self, rows: ti.types.ndarray(), distances: ti.types.ndarray(), swept: int, flag: ti.types.ndarray()):
@@ -177,7 +205,7 @@ class LayerDetector(Candidates):
                 here = w[0] * (p + dp) + w[1] * (q + dq) + w[2] * (r + dr) + w[3] * (s + ds)
                 end = n.dot(here)
                 counts = fading(kind, w, p + dp, q + dq, r + dr, s + ds)
-                if end < radius and counts > FAINT:
+                if end < radius and radius >= 0 and counts > FAINT:
                     out[k, 0], out[k, 1] = d_0, end
                     for c in ti.static(range(3)):
                         out[k, 2 + c] = n[c]
