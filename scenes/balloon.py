@@ -4,7 +4,7 @@ import numpy as np
 
 import taichi_cloth as tc
 
-RUN = {"duration": 1.8, "fps": 30, "h": 1 / 60, "integrator": "backward_euler"}
+RUN = {"duration": 1.8, "fps": 30, "h": 1 / 120}
 SMALL = {"rings": 5}
 RADIUS, FILLED, SHUT = 0.22, 0.6, 0.8  # m, s, s
 

@@ -1,6 +1,6 @@
 """Pictures of the theory pages and tutorials, in docs/images/.
 
-    python scripts/make_figures.py [strain_limits bend_friction shirt_fold dressed] [--to docs/images]
+    python scripts/make_figures.py [strain_limits bend_friction shirt_fold tent dressed] [--to docs/images]
 """
 
 import argparse
@@ -79,7 +79,7 @@ def dressed() -> np.ndarray:
 
 FIGURES: dict[str, Callable[[], np.ndarray]] = {
     "strain_limits": strain_limits, "bend_friction": bend_friction, "shirt_fold": lambda: of_scene("shirt_fold"),
-    "dressed": dressed}
+    "tent": lambda: of_scene("tent", "stretch", (0.95, 1.05)), "dressed": dressed}
 
 
 def main() -> None:

@@ -31,6 +31,7 @@ class Force(ABC):
         attached: (k, 3) particle, stiffness and largest force of what it attaches softly; None where it never does.
         coupled: whether its product takes sums over all of the cloth: `sum_up`, `add_coupled`.
         driven: whether its energy changes with time by itself.
+        indefinite: whether the matrix has a part of it that may not be semidefinite, see `leave_out`.
         notes: what was found out when it was made, for people.
     """
 
@@ -46,6 +47,7 @@ class Force(ABC):
     attached: np.ndarray | None = None
     coupled: bool = False
     driven: bool = False
+    indefinite: bool = False
     notes: Sequence[str] = ()
 
     @classmethod
@@ -98,6 +100,9 @@ class Force(ABC):
 
     def add_coupled(self, block, q):  # noqa: B027
         """q += what these sums put on the rows of a block, another part of (-c D - c^2 K) p."""
+
+    def leave_out(self, part: bool) -> None:  # noqa: B027
+        """Whether what of it may not be semidefinite is left out of the matrix from the next linearization on."""
 
     def set_time(self, t: float) -> None:  # noqa: B027
         """What changes with time by itself is set to what it is at t [s]."""

@@ -13,7 +13,8 @@ f = p dV,    K = p ddV + p' dV dV^T,    6 dV_i = sum over faces (i, b, c) of (x_
 Sewn corners of faces count as their mean, so that V is that of a closed surface also while seams close: no room pushes itself,
 and V does not depend on the origin. p' dV dV^T, p' <= 0, couples all of a room: a product takes dV . p of all blocks first.
 p ddV is symmetric, as that of a closed surface, but indefinite; its diagonal blocks are 0, so that preconditioners have none
-of it. Of constant pressure it is taken whole; where p' is not 0 it is left out, since p goes elsewhere within the solve.
+of it. Of constant pressure it is taken whole, and left out where conjugate gradients find that A is indefinite; where p' is
+not 0 it is left out, since p goes elsewhere within the solve.
 """
 
 import numpy as np
@@ -48,7 +49,7 @@ class Gas(Force, Checkpointed):
     """
 
     energies = ("gas",)
-    coupled = True
+    coupled = indefinite = True
     STATE = ("known",)
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
@@ -84,7 +85,12 @@ class Gas(Force, Checkpointed):
         n, self.stiff = self.at.rows, True
         self.x_l, self.g_l = self._fields.real(n, 3), self._fields.real(n, 3)
         self.taken = self._fields.real(len(self.rooms), 2)  # c^2 p, -c^2 p'
+        self.left_out = self._fields.integer(1, data=np.zeros(1))
         self.sums = self._fields.real(self.model.blocks.count * len(self.rooms), dtype=self.sum_type)
+
+    def leave_out(self, part: bool) -> None:
+        """p ddV."""
+        write(self.left_out, np.array([part], dtype=np.int32))
 
     @property
     def driven(self) -> bool:  # type: ignore[override]
@@ -158,10 +164,7 @@ class Gas(Force, Checkpointed):
 
     def prepare(self, motion=None) -> None:
         """Volumes, and pressures there."""
-        if motion is None:
-            self._weigh(0, self.model.v)
-        else:
-            self._weigh(1, motion)
+        self._weigh(int(motion is not None), self.model.v if motion is None else motion)
 
     @ti.kernel
     def _weigh(self, moves: int, motion: ti.template()):
@@ -289,9 +292,8 @@ class Gas(Force, Checkpointed):
         for k in range(self.size[1]):
             row = k * self.model.blocks.count + block
             p, s = ti.cast(self.state[k][3], float), ti.cast(self.state[k][4], float)
-            lasting, change = p, ti.cast(self.state[k][2], float)
-            if s > 0:
-                lasting = 0.0  # not the pressure that the solve comes to
+            change = ti.cast(self.state[k][2], float)
+            lasting = ti.select(s > 0 or self.left_out[0] == 1, 0.0, p)  # not what the solve comes to, or not semidefinite
             if block == 0:
                 self.taken[k] = ti.Vector([c * c * lasting, c * c * s])
             for j in range(self.share[row], self.share[row + 1]):
@@ -339,7 +341,7 @@ class Gas(Force, Checkpointed):
                     q[i] = q[i] + scale * self.weight[o] * self.g_l[self.part[o][1]]
 
     def build_levels(self, levels) -> None:
-        """Nothing, see `add_level_block`."""
+        """Nothing."""
 
     @ti.func
     def add_level_block(self, n, c, D, levels: ti.template()):

@@ -11,7 +11,7 @@ from ...backend.rows import read
 from ...backend.runtime import Runtime
 from ...options import Options
 from ...scene.scene import Scene
-from ...solver.pcg import PCG, Solution
+from ...solver.pcg import BREAKDOWN, PCG, Solution
 from ...solver.preconditioner import build_preconditioner
 from ...system.assembler import Assembler, Measures
 from ...system.constraints import Filter
@@ -50,17 +50,26 @@ class System:
         self.epsilon = runtime.epsilon
         extent = float(np.abs(model.start_positions[model.user] - model.origin).max())
         self.resolution = runtime.epsilon * extent
+        self._indefinite = [force for force in forces if force.indefinite]
+        self._moves = self._definite = False  # as it was linearized
         self.floor = sum(force.rounding_energy(self.resolution) for force in forces)
 
     def linearize(self, c: float, moves: bool = False) -> Measures:
         """A and b at the model's state, with `moves` b with the operator's motion; see `Assembler`."""
-        self.span = c
+        self.span, self._moves = c, moves
+        self._leave_out(False)
         return self.meter.linearize(c, moves)
+
+    def _leave_out(self, part: bool) -> None:
+        """Whether what of forces may not be semidefinite is left out of the next linearization."""
+        for force in self._indefinite if part != self._definite else ():
+            force.leave_out(part)
+        self._definite = part
 
     def solve(self, tolerance: float, held: Held | None, h: float = 0.0, z: np.ndarray | None = None,
               warm: bool = False, fresh: bool = True, lead: float = 0.0, lasting: bool = False,
               again: bool = False) -> Solution:
-        """Solves the system as linearized.
+        """Solves the system as linearized; without what of forces may not be semidefinite where it turns out not to be.
 
         Args:
             tolerance: relative residual.
@@ -89,6 +98,10 @@ class System:
         if fresh:
             self.preconditioner.make(self.span, held, lasting)
         solution = self.solver.solve(tolerance, held is None and not warm and sewn is None, warm, zero)
+        if solution.status == BREAKDOWN and self._indefinite and not self._definite:
+            self._leave_out(True)
+            self.meter.linearize(self.span, self._moves)
+            return self.solve(tolerance, held, h, z, False, fresh, lead, lasting, again)
         if fresh and not warm:
             self.preconditioner.count_iterations(solution.iterations)
         return solution
