@@ -6,7 +6,7 @@ import numpy as np
 
 import taichi_cloth as tc
 
-RUN = {"duration": 3.0, "fps": 30, "h": 1 / 60, "cg_tol": 1e-3, "integrator": "backward_euler"}
+RUN = {"duration": 3.0, "fps": 30, "h": 1 / 60, "cg_tol": 1e-3, "integrator": "newton_euler"}
 SMALL = {"cells": 10}
 SIDE, THICKNESS, MARGIN = 0.24, 0.003, 0.002  # m
 CLOSED, OPENS, OPEN = 1.0, 1.3, 1.9  # s: when the box is closed, begins to open, is open

@@ -43,7 +43,7 @@ class Giving:
             return False
         if not self.tries:
             self.before = self.stitches.whole
-        self.tries += 1
+        self.tries, system.gave = self.tries + 1, True
         self.stitches.model.restore()
         self.torn += self._set(self.stitches.whole & ~given)
         return True
@@ -53,13 +53,13 @@ class Giving:
         changed = self.tries > 0
         if changed:
             self._set(self.before)
-        self.torn, self.tries = 0.0, 0
+        self.torn, self.tries, self.integrator.system.gave = 0.0, 0, False
         return changed
 
     def commit(self) -> tuple[float, int]:
         """The step was accepted: (energy [J] that went with what gave, stitches that are open)."""
         torn = self.torn
-        self.torn, self.tries = 0.0, 0
+        self.torn, self.tries, self.integrator.system.gave = 0.0, 0, False
         if self.contacts is not None and self.contacts.layers is not None:
             self.contacts.layers.part(self.stitches.whole | self.stitches.pulled)
         return torn, self.stitches.open

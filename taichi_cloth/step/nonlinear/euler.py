@@ -131,8 +131,9 @@ class EulerStep(StepProblem):
         return None if ended is None else self.finish(*ended)
 
     def accounted(self, ended: tuple[Measures, Ledger] | None) -> tuple[Measures, Ledger] | None:
-        """The end of a step, or None where cloth runs into a limit and a solve left too much of its energy unaccounted for."""
-        if ended is None or max(self.start.used, ended[0].used) <= 1:
+        """The end of a step, or None where cloth runs into a limit or tears, and a solve left too much of its energy
+        unaccounted for."""
+        if ended is None or (max(self.start.used, ended[0].used) <= 1 and not self.system.gave):
             return ended
         ledger = ended[1]
         through = sum(abs(value) for value in asdict(ledger).values())

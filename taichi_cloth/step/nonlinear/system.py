@@ -31,6 +31,7 @@ class System:
         held: of the last solve.
         span: c [s] that it was linearized with.
         leads: whether the last solve led something: pins that move, solids, seams that close.
+        gave: whether stitches gave in this step, which is tried again without them.
         resolution: what positions are rounded to [m].
         floor: energy [J] that this rounding amounts to.
     """
@@ -44,7 +45,7 @@ class System:
         self.solver = PCG(fields, self.operator, self.preconditioner, runtime, options.cg_max_iterations, alone)
         self.filter = Filter(fields, model, self.solver.dv)
         self.held: Held | None = None
-        self.span, self.leads = 0.0, False
+        self.span, self.leads, self.gave = 0.0, False, False
         self._kept: np.ndarray | None = None
         self._kept_tension: np.ndarray | None = None
         self.epsilon = runtime.epsilon
