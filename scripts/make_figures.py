@@ -1,6 +1,6 @@
 """Pictures of the theory pages and tutorials, in docs/images/.
 
-    python scripts/make_figures.py [strain_limits bend_friction shirt_fold tent dressed] [--to docs/images]
+    python scripts/make_figures.py [strain_limits bend_friction shirt_fold balloon crumple tent dressed] [--to docs/images]
 """
 
 import argparse
@@ -31,13 +31,13 @@ def drawn(sim: tc.Simulation, heat: str | None = None, limits: tuple[float, floa
     return Artist(geometry, size, Look(quality="high", heat=shown)).draw(record.frame(sim))
 
 
-def of_scene(name: str, heat: str | None = None, limits: tuple[float, float] | None = None) -> np.ndarray:
-    """The end of a scene."""
+def of_scene(name: str, heat: str | None = None, limits: tuple[float, float] | None = None, part: float = 1.0) -> np.ndarray:
+    """The end of a scene, or of a part of its duration."""
     scene = scenefile.read(name)
     plan = dict(scene.run)
     duration, fps = plan.pop("duration"), plan.pop("fps")
     with tc.Simulation(scene.make({}), **plan) as sim:
-        sim.run(duration, fps)
+        sim.run(part * duration, fps)
         return drawn(sim, heat, limits)
 
 
@@ -79,6 +79,7 @@ def dressed() -> np.ndarray:
 
 FIGURES: dict[str, Callable[[], np.ndarray]] = {
     "strain_limits": strain_limits, "bend_friction": bend_friction, "shirt_fold": lambda: of_scene("shirt_fold"),
+    "balloon": lambda: of_scene("balloon", part=0.68), "crumple": lambda: of_scene("crumple", "crease", (0.0, 150.0)),
     "tent": lambda: of_scene("tent", "stretch", (0.95, 1.05)), "dressed": dressed}
 
 
