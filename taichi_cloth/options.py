@@ -10,7 +10,7 @@ from typing import Any
 
 CG_TOL = 1e-4  # relative residual of the paper's single solve, where none is asked for
 NEWTON_TOL = 1e-4  # m, where none is asked for
-INTEGRATORS = ("auto", "safe", "tr_bdf2", "backward_euler", "newton_euler", "verlet")
+INTEGRATORS = ("auto", "safe", "tr_bdf2", "bdf2", "backward_euler", "newton_euler", "verlet")
 EXPLICIT = ("verlet",)
 PRECONDITIONERS = ("auto", "multilevel", "block_jacobi", "jacobi", "none")
 SHORTEST, LONGEST = 1e-12, 100.0  # steps [s] that may be asked for: time has no digits for shorter ones
@@ -52,7 +52,8 @@ class Options:
     arch: str = _option("cpu", "choice", '"cpu", "cuda", "vulkan" or "metal"', "--arch", choices=ARCHS)
     precision: str = _option("f64", "choice", '"f32" or "f64"', "--precision", choices=PRECISIONS)
     integrator: str = _option(
-        "safe", "choice", '"safe" (TR-BDF2; steps that it cannot take, and those in contact, by backward Euler), "tr_bdf2", '
+        "safe", "choice", '"safe" (TR-BDF2; steps that it cannot take, and those in contact, by backward Euler), "bdf2" '
+        '(as "safe", those in contact by BDF2, of second order), "tr_bdf2", '
         '"backward_euler" (the paper\'s single solve), "newton_euler" (nonlinear backward Euler), "verlet" (explicit), or '
         '"auto": "safe" or "verlet", by stiffness, mesh, solids and tolerance; `notes` say why', "--integrator",
         choices=INTEGRATORS)
@@ -85,7 +86,7 @@ class Options:
         "Euler, and for TR-BDF2 what is left may be half of a stage's first change", "--newton-tol", "m", positive=True)
     tolerance: float | None = _option(
         None, "number", "RMS error of positions [m] that half a second may add, as estimated; it drives h. None takes the "
-        'steps asked for. Needs "safe" or "tr_bdf2"', "--tolerance", "m", positive=True)
+        'steps asked for. Needs "safe", "bdf2" or "tr_bdf2"', "--tolerance", "m", positive=True)
     tangles: str = _option(
         "untangle", "choice", 'cloth that passes through cloth where it should not: "untangle" pulls it apart, "ignore" '
         'leaves it until it is apart, "abort" refuses such a start', "--tangles", choices=("untangle", "ignore", "abort"))
@@ -112,9 +113,9 @@ class Options:
             if kind == "number":
                 bounds["unit"] = option.metadata["unit"]
             object.__setattr__(self, option.name, getattr(checks, kind)(option.name, value, **bounds))
-        if self.tolerance is not None and (self.integrator not in ("auto", "safe", "tr_bdf2") or not self.adaptive):
-            raise SceneError(f"tolerance = {self.tolerance:g} m: error control needs integrator 'safe' or 'tr_bdf2' and "
-                             f"adaptive steps, not {self.integrator!r}")
+        if self.tolerance is not None and (self.integrator not in ("auto", "safe", "bdf2", "tr_bdf2") or not self.adaptive):
+            raise SceneError(f"tolerance = {self.tolerance:g} m: error control needs integrator 'safe', 'bdf2' or 'tr_bdf2' "
+                             f"and adaptive steps, not {self.integrator!r}")
         if self.substep is not None and self.integrator not in EXPLICIT:
             raise SceneError(f"substep = {self.substep:g} s: is for the integrator 'verlet', not {self.integrator!r}")
 

@@ -52,7 +52,7 @@ class Balance:
         grown = change - put_in
         self.grown += grown
         self.lowest = min(self.lowest, self.grown)
-        robust = all(r.fell_back for r in new)
+        robust = all(r.fell_back not in ("", "TOUCH") for r in new)
         small = min(r.h for r in new) <= min(self.sim.control.h_max, 1 / 60) / 64
         if robust and grown > rounding + PINCHED * works * small:
             return f"energy grew by {grown:.3g} J beyond the work put in, kinetic {kinetic:.3g} J"

@@ -219,7 +219,8 @@ MUTATIONS = (
     (ELEMENTS, "((length_a + length_b) / 2) ** 2", "length_a ** 2", "a seam's length is that of one side", SEAM),
     (ELEMENTS, "np.repeat(mesh.material_areas * density / 3, 3)", "np.repeat(mesh.material_areas * density / 2, 3)", "masses"),
     # the system, measures, masses
-    (OPERATOR, "self.motion[i] = h * self.model.v[i]", "self.motion[i] = self.model.v[i]", "motion without the step"),
+    (OPERATOR, "self.motion[i] = self.model.ahead[i] + c * self.model.v_base[i]",
+     "self.motion[i] = self.model.ahead[i] + self.model.v_base[i]", "motion without the step"),
     (OPERATOR, "self.motion[i] += ti.Vector([ti.cast(y[k, 0], float), ti.cast(y[k, 1], float)",
      "self.motion[i] += ti.Vector([ti.cast(y[k, 1], float), ti.cast(y[k, 1], float)", "y's first number is lost", HELD),
     (OPERATOR, "q[i] = self.model.m[i] * p[i]", "q[i] = p[i]", "product without masses"),

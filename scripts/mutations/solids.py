@@ -108,7 +108,7 @@ MUTATIONS = (
     ("taichi_cloth/step/integrators/safe.py", 'STATE = ("accurate", "robust", "touching", "largest", "mean")',
      'STATE = ("accurate", "robust", "largest", "mean")',
      "that cloth touches is not resumed", RESUME),
-    ("taichi_cloth/step/integrators/backward_euler.py", 'STATE = ("dv",)', "STATE = ()",
+    ("taichi_cloth/step/integrators/backward_euler.py", 'STATE: tuple[str, ...] = ("dv",)', "STATE: tuple[str, ...] = ()",
      "the last change of velocity is not resumed", RESUME),
     # detection
     (DETECTION, "R_1, p_1 = pose(poses, self.solid[s], 12)", "R_1, p_1 = pose(poses, self.solid[s], 0)",
@@ -151,8 +151,8 @@ MUTATIONS = (
     # pairs
     (PAIRS, "now < LEAST  # what", "now < -LEAST  # what", "how near edges may come is not minded", DRIVES),
     (PAIRS, "stop = PRESS * own / h**2", "stop = 0 * own / h**2", "what comes in is not stopped", DRIVES),
-    (PAIRS, "rhs = (h * f0)[:, None] * p.normal", "rhs = -(h * f0)[:, None] * p.normal", "pairs pull", DRIVES),
-    (PAIRS, "drag = h * friction * f /", "drag = -h * friction * f /", "pairs' friction drives on", f"{FORCES} {DRIVES}"),
+    (PAIRS, "rhs = (c * f0)[:, None] * p.normal", "rhs = -(c * f0)[:, None] * p.normal", "pairs pull", DRIVES),
+    (PAIRS, "drag = c * friction * f /", "drag = -c * friction * f /", "pairs' friction drives on", f"{FORCES} {DRIVES}"),
     (PAIRS, "start = p.of(step.v) + (p.of(step.x_0) - p.carried) / h", "start = p.of(step.v)",
      "pairs' friction forgets the solid's motion",
      f"{CONTACT}::test_what_solids_give_is_what_cloth_gets"),

@@ -16,11 +16,12 @@ HELD, OPERATOR = "taichi_cloth/system/constraints.py", "taichi_cloth/system/oper
 
 MUTATIONS = (
     # held directions
-    (HELD, "z = (row(target, k) - row(y, k) - self.model.x[i]) / h - self.model.v[i]",
-     "z = (row(target, k) - self.model.x[i]) / h - self.model.v[i]", "held particles get speed from y",
+    (HELD, "z = (row(target, k) - row(y, k) - self.model.x_saved[i] - self.model.ahead[i]) / h - self.model.v[i]",
+     "z = (row(target, k) - self.model.x_saved[i]) / h - self.model.v[i]", "held particles get speed from y",
      "tests/physics/test_solid_contact.py tests/physics/test_friction.py"),
-    (HELD, "z = (row(target, k) - row(y, k) - self.model.x[i]) / h - self.model.v[i]",
-     "z = (row(target, k) - row(y, k) - self.model.x[i]) / h", "held particles keep their speed besides",
+    (HELD, "z = (row(target, k) - row(y, k) - self.model.x_saved[i] - self.model.ahead[i]) / h - self.model.v[i]",
+     "z = (row(target, k) - row(y, k) - self.model.x_saved[i] - self.model.ahead[i]) / h",
+     "held particles keep their speed besides",
      "tests/unit/test_stepper.py tests/unit/test_ledger.py"),
     (HELD, "out[a] += ti.cast(projector[k, a, b], float) * x[b]",
      "out[a] += ti.cast(projector[k, a, a], float) * x[b] * (a == b)",

@@ -23,7 +23,32 @@ LEVELS = "tests/unit/test_multilevel.py"
 TESTS = (CONTROL, INSIDE)
 
 CREASES, HYSTERESIS = "tests/physics/test_creases.py", "taichi_cloth/forces/hysteresis.py"
+ORDER = "tests/physics/test_contact_order.py"
+FLAT, SLOPE = (f"{ORDER}::{name}" for name in (
+    "test_what_falls_flat_stays_where_it_fell", "test_on_a_slope_and_off_its_edge_the_error_is_a_third"))
+BOOKED, GOES_ON = (f"{ORDER}::{name}" for name in ("test_its_energy_is_accounted_for", "test_it_goes_on_from_a_checkpoint"))
+BDF2 = "taichi_cloth/step/integrators/bdf2.py"
+SLIDES = "tests/physics/test_solid_contact.py::test_what_begins_to_slide_is_dragged_along"
 MUTATIONS = (
+    # steps that go on from the one before, in contact
+    (BDF2, "k * moved, v + k * faster", "0 * moved, v + k * faster", "positions do not go on", f"{FLAT} {SLOPE}"),
+    (BDF2, "k * moved, v + k * faster", "k * moved, v", "velocities do not go on", f"{SLOPE} {SLIDES}"),
+    (BDF2, "self.v_0[i] += P @ (v[i] - self.v_0[i]) + ", "self.v_0[i] += ", "what is hit bounces", f"{FLAT} {ORDER}"),
+    (BDF2, "x[changed] - self.h_1 * (v[changed] + self.v_0[changed]) / 2", "x[changed]",
+     "what is hit has not come from anywhere", ORDER),
+    (BDF2, '"borne", "energy")', '"energy")', "forces of contact of the step before are not resumed", ORDER),
+    (BDF2, '"h_0", "x_0", "v_0"', '"h_0", "x_0"', "the velocity before is not resumed", GOES_ON),
+    ("taichi_cloth/contact/step_start.py", "self.base.ahead[i] - self.c * v)", "self.base.ahead[i] - self.c * self.base.v[i])",
+     "what is held keeps a speed", f"{FLAT} {ORDER}"),
+    ("taichi_cloth/contact/solid/sliding.py", "np.where(begins[rows], start.h, start.c)",
+     "np.where(begins[rows], start.c, start.c)",
+     "friction that begins is a third short", SLIDES),
+    ("taichi_cloth/contact/solid/sliding.py", "start.c / start.h * block", "block",
+     "friction by another slip than it sees", SLIDES),
+    ("taichi_cloth/step/nonlinear/history.py", "ledger = replace(ledger, method=undone - ledger.unaccounted)", "pass",
+     "what the method takes is not booked", BOOKED),
+    ("taichi_cloth/step/nonlinear/history.py", "- 2 * c * measures.damped\n", "\n", "damping is the solve's fault",
+     BOOKED),
     ("taichi_cloth/step/nonlinear/energy.py", "taken = self.meter.measure().rate", "taken = 0.0",
      "alterations of position cost nothing", ALTERS),
     ("taichi_cloth/step/nonlinear/energy.py", "return taken + between, between", "return taken, between",

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..backend.fields import Fields
 from ..scene.scene import Scene
+from ..system.base import Base
 from ..system.checkpoint import Checkpointed
 from ..system.held import Held
 from ..system.place import Place
@@ -54,11 +55,13 @@ class Contacts(Checkpointed):
         """Whether layers of cloth are part of the solves of this attempt."""
         return self.layers is not None and (self.sprung or self.start.together)
 
-    def begin(self, h: float, pins: Held | None, x: np.ndarray, v: np.ndarray, together: bool = False) -> None:
+    def begin(self, h: float, pins: Held | None, x: np.ndarray, v: np.ndarray, together: bool = False,
+              base: Base | None = None) -> None:
         """A new attempt from the saved state (n, 3); the model is at its predicted end. With `together`, layers of cloth are
-        part of its problem from the first solve on."""
+        part of its problem from the first solve on. base: where the method starts, if not from the saved state."""
         self.warm = False
-        self.start = self.solids.begin(StepStart(h, self.start.h_usual, x, v, pins, together))
+        size = h if base is None else base.h
+        self.start = self.solids.begin(StepStart(size, self.start.h_usual, x, v, pins, together, base))
         if self.layers is not None:
             self.layers.waive(self.solids.pinches.where, self.solids.pinches.accepted.index)
             self.layers.begin(self.start, together)
@@ -66,8 +69,8 @@ class Contacts(Checkpointed):
     def hold(self) -> tuple[Held | None, float]:
         """(what the next solve holds, pins included; the largest closing distance [m])"""
         start, closing = self.start, self.solids.hold()
-        held = self.solids.active.holding.held
-        self.base = start.x + start.h * start.v, start.v
+        held = start.altered(self.solids.active.holding.held)
+        self.base = start.begins
         if held is not None:
             self.base[0][held.index] += held.y
         return held, closing
@@ -96,13 +99,13 @@ class Contacts(Checkpointed):
     def works(self, x: np.ndarray, v: np.ndarray) -> tuple[float, float, float]:
         """Work on the motion of the step [J], which ends at x with v (n, 3): of friction that slides on solids, of edges and
         corners of solids, of cloth on cloth."""
-        h, moved, solids = self.start.h, x - self.base[0], self.solids
+        h, moved, solids = self.start.c, x - self.base[0], self.solids
         return (solids.sliding.points.work(moved, h, h * v), solids.pressing.work(moved, h, h * v),
                 self.between.work(moved, h, h * v) if self.layered else 0.0)
 
     def against_layers(self, x: np.ndarray, y: np.ndarray) -> float:
         """What altering positions x by y (n, 3) takes [J] against the forces of cloth on cloth in the last solve."""
-        return -self.between.work(x - self.base[0], self.start.h, y) if self.layered else 0.0
+        return -self.between.work(x - self.base[0], self.start.c, y) if self.layered else 0.0
 
     def lagged(self, h: float) -> float:
         """What friction, pairs and layers add to the incremental potential [J] where the model now is, as the last solve took
@@ -136,6 +139,13 @@ class Contacts(Checkpointed):
         """Whether the last step had contacts."""
         layered = self.layers is not None and (self.layers.count > 0 or self.layers.intersections.active)
         return self.count > 0 or self.solids.near.any_pairs or len(self.solids.pinches.accepted.index) > 0 or layered
+
+    @property
+    def hindered(self) -> bool:
+        """Whether cloth was pinched, or crossed itself, where the step begins."""
+        layers, solids = self.layers, self.solids
+        pinched = len(solids.pinches.accepted.index) > 0 or bool(solids.penetration.spared.any())
+        return pinched or (layers is not None and (layers.intersections.active or layers.freed))
 
     @property
     def count(self) -> int:
@@ -175,6 +185,11 @@ class Contacts(Checkpointed):
         self.solids.clear()
         if self.layers is not None:
             self.layers.clear()
+
+    def pushed(self) -> np.ndarray:
+        """(n, 3) [N] on each particle in the last solve from what repels: edges and corners of solids, layers of cloth."""
+        out = self.solids.pushed()
+        return out if self.layers is None else out + self.layers.forces()
 
     def forces_on_particles(self) -> np.ndarray:
         """(n, 3) [N] on each particle in the last solve, in particle order."""

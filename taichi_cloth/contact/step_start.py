@@ -1,11 +1,12 @@
 """Where an attempt at a step begins, as contact sees it. numpy only."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from ..options import usual
+from ..system.base import Base
 from ..system.held import Held
 
 SMALLER = 64  # times smaller than the usual, a step is taken though cloth ends inside or across, where there is no room
@@ -21,6 +22,7 @@ class StepStart:
         x, v: (n, 3) saved positions [m] and velocities [m/s].
         pins: what a script holds.
         together: whether layers of cloth are part of its problem from the first solve on.
+        base: what the method starts from, where that is not the saved state.
     """
 
     h: float
@@ -29,6 +31,43 @@ class StepStart:
     v: np.ndarray
     pins: Held | None = None
     together: bool = False
+    base: Base | None = None
+
+    @property
+    def c(self) -> float:
+        """What the method multiplies forces by [s]."""
+        return self.h if self.base is None else self.base.c
+
+    @property
+    def base_v(self) -> np.ndarray:
+        """(n, 3) velocities [m/s] that the method starts from."""
+        return self.v if self.base is None else self.base.v
+
+    @cached_property
+    def coasting(self) -> np.ndarray:
+        """(n, 3) where particles are at the end if nothing acts on them [m]: x_base + c v_base."""
+        coasts = self.x + self.c * self.base_v
+        return coasts if self.base is None else coasts + self.base.ahead
+
+    @property
+    def begins(self) -> tuple[np.ndarray, np.ndarray]:
+        """(positions [m], velocities [m/s]), each (n, 3), of the end that the first solve begins with."""
+        if self.base is None:
+            return self.coasting.copy(), self.v
+        return self.coasting + self.c * (self.base.guess - self.base.v), self.base.guess
+
+    def mean(self, v: np.ndarray) -> np.ndarray:
+        """(n, 3) mean velocities [m/s] of steps that end with v, alterations apart: (x_base + c v - x)/h."""
+        return v if self.base is None else (self.base.ahead + self.c * v) / self.h
+
+    def altered(self, held: Held | None) -> Held | None:
+        """What is held, such that it ends with its mean velocity of the step, alterations apart."""
+        if held is None or self.base is None:
+            return held
+        i = held.index
+        v = (held.target - held.y - self.x[i]) / self.h
+        y = np.einsum("kij,kj->ki", held.projector, held.target - self.x[i] - self.base.ahead[i] - self.c * v)
+        return replace(held, y=y.astype(held.y.dtype))
 
     @cached_property
     def share(self) -> float:

@@ -147,7 +147,7 @@ class Filter:
     @ti.kernel
     def prescribe(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), target: ti.types.ndarray(),
                   y: ti.types.ndarray(), h: float, zero: int):
-        """dv = S dv + (I - S) z so that held directions reach their target in a step h: z = (target - y - x)/h - v.
+        """dv = S dv + (I - S) z so that held directions reach their target in a step: z = (target - y - x_base)/h - v_base.
 
         With `zero`, S dv = 0.
         """
@@ -156,7 +156,7 @@ class Filter:
                 self.dv[i] = ti.Vector.zero(float, 3)
         for k in range(index.shape[0]):
             i = index[k]
-            z = (row(target, k) - row(y, k) - self.model.x[i]) / h - self.model.v[i]
+            z = (row(target, k) - row(y, k) - self.model.x_saved[i] - self.model.ahead[i]) / h - self.model.v[i]
             self.dv[i] += project(projector, k, z - self.dv[i])
 
     @ti.kernel

@@ -31,10 +31,10 @@ class Operator:
         self.P = fields.real(model.n, 6)
 
     @ti.kernel
-    def set_motion(self, h: float):
-        """motion = h v"""
+    def set_motion(self, c: float):
+        """motion = x_base + c v_base - x_saved"""
         for i in range(self.model.rows()):
-            self.motion[i] = h * self.model.v[i]
+            self.motion[i] = self.model.ahead[i] + c * self.model.v_base[i]
 
     @ti.kernel
     def alter_motion(self, index: ti.types.ndarray(), y: ti.types.ndarray()):

@@ -93,7 +93,8 @@ class ParticleState:
         n: number of simulated particles.
         user: (n,) the user's vertex of each particle.
         sewn: clusters of particles that are sewn together, or None.
-        v_base: velocity [m/s] that a step or stage starts from: the saved one, unless a method sets another.
+        v_base: velocity [m/s] that a step or stage starts from: the saved one, unless a method sets another; ahead: how far
+            [m] the position that it starts from is ahead of the saved one.
         origin: (3,) [m] taken off all positions, not zero only far from the world's origin.
     """
 
@@ -125,7 +126,7 @@ class ParticleState:
         self.x = fields.real(self.n, 3, self.start_positions[self.user] - self.origin)
         self.v = fields.real(self.n, 3, self.start_velocities[self.user])
         self.m = fields.real(self.n, data=self.mass)
-        self.x_saved, self.v_saved, self.v_base = (fields.real(self.n, 3) for _ in range(3))
+        self.x_saved, self.v_saved, self.v_base, self.ahead = (fields.real(self.n, 3) for _ in range(4))
 
     def remember(self, name: str, n: int, width: int = 1, data: np.ndarray | None = None) -> Remembered:
         """Declares a field of n numbers, or of n vectors of `width` numbers, that steps change; before fields are allocated.
@@ -238,6 +239,7 @@ class ParticleState:
             self.x_saved[i] = self.x[i]
             self.v_saved[i] = self.v[i]
             self.v_base[i] = self.v[i]
+            self.ahead[i] = ti.Vector.zero(float, 3)
 
     @ti.kernel
     def _restore(self):
@@ -245,6 +247,7 @@ class ParticleState:
             self.x[i] = self.x_saved[i]
             self.v[i] = self.v_saved[i]
             self.v_base[i] = self.v_saved[i]
+            self.ahead[i] = ti.Vector.zero(float, 3)
 
 
 def _masses(scene: Scene) -> np.ndarray:

@@ -55,8 +55,8 @@ def test_what_a_fine_mesh_holds_is_not_pulled_at_by_its_edges(sheets):
     sim = tc.Simulation(scene, h=1 / 100)
     while sim.time < 0.3 - 1e-9:
         sim.step()
-    assert crossings(sim) == 0 and sim.intersections() == 0 and np.abs(sim.velocities()).max() < 1.5
-    assert len(sim.log) < 35 and sum(sum(r.rejections.values()) for r in sim.log) <= 1
+    assert crossings(sim) == 0 and sim.intersections() == 0 and np.abs(sim.velocities()).max() < 2.5  # 2.0 with steps of 1 ms
+    assert len(sim.log) < 40 and sum(sum(r.rejections.values()) for r in sim.log) <= 1
     sim.close()
 
 

@@ -89,13 +89,14 @@ def test_the_corner_of_two_planes_is_loaded_once():
     assert right[1] < 0 and left[1] < 0 and right + left == pytest.approx([0, -weight, 0], abs=0.02 * weight)
 
 
-def test_what_begins_to_slide_is_dragged_along():
+@pytest.mark.parametrize("integrator", ["safe", "bdf2"])
+def test_what_begins_to_slide_is_dragged_along(integrator):
     """A floor pulled away at 3 mu g: after every step, the first included, the sheet goes its way at mu g."""
     mu, began = 0.3, 5 / 60
     scene, _ = over(6, height=0.004)
     scene.add_solid(tc.Plane(), friction=mu, thickness=0.004,
                     position=lambda t: (1.5 * mu * G * max(t - began, 0.0) ** 2, 0.0, 0.0))
-    sim = tc.Simulation(scene, h=1 / 60, threads=1, cg_tol=1e-8)
+    sim = tc.Simulation(scene, h=1 / 60, threads=1, cg_tol=1e-8, integrator=integrator)
     for k in range(1, 16):
         sim.step()
         v = sim.velocities()
@@ -103,7 +104,8 @@ def test_what_begins_to_slide_is_dragged_along():
         assert np.abs(v[:, 1:]).max() < 1e-3
 
 
-def test_what_sticks_goes_where_the_solid_goes():
+@pytest.mark.parametrize("integrator", ["safe", "bdf2"])
+def test_what_sticks_goes_where_the_solid_goes(integrator):
     """In every step exactly, up, down, sideways and round, as far as the solid's own motion says at that time."""
     def where(t):
         return np.array([0.02 * math.sin(7 * t), 0.01 * math.sin(5 * t), -0.03 * t])
@@ -115,7 +117,7 @@ def test_what_sticks_goes_where_the_solid_goes():
     scene, cloth = over(5, height=0.024)
     box = tc.SolidMesh(*tc.Box((0.4, 0.04, 0.4)).core()[:2])
     scene.add_solid(box, friction=2.0, thickness=0.004, position=where, rotation=lambda t: (0.0, 0.8 * t, 0.0))
-    sim = tc.Simulation(scene, h=1 / 60, threads=1)
+    sim = tc.Simulation(scene, h=1 / 60, threads=1, integrator=integrator)
     here = []
     for _ in range(20):
         sim.step()

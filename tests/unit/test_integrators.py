@@ -6,9 +6,10 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth.backend.rows import read, write
 from taichi_cloth.backend.timing import Clock
+from taichi_cloth.step.nonlinear.effort import Effort
 from taichi_cloth.step.nonlinear.euler import EulerStep
 from taichi_cloth.step.nonlinear.newton import line_search, minimize, phi
-from taichi_cloth.step.nonlinear.stage import Effort, Stage
+from taichi_cloth.step.nonlinear.stage import Stage
 
 FABRIC = tc.Fabric(0.2, tc.Stretch((900, 700), 0.6), tc.Shear(150, 0.1), tc.Bend(2e-3))
 
@@ -130,9 +131,10 @@ def test_newton_goes_no_further_than_its_potential_falls():
         made, model, c = sim.integrator, sim.model, 0.005
         model.save()
         if integrator == "tr_bdf2":
-            problem = Stage(made.system, c, None, Effort(0.0, 0.0, 1e-6, 1), True, Clock(), [])
+            problem = Stage(made.system, c, None, Effort(0.0, 0.0, 1e-6, 1e-6), True, Clock(), [])
         else:
-            problem = EulerStep(made.system, made.energy, True, c, None, made.system.meter.measure(), Clock(), [])
+            start, exact = made.system.meter.measure(), Effort(0.0, 0.0, 1e-4, 1e-4)
+            problem = EulerStep(made.system, made.energy, exact, c, None, start, Clock(), [])
         assert problem.solve(k) is None
         before = problem.before
         dv = read(made.system.solver.dv)
@@ -150,7 +152,7 @@ def test_a_first_solve_that_is_not_finite_is_not_shortened_but_named():
     made, held = sim.integrator, sim.prescribed.at(0.0, 1 / 60)
     sim.model.save()
     start = sim.meter.measure()
-    problem = EulerStep(made.system, made.energy, False, 1 / 60, held, start, Clock(), [])
+    problem = EulerStep(made.system, made.energy, None, 1 / 60, held, start, Clock(), [])
     place, parts = made.system.place, []
     made.system.place = lambda h, part: (parts.append(part), place(h, part), sim.model.v.fill(np.nan))
     assert minimize(problem, 9).rejection == "NOT_FINITE" and parts == [1.0]

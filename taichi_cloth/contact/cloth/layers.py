@@ -135,7 +135,8 @@ class Layers(Checkpointed):
         if k:
             there = self.there if self.compared is None else base
             self.kernels.linearize(p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, weighed, turns, self.start.h,
-                              int(not self.round), base, there, self._last_forces(p), row, before, taken, block, rhs)
+                              self.start.c, int(not self.round), base, there, self._last_forces(p), row, before, taken, block,
+                              rhs)
         points = Points(p.vertices, p.weights, block, rhs, p.normal, turns)
         self.linearized = LinearizedPairs(p, points, weighed, taken)
         if self.compared is not None:

@@ -68,12 +68,14 @@ class PairKernels:
     @ti.kernel
     def linearize(self, vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normals: ti.types.ndarray(),
                   end: ti.types.ndarray(), radius: ti.types.ndarray(), factor: ti.types.ndarray(), weighed: ti.types.ndarray(),
-                  turns: ti.types.ndarray(), h: float, first: int, base: ti.types.ndarray(), there: ti.types.ndarray(),
-                  last_force: ti.types.ndarray(), row: ti.types.ndarray(), before: ti.types.ndarray(), out: ti.types.ndarray(),
+                  turns: ti.types.ndarray(), h: float, c: float, first: int, base: ti.types.ndarray(),
+                  there: ti.types.ndarray(), last_force: ti.types.ndarray(), row: ti.types.ndarray(),
+                  before: ti.types.ndarray(), out: ti.types.ndarray(),
                   block: ti.types.ndarray(), rhs: ti.types.ndarray()):
         """Pairs as a solve takes them that begins at base (n, 3), and their blocks (k, 6) and right-hand sides (k, 3).
 
         Args:
+            h, c: step; what the method multiplies forces by [s].
             first: 1 in a step's first solve.
             there: (n, 3) where slip is looked at.
             last_force: (k,) normal forces [N] of the last solve, negative where that is not known.
@@ -103,11 +105,12 @@ class PairKernels:
             out[FORCE, k], out[SLOPE, k], out[AT, k], out[BEARS, k], out[DRAG, k] = force, slope, at, bears, drag
             ahead = n.dot(moved)
             across = moved - ahead * n - way.dot(moved) * way
-            push = h * (force + slope * (at - began - ahead)) * n - drag * across - h * bears * way
-            for c in ti.static(range(3)):
-                out[WAY + c, k] = way[c]
-                rhs[k, c] = push[c]
-            both = sym_scaled_identity(h * drag) + (h**2 * slope - h * drag) * sym_outer(n) - h * drag * sym_outer(way)
+            rub = c / h * drag  # slip is the step's mean
+            push = c * (force + slope * (at - began - ahead)) * n - rub * across - c * bears * way
+            for a in ti.static(range(3)):
+                out[WAY + a, k] = way[a]
+                rhs[k, a] = push[a]
+            both = sym_scaled_identity(c * rub) + (c**2 * slope - c * rub) * sym_outer(n) - c * rub * sym_outer(way)
             for b in ti.static(range(6)):
                 block[k, b] = both[b]
 

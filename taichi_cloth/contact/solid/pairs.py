@@ -70,7 +70,8 @@ class Step:
     Attributes:
         h: step; h_usual: the largest one [s].
         x_0: (n, 3) positions at the start of the step [m].
-        x, v: (n, 3) where, and how fast, particles end if the solve changes nothing.
+        x, v: (n, 3) where particles end if the solve changes nothing, and how fast they go in the mean, alterations apart.
+        c: what the method multiplies forces by [s].
     """
 
     h: float
@@ -78,6 +79,7 @@ class Step:
     x_0: np.ndarray
     x: np.ndarray
     v: np.ndarray
+    c: float
 
 
 def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, friction: np.ndarray) -> Points:
@@ -90,7 +92,7 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
     Args:
         mass: (n,) of the particles [kg]; thickness, friction: of each pair's solid.
     """
-    h = step.h
+    h, c = step.h, step.c
     own = 1 / np.maximum((p.weights**2 / mass[p.vertices]).sum(axis=1), 1e-300)
     r = PAIR * thickness
     room = (1 - LEAST) * r
@@ -110,13 +112,13 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
     f0 += np.where(nearing, stop * (limit - p.distance + ahead), 0.0)
     k = k + np.where(nearing, stop, 0.0)
     slip = np.linalg.norm(tangential((p.point - p.carried) / h, p.normal), axis=1)
-    drag = h * friction * f / np.maximum(slip, DRAG_SLIP)
+    drag = c * friction * f / np.maximum(slip, DRAG_SLIP)
     normal = sym_outer(p.normal)
     block = drag[:, None] * (EYE - normal)
-    start = p.of(step.v) + (p.of(step.x_0) - p.carried) / h
-    rhs = (h * f0)[:, None] * p.normal - sym_times(block, start)
+    start = p.of(step.v) + (p.of(step.x_0) - p.carried) / h  # slip with which the solve begins
+    rhs = (c * f0)[:, None] * p.normal - sym_times(block, start)
     return Points(np.column_stack([p.vertices, p.vertices[:, 0]]), np.column_stack([p.weights, np.zeros(len(r))]),
-                  block + (h**2 * k)[:, None] * normal, rhs)
+                  c / h * block + (c**2 * k)[:, None] * normal, rhs)
 
 
 def left(p: Pairs, before: Pairs | None, thickness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..points import EYE, Points, sym_outer, sym_times
+from ..step_start import StepStart
 from .active_set import States
 from .vertices import VertexContacts
 
@@ -32,25 +33,27 @@ class Sliding:
     points: Points = field(default_factory=Points.none)
 
 
-def slide(f: VertexContacts, states: States, slip: np.ndarray, friction: np.ndarray, mass: np.ndarray, h: float,
-          x: np.ndarray, v: np.ndarray) -> Sliding:
+def slide(f: VertexContacts, states: States, slip: np.ndarray, friction: np.ndarray, mass: np.ndarray,
+          start: StepStart, v: np.ndarray, begins: np.ndarray) -> Sliding:
     """Friction of what slides.
 
     Args:
         slip: (k, 3) expected velocity against the solid [m/s]; friction: (k,) mu of each contact's solid.
-        mass: (n,) [kg]; x: (n, 3) saved positions [m]; v: (n, 3) velocities that the solve begins with [m/s].
+        mass: (n,) [kg]; start: of the attempt; v: (n, 3) velocities that the solve begins with [m/s].
+        begins: (k,) whether what slides stuck in the step before: nothing is remembered of its friction, which counts for h.
     """
     rows = ~states.stick & (friction * states.force > 0)
     f, size, u, push = f.take(rows), friction[rows] * states.force[rows], slip[rows], states.push[rows]
     fresh, speed = push.any(axis=1), np.linalg.norm(u, axis=1)
-    stopped = size * h / mass[f.index]  # slip that friction would stop in a step
+    c = np.where(begins[rows], start.h, start.c)
+    stopped = size * c / mass[f.index]  # slip that friction would stop in a step
     fast = ~fresh & (speed > stopped)
     push = np.where(fast[:, None], -u / np.maximum(speed, 1e-30)[:, None], push)
     speed = np.where(fresh, stopped, np.maximum(speed, SLOW))
     lag = np.full(len(rows), np.inf)
     lag[np.flatnonzero(rows)[~fast & ~fresh]] = speed[~fast & ~fresh]
-    block = (h * size / speed)[:, None] * (EYE - sym_outer(f.normal) - sym_outer(push))
-    start = v[f.index] - (f.carried - x[f.index]) / h  # slip with which the solve begins
-    rhs = h * size[:, None] * push - sym_times(block, start)
+    block = (c * size / speed)[:, None] * (EYE - sym_outer(f.normal) - sym_outer(push))
+    against = start.mean(v)[f.index] - (f.carried - start.x[f.index]) / start.h  # slip with which the solve begins
+    rhs = (c * size)[:, None] * push - sym_times(block, against)
     vertices, weights = np.repeat(f.index[:, None], 4, axis=1), np.tile([1.0, 0, 0, 0], (len(u), 1))
-    return Sliding(rows, lag, Points(vertices, weights, block, rhs))
+    return Sliding(rows, lag, Points(vertices, weights, start.c / start.h * block, rhs))

@@ -136,7 +136,7 @@ class SolidContacts(Checkpointed):
 
     def hold(self) -> float:
         """Chooses what the next solve holds, pins included: `active`. Returns the largest closing distance [m]."""
-        f, old, start, h = self.near.vertices, self.trial, self.start, self.start.h
+        f, old, start, c = self.near.vertices, self.trial, self.start, self.start.c
         where = rows_of(old.key, f.key)
         known = where >= 0
         active = known | (f.gap < 0)
@@ -153,30 +153,31 @@ class SolidContacts(Checkpointed):
         new = ~known
         if new.any():  # what stops the approach, and carries the weight
             n = f.normal[new]
-            arrive = start.v[f.index[new]] - (f.carried[new] - start.x[f.index[new]]) / h
-            force[new] = mass[new] * np.maximum(0, -np.einsum("ki,ki->k", n, arrive) / h
+            arrive = start.base_v[f.index[new]] - (f.carried[new] - start.x[f.index[new]]) / start.h
+            force[new] = mass[new] * np.maximum(0, -np.einsum("ki,ki->k", n, arrive) / c
                                                 - n @ self.gravity)
-            stick[new] = np.linalg.norm(slip[new], axis=1) * mass[new] <= mu[new] * force[new] * h
+            stick[new] = np.linalg.norm(slip[new], axis=1) * mass[new] <= mu[new] * force[new] * c
         stick &= mu > 0
-        nearing = np.einsum("ki,ki->k", f.normal, f.carried - start.x[f.index] - h * start.v[f.index])
+        nearing = np.einsum("ki,ki->k", f.normal, f.carried - start.coasting[f.index])
         down = 2 * np.maximum(nearing, 0) + FALL * start.share * self.thickness[f.solid]  # no further than its own way leads
         lift = np.clip(-f.start_gap, -down, PUSH * self.scan.edge * start.share)  # small steps move as fast as large ones
         holding = hold_together(f, stick, lift, start.pins, self.model.n, self.model.exchange)
         if self.model.sewn is not None:
-            holding = replace(holding, held=self.model.sewn.spread(holding.held, h))
+            holding = replace(holding, held=self.model.sewn.spread(holding.held, c))
         self.active = ActiveSet(f, States(f.key, stick, force, push), slip, lift, holding)
         return float(np.max(-lift, initial=0.0))
 
     def take_points(self, base: tuple[np.ndarray, np.ndarray]) -> list[Points]:
         """Friction of what slides, and pairs, for a solve that begins at base: positions and velocities, each (n, 3)."""
         a, mass, start = self.active, self.model.mass, self.start
-        self.sliding = slide(a.contacts, a.states, a.slip, a.contacts.friction, mass, start.h, start.x, base[1])
+        self.sliding = slide(a.contacts, a.states, a.slip, a.contacts.friction, mass, start, base[1],
+                             np.isin(a.states.key, self.accepted.key[self.accepted.stick]))
         if self.near.pairs is None:
             return [self.sliding.points]
         t = self.thickness
         self.linearized = near = self.near.pairs.moved(self._to_go(), PAIR * t[self.near.pairs.solid])
-        self.pressing = press(near, Step(start.h, start.h_usual, start.x, *base), mass, t[near.solid],
-                              self.scan.friction_of(near))
+        step = Step(start.h, start.h_usual, start.x, base[0], start.mean(base[1]), start.c)
+        self.pressing = press(near, step, mass, t[near.solid], self.scan.friction_of(near))
         return [self.sliding.points, self.pressing]
 
     def _to_go(self) -> np.ndarray:
@@ -193,7 +194,7 @@ class SolidContacts(Checkpointed):
             reaction: (k, 3) impulse [N s] on the held particles, in the order of what was held.
             base: (n, 3) positions with which the solve began [m].
         """
-        f, s, start, h = self.active.contacts, self.active.states, self.start, self.start.h
+        f, s, start = self.active.contacts, self.active.states, self.start
         weight = np.linalg.norm(self.gravity)
         self.look()
         F, normal = self.record_forces(reaction, base)
@@ -222,7 +223,7 @@ class SolidContacts(Checkpointed):
         self.trial = States(f.key[keep], stick[keep], force[keep], push[keep])
         inside = self.penetration.inside(self.near.vertices, f.key)
         depth = -inside.gap / self.thickness[inside.solid]
-        lacks = -float(np.sum(self.model.mass[inside.index] * inside.gap)) / h**2
+        lacks = -float(np.sum(self.model.mass[inside.index] * inside.gap)) / start.c**2
         few = self.round > 0 or lacks < AGREED * float(np.sum(force))
         entered = int(np.sum(depth > (TOLERATED if few else PENETRATION)))
         self.round += 1
@@ -240,7 +241,7 @@ class SolidContacts(Checkpointed):
         Returns:
             (forces (k, 3) [N] on what is held, their parts (k,) along the normals); sliding friction is not among them.
         """
-        f, states, h = self.active.contacts, self.active.states, self.start.h
+        f, states, h = self.active.contacts, self.active.states, self.start.c
         moved = self.near.there - base
         F, normal = self.active.holding.forces(f, reaction / h)
         held = np.where(states.stick[:, None], F, normal[:, None] * f.normal)
@@ -321,8 +322,22 @@ class SolidContacts(Checkpointed):
         out = np.zeros((self.model.n, 3))
         np.add.at(out, self.active.contacts.index, self.forces.held)
         out[self.pinches.trial.index] += self.pinches.forces
-        if self.linearized is not None:
-            p = self.linearized
+        return out + self.pushed()
+
+    def begun(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of contacts that the last solve held and the accepted step before did not: (particles (k,), projectors (k, 3, 3) on
+        the directions that are held, friction (k, 3) [N] of those that slide)."""
+        f, stick = self.active.contacts, self.active.states.stick
+        new = ~np.isin(f.key, self.accepted.key)
+        f, stick, force = f.take(new), stick[new], self.forces.held[new]
+        projector = np.einsum("ki,kj->kij", f.normal, f.normal)
+        projector[stick] = np.eye(3)
+        return f.index, projector, force - np.einsum("kij,kj->ki", projector, force)
+
+    def pushed(self) -> np.ndarray:
+        """(n, 3) [N] on each particle from edges and corners in the last solve."""
+        out, p = np.zeros((self.model.n, 3)), self.linearized
+        if p is not None:
             np.add.at(out, p.vertices, p.weights[:, :, None] * self.forces.pairs[:, None, :])
         return out
 

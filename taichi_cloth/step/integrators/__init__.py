@@ -18,7 +18,7 @@ Methods with stages solved by Newton use the operator with their own c in M - c 
 from ...backend.fields import Fields
 from ...backend.runtime import Runtime
 from ...errors import SceneError
-from ...options import EXPLICIT, Options
+from ...options import CG_TOL, EXPLICIT, NEWTON_TOL, Options
 from ...scene.scene import Scene
 from ...system.assembler import Assembler
 from ...system.state import ParticleState
@@ -53,15 +53,23 @@ def build(name: str, fields: Fields, model: ParticleState, forces: list, meter: 
 
     system = System(fields, model, meter.operator, forces, meter, options, runtime, scene, contacts)
     if name in ("backward_euler", "newton_euler"):
+        from ..nonlinear.effort import Effort
         from .backward_euler import BackwardEuler
 
-        return BackwardEuler(system, options, converge=name == "newton_euler")
+        tol = options.cg_tol or CG_TOL
+        exact = Effort(options.newton_tol or NEWTON_TOL, 0.0, tol, tol) if name == "newton_euler" else None
+        return BackwardEuler(system, options, exact)
     from .tr_bdf2 import TRBDF2
 
     if name == "tr_bdf2" and contacts is None and not scene.seams:
         return TRBDF2(fields, system, options, scene.gravity)
-    from .backward_euler import BackwardEuler
     from .safe import Safe
 
-    return Safe(system, TRBDF2(fields, system, options, scene.gravity), BackwardEuler(system, options),
-                only_contact=name == "tr_bdf2")
+    accurate = TRBDF2(fields, system, options, scene.gravity)
+    if contacts is None or contacts.sprung or not (name == "bdf2" or options.tolerance is not None):
+        from .backward_euler import BackwardEuler
+
+        return Safe(system, accurate, BackwardEuler(system, options), only_contact=name == "tr_bdf2")
+    from .bdf2 import BDF2
+
+    return Safe(system, accurate, BDF2(system, options, scene.gravity), only_contact=name == "tr_bdf2")

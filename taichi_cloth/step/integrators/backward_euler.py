@@ -10,6 +10,8 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
+
 from ...backend.timing import Clock
 from ...options import Options
 from ...solver.pcg import Solution
@@ -18,6 +20,7 @@ from ...system.checkpoint import Checkpointed
 from ...system.held import Held
 from ..attempt import Attempt
 from ..ledger import with_attachments
+from ..nonlinear.effort import Effort
 from ..nonlinear.energy import EnergyTest
 from ..nonlinear.euler import EulerPolicy
 from ..nonlinear.system import System
@@ -28,17 +31,17 @@ class BackwardEuler(Checkpointed):
     """[BW98 §3.1, §6] on a system."""
 
     stable_step = math.inf
-    STATE = ("dv",)
+    STATE: tuple[str, ...] = ("dv",)
 
-    def __init__(self, system: System, options: Options, converge: bool = False) -> None:
-        self.system, self.options, self.converge = system, options, converge
+    def __init__(self, system: System, options: Options, effort: Effort | None = None) -> None:
+        self.system, self.options, self.effort = system, options, effort
         self.contacts, self.energy, self.pump = system.contacts, EnergyTest(system), Pump(system.meter)
         self.dv = system.solver.dv  # the last change of velocity, from which contacts predict the next
         self.policy = self._policy()
 
     def _policy(self) -> EulerPolicy:
         """What problems a step is made of."""
-        contacts, with_what = self.contacts, (self.system, self.energy, self.converge)
+        contacts, with_what = self.contacts, (self.system, self.energy, self.effort)
         if contacts is None:
             return EulerPolicy(*with_what)
         if contacts.layers is None:
@@ -68,7 +71,7 @@ class BackwardEuler(Checkpointed):
         before = 0.0 if layers is None else layers.seconds
         start, led = self.system.meter.led(start, 0.0)
         start, pumped = self.pump.at_end(start)
-        made = self.policy.attempt(h, held, start, clock, solutions)
+        made = self.policy.attempt(self._span(h), held, start, clock, solutions)
         ledger = made.ledger and replace(made.ledger, gas=pumped, potential=made.ledger.potential + pumped)
         if layers is not None:
             spent = layers.seconds - before
@@ -76,6 +79,18 @@ class BackwardEuler(Checkpointed):
         return Attempt(made.rejection, made.detail, made.measures, tuple(solutions), clock.seconds,
                        ledger=None if ledger is None else with_attachments(ledger, led),
                        **({} if contacts is None else contacts.counts()))
+
+    def expected(self) -> tuple[np.ndarray, float, int]:
+        """Of the last attempt: ((n, 3) velocities [m/s] that its end would have if the motion went on, the part of h times
+        what these are off by that is its error of positions, its order)."""
+        return self.system.model.read_saved()[1], 0.5, 1
+
+    def follow(self, h: float, power: float) -> None:
+        """A step of h [s] without contact was made by another method, whose pins had a power [W] at its end."""
+
+    def _span(self, h: float) -> float:
+        """What the method multiplies forces by [s]."""
+        return h
 
     def commit(self, taken: float = 0.0) -> None:
         """The last attempt was accepted; what remembers took so much [J] after it."""

@@ -42,12 +42,12 @@ class Safe(Checkpointed):
         self.abrupt = any(force.abrupt for force in system.meter.forces)
         self.touching, self.gained = False, 0.0  # whether cloth is in contact; energy [J] of the last attempt by `robust`
         self.last: TRBDF2 | BackwardEuler = accurate
-        self.largest = 0.0
+        self.largest = self.tried = 0.0  # steps [s]: of all, of the last attempt
         self.mean = self.mean_1 = np.zeros((self.model.n, 3))  # acceleration [m/s^2] in contact, over LAPSE; after the attempt
 
     def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
         """One step; see the package."""
-        self.largest = max(self.largest, h)
+        self.largest, self.tried = max(self.largest, h), h
         made, reason = None, TOUCH
         if not self.touching and not (self.model.sewn is not None and (self.model.sewn.open or self.model.sewn.pulled)):
             self.last = self.accurate
@@ -66,9 +66,10 @@ class Safe(Checkpointed):
         redone = self._judged(h, self.robust.attempt(h, held_at, start), held_at)
         self.gained = 0.0 if redone.ledger is None else redone.ledger.change - redone.ledger.total
         if made is None:
-            return replace(redone, fell_back=reason)
+            return replace(redone, fell_back=redone.fell_back or reason)
         seconds = {k: made.seconds.get(k, 0.0) + redone.seconds.get(k, 0.0) for k in made.seconds | redone.seconds}
-        return replace(redone, solutions=made.solutions + redone.solutions, seconds=seconds, fell_back=reason)
+        return replace(redone, solutions=made.solutions + redone.solutions, seconds=seconds,
+                       fell_back=redone.fell_back or reason)
 
     def commit(self, taken: float = 0.0) -> None:
         """The last attempt was accepted; what remembers took so much [J] after it."""
@@ -77,12 +78,15 @@ class Safe(Checkpointed):
             self.mean = self.mean_1
             self.accurate.reset(max(0.0, self.accurate.debt + self.gained - taken))
             self.touching = self.contacts is not None and self.contacts.touching
-        elif self.contacts is not None:
-            self.contacts.pass_by()
+        else:
+            self.robust.follow(self.tried, self.accurate.power)
+            if self.contacts is not None:
+                self.contacts.pass_by()
 
     def reset(self) -> None:
         """The state was changed by hand."""
         self.accurate.reset()
+        self.robust.reset()
         self.touching, self.mean = False, np.zeros((self.model.n, 3))
 
     def loosen(self) -> None:
@@ -95,18 +99,20 @@ class Safe(Checkpointed):
         return self.contacts.meets(h, held, x, v)
 
     def _judged(self, h: float, made: Attempt, held_at: Callable[[float], Held | None]) -> Attempt:
-        """With an estimate of a backward Euler step's error, where one is asked for: h (v_1 - v_0) / 2.
+        """With an estimate of the step's error, where one is asked for: h (v_1 - v_0) / 2 for backward Euler's, for BDF2's
+        h (h + h_0) / (3 (2 h + h_0)) (v_1 - v), v what v_0 and the step before lead to.
 
         Over the steps these telescope: what swings to and fro, as cloth does after an impact, cancels out. So the
         acceleration counts that it has on an average over a while. What is led goes as it is told: it has no error.
         """
         if self.tolerance is None or made.rejection is not None:
             return made
-        a = (self.model.read_particles()[1] - self.model.read_saved()[1]) / h
+        v, share, order = self.robust.expected()
+        a = (self.model.read_particles()[1] - v) / h
         held = held_at(h)
         if held is not None:
             a[held.index] -= np.einsum("kij,kj->ki", held.projector, a[held.index])
         self.mean_1 = self.mean - math.expm1(-h / LAPSE) * (a - self.mean)
-        error = h / 2 * float(np.sqrt(np.mean(np.sum(self.mean_1**2, axis=1)))) * HORIZON / self.tolerance
-        return replace(made, error=error, order=1, rejection=ACCURACY if error > 1 else None,
+        error = h * share * float(np.sqrt(np.mean(np.sum(self.mean_1**2, axis=1)))) * HORIZON / self.tolerance
+        return replace(made, error=error, order=order, rejection=ACCURACY if error > 1 else None,
                        detail=f"{error:.2g} times the error allowed")

@@ -32,8 +32,9 @@ from ...system.constraints import project
 from ...system.held import Held
 from ..attempt import ACCURACY, ENERGY, SOLVER, Attempt
 from ..ledger import Work, gained, three_stages, with_attachments
+from ..nonlinear.effort import CALM, FIRST, OTHERS, PART, Effort
 from ..nonlinear.newton import Outcome, minimize
-from ..nonlinear.stage import FIRST, Effort, Stage
+from ..nonlinear.stage import Stage
 from ..nonlinear.system import System
 from ..pump import Pump
 
@@ -47,8 +48,6 @@ DEBT = 0.03  # and before it has fallen as much again
 LAPSE = 0.1  # s, over which the motion's scale forgets
 WORK = 0.05  # part of the constraints' work in a step by which the quadrature may be off
 FALL = 0.1  # m/s: and so is the work of gravity at this speed
-CALM = 1e-4  # m/s: a correction of velocities that is too small for another iteration
-PART = 0.5  # part of a stage's first correction that may be left to do
 SHARE = 0.1  # of the error allowed in a step that Newton's method may leave
 HORIZON = 0.5  # s: time in which a run may gather the error asked for
 FILTER = 0.01  # relative residual of the solve that filters the error estimate
@@ -93,14 +92,14 @@ class TRBDF2(Checkpointed):
         with clock.part("EVAL"):
             self._base(0, c, self.c, int(fresh))
             self.c, self.tried = 0.0, c
-        first = minimize(Stage(system, c, middle, effort, True, clock, solutions), effort.most)
+        first = minimize(Stage(system, c, middle, effort, True, clock, solutions), max(self.options.newton_max, 1))
         if first.rejection:
             return replace(self._failed(first, "first stage", solutions, clock), measures=None)  # not at the step's end
         power = self._reaction_power(middle, c)
         with clock.part("EVAL"):
             self._base(1, c, 0.0, 0)
         held = held_at(h)
-        stage = minimize(Stage(system, c, held, effort, False, clock, solutions), effort.most)
+        stage = minimize(Stage(system, c, held, effort, False, clock, solutions), max(self.options.newton_max, 1))
         if stage.rejection:
             return self._failed(stage, "second stage", solutions, clock)
         with clock.part("EVAL"):
@@ -158,7 +157,7 @@ class TRBDF2(Checkpointed):
             cg_tol = cg_tol or FIRST
         elif moved is None:
             moved, part = CALM * C * h, PART
-        return Effort(moved, part, cg_tol, max(options.newton_max, 1))
+        return Effort(moved, part, cg_tol or FIRST, cg_tol or OTHERS)
 
     def _remember(self, held: Held | None, c: float, clock: Clock) -> bool:
         """Whether a_0 is f(x_0, v_0)/M, now in b, where no step implies it: at the start, and when pins have come or gone."""

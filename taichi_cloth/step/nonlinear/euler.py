@@ -12,13 +12,14 @@ Differs from [BW98]: the test and what follows it; the paper accepts every solve
 from dataclasses import asdict
 
 from ...backend.timing import Clock
-from ...options import CG_TOL, NEWTON_TOL
+from ...options import CG_TOL
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
 from ...system.held import Held
 from ..attempt import ENERGY, NEWTON
 from ..ledger import Ledger
 from .brake import MOST
+from .effort import Changes, Effort
 from .energy import LIGHT, EnergyTest
 from .newton import Outcome, StepProblem, minimize, phi
 from .system import System
@@ -32,14 +33,15 @@ class EulerStep(StepProblem):
 
     Args:
         start: measures there.
-        converge: whether Newton's method goes on until it has converged.
+        effort: how far Newton's method goes on; None: no further than the first solve's energy asks for.
     """
 
-    def __init__(self, system: System, energy: EnergyTest, converge: bool, h: float, held: Held | None, start: Measures,
+    def __init__(self, system: System, energy: EnergyTest, effort: Effort | None, h: float, held: Held | None, start: Measures,
                  clock: Clock, solutions: list[Solution]) -> None:
         super().__init__(system, h, held, start, clock, solutions)
-        self.energy, self.converge, self.start = energy, converge, start
-        self.cg_tol = system.options.cg_tol or CG_TOL
+        self.energy, self.effort, self.start = energy, effort, start
+        self.cg_tol = system.options.cg_tol or (CG_TOL if effort is None else effort.first)
+        self.changes = Changes()
         self.settled = False  # whether the last Newton step was a full one, and small enough
         self.ended: tuple[Measures, Ledger] | None = None  # the first one's, with its energy right
 
@@ -56,12 +58,14 @@ class EulerStep(StepProblem):
         """(18) with what is held; the model ends in what it says."""
         system, h, held = self.system, self.c, self.held
         with self.clock.part("EVAL"):
-            system.operator.set_motion(h)
-            if self.system.contacts is not None and held is not None:
-                system.operator.alter_motion(held.index, held.y)
-            system.linearize(h, moves=True)
+            self.before = system.linearize_first(h, held)
         with self.clock.part("CG"):
-            self.solutions.append(system.solve(self.cg_tol, held, h, warm=len(self.solutions) > 0, lasting=True))
+            warm = len(self.solutions) > 0
+            if system.base is not None and warm:
+                system.add_guess(-1.0)
+            self.solutions.append(system.solve(self.cg_tol, held, h, warm=warm, lasting=True))
+            if system.base is not None:
+                system.add_guess(1.0)
         with self.clock.part("EVAL"):
             system.place(h, 1.0)
             system.settle(held)
@@ -71,9 +75,12 @@ class EulerStep(StepProblem):
         with self.clock.part("EVAL"):
             self.system.linearize(self.c)
         with self.clock.part("CG"):
-            mends = not self.converge and self.before.used > 1
+            mends = self.effort is None and self.before.used > 1
             tolerance = max(self.cg_tol, FURTHER) if mends else self.cg_tol
-            self.solutions.append(self.system.solve(tolerance, self.held, lasting=True))
+            if self.effort is not None:
+                tolerance = self.system.options.cg_tol or self.effort.others
+            again = self.system.base is not None  # a little further: what was made for the first solve will do
+            self.solutions.append(self.system.solve(tolerance, self.held, lasting=True, fresh=not again))
         self.level = self.potential(self.before)
         return self.unsolved()
 
@@ -99,36 +106,37 @@ class EulerStep(StepProblem):
     def acceptable(self, k: int, part: float, measures: Measures) -> bool:
         """See `StepProblem`. The first step needs the right energy, or less Phi than standing still."""
         if k:
-            return self.decreases(measures)
+            small = self.system.base is not None and self.c * self.system.rms_change() < self.changes.first / 2
+            return small or self.decreases(measures)
         if not measures.finite:
             return True  # nothing to shorten: the step ends there, by name
         if part == 1:
-            if not self.converge:
+            if self.effort is None:
                 with self.clock.part("EVAL"):
                     self.ended = self.accounted(self.energy.conclude(self.c, self.held, self.start, measures, LIGHT))
             self.level = self.start.total + self.system.rounding(self.c, self.start, measures)
-        # a shorter first step would leave behind what is led
-        return self.ended is not None or self.system.leads or phi(measures, self.c) <= self.level
+        # a shorter first step would leave behind what is led, and a guess that is better than standing still
+        whole = self.ended is not None or self.system.leads or self.system.base is not None
+        return whole or phi(measures, self.c) <= self.level
 
     def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
         """See `StepProblem`."""
         if self.ended is not None:
             return Outcome(None, "", *self.ended)
-        options = self.system.options
-        self.settled = k > 0 and part == 1
+        if self.effort is not None:
+            self.changes.add(self.c * self.system.rms_change() * part)
+        self.settled = k > 0 and part == 1 and (self.effort is None or self.changes.enough(self.effort))
         if not self.settled:
             return None
-        if self.converge:
-            self.settled = self.c * self.system.rms_change() <= (options.newton_tol or NEWTON_TOL)
-        if not self.settled:
-            return None
-        last = self.converge or len(self.solutions) > options.newton_max
+        last = self.effort is not None or len(self.solutions) > self.system.options.newton_max
         with self.clock.part("EVAL"):
             self.system.settle(self.held)
             ended = self.energy.conclude(self.c, self.held, self.start, measures, MOST if last else LIGHT)
             if not last:
                 ended = self.accounted(ended)
-        return None if ended is None else self.finish(*ended)
+        if ended is None:
+            return None if self.system.base is None else Outcome(ENERGY, f"{len(self.solutions)} solves", measures)
+        return self.finish(*ended)
 
     def accounted(self, ended: tuple[Measures, Ledger] | None) -> tuple[Measures, Ledger] | None:
         """The end of a step, or None where cloth runs into a limit or tears, and a solve left too much of its energy
@@ -145,7 +153,8 @@ class EulerStep(StepProblem):
 
     def give_up(self, measures: Measures) -> Outcome:
         """See `StepProblem`."""
-        return Outcome(NEWTON if self.converge and not self.settled else ENERGY, f"{len(self.solutions)} solves", measures)
+        name = NEWTON if self.effort is not None and not self.settled else ENERGY
+        return Outcome(name, f"{len(self.solutions)} solves", measures)
 
 
 class EulerPolicy:
@@ -153,10 +162,10 @@ class EulerPolicy:
 
     step = EulerStep
 
-    def __init__(self, system: System, energy: EnergyTest, converge: bool) -> None:
-        self.system, self.energy, self.converge = system, energy, converge
+    def __init__(self, system: System, energy: EnergyTest, effort: Effort | None) -> None:
+        self.system, self.energy, self.effort = system, energy, effort
 
     def attempt(self, h: float, pins: Held | None, start: Measures, clock: Clock, solutions: list[Solution]) -> Outcome:
         """A step from the saved state; its solves are added to `solutions`."""
-        problem = self.step(self.system, self.energy, self.converge, h, pins, start, clock, solutions)
+        problem = self.step(self.system, self.energy, self.effort, h, pins, start, clock, solutions)
         return minimize(problem, 1 + self.system.options.newton_max)

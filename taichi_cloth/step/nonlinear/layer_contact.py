@@ -19,6 +19,7 @@ from ...system.held import Held
 from ..attempt import APPROACH, CONTACT
 from ..ledger import Ledger
 from .brake import MOST
+from .effort import Effort
 from .energy import EnergyTest
 from .euler import EulerStep
 from .newton import Outcome, minimize, phi
@@ -42,12 +43,12 @@ class LayerStep(EulerStep):
 
     def __init__(self, system: System, energy: EnergyTest, h: float, pins: Held | None, start: Measures, clock: Clock,
                  solutions: list[Solution]) -> None:
-        super().__init__(system, energy, False, h, pins, start, clock, solutions)
+        super().__init__(system, energy, None, h, pins, start, clock, solutions)
         self.contacts, self.layers = system.contacts, system.contacts.layers
         with clock.part("C-S"):
             known = self.contacts.warm
             predict(system, h, pins, together=True)
-            system.model.restore()
+            system.start_over()
             stored = self.layers.energy if known and not self.layers.freed else self.layers.energy_here()
         self.stiffened = stored - start.energies.get("contact", 0.0)  # J: pairs got stiffer, or rest no more
         self.levels: list[float] = []  # Phi at the start of each Newton step
@@ -83,13 +84,14 @@ class LayerStep(EulerStep):
         system, h, held = self.system, self.c, self.held
         with self.clock.part("EVAL"):
             if k == 0:
-                system.operator.set_motion(h)
-                if held is not None:
-                    system.operator.alter_motion(held.index, held.y)
-            system.linearize(h, moves=k == 0)
+                system.linearize_first(h, held)
+            else:
+                system.linearize(h)
         with self.clock.part("CG"):
             z = system.to_go(held, h) if k else None
             self.solutions.append(system.solve(self.cg_tol, held, h, z=z, again=k > 0))
+            if system.base is not None and k == 0:
+                system.add_guess(1.0)
         self.leads = k == 0
         if z is not None and held is not None and len(z):
             self.leads = bool(np.abs(np.einsum("kij,kj->ki", held.projector, z)).max() * h > NEARLY)
@@ -169,8 +171,8 @@ class LayerPolicy(SolidPolicy):
     """When layers of cloth are part of a step's problem: if they met, or crossed, at the end of the last step, else in a
     second attempt, if the first one shows that they meet."""
 
-    def __init__(self, system: System, energy: EnergyTest, converge: bool) -> None:
-        super().__init__(system, energy, converge)
+    def __init__(self, system: System, energy: EnergyTest, effort: Effort | None) -> None:
+        super().__init__(system, energy, effort)
         self.layers = system.contacts.layers
 
     def attempt(self, h: float, pins: Held | None, start: Measures, clock: Clock, solutions: list[Solution]) -> Outcome:
@@ -182,13 +184,13 @@ class LayerPolicy(SolidPolicy):
             if not self.layers.meet():
                 self.layers.pass_without()
                 return made
-            self.system.model.restore()
+            self.system.start_over()
         for _ in range(RETRIES):
             problem = LayerStep(self.system, self.energy, h, pins, start, clock, solutions)
             made = minimize(problem, self.layers.ROUNDS)
             if not problem.released:
                 break
-            self.system.model.restore()
+            self.system.start_over()
         if self.layers.intersections.active or self.layers.freed:
             self.layers.count_tangled()
         return made

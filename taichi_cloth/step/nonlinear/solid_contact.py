@@ -13,20 +13,23 @@ from .newton import Outcome
 from .system import System
 
 
-def predict(system: System, h: float, pins, together: bool) -> None:
+def predict(system: System, c: float, pins, together: bool) -> None:
     """The model goes where the last step's change of velocity would lead it, and contacts are looked for on the way.
 
     Args:
         together: whether layers of cloth are part of the problem.
     """
-    contacts = system.contacts
-    x, v = system.model.read_particles()
-    system.operator.set_motion(h)
-    if not contacts.warm:
-        system.fall(h, *contacts.gravity)
-    system.place(h, 1.0)
+    contacts, base = system.contacts, system.base
+    x, v = system.model.read_saved()
+    system.operator.set_motion(c)
+    if base is not None:
+        system.solver.dv.fill(0)
+        system.add_guess(1.0)
+    elif not contacts.warm:
+        system.fall(c, *contacts.gravity)
+    system.place(c, 1.0)
     system.settle(pins)
-    contacts.begin(h, pins, x, v, together)
+    contacts.begin(c, pins, x, v, together, base)
 
 
 class SolidStep(EulerStep):
@@ -41,7 +44,7 @@ class SolidStep(EulerStep):
             with self.clock.part("C-S"):
                 self.held, closing = contacts.hold()
                 contacts.set_points()
-                self.system.model.restore()
+                self.system.start_over()
             if contacts.crowded:
                 return self.refuse(CONTACT, f"more than {contacts.force.capacity} points of contact")
             if closing > contacts.solids.reach:

@@ -14,8 +14,9 @@ from ...scene.scene import Scene
 from ...solver.pcg import BREAKDOWN, PCG, Solution
 from ...solver.preconditioner import build_preconditioner
 from ...system.assembler import Assembler, Measures
+from ...system.base import Base
 from ...system.constraints import Filter
-from ...system.held import Held
+from ...system.held import Held, kernel_array
 from ...system.operator import Operator
 from ...system.state import ParticleState
 
@@ -34,6 +35,7 @@ class System:
         gave: whether stitches gave in this step, which is tried again without them.
         resolution: what positions are rounded to [m].
         floor: energy [J] that this rounding amounts to.
+        base: what the step starts from, where that is not the saved state.
     """
 
     def __init__(self, fields: Fields, model: ParticleState, operator: Operator, forces: list, meter: Assembler,
@@ -45,6 +47,7 @@ class System:
         self.solver = PCG(fields, self.operator, self.preconditioner, runtime, options.cg_max_iterations, alone)
         self.filter = Filter(fields, model, self.solver.dv)
         self.held: Held | None = None
+        self.base: Base | None = None
         self.span, self.leads, self.gave = 0.0, False, False
         self._kept: np.ndarray | None = None
         self._kept_tension: np.ndarray | None = None
@@ -54,6 +57,45 @@ class System:
         self._indefinite = [force for force in forces if force.indefinite]
         self._moves = self._definite = False  # as it was linearized
         self.floor = sum(force.rounding_energy(self.resolution) for force in forces)
+
+    def start_over(self) -> None:
+        """The model goes back to where the attempt at a step started."""
+        self.model.restore()
+        if self.base is not None:
+            ahead, v, guess = (kernel_array(a, self.model.exchange) for a in (self.base.ahead, self.base.v, self.base.guess))
+            self._start_from(ahead, v, guess)
+
+    @ti.kernel
+    def _start_from(self, ahead: ti.types.ndarray(), v: ti.types.ndarray(), guess: ti.types.ndarray()):
+        """v_base, x_base; v is the guess"""
+        for i in range(self.model.rows()):
+            for c in ti.static(range(3)):
+                self.model.ahead[i][c] = ahead[i, c]
+                self.model.v_base[i][c] = v[i, c]
+                self.model.v[i][c] = guess[i, c]
+
+    def linearize_first(self, c: float, held: Held | None) -> Measures:
+        """The system of a step's first solve, with the alterations of what is held: (18), from the saved state; from the guess
+        of a base, x = x_base + c v + y, where there is one."""
+        self.operator.set_motion(c)
+        if self.contacts is not None and held is not None:
+            self.operator.alter_motion(held.index, held.y)
+        if self.base is not None:
+            self._go_to_guess(c)
+        return self.linearize(c, moves=self.base is None)
+
+    @ti.kernel
+    def _go_to_guess(self, c: float):
+        """x = x_0 + motion + c (v - v_base)"""
+        for i in range(self.model.rows()):
+            ahead = self.operator.motion[i] + c * (self.model.v[i] - self.model.v_base[i])
+            self.model.x[i] = self.model.x_saved[i] + ahead
+
+    @ti.kernel
+    def add_guess(self, sign: float):
+        """dv += sign (v - v_base): from the base instead of from the guess, where the model is"""
+        for i in range(self.model.rows()):
+            self.solver.dv[i] += sign * (self.model.v[i] - self.model.v_base[i])
 
     def linearize(self, c: float, moves: bool = False) -> Measures:
         """A and b at the model's state, with `moves` b with the operator's motion; see `Assembler`."""
@@ -153,7 +195,7 @@ class System:
             i = index[k]
             for c in ti.static(range(3)):
                 v[k, c] = self.model.v[i][c]
-                y[k, c] = self.model.x[i][c] - self.model.x_saved[i][c] - h * self.model.v[i][c]
+                y[k, c] = (self.model.x[i][c] - self.model.x_saved[i][c]) - self.model.ahead[i][c] - h * self.model.v[i][c]
 
     def to_go(self, held: Held | None, c: float) -> np.ndarray | None:
         """(k, 3) velocity [m/s] by which held directions are still short of their targets."""
@@ -196,9 +238,9 @@ class System:
 
     @ti.kernel
     def place(self, h: float, part: float):
-        """v = part (v_0 + dv), x = x_0 + part (motion + h dv), from the saved state; motion = h v_0 + y"""
+        """x = x_0 + part (motion + h dv), motion = x_base - x_0 + h v_base + y; and v such that x = x_base + h v, y apart"""
         for i in range(self.model.rows()):
-            self.model.v[i] = part * (self.model.v_saved[i] + self.solver.dv[i])
+            self.model.v[i] = part * (self.model.v_base[i] + self.solver.dv[i]) - (1 - part) / h * self.model.ahead[i]
             self.model.x[i] = self.model.x_saved[i] + part * (self.operator.motion[i] + h * self.solver.dv[i])
 
     @ti.kernel

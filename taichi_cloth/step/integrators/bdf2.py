@@ -1,0 +1,141 @@
+"""BDF2 in contact: of second order where nothing is hit, contact settled at the step's end.
+
+With w = h/h_0, the step over the one before, and k = w^2/(1 + 2 w),
+
+    M (v_1 - v_b) = c f(x_1, v_1),  x_1 = x_b + c v_1,  c = h (1 + w)/(1 + 2 w),
+    (x_b, v_b) = (x_0, v_0) + k (x_0 - x', v_0 - v'),
+
+with (x', v') the state before: a step of backward Euler from another base, so that contact is in its solve as it is there.
+What is held is at its target with its mean velocity of the step, (target - x_0)/h, and an alteration y makes up for the rest:
+nothing bounces. The first solve is linearized where the motion would lead, v = v_0 + w (v_0 - v'), and Newton's method goes on
+as in a stage of TR-BDF2.
+
+Impacts are no part of a motion that goes on. Before the next step they are taken out of (x', v'):
+- of directions that contact has just begun to hold, the whole change of velocity;
+- of friction that has just begun, and of forces of pairs as far as they are larger than in the step before, what of their
+  impulse shows in the particle's change of velocity: nothing of what other forces made up for.
+
+Source: Curtiss, Hirschfelder 1952; what is done about contact is ours. A step that it cannot take is redone by backward Euler,
+and so are the first one, those of sewn cloth, and those in which something is pinched or tangled.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ...options import Options
+from ...system.assembler import Measures
+from ...system.base import Base
+from ...system.held import Held
+from ..attempt import Attempt
+from ..nonlinear.effort import CALM, OTHERS, PART, Effort
+from ..nonlinear.history import HistoryEnergy
+from ..nonlinear.system import System
+from .backward_euler import BackwardEuler
+
+FIRST = 0.01  # relative residual of a first solve, which says what contacts bear
+RATIO = 2.0  # largest step over the one before; BDF2 is stable up to 1 + sqrt 2
+
+
+class BDF2(BackwardEuler):
+    """On a system."""
+
+    STATE = ("dv", "h_0", "x_0", "v_0", "borne", "energy")
+
+    def __init__(self, system: System, options: Options, gravity: np.ndarray) -> None:
+        super().__init__(system, options)
+        self.model = system.model
+        self.energy: HistoryEnergy = HistoryEnergy(system, gravity)
+        self.policy.energy = self.energy
+        n = self.model.n
+        self.h_0 = self.h_1 = 0.0  # s: the step before, 0 where there is none; the attempt
+        self.x_0, self.v_0 = np.zeros((n, 3)), np.zeros((n, 3))  # the state before
+        self.borne = np.zeros((n, 3))  # forces of contact [N] in that step
+
+    def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
+        """One step; see the package."""
+        made = None
+        self.h_1 = h
+        if self._may(h):
+            base = self.system.base = self.energy.base = self._base(h)
+            self.system.start_over()
+            asked = self.options.newton_tol
+            self.policy.effort = Effort(asked or CALM * base.c, 0.0 if asked else PART, FIRST, OTHERS)
+            made = super().attempt(h, held_at, start)
+            self.system.base = self.policy.effort = None
+            if made.rejection is None:
+                return made
+            self.model.restore()
+        self.energy.base = None
+        redone = super().attempt(h, held_at, start)
+        if made is None:
+            return redone
+        seconds = {k: made.seconds.get(k, 0.0) + redone.seconds.get(k, 0.0) for k in made.seconds | redone.seconds}
+        return replace(redone, solutions=made.solutions + redone.solutions, seconds=seconds, fell_back=made.rejection or "")
+
+    def _may(self, h: float) -> bool:
+        """Whether the step can go on from the one before."""
+        return 0 < h <= RATIO * self.h_0 and self.model.sewn is None and not self.contacts.hindered
+
+    def expected(self) -> tuple[np.ndarray, float, int]:
+        """See `BackwardEuler`."""
+        base = self.energy.base
+        if base is None:
+            return super().expected()
+        return base.guess, (base.h + self.h_0) / (3 * (2 * base.h + self.h_0)), 2
+
+    def follow(self, h: float, power: float) -> None:
+        """See `BackwardEuler`."""
+        x, v = self.model.read_saved()
+        self.x_0, self.v_0, self.h_0 = x.copy(), v.copy(), h
+        self.borne[:] = 0
+        self.energy.follow(power)
+
+    def _base(self, h: float) -> Base:
+        """Of a step of h [s] from the saved state."""
+        x, v = self.model.read_saved()
+        w = h / self.h_0
+        k, moved, faster = w**2 / (1 + 2 * w), x - self.x_0, v - self.v_0
+        return Base(h, h * (1 + w) / (1 + 2 * w), k * moved, v + k * faster, v + w * faster)
+
+    def _span(self, h: float) -> float:
+        return h if self.system.base is None else self.system.base.c
+
+    def commit(self, taken: float = 0.0) -> None:
+        """The last attempt was accepted; what remembers took so much [J] after it."""
+        x, v = self.model.read_particles()
+        x_0, v_0 = self.model.read_saved()
+        self.x_0, self.v_0, self.h_0 = x_0.copy(), v_0.copy(), self.h_1
+        self._forget_impacts(x, v)
+        self.energy.commit(taken)
+        super().commit(taken)
+
+    def _forget_impacts(self, x: np.ndarray, v: np.ndarray) -> None:
+        """The state before becomes one from which the motion goes on to x, v (n, 3): see above."""
+        contacts, mass, before = self.contacts, self.model.mass, self.v_0.copy()
+        c = self.h_1 if self.energy.base is None else self.energy.base.c
+        index, projector, friction = contacts.solids.begun()
+        for i, P, rubbed in zip(index.tolist(), projector, friction):
+            self.v_0[i] += P @ (v[i] - self.v_0[i]) + _share(v[i] - self.v_0[i], c * rubbed / mass[i])
+        push = contacts.pushed()
+        size, was = (np.linalg.norm(f, axis=1) for f in (push, self.borne))
+        self.borne = push
+        hit = np.flatnonzero(size > was)
+        if len(hit):
+            new = c * ((1 - was[hit] / size[hit]) / mass[hit])[:, None] * push[hit]
+            self.v_0[hit] += _share(v[hit] - self.v_0[hit], new)
+        changed = (self.v_0 != before).any(axis=1)
+        self.x_0[changed] = x[changed] - self.h_1 * (v[changed] + self.v_0[changed]) / 2
+
+    def reset(self) -> None:
+        """The state was changed by hand."""
+        self.h_0 = 0.0
+        self.borne[:] = 0
+        self.energy.reset()
+
+
+def _share(change: np.ndarray, impulse: np.ndarray) -> np.ndarray:
+    """What of impulses (k, 3) per mass [m/s] shows in changes of velocity (k, 3): nothing of what other forces made up for."""
+    size = np.maximum(np.sum(impulse**2, axis=-1, keepdims=True), 1e-300)
+    return np.clip(np.sum(change * impulse, axis=-1, keepdims=True) / size, 0, 1) * impulse

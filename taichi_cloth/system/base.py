@@ -1,0 +1,25 @@
+"""Where an implicit step starts from: M (v - v_base) = c f(x_base + c v, v). numpy only.
+
+Backward Euler starts from the saved state with c = h; a multistep method from what it extrapolates, with a c of its own.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Base:
+    """Of a step of h [s].
+
+    Attributes:
+        h, c: [s].
+        ahead: (n, 3) x_base less the saved positions [m]; v: (n, 3) v_base [m/s].
+        guess: (n, 3) velocities [m/s] of the end, where the first solve is linearized.
+    """
+
+    h: float
+    c: float
+    ahead: np.ndarray
+    v: np.ndarray
+    guess: np.ndarray

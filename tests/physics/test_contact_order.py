@@ -1,0 +1,121 @@
+"""BDF2 in contact: of second order where backward Euler is of first, without a bounce, and its energy accounted for."""
+
+import math
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+
+SOFT = tc.Fabric(0.2, tc.Stretch(1000, 1.0), tc.Shear(100, 0.1), tc.Bend(5e-5))
+
+
+def rms(a: np.ndarray, b: np.ndarray) -> float:
+    """Root mean square of distances [m]."""
+    return float(np.sqrt(np.mean(np.sum((a - b) ** 2, axis=1))))
+
+
+def slope(friction: float = 0.2) -> tc.Scene:
+    """A sheet lies on a tilted table, slides down and over its lower edge."""
+    mesh, tilt = tc.grid(0.6, 8), math.radians(35)
+    turn = np.array([[1, 0, 0], [0, math.cos(tilt), -math.sin(tilt)], [0, math.sin(tilt), math.cos(tilt)]])
+    flat = (mesh.x - mesh.x.mean(axis=0)) * [1, 0, 1]
+    scene = tc.Scene()
+    scene.add_cloth(mesh, SOFT, positions=(flat + [0, 0.0551, 0.1]) @ turn.T)
+    scene.add_solid(tc.Box((1.2, 0.1, 0.9)), friction, 0.005, rotation=(tilt, 0.0, 0.0))
+    return scene
+
+
+def ball() -> tc.Scene:
+    """A sheet falls on a ball."""
+    mesh, scene = tc.grid(1.0, 10), tc.Scene()
+    scene.add_cloth(mesh, SOFT, positions=mesh.x + [-0.5, 0.405, 0.5])
+    scene.add_solid(tc.Sphere(0.3), 0.4, 0.005)
+    return scene
+
+
+def ended(scene: tc.Scene, duration: float, **options) -> tuple[np.ndarray, list]:
+    """(positions (n, 3) [m] at the end, the log)."""
+    with tc.Simulation(scene, threads=1, **options) as sim:
+        sim.run(duration, 10)
+        return sim.positions().copy(), list(sim.log)
+
+
+@pytest.mark.slow
+def test_on_a_slope_and_off_its_edge_the_error_is_a_third():
+    """At 1/60 and 1/120, against steps of 1/960 s, to which both methods converge."""
+    fine, also = (ended(slope(), 0.3, h=1 / 960, integrator=name, cg_tol=1e-6)[0] for name in ("bdf2", "newton_euler"))
+    assert rms(fine, also) < 8e-3
+    off = {(name, n): rms(ended(slope(), 0.3, h=1 / n, integrator=name)[0], fine)
+           for name in ("bdf2", "backward_euler") for n in (60, 120)}
+    for n in (60, 120):
+        assert off["bdf2", n] < off["backward_euler", n] / 3, off
+
+
+def test_an_error_asked_for_is_kept_on_a_ball_in_few_steps():
+    """1e-3 m in half a second, of which .2 s are run: steps of BDF2 are estimated with its order."""
+    fine = ended(ball(), 0.2, h=1 / 2400, integrator="backward_euler")[0]
+    x, log = ended(ball(), 0.2, tolerance=1e-3)
+    assert rms(x, fine) < 1e-3 and len(log) < 120, (rms(x, fine), len(log))
+    assert sum(r.fell_back == "TOUCH" for r in log) > 20
+
+
+@pytest.mark.parametrize("integrator", ["bdf2", "backward_euler"])
+def test_what_falls_flat_stays_where_it_fell(integrator):
+    """At 2 m/s on a floor: no bounce, no speed, and as much energy gone as it had."""
+    scene, mesh = tc.Scene(), tc.grid(0.4, 5)
+    cloth = scene.add_cloth(mesh, SOFT, positions=mesh.x + [0, 0.05, 0])
+    scene.add_solid(tc.Plane(), 0.3, 0.005)
+    with tc.Simulation(scene, h=1 / 60, integrator=integrator, threads=1) as sim:
+        sim.set_state(cloth.positions, np.zeros_like(mesh.x) + [0.5, -2.0, 0])
+        heights, slips = [], []
+        for _ in range(40):
+            sim.step()
+            heights.append(sim.positions()[:, 1].copy())
+            slips.append(np.abs(sim.velocities()).max())
+    down = next(k for k, y in enumerate(heights) if y.min() < 0.0051)
+    assert np.abs(np.array(heights[down:]) - 0.005).max() < 1e-9
+    assert max(slips[down:]) <= 0.5 + 1e-9 and slips[-1] < 1e-3  # mu 2 m/s stop it at once
+
+
+def test_its_energy_is_accounted_for():
+    """Without friction, which solves take as it was, and with converged solves: all of it, in steps that go on in contact."""
+    exact = {"cg_tol": 1e-9, "newton_tol": 1e-8, "newton_max": 40}
+    with tc.Simulation(slope(0.0), h=1 / 120, integrator="bdf2", threads=1, **exact) as sim:
+        sim.run(0.2, 10)
+        went_on = [r for r in sim.log if r.fell_back == "TOUCH"][1:]
+        assert len(went_on) > 2
+        for r in went_on:
+            assert abs(r.ledger["unaccounted"]) < 1e-6 * (abs(r.ledger["kinetic"]) + abs(r.ledger["potential"])), r
+
+
+def test_it_goes_on_from_a_checkpoint():
+    """Bit for bit, in contact."""
+    with tc.Simulation(slope(), h=1 / 60, integrator="bdf2", threads=1) as sim:
+        for _ in range(8):
+            sim.step()
+        state = {k: np.array(a) for k, a in sim.checkpoint().items()}
+        assert sim.log[-1].contacts > 0
+        for _ in range(3):
+            sim.step()
+        x, v = sim.positions(), sim.velocities()
+    with tc.Simulation(slope(), h=1 / 60, integrator="bdf2", threads=1) as sim:
+        sim.resume(state)
+        for _ in range(3):
+            sim.step()
+        assert (sim.positions() == x).all() and (sim.velocities() == v).all()
+
+
+def test_layers_that_meet_are_of_less_error_too():
+    """A sheet falls on one that is held at two sides: at 1/120 the error is at most two thirds of backward Euler's."""
+    def scene() -> tc.Scene:
+        scene, contact = tc.Scene(), tc.ClothContact(0.005, 0.3)
+        below = scene.add_cloth(tc.grid(0.5, 6), SOFT, positions=tc.grid(0.5, 6).x, contact=contact)
+        scene.pin(below, "top")
+        scene.pin(below, "bottom")
+        scene.add_cloth(tc.grid(0.4, 5), SOFT, positions=tc.grid(0.4, 5).x + [0.05, 0.03, -0.05], contact=contact)
+        return scene
+
+    fine = ended(scene(), 0.3, h=1 / 960, integrator="bdf2")[0]
+    second, first = (rms(ended(scene(), 0.3, h=1 / 120, integrator=name)[0], fine) for name in ("bdf2", "backward_euler"))
+    assert second < first / 1.5, (second, first)
