@@ -32,6 +32,9 @@ SLIDERS, SLIDES = "taichi_cloth/forces/curvature_hysteresis.py", "tests/unit/tes
 LEDGER = "tests/physics/test_limit_ledger.py"
 
 MUTATIONS = (
+    ("taichi_cloth/step/stepper.py", "energies={**before.energies, **now.energies}", "energies=now.energies",
+     "layers store their energy anew where cloth remembers",
+     "tests/physics/test_creases.py::test_what_layers_store_is_not_what_creases_take"),
     # gas
     ("taichi_cloth/step/nonlinear/system.py", "if solution.status == BREAKDOWN and", "if solution.status == 0 and",
      "a system that pressure makes indefinite is not solved again",

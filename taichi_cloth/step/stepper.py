@@ -222,8 +222,9 @@ class Stepper(Checkpointed):
         changed = [force.accept(h) for force in self._accepting]  # each is asked
         changed.append(self.giving is not None and self.giving.join())
         if any(changed):
-            before, measures = measures.potential, self.meter.measure()
-            taken = before - measures.potential
+            before, now = measures, self.meter.measure()
+            taken = before.potential - before.energies.get("contact", 0.0) - now.potential
+            measures = replace(now, energies={**before.energies, **now.energies})
             if ledger is not None:
                 ledger = replace(ledger, potential=ledger.potential - taken, plastic=taken)
         self.integrator.commit(taken)

@@ -210,6 +210,20 @@ def test_second_order_steps_go_on_where_friction_stops_what_moves():
         assert sum(len(r.rejections) for r in sim.log) <= 2 and sum(r.solves for r in sim.log) < 7 * len(sim.log)
 
 
+def test_what_layers_store_is_not_what_creases_take():
+    """Two sheets held at half of their thickness: repulsion stays in the energy from step to step, and nothing creases."""
+    mesh, scene = tc.grid(0.04, 2), tc.Scene(gravity=None)
+    for height in (0.0, 0.002):
+        cloth = scene.add_cloth(mesh, tc.Fabric(0.1, tc.Stretch(200, 0.01), bend=REMEMBERS), mesh.x + [0, height, 0],
+                                contact=tc.ClothContact(0.004))
+        scene.pin(cloth, range(mesh.vertex_count))
+    with tc.Simulation(scene, h=1 / 60, integrator="backward_euler") as sim:
+        for _ in range(3):
+            row = sim.step().ledger
+            assert sim.log[-1].energies["contact"] > 1e-9 and abs(row["plastic"]) < 1e-15
+        assert abs(row["layers"]) < 1e-6 * sim.log[-1].energies["contact"]
+
+
 @pytest.mark.parametrize("model", ["hinge", "curvature"])
 def test_what_does_not_remember_has_no_sliders(model):
     with tc.Simulation(strip(tc.Bend(2e-5, model=model))) as sim:
