@@ -85,3 +85,18 @@ def test_touching_is_no_crossing():
         other = np.array([[0.25, 1.0, 0.25], [0.25, end, 0.25], [5.0, 1.0, 0.25]])
         assert intersections.count_crossings(x, triangle, other, np.array([[0, 1, 2]])) >= count
         assert (intersections.count_crossings(x, triangle, other, np.array([[0, 1, 2]])) > 0) == (count > 0)
+
+
+@pytest.mark.parametrize("sewn", [True, False])
+def test_sides_of_a_seam_that_is_still_apart_are_not_tangled(sewn):
+    """The right panel begins 3 mm below the left one's end and goes up through it."""
+    left, right = tc.grid((0.1, 0.1), 5, plane="xy"), tc.grid((0.1, 0.1), 5, plane="xy")
+    n, x = left.vertex_count, right.x.copy()
+    x[:, 2], x[:, 0], x[:, 1] = 0.4 * x[:, 0] - 0.003, x[:, 0] + 0.09, x[:, 1] + 0.003
+    mesh = tc.TriMesh([*left.x, *x], [*left.faces, *(right.faces + n)], [*left.uv, *(right.uv + [0.2, 0])])
+    scene = tc.Scene(gravity=None)
+    cloth = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, 1)), contact=tc.ClothContact(0.002))
+    if sewn:
+        scene.sew(cloth, left.groups["right"], n + right.groups["left"])
+    with tc.Simulation(scene, h=1 / 60) as sim:
+        assert sim.intersections() > 3 and (sim.contacts.layers.intersections.count == 0) == sewn

@@ -68,7 +68,7 @@ class Layers(Checkpointed):
         self.detector = LayerDetector(fields, model, scene, cpu, self.floor)
         d = self.detector
         self.waived, self.freed = np.zeros(model.n, dtype=bool), False
-        self.intersections = Intersections(model.n, d.mesh.faces, d.mesh.half_thickness, d.mesh.may_meet, tangles)
+        self.intersections = Intersections(model.n, d.mesh, tangles)
         mu = np.concatenate([np.full(c.mesh.vertex_count, c.contact.friction if c.contact else 0.0)
                              for c in scene.cloths])
         self.kernels = self.kind(fields, model, np.sqrt(mu)[model.user])

@@ -14,6 +14,7 @@ from ...scene.mesh import face_edges
 from ...system.checkpoint import Checkpointed
 from ..points import Points, sym_outer, sym_times, unit
 from ..step_start import StepStart
+from .collision_mesh import CollisionMesh
 
 RINGS = 2  # of neighbours round a crossing that rest with it
 PULL = 1.0  # of a thickness that a crossing is moved in a usual step
@@ -25,8 +26,7 @@ class Intersections(Checkpointed):
     """The crossings of a model's cloths.
 
     Args:
-        n: particles; faces: (m, 3) of cloth that meets cloth; meets: function of two arrays of rows of faces, whether they
-            meet at all.
+        n: particles; mesh: of the cloth that meets cloth.
         policy: "untangle", "ignore" or "abort".
 
     Attributes:
@@ -39,9 +39,10 @@ class Intersections(Checkpointed):
 
     STATE = ("until", "edges", "rows")
 
-    def __init__(self, n: int, faces: np.ndarray, half: np.ndarray, meets, policy: str) -> None:
-        self.n, self.faces, self.half, self.meets, self.policy = n, faces, half, meets, policy
-        ends = np.sort(face_edges(faces), axis=1)
+    def __init__(self, n: int, mesh: CollisionMesh, policy: str) -> None:
+        self.n, self.mesh, self.policy = n, mesh, policy
+        self.faces, self.half = mesh.faces, mesh.half_thickness
+        ends = np.sort(face_edges(mesh.faces), axis=1)
         code = ends @ np.array([n, 1])
         self.order = np.argsort(code, kind="stable")
         self.code = code[self.order]
@@ -81,7 +82,9 @@ class Intersections(Checkpointed):
     def look(self, x: np.ndarray) -> None:
         """Finds the crossings at positions (n, 3), where a step may end."""
         edges, rows = self_crossings(x, self.faces)
-        keep = self.meets(self._faces_of(edges)[:, 0], rows)
+        knots = self.mesh.knots  # what is sewn to each other, and still apart, shares a corner
+        keep = self.mesh.may_meet(self._faces_of(edges)[:, 0], rows)
+        keep &= ~(knots[edges][:, :, None] == knots[self.faces[rows]][:, None, :]).any(axis=(1, 2))
         self.found = edges[keep], rows[keep]
 
     def commit(self, h: float = 0.0) -> None:
