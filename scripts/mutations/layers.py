@@ -104,7 +104,7 @@ MUTATIONS = (
      "strides twice as long as is safe", WAY),
     (CONTACT + "cloth/collision_mesh.py", "out = ti.min(out, 0.5 * rest.norm())", "out = ti.min(out, 2.0 * rest.norm())",
      "what is near at rest repels", FOUND),
-    (CONTACT + "cloth/collision_mesh.py", "if self.owner[v[0]] == self.owner[v[3]] and not self.parted(kind, v):",
+    (CONTACT + "cloth/collision_mesh.py", "if self.owner[v[0]] == self.owner[v[3]]:",
      "if self.owner[v[0]] != self.owner[v[3]]:",
      "rest between two cloths", FOUND),
     (CONTACT + "cloth/narrow_phase.py", "reach = self.mesh.thickness(v) + 1e-12",
