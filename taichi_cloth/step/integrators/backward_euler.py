@@ -88,6 +88,9 @@ class BackwardEuler(Checkpointed):
     def follow(self, h: float, power: float) -> None:
         """A step of h [s] without contact was made by another method, whose pins had a power [W] at its end."""
 
+    def forget(self) -> None:
+        """The next attempt does not go on from the step before."""
+
     def _span(self, h: float) -> float:
         """What the method multiplies forces by [s]."""
         return h

@@ -85,6 +85,10 @@ class BDF2(BackwardEuler):
             return super().expected()
         return base.guess, (base.h + self.h_0) / (3 * (2 * base.h + self.h_0)), 2
 
+    def forget(self) -> None:
+        """See `BackwardEuler`."""
+        self.h_0 = 0.0
+
     def follow(self, h: float, power: float) -> None:
         """See `BackwardEuler`."""
         x, v = self.model.read_saved()
@@ -130,7 +134,7 @@ class BDF2(BackwardEuler):
 
     def reset(self) -> None:
         """The state was changed by hand."""
-        self.h_0 = 0.0
+        self.forget()
         self.borne[:] = 0
         self.energy.reset()
 

@@ -62,6 +62,8 @@ class Safe(Checkpointed):
             if reason != TOUCH and (reason not in REDONE or patient):
                 return made
             self.model.restore()
+            if reason != TOUCH:
+                self.robust.forget()
         self.last = self.robust
         redone = self._judged(h, self.robust.attempt(h, held_at, start), held_at)
         self.gained = 0.0 if redone.ledger is None else redone.ledger.change - redone.ledger.total
