@@ -2,7 +2,8 @@
 
 A step that gains energy or whose Newton iteration fails is redone by backward Euler with its energy test, which loses
 accuracy but not the run; without solids, and limits of strain, it is first tried smaller, twice. Steps in which
-cloth touches solids are backward Euler's too: contact is settled in its solve.
+cloth touches solids are backward Euler's too (BDF2's where asked for): contact is settled in its solve. And so are those in
+which something tears, and recoils.
 """
 
 import math
@@ -23,7 +24,7 @@ REDONE = (ENERGY, NEWTON, NOT_FINITE, SOLVER)
 STUBBORN = 64  # with error control, a step that fails is tried smaller until it is so much smaller than the largest
 SLOW = 4  # and without, until it is so much smaller: two small steps are far more accurate than backward Euler's one
 LAPSE = 0.02  # s, over which the acceleration of cloth in contact is averaged
-TOUCH = "TOUCH"  # cloth touches something, or is still being sewn
+TOUCH = "TOUCH"  # cloth touches something, is still being sewn, or tears
 
 
 class Safe(Checkpointed):
@@ -49,7 +50,8 @@ class Safe(Checkpointed):
         """One step; see the package."""
         self.largest, self.tried = max(self.largest, h), h
         made, reason = None, TOUCH
-        if not self.touching and not (self.model.sewn is not None and (self.model.sewn.open or self.model.sewn.pulled)):
+        sewn = self.model.sewn
+        if not (self.touching or self.system.gave or (sewn is not None and (sewn.open or sewn.pulled))):
             self.last = self.accurate
             made = self.accurate.attempt(h, held_at, start)
             reason = made.rejection or ""
