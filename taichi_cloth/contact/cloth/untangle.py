@@ -111,7 +111,7 @@ class Intersections(Checkpointed):
 
     def points(self, start: StepStart, base: np.ndarray, mass: np.ndarray) -> Points:
         """What leads edges and triangles apart, as points of contact."""
-        k, x_0, c = len(self.rows), start.x, start.c
+        k, x_0 = len(self.rows), start.x
         if not k or self.policy != "untangle":
             return Points(np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 6)), np.zeros((0, 3)))
         face = self.faces[self.rows]
@@ -130,7 +130,7 @@ class Intersections(Checkpointed):
         own = 1 / np.maximum((weights**2 / mass[vertices]).sum(axis=1), 1e-300)
         block = (PULL_STIFF * own)[:, None] * sym_outer(way)
         gone = np.einsum("ka,kai->ki", weights, (base - x_0)[vertices])
-        rhs = sym_times(block, (step[:, None] * way - gone) / c)
+        rhs = sym_times(block, (step[:, None] * way - gone) / start.c)
         return Points(vertices, weights, block, rhs)
 
     def _shorter(self, x: np.ndarray, normal: np.ndarray, along: np.ndarray) -> np.ndarray:
