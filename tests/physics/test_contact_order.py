@@ -90,20 +90,25 @@ def test_its_energy_is_accounted_for():
 
 
 def test_it_goes_on_from_a_checkpoint():
-    """Bit for bit, in contact with a face and an edge."""
+    """Bit for bit, and in all that it remembers, in contact with a face and an edge."""
+    def gone_on(sim: tc.Simulation) -> list[dict]:
+        out = []
+        for _ in range(3):
+            sim.step()
+            out.append({k: np.array(a) for k, a in sim.checkpoint().items() if k != "records"})
+        return out
+
     with tc.Simulation(slope(), h=1 / 60, integrator="bdf2", threads=1) as sim:
-        for _ in range(17):
+        for _ in range(13):
             sim.step()
         state = {k: np.array(a) for k, a in sim.checkpoint().items()}
-        assert sim.log[-1].contacts > 0
-        for _ in range(3):
-            sim.step()
-        x, v = sim.positions(), sim.velocities()
+        assert sim.log[-1].contacts > 0 and np.abs(state["integrator.robust.borne"]).max() > 0
+        went = gone_on(sim)
     with tc.Simulation(slope(), h=1 / 60, integrator="bdf2", threads=1) as sim:
         sim.resume(state)
-        for _ in range(3):
-            sim.step()
-        assert (sim.positions() == x).all() and (sim.velocities() == v).all()
+        resumed = gone_on(sim)
+    for one, other in zip(went, resumed):
+        assert one.keys() == other.keys() and all(np.array_equal(one[k], other[k]) for k in one)
 
 
 def test_layers_that_meet_are_of_less_error_too():
