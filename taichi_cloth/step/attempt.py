@@ -1,6 +1,6 @@
 """What an integrator proposes to step control, and the names of what may be wrong with it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..solver.pcg import Solution
 from ..system.assembler import Measures
@@ -51,3 +51,8 @@ class Attempt:
     fell_back: str = ""
     ledger: Ledger | None = None
     place: Place | None = None
+
+    def instead_of(self, other: "Attempt", why: str) -> "Attempt":
+        """This one, made where another one failed, with the cost of both."""
+        seconds = {k: other.seconds.get(k, 0.0) + self.seconds.get(k, 0.0) for k in other.seconds | self.seconds}
+        return replace(self, solutions=other.solutions + self.solutions, seconds=seconds, fell_back=self.fell_back or why)

@@ -20,7 +20,6 @@ and so are the first one, those of sewn cloth, and those in which something is p
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -69,10 +68,7 @@ class BDF2(BackwardEuler):
             self.model.restore()
         self.energy.base = None
         redone = super().attempt(h, held_at, start)
-        if made is None:
-            return redone
-        seconds = {k: made.seconds.get(k, 0.0) + redone.seconds.get(k, 0.0) for k in made.seconds | redone.seconds}
-        return replace(redone, solutions=made.solutions + redone.solutions, seconds=seconds, fell_back=made.rejection or "")
+        return redone if made is None else redone.instead_of(made, made.rejection or "")
 
     def _may(self, h: float) -> bool:
         """Whether the step can go on from the one before."""

@@ -71,9 +71,7 @@ class Safe(Checkpointed):
         self.gained = 0.0 if redone.ledger is None else redone.ledger.change - redone.ledger.total
         if made is None:
             return replace(redone, fell_back=redone.fell_back or reason)
-        seconds = {k: made.seconds.get(k, 0.0) + redone.seconds.get(k, 0.0) for k in made.seconds | redone.seconds}
-        return replace(redone, solutions=made.solutions + redone.solutions, seconds=seconds,
-                       fell_back=redone.fell_back or reason)
+        return redone.instead_of(made, reason)
 
     def commit(self, taken: float = 0.0) -> None:
         """The last attempt was accepted; what remembers took so much [J] after it."""

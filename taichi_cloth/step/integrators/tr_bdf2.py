@@ -33,6 +33,7 @@ from ...system.held import Held
 from ..attempt import ACCURACY, ENERGY, SOLVER, Attempt
 from ..ledger import Work, gained, three_stages, with_attachments
 from ..nonlinear.effort import CALM, FIRST, OTHERS, PART, Effort
+from ..nonlinear.history import DEBT, FALL, GAIN, LAPSE
 from ..nonlinear.newton import Outcome, minimize
 from ..nonlinear.stage import Stage
 from ..nonlinear.system import System
@@ -43,11 +44,7 @@ GAMMA = 2 - math.sqrt(2)
 A, B = (math.sqrt(2) + 1) / 2, (math.sqrt(2) - 1) / 2
 E_0, E_GAMMA, E_1 = (math.sqrt(2) - 1) / 3, -1 / 3, 2 * C / 3  # weights less those of the third-order formula
 WEIGHT = math.sqrt(2) / 4  # of the beginning and of the first stage in a step; C is the end's
-GAIN = 0.01  # part of the motion's scale by which energy may grow in a step
-DEBT = 0.03  # and before it has fallen as much again
-LAPSE = 0.1  # s, over which the motion's scale forgets
 WORK = 0.05  # part of the constraints' work in a step by which the quadrature may be off
-FALL = 0.1  # m/s: and so is the work of gravity at this speed
 SHARE = 0.1  # of the error allowed in a step that Newton's method may leave
 HORIZON = 0.5  # s: time in which a run may gather the error asked for
 FILTER = 0.01  # relative residual of the solve that filters the error estimate

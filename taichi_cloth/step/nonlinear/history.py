@@ -46,7 +46,7 @@ class HistoryEnergy(EnergyTest, Checkpointed):
 
     def follow(self, power: float) -> None:
         """A step was made by another method, whose pins had a power [W] at its end."""
-        self.power, self.motion = np.array([power] + [0.0] * (len(GOES_ON) - 1)), max(self.motion, 0.0)
+        self.power = np.array([power] + [0.0] * (len(GOES_ON) - 1))
 
     def reset(self) -> None:
         """The state was changed by hand."""
