@@ -25,6 +25,7 @@ class Giving:
     def __init__(self, stitches: Stitches, integrator, meter, contacts, tears=None) -> None:
         self.stitches, self.integrator, self.meter, self.contacts = stitches, integrator, meter, contacts
         self.tears = tears
+        integrator.system.fragile |= stitches.gives or tears is not None
         self.before: np.ndarray = stitches.whole  # at the start of a step in which something gave
         self.torn, self.tries = 0.0, 0  # J that is gone with what gave in this step; tries that let go
 

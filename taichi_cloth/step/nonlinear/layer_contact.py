@@ -136,6 +136,8 @@ class LayerStep(EulerStep):
             again = self.verdict.changes and k < contacts.ROUNDS
             self.agreed = part == 1 and self.layers.settled() and not again
         ended = self.conclude(measures) if self.agreed else None
+        if k < self.layers.ROUNDS // 2:
+            ended = self.accounted(ended)
         return None if ended is None else self.finish(*ended)
 
     def conclude(self, measures: Measures) -> tuple[Measures, Ledger] | None:

@@ -33,6 +33,7 @@ class System:
         span: c [s] that it was linearized with.
         leads: whether the last solve led something: pins that move, solids, seams that close.
         gave: whether stitches gave in this step, which is tried again without them.
+        fragile: whether single solves can be far off: something may rip or tear, or is blown up.
         resolution: what positions are rounded to [m].
         floor: energy [J] that this rounding amounts to.
         base: what the step starts from, where that is not the saved state.
@@ -48,7 +49,8 @@ class System:
         self.filter = Filter(fields, model, self.solver.dv)
         self.held: Held | None = None
         self.base: Base | None = None
-        self.span, self.leads, self.gave = 0.0, False, False
+        self.span, self.leads = 0.0, False
+        self.gave, self.fragile = False, any(force.driven for force in forces)
         self._kept: np.ndarray | None = None
         self._kept_tension: np.ndarray | None = None
         self.epsilon = runtime.epsilon
