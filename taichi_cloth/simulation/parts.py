@@ -75,6 +75,9 @@ class Parts:
         self.stepper = Stepper(self.model, self.integrator, self.meter, self.control,
                                Locator(self.model, scene.cloths, scene.solids), self.giving)
         self.prescribed = Prescribed(self.model, scene.script.copy(), self.force_terms, self.contacts)
+        if self.contacts is not None:
+            held = self.prescribed.held(0.0)
+            self.notes += self.contacts.settle(np.zeros(0, dtype=np.int64) if held is None else held.index)
         scene.followers.add(self)
         self._extra: list[Fields] = []  # made when first asked for
         self._force_field: ForceField | None = None

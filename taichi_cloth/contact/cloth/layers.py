@@ -23,7 +23,6 @@ from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.place import Place
 from ...system.state import ParticleState
-from ..geometry import VERTEX_FACE
 from ..points import Points, rows_of
 from ..step_start import StepStart
 from . import pair_kernels
@@ -39,6 +38,7 @@ RUBBED = 0.05  # the same of friction beyond its cone
 LOOSE = 2.0  # of gravity: what the forces of pairs may be off by, over the mass they act on
 GIVE = 0.01  # of a pair's distance over h^2: the same where gravity is small
 PINCHING = 0.02  # of half the thickness: what moves more than that within a step is not pinched, but comes fast
+STUCK = 0.1  # of what layers keep: what starts nearer, when all that could be was moved apart, is tangled
 CLOSE, WIDE = 0.3, 0.7  # of a pair's room: what ends with less gets stiffer, with more softer again
 STIFFER, SOFTER, STIFFEST = 4.0, 0.8, 4096.0  # factors from usual step to usual step, and their product at most
 
@@ -275,14 +275,20 @@ class Layers(Checkpointed):
         Only what hardly moves within the step: what comes fast is not pinched, a smaller step stops it. With `every`, all.
         """
         d = self.detector
-        four = np.array([[i, *d.mesh.faces[j]] if kind == VERTEX_FACE else [*d.mesh.edges[i], *d.mesh.edges[j]]
-                         for i, j, kind in self.blocking.tolist()], dtype=np.int64).reshape(-1, 4)
+        four = d.mesh.particles_of(self.blocking)
         v = self.model.read_saved()[1][four]
         moves = self.start.h * np.linalg.norm(v - v.mean(axis=1, keepdims=True), axis=2).max(axis=1, initial=0.0)
         four = four[every | (moves < PINCHING * d.mesh.half_thickness[four[:, 0]])]
         self.intersections.release(four.ravel())
         self._let_rest()
         return len(four) > 0
+
+    def release_nearest(self) -> None:
+        """Deactivates for a while the pairs that start so near that they are as good as tangled."""
+        p = self.near
+        self.intersections.release(p.vertices[p.end < STUCK * p.radius].ravel())
+        self._let_rest()
+        self.look()
 
     def nearest(self) -> Place | None:
         """The pair with the smallest distance over what it should keep, where cloth was last looked at."""

@@ -60,7 +60,7 @@ class Penetration(Checkpointed):
         bad = bool((inside.gap < -self.deep[inside.solid]).any())
         if near.pairs is None:
             return 0, bad
-        nearer, lost = left(near.pairs, linearized, self.thickness[near.pairs.solid])
+        nearer, lost = left(near.pairs, linearized, self.scan.kept_by(near.pairs))
         minded = self.minded[near.pairs.vertices].all(axis=1)
         return int(np.sum(nearer & minded)), bad or bool((lost & minded).any())
 
@@ -94,7 +94,7 @@ class Penetration(Checkpointed):
         deep = inside.index[inside.gap < -self.deep[inside.solid]]
         rows = [np.repeat(deep[:, None], 3, axis=1)]
         if near.pairs is not None:
-            lost = left(near.pairs, linearized, self.thickness[near.pairs.solid])[1]
+            lost = left(near.pairs, linearized, self.scan.kept_by(near.pairs))[1]
             rows.append(self._minded(near.pairs.own_vertices[lost]))
         if self.more_crossed:
             rows.append(self._minded(self.crossed))

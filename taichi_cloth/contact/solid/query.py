@@ -9,8 +9,9 @@ from ...scene.scene import Scene
 from ...scene.solids import MESH, Solid, SolidMesh
 from ...system.held import kernel_array
 from ...system.state import ParticleState
+from ..growth import Growth
 from ..points import tangential
-from .pairs import Pairs
+from .pairs import PAIR, Pairs
 from .tree import TriangleTree, smooth
 from .vertices import SLOTS, WIDTH, VertexContacts, VertexDetector
 
@@ -51,6 +52,7 @@ class Scanner:
     Attributes:
         time: [s] to which the solids were last moved.
         edge: mean edge length of the cloth at the start [m].
+        growth: of the thickness that pairs go by, where they start nearer.
         faces: (m, 3) particles of the cloth's faces.
         pokes: (solids,) whether a solid could come through a triangle of cloth; yields: whether it deforms; moves: whether
             it moves; meshes: is a mesh; closed: is one with an inside.
@@ -60,6 +62,7 @@ class Scanner:
         self.model, self.solids, self.exchange, self.time = model, scene.solids, model.exchange, 0.0
         self.thickness = np.array([s.thickness for s in self.solids])
         self.friction = np.array([s.friction for s in self.solids])
+        self.growth = Growth(model.n)
         edges = np.concatenate([np.linalg.norm(np.diff(c.positions[c.mesh.faces], axis=1), axis=2).ravel()
                                 for c in scene.cloths])
         self.edge, longest = float(edges.mean()), float(edges.max())
@@ -124,7 +127,17 @@ class Scanner:
             if crossings:
                 notes.append(f"{crossings} triangles of cloth and solids pass through each other at the start")
             self.tree.placed = False
+        self.time = 0.0
         return notes
+
+    def begin(self) -> None:
+        """Cloth starts where the model is: pairs that are nearer than they should be have a part of their thickness."""
+        self.growth.part[:] = 1.0
+        if self.pairs is not None:
+            self.model.save()
+            self.set_time(self.time, 0.0)
+            pairs = self.pairs.find(self.poses)
+            self.growth.begin(pairs.vertices, self.part_of(pairs))
 
     def set_time(self, t: float, h: float) -> None:
         """Poses of the solids at the two ends of the step from t to t + h [s]."""
@@ -184,6 +197,14 @@ class Scanner:
         """(k,) Coulomb's coefficient at pairs."""
         triangle = (pairs.key & 0xFFFFFFFF) // 8
         return self.friction[pairs.solid] if self.tree is None else self.tree.friction[triangle]
+
+    def kept_by(self, pairs: Pairs) -> np.ndarray:
+        """(k,) thickness [m] that pairs go by."""
+        return self.growth.of(pairs.vertices) * self.thickness[pairs.solid]
+
+    def part_of(self, pairs: Pairs) -> np.ndarray:
+        """(k,) how far pairs are from each other over what they should keep in the end."""
+        return pairs.distance / (PAIR * self.thickness[pairs.solid])
 
     def find_pairs(self) -> Pairs | None:
         """Pairs that come within range on that way, or None where no solid has edges or corners to fear."""

@@ -174,10 +174,9 @@ class SolidContacts(Checkpointed):
                              np.isin(a.states.key, self.accepted.key[self.accepted.stick]))
         if self.near.pairs is None:
             return [self.sliding.points]
-        t = self.thickness
-        self.linearized = near = self.near.pairs.moved(self._to_go(), PAIR * t[self.near.pairs.solid])
+        self.linearized = near = self.near.pairs.moved(self._to_go(), PAIR * self.scan.kept_by(self.near.pairs))
         step = Step(start.h, start.h_usual, start.x, base[0], start.mean(base[1]), start.c)
-        self.pressing = press(near, step, mass, t[near.solid], self.scan.friction_of(near))
+        self.pressing = press(near, step, mass, self.scan.kept_by(near), self.scan.friction_of(near))
         return [self.sliding.points, self.pressing]
 
     def _to_go(self) -> np.ndarray:
@@ -289,18 +288,26 @@ class SolidContacts(Checkpointed):
         if self.start.small:
             self.penetration.spare(self.penetration.wrong(self.near, self.active.contacts.key, self.linearized))
         self.accepted, self.penetration.before = self.trial, self.penetration.crossed
+        self._grow()
 
     def pass_by(self) -> None:
         """A step without contact was accepted."""
         self.accepted = self.trial = States()
         self.active, self.forces, self.linearized, self.unsettled = ActiveSet.none(), NO_FORCES, None, 0
         self.penetration.pass_time(self.start.h)
+        self._grow()
+
+    def _grow(self) -> None:
+        """Pairs that started nearer than their thickness have more of it after a step."""
+        if self.scan.growth.active and self.near.pairs is not None:
+            self.scan.growth.grow(self.near.pairs.vertices, self.scan.part_of(self.near.pairs), self.start.h)
 
     def clear(self) -> None:
         """Forgets all contacts: the state was changed from outside."""
         self.accepted, self.near = States(), replace(self.near, vertices=VertexContacts.none())
         self.penetration.spared[:] = 0
         self.pinches.clear()
+        self.scan.begin()
         self.penetration.crossed = self.penetration.before = self.scan.find_crossings()
 
     def nearest(self) -> Place | None:
@@ -311,7 +318,7 @@ class SolidContacts(Checkpointed):
             k = int(np.argmin(gap))
             places.append(Place((int(f.index[k]),), int(f.solid[k]), float(gap[k])))
         if pairs is not None and len(pairs.key):
-            gap = pairs.distance / (PAIR * self.thickness[pairs.solid])
+            gap = pairs.distance / (PAIR * self.scan.kept_by(pairs))
             k = int(np.argmin(gap))
             particle = int(pairs.vertices[k, pairs.weights[k].argmax()])
             places.append(Place((particle,), int(pairs.solid[k]), float(gap[k])))

@@ -1,0 +1,52 @@
+"""Starts nearer than the thickness: each particle has a part of it, which grows from what there is to all of it. numpy only.
+
+Scans, and what other programs drape, start nearer to a body, or to themselves, than a scene's thickness. To throw such cloth
+out within a step takes speeds that no step passes. So what is near at the start keeps what distance it has, and more by and
+by: no faster than the whole thickness in RAMP, and no faster than the cloth really gets away.
+"""
+
+import numpy as np
+
+from ..system.checkpoint import Checkpointed
+
+NEAR = 0.5  # of its distance: what starts nearer has a part of its thickness only
+LEAST = 0.005  # part of its thickness that any particle has
+RAMP = 0.2  # s in which thickness grows from nothing to the whole
+FURTHER = 1.3  # times the distance that there is, to which thickness may grow in a step
+
+
+class Growth(Checkpointed):
+    """Of the thickness of n particles.
+
+    Attributes:
+        part: (n,) that each has; active: whether any has not all of it.
+    """
+
+    STATE = ("part",)
+
+    def __init__(self, n: int) -> None:
+        self.part, self.active = np.ones(n), False
+
+    def resumed(self) -> None:
+        """See `Checkpointed`."""
+        self.active = bool((self.part < 1).any())
+
+    def begin(self, particles: np.ndarray, measured: np.ndarray) -> int:
+        """Cloth starts, with distances measured (k,) between particles (k, .), in thicknesses; how many start near."""
+        least = np.ones(len(self.part))
+        near = (measured < NEAR) & (measured > 0)
+        np.minimum.at(least, particles[near], np.broadcast_to(measured[near, None], particles[near].shape))
+        self.part = np.maximum(least, LEAST)
+        self.resumed()
+        return int(np.sum(self.part < 1))
+
+    def grow(self, particles: np.ndarray, measured: np.ndarray, h: float) -> None:
+        """After a step of h [s], with distances as in `begin` where it ended."""
+        there = self.part.copy()
+        np.minimum.at(there, particles, np.broadcast_to(measured[:, None], particles.shape))
+        self.part = np.clip(np.minimum(self.part + h / RAMP, FURTHER * there), self.part, 1.0)
+        self.resumed()
+
+    def of(self, particles: np.ndarray) -> np.ndarray:
+        """(k,) the least part of particles (k, .)."""
+        return self.part[particles].min(axis=1)
