@@ -41,6 +41,10 @@ ROOM = "taichi_cloth/contact/solid/room.py"
 SOLIDS = "taichi_cloth/scene/solids.py"
 PINCH, SIDES = "taichi_cloth/contact/solid/pinch.py", "taichi_cloth/contact/solid/facing.py"
 LAYERS = "taichi_cloth/contact/cloth/layers.py"
+START, GROWTH = "taichi_cloth/contact/settle.py", "taichi_cloth/contact/growth.py"
+STARTS = "tests/physics/test_near_starts.py"
+APART = f"{STARTS}::test_what_starts_near_is_moved_apart"
+GROWS = f"{STARTS}::test_what_was_left_near_grows_to_its_thickness_and_is_resumed_bit_for_bit"
 
 MUTATIONS = (
     # forces that are told
@@ -94,8 +98,20 @@ MUTATIONS = (
     (RESPONSE, "self.accepted, self.penetration.before = self.trial,", "self.accepted, self.penetration.before = States(),",
      "states are lost from step to step",
      f"{FRICTION} {CONTACT}"),
-    ("taichi_cloth/contact/solid/solid_contacts.py", 'STATE = ("accepted", "penetration", "pinches")',
-     'STATE = ("penetration", "pinches")', "which way things begin to slide is not resumed", RESUME),
+    ("taichi_cloth/contact/solid/solid_contacts.py", 'STATE = ("accepted", "penetration", "pinches", "growth")',
+     'STATE = ("penetration", "pinches", "growth")', "which way things begin to slide is not resumed", RESUME),
+    # starts
+    (START, "for layered in (False, True):", "for layered in ():", "what starts near stays there", APART),
+    (START, "still[fixed] = True", "still[fixed] = False", "pinned vertices are moved apart too", APART),
+    (START, "group, still) > 0", "group, still) < 0", "what is moved as one takes what is pinned with it", APART),
+    (START, "self.free_of_layers(_as_one(by, self.knots, still), x, still)", "_as_one(by, self.knots, still)",
+     "what is moved apart from solids passes through layers", f"{APART}[box-2]"),
+    (START, "if not len(near):", "if False:", "cloth that is not near is moved",
+     f"{STARTS}::test_what_is_not_near_starts_as_it_was_given"),
+    (GROWTH, "self.part = np.maximum(least, LEAST)", "self.part = np.ones(len(least))",
+     "what is left near keeps its whole thickness", GROWS),
+    (GROWTH, "FURTHER * there), self.part, 1.0)", "FURTHER * there), self.part, self.part)", "thickness does not grow", GROWS),
+    (RESPONSE, '"pinches", "growth")', '"pinches")', "thickness that grows is not resumed", GROWS),
     ("taichi_cloth/contact/solid/penetration.py", 'STATE = ("before", "spared")', 'STATE = ("before",)',
      "what is pinched is not resumed", RESUME),
     ("taichi_cloth/contact/contacts.py", 'STATE = ("solids", "warm", "layers")', 'STATE = ("solids", "layers")',
@@ -228,7 +244,7 @@ MUTATIONS = (
      "what is pinched counts as pinned", ARM),
     (RESPONSE, "either = [self.pinches.forces / 2] * 2", "either = [self.pinches.forces] * 2",
      "each side bears all that the pinched take", BETWEEN),
-    (RESPONSE, 'STATE = ("accepted", "penetration", "pinches")', 'STATE = ("accepted", "penetration")',
+    (RESPONSE, 'STATE = ("accepted", "penetration", "pinches", "growth")', 'STATE = ("accepted", "penetration", "growth")',
      "what solids close on is not resumed", BETWEEN),
     (RESPONSE, "        self.pinches.commit()\n", "", "what was pinched is looked for afresh", ARM),
     (RESPONSE, "self.penetration.spare(np.flatnonzero(self.pinches.around))", "pass", "what was freed may not be inside", ARM),

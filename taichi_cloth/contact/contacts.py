@@ -13,6 +13,7 @@ from ..system.place import Place
 from ..system.state import ParticleState
 from .contact_force import ContactForce
 from .points import Points
+from .settle import Moved, move_apart
 from .solid.solid_contacts import SolidContacts, Verdict
 from .step_start import StepStart
 
@@ -179,18 +180,15 @@ class Contacts(Checkpointed):
         self.clear()
         return notes + (self.layers.intersections.inspect() if self.layers is not None else [])
 
-    def settle(self, fixed: np.ndarray) -> list[str]:
-        """Moves cloth apart that starts nearer to solids than it should be, but for particles (k,) that are fixed; in words."""
-        from .settle import move_apart
-
-        moved = move_apart(self, fixed)
-        if not moved.near:
-            return []
-        self.clear()
-        if self.layers is not None:
-            self.layers.release_nearest()
-        return [f"{moved.near} vertices of cloth start within half of what they should keep from edges of solids: cloth is moved "
-                f"apart by up to {moved.furthest:.2g} m before the first step"]
+    def settle(self, fixed: np.ndarray) -> Moved:
+        """Moves cloth apart that starts nearer to solids, or to itself, than it can go on from, but for particles (k,) that
+        are fixed."""
+        moved = move_apart(self.scan, self.model, self.layers, fixed)
+        if len(moved.near):
+            self.clear()
+            if self.layers is not None:
+                self.layers.release_nearest()
+        return moved
 
     def clear(self) -> None:
         """Forgets all contacts: the state was changed from outside."""

@@ -1,188 +1,213 @@
 """Starts nearer than the thickness: cloth is moved apart from solids before the first step, layers with it. numpy only.
 
-Scans, and what other programs drape, start nearer to a body than a scene's thickness, edges at micrometres from edges. To throw
-such cloth out within a step takes speeds that no step passes. So it is moved out by small displacements, vertices and
+Scans, and what other programs drape, start nearer to a body than a scene's thickness, edges at micrometres from edges. To
+throw such cloth out within a step takes speeds that no step passes. So it is moved out by small displacements, vertices and
 pairs of edges alike, as far as both keep most of their distance. Layers that would come nearer to each other than they should
-move as one. What is left after that has a part of its thickness that grows (`growth`).
+move as one, and what would pass through a solid stays. What is sewn, and nearly together, is put together before. Pairs with
+solids that are left near have a part of their thickness, which grows (`growth`); layers that are left as near as if they were
+tangled rest for a while. A start of which nothing is that near stays as it is, bit for bit.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .cloth.contact_pairs import ContactPairs
+from ..system.state import ParticleState
 from .growth import NEAR
-from .solid.pairs import PAIR, Pairs
-from .solid.vertices import VertexContacts
+from .solid.pairs import PAIR
+from .solid.query import Scanner
+
+if TYPE_CHECKING:
+    from .cloth.contact_pairs import ContactPairs
+    from .cloth.layers import Layers
 
 NEARER = 0.1  # of what layers keep: what starts nearer is moved apart
 SWEEPS = 60
 PATIENCE, BETTER = 8, 0.98  # sweeps in which what lacks has to become so much less of itself
 LAYERS, SPARE = 0.6, 0.2  # of what layers keep: to which they are moved apart, and what they may lack more
 AIM, ENOUGH = 0.9, 0.05  # of what is kept: to which cloth is moved apart; what may lack of that in the end
+NEAREST = 0.5  # of the thickness: what is sewn to each other and nearer to its mean is brought together
+AGAIN = 4  # times that what crosses then is left as it is
 MOST = 0.1  # of the thickness by which anything is moved in a sweep
 TOGETHER = 12  # times that layers which would come too near are moved as one, before all of it is made smaller
 
 
 @dataclass(frozen=True)
 class Moved:
-    """What was moved apart: how many particles were near, and how far [m] any was moved."""
+    """What was moved apart.
 
-    near: int
-    furthest: float
+    Attributes:
+        near: (k,) particles that started too near; left: (j,) those that still are.
+        particle: that was moved furthest; by: how far [m].
+    """
+
+    near: np.ndarray
+    left: np.ndarray
+    particle: int = 0
+    by: float = 0.0
 
 
-def move_apart(contacts, fixed: np.ndarray) -> Moved:
-    """Moves cloth apart from mesh solids; the model is at rest where it starts.
+def move_apart(scan: Scanner, model: ParticleState, layers: Layers | None, fixed: np.ndarray) -> Moved:
+    """Moves cloth apart from solids' edges and corners, and layers; the model is at rest where it starts.
 
     Args:
-        contacts: a model's `Contacts`.
+        scan: knows the solids.
         fixed: (k,) particles that scripts hold.
     """
-    scan, model, layers = contacts.scan, contacts.model, contacts.layers
     scan.set_time(scan.time, 0.0)
     model.save()
-    (x, v), still = model.read_particles(), np.zeros(model.n, dtype=bool)
-    pairs, between = scan.find_pairs(), _near_layers(layers)
-    near = [np.zeros(0, dtype=np.int64), between.vertices[between.end < NEARER * between.radius]]
-    if pairs is not None:
-        part = scan.part_of(pairs)
-        near.append(pairs.vertices[(part > 0) & (part < NEAR)])
-    count = len(np.unique(np.concatenate([rows.ravel() for rows in near])))
-    if not count:
-        return Moved(0, 0.0)
+    work = _Start(scan, model, layers)
+    near = work.too_near()
+    if not len(near):
+        return Moved(near, near)
+    x = model.read_particles()[0]
+    still = np.zeros(model.n, dtype=bool)
     still[fixed] = True
-    x_0, x = x, _sweeps(contacts, x, v, still, False)
-    if model.sewn is not None:
-        x = _sewn(x, model, still, max([*scan.thickness, 0.0 if layers is None else 2 * layers.intersections.half.max()]))
-        model.write_particles(x, v)
-        x = _sweeps(contacts, x, v, still, True)
-    elif layers is not None:
-        x = _sweeps(contacts, x, v, still, True)
-    model.write_particles(x, v)
+    there = work.sewn(x, still)
+    for layered in (False, True):
+        there = work.moved_apart(there, still.copy(), layered)
     model.save()
-    return Moved(count, float(np.linalg.norm(x - x_0, axis=1).max()))
+    far = np.linalg.norm(there - x, axis=1)
+    return Moved(near, work.too_near(), int(far.argmax()), float(far.max()))
 
 
-def _sweeps(contacts, x: np.ndarray, v: np.ndarray, still: np.ndarray, layered: bool) -> np.ndarray:
-    """Positions (n, 3) to which cloth can be moved apart from x; what layers lack counts where `layered`."""
-    scan, model, layers = contacts.scan, contacts.model, contacts.layers
-    crossed, best, since, still = len(scan.find_crossings()), np.inf, 0, still.copy()
-    if layers is not None:
-        layers.intersections.look(x)
-        layers.intersections.commit()
-        layers.detector.let_rest(layers.intersections.resting)
-    for sweep in range(SWEEPS):
+class _Start:
+    """A model's cloth before its first step, between solids and layers of its own."""
+
+    def __init__(self, scan: Scanner, model: ParticleState, layers: Layers | None) -> None:
+        self.scan, self.model, self.layers, self.v = scan, model, layers, model.read_particles()[1]
+        self.knots = np.arange(model.n) if model.sewn is None else model.sewn.knot
+        self.most = float(scan.thickness.max(initial=0.0))  # m: the largest thickness
+        if layers is not None:
+            self.most = max(self.most, 2 * float(layers.intersections.half.max()))
+
+    def too_near(self) -> np.ndarray:
+        """(k,) particles of pairs that are too near where the model is."""
+        pairs, between, rows = self.scan.find_pairs(), self.between(), []
+        if between is not None:
+            rows.append(between.vertices[between.end < NEARER * between.radius].ravel())
+        if pairs is not None:
+            part = self.scan.part_of(pairs)
+            rows.append(pairs.own_vertices[(part > 0) & (part < NEAR)].ravel())
+        return np.unique(np.concatenate(rows)) if rows else np.zeros(0, dtype=np.int64)
+
+    def between(self) -> ContactPairs | None:
+        """Pairs of layers where the model is."""
+        if self.layers is None:
+            return None
+        self.layers.detector.paths.begin()
+        self.layers.detector.cover()
+        return self.layers.detector.look()
+
+    def sewn(self, x: np.ndarray, still: np.ndarray) -> np.ndarray:
+        """Positions with what is sewn together, and nearly at its mean, there, but for what is still (n,) or would cross."""
+        knots = self.knots
+        to_mean = _as_one(x, knots, np.zeros(len(x), dtype=bool)) - x
+        far = np.zeros(len(x))
+        np.maximum.at(far, knots, np.where(still, np.inf, np.linalg.norm(to_mean, axis=1)))
+        near = (far > 0) & (far < NEAREST * self.most)
+        there = np.where(near[knots][:, None], x + to_mean, x)
+        if self.layers is not None and near.any():
+            tangles = self.layers.intersections
+            for _ in range(AGAIN):
+                tangles.look(there)
+                edges, rows = tangles.found
+                at = knots[np.concatenate([edges.ravel(), tangles.faces[rows].ravel()])]
+                if not near[at].any():
+                    break
+                near[at] = False
+                there = np.where(near[knots][:, None], x + to_mean, x)
+        self.model.write_particles(there, self.v)
+        return there
+
+    def moved_apart(self, x: np.ndarray, still: np.ndarray, layered: bool) -> np.ndarray:
+        """Positions (n, 3) to which cloth can be moved apart from x, where the model then is; with `layered` layers too."""
+        scan, model, layers = self.scan, self.model, self.layers
         model.save()
-        between = _near_layers(layers) if layered else ContactPairs.none()
-        by, lacks = _shift(scan.detect(), scan.find_pairs(), between, scan.thickness, model.n)
-        best, since = (lacks, sweep) if lacks < BETTER * best else (best, since)
-        if lacks < ENOUGH or sweep - since > PATIENCE:
-            break
-        by = _free_of_layers(_welded(by, still, model), x, v, model, layers)
-        for _ in range(TOGETHER):
-            model.write_particles(x + by, v)
-            through = scan.find_crossings()
-            if len(through) <= crossed:
+        crossed, best, since = len(scan.find_crossings()), np.inf, 0
+        if layers is not None:
+            layers.count_tangled()
+            layers.intersections.commit()
+            layers.detector.let_rest(layers.intersections.resting)
+        for sweep in range(SWEEPS):
+            model.save()
+            by, lacks = self.shift(layered)
+            best, since = (lacks, sweep) if lacks < BETTER * best else (best, since)
+            if lacks < ENOUGH or sweep - since > PATIENCE:
                 break
-            still[through] = True
-            by = _welded(by, still, model)
-        else:
-            break
-        x = x + by
-    model.write_particles(x, v)
-    return x
+            by = self.free_of_layers(_as_one(by, self.knots, still), x, still)
+            for _ in range(TOGETHER):
+                model.write_particles(x + by, self.v)
+                through = scan.find_crossings()
+                if len(through) <= crossed:
+                    break
+                still[through] = True
+                by = _as_one(by, self.knots, still)
+            else:
+                break
+            x = x + by
+        model.write_particles(x, self.v)
+        return x
 
+    def shift(self, layered: bool) -> tuple[np.ndarray, float]:
+        """((n, 3) displacements [m] that bring what is near out, the most that lacks, of what is kept)."""
+        n, found, pairs = self.model.n, self.scan.detect(), self.scan.find_pairs()
+        by, count, most = np.zeros((n, 3)), np.zeros(n), [0.0]
+        t = self.scan.thickness[found.solid]
+        parts = [(found.index[:, None], np.ones((len(t), 1)), found.normal, found.gap + t, t, AIM)]
+        if pairs is not None:
+            keeps = PAIR * self.scan.thickness[pairs.solid]
+            parts.append((pairs.vertices, pairs.weights, pairs.normal, pairs.distance, keeps, AIM))
+        near = self.between() if layered else None
+        if near is not None:
+            parts.append((near.vertices, near.weights, near.normal, near.end, near.radius, LAYERS))
+        for rows, w, normal, distance, keeps, aim in parts:
+            lack = np.where(distance > 0, aim * keeps - distance, 0.0)
+            some = np.flatnonzero(lack > 0)
+            w, lack, rows = w[some], lack[some], rows[some]
+            push = w * (lack / np.maximum((w**2).sum(axis=1), 1e-12))[:, None]
+            np.add.at(by, rows, push[:, :, None] * normal[some, None, :])
+            np.add.at(count, rows, np.abs(w))
+            most.append(float((lack / keeps[some]).max(initial=0.0)) - (SPARE if aim == LAYERS else 0.0))
+        by /= np.maximum(count, 1)[:, None]
+        size = np.linalg.norm(by, axis=1)
+        return by * np.minimum(1, MOST * self.most / np.maximum(size, 1e-30))[:, None], max(most)
 
-def _sewn(x: np.ndarray, model, still: np.ndarray, most: float) -> np.ndarray:
-    """Positions with what is sewn together, and less than `most` [m] apart, at its mean."""
-    knot = model.sewn.knot
-    mean = _means(x, knot)
-    far = np.zeros(len(x))
-    np.maximum.at(far, knot, np.linalg.norm(x - mean, axis=1))
-    stays = np.zeros(len(x), dtype=bool)
-    stays[knot[still]] = True
-    return np.where(((far < most / 2) & ~stays)[knot][:, None], mean, x)
-
-
-def _near_layers(layers) -> ContactPairs:
-    """Pairs of layers where the model is."""
-    if layers is None:
-        return ContactPairs.none()
-    layers.detector.paths.begin()
-    layers.detector.cover()
-    return layers.detector.look()
-
-
-def _shift(found: VertexContacts, pairs: Pairs | None, between: ContactPairs, thickness: np.ndarray, n: int) -> tuple[np.ndarray, float]:
-    """((n, 3) displacements [m] that bring what is near out, the most that lacks, of what is kept)."""
-    by, count, most = np.zeros((n, 3)), np.zeros(n), [0.0]
-    t = thickness[found.solid]
-    height, one = found.gap + t, np.ones((len(t), 1))
-    parts = [(found.index[:, None], one, found.normal, height, t, AIM),
-             (between.vertices, between.weights, between.normal, between.end, between.radius, LAYERS)]
-    if pairs is not None:
-        parts.append((pairs.vertices, pairs.weights, pairs.normal, pairs.distance, PAIR * thickness[pairs.solid], AIM))
-    for rows, w, normal, distance, keeps, aim in parts:
-        lack = np.where(distance > 0, aim * keeps - distance, 0.0)
-        some = np.flatnonzero(lack > 0)
-        w, lack, rows = w[some], lack[some], rows[some]
-        push = w * (lack / np.maximum((w**2).sum(axis=1), 1e-12))[:, None]
-        np.add.at(by, rows, push[:, :, None] * normal[some, None, :])
-        np.add.at(count, rows, np.abs(w))
-        most.append(float((lack / keeps[some]).max(initial=0.0)) - (SPARE if aim == LAYERS else 0.0))
-    by /= np.maximum(count, 1)[:, None]
-    size = np.linalg.norm(by, axis=1)
-    most_of_all = max([*thickness, *between.radius])
-    by *= np.minimum(1, MOST * most_of_all / np.maximum(size, 1e-30))[:, None]
-    return by, max(most)
-
-
-def _welded(by: np.ndarray, still: np.ndarray, model) -> np.ndarray:
-    """What is sewn together moves as one, and not at all where any of it is still (n,)."""
-    by[still] = 0
-    if model.sewn is None:
-        return by
-    knot = model.sewn.knot
-    stays = np.zeros(len(by), dtype=bool)
-    stays[knot[still]] = True
-    by = _means(by, knot)
-    by[stays[knot]] = 0
-    return by
-
-
-def _means(by: np.ndarray, of: np.ndarray) -> np.ndarray:
-    """(n, 3) means of rows over groups `of` (n,)."""
-    count = np.maximum(np.bincount(of), 1)
-    return np.stack([np.bincount(of, by[:, k])[of] for k in range(3)], axis=1) / count[of][:, None]
-
-
-def _free_of_layers(by: np.ndarray, x: np.ndarray, v: np.ndarray, model, layers) -> np.ndarray:
-    """Displacements by which no layers come nearer than they should: those that would move as one."""
-    if layers is None:
-        return by
-    detector, four = layers.detector, np.zeros((0, 4), dtype=np.int64)
-    detector.paths.begin()
-    for _ in range(TOGETHER):
-        model.write_particles(x + by, v)
-        detector.cover()
-        part, blocking = detector.collision_free_step()
-        if part == 1:
+    def free_of_layers(self, by: np.ndarray, x: np.ndarray, still: np.ndarray) -> np.ndarray:
+        """Displacements by which no layers come nearer than they should: those that would move as one."""
+        if self.layers is None:
             return by
-        four = np.concatenate([four, detector.mesh.particles_of(blocking)])
-        by = _joined(by, four, detector.mesh.knots)
-    model.write_particles(x + by, v)
-    detector.cover()
-    return by * detector.collision_free_step()[0]
+        detector, four = self.layers.detector, np.zeros((0, 4), dtype=np.int64)
+        detector.paths.begin()
+        for _ in range(TOGETHER):
+            self.model.write_particles(x + by, self.v)
+            detector.cover()
+            part, blocking = detector.collision_free_step()
+            if part == 1:
+                return by
+            four = np.concatenate([four, detector.mesh.particles_of(blocking)])
+            by = _as_one(by, _joined(four, self.knots), still)
+        self.model.write_particles(x + by, self.v)
+        detector.cover()
+        return by * detector.collision_free_step()[0]
 
 
-def _joined(by: np.ndarray, four: np.ndarray, knots: np.ndarray) -> np.ndarray:
-    """Displacements (n, 3) of particles in rows (k, 4), and of what rows with a particle in common join, replaced by their
-    means."""
+def _as_one(by: np.ndarray, group: np.ndarray, still: np.ndarray) -> np.ndarray:
+    """(n, 3) means of displacements over groups (n,); what is in a group with anything that is still (n,) does not move."""
+    count, stays = np.maximum(np.bincount(group), 1), np.bincount(group, still) > 0
+    mean = np.stack([np.bincount(group, by[:, k]) for k in range(3)], axis=1) / count[:, None]
+    return np.where(stays[:, None], 0.0, mean)[group]
+
+
+def _joined(four: np.ndarray, knots: np.ndarray) -> np.ndarray:
+    """(n,) a number for each group of particles in rows (k, 4) with particles in common; what is sewn together is one."""
     group, before = knots.copy(), None
     while before is None or (group != before).any():
         before = group.copy()
         np.minimum.at(group, four, group[four].min(axis=1)[:, None])
         np.minimum.at(group, knots, group)
         group = np.minimum(group, group[knots])
-    return _means(by, group)
+    return group

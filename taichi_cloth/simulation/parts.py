@@ -72,12 +72,10 @@ class Parts:
         if self.contacts is not None:
             self.notes += self.contacts.inspect()
         self.giving = self._giving()
-        self.stepper = Stepper(self.model, self.integrator, self.meter, self.control,
-                               Locator(self.model, scene.cloths, scene.solids), self.giving)
+        self.locator = Locator(self.model, scene.cloths, scene.solids)
+        self.stepper = Stepper(self.model, self.integrator, self.meter, self.control, self.locator, self.giving)
         self.prescribed = Prescribed(self.model, scene.script.copy(), self.force_terms, self.contacts)
-        if self.contacts is not None:
-            held = self.prescribed.held(0.0)
-            self.notes += self.contacts.settle(np.zeros(0, dtype=np.int64) if held is None else held.index)
+        self._settle()
         scene.followers.add(self)
         self._extra: list[Fields] = []  # made when first asked for
         self._force_field: ForceField | None = None
@@ -105,6 +103,21 @@ class Parts:
         self.integrator = integrators.build(self.integrator_name, fields, self.model, self.force_terms, self.meter,
                                             self.options, self.runtime, scene, self.contacts)
         fields.allocate()
+
+    def _settle(self) -> None:
+        """Cloth that starts nearer to solids, or to itself, than it can go on from is moved apart; `notes` say so."""
+        if self.contacts is None:
+            return
+        held = self.prescribed.held(0.0)
+        moved = self.contacts.settle(np.zeros(0, dtype=np.int64) if held is None else held.index)
+        if not len(moved.near):
+            return
+        self.prescribed.begin_anew()
+        name = self.locator.name
+        self.notes.append(f"{len(moved.near)} vertices start much nearer to solids, or to cloth, than they should be: cloth "
+                          f"was moved apart, furthest {name(moved.particle)}, by {moved.by:.2g} m")
+        if len(moved.left):
+            self.notes.append(f"{len(moved.left)} vertices could not be moved apart, the first of them {name(moved.left[0])}")
 
     def _giving(self):
         """What can open, where anything is sewn; nothing of it is imported without."""

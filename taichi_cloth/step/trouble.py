@@ -70,6 +70,11 @@ class Locator:
         return Trouble(name, h, detail, cloth.name, vertex, (float(x_i[0]), float(x_i[1]), float(x_i[2])),
                        float(np.linalg.norm(v[i])), against, gap, held)
 
+    def name(self, particle: int) -> str:
+        """A particle as people know it, with where it is."""
+        (cloth, vertex), x = self._of(particle), self.model.read_particles()[0][particle] + self.model.origin
+        return f"vertex {vertex} of {cloth.name!r} at ({', '.join(f'{c:.4g}' for c in x)}) m"
+
     def _of(self, particle: int) -> tuple[Cloth, int]:
         """A particle's cloth, and its number there."""
         vertex = int(self.model.user[particle])

@@ -11,6 +11,7 @@ from ...scene.scene import Scene
 from ...system.state import ParticleState
 from ..geometry import VERTEX_FACE
 from ..pair_geometry import between
+from .sewn_shape import sewn_distances
 
 ACROSS = (0, 1), (0, 2), (0, 3), (1, 2), (1, 3)  # two of a pair's four particles, on different sides of it
 LEAST = 0.01  # of a thickness: sides of what opened that have not been so far apart are one surface
@@ -55,12 +56,20 @@ class CollisionMesh:
         self.half = fields.real(model.n, data=self.half_thickness)
         self.knots = np.arange(model.n) if model.sewn is None else model.sewn.knot
         self.knot = fields.integer(model.n, data=self.knots)
-        self.sews = model.sewn is not None
+        self.sews, self.over_seams = model.sewn is not None, False
         if self.sews:
             self.joined = fields.integer(model.n, data=self.knots)  # what was one in the beginning
             self.grown = fields.real(model.n, data=2 * self.half_thickness)  # see `Lips`
+            self._keep_sewn_shape(fields, given)
         owner = np.concatenate([np.full(c.mesh.vertex_count, k) for k, c in enumerate(scene.cloths)])[model.user]
         self.owner, self.rest = fields.integer(model.n, data=owner), fields.real(model.n, 3, given)
+
+    def _keep_sewn_shape(self, fields: Fields, given: np.ndarray) -> None:
+        found = sewn_distances(given, self.edges, self.knots, 4 * float(self.half_thickness.max()))
+        self.over_seams = found is not None
+        if found is not None:
+            self.sewn_first, self.sewn_to = (fields.integer(len(a), data=a) for a in (found.first, found.to))
+            self.sewn_distance = fields.real(len(found.to), data=found.distance)
 
     def may_meet(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """(k,) whether faces a and b (k,) are of cloths that meet."""
@@ -108,10 +117,15 @@ class CollisionMesh:
     @ti.func
     def were_one(self, kind, v, a, b):
         """Whether particles a and b of a pair are on different sides of it and were sewn to each other once."""
-        across = b >= 2
+        return self.across(kind, a, b) and self.joined[v[a]] == self.joined[v[b]]
+
+    @ti.func
+    def across(self, kind, a, b):
+        """Whether the a-th and b-th particle of a pair are on different sides of it."""
+        out = b >= 2
         if kind == VERTEX_FACE:
-            across = a == 0
-        return across and self.joined[v[a]] == self.joined[v[b]]
+            out = a == 0
+        return out
 
     @ti.func
     def parted(self, kind, v):
@@ -142,6 +156,20 @@ class CollisionMesh:
             else:  # near in its own shape
                 rest, w = between(kind, self.rest[v[0]], self.rest[v[1]], self.rest[v[2]], self.rest[v[3]])
                 out = ti.min(out, 0.5 * rest.norm())
+                out = ti.min(out, 0.5 * self.distance_over_seams(kind, v))
+        return out
+
+    @ti.func
+    def distance_over_seams(self, kind, v):
+        """How far the two of a pair are from each other along edges over seams [m], where that is less than 2 thicknesses."""
+        out = 2 * self.thickness(v)
+        if ti.static(self.sews and self.over_seams):
+            for a, b in ti.static(ACROSS):
+                if self.across(kind, a, b):
+                    i = self.joined[v[a]]
+                    for k in range(self.sewn_first[i], self.sewn_first[i + 1]):
+                        if self.sewn_to[k] == self.joined[v[b]]:
+                            out = ti.min(out, self.sewn_distance[k])
         return out
 
 

@@ -78,8 +78,8 @@ class SolidContacts(Checkpointed):
     """The contacts of a model's cloth with a scene's solids.
 
     Attributes:
-        start: of the attempt; scan: looks for contacts; penetration: judges what is too deep; pinches: what
-            solids leave no room.
+        start: of the attempt; scan: looks for contacts; growth: of the thickness that pairs go by; penetration:
+            judges what is too deep; pinches: what solids leave no room.
         reach: how far [m] a particle may close in on a solid in one step.
         accepted: states with which the last accepted step ended; trial: those of the last solve of this attempt.
         released: keys of contacts that were released in this attempt.
@@ -88,11 +88,12 @@ class SolidContacts(Checkpointed):
         round: solves of this attempt; unsettled: contacts that would have changed in one more.
     """
 
-    STATE = ("accepted", "penetration", "pinches")
+    STATE = ("accepted", "penetration", "pinches", "growth")
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, start: StepStart) -> None:
         self.model, self.gravity, self.start = model, scene.gravity, start
         self.scan = Scanner(fields, model, scene)
+        self.growth = self.scan.growth
         self.penetration = Penetration(model.n, self.scan)
         self.pinches = Pinches(model.n, model.particle, self.scan, scene)
         self.reach = REACH * self.scan.edge
@@ -299,8 +300,8 @@ class SolidContacts(Checkpointed):
 
     def _grow(self) -> None:
         """Pairs that started nearer than their thickness have more of it after a step."""
-        if self.scan.growth.active and self.near.pairs is not None:
-            self.scan.growth.grow(self.near.pairs.vertices, self.scan.part_of(self.near.pairs), self.start.h)
+        if self.growth.active and self.near.pairs is not None:
+            self.growth.grow(self.near.pairs.vertices, self.scan.part_of(self.near.pairs), self.start.h)
 
     def clear(self) -> None:
         """Forgets all contacts: the state was changed from outside."""

@@ -1,0 +1,112 @@
+"""Cloth that starts nearer to solids, or to itself, than its thickness: moved apart before the first step, and said so."""
+
+import numpy as np
+import pytest
+from reference.geometry import against_solids, cloth_crossings
+
+import taichi_cloth as tc
+
+FABRIC = tc.Fabric(0.2, tc.Stretch(300, 0.3), tc.Shear(30), tc.Bend(5e-5))
+T = 0.004
+SAID = "start much nearer"
+
+
+def wavy(x: np.ndarray) -> np.ndarray:
+    """Points (n, 3) of the plane y = 0 on a surface with waves of 1 cm."""
+    return x + np.stack([0 * x[:, 0], 0.01 * np.sin(25 * x[:, 0]) * np.cos(21 * x[:, 2]), 0 * x[:, 0]], axis=1)
+
+
+def scene_of(shape: str, above: float, layers: int = 1) -> tuple[tc.Scene, list[tc.Cloth]]:
+    """Sheets so much above a solid, and above each other [m]: of a mesh with its own triangles, and a box wider than it."""
+    scene, mesh = tc.Scene(), tc.grid(0.24, 13)
+    flat = mesh.x - mesh.x.mean(axis=0)
+    if shape == "mesh":
+        flat, top = wavy(flat), 0.0
+        solid = tc.SolidMesh(flat, mesh.faces)
+    else:
+        solid, top = tc.Box((0.17, 0.1, 0.13)), 0.05
+    scene.add_solid(solid, friction=0.3, thickness=T, name="ground")
+    contact = tc.ClothContact(T, 0.2) if layers > 1 else None
+    return scene, [scene.add_cloth(mesh, FABRIC, positions=flat + [0, top + (k + 1) * above, 0], contact=contact)
+                   for k in range(layers)]
+
+
+@pytest.mark.parametrize("shape, layers", [pytest.param("mesh", 2, marks=pytest.mark.slow), ("box", 2)])
+def test_what_starts_near_is_moved_apart(shape, layers):
+    """By less than thicknesses, not where it is pinned; and its first steps are as large as asked, and calm."""
+    scene, cloths = scene_of(shape, 0.05 * T, layers)
+    scene.pin(cloths[0], [0, 1])
+    with tc.Simulation(scene, h=1 / 60) as sim:
+        given = np.concatenate([c.positions for c in cloths])
+        by = np.linalg.norm(sim.positions() - given, axis=1)
+        note, = (n for n in sim.notes if SAID in n)
+        assert f"by {by.max():.2g} m" in note and f"vertex {by.argmax() % cloths[0].mesh.vertex_count} of " in note
+        assert 0.7 * T < by.max() < layers * T and (by[:2] == 0).all()
+        assert any("could not be" in n for n in sim.notes) == (shape == "mesh")  # the pinned corner's edge lies on the mesh's
+        height, crossed = against_solids(sim, sampled=True)["ground"]
+        x, v = sim.positions(), []
+        assert crossed == 0 and (layers == 1 or cloth_crossings(sim) == 0)
+        if shape == "box":
+            assert height > 0.5
+            assert np.diff(x.reshape(layers, -1, 3)[:, 2:], axis=0)[..., 1].min() > 0.5 * T * 0.6
+        for _ in range(4):
+            sim.step()
+            v.append(np.linalg.norm(sim.velocities(), axis=1).max())
+        assert max(v) < 9.81 * 4 / 60 and len(sim.log) == 4  # what hangs over an edge falls
+        assert against_solids(sim, sampled=True)["ground"][1] == 0 and (layers == 1 or cloth_crossings(sim) == 0)
+
+
+def test_what_is_not_near_starts_as_it_was_given():
+    for shape, above in (("mesh", 0.6 * T), ("box", 1.0 * T)):
+        scene, cloths = scene_of(shape, above, 2)
+        with tc.Simulation(scene, h=1 / 60) as sim:
+            assert not any(SAID in n for n in sim.notes)
+            x = np.concatenate([c.positions for c in cloths])
+            assert np.abs(sim.positions() - x).max() < 1e-15
+
+
+def test_what_was_left_near_grows_to_its_thickness_and_is_resumed_bit_for_bit():
+    """Pinned at a twentieth of a thickness from the mesh's own edges, then led away."""
+    def made() -> tc.Simulation:
+        scene, (cloth,) = scene_of("mesh", 0.05 * T)
+        rows = [0, 1, 2, 14, 15]
+        scene.move(cloth, rows, lambda t: (0, 0.05 * t, 0), relative=True)
+        return tc.Simulation(scene, h=1 / 60, integrator="backward_euler")
+
+    with made() as sim:
+        growth = sim.contacts.solids.growth
+        parts = [growth.part.min()]
+        for _ in range(2):
+            sim.step()
+            parts.append(growth.part.min())
+        state = sim.checkpoint()
+        for _ in range(3):
+            sim.step()
+            parts.append(growth.part.min())
+        x = sim.positions()
+    assert parts[0] < 0.2 and (np.diff(parts) > 0).all()
+    with made() as again:
+        again.resume(state)
+        assert again.contacts.solids.growth.part.min() == parts[2]
+        for _ in range(3):
+            again.step()
+        assert (again.positions() == x).all()
+
+
+def test_panels_that_lie_apart_are_as_near_as_their_seam_is_long():
+    """Sewn sheets with edges shorter than their thickness: no layers where they lie flat, wherever their pattern lies."""
+    mesh = tc.grid((0.02, 0.01), (8, 4))
+    n, width = mesh.vertex_count, 0.02
+    x = np.concatenate([mesh.x, mesh.x + [width, 0, 0]])
+    pattern = np.concatenate([mesh.x, mesh.x + [0.5, 0.3, 0]])
+    both = tc.TriMesh(pattern, np.concatenate([mesh.faces, mesh.faces + n]), np.concatenate([mesh.uv, mesh.uv + [0.5, 0]]))
+    right = np.flatnonzero(mesh.uv[:, 0] > width - 1e-9)
+    left = n + np.flatnonzero(mesh.uv[:, 0] < 1e-9)
+    scene = tc.Scene(gravity=None)
+    cloth = scene.add_cloth(both, FABRIC, positions=x, contact=tc.ClothContact(T, 0.2))
+    scene.sew(cloth, right[np.argsort(mesh.uv[right, 1])], left[np.argsort(mesh.uv[left - n, 1])])
+    with tc.Simulation(scene, h=1 / 60) as sim:
+        sim.contacts.layers.look()
+        assert sim.contacts.layers.count == 0
+        sim.step()
+        assert np.abs(sim.positions() - x).max() < 1e-9
