@@ -20,7 +20,8 @@ SOFT, WORKED = SPRINGS + "derivatives", SPRINGS + "all_of_their_work_is_accounte
 CURVES, PATTERN = "taichi_cloth/garment/curves.py", "taichi_cloth/garment/pattern.py"
 MESHER = "taichi_cloth/garment/mesher.py"
 FILE, GARMENT = "taichi_cloth/garment/garmentcode.py", "taichi_cloth/scene/garment.py"
-STITCHED = "taichi_cloth/garment/stitched.py"
+STITCHED, SEWN_SHAPE = "taichi_cloth/garment/stitched.py", "taichi_cloth/contact/cloth/sewn_shape.py"
+OVER_SEAMS = "tests/physics/test_near_starts.py::test_panels_that_lie_apart_are_as_near_as_their_seam_is_long"
 
 RIPPING, STITCHES = "tests/physics/test_ripping.py", "taichi_cloth/system/stitches.py"
 RIPS, ORDER, GOES_ON = (f"{RIPPING}::{name}" for name in (
@@ -111,6 +112,15 @@ MUTATIONS = (
     (MESHER, "b[j]) <= 0)", "b[j]) < 0)", "a corner on another edge", PATTERNS),
     (FILE, "return z @ y @ x", "return x @ y @ z", "turned about the axes in another order", PATTERNS),
     (FILE, "math.radians(turn))", "0.0)", "a bent panel is not turned", PATTERNS),
+    (STITCHED, "if min(t, 1 - t) < NEAR_END and not", "if min(t, 1 - t) < 0 and not", "slivers are split off at stitches",
+     "tests/unit/test_stitched.py::test_a_place_near_the_end_of_an_edge_is_its_end"),
+    (STITCHED, "return any(_key(i, j) in self.of for", "return any(False for",
+     "triangles are lost where stitches are near ends of edges",
+     "tests/unit/test_stitched.py::test_a_place_near_the_end_of_an_edge_is_its_end"),
+    (SEWN_SHAPE, "joins = knots[np.linalg.norm(rest - rest[knots], axis=1) > APART]", "joins = knots[:0]",
+     "panels that lie apart push each other off at their seam", OVER_SEAMS),
+    ("taichi_cloth/contact/cloth/collision_mesh.py", "ti.min(out, self.sewn_distance[k])", "self.sewn_distance[k] + 1",
+     "distances over seams do not count", OVER_SEAMS),
     (STITCHED, "at.append((1 - t) * at[a] + t * at[b])", "at.append((1 - t) * self.x[a] + t * self.x[b])",
      "new vertices of a draped garment are where its pattern is", "tests/unit/test_stitched.py"),
     (FILE, 'together="right_wrong" in stitch[2:]', "together=False", "right_wrong is not read", PATTERNS),

@@ -19,6 +19,7 @@ from ..scene.garment import Garment, Row
 from ..scene.mesh import TriMesh
 
 AT_END = 0.02  # of an edge within which a place on it is its end
+NEAR_END = 0.25  # the same where no triangle is lost by it: what is split off would be a sliver, which is stiff and takes long
 LONGEST = 6  # vertices on one side of a seam between two that are sewn to the ends of one edge
 
 Stitch = tuple[int, int, int, float]
@@ -99,6 +100,7 @@ class _Panels:
     def sewn(self, stitches: list[Stitch]) -> Garment:
         """The garment."""
         places: dict[tuple[int, int], list[tuple[float, int]]] = defaultdict(list)
+        within: list[Stitch] = []
         for k, (v, a, b, t) in enumerate(stitches):
             if not all(0 <= i < self.count for i in (v, a, b)) or not 0 <= t <= 1:
                 raise SceneError(f"stitch {k}: ({v}, {a}, {b}, {t:g}): vertices go from 0 to {self.count - 1}, t from 0 to 1")
@@ -107,7 +109,15 @@ class _Panels:
             elif _key(a, b) not in self.of:
                 raise SceneError(f"stitch {k}: there is no edge between vertices {a} and {b}")
             else:
-                places[_key(a, b)].append((t if a < b else 1 - t, v))
+                within.append((v, a, b, t) if a < b else (v, b, a, 1 - t))
+        clusters = self._clusters()
+        for v, a, b, t in sorted(within, key=lambda s: min(s[3], 1 - s[3])):
+            end = a if t < 0.5 else b
+            if min(t, 1 - t) < NEAR_END and not self._adjacent(clusters.get(v, {v}), clusters.get(end, {end})):
+                self.pairs.append((v, end))
+                _unite(clusters, v, end)
+            else:
+                places[a, b].append((t, v))
         for (a, b), on in places.items():
             self._split(a, b, sorted(on))
         self._split_opposite()
@@ -150,10 +160,12 @@ class _Panels:
         """Of each sewn vertex, all that it is sewn together with."""
         out: dict[int, set[int]] = {}
         for v, w in self.pairs:
-            both = out.get(v, {v}) | out.get(w, {w})
-            for i in both:
-                out[i] = both
+            _unite(out, v, w)
         return out
+
+    def _adjacent(self, some: set[int], others: set[int]) -> bool:
+        """Whether an edge joins two sets of vertices."""
+        return any(_key(i, j) in self.of for i in some for j in others)
 
     def _border(self) -> dict[int, list[int]]:
         """Of each vertex its neighbours along borders."""
@@ -222,6 +234,13 @@ class _Panels:
                 joined |= {_key(p, r), _key(q, s)}
         rest = [(v, w) for v, w in self.pairs if v != w and v in used and w in used and _key(v, w) not in joined]
         return rows + [(np.array([v]), np.array([w]), 0.0) for v, w in rest]
+
+
+def _unite(clusters: dict[int, set[int]], v: int, w: int) -> None:
+    """Two vertices are sewn together."""
+    both = clusters.get(v, {v}) | clusters.get(w, {w})
+    for i in both:
+        clusters[i] = both
 
 
 def _key(i: int, j: int) -> tuple[int, int]:

@@ -86,6 +86,19 @@ def test_a_stitched_garment_starts_as_it_was_draped(tmp_path):
             tc.load_stitched(path, positions=wrong)
 
 
+def test_a_place_near_the_end_of_an_edge_is_its_end(tmp_path):
+    """But where its vertex has a neighbour sewn there: a triangle would be lost, so the edge is split."""
+    _, meshes, (left, right) = write_panels(tmp_path)
+    for sewn_too, new in (((right[3], left[3]), 0), ((right[0], left[0]), 1)):
+        lines = f"stitch {sewn_too[0]} {sewn_too[1]} {sewn_too[1]} 0\n"
+        lines += f"stitch {right[1]} {left[0]} {left[1]} 0.2\n"
+        garment = tc.load_stitched(write_panels(tmp_path, lines=lines)[0])
+        assert garment.mesh.vertex_count == sum(m.vertex_count for m in meshes) + new
+        assert garment.mesh.material_areas.sum() == pytest.approx(0.18, rel=1e-6)
+        sewn = {(int(i), int(j)) for a, b, _ in garment.seams for i, j in zip(a, b)}
+        assert ((right[1], left[0]) in sewn or (left[0], right[1]) in sewn) == (new == 0)
+
+
 def test_what_is_wrong_with_stitches_is_named(tmp_path):
     path, _, (left, right) = write_panels(tmp_path)
     for text, what in (("stitch 1 2\n", "line"), (f"stitch {right[0]} {left[0]} {right[2]} 0.5\n", "no edge between"),
