@@ -246,8 +246,11 @@ class Layers(Checkpointed):
         part = np.full(self.model.n, np.inf)
         np.minimum.at(part, p.vertices, np.broadcast_to(room(p.end, p.radius)[:, None], p.vertices.shape))
         if self.intersections.active or self.freed:
+            resting = self.intersections.until > 0
             self.intersections.commit(self.start.h)
             self._let_rest()
+            if (resting & (self.intersections.until == 0)).any():
+                self._release_stuck(resting)
         self.was = self.least
         self.kept = NOTHING if q is None else {"key": q.near.key[q.near.order], "force": self.last_forces[q.near.order]}
         share, boost = self.start.share, self._boost()
@@ -285,10 +288,17 @@ class Layers(Checkpointed):
 
     def release_nearest(self) -> None:
         """Deactivates for a while the pairs that start so near that they are as good as tangled."""
-        p = self.near
-        self.intersections.release(p.vertices[p.end < STUCK * p.radius].ravel())
-        self._let_rest()
+        self._release_stuck(np.ones(self.model.n, dtype=bool))
         self.look()
+
+    def _release_stuck(self, which: np.ndarray) -> None:
+        """Deactivates for a while those pairs with any of particles (n,) that are as good as tangled where the model is: of
+        what they have left, no step could take less."""
+        p = self.detector.look()
+        stuck = (p.end < STUCK * p.radius) & which[p.vertices].any(axis=1)
+        if stuck.any():
+            self.intersections.release(p.vertices[stuck].ravel())
+            self._let_rest()
 
     def nearest(self) -> Place | None:
         """The pair with the smallest distance over what it should keep, where cloth was last looked at."""
