@@ -21,7 +21,7 @@ from ..ledger import Ledger
 from .brake import MOST
 from .effort import Effort
 from .energy import EnergyTest
-from .euler import FURTHER, EulerStep
+from .euler import EulerStep
 from .newton import Outcome, minimize, phi
 from .solid_contact import SolidPolicy, predict
 from .system import System
@@ -89,8 +89,7 @@ class LayerStep(EulerStep):
                 system.linearize(h)
         with self.clock.part("CG"):
             z = system.to_go(held, h) if k else None
-            tolerance = system.options.cg_tol or FURTHER if k else self.cg_tol  # of what is left: no more than it is worth
-            self.solutions.append(system.solve(tolerance, held, h, z=z, again=k > 0))
+            self.solutions.append(system.solve(self.cg_tol, held, h, z=z, again=k > 0))
             if system.base is not None and k == 0:
                 system.add_guess(1.0)
         self.leads = k == 0
