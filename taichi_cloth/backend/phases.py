@@ -3,6 +3,8 @@
 A launch costs some 75 us and a hand-over to other threads 45 us, a phase here .2 us. In each phase every block of rows is
 claimed once and worked on; whoever ends the last one decides what comes next. Threads spin while they wait, and after a
 while take over blocks that nobody has claimed: a thread that the system has put aside between two blocks holds nobody up.
+Where all blocks are claimed and one is not done for long, its thread was put aside within it, for another program's sake: then
+one that waits leaves for good, so that the late one has a core, and the others do its blocks.
 Which thread works on a block makes no difference to the result.
 
     phases.start(FIRST)  # in a loop of its own before
@@ -10,7 +12,7 @@ Which thread works on a block makes no difference to the result.
         if t % TASK == 0:
             phase, kind, block, waited = 0, 0, 0, 0
             while kind != END:
-                phase, kind = phases.phase(), phases.kind()  # in this order
+                phase, kind = phases.phase(), phases.kind(waited)  # in this order
                 if kind != END:
                     block, waited = phases.claim(t // TASK, phase, waited)
                     if block >= 0:
@@ -27,6 +29,7 @@ END = 0  # kind of phase after which there is none
 TASK = 512  # iterations that Taichi gives to a thread at once
 APART = 32  # integers between two that different threads write to
 PATIENT = 2000  # looks at a phase before a thread does the work of others
+LEAVES = 5 * PATIENT  # looks after which the first one leaves, the next after as many more
 
 
 @ti.data_oriented
@@ -36,7 +39,7 @@ class PhaseScheduler:
     def __init__(self, fields: Fields, blocks: int) -> None:
         self.blocks, self.tasks = blocks, blocks * TASK
         self.claimed = fields.integer(blocks * APART)  # phases in which each block was
-        self.shared = fields.integer(3 * APART)  # phases done, kind of the next, blocks done in all phases
+        self.shared = fields.integer(4 * APART)  # phases done, kind of the next, blocks done in all phases, threads that left
 
     @ti.func
     def start(self, kind):
@@ -46,6 +49,7 @@ class PhaseScheduler:
         self.shared[0] = 0
         self.shared[APART] = kind
         self.shared[2 * APART] = 0
+        self.shared[3 * APART] = 0
 
     @ti.func
     def phase(self):
@@ -53,27 +57,29 @@ class PhaseScheduler:
         return ti.atomic_add(self.shared[0], 0)
 
     @ti.func
-    def kind(self):
-        """Of the phase that goes on."""
-        return ti.atomic_add(self.shared[APART], 0)
+    def kind(self, waited):
+        """Of the phase that goes on; `END` for a thread that is to leave, having waited for so many looks."""
+        kind = ti.atomic_add(self.shared[APART], 0)
+        if waited > LEAVES:  # all blocks are claimed, so somebody is at work
+            left = ti.atomic_add(self.shared[3 * APART], 0)
+            if waited > LEAVES * (left + 1):
+                if ti.atomic_max(self.shared[3 * APART], left + 1) <= left:  # nobody else just now
+                    kind = END
+        return kind
 
     @ti.func
     def claim(self, own, phase, waited):
-        """(block to work on or -1, how long this thread has waited)."""
-        block = -1
+        """(block to work on or -1, looks since this thread had one; -1 where it does at once what others leave)."""
+        block, helps = -1, waited < 0
         if ti.atomic_max(self.claimed[own * APART], phase + 1) <= phase:
-            block = own
-            if waited < PATIENT:
-                waited = 0
-        elif waited >= PATIENT:
-            for b in range(self.blocks):
-                if block < 0:
-                    if ti.atomic_max(self.claimed[b * APART], phase + 1) <= phase:
-                        block = b
-            if block < 0:
-                waited = 0  # the others are there
+            block, waited = own, ti.min(waited, 0)
         else:
-            waited += 1
+            waited = ti.max(waited, 0) + 1
+            if helps or waited % PATIENT == 0:
+                for b in range(self.blocks):
+                    if block < 0:
+                        if ti.atomic_max(self.claimed[b * APART], phase + 1) <= phase:
+                            block, waited = b, -1
         return block, waited
 
     @ti.func

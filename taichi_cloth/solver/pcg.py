@@ -201,7 +201,7 @@ class PCG(Recurrences):
             if t % TASK == 0:
                 phase, kind, block, waited = 0, COPY, 0, 0
                 while kind != END:
-                    phase, kind = self.phases.phase(), self.phases.kind()
+                    phase, kind = self.phases.phase(), self.phases.kind(waited)
                     if kind != END:
                         block, waited = self.phases.claim(t // TASK, phase, waited)
                         if block >= 0:

@@ -15,10 +15,11 @@ WORK = 1
 class Sums:
     """Each phase adds what the blocks' neighbours had after the phase before."""
 
-    def __init__(self, blocks: int, lazy: int) -> None:
-        self.fields, self.blocks, self.lazy = Fields(np.float64), blocks, lazy
+    def __init__(self, blocks: int, lazy: int, late: int = 0) -> None:
+        self.fields, self.blocks, self.lazy, self.late = Fields(np.float64), blocks, lazy, late
         self.phases = PhaseScheduler(self.fields, blocks)
         self.x, self.y, self.times = self.fields.integer(blocks), self.fields.integer(blocks), self.fields.integer(blocks)
+        self.away, self.left = self.fields.integer(1), self.fields.integer(1)
         self.fields.allocate()
 
     @ti.kernel
@@ -27,16 +28,22 @@ class Sums:
             self.phases.start(WORK)
             for b in range(self.blocks):
                 self.x[b], self.y[b], self.times[b] = b + 1, 0, 0
+            self.away[0], self.left[0] = 0, 0
         for t in range(self.phases.tasks):
             if t % TASK == 0:
                 phase, kind, block, waited = 0, WORK, 0, 0
                 if t // TASK < self.lazy:
                     kind = END  # this thread never comes
                 while kind != END:
-                    phase, kind = self.phases.phase(), self.phases.kind()
+                    phase, kind = self.phases.phase(), self.phases.kind(waited)
+                    if kind == END and phase == 0:
+                        self.left[0] += 1
                     if kind != END:
                         block, waited = self.phases.claim(t // TASK, phase, waited)
                         if block >= 0:
+                            if phase == 0 and block == 0:
+                                for _ in range(self.late):  # its thread is put aside
+                                    ti.atomic_add(self.away[0], 1)
                             if phase % 2 == 0:
                                 self.y[block] = (self.x[(block + 1) % self.blocks] * 3 + self.x[block]) % 1009
                             else:
@@ -63,6 +70,18 @@ def test_every_block_once_a_phase_in_order(threads, lazy):
     sums = Sums(threads, lazy)
     phases = 5 * PATIENT if lazy == 0 else 400
     sums.run(phases)
+    assert (sums.times.to_numpy()[:threads] == phases).all()
+    assert (sums.x.to_numpy()[:threads] == expected(threads, phases)).all()
+    sums.fields.free()
+
+
+@pytest.mark.parametrize("threads", [2, 4])
+def test_who_waits_too_long_leaves_and_the_others_do_its_work(threads):
+    """A thread is put aside within its block: who waits for it gives its core away, one after the other, and all is done."""
+    runtime.start("cpu", "f64", threads)
+    sums, phases = Sums(threads, 0, late=20_000_000), 400
+    sums.run(phases)
+    assert 1 <= sums.left[0] < threads
     assert (sums.times.to_numpy()[:threads] == phases).all()
     assert (sums.x.to_numpy()[:threads] == expected(threads, phases)).all()
     sums.fields.free()
