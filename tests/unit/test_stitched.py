@@ -123,4 +123,4 @@ def test_the_dress_of_the_reference_data(shared):
     with pytest.warns(UserWarning, match="belong to no face"):
         garment = tc.load_stitched(folder / "dress_pattern.obj", folder / "dress_stitches.csv")
     rows = [len(a) for a, _, _ in garment.seams]
-    assert rows.count(2) > 1000 and rows.count(1) < 60 and len(garment.mesh.groups) == 14
+    assert rows.count(2) > 950 and rows.count(1) < 60 and len(garment.mesh.groups) == 14
