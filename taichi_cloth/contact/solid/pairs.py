@@ -12,6 +12,7 @@ PRESS = 100.0  # stiffness of a pair over mass / h^2, h the largest step
 LEAST = 0.42  # of a pair's range: nearer is not accepted; a fifth of the thickness, and what rounding takes
 SETTLING = 0.3  # ranges a second that a pair may come nearer before it is stopped, as between layers
 CLOSE, CREEP = 0.55, 0.05  # of a pair's range: what ends nearer than that, by so much, takes another round
+HELD = 0.6  # of a pair's range: what begins or comes nearer is held by what stiffness of its own it has
 BARELY, KEPT = 0.45, 0.7  # of a pair's range: nearer than that, or than it was, a step stops it with a stiffness of its
 # own; the former for small steps, which lift what is nearer no faster than large ones do
 SHALLOW = 0.05  # of the way from LEAST to the range: the law stiffens no further
@@ -82,7 +83,13 @@ class Step:
     c: float
 
 
-def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, friction: np.ndarray) -> Points:
+def inertia(p: Pairs, mass: np.ndarray) -> np.ndarray:
+    """(k,) [kg] that pairs' distances have; mass: (n,) of the particles [kg]."""
+    return 1 / np.maximum((p.weights**2 / mass[p.vertices]).sum(axis=1), 1e-300)
+
+
+def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, friction: np.ndarray,
+          firm: np.ndarray | None = None) -> Points:
     """Repulsion of pairs, linearised where they now are, and friction as a damping.
 
     Within the range r the force is k (r - d) down to halfway between r and the least distance d_0, and
@@ -91,9 +98,10 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
 
     Args:
         mass: (n,) of the particles [kg]; thickness, friction: of each pair's solid.
+        firm: (k,) further stiffness [N/m] by which it is held where it began, or at CLOSE: see `firmness`.
     """
     h, c = step.h, step.c
-    own = 1 / np.maximum((p.weights**2 / mass[p.vertices]).sum(axis=1), 1e-300)
+    own = inertia(p, mass)
     r = PAIR * thickness
     room = (1 - LEAST) * r
     u = np.maximum((p.distance - LEAST * r) / room, SHALLOW)
@@ -111,6 +119,12 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
     nearing = p.distance < limit
     f0 += np.where(nearing, stop * (limit - p.distance + ahead), 0.0)
     k = k + np.where(nearing, stop, 0.0)
+    if firm is not None:
+        least = (BARELY + (CLOSE - BARELY) * min(1.0, h / step.h_usual)) * r
+        limit = np.clip(began - SETTLING * h * r, least, CLOSE * r)
+        firm = np.where(np.minimum(p.distance, began) < HELD * r, firm, 0.0)
+        f0 += firm * (limit - p.distance + ahead)
+        k = k + firm
     slip = np.linalg.norm(tangential((p.point - p.carried) / h, p.normal), axis=1)
     drag = c * friction * f / np.maximum(slip, DRAG_SLIP)
     normal = sym_outer(p.normal)

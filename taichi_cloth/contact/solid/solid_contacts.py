@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...backend.fields import Fields
+from ...options import USUAL
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.place import Place
@@ -21,7 +22,8 @@ from ...system.state import ParticleState
 from ..points import Points, rows_of
 from ..step_start import StepStart
 from .active_set import ActiveSet, States, hold_together
-from .pairs import PAIR, Pairs, Step, press
+from .firmness import Firmness
+from .pairs import PAIR, PRESS, Pairs, Step, inertia, press
 from .penetration import PENETRATION, Penetration
 from .pinch import Pinches
 from .query import Nearby, Scanner
@@ -88,7 +90,7 @@ class SolidContacts(Checkpointed):
         round: solves of this attempt; unsettled: contacts that would have changed in one more.
     """
 
-    STATE = ("accepted", "penetration", "pinches", "growth")
+    STATE = ("accepted", "penetration", "pinches", "growth", "firmness")
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, start: StepStart) -> None:
         self.model, self.gravity, self.start = model, scene.gravity, start
@@ -96,6 +98,7 @@ class SolidContacts(Checkpointed):
         self.growth = self.scan.growth
         self.penetration = Penetration(model.n, self.scan)
         self.pinches = Pinches(model.n, model.particle, self.scan, scene)
+        self.firmness = Firmness()
         self.reach = REACH * self.scan.edge
         self.trial = self.accepted = States()
         self.released = np.zeros(0, dtype=np.int64)
@@ -114,6 +117,7 @@ class SolidContacts(Checkpointed):
         """A new attempt; the model is at its predicted end. Returns its start, with what is pinched among the pins."""
         self.trial, self.released, self.round = self.accepted, np.zeros(0, dtype=np.int64), 0
         self.penetration.crossed = self.penetration.before
+        self.firmness.begin()
         near = self.scan.look(start.h)
         self.pinches.begin(start, near.vertices)
         self.penetration.pinched = self.pinches.around
@@ -177,7 +181,8 @@ class SolidContacts(Checkpointed):
             return [self.sliding.points]
         self.linearized = near = self.near.pairs.moved(self._to_go(), PAIR * self.scan.kept_by(self.near.pairs))
         step = Step(start.h, start.h_usual, start.x, base[0], start.mean(base[1]), start.c)
-        self.pressing = press(near, step, mass, self.scan.kept_by(near), self.scan.friction_of(near))
+        self.pressing = press(near, step, mass, self.scan.kept_by(near), self.scan.friction_of(near),
+                              self.firmness.trial.of(near.key))
         return [self.sliding.points, self.pressing]
 
     def _to_go(self) -> np.ndarray:
@@ -230,9 +235,23 @@ class SolidContacts(Checkpointed):
         changes = int(pulls.sum() + breaks.sum() + turns.sum()) + entered
         self.unsettled = changes
         close, bad = self.penetration.left(self.near, inside, self.linearized)
-        entered += close
+        entered += close + self._bear()
         matters = bad or entered or disagree or (wrong > float(np.sum(force)) and self.round <= PATIENCE)
         return Verdict(max(changes, 1) if matters else 0, float(np.max(depth, initial=0.0)), bad)
+
+    def _bear(self) -> int:
+        """Pairs that the last solve left too near get the stiffness that they need, those that pull by theirs lose it; how
+        many these are."""
+        taken, near = self.linearized, self.near.pairs
+        if taken is None or near is None:
+            return 0
+        lost = near.key[self.penetration.lost(self.near)]
+        return self.firmness.bear(np.isin(taken.key, lost), taken.key, *self._borne(taken))
+
+    def _borne(self, taken: Pairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of the pairs (k,) of the last solve: (load [N], range [m], stiffness of their law [N/m])."""
+        load = np.einsum("ki,ki->k", self.forces.pairs, taken.normal)
+        return load, PAIR * self.scan.kept_by(taken), PRESS / USUAL**2 * inertia(taken, self.model.mass)
 
     def record_forces(self, reaction: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Forces of contacts in the last solve, which was taken whole, to where cloth was last looked at; arguments as in
@@ -289,6 +308,8 @@ class SolidContacts(Checkpointed):
         if self.start.small:
             self.penetration.spare(self.penetration.wrong(self.near, self.active.contacts.key, self.linearized))
         self.accepted, self.penetration.before = self.trial, self.penetration.crossed
+        if self.linearized is not None:
+            self.firmness.commit(self.linearized.key, *self._borne(self.linearized), self.start.share)
         self._grow()
 
     def pass_by(self) -> None:
@@ -296,6 +317,7 @@ class SolidContacts(Checkpointed):
         self.accepted = self.trial = States()
         self.active, self.forces, self.linearized, self.unsettled = ActiveSet.none(), NO_FORCES, None, 0
         self.penetration.pass_time(self.start.h)
+        self.firmness.clear()
         self._grow()
 
     def _grow(self) -> None:
@@ -308,6 +330,7 @@ class SolidContacts(Checkpointed):
         self.accepted, self.near = States(), replace(self.near, vertices=VertexContacts.none())
         self.penetration.spared[:] = 0
         self.pinches.clear()
+        self.firmness.clear()
         self.scan.begin()
         self.penetration.crossed = self.penetration.before = self.scan.find_crossings()
 
