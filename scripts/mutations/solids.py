@@ -10,6 +10,7 @@ FRICTION = "tests/physics/test_friction.py"
 SHAPES = "tests/unit/test_solids.py"
 SWEPT = "tests/unit/test_swept_detection.py"
 HARD = "tests/hard/test_hard_contact.py"
+EDGES = "tests/hard/test_loaded_edges.py"
 DRIVES = "tests/hard/test_drives.py"
 PARTS = "tests/physics/test_body_parts.py"
 CLOSING = "tests/physics/test_closing_bodies.py"
@@ -27,6 +28,7 @@ RESPONSE = "taichi_cloth/contact/solid/solid_contacts.py"
 SLIDING = "taichi_cloth/contact/solid/sliding.py"
 DEPTH = "taichi_cloth/contact/solid/penetration.py"
 PAIRS = "taichi_cloth/contact/solid/pairs.py"
+FIRM = "taichi_cloth/contact/solid/firmness.py"
 HOLDING = "taichi_cloth/contact/solid/active_set.py"
 DETECTION = "taichi_cloth/contact/solid/vertices.py"
 DISTANCE = "taichi_cloth/contact/solid/sdf.py"
@@ -167,6 +169,16 @@ MUTATIONS = (
     # pairs
     (PAIRS, "now < LEAST  # what", "now < -LEAST  # what", "how near edges may come is not minded", DRIVES),
     (PAIRS, "stop = PRESS * own / h**2", "stop = 0 * own / h**2", "what comes in is not stopped", DRIVES),
+    (PAIRS, "firm = np.where(np.minimum(p.distance, began) < HELD * r, firm, 0.0)", "firm = 0 * firm",
+     "pairs get no stiffness by their load", EDGES),
+    (PAIRS, "f0 += firm * (limit - p.distance + ahead)", "f0 += firm * (r - p.distance + ahead)",
+     "pairs are pushed out by the stiffness that holds them", EDGES),
+    (FIRM, "needed = np.maximum(load / (GIVE * reach), STIFFER * np.maximum(firm, least))",
+     "needed = STIFFER * np.maximum(firm, least)", "stiffness grows by itself, not by load", EDGES),
+    (FIRM, "pulls = (firm > 0) & (load <", "pulls = (firm > 1e9) & (load <", "pairs pull by their stiffness", EDGES),
+    (FIRM, "np.minimum(firm, load / (BORNE * reach))", "0.0", "what bears a load that stays forgets it", EDGES),
+    (RESPONSE, "            self.firmness.commit(self.linearized.key", "            Firmness().commit(self.linearized.key",
+     "stiffness by load is lost from step to step", EDGES),
     (PAIRS, "rhs = (c * f0)[:, None] * p.normal", "rhs = -(c * f0)[:, None] * p.normal", "pairs pull", DRIVES),
     (PAIRS, "drag = c * friction * f /", "drag = -c * friction * f /", "pairs' friction drives on", f"{FORCES} {DRIVES}"),
     (PAIRS, "start = p.of(step.v) + (p.of(step.x_0) - p.carried) / h", "start = p.of(step.v)",

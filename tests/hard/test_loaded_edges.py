@@ -5,6 +5,7 @@ import pytest
 from reference.geometry import against_solids
 
 import taichi_cloth as tc
+from taichi_cloth.contact.solid.firmness import BORNE, GIVE, SOFTER, Firmness
 
 T, DEPTH, DOWN = 0.003, 0.04, 0.3
 
@@ -42,11 +43,46 @@ def test_a_sheet_pulled_over_a_sharp_edge(layered):
 
 
 def test_what_bore_a_load_is_let_go_without_a_push():
-    """The sides come up: cloth leaves the ridge no faster than it is led, and what bore the load is forgotten."""
-    with tc.Simulation(over_a_ridge(True, lifted=0.5), h=1 / 60) as sim:
-        for _ in range(45):
+    """The sides come up: what was held against the ridge goes no faster than it is led, and is resumed bit for bit."""
+    def made() -> tc.Simulation:
+        return tc.Simulation(over_a_ridge(True, lifted=0.5), h=1 / 60)
+
+    with made() as sim, made() as again:
+        for _ in range(30):
             sim.step()
-            if sim.time > 0.5:
-                print(round(sim.time, 3), np.abs(sim.velocities()).max(), sim.log[-1].rejections, sim.log[-1].ledger, len(sim.contacts.solids.firmness.accepted.key), sim.log[-1].contacts)
-        assert len(sim.log) == 45
-        assert 0
+        firm = sim.contacts.solids.firmness
+        assert len(firm.accepted.key) > 3 and (firm.accepted.stiffness > 500).all()
+        again.resume(sim.checkpoint())
+        given, had = 0.0, sim.log[-1].energies
+        for _ in range(5):
+            sim.step()
+            assert np.abs(sim.velocities()).max() < 0.501
+            given += sim.log[-1].ledger["solids"]
+        assert not len(firm.accepted.key) and not any(r.rejections for r in sim.log)
+        assert given < 0.01 * sum(v for k, v in had.items() if k not in ("kinetic", "gravity"))  # J
+        for _ in range(5):
+            again.step()
+        assert (again.positions() == sim.positions()).all() and (again.velocities() == sim.velocities()).all()
+
+
+def test_stiffness_by_load():
+    """What ends too near gets what its load needs, four times more each time; what pulls gets none; the rest fades."""
+    firm, key = Firmness(), np.array([3, 5, 9])
+    load, reach, least, none = np.array([0.1, -0.1, 0.05]), np.full(3, 1e-3), np.full(3, 8.0), np.zeros(3, dtype=bool)
+    assert firm.bear(none, key, load, reach, least) == 0 and not len(firm.trial.key)
+    assert firm.bear(np.array([True, True, False]), key, load, reach, least) == 0
+    assert firm.trial.of(key) == pytest.approx([0.1 / (GIVE * 1e-3), 4 * 8.0, 0])
+    assert firm.bear(np.array([True, False, False]), key, load, reach, least) == 1
+    assert firm.trial.of(np.array([1, 3, 5])) == pytest.approx([0, 4 * 0.1 / (GIVE * 1e-3), 0])
+    firm.commit(key, load, reach, least, 0.5)
+    assert firm.accepted.key.tolist() == [3]
+    assert firm.accepted.stiffness == pytest.approx(SOFTER**0.5 * 4 * 0.1 / (GIVE * 1e-3))
+    for _ in range(100):  # what bears goes on to bear
+        firm.begin()
+        firm.commit(key, load, reach, least, 1.0)
+    assert firm.accepted.of(key) == pytest.approx([0.1 / (BORNE * 1e-3), 0, 0])
+    firm.begin()
+    for _ in range(100):
+        firm.commit(key, 0 * load, reach, least, 1.0)
+        firm.begin()
+    assert not len(firm.accepted.key)
