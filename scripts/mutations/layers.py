@@ -16,6 +16,7 @@ TURNS = UNIT + "test_a_pair_is_neither_pushed_nor_turned_nor_braked_as_it_turns"
 RESUMED = UNIT + "test_a_run_resumed_in_contact_goes_on_bit_for_bit"
 CROSSED = UNIT + "test_what_starts_crossed_is_counted_named_and_pulled_apart"
 HITS = UNIT + "test_what_hits_does_not_pass[f64] tests/hard/test_hard_layers.py"
+TANGLES = "tests/physics/test_tangles.py::test_"
 SPRINGS = PHYSICS + "test_springs_of_the_paper_carry_a_sheet_with_one_solve_a_step " + PHYSICS + (
     "test_springs_let_nothing_through_that_comes_fast")
 NONLINEAR = "taichi_cloth/step/nonlinear/"
@@ -194,8 +195,14 @@ MUTATIONS = (
      "what was pinched rests for ever", RESUMED),
     (CONTACT + "cloth/untangle.py", "self.edges, self.rows = self.found", "self.edges, self.rows = self.edges, self.rows",
      "crossings of the last step but one", CROSSED),
-    (NONLINEAR + "layer_contact.py", "            self.layers.count_tangled()\n", "            pass\n",
+    (NONLINEAR + "layer_contact.py", "                self.layers.count_tangled(False)\n", "                pass\n",
      "tangles of the step's beginning logged", CROSSED),
+    (CONTACT + "cloth/layers.py", "alone = self.intersections.resting | ", "alone = ",
+     "crossings are looked for where none are", TANGLES + "crossings_are_known_after_every_step"),
+    (CONTACT + "cloth/untangle.py", "        rows = some[rows]\n", "", "other faces cross",
+     TANGLES + "crossings_are_known_after_every_step"),
+    (CONTACT + "cloth/layers.py", "if again.any():", "if False:", "what rests no more is met, however near",
+     TANGLES + "what_rests_no_more_but_is_as_good_as_tangled_does_not_stop_the_rest"),
     (NONLINEAR + "newton.py", "if part < taken:", "if part < 0:", "solves taken whole", HITS),
     (NONLINEAR + "euler.py", "self.system.shift(self.c, part - taken)", "self.system.shift(self.c, part)",
      "shortened solves taken twice", HITS),

@@ -68,6 +68,7 @@ class Layers(Checkpointed):
         self.detector = LayerDetector(fields, model, scene, cpu, self.floor)
         d = self.detector
         self.waived, self.freed = np.zeros(model.n, dtype=bool), False
+        self._were_waived = self.waived
         self.intersections = Intersections(model.n, d.mesh, tangles)
         mu = np.concatenate([np.full(c.mesh.vertex_count, c.contact.friction if c.contact else 0.0)
                              for c in scene.cloths])
@@ -99,6 +100,8 @@ class Layers(Checkpointed):
     def waive(self, pinched: np.ndarray, before: np.ndarray) -> None:
         """Pairs of particles (n,) that solids pinch are left alone; those pinched before (k,), no longer, may have crossed."""
         self.freed = not pinched[before].all()
+        self._were_waived = np.zeros(self.model.n, dtype=bool)
+        self._were_waived[before] = True
         if self.waived.any() or pinched.any():
             self.waived = pinched.copy()
             self._let_rest()
@@ -246,11 +249,12 @@ class Layers(Checkpointed):
         part = np.full(self.model.n, np.inf)
         np.minimum.at(part, p.vertices, np.broadcast_to(room(p.end, p.radius)[:, None], p.vertices.shape))
         if self.intersections.active or self.freed:
-            resting = self.intersections.until > 0
+            resting = self.intersections.resting
             self.intersections.commit(self.start.h)
             self._let_rest()
-            if (resting & (self.intersections.until == 0)).any():
-                self._release_stuck(resting)
+            again = resting & ~self.intersections.resting
+            if again.any():
+                self._release_stuck(again)
         self.was = self.least
         self.kept = NOTHING if q is None else {"key": q.near.key[q.near.order], "force": self.last_forces[q.near.order]}
         share, boost = self.start.share, self._boost()
@@ -261,9 +265,12 @@ class Layers(Checkpointed):
         self.energy = self._energy(p)  # what the next step begins with
 
     @timed
-    def count_tangled(self) -> None:
-        """Counts what crosses where the model now is."""
-        self.intersections.look(self.model.read_particles()[0])
+    def count_tangled(self, everywhere: bool = True) -> None:
+        """Counts what crosses where the model now is; not `everywhere`, after a step, among what was left alone: where anything
+        passes through, both sides have a particle that rests."""
+        alone = self.intersections.resting | self.waived | self._were_waived
+        all_of_it = everywhere or (self.lips is not None and self.lips.growing)
+        self.intersections.look(self.model.read_particles()[0], None if all_of_it else alone)
 
     @timed
     def part(self, whole: np.ndarray) -> None:

@@ -79,9 +79,15 @@ class Intersections(Checkpointed):
         pulled = self.policy == "untangle"
         return [f"{what}: they are " + ("pulled apart" if pulled else "left alone until apart")]
 
-    def look(self, x: np.ndarray) -> None:
-        """Finds the crossings at positions (n, 3), where a step may end."""
-        edges, rows = self_crossings(x, self.faces)
+    def look(self, x: np.ndarray, among: np.ndarray | None = None) -> None:
+        """Finds the crossings at positions (n, 3), where a step may end.
+
+        Args:
+            among: (n,) particles; where given, only faces with one of them, and their edges, are looked at.
+        """
+        some = np.arange(len(self.faces)) if among is None else np.flatnonzero(among[self.faces].any(axis=1))
+        edges, rows = self_crossings(x, self.faces[some])
+        rows = some[rows]
         knots = self.mesh.knots  # what is sewn to each other, and still apart, shares a corner
         keep = self.mesh.may_meet(self._faces_of(edges)[:, 0], rows)
         keep &= ~(knots[edges][:, :, None] == knots[self.faces[rows]][:, None, :]).any(axis=(1, 2))
@@ -106,7 +112,7 @@ class Intersections(Checkpointed):
     def release(self, particles: np.ndarray) -> None:
         """Lets pairs of particles rest for a while."""
         self.until[particles] = RELEASED
-        self.resting |= self.until > 0
+        self.resting = self.resting | (self.until > 0)
         self.active = bool(self.resting.any())
 
     def points(self, start: StepStart, base: np.ndarray, mass: np.ndarray) -> Points:

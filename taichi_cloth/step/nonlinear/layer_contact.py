@@ -111,8 +111,9 @@ class LayerStep(EulerStep):
 
     def measure(self, k: int) -> Measures:
         """See `StepProblem`; with the repulsion of layers."""
-        with self.clock.part("EVAL"):
+        with self.clock.part("C-S"):
             self.layers.look()
+        with self.clock.part("EVAL"):
             measures = self.system.meter.measure()
         return replace(measures, energies={**measures.energies, "contact": self.layers.energy})
 
@@ -194,5 +195,6 @@ class LayerPolicy(SolidPolicy):
                 break
             self.system.start_over()
         if self.layers.intersections.active or self.layers.freed:
-            self.layers.count_tangled()
+            with clock.part("C-S"):
+                self.layers.count_tangled(False)
         return made

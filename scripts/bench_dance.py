@@ -1,0 +1,228 @@
+"""Garments on a body that dances: what a frame costs, where the time goes, how small steps get, what crosses.
+
+The data are files of others, in a folder (`--data`, or `data` in the folder that TAICHI_CLOTH_SHARED names): a body's frames
+(body_dance.npz), a dress's panels with stitches and as another program draped it (dress_pattern.obj, dress_stitches.csv,
+dress_draped.npz), a skirt and a XX"""
+
+import argparse
+import os
+import pathlib
+import sys
+import time
+from collections import Counter
+
+import numpy as np
+import results
+from bench_gaps import fabric, tube
+
+import taichi_cloth as tc
+from taichi_cloth.backend.ordering import components
+from taichi_cloth.scene.intersections import count_crossings, count_self_crossings
+from taichi_cloth.scene.mesh import face_edges
+
+FPS = 25.0  # of the dance as it was made
+FRICTION = 0.3
+FILES = {"skirt": ("skirt.obj",), "tube": (),
+         "dress": ("dress_pattern.obj", "dress_stitches.csv", "dress_draped.npz"),
+         "panels": ("dress_pattern.obj", "dress_stitches.csv")}
+SKIRT = (0.0, -0.140, -0.046)  # m by which it is brought down and back, to the waist in the dance's first frame
+TUBE = (70, 58)  # cells round and along: 4,130 vertices
+BAND = (50.0, 0.5)  # N/m and N a vertex that hold up what has no shoulders
+RINGS = 3  # of neighbours of a pleat's seam
+CROSSINGS = "with_body", "with_itself", "body_elsewhere", "itself_elsewhere"
+PARTS = {"C-S": "solids", "C-C": "layers", "CG": "CG", "EVAL": "forces"}
+
+
+class Absent(Exception):
+    """A file of the data is not there."""
+
+
+def load(folder: pathlib.Path, name: str) -> pathlib.Path:
+    """Path of a file of the data.
+
+    Raises:
+        Absent: there is none.
+    """
+    if not (folder / name).is_file():
+        raise Absent(f"{folder / name}: not there")
+    return folder / name
+
+
+def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float) -> tc.Scene:
+    """A garment on the body, both with a thickness [m]; the body goes so many times as fast as it was made."""
+    for name in FILES[garment]:
+        load(folder, name)
+    scene, body = tc.Scene(), tc.load_solid(load(folder, "body_dance.npz"))
+    on = scene.add_solid(tc.SolidMesh(body.x, body.faces, fps=body.fps * fast), FRICTION, thickness, name="body")
+    contact = tc.ClothContact(thickness, FRICTION)
+    if garment in ("dress", "panels"):
+        draped = np.load(folder / "dress_draped.npz")["positions"] if garment == "dress" else None
+        made = tc.load_stitched(folder / "dress_pattern.obj", folder / "dress_stitches.csv", positions=draped)
+        scene.add_garment(made, fabric(), name="dress", contact=contact)
+    elif garment == "tube":
+        mesh = tube((0.165, 0.19), 0.55, *TUBE)
+        cloth = scene.add_cloth(mesh, fabric(), positions=mesh.x + [0, 1.0, -0.02], contact=contact)
+        scene.attach(cloth, "top", on)
+    else:
+        mesh = tc.load(folder / "skirt.obj")
+        cloth = scene.add_cloth(mesh, fabric(), positions=mesh.x + SKIRT, contact=contact)
+        band = np.flatnonzero(mesh.x[:, 1] > mesh.x[:, 1].max() - 0.034)
+        scene.attach(cloth, band, on, stiffness=BAND[0], most=BAND[1])
+    return scene
+
+
+def pleats(scene: tc.Scene) -> np.ndarray:
+    """(n,) whether a vertex is within RINGS of a pleat that is sewn: a seam where more than two triangles share an edge."""
+    cloth, n = scene.cloths[0], scene.vertex_count
+    near: np.ndarray = np.zeros(n, dtype=bool)
+    if not scene.seams:
+        return near
+    one = components(n, np.concatenate([s.a for s in scene.seams]), np.concatenate([s.b for s in scene.seams]))
+    faces = one[cloth.mesh.faces]
+    edges, count = np.unique(np.sort(face_edges(faces), axis=1), axis=0, return_counts=True)
+    near[edges[count > 2]] = True
+    for _ in range(RINGS):
+        near[faces[near[faces].any(axis=1)]] = True
+    return near[one]
+
+
+def pinched(sim: tc.Simulation) -> np.ndarray:
+    """(n,) whether a vertex, or one that it shares a face with, is or was .1 s ago between parts of the body without room."""
+    solids = sim.contacts.solids
+    return (solids.pinches.around | (solids.penetration.spared > 0))[sim.model.particle]
+
+
+def crossings(sim: tc.Simulation, sewn: np.ndarray) -> dict[str, int]:
+    """From positions: with the body, with itself; and of both those of faces without a corner that is pinched, or, of those with
+    itself, that is near a pleat (n,)."""
+    x, faces, body = sim.positions(), sim.scene.cloths[0].mesh.faces, sim.scene.solids[0]
+    there, triangles = body.surface_at(sim.time), body.shape.surface()[1]
+    out = {"with_body": count_crossings(x, faces, there, triangles), "with_itself": count_self_crossings(x, faces)}
+    apart = faces[~pinched(sim)[faces].any(axis=1)]
+    free = apart[~sewn[apart].any(axis=1)]
+    return out | {"body_elsewhere": count_crossings(x, apart, there, triangles) if out["with_body"] else 0,
+                  "itself_elsewhere": count_self_crossings(x, free) if out["with_itself"] else 0}
+
+
+def frame_of(sim: tc.Simulation, k: int, sewn: np.ndarray | None) -> dict:
+    """One frame of the dance, to frame k; crossings are counted where `sewn` says what is near pleats."""
+    first, wall, cpu = len(sim.log), time.perf_counter(), time.process_time()
+    problem = ""
+    try:
+        sim.step(k / FPS - sim.time)
+    except tc.SimulationError as error:
+        problem = str(error)
+    wall, cpu, log = time.perf_counter() - wall, time.process_time() - cpu, sim.log[first:]
+    rejected: Counter = Counter()
+    for r in log:
+        rejected.update(r.rejections)
+    row = {"frame": k, "wall": wall, "cpu": cpu, "steps": len(log), "smallest_h": min((r.h for r in log), default=0.0),
+           "solves": sum(r.solves for r in log), "iterations": sum(r.iterations for r in log),
+           "rejected": dict(rejected), "problem": problem, "pinched": max((r.pinched for r in log), default=0),
+           "least_gap": min((r.least for r in log), default=1.0), "stretch": max((r.stretch for r in log), default=0.0),
+           "seams": float(sim.seam_gaps().max(initial=0.0)) if sim.scene.seams else 0.0,
+           **{name: sum(r.seconds.get(part, 0.0) for r in log) for part, name in PARTS.items()}}
+    return row | ({} if sewn is None else crossings(sim, sewn))
+
+
+def costliest(sim: tc.Simulation, first: int, count: int) -> list[str]:
+    """The steps that took longest: index in the log, what they cost, and where they were in trouble."""
+    lines = []
+    for k in sorted(range(first, len(sim.log)), key=lambda k: -sim.log[k].seconds["total"])[:count]:
+        r = sim.log[k]
+        lines.append(f"sim.log[{k}], to t = {r.t:.4f} s: {r.seconds['total']:.2f} s, h = {1e3 * r.h:.3g} ms, "
+                     f"{r.solves} solves, {r.iterations} iterations, {r.rejections or 'none rejected'}")
+        seen = Counter(f"{t.name or 'slow'}: {t.detail}; {t}" for t in r.troubles)
+        lines += [f"    {text}" + (f" ({times} times)" if times > 1 else "") for text, times in list(seen.items())[:4]]
+    return lines
+
+
+def measure(garment: str, folder: pathlib.Path, args: argparse.Namespace) -> dict:
+    """One row: a garment's whole dance."""
+    began = time.perf_counter()
+    scene = scene_of(garment, folder, args.fast, args.thickness)
+    sim = tc.Simulation(scene, h=args.h, integrator="backward_euler", cg_tol=args.cg_tol)
+    setup, frames, first, sewn = time.perf_counter() - began, [], 1, pleats(scene)
+    for note in sim.notes:
+        print(f"{garment}: {note}", flush=True)
+    if args.resume:
+        with np.load(args.resume) as file:
+            sim.resume(dict(file))
+        first = round(sim.time * FPS) + 1
+    for k in range(first, min(args.frames, int((len(scene.solids[0].shape.x) - 1) / args.fast)) + 1):
+        row = frame_of(sim, k, sewn if k % args.count == 0 else None)
+        frames.append(row)
+        if args.verbose:
+            print(f"{garment} {k}: " + ", ".join(f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}"
+                                                 for name, value in row.items() if name != "frame"), flush=True)
+        if args.checkpoints and (k % args.every == 0 or row["problem"]):
+            np.savez(pathlib.Path(args.checkpoints) / f"{garment}_{k:03d}.npz", **sim.checkpoint())
+        if row["problem"]:
+            print(f"{garment}: frame {k}: {row['problem']}", flush=True)
+            break
+    row = summary(garment, sim, frames, setup, args.h)
+    print("\n".join(costliest(sim, 1, args.costliest)), flush=True)
+    sim.close()
+    return row
+
+
+def summary(garment: str, sim: tc.Simulation, frames: list[dict], setup: float, h: float) -> dict:
+    """What a garment's frames came to. The first frame compiles: it is not among the seconds."""
+    steps, wall = sum(f["steps"] for f in frames), [f["wall"] for f in frames[1:]]
+    total = max(sum(f[name] for f in frames[1:] for name in PARTS.values()), 1e-300)
+    rejected: Counter = Counter()
+    for f in frames:
+        rejected.update(f["rejected"])
+    counted = [f for f in frames if "with_body" in f]
+    return {"scene": garment, "vertices": sim.vertex_count, "frames": len(frames), "setup": setup,
+            "wall": float(np.mean(wall)), "slowest": float(np.max(wall)), "cpu": float(np.mean([f["cpu"] for f in frames[1:]])), "steps": steps,
+            "mean_h": float(np.mean([r.h for r in sim.log])), "smallest_h": min(f["smallest_h"] for f in frames),
+            "below_eighth": sum(r.h < h / 8 * (1 - 1e-9) for r in sim.log),
+            "solves": sum(f["solves"] for f in frames) / steps, "iterations": sum(f["iterations"] for f in frames) / steps,
+            "rejected": dict(rejected), "stretch": max(f["stretch"] for f in frames), "seams": frames[-1]["seams"],
+            "least_gap": min(f["least_gap"] for f in frames), "pinched": max(f["pinched"] for f in frames),
+            **{name: sum(f[name] for f in frames[1:]) / total for name in PARTS.values()},
+            "counted": len(counted), **{name: sum(f[name] for f in counted) for name in CROSSINGS},
+            "problem": frames[-1]["problem"], "each": frames}
+
+
+def main() -> int:
+    """Prints the table, writes the file."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--data", help="folder of the files")
+    parser.add_argument("--garments", nargs="+", choices=sorted(FILES), default=["skirt", "dress"])
+    parser.add_argument("--frames", type=int, default=120, help="of 1/25 s each")
+    parser.add_argument("--fast", type=float, default=1.0, help="how many times as fast as it was made")
+    parser.add_argument("--thickness", type=float, default=0.002, help="m")
+    parser.add_argument("--h", type=float, default=1 / 60)
+    parser.add_argument("--cg-tol", type=float, default=1e-3)
+    parser.add_argument("--count", type=int, default=1, help="crossings are counted every so many frames")
+    parser.add_argument("--costliest", type=int, default=5, help="steps to list")
+    parser.add_argument("--checkpoints", help="folder to write them to"), parser.add_argument("--every", type=int, default=10)
+    parser.add_argument("--resume", help="a checkpoint to go on from")
+    parser.add_argument("--verbose", action="store_true")
+    parser.add_argument("--json")
+    args = parser.parse_args()
+    shared = os.environ.get("TAICHI_CLOTH_SHARED")
+    folder = pathlib.Path(args.data or (pathlib.Path(shared) / "data" if shared else "data"))
+    rows = []
+    for garment in args.garments:
+        try:
+            rows.append(measure(garment, folder, args))
+        except Absent as absent:
+            print(f"{garment}: left out, {absent}", file=sys.stderr)
+    head = ("garment", "vertices", "frames", "wall s", "slowest", "CPU s", "steps", "mean h", "smallest", "below h/8",
+            "solves", "iterations", "rejected", *PARTS.values(), *(name.replace("_", " ") for name in CROSSINGS), "seams mm")
+    print("| " + " | ".join(head) + " |\n" + "|---" * len(head) + "|")
+    for r in rows:
+        print(f"| {r['scene']} | {r['vertices']} | {r['frames']} | {r['wall']:.2f} | {r['slowest']:.2f} | {r['cpu']:.2f} | "
+              f"{r['steps']} | {1e3 * r['mean_h']:.2f} | {1e3 * r['smallest_h']:.2f} | {r['below_eighth']} | "
+              f"{r['solves']:.2f} | {r['iterations']:.0f} | {sum(r['rejected'].values())} | "
+              + " | ".join(f"{r[name]:.0%}" for name in PARTS.values())
+              + "".join(f" | {r[name]}" for name in CROSSINGS) + f" | {1e3 * r['seams']:.3f} |")
+    results.write(args.json, rows, h=args.h, fast=args.fast, thickness=args.thickness)
+    return 0 if rows else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

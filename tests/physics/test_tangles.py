@@ -1,0 +1,50 @@
+"""Cloth that passes through cloth, and what was left alone for that: how it goes on."""
+
+import numpy as np
+from reference.geometry import count_self_crossings, edges_through
+
+import taichi_cloth as tc
+
+FABRIC = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
+THICKNESS = 0.005
+
+
+def two_sheets(above: float, degrees: float = 0.0, cells: int = 7) -> tc.Scene:
+    """A sheet so much [m] above a pinned one, turned against it about a line through both."""
+    scene, mesh, contact = tc.Scene(gravity=None), tc.grid(0.2, cells), tc.ClothContact(THICKNESS, 0.3)
+    flat, a = mesh.x - mesh.x.mean(axis=0), np.radians(degrees)
+    lower = scene.add_cloth(mesh, FABRIC, positions=flat, contact=contact)
+    turn = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
+    scene.add_cloth(mesh, FABRIC, positions=flat @ turn.T + [0.003, above, 0.004], contact=contact)
+    scene.pin(lower, np.arange(mesh.vertex_count))
+    return scene
+
+
+def test_what_rests_no_more_but_is_as_good_as_tangled_does_not_stop_the_rest():
+    """Sheets a fiftieth of their distance apart, as where a crossing beside them has gone: no step is cut for that."""
+    with tc.Simulation(two_sheets(THICKNESS), h=1 / 60, integrator="backward_euler") as sim:
+        x = sim.positions()
+        x[len(x) // 2:, 1] = 0.02 * THICKNESS
+        sim.set_state(x, 0 * x)
+        tangles, detector = sim.contacts.layers.intersections, sim.contacts.layers.detector
+        tangles.resting, tangles.active = np.ones(len(x), dtype=bool), True
+        detector.let_rest(tangles.resting)
+        for _ in range(4):
+            sim.step()
+        assert len(sim.log) == 4 and not any(r.rejections for r in sim.log)
+        assert sim.log[1].pinched > len(x) / 2  # said so
+
+
+def test_crossings_are_known_after_every_step():
+    """Where cloth is looked at for them only where it is left alone."""
+    with tc.Simulation(two_sheets(0.0, degrees=20, cells=14), h=1 / 60, integrator="backward_euler") as sim:
+        seen = []
+        for _ in range(12):
+            sim.step()
+            faces = np.concatenate([c.mesh.faces + c.start for c in sim.scene.cloths])
+            assert sim.log[-1].tangled == count_self_crossings(sim.positions(), faces)
+            seen.append(sim.log[-1].tangled)
+            tangles, there = sim.contacts.layers.intersections, sim.model.read_particles()[0]
+            i, j = edges_through(there, tangles.edges, there, tangles.faces[tangles.rows])
+            assert set(range(seen[-1])) <= set(i[i == j])  # and which they are
+        assert seen[0] > 5
