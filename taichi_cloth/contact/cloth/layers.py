@@ -266,8 +266,8 @@ class Layers(Checkpointed):
 
     @timed
     def count_tangled(self, everywhere: bool = True) -> None:
-        """Counts what crosses where the model now is; not `everywhere`, after a step, among what was left alone: where anything
-        passes through, both sides have a particle that rests."""
+        """Counts what crosses where the model now is; not `everywhere`, after a step, among what was left alone: both sides of
+        what passes through each other have a particle that rests."""
         alone = self.intersections.resting | self.waived | self._were_waived
         all_of_it = everywhere or (self.lips is not None and self.lips.growing)
         self.intersections.look(self.model.read_particles()[0], None if all_of_it else alone)
