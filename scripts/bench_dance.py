@@ -48,12 +48,27 @@ def load(folder: pathlib.Path, name: str) -> pathlib.Path:
     return folder / name
 
 
+def filled(faces: np.ndarray) -> np.ndarray:
+    """Triangles (m, 3) with fans over their holes, of which no two have a vertex in common."""
+    edges = face_edges(faces)
+    _, back, count = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
+    onward = {int(j): int(i) for i, j in edges[count[back.ravel()] == 1]}  # a fan runs along the border against its triangles
+    fans: list[tuple[int, int, int]] = []
+    while onward:
+        first, i = onward.popitem()
+        while (j := onward.pop(i)) != first:
+            fans.append((first, i, j))
+            i = j
+    return np.concatenate([faces, np.array(fans, dtype=np.int64).reshape(-1, 3)])
+
+
 def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float) -> tc.Scene:
-    """A garment on the body, both with a thickness [m]; the body goes so many times as fast as it was made."""
+    """A garment on the body, both with a thickness [m]; the body goes so many times as fast as it was made. Its mouth and eyes
+    are filled, so that it has an inside."""
     for name in FILES[garment]:
         load(folder, name)
     scene, body = tc.Scene(), tc.load_solid(load(folder, "body_dance.npz"))
-    on = scene.add_solid(tc.SolidMesh(body.x, body.faces, fps=body.fps * fast), FRICTION, thickness, name="body")
+    on = scene.add_solid(tc.SolidMesh(body.x, filled(body.faces), fps=body.fps * fast), FRICTION, thickness, name="body")
     contact = tc.ClothContact(thickness, FRICTION)
     if garment in ("dress", "panels"):
         draped = np.load(folder / "dress_draped.npz")["positions"] if garment == "dress" else None
@@ -93,8 +108,8 @@ def pinched(sim: tc.Simulation) -> np.ndarray:
 
 
 def crossings(sim: tc.Simulation, sewn: np.ndarray) -> dict[str, int]:
-    """From positions: with the body, with itself; and of both those of faces without a corner that is pinched, or, of those with
-    itself, that is near a pleat (n,)."""
+    """From positions: with the body, with itself; and of both those of faces without a corner that is pinched, or, with
+    itself, near a pleat (n,)."""
     x, faces, body = sim.positions(), sim.scene.cloths[0].mesh.faces, sim.scene.solids[0]
     there, triangles = body.surface_at(sim.time), body.shape.surface()[1]
     out = {"with_body": count_crossings(x, faces, there, triangles), "with_itself": count_self_crossings(x, faces)}
@@ -175,7 +190,8 @@ def summary(garment: str, sim: tc.Simulation, frames: list[dict], setup: float, 
         rejected.update(f["rejected"])
     counted = [f for f in frames if "with_body" in f]
     return {"scene": garment, "vertices": sim.vertex_count, "frames": len(frames), "setup": setup,
-            "wall": float(np.mean(wall)), "slowest": float(np.max(wall)), "cpu": float(np.mean([f["cpu"] for f in frames[1:]])), "steps": steps,
+            "wall": float(np.mean(wall)), "slowest": float(np.max(wall)),
+            "cpu": float(np.mean([f["cpu"] for f in frames[1:]])), "steps": steps,
             "mean_h": float(np.mean([r.h for r in sim.log])), "smallest_h": min(f["smallest_h"] for f in frames),
             "below_eighth": sum(r.h < h / 8 * (1 - 1e-9) for r in sim.log),
             "solves": sum(f["solves"] for f in frames) / steps, "iterations": sum(f["iterations"] for f in frames) / steps,
