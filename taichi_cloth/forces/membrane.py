@@ -238,7 +238,8 @@ class Membrane(TriangleForce):
     def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
                  dtype: ti.template()):
         """Energies by term [J], from column `base`; dissipated power / 2 [W]; the rate at which the energies grow [W]; largest
-        |w| / b, its largest change since the saved state, what is used of limits. With `linearizes`, the linear system too."""
+        |w| / b, by how much any went away from rest since the saved state, what is used of limits. With `linearizes`, the
+        linear system too."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
         sums, largest, change, used = ti.Vector.zero(dtype, 5), 0.0, 0.0, 0.0
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
@@ -248,7 +249,7 @@ class Membrane(TriangleForce):
             o_u, o_v = self.spread(e, self.model.x_saved)
             u, v = w_u.norm(), w_v.norm()
             largest = ti.max(largest, ti.max(u / k[B_U], v / k[B_V]))
-            change = ti.max(change, ti.max(ti.abs(u - o_u.norm()) / k[B_U], ti.abs(v - o_v.norm()) / k[B_V]))
+            change = ti.max(change, ti.max(strayed(o_u.norm() / k[B_U], u / k[B_U]), strayed(o_v.norm() / k[B_V], v / k[B_V])))
             if ti.static(self.abrupt):
                 used = ti.max(used, self.used(e, w_u, w_v))
             if self.elements.primary[e] == 1:
@@ -321,6 +322,13 @@ def _row(fabric) -> list[float]:
     stretch, shear = fabric.stretch, fabric.shear
     k, k_d, b = (pair(stretch.k), pair(stretch.k_d), pair(stretch.b)) if stretch else ((0, 0), (0, 0), (1, 1))
     return [*k, shear.k if shear else 0, *k_d, shear.k_d if shear else 0, *b]
+
+
+@ti.func
+def strayed(before, now):
+    """By how much a stretch |w| / b has gone away from 1: cloth that was let go and springs back does not count."""
+    past, gone = before - 1, ti.abs(now - 1)
+    return ti.select(past * (now - 1) > 0, ti.max(gone - ti.abs(past), 0.0), gone)
 
 
 def _materials(cloths: list) -> np.ndarray:

@@ -23,7 +23,7 @@ class Measures:
         wind: power of the air and of loads on the cloth [W].
         change: 1/2 (v - v_base)^T M (v - v_base) [J].
         stretch: largest |w|/b; 1 is the pattern's size, 0 where no cloth has stretch or shear.
-        stretch_change: its largest change in any triangle since the saved state.
+        stretch_change: its largest change away from 1 in any triangle since the saved state.
         used: largest part of its way from rest to its limit of strain that any triangle went, in stretch or in shear.
         finite: no NaN and no infinity in x or v.
     """

@@ -29,6 +29,20 @@ def test_a_benchmark_runs_and_its_tables_compare(name, tmp_path):
     assert done.returncode == 0, done.stderr
 
 
+def test_the_dance_names_what_is_absent_and_runs_where_it_is(tmp_path, shared):
+    done = call_script(ROOT / "scripts" / "bench_dance.py", "--data", tmp_path)
+    assert done.returncode == 1 and "skirt: left out" in done.stderr and f"{tmp_path / 'skirt.obj'}: not there" in done.stderr
+    if not (shared / "data" / "body_dance.npz").is_file():
+        pytest.skip("the dance of the reference data is not there")
+    file = tmp_path / "table.json"
+    done = call_script(ROOT / "scripts" / "bench_dance.py", "--data", shared / "data", "--garments", "skirt", "--frames", "2",
+                       "--json", file)
+    assert done.returncode == 0, done.stderr
+    row, = json.loads(file.read_text())["rows"]
+    assert row["frames"] == 2 and row["counted"] == 2 and row["smallest_h"] > 0 and not row["problem"]
+    assert row["with_body"] == row["with_itself"] == 0 and "sim.log[" in done.stdout
+
+
 def test_peers_in_contact_name_who_is_absent(tmp_path):
     """Ours has a row with all columns; each peer has one too, or a line that says why not."""
     file = tmp_path / "table.json"
