@@ -1,26 +1,30 @@
 """The coarsest level of sewn cloth, solved exactly: panels that hang on each other move together at once.
 
-    A_c = Q^T S A S Q,   Q the hats of the coarsest level's nodes,
+    A_c = Q^T (A_0 + H) Q,   H_i = T_i + s (I - S_i),
 
-is found by products with hats that have nothing in common: nodes of one color are so far apart that no row of A_c meets two of
-them. It is made anew where it has aged; in between it is an approximation, as a preconditioner may be. Contact is left out of
-it.
+with Q the hats of the coarsest level's nodes, on what is sewn together their mean; A_0 what couples particles but for contact;
+T_i the diagonal blocks of contact, and s a stiffness that holds what the filter S holds, the mean of A_0's part of the
+diagonal. Q^T A_0 Q is found by products with hats that have nothing in common: nodes of one color are so far apart that no row
+meets two of them. Both parts are made anew where they have aged; in between they are an approximation, as a preconditioner may
+be.
 """
 
 import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
-from ..backend.rows import write
+from ..backend.rows import read, write
+from ..forces.conditions import sym_scaled_identity
 from ..system.checkpoint import Checkpointed
 from ..system.operator import Operator
+from .dense import inverted
+from .galerkin import Hats, colored, coupled
 from .lattice import Level
 from .pointwise import Pointwise
 
 MOST = 128  # nodes of a level that is solved exactly
-RINGS = 2  # of neighbours that a force may couple a vertex with
-WORTH = 150  # iterations that finding A_c costs: it is found anew when age has cost as many
-LEAST = 1e-10  # part of the largest eigenvalue below which nothing of A_c is solved for
+WORTH = 150  # iterations that finding Q^T A_0 Q costs: it is found anew when age has cost as many
+LEAST = 1e-10  # of the mean of the diagonal of Q^T A_0 Q is added to it, in f32 a rounding
 
 
 @ti.data_oriented
@@ -29,10 +33,10 @@ class Coarse(Checkpointed):
 
     Args:
         faces: (m, 3) of the cloths.
-        particles: of every node, the particles that its hat meets; first: number of the first node.
+        first: number of the level's first node.
     """
 
-    STATE = ("inverse", "span", "cost", "excess")
+    STATE = ("matrix", "inverse", "span", "pressed", "cost", "excess")
 
     def __init__(self, fields: Fields, operator: Operator, jacobi: Pointwise, level: Level, first: int,
                  faces: np.ndarray) -> None:
@@ -46,23 +50,34 @@ class Coarse(Checkpointed):
         self.inverse = fields.real(self.count**2, 9)
         self.couples = coupled(level, faces, jacobi.sewn.knot)
         self.colors = colored(self.couples)
+        self.hats = Hats(level, jacobi.sewn)
         self._picked: np.ndarray = np.zeros(self.count, dtype=np.int32)
         self._out: np.ndarray = np.zeros((n, 3), dtype=operator.model.exchange)
-        used = level.weight > 0
-        self._hat = np.repeat(np.arange(n), used.sum(axis=1)), level.node[used], level.weight[used]
+        self._held: np.ndarray = np.zeros((n, 6), dtype=operator.model.exchange)
+        self.matrix: np.ndarray = np.zeros((0, 0))
+        self._least = max(LEAST, float(np.finfo(operator.model.exchange).eps))
+        self.pressed: np.ndarray = np.zeros((n, 6))  # H
         self.span, self.cost, self.excess = 0.0, 0, 0
 
-    def make(self, span: float) -> None:
-        """For a system as linearized with c = span [s], if what there is will not do."""
-        if abs(span - self.span) > 1e-3 * span or self.excess > WORTH:
-            A = self._matrix()
-            values, vectors = np.linalg.eigh(A)
-            good = values > LEAST * values[-1]
-            inverse = (vectors[:, good] / values[good]) @ vectors[:, good].T
-            k = self.count
-            write(self.inverse, inverse.reshape(k, 3, k, 3).transpose(0, 2, 1, 3).reshape(k * k, 9)
-                  .astype(self.operator.model.exchange))
-            self.span, self.cost, self.excess = span, 0, 0
+    def make(self, span: float, contact) -> None:
+        """For a system as linearized with c = span [s], if what there is will not do.
+
+        Args:
+            contact: field (n, 6) of diagonal blocks of contact, or None.
+        """
+        aged, changed = self.span == 0 or self.excess > WORTH, abs(span - self.span) > 1e-3 * span
+        if aged:
+            self.matrix, self.span, self.excess = self._matrix(), span, 0
+        elif changed:  # all but the masses is nearly in proportion to c^2
+            M = self._masses()
+            self.matrix, self.span = M + (span / self.span) ** 2 * (self.matrix - M), span
+        if aged or changed:
+            self.cost = 0
+        pressed = self._find_pressed(contact)
+        if aged or changed or not np.array_equal(pressed, self.pressed):
+            self.pressed, k = pressed, self.count
+            blocks = self._inverted().reshape(k, 3, k, 3).transpose(0, 2, 1, 3).reshape(k * k, 9)
+            write(self.inverse, blocks.astype(self.operator.model.exchange))
 
     def count_iterations(self, iterations: int) -> None:
         """Iterations of a solve: how well it still does."""
@@ -70,25 +85,58 @@ class Coarse(Checkpointed):
         self.excess += max(iterations - self.cost, 0)
 
     def _matrix(self) -> np.ndarray:
-        """(3 count, 3 count) A_c"""
+        """(3 count, 3 count) Q^T A_0 Q"""
         k = self.count
         blocks = np.zeros((k, 3, k, 3))
-        particle, node, weight = self._hat
         for color in range(self.colors.max() + 1):
             self._picked[:] = self.colors == color
-            mine = np.flatnonzero(self._picked)
             for d in range(3):
                 self._probe(self._picked, d, self._out)
-                rows = np.stack([np.bincount(node, weight * self._out[particle, c], k) for c in range(3)], axis=1)
-                for m in mine:
+                rows = self.hats.transposed(self._out)
+                for m in np.flatnonzero(self._picked):
                     near = self.couples[:, m]
                     blocks[near, :, m, d] = rows[near]
         A = blocks.reshape(3 * k, 3 * k)
         return (A + A.T) / 2
 
+    def _inverted(self) -> np.ndarray:
+        """(3 count, 3 count) inverse of A_c.
+
+        Hats depend on each other where they meet nothing but one seam: Q^T A_0 Q may be singular, and gets a little on its
+        diagonal. Should it not be positive definite even so, its low eigenvalues are raised as far.
+        """
+        A, index = self.matrix, np.flatnonzero(self.pressed[:, [0, 3, 5]].any(axis=1))
+        least, loads = self._least * np.trace(A) / len(A), self.hats.summed(index, self.pressed[index]).reshape(A.shape)
+        try:
+            return inverted(A + least * np.eye(len(A)) + loads)
+        except np.linalg.LinAlgError:
+            values, vectors = np.linalg.eigh(A)
+            return inverted((vectors * np.maximum(values, least)) @ vectors.T + loads)
+
+    def _masses(self) -> np.ndarray:
+        """(3 count, 3 count) Q^T M Q"""
+        mass = read(self.operator.model.m).astype(np.float64)
+        blocks = mass[:, None] * np.array([1.0, 0, 0, 1, 0, 1])
+        return self.hats.summed(np.arange(len(mass)), blocks).reshape(3 * self.count, 3 * self.count)
+
+    def _find_pressed(self, contact) -> np.ndarray:
+        """(n, 6) H"""
+        self._find_held(float(np.trace(self.matrix)) / len(self.matrix), self._held)
+        return self._held.copy() if contact is None else self._held + read(contact)
+
+    @ti.kernel
+    def _find_held(self, stiffness: float, out: ti.types.ndarray()):
+        """s (I - S_i)"""
+        for i in range(self.operator.model.rows()):
+            H = ti.Vector.zero(float, 6)
+            if self.jacobi.is_held[i] == 1:
+                H = stiffness * (sym_scaled_identity(1.0) - self.jacobi.S[i])
+            for c in ti.static(range(6)):
+                out[i, c] = H[c]
+
     @ti.kernel
     def _probe(self, picked: ti.types.ndarray(), d: int, out: ti.types.ndarray()):
-        """S A S times the sum of some nodes' hats along axis d."""
+        """A_0 times the sum of some nodes' hats along axis d, with the seams' means."""
         for i in range(self.operator.model.rows()):
             w = 0.0
             for k in ti.static(range(self.width)):
@@ -96,18 +144,18 @@ class Coarse(Checkpointed):
                     w += self.weight[i][k]
             self.q[i] = w * ti.Vector([float(d == 0), float(d == 1), float(d == 2)])
         for i in range(self.operator.model.rows()):
-            self.p[i] = self.jacobi.filter(i, self.jacobi.average(i, self.q))
+            self.p[i] = self.jacobi.average(i, self.q)
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
                 self.multiply(t // self.blocks.grain)
         for i in range(self.operator.model.rows()):
-            r = self.jacobi.filter(i, self.jacobi.average(i, self.q))
+            r = self.jacobi.average(i, self.q)
             for c in ti.static(range(3)):
                 out[i, c] = r[c]
 
     @ti.func
     def multiply(self, block):
-        """q = A p without contact."""
+        """q = A_0 p"""
         for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
             self.q[i] = self.operator.model.m[i] * self.p[i]
         for k in ti.static(range(len(self.forces))):
@@ -123,31 +171,3 @@ class Coarse(Checkpointed):
             z += ti.Vector([B[0] * v[0] + B[1] * v[1] + B[2] * v[2], B[3] * v[0] + B[4] * v[1] + B[5] * v[2],
                             B[6] * v[0] + B[7] * v[1] + B[8] * v[2]])
         return z
-
-
-def coupled(level: Level, faces: np.ndarray, knot: np.ndarray) -> np.ndarray:
-    """(count, count) whether A_c may have a block between two nodes: whether what one's hat meets is within RINGS of what the
-    other's does, over seams too.
-
-    Args:
-        knot: (n,) one particle for all that are sewn together.
-    """
-    here = np.zeros((len(level.node), level.count), dtype=bool)
-    for node, weight in zip(level.node.T, level.weight.T):
-        here[knot[weight > 0], node[weight > 0]] = True
-    wide, corner = here.copy(), knot[faces]
-    for _ in range(RINGS):
-        touched = wide[corner].any(axis=1)
-        for k in range(3):
-            np.logical_or.at(wide, corner[:, k], touched)
-    return (wide.T.astype(np.float32) @ here.astype(np.float32)) > 0
-
-
-def colored(couples: np.ndarray) -> np.ndarray:
-    """(count,) a color for each node, so that no node is coupled with two of the same color."""
-    clash = (couples.astype(np.float32) @ couples.T.astype(np.float32)) > 0
-    out = np.full(len(couples), -1)
-    for n in np.argsort(-clash.sum(axis=1), kind="stable"):
-        taken = set(out[clash[n]].tolist())
-        out[n] = next(c for c in range(len(couples)) if c not in taken)
-    return out

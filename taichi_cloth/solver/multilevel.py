@@ -100,13 +100,15 @@ class Multilevel(Checkpointed):
     def make(self, span: float, held: Held | None, lasting: bool = False) -> None:
         """For a system as linearized with c = span [s]; the levels, if they are lasting, not before they have aged."""
         self.jacobi.make(span, held)
+        if self.has_contact:
+            self._contact_diagonal()
         if self.coarsest is not None:
-            self.coarsest.make(span)
+            self.coarsest.make(span, self.T if self.has_contact else None)
         rows = np.zeros((0, 10)) if held is None else np.column_stack([held.index, held.projector.reshape(-1, 9)])
         made_for = np.append(rows.ravel().astype(np.float64), np.float32(span))  # without its last digits
         if lasting and not self.has_contact and self.age.allows(made_for):
             return
-        self.finish(span)
+        self._build_levels(span)
         self.age.begin(made_for)
 
     def forget(self) -> None:
@@ -141,12 +143,6 @@ class Multilevel(Checkpointed):
         """x_i . P_i x_i"""
         return self.jacobi.norm_sqr(i, x)
 
-    def finish(self, span: float) -> None:
-        """Inverts the nodes' diagonal blocks, of what is free; `make` has been called."""
-        if self.has_contact:
-            self._contact_diagonal()
-        self._build_levels(span)
-
     @ti.kernel
     def _contact_diagonal(self):
         """T = diagonal blocks of the points of contact."""
@@ -158,6 +154,8 @@ class Multilevel(Checkpointed):
 
     @ti.kernel
     def _build_levels(self, c: float):
+        """Inverts the nodes' diagonal blocks, of what is free. Where hats meet only seams, what hangs on the other side counts
+        by the particles' blocks."""
         for n in range(self.hats.size[2]):
             D = ti.Vector.zero(float, 6)
             for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
@@ -165,6 +163,9 @@ class Multilevel(Checkpointed):
                 w = self.hat(n, i)
                 w *= w * self.free(i)
                 own = sym_scaled_identity(self.operator.model.m[i])
+                if ti.static(self.exact):
+                    if self.jacobi.sewn.of[i] >= 0:
+                        own += self.jacobi.block(i)
                 if ti.static(self.has_contact):
                     own += self.T[i]
                     if self.partly(i):
@@ -226,7 +227,12 @@ class Multilevel(Checkpointed):
         for n in range(self.hats.size[0]):
             self.hats.restrict(n, r)
         for _ in range(1):
-            self.coarse()
+            self.restrict_rest()
+        if ti.static(self.exact):
+            for n in range(self.hats.size[1], self.hats.size[2]):
+                self.hats.z[n] = self.coarsest.solve(n, self.hats.r)
+        for _ in range(1):
+            self.prolong_rest()
         for n in range(self.hats.size[0]):
             self.prolong(n)
 
@@ -237,34 +243,40 @@ class Multilevel(Checkpointed):
             self.hats.restrict(n, r)
 
     @ti.func
+    def restrict_rest(self):
+        """Sums of all levels but the finest, each from the one below."""
+        for n in range(self.hats.size[0], self.hats.size[2]):
+            self.hats.restrict(n, self.hats.r)
+
+    @ti.func
+    def solve_block(self, block):
+        """The values of the level that is solved exactly, a block's share."""
+        first, count = self.hats.size[1], self.hats.size[2] - self.hats.size[1]
+        for n in range(first + count * block // self.blocks, first + count * (block + 1) // self.blocks):
+            self.hats.z[n] = self.coarsest.solve(n, self.hats.r)
+
+    @ti.func
+    def prolong_rest(self):
+        """Values of all levels but the finest, from the coarsest down."""
+        for back in range(self.hats.size[2] - self.hats.size[0]):
+            self.prolong(self.hats.size[2] - 1 - back)
+
+    @ti.func
     def prolong_block(self, block):
         """The finest level's values, a block's share."""
         for n in range(self.hats.size[0] * block // self.blocks, self.hats.size[0] * (block + 1) // self.blocks):
             self.prolong(n)
 
     @ti.func
-    def coarse(self):
-        """Sums of all levels but the finest, each from the one below, and their values from the coarsest down."""
-        for n in range(self.hats.size[0], self.hats.size[2]):
-            self.hats.restrict(n, self.hats.r)
-        for back in range(self.hats.size[2] - self.hats.size[0]):
-            self.prolong(self.hats.size[2] - 1 - back)
-
-    @ti.func
     def prolong(self, n):
-        """A node's value: its own, and what the level above says."""
-        z = ti.Vector.zero(float, 3)
-        if ti.static(self.exact):
-            if n >= self.hats.size[1]:
-                z = self.coarsest.solve(n, self.hats.r)
-            else:
-                z = sym_times(self.inverse_l[n], self.hats.r[n])
-        else:
+        """A node's value: its own, and what the level above says. What is solved exactly has its value."""
+        inner = n < self.hats.size[1]
+        if inner or ti.static(not self.exact):
             z = sym_times(self.inverse_l[n], self.hats.r[n])
-        if n < self.hats.size[1]:
-            for k in ti.static(range(self.hats.width)):
-                z += self.hats.parent_weight[n][k] * self.hats.z[self.hats.parent[n][k]]
-        self.hats.z[n] = z
+            if inner:
+                for k in ti.static(range(self.hats.width)):
+                    z += self.hats.parent_weight[n][k] * self.hats.z[self.hats.parent[n][k]]
+            self.hats.z[n] = z
 
     @ti.func
     def correction(self, i):

@@ -21,7 +21,7 @@ from .recurrences import BAD, BROKEN, DONE, GO_ON, Recurrences
 
 CONVERGED, MAX_ITERATIONS, BREAKDOWN, NOT_FINITE = "CONVERGED", "MAX_ITERATIONS", "BREAKDOWN", "NOT_FINITE"
 BEGIN, ITERATE, CHECK = range(3)  # stages of a phase scheduler's solve
-COPY, MULTIPLY, RESTART, UPDATE, TAKE, GIVE, CORRECT, SUM_UP = range(1, 9)  # kinds of its phases
+COPY, MULTIPLY, RESTART, UPDATE, TAKE, SOLVE, GIVE, CORRECT, SUM_UP = range(1, 10)  # kinds of its phases
 STAGE, STATE, DID, ROUND = range(4)  # what it counts
 FIRST, LAST = range(2)  # residual norms that it keeps
 RESTARTS = 5
@@ -235,6 +235,9 @@ class PCG(Recurrences):
                 self.preconditioner.prolong_block(block)
             elif kind == CORRECT:
                 self.correct(block, 1)
+            if ti.static(self.preconditioner.exact):
+                if kind == SOLVE:
+                    self.preconditioner.solve_block(block)
 
     @ti.func
     def after(self, kind, tolerance, reference, most):
@@ -247,8 +250,16 @@ class PCG(Recurrences):
         elif ti.static(not self.preconditioner.pointwise) and (kind == RESTART or kind == UPDATE):
             following = TAKE
         elif kind == TAKE:
+            following = GIVE
             if ti.static(not self.preconditioner.pointwise):
-                self.preconditioner.coarse()
+                self.preconditioner.restrict_rest()
+                if ti.static(self.preconditioner.exact):
+                    following = SOLVE
+                else:
+                    self.preconditioner.prolong_rest()
+        elif kind == SOLVE:
+            if ti.static(not self.preconditioner.pointwise):
+                self.preconditioner.prolong_rest()
             following = GIVE
         elif kind == GIVE:
             following = CORRECT

@@ -222,7 +222,7 @@ def test_levels_have_the_diagonal_of_what_is_free():
     for _ in range(9):
         sim.step()
     method, n = sim.integrator.system, sim.model.n
-    method.preconditioner.finish(1 / 60)
+    method.preconditioner._build_levels(1 / 60)
     multilevel, jacobi = method.preconditioner, method.preconditioner.jacobi
     probe = sim._later(Probe, method.operator)
     A = np.array([probe.product(e.reshape(n, 3)).ravel() for e in np.eye(3 * n)])
