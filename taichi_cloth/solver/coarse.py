@@ -22,7 +22,7 @@ from .galerkin import Hats, colored, coupled
 from .lattice import Level
 from .pointwise import Pointwise
 
-MOST = 128  # nodes of a level that is solved exactly
+FEW, MOST, SHARE = 128, 200, 30  # nodes of a level that is solved exactly: a part of the particles' number, within bounds
 WORTH = 150  # iterations that finding Q^T A_0 Q costs: it is found anew when age has cost as many
 LEAST = 1e-10  # of the mean of the diagonal of Q^T A_0 Q is added to it, in f32 a rounding
 
@@ -171,3 +171,8 @@ class Coarse(Checkpointed):
             z += ti.Vector([B[0] * v[0] + B[1] * v[1] + B[2] * v[2], B[3] * v[0] + B[4] * v[1] + B[5] * v[2],
                             B[6] * v[0] + B[7] * v[1] + B[8] * v[2]])
         return z
+
+
+def most_nodes(n: int) -> int:
+    """Of a level that is solved exactly, for n particles: it may cost as much as a few iterations."""
+    return min(max(FEW, n // SHARE), MOST)

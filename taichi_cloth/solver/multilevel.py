@@ -19,7 +19,7 @@ from ..scene.scene import Scene
 from ..system.checkpoint import Checkpointed
 from ..system.held import Held
 from ..system.operator import Operator
-from .coarse import MOST, Coarse
+from .coarse import Coarse, most_nodes
 from .hierarchy import Hierarchy, LevelFields
 from .lattice import coordinates, levels
 from .pointwise import Pointwise
@@ -80,7 +80,8 @@ class Multilevel(Checkpointed):
         model = operator.model
         edges = np.concatenate([np.linalg.norm(np.diff(c.mesh.corner_uv, axis=1), axis=2).ravel() for c in scene.cloths])
         self.exact = model.sewn is not None
-        made = levels(*_material(scene, model), float(np.median(edges)), _links(scene, model), MOST if self.exact else 0)
+        most = most_nodes(model.n) if self.exact else 0
+        made = levels(*_material(scene, model), float(np.median(edges)), _links(scene, model), most)
         self.hats = Hierarchy(fields, made, model.n)
         self.blocks = model.blocks.count
         self.inverse_l = fields.real(self.hats.start[-1], 6)

@@ -286,7 +286,7 @@ def test_what_holds_a_cluster_is_shared_by_masses(rng):
 
 @pytest.mark.slow
 def test_the_coarsest_level_is_q_a_q():
-    """As found by products with hats that have nothing in common, against dense matrices; what is held is held by a stiffness."""
+    """As found by products with hats that have nothing in common, against dense matrices; a stiffness holds what is held."""
     mesh, seams = tc.grid(1.0, 24), []
     for at, axis in ((0.25, 0), (0.75, 0), (0.5, 1)):
         mesh, a, b, _ = cut(mesh, at, axis)
@@ -297,6 +297,7 @@ def test_the_coarsest_level_is_q_a_q():
         scene.sew(cloth, a, b)
     scene.pin(cloth, [0, 1])
     scene.pin(cloth, 280, "y")
+    scene.pin(cloth, int(seams[0][0][3]))
     sim = tc.Simulation(scene, preconditioner="multilevel")
     sim.solve(1 / 60)
     coarse, model = sim.integrator.system.preconditioner.coarsest, sim.model
@@ -319,9 +320,26 @@ def test_the_coarsest_level_is_q_a_q():
     held = np.zeros((n, 3))
     held[model.particle[[0, 1]]] = 1
     held[model.particle[280], 1] = 1
+    held[label == label[model.particle[seams[0][0][3]]]] = 1
     dense += np.trace(dense) / (3 * k) * np.einsum("idk,id,idl->kl", columns, held, columns)
     inverse = read(coarse.inverse).reshape(k, k, 3, 3).transpose(0, 2, 1, 3).reshape(3 * k, 3 * k)
     assert np.abs(dense @ inverse @ dense - dense).max() < 1e-6 * np.abs(dense).max()
+
+
+@pytest.mark.slow
+def test_the_coarsest_level_follows_the_step():
+    """For another size of step it takes as many iterations as one that is found for it."""
+    mesh, a, b, _ = cut(tc.grid(0.8, 32), 0.4)
+    scene, count = tc.Scene(), []
+    cloth = scene.add_cloth(mesh, FABRIC)
+    scene.pin(cloth, [0, 32])
+    scene.sew(cloth, a, b)
+    for sizes in ((1 / 240, 1 / 60), (1 / 60,)):
+        with tc.Simulation(scene, preconditioner="multilevel") as sim:
+            for h in sizes:
+                solution = sim._linearized(h).solve(1e-6, sim.prescribed.at(0.0, h), h)
+        count.append(solution.iterations)
+    assert abs(count[0] - count[1]) <= 0.1 * count[1], count
 
 
 @pytest.mark.slow
@@ -344,6 +362,30 @@ def test_iterations_of_sewn_cloth():
         count.append(np.mean([r.iterations / r.solves for r in sim.log]))
         sim.close()
     assert count[1] < 1.4 * count[0], count
+
+
+@pytest.mark.slow
+def test_iterations_of_sewn_cloth_in_contact():
+    """A tight tube of four pieces settles round a capsule: no solve takes more than 50 iterations, where 194 were needed with
+    contact left out of the coarsest level."""
+    n, width, radius = 40, 2 * np.pi * 0.079, 0.08
+    mesh, seams = tc.grid((width, 0.4), (n, n)), []
+    for k in (10, 20, 30):
+        mesh, a, b, _ = cut(mesh, k * width / n)
+        seams.append((a, b))
+    ends = [np.flatnonzero(np.abs(mesh.uv[:, 0] - at) < 1e-9) for at in (0, width)]
+    seams.append(tuple(row[np.argsort(mesh.uv[row, 1])] for row in ends))
+    angle, r = mesh.uv[:, 0] / width * 2 * np.pi, radius + 0.0045
+    scene = tc.Scene()
+    cloth = scene.add_cloth(mesh, FABRIC, contact=tc.ClothContact(0.003, 0.3), positions=np.stack(
+        [r * np.cos(angle), mesh.uv[:, 1] - 0.2, r * np.sin(angle)], axis=1))
+    scene.add_solid(tc.Capsule((0, -0.4, 0), (0, 0.4, 0), radius), friction=0.3, thickness=0.004)
+    for a, b in seams:
+        scene.sew(cloth, a, b)
+    with tc.Simulation(scene, h=1 / 60, preconditioner="multilevel") as sim:
+        for _ in range(8):
+            sim.step()
+        assert all(r.contacts > 1000 for r in sim.log) and max(r.iterations / r.solves for r in sim.log) < 50
 
 
 def test_what_cannot_be_sewn():
