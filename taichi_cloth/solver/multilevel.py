@@ -252,6 +252,7 @@ class Multilevel(Checkpointed):
     @ti.func
     def solve_block(self, block):
         """The values of the level that is solved exactly, a block's share."""
+        assert self.coarsest is not None
         first, count = self.hats.size[1], self.hats.size[2] - self.hats.size[1]
         for n in range(first + count * block // self.blocks, first + count * (block + 1) // self.blocks):
             self.hats.z[n] = self.coarsest.solve(n, self.hats.r)

@@ -5,7 +5,7 @@ import pytest
 from reference.geometry import against_solids
 
 import taichi_cloth as tc
-from taichi_cloth.contact.solid.firmness import BORNE, GIVE, SOFTER, Firmness
+from taichi_cloth.contact.solid.firmness import BORNE, GIVE, SOFTER, TIMES, Firmness
 
 T, DEPTH, DOWN = 0.003, 0.04, 0.3
 
@@ -29,14 +29,14 @@ def over_a_ridge(layered: bool, lifted: float = 0.0) -> tc.Scene:
 
 @pytest.mark.parametrize("layered", [False, True])
 def test_a_sheet_pulled_over_a_sharp_edge(layered):
-    """Its pairs bear many times what their law gives, and stay outside their least distance; no step is cut."""
+    """Its pairs bear many times what their law gives, and stay outside their least distance; two steps of 30 are cut."""
     with tc.Simulation(over_a_ridge(layered), h=1 / 60) as sim:
         for _ in range(30):
             sim.step()
             height, crossed = against_solids(sim, sampled=True)["ridge"]
             assert crossed == 0 and height > 0.2
-        assert len(sim.log) == 30 and sum(r.solves for r in sim.log) < 75
-        assert not any(r.rejections for r in sim.log)
+        assert len(sim.log) < 36 and sum(r.solves for r in sim.log) < 75
+        assert sum(sum(r.rejections.values()) for r in sim.log) <= 2
         solids = sim.contacts.solids
         borne = np.einsum("ki,ki->k", solids.forces.pairs, solids.linearized.normal)
         assert borne.max() > 0.1 and borne.min() > -1e-3 * borne.max()
@@ -66,11 +66,15 @@ def test_what_bore_a_load_is_let_go_without_a_push():
 
 
 def test_stiffness_by_load():
-    """What ends too near gets what its load needs, four times more each time; what pulls gets none; the rest fades."""
+    """What ends too near in a few solves running gets what its load needs, then four times more each time; what pulls gets none; the
+    rest fades."""
     firm, key = Firmness(), np.array([3, 5, 9])
     load, reach, least, none = np.array([0.1, -0.1, 0.05]), np.full(3, 1e-3), np.full(3, 8.0), np.zeros(3, dtype=bool)
-    assert firm.bear(none, key, load, reach, least) == 0 and not len(firm.trial.key)
-    assert firm.bear(np.array([True, True, False]), key, load, reach, least) == 0
+    for times in (TIMES - 1, TIMES):
+        assert firm.bear(none, key, load, reach, least) == 0 and not len(firm.trial.key)
+        for _ in range(times):
+            assert not len(firm.trial.key)
+            assert firm.bear(np.array([True, True, False]), key, load, reach, least) == 0
     assert firm.trial.of(key) == pytest.approx([0.1 / (GIVE * 1e-3), 4 * 8.0, 0])
     assert firm.bear(np.array([True, False, False]), key, load, reach, least) == 1
     assert firm.trial.of(np.array([1, 3, 5])) == pytest.approx([0, 4 * 0.1 / (GIVE * 1e-3), 0])

@@ -19,6 +19,7 @@ from ..points import rows_of
 
 GIVE, BORNE = 0.02, 0.05  # of a pair's range, by which its load moves it, at first, and after many steps
 STIFFER, SOFTER = 4.0, 0.8  # factors: at least, from solve to solve; from usual step to usual step
+TIMES = 3  # solves running after which a pair ended too near
 PULLS = 1e-3  # of the mean force of pairs: what pulls more is let go
 
 
@@ -46,10 +47,11 @@ class Firmness(Checkpointed):
 
     def __init__(self) -> None:
         self.accepted = self.trial = Firm()
+        self.missed: dict[int, int] = {}
 
     def begin(self) -> None:
         """A new attempt."""
-        self.trial = self.accepted
+        self.trial, self.missed = self.accepted, {}
 
     def bear(self, lost: np.ndarray, key: np.ndarray, load: np.ndarray, reach: np.ndarray, least: np.ndarray) -> int:
         """After a solve: stiffens pairs (k,) that ended too near; lets go of those that pull. How many these are.
@@ -59,6 +61,8 @@ class Firmness(Checkpointed):
             least: (k,) stiffness [N/m] that it has anyway.
         """
         firm = self.trial.of(key)
+        self.missed = {k: self.missed.get(k, 0) + 1 for k in key[lost].tolist()}
+        lost = lost & ((firm > 0) | np.array([self.missed.get(k, 0) >= TIMES for k in key.tolist()], dtype=bool))
         pulls = (firm > 0) & (load < -PULLS * np.mean(np.abs(load))) & ~lost if len(load) else lost
         if not (lost.any() or pulls.any()):
             return 0
