@@ -8,6 +8,7 @@ RUN = {"duration": 1.2, "fps": 30, "h": 1 / 60, "integrator": "backward_euler"}
 SMALL = {"n": 8}
 STRENGTH = 400.0  # N/m of the seam
 THICKNESS = 0.004
+UNEVEN = 1e-4  # m by which no cloth is flat: what is exactly flat never buckles
 
 
 def panels(n: int) -> tuple[tc.TriMesh, np.ndarray, np.ndarray]:
@@ -15,6 +16,7 @@ def panels(n: int) -> tuple[tc.TriMesh, np.ndarray, np.ndarray]:
     one = tc.grid((0.25, 0.6), (n, round(2.4 * n)), plane="xy")
     k = one.vertex_count
     x = np.concatenate([one.x - [0.251, 0, 0], one.x + [0.001, 0, 0]])
+    x[:, 2] += UNEVEN * np.sin(50 * x[:, 0] + 20 * x[:, 1])
     mesh = tc.TriMesh(x, np.concatenate([one.faces, one.faces + k]),
                       np.concatenate([one.uv - [0.25, 0], one.uv]), {"left": np.arange(k), "right": np.arange(k, 2 * k)})
     along = np.argsort(-one.uv[:, 1], kind="stable")

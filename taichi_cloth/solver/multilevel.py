@@ -231,7 +231,7 @@ class Multilevel(Checkpointed):
             self.restrict_rest()
         if ti.static(self.exact):
             for n in range(self.hats.size[1], self.hats.size[2]):
-                self.hats.z[n] = self.coarsest.solve(n, self.hats.r)
+                self.solve_exactly(n)
         for _ in range(1):
             self.prolong_rest()
         for n in range(self.hats.size[0]):
@@ -250,12 +250,16 @@ class Multilevel(Checkpointed):
             self.hats.restrict(n, self.hats.r)
 
     @ti.func
+    def solve_exactly(self, n):
+        """The value of a node of the coarsest level."""
+        self.hats.z[n] = self.coarsest.solve(n, self.hats.r)
+
+    @ti.func
     def solve_block(self, block):
         """The values of the level that is solved exactly, a block's share."""
-        assert self.coarsest is not None
         first, count = self.hats.size[1], self.hats.size[2] - self.hats.size[1]
         for n in range(first + count * block // self.blocks, first + count * (block + 1) // self.blocks):
-            self.hats.z[n] = self.coarsest.solve(n, self.hats.r)
+            self.solve_exactly(n)
 
     @ti.func
     def prolong_rest(self):

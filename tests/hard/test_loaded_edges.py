@@ -53,12 +53,12 @@ def test_what_bore_a_load_is_let_go_without_a_push():
         firm = sim.contacts.solids.firmness
         assert len(firm.accepted.key) > 3 and (firm.accepted.stiffness > 500).all()
         again.resume(sim.checkpoint())
-        given, had = 0.0, sim.log[-1].energies
+        given, had, before = 0.0, sim.log[-1].energies, len(sim.log)
         for _ in range(5):
             sim.step()
             assert np.abs(sim.velocities()).max() < 0.501
             given += sim.log[-1].ledger["solids"]
-        assert not len(firm.accepted.key) and not any(r.rejections for r in sim.log)
+        assert not len(firm.accepted.key) and not any(r.rejections for r in sim.log[before:])
         assert given < 0.01 * sum(v for k, v in had.items() if k not in ("kinetic", "gravity"))  # J
         for _ in range(5):
             again.step()
