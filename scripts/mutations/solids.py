@@ -178,6 +178,7 @@ MUTATIONS = (
     (FIRM, "pulls = (firm > 0) & (load <", "pulls = (firm > 1e9) & (load <", "pairs pull by their stiffness", EDGES),
     (FIRM, "np.minimum(firm, load / (BORNE * reach))", "0.0", "what bears a load that stays forgets it", EDGES),
     (RESPONSE, '"growth", "firmness")', '"growth")', "stiffness by load is not resumed", EDGES),
+    (FIRM, "self.missed.get(k, 0) >= TIMES", "self.missed.get(k, 0) >= 1", "impacts stiffen pairs at once", EDGES),
     (RESPONSE, "            self.firmness.commit(self.linearized.key", "            Firmness().commit(self.linearized.key",
      "stiffness by load is lost from step to step", EDGES),
     (PAIRS, "rhs = (c * f0)[:, None] * p.normal", "rhs = -(c * f0)[:, None] * p.normal", "pairs pull", DRIVES),

@@ -66,8 +66,8 @@ def test_what_bore_a_load_is_let_go_without_a_push():
 
 
 def test_stiffness_by_load():
-    """What ends too near in a few solves running gets what its load needs, then four times more each time; what pulls gets none; the
-    rest fades."""
+    """What ends too near some solves running gets what its load needs, then four times more each time; what pulls gets none;
+    the rest fades."""
     firm, key = Firmness(), np.array([3, 5, 9])
     load, reach, least, none = np.array([0.1, -0.1, 0.05]), np.full(3, 1e-3), np.full(3, 8.0), np.zeros(3, dtype=bool)
     for times in (TIMES - 1, TIMES):
