@@ -245,7 +245,10 @@ class SolidContacts(Checkpointed):
         taken, near = self.linearized, self.near.pairs
         if taken is None or near is None:
             return 0
-        lost = near.key[self.penetration.lost(self.near)]
+        lost = self.penetration.lost(self.near)
+        if self.start.pins is not None:  # what a script squeezes against a solid no stiffness can help
+            lost &= ~np.isin(near.vertices, self.start.pins.index).any(axis=1)
+        lost = near.key[lost]
         return self.firmness.bear(np.isin(taken.key, lost), taken.key, *self._borne(taken))
 
     def _borne(self, taken: Pairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
