@@ -2,7 +2,8 @@
 
 The data are files of others, in a folder (`--data`, or `data` in the folder that TAICHI_CLOTH_SHARED names): a body's frames
 (body_dance.npz), a dress's panels with stitches and as another program draped it (dress_pattern.obj, dress_stitches.csv,
-dress_draped.npz), a skirt and a XX"""
+dress_draped.npz), a skirt (skirt.obj). A tube needs the body alone. What is not there is left out.
+"""
 
 import argparse
 import os

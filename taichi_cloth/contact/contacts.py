@@ -101,7 +101,7 @@ class Contacts(Checkpointed):
         """Work on the motion of the step [J], which ends at x with v (n, 3): of friction that slides on solids, of edges and
         corners of solids, of cloth on cloth."""
         h, moved, solids = self.start.c, x - self.base[0], self.solids
-        return (solids.sliding.points.work(moved, h, h * v), solids.pressing.work(moved, h, h * v),
+        return (solids.rubbing.work(moved, h, h * v), solids.pressing.work(moved, h, h * v),
                 self.between.work(moved, h, h * v) if self.layered else 0.0)
 
     def against_layers(self, x: np.ndarray, y: np.ndarray) -> float:
@@ -112,7 +112,7 @@ class Contacts(Checkpointed):
         """What friction, pairs and layers add to the incremental potential [J] where the model now is, as the last solve took
         them."""
         moved, solids = self.model.read_particles()[0] - self.base[0], self.solids
-        points = [*([self.between] if self.sprung else []), solids.sliding.points, solids.pressing]
+        points = [*([self.between] if self.sprung else []), solids.rubbing, solids.pressing]
         return sum(p.potential(moved, h) for p in points) + (self.layers.lagged() if self.layers is not None else 0.0)
 
     def commit(self) -> None:

@@ -4,7 +4,7 @@ What is nearest to a particle between an arm and a trunk is one of them; the oth
 that passes through itself too.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import taichi as ti
@@ -13,7 +13,7 @@ from ...backend.bvh import LEAF
 from .tree import TriangleTree
 
 SURE = 0.5  # part of the distance to a triangle that the height above it should be: else it is seen past its border
-COLUMNS = 8  # of what is found: solid or -1, height, normal (3), motion (3)
+COLUMNS = 9  # of what is found: solid or -1, height, normal (3), motion (3), triangle
 
 
 @dataclass(frozen=True)
@@ -25,21 +25,23 @@ class Sides:
         normal: (k, 3) out of the solid.
         height: (k,) of the point above it at the start of the step [m]; negative inside.
         motion: (k, 3) of the solid there in the step [m].
+        friction: (k,) Coulomb's coefficient there.
     """
 
     solid: np.ndarray
     normal: np.ndarray
     height: np.ndarray
     motion: np.ndarray
+    friction: np.ndarray
 
     def take(self, which: np.ndarray) -> "Sides":
         """Some of them."""
-        return Sides(self.solid[which], self.normal[which], self.height[which], self.motion[which])
+        return Sides(*(getattr(self, f.name)[which] for f in fields(self)))
 
     @classmethod
     def join(cls, parts: "list[Sides]") -> "Sides":
         """One after the other."""
-        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in cls.__dataclass_fields__))
+        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in (f.name for f in fields(cls))))
 
 
 @ti.data_oriented
@@ -66,7 +68,8 @@ class FacingSurfaces:
         if len(at):
             self._find(asked, cosine, sure, out)
         rows = out.astype(np.float64)
-        return Sides(rows[:, 0].astype(np.int64), rows[:, 2:5], rows[:, 1], rows[:, 5:8])
+        friction = self.tree.friction[rows[:, 8].astype(np.int64)]
+        return Sides(rows[:, 0].astype(np.int64), rows[:, 2:5], rows[:, 1], rows[:, 5:8], friction)
 
     @ti.kernel
     def _find(self, asked: ti.types.ndarray(), cosine: float, sure: float, out: ti.types.ndarray()):
@@ -75,7 +78,7 @@ class FacingSurfaces:
             way = ti.Vector([asked[k, 3], asked[k, 4], asked[k, 5]])
             nearest, least = asked[k, 6], asked[k, 7]
             only, but = ti.cast(asked[k, 8], ti.i32), ti.cast(asked[k, 9], ti.i32)
-            solid, height, facing, motion = -1, 0.0, way, 0 * p
+            solid, triangle, height, facing, motion = -1, 0, 0.0, way, 0 * p
             low, high = p - nearest, p + nearest
             node = 1
             while True:
@@ -90,12 +93,12 @@ class FacingSurfaces:
                             w, gone, normal = self.tree.closest(t, p, 0.0)
                             up, d = gone.dot(normal), gone.norm()
                             if normal.dot(way) > cosine and d < nearest and ti.abs(up) >= sure * d and up >= least:
-                                nearest, solid, height, facing = d, info[0], up, normal
+                                nearest, solid, triangle, height, facing = d, info[0], t, up, normal
                                 motion = self.tree.point(t, w, 1.0) - self.tree.point(t, w, 0.0)
                                 low, high = p - nearest, p + nearest
                 node = self.tree.boxes.following(node)
                 if node == 1:
                     break
-            out[k, 0], out[k, 1] = ti.cast(solid, float), height
+            out[k, 0], out[k, 1], out[k, 8] = ti.cast(solid, float), height, ti.cast(triangle, float)
             for j in ti.static(range(3)):
                 out[k, 2 + j], out[k, 5 + j] = facing[j], motion[j]

@@ -3,20 +3,26 @@
 Where an arm closes on a trunk, or a body passes through itself, no place is outside both. A particle there has a height
 above either surface; their sum is the room. Where it ends below what both thicknesses need, the particle is pinched: all of
 its directions are held (S = 0), z leads it by the mean of both surfaces' motions, and towards its share of the room at a
-bounded speed. Its contacts are none, and what passes through what there does not count. Once there is a quarter more room
-than needed, and it is outside both, it is free again.
+bounded speed. Cloth that pulls it along the surfaces by more than their friction bears makes it slip: from the next step on
+only the direction across is held, and friction opposes its motion against the mean of both, until it rests on them again. Its
+contacts are none, and what passes through what there does not count. Once there is a quarter more room than needed, and it is
+outside both, it is free again.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
+from ...system.elements import lumped_mass
 from ...system.held import Held
+from ..points import Points, length, tangential, unit
 from ..step_start import StepStart
+from .active_set import States
 from .facing import FacingSurfaces, Sides
 from .query import Scanner
+from .sliding import Sliding, slide
 from .vertices import VertexContacts
 
 FACING = -0.5  # cosine between normals below which surfaces face each other
@@ -26,6 +32,8 @@ FREE = 1.25  # times the room needed: with more, what was pinched is free
 SLOWLY = 0.05  # m/s by which what is pinched goes to its share of the room, besides the surfaces' own motions
 LEAST = 0.1  # length of the difference of two normals that shifts are measured by
 SHARE = 0.2  # of the room that is kept from either side
+PRESSURE = 2000.0  # Pa with which surfaces without room between them press, as far as friction goes: flesh yields
+RESTS = 0.001  # m/s against the surfaces below which what slips rests on them again
 SQUEEZED = 0.5  # of the room needed: layers that are pinched are led apart as if there were so much
 
 
@@ -37,6 +45,7 @@ class Pinched:
         index: (k,) particles, sorted.
         solid: (k, 2) of either side; normal: (k, 2, 3) out of it; height: (k, 2) above it when last looked [m].
         share: (k,) of the room that is below the particle, from the first side.
+        slips: (k,) whether it slips along the surfaces; push: (k, 3) direction of friction on what begins to, 0 elsewhere.
     """
 
     index: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -44,6 +53,8 @@ class Pinched:
     normal: np.ndarray = field(default_factory=lambda: np.zeros((0, 2, 3)))
     height: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     share: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    slips: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    push: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 @dataclass(frozen=True)
@@ -81,29 +92,33 @@ class Pinches(Checkpointed):
         particle: (n,) of a vertex.
 
     Attributes:
-        between: (n,) [m] what its cloth keeps from cloth; 0 where it meets none.
+        between: (n,) [m] what its cloth keeps from cloth; 0 where it meets none. area: (n,) of cloth [m^2].
         possible: whether a scene's solids can close on each other, or on themselves, at all: two of which one moves, or one
             that deforms.
         accepted: as of the last accepted step; trial: of this attempt.
         where: (n,) whether a particle is pinched in this attempt; around: whether it is, or shares a face with one that is.
         target: (k, 3) where they are led [m]; led: (k,) whether they are, and not held by a script; forces: (k, 3) [N] that it
             took in the last solve.
+        contacts: k of them as one contact with both surfaces each, with the normal across; sliding: friction of what slips.
     """
 
     STATE = ("accepted",)
 
     def __init__(self, n: int, particle: np.ndarray, scan: Scanner, scene: Scene) -> None:
         self.scan, self.thickness = scan, scan.thickness
-        self.between = np.zeros(n)
+        self.between, self.area = np.zeros(n), np.zeros(n)
         for c in scene.cloths:
+            mine = particle[c.start: c.start + c.mesh.vertex_count]
+            self.area[mine] = lumped_mass(c.mesh, 1.0)
             if c.contact is not None:
-                self.between[particle[c.start: c.start + c.mesh.vertex_count]] = c.contact.thickness
+                self.between[mine] = c.contact.thickness
         self.possible = bool(scan.yields.any() or (len(scene.solids) > 1 and scan.moves.any()))
         self.surfaces = FacingSurfaces(scan.tree) if self.possible and scan.tree is not None and scan.meshes.any() else None
         self.accepted = self.trial = Pinched()
         self.where, self.around = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
         self.target = self.forces = np.zeros((0, 3))
         self.led = np.zeros(0, dtype=bool)
+        self.contacts, self.sliding, self.h = VertexContacts.none(), Sliding(), 1.0
 
     def resumed(self) -> None:
         """See `Checkpointed`."""
@@ -125,21 +140,30 @@ class Pinches(Checkpointed):
         """A new attempt, with the contacts that were found on the predicted way."""
         if not self.possible:
             return
-        known, share = self._known(start)
+        known, kept = self._known(start)
         new = self._entering(start, found)
         new = new.take(~np.isin(new.index, known.index))
         new = new.take(self._grows(known.index, new))
         both = Between(np.concatenate([known.index, new.index]), Sides.join([known.a, new.a]), Sides.join([known.b, new.b]))
         height = np.maximum(np.stack([new.a.height, new.b.height], axis=1), 1e-12)
-        share = np.concatenate([share, np.clip(height[:, 0] / height.sum(axis=1), SHARE, 1 - SHARE)])
+        share = np.concatenate([kept.share, np.clip(height[:, 0] / height.sum(axis=1), SHARE, 1 - SHARE)])
+        slips = np.concatenate([kept.slips, np.zeros(len(new.index), dtype=bool)])
+        push = np.concatenate([kept.push, np.zeros((len(new.index), 3))])
         order = np.argsort(both.index, kind="stable")
-        both, share = both.take(order), share[order]
+        both, share, slips, push = both.take(order), share[order], slips[order], push[order]
         self.trial = Pinched(both.index, np.stack([both.a.solid, both.b.solid], axis=1),
                              np.stack([both.a.normal, both.b.normal], axis=1),
-                             np.stack([both.a.height, both.b.height], axis=1), share)
-        self.target = self._lead(start, both, share)
-        self.forces = np.zeros_like(self.target)
+                             np.stack([both.a.height, both.b.height], axis=1), share, slips, push)
+        self.target, self.contacts, self.h = self._lead(start, both, share), self._as_contacts(start, both), start.h
+        self.forces, self.sliding = np.zeros_like(self.target), Sliding()
         self._mark()
+
+    def _as_contacts(self, start: StepStart, both: Between) -> VertexContacts:
+        """One contact with both surfaces for each: it is carried by the mean of their motions, and they rub together."""
+        nothing, a, b = np.zeros(len(both.index)), both.a, both.b
+        carried = start.x[both.index] + (a.motion + b.motion) / 2
+        return VertexContacts(both.index, a.solid, unit(a.normal - b.normal), nothing, nothing, carried,
+                              a.friction + b.friction, both.index)
 
     def _grows(self, known: np.ndarray, new: Between) -> np.ndarray:
         """(k,) which of what could be pinched is: where surfaces face each other, and next to that. In a corner by itself, of
@@ -173,15 +197,15 @@ class Pinches(Checkpointed):
         shift = np.clip((wanted - (height[0] - height[1])) / size, -most, most)
         return start.x[both.index] + mean + shift[:, None] * across
 
-    def _known(self, start: StepStart) -> tuple[Between, np.ndarray]:
-        """What was pinched and still is, and its shares."""
+    def _known(self, start: StepStart) -> tuple[Between, Pinched]:
+        """What was pinched and still is, as it is now and as it was."""
         old = self.accepted
         a, b = (self._side(start, old, k) for k in range(2))
         both = Between(old.index, a, b)
         there = (a.solid >= 0) & (b.solid >= 0)
         inside = np.minimum(a.height, b.height) < 0
         keep = there & ((both.room < FREE * self._needed(both)) | inside)
-        return both.take(keep), old.share[keep]
+        return both.take(keep), Pinched(*(getattr(old, f.name)[keep] for f in fields(old)))
 
     def _side(self, start: StepStart, old: Pinched, k: int) -> Sides:
         """One side of what was pinched, where it is now; of a mesh next to where its foot was: not of another part of it."""
@@ -199,10 +223,11 @@ class Pinches(Checkpointed):
 
     def _above(self, x: np.ndarray, solid: np.ndarray) -> Sides:
         """Solids (k,) as sides of points x (k, 3) [m]; of meshes nothing."""
-        sides = Sides(np.full(len(x), -1), np.zeros((len(x), 3)), np.zeros(len(x)), np.zeros((len(x), 3)))
+        nothing = np.zeros(len(x))
+        sides = Sides(np.full(len(x), -1), np.zeros((len(x), 3)), nothing, np.zeros((len(x), 3)), nothing.copy())
         rows = np.flatnonzero(~self.scan.meshes[solid])
         height, normal, motion = self.scan.above(x[rows], solid[rows])
-        _fill(sides, rows, Sides(solid[rows], normal, height, motion))
+        _fill(sides, rows, Sides(solid[rows], normal, height, motion, self.scan.friction[solid[rows]]))
         return sides
 
     def _entering(self, start: StepStart, found: VertexContacts) -> Between:
@@ -238,11 +263,16 @@ class Pinches(Checkpointed):
 
     def with_pins(self, pins: Held | None) -> Held | None:
         """What scripts hold, and what is pinched; where scripts hold all directions of a particle they have it their way."""
-        index, target = self.trial.index, self.target
+        index, target, slips = self.trial.index, self.target, self.trial.slips
         self.led = np.ones(len(index), dtype=bool)
         if not len(index):
             return pins
+        if pins is not None:  # what scripts hold in part is held whole
+            slips = slips & ~np.isin(index, pins.index)
+            self.trial = replace(self.trial, slips=slips)
         projector, y = np.tile(np.eye(3), (len(index), 1, 1)), np.zeros_like(target)
+        n = self.contacts.normal[slips]
+        projector[slips] = n[:, :, None] * n[:, None, :]
         if pins is not None:
             whole = pins.index[np.trace(pins.projector, axis1=1, axis2=2) > 2.5]
             self.led = ~np.isin(index, whole)
@@ -251,16 +281,43 @@ class Pinches(Checkpointed):
                 (pins.index, pins.projector, pins.target, pins.y), (index, projector, target, y)))
         return Held.of(index, projector, target, True, y, self.scan.exchange)
 
-    def bear(self, held: Held | None, reaction: np.ndarray) -> None:
-        """Remembers what the last solve took: `reaction` (k, 3) [N] on what it held."""
+    def rub(self, start: StepStart, there: np.ndarray, v: np.ndarray) -> Points:
+        """Friction of what slips, with where particles are expected at the end, there (n, 3) [m], in a solve that begins with
+        velocities v (n, 3) [m/s]."""
+        f, trial = self.contacts, self.trial
+        if trial.slips.any():
+            states = States(f.key, ~trial.slips, PRESSURE * self.area[f.index], trial.push)
+            u = tangential((there[f.index] - f.carried) / start.h, f.normal)
+            self.sliding = slide(f, states, u, f.friction, self.scan.model.mass, start, v, trial.push.any(axis=1))
+        return self.sliding.points
+
+    def _bearable(self, f: VertexContacts) -> np.ndarray:
+        """(k,) friction [N] of the surfaces on both sides at most."""
+        return f.friction * PRESSURE * self.area[f.index]
+
+    def bear(self, held: Held | None, reaction: np.ndarray, moved: np.ndarray, c: float) -> None:
+        """Remembers what the last solve took: `reaction` (k, 3) [N] on what it held, and friction where particles moved by
+        (n, 3) [m]; c: what the method multiplies forces by [s]."""
         if held is not None and len(self.trial.index):
             whole = np.zeros((len(self.where), 3))
             whole[held.index] = reaction
             self.forces = whole[self.trial.index] * self.led[:, None]
+            if self.sliding.rows.any():
+                self.forces[self.sliding.rows] += self.sliding.points.forces(moved, c)
 
     def commit(self) -> None:
         """The step was accepted."""
+        if len(self.trial.index):
+            self.trial = self._slipped()
         self.accepted = self.trial
+
+    def _slipped(self) -> Pinched:
+        """What this step says of who slips in the next."""
+        f, slips = self.contacts, self.trial.slips
+        shear, end = tangential(self.forces, f.normal), self.scan.model.read_particles()[0]
+        begins = ~slips & self.led & (length(shear) > self._bearable(f))
+        goes = slips & (length(tangential(end[f.index] - f.carried, f.normal)) > RESTS * self.h)
+        return replace(self.trial, slips=begins | goes, push=unit(shear) * begins[:, None])
 
 
 def _fill(sides: Sides, rows: np.ndarray, part: Sides) -> None:

@@ -177,13 +177,19 @@ class SolidContacts(Checkpointed):
         a, mass, start = self.active, self.model.mass, self.start
         self.sliding = slide(a.contacts, a.states, a.slip, a.contacts.friction, mass, start, base[1],
                              np.isin(a.states.key, self.accepted.key[self.accepted.stick]))
+        rubbing = [self.sliding.points, self.pinches.rub(start, self.near.there, base[1])]
         if self.near.pairs is None:
-            return [self.sliding.points]
+            return rubbing
         self.linearized = near = self.near.pairs.moved(self._to_go(), PAIR * self.scan.kept_by(self.near.pairs))
         step = Step(start.h, start.h_usual, start.x, base[0], start.mean(base[1]), start.c)
         self.pressing = press(near, step, mass, self.scan.kept_by(near), self.scan.friction_of(near),
                               self.firmness.trial.of(near.key))
-        return [self.sliding.points, self.pressing]
+        return [*rubbing, self.pressing]
+
+    @property
+    def rubbing(self) -> Points:
+        """Friction of what slides on solids and of what slips between them."""
+        return Points.join([self.sliding.points, self.pinches.sliding.points])
 
     def _to_go(self) -> np.ndarray:
         """(n, 3) how far what is held has to go from where pairs were looked for."""
@@ -269,7 +275,7 @@ class SolidContacts(Checkpointed):
         held = np.where(states.stick[:, None], F, normal[:, None] * f.normal)
         held[self.sliding.rows] += self.sliding.points.forces(moved, h)
         self.forces = replace(NO_FORCES, held=held)
-        self.pinches.bear(self.active.holding.held, reaction / h)
+        self.pinches.bear(self.active.holding.held, reaction / h, moved, h)
         if self.linearized is not None:
             at = self.linearized.of(self.near.there)
             self.forces = Forces(held, self.pressing.forces(moved, h), at)
