@@ -9,7 +9,7 @@ contacts are none, and what passes through what there does not count. Once there
 outside both, it is free again.
 """
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -17,12 +17,10 @@ from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.elements import lumped_mass
 from ...system.held import Held
-from ..points import Points, length, tangential, unit
+from ..points import CORNERS, EYE, Points, length, sym_outer, sym_times, tangential, unit
 from ..step_start import StepStart
-from .active_set import States
 from .facing import FacingSurfaces, Sides
 from .query import Scanner
-from .sliding import Sliding, slide
 from .vertices import VertexContacts
 
 FACING = -0.5  # cosine between normals below which surfaces face each other
@@ -33,7 +31,8 @@ SLOWLY = 0.05  # m/s by which what is pinched goes to its share of the room, bes
 LEAST = 0.1  # length of the difference of two normals that shifts are measured by
 SHARE = 0.2  # of the room that is kept from either side
 PRESSURE = 2000.0  # Pa with which surfaces without room between them press, as far as friction goes: flesh yields
-RESTS = 0.001  # m/s against the surfaces below which what slips rests on them again
+LAGGED = 0.1  # relative error of friction that a first solve may leave
+CREEP = 0.002  # m/s against the surfaces below which friction is less, and proportional to it
 SQUEEZED = 0.5  # of the room needed: layers that are pinched are led apart as if there were so much
 
 
@@ -45,7 +44,6 @@ class Pinched:
         index: (k,) particles, sorted.
         solid: (k, 2) of either side; normal: (k, 2, 3) out of it; height: (k, 2) above it when last looked [m].
         share: (k,) of the room that is below the particle, from the first side.
-        slips: (k,) whether it slips along the surfaces; push: (k, 3) direction of friction on what begins to, 0 elsewhere.
     """
 
     index: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -53,8 +51,6 @@ class Pinched:
     normal: np.ndarray = field(default_factory=lambda: np.zeros((0, 2, 3)))
     height: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))
     share: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    slips: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    push: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 @dataclass(frozen=True)
@@ -99,7 +95,7 @@ class Pinches(Checkpointed):
         where: (n,) whether a particle is pinched in this attempt; around: whether it is, or shares a face with one that is.
         target: (k, 3) where they are led [m]; led: (k,) whether they are, and not held by a script; forces: (k, 3) [N] that it
             took in the last solve.
-        contacts: k of them as one contact with both surfaces each, with the normal across; sliding: friction of what slips.
+        contacts: k of them as one contact with both surfaces each, with the normal across; rubbing: their friction.
     """
 
     STATE = ("accepted",)
@@ -118,7 +114,7 @@ class Pinches(Checkpointed):
         self.where, self.around = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
         self.target = self.forces = np.zeros((0, 3))
         self.led = np.zeros(0, dtype=bool)
-        self.contacts, self.sliding, self.h = VertexContacts.none(), Sliding(), 1.0
+        self.contacts, self.rubbing = VertexContacts.none(), Points.none()
 
     def resumed(self) -> None:
         """See `Checkpointed`."""
@@ -140,22 +136,20 @@ class Pinches(Checkpointed):
         """A new attempt, with the contacts that were found on the predicted way."""
         if not self.possible:
             return
-        known, kept = self._known(start)
+        known, share = self._known(start)
         new = self._entering(start, found)
         new = new.take(~np.isin(new.index, known.index))
         new = new.take(self._grows(known.index, new))
         both = Between(np.concatenate([known.index, new.index]), Sides.join([known.a, new.a]), Sides.join([known.b, new.b]))
         height = np.maximum(np.stack([new.a.height, new.b.height], axis=1), 1e-12)
-        share = np.concatenate([kept.share, np.clip(height[:, 0] / height.sum(axis=1), SHARE, 1 - SHARE)])
-        slips = np.concatenate([kept.slips, np.zeros(len(new.index), dtype=bool)])
-        push = np.concatenate([kept.push, np.zeros((len(new.index), 3))])
+        share = np.concatenate([share, np.clip(height[:, 0] / height.sum(axis=1), SHARE, 1 - SHARE)])
         order = np.argsort(both.index, kind="stable")
-        both, share, slips, push = both.take(order), share[order], slips[order], push[order]
+        both, share = both.take(order), share[order]
         self.trial = Pinched(both.index, np.stack([both.a.solid, both.b.solid], axis=1),
                              np.stack([both.a.normal, both.b.normal], axis=1),
-                             np.stack([both.a.height, both.b.height], axis=1), share, slips, push)
-        self.target, self.contacts, self.h = self._lead(start, both, share), self._as_contacts(start, both), start.h
-        self.forces, self.sliding = np.zeros_like(self.target), Sliding()
+                             np.stack([both.a.height, both.b.height], axis=1), share)
+        self.target, self.contacts = self._lead(start, both, share), self._as_contacts(start, both)
+        self.forces, self.rubbing = np.zeros_like(self.target), Points.none()
         self._mark()
 
     def _as_contacts(self, start: StepStart, both: Between) -> VertexContacts:
@@ -197,15 +191,15 @@ class Pinches(Checkpointed):
         shift = np.clip((wanted - (height[0] - height[1])) / size, -most, most)
         return start.x[both.index] + mean + shift[:, None] * across
 
-    def _known(self, start: StepStart) -> tuple[Between, Pinched]:
-        """What was pinched and still is, as it is now and as it was."""
+    def _known(self, start: StepStart) -> tuple[Between, np.ndarray]:
+        """What was pinched and still is, and its shares."""
         old = self.accepted
         a, b = (self._side(start, old, k) for k in range(2))
         both = Between(old.index, a, b)
         there = (a.solid >= 0) & (b.solid >= 0)
         inside = np.minimum(a.height, b.height) < 0
         keep = there & ((both.room < FREE * self._needed(both)) | inside)
-        return both.take(keep), Pinched(*(getattr(old, f.name)[keep] for f in fields(old)))
+        return both.take(keep), old.share[keep]
 
     def _side(self, start: StepStart, old: Pinched, k: int) -> Sides:
         """One side of what was pinched, where it is now; of a mesh next to where its foot was: not of another part of it."""
@@ -263,17 +257,13 @@ class Pinches(Checkpointed):
 
     def with_pins(self, pins: Held | None) -> Held | None:
         """What scripts hold, and what is pinched; where scripts hold all directions of a particle they have it their way."""
-        index, target, slips = self.trial.index, self.target, self.trial.slips
+        index, target = self.trial.index, self.target
         self.led = np.ones(len(index), dtype=bool)
         if not len(index):
             return pins
-        if pins is not None:  # what scripts hold in part is held whole
-            slips = slips & ~np.isin(index, pins.index)
-            self.trial = replace(self.trial, slips=slips)
-        projector, y = np.tile(np.eye(3), (len(index), 1, 1)), np.zeros_like(target)
-        n = self.contacts.normal[slips]
-        projector[slips] = n[:, :, None] * n[:, None, :]
-        if pins is not None:
+        projector, y = np.einsum("ki,kj->kij", self.contacts.normal, self.contacts.normal), np.zeros_like(target)
+        if pins is not None:  # what they hold in part is held whole
+            projector[np.isin(index, pins.index)] = np.eye(3)
             whole = pins.index[np.trace(pins.projector, axis1=1, axis2=2) > 2.5]
             self.led = ~np.isin(index, whole)
             other = ~np.isin(pins.index, index[self.led])
@@ -282,18 +272,35 @@ class Pinches(Checkpointed):
         return Held.of(index, projector, target, True, y, self.scan.exchange)
 
     def rub(self, start: StepStart, there: np.ndarray, v: np.ndarray) -> Points:
-        """Friction of what slips, with where particles are expected at the end, there (n, 3) [m], in a solve that begins with
-        velocities v (n, 3) [m/s]."""
-        f, trial = self.contacts, self.trial
-        if trial.slips.any():
-            states = States(f.key, ~trial.slips, PRESSURE * self.area[f.index], trial.push)
-            u = tangential((there[f.index] - f.carried) / start.h, f.normal)
-            self.sliding = slide(f, states, u, f.friction, self.scan.model.mass, start, v, trial.push.any(axis=1))
-        return self.sliding.points
+        """Friction of the surfaces on both sides, with where particles are expected at the end, there (n, 3) [m], in a solve
+        that begins with velocities v (n, 3) [m/s]: a damping F / max(|u|, CREEP) along them, u the expected slip."""
+        f, c = self.contacts, start.c
+        if len(f.index):
+            self.slip = self._slip(start, there)
+            size = c * self._bearable() / np.maximum(length(self.slip), CREEP)
+            block = size[:, None] * (EYE - sym_outer(f.normal))
+            against = start.mean(v)[f.index] - (f.carried - start.x[f.index]) / start.h
+            vertices, weights = np.repeat(f.index[:, None], CORNERS, axis=1), np.tile(np.eye(CORNERS)[0], (len(size), 1))
+            self.rubbing = Points(vertices, weights, c / start.h * block, -sym_times(block, against))
+        return self.rubbing
 
-    def _bearable(self, f: VertexContacts) -> np.ndarray:
+    def _slip(self, start: StepStart, there: np.ndarray) -> np.ndarray:
+        """(k, 3) velocities [m/s] against the surfaces, of particles that end there (n, 3) [m]."""
+        f = self.contacts
+        return tangential((there[f.index] - f.carried) / start.h, f.normal)
+
+    def _bearable(self) -> np.ndarray:
         """(k,) friction [N] of the surfaces on both sides at most."""
-        return f.friction * PRESSURE * self.area[f.index]
+        f = self.contacts
+        return f.friction * PRESSURE * self.area[f.index] * self.led
+
+    def lags(self, start: StepStart, there: np.ndarray) -> bool:
+        """Whether friction in the last solve, which led there (n, 3) [m], was another than that of the slip that it led to."""
+        if not len(self.contacts.index):
+            return False
+        size, now = self._bearable(), length(self._slip(start, there))
+        taken, wanted = (now / np.maximum(u, CREEP) for u in (length(self.slip), now))
+        return float(np.sum(size * np.abs(taken - wanted))) > LAGGED * float(np.sum(size))
 
     def bear(self, held: Held | None, reaction: np.ndarray, moved: np.ndarray, c: float) -> None:
         """Remembers what the last solve took: `reaction` (k, 3) [N] on what it held, and friction where particles moved by
@@ -302,22 +309,11 @@ class Pinches(Checkpointed):
             whole = np.zeros((len(self.where), 3))
             whole[held.index] = reaction
             self.forces = whole[self.trial.index] * self.led[:, None]
-            if self.sliding.rows.any():
-                self.forces[self.sliding.rows] += self.sliding.points.forces(moved, c)
+            self.forces += self.rubbing.forces(moved, c)
 
     def commit(self) -> None:
         """The step was accepted."""
-        if len(self.trial.index):
-            self.trial = self._slipped()
         self.accepted = self.trial
-
-    def _slipped(self) -> Pinched:
-        """What this step says of who slips in the next."""
-        f, slips = self.contacts, self.trial.slips
-        shear, end = tangential(self.forces, f.normal), self.scan.model.read_particles()[0]
-        begins = ~slips & self.led & (length(shear) > self._bearable(f))
-        goes = slips & (length(tangential(end[f.index] - f.carried, f.normal)) > RESTS * self.h)
-        return replace(self.trial, slips=begins | goes, push=unit(shear) * begins[:, None])
 
 
 def _fill(sides: Sides, rows: np.ndarray, part: Sides) -> None:

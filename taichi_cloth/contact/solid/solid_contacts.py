@@ -189,7 +189,7 @@ class SolidContacts(Checkpointed):
     @property
     def rubbing(self) -> Points:
         """Friction of what slides on solids and of what slips between them."""
-        return Points.join([self.sliding.points, self.pinches.sliding.points])
+        return Points.join([self.sliding.points, self.pinches.rubbing])
 
     def _to_go(self) -> np.ndarray:
         """(n, 3) how far what is held has to go from where pairs were looked for."""
@@ -224,7 +224,8 @@ class SolidContacts(Checkpointed):
         turns = slides & ~pulls & (self.sliding.lag <= SLOW) & (speed < WEAK * SLOW)
         force = np.maximum(normal, 0)
         off = float(np.sum(mu * np.abs(force - s.force) * slides))
-        disagree = off > LAGGED * float(np.sum(mu * force * slides)) and self.round == 0
+        lags = off > LAGGED * float(np.sum(mu * force * slides)) or self.pinches.lags(start, self.near.there)
+        disagree = lags and self.round == 0
         wrong = float(np.sum(-normal[pulls])) / AGREED + float(np.sum((shear - mu * force)[breaks])) / AGREED_SHEAR
         stick = (s.stick & ~breaks) | turns
         push = np.zeros_like(tangent)
