@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.contact.solid.pinch import FREE, SLOWLY, Pinched
+from taichi_cloth.contact.solid.pinch import CREEP, FREE, PRESSURE, SLOWLY, Pinched
 from taichi_cloth.contact.solid.vertices import VertexContacts
 from taichi_cloth.contact.step_start import StepStart
 from taichi_cloth.system.held import Held
@@ -62,16 +62,37 @@ def test_it_is_free_where_there_is_room_and_it_is_outside(between, monkeypatch):
     assert len(begin(between, held_at(between, height)).trial.index) == 9
 
 
+def test_it_is_held_across_and_rubs_along(between):
+    """S = n n^T; friction of both sides on what moves against their mean is 2 mu p A, less only below CREEP."""
+    x = held_at(between, 0.002)
+    pinches = begin(between, x)
+    held = pinches.with_pins(None)
+    assert np.abs(held.projector - np.outer(UP, UP)).max() < 1e-6
+    most = 2 * 0.3 * PRESSURE * pinches.area
+    assert pinches.area.sum() == pytest.approx(0.2 * 0.2)
+    for speed, part in ((2 * CREEP, 1.0), (0.3, 1.0), (0.1 * CREEP, 0.1)):
+        there = x + H * speed * np.array([0.6, 0.0, 0.8])
+        points = pinches.rub(StepStart(H, H, x, 0 * x), there, 0 * x)
+        force = points.forces(there - x, H)
+        assert force == pytest.approx(-part * most[:, None] * [0.6, 0.0, 0.8], rel=1e-9, abs=1e-12)
+        assert not pinches.lags(StepStart(H, H, x, 0 * x), there)
+    assert pinches.lags(StepStart(H, H, x, 0 * x), x + [0.3 * H, 0.0, 0.0])
+
+
 def test_scripts_have_their_way_with_what_they_hold_whole(between):
     x = held_at(between, 0.002)
     pinches = begin(between, x)
     there = x[:2] + [0.01, 0.0, 0.02]
     P = np.stack([np.eye(3), np.diag([1.0, 0.0, 0.0])])
     held = pinches.with_pins(Held.of([0, 1], P, there, True, 0 * there, pinches.scan.exchange))
-    assert sorted(held.index) == list(range(9)) and np.abs(held.projector - np.eye(3)).max() == 0
-    at = held.target[np.argsort(held.index)]
+    order = np.argsort(held.index)
+    assert held.index[order].tolist() == list(range(9))
+    assert np.abs(held.projector[order][:2] - np.eye(3)).max() == 0  # what is held in part is held whole
+    assert np.abs(held.projector[order][2:] - np.outer(UP, UP)).max() < 1e-6
+    at = held.target[order]
     assert np.abs(at[0] - there[0]).max() < 1e-6 and np.abs(at[1:] - pinches.target[1:]).max() < 1e-6
-    pinches.bear(held, np.ones((9, 3)))  # what a pin bears is no solid's
+    pinches.rub(StepStart(H, H, x, 0 * x), x + [1.0, 0.0, 0.0], 0 * x)
+    pinches.bear(held, np.ones((9, 3)), 0 * x, H)  # what a pin bears is no solid's
     assert (pinches.forces[0] == 0).all() and (pinches.forces[1:] == 1).all()
 
 

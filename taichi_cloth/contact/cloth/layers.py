@@ -210,11 +210,15 @@ class Layers(Checkpointed):
         beyond = np.maximum(compared.measured[pair_kernels.RUBBED] - pair_kernels.CONE * bears, 0)
         over = float(np.sum(beyond + compared.measured[pair_kernels.BACK] * bears))
         rubs = over > RUBBED * rubs_as and self.round == 1  # what it still is then, it is in the next step
-        left, was = room(np.array([self.least, self.was]), np.ones(2)).tolist()
-        near = left <= min(CLOSE / 3, was / 2, 2 * was)
+        near = self.least <= self._nearest_allowed()
         if near and not (self.off or rubs or late):
             self._stiffen()
         return not (near or self.off or rubs or late)
+
+    def _nearest_allowed(self) -> float:
+        """Distance of the nearest pair, over what it should keep, down to which a step may go; from what it was before."""
+        was = float(room(np.array([self.was]), np.ones(1))[0])
+        return FLOOR + (1 - FLOOR) * min(CLOSE / 3, was / 2, 2 * was)
 
     def _boost(self) -> np.ndarray:
         """(n,) factors of pairs' stiffness in this attempt."""
@@ -292,6 +296,17 @@ class Layers(Checkpointed):
         self.intersections.release(four.ravel())
         self._let_rest()
         return len(four) > 0
+
+    def release_beside(self) -> bool:
+        """Deactivates for a while the pairs of what rests that end nearer than a step may leave them: a tangle holds them.
+        Whether the nearest pair is one."""
+        p = self.near
+        tight = (p.end < self._nearest_allowed() * p.radius) & self.intersections.resting[p.vertices].any(axis=1)
+        if not tight.any() or (p.end[tight] / p.radius[tight]).min() > self.least:
+            return False
+        self.intersections.release(p.vertices[tight].ravel())
+        self._let_rest()
+        return True
 
     def release_nearest(self) -> None:
         """Deactivates for a while the pairs that start so near that they are as good as tangled."""

@@ -32,7 +32,7 @@ LEAST = 0.1  # length of the difference of two normals that shifts are measured 
 SHARE = 0.2  # of the room that is kept from either side
 PRESSURE = 2000.0  # Pa with which surfaces without room between them press, as far as friction goes: flesh yields
 LAGGED = 0.1  # relative error of friction that a first solve may leave
-CREEP = 0.002  # m/s against the surfaces below which friction is less, and proportional to it
+CREEP = 0.0005  # m/s against the surfaces below which friction is less, and proportional to it
 SQUEEZED = 0.5  # of the room needed: layers that are pinched are led apart as if there were so much
 
 

@@ -164,6 +164,8 @@ class LayerStep(EulerStep):
             return self.finish(*ended)
         if self.part < 1 and (start.smallest or (start.small and held is not None and held.moving)):
             self.released = layers.release(start.smallest)  # else nothing presses that does not give way
+        elif self.part == 1 and not self.agreed and not layers.off:
+            self.released = layers.release_beside()
         why = "its energy grew" if self.agreed else (f"{layers.off} pairs unsettled, smallest gap {layers.least:.2g} of "
                                                      "what it should be")
         return Outcome(CONTACT, f"between layers of cloth, after {len(self.solutions)} solves: a collision-free step is "
