@@ -13,6 +13,8 @@ UNIT, PHYSICS = "tests/unit/test_cloth_contact.py::", "tests/physics/test_cloth_
 STRAYS = UNIT + "test_only_what_strays_is_looked_for_again"
 POINTS = UNIT + "test_points_of_contact_join_the_product_and_its_diagonal"
 TURNS = UNIT + "test_a_pair_is_neither_pushed_nor_turned_nor_braked_as_it_turns"
+BESIDE = UNIT + "test_what_a_tangle_holds_too_near_is_let_go"
+GIVEN_UP = UNIT + "test_what_beside_a_tangle_ends_too_near_is_released"
 RESUMED = UNIT + "test_a_run_resumed_in_contact_goes_on_bit_for_bit"
 CROSSED = UNIT + "test_what_starts_crossed_is_counted_named_and_pulled_apart"
 HITS = UNIT + "test_what_hits_does_not_pass[f64] tests/hard/test_hard_layers.py"
@@ -169,6 +171,11 @@ MUTATIONS = (
     (CONTACT + "cloth/layers.py", "part, self.blocking = self.detector.collision_free_step()",
      "part, self.blocking = 1.0, self.detector.collision_free_step()[1]",
      "no way is cut short", HITS),
+    (CONTACT + "cloth/layers.py", "tight = (p.end < self._nearest_allowed() * p.radius) & self.intersections",
+     "tight = (p.end < np.inf) & self.intersections", "all pairs of what is tangled let go", BESIDE),
+    (CONTACT + "cloth/layers.py", "min() > self.least:", "min() > np.inf:", "what a tangle does not hold let go", BESIDE),
+    (NONLINEAR + "layer_contact.py", "self.released = layers.release_beside()", "pass",
+     "steps get small for what a tangle holds", GIVEN_UP),
     (CONTACT + "cloth/layers.py", "late = lag > LAGGED * rubs_as and self.round <= PATIENCE", "late = False",
      "friction that lags is taken",
      SETTLED),

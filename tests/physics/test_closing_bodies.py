@@ -43,7 +43,7 @@ def capsule(a, b, radius: float, around: int) -> tuple[np.ndarray, np.ndarray]:
     return x, np.concatenate(faces)
 
 
-def figure(body: str, sheets: int, itself: bool, cells: int = 14) -> tc.Scene:
+def figure(body: str, sheets: int, itself: bool, cells: int = 14, parts: dict | None = None) -> tc.Scene:
     """Trunk and arm as two capsules, two rigid meshes or one that deforms, and tubes of cloth about the trunk, held at the
     top."""
     scene = tc.Scene()
@@ -55,7 +55,8 @@ def figure(body: str, sheets: int, itself: bool, cells: int = 14) -> tc.Scene:
             c, s = math.cos(angle(frame / 60)), math.sin(angle(frame / 60))
             frames.append(np.concatenate([x, y @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + SHOULDER]))
         faces = np.concatenate([faces, more + len(x)])
-        scene.add_solid(tc.SolidMesh(np.array(frames), faces, fps=60), 0.4, THICK, name="body")
+        groups = {"arm": np.arange(len(x), len(x) + len(y))}
+        scene.add_solid(tc.SolidMesh(np.array(frames), faces, fps=60, groups=groups), 0.4, THICK, name="body", parts=parts)
     else:
         trunk, arm = ((tc.SolidMesh(x, faces), tc.SolidMesh(y, more)) if body == "two_meshes" else
                       (tc.Capsule((0, 0.5, 0), (0, 1.1, 0), TRUNK), tc.Capsule((0, 0, 0), (0, -LONG, 0), ARM)))
@@ -151,6 +152,8 @@ def pulled_out(speed: float, h: float) -> tuple[np.ndarray, np.ndarray]:
         if sim.time > 0.1:
             rows.append((speed * (sim.time - 0.1), sim.constraint_forces()[end, 0].sum() / WIDE))
     assert sim.log[-1].pinched == sim.vertex_count and min(r.h for r in sim.log) > h - 1e-9
+    loads = [force[0] for force, _ in sim.solid_loads().values()]
+    assert loads == pytest.approx([rows[-1][1] * WIDE / 2] * 2, rel=0.02)  # both plates take half of the pull
     ledger = {name: sum(r.ledger[name] for r in sim.log) for name in ("pins", "friction", "unaccounted")}
     assert -ledger["friction"] > 0.7 * ledger["pins"] and abs(ledger["unaccounted"]) < 0.02 * ledger["pins"]
     sim.close()
@@ -188,8 +191,8 @@ def test_a_wall_pushes_cloth_along_a_floor():
 
 
 def test_surfaces_by_where_they_face(rng):
-    """The nearest triangle that faces a direction, its height, normal and motion, against a search of all of them."""
-    scene = figure("one_mesh", 1, False, cells=6)
+    """The nearest triangle that faces a direction, its height, normal, motion and friction, against a search of all."""
+    scene = figure("one_mesh", 1, False, cells=6, parts={"arm": 0.7})
     sim = tc.Simulation(scene, h=H)
     scan, body = sim.contacts.scan, scene.solids[0]
     scan.set_time(0.45, H)
@@ -226,7 +229,8 @@ def test_surfaces_by_where_they_face(rng):
         motion = (x_1 - x)[faces[t]]
         assert np.abs(w[same[int(np.argmin(np.abs(heights - found.height[k])))]] @ motion - found.motion[k]).max() < 1e-9
         assert np.abs(normal[t] - found.normal[k]).max() < 1e-9
-    assert hits > 20
+        assert found.friction[k] == body.face_friction()[t]
+    assert hits > 20 and set(found.friction[found.solid >= 0]) == {0.4, 0.7}
     sim.close()
 
 

@@ -376,6 +376,18 @@ def test_only_what_nothing_else_can_make_room_for_is_released(small, smallest, m
     assert asked == ([smallest] if released else [])
 
 
+@pytest.mark.parametrize("part, agreed, off, asks", [(1.0, False, 0, True), (0.5, False, 0, False), (1.0, True, 0, False),
+                                                     (1.0, False, 3, False)])
+def test_what_beside_a_tangle_ends_too_near_is_released(part, agreed, off, asks):
+    """In steps of any size, where nothing else is wrong: the way was free, forces agreed, and so did the energy."""
+    step = LayerStep.__new__(LayerStep)
+    step.layers = SimpleNamespace(release_beside=lambda: True, off=off, least=0.2)
+    step.contacts = SimpleNamespace(start=SimpleNamespace(small=False, smallest=False))
+    step.held, step.part, step.agreed, step.released = None, part, agreed, False
+    step.solutions = []
+    assert step.give_up(None).rejection == "CONTACT" and step.released is asks
+
+
 def crossing_scene() -> tc.Scene:
     mesh, contact, tilt = tc.grid(0.3, 13), tc.ClothContact(0.005, 0.2), np.radians(25)
     turn = np.array([[np.cos(tilt), -np.sin(tilt), 0], [np.sin(tilt), np.cos(tilt), 0], [0, 0, 1]])
@@ -397,6 +409,46 @@ def test_what_starts_crossed_is_counted_named_and_pulled_apart():
         speeds.append(np.abs(sim.velocities()).max())
     assert sim.intersections() == 0 and max(speeds) < 2
     assert [r.tangled for r in sim.log] == [r.intersections for r in sim.log]  # what is there, and not a step before
+    sim.close()
+
+
+def test_what_a_tangle_holds_too_near_is_let_go():
+    """Pairs of what rests that end too near rest as well, if the nearest of all is one; else a smaller step is tried."""
+    _, a, sim = two_sheets(0.012)
+    layers, n, particle = sim.contacts.layers, a.mesh.vertex_count, sim.model.particle
+    x = sim.positions()
+    x[n:, 1] = (0.1 + 0.2 * (x[n:, 0] - x[n:, 0].min())) * 0.005  # from a tenth of the distance to more than a half
+    sim.set_state(x, 0 * x)
+    layers.detector.cover()
+
+    def gaps() -> np.ndarray:
+        """Of each particle to what it is nearest to, over the distance."""
+        layers.look()
+        p, out = layers.near, np.full(sim.model.n, np.inf)
+        np.minimum.at(out, p.vertices, np.broadcast_to((p.end / p.radius)[:, None], p.vertices.shape))
+        return out[particle]
+
+    def rest(which: np.ndarray) -> None:
+        layers.intersections.until[:] = 0.0
+        layers.intersections.until[particle[which]] = 1.0
+        layers.intersections.commit()
+
+    before = gaps()
+    edge = n + np.flatnonzero(x[n:, 0] == x[n:, 0].min())
+    near = n + np.flatnonzero(x[n:, 0] < x[n:, 0].min() + 0.05)
+    layers.was = 0.9
+    assert before[edge] == pytest.approx(0.1, abs=0.02) and before.min() == layers.least
+    rest(np.zeros(0, dtype=int))
+    assert not layers.release_beside()  # nothing is tangled
+    rest(np.setdiff1d(near, edge))
+    assert not layers.release_beside() and gaps().min() == before.min()  # what is, is not the nearest
+    rest(edge)
+    assert layers.release_beside()
+    after = gaps()
+    assert (after[edge] > before[edge] + 0.01).all() and after[before > 0.35] == pytest.approx(before[before > 0.35])
+    rest(edge)
+    layers.was = -1.0  # it was nearer before the step
+    assert not layers.release_beside()
     sim.close()
 
 
