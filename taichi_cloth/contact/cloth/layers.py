@@ -215,6 +215,15 @@ class Layers(Checkpointed):
             self._stiffen()
         return not (near or self.off or rubs or late)
 
+    @timed
+    def stop_short(self) -> None:
+        """The model went a part of its way only: what stopped it gets stiffer, if it was not new."""
+        p, four = self.near, self.detector.mesh.particles_of(self.blocking)
+        blocks = np.zeros(self.model.n, dtype=bool)
+        blocks[four.ravel()] = True
+        if (blocks[p.vertices].all(axis=1) & (room(p.end, p.radius) < CLOSE)).any():
+            self._stiffen()
+
     def _nearest_allowed(self) -> float:
         """Distance of the nearest pair, over what it should keep, down to which a step may go; from what it was before."""
         was = float(room(np.array([self.was]), np.ones(1))[0])

@@ -134,6 +134,7 @@ class LayerStep(EulerStep):
         with self.clock.part("C-S"):
             if part < 1:
                 contacts.solids.stop_short()
+                self.layers.stop_short()
             again = self.verdict.changes and k < contacts.ROUNDS
             self.agreed = part == 1 and self.layers.settled() and not again
         ended = self.conclude(measures) if self.agreed else None
@@ -164,7 +165,7 @@ class LayerStep(EulerStep):
             return self.finish(*ended)
         if self.part < 1 and (start.smallest or (start.small and held is not None and held.moving)):
             self.released = layers.release(start.smallest)  # else nothing presses that does not give way
-        elif self.part == 1 and not self.agreed and not layers.off:
+        elif not self.agreed:
             self.released = layers.release_beside()
         why = "its energy grew" if self.agreed else (f"{layers.off} pairs unsettled, smallest gap {layers.least:.2g} of "
                                                      "what it should be")
