@@ -13,6 +13,7 @@ UNIT, PHYSICS = "tests/unit/test_cloth_contact.py::", "tests/physics/test_cloth_
 STRAYS = UNIT + "test_only_what_strays_is_looked_for_again"
 POINTS = UNIT + "test_points_of_contact_join_the_product_and_its_diagonal"
 TURNS = UNIT + "test_a_pair_is_neither_pushed_nor_turned_nor_braked_as_it_turns"
+THROWN, GAPS = "tests/hard/test_hard_layers.py", "tests/physics/test_cloth_on_cloth.py"
 BESIDE = UNIT + "test_what_a_tangle_holds_too_near_is_let_go"
 GIVEN_UP = UNIT + "test_what_beside_a_tangle_ends_too_near_is_released"
 RESUMED = UNIT + "test_a_run_resumed_in_contact_goes_on_bit_for_bit"
@@ -176,6 +177,9 @@ MUTATIONS = (
     (CONTACT + "cloth/layers.py", "min() > self.least:", "min() > np.inf:", "what a tangle does not hold let go", BESIDE),
     (NONLINEAR + "layer_contact.py", "self.released = layers.release_beside()", "pass",
      "steps get small for what a tangle holds", GIVEN_UP),
+    (NONLINEAR + "layer_contact.py", "self.layers.stop_short()", "pass",
+     "what stops a step short is as soft in the next solve", THROWN),
+    (CONTACT + "cloth/layers.py", "& (compared.rows >= 0) &", "&", "what stops a step short at once stiff", GAPS),
     (CONTACT + "cloth/layers.py", "late = lag > LAGGED * rubs_as and self.round <= PATIENCE", "late = False",
      "friction that lags is taken",
      SETTLED),

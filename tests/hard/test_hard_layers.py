@@ -12,15 +12,15 @@ THICKNESS = 0.005
 
 @pytest.fixture(scope="module")
 def thrown():
-    """A sheet at 20 m/s onto one that is held at a point, and meshed more finely: (log, positions after each step,
+    """A sheet at 60 m/s onto one that is held at a point, and meshed more finely: (log, positions after each step,
     velocities, the cloths).
 
-    In a step of 1/10 s it goes 2 m, and in a 64th of that still six times the thickness.
+    In a step of 1/10 s it goes 6 m, and in a 64th of that still twenty times the thickness.
     """
     scene, contact = tc.Scene(gravity=None), tc.ClothContact(THICKNESS, 0.3)
     lower, upper = tc.grid(0.3, 10), tc.grid(0.2, 7)
     held = scene.add_cloth(lower, FABRIC, contact=contact)
-    flies = scene.add_cloth(upper, FABRIC, positions=upper.x + [0.04, 0.1, -0.06], velocities=(0, -20, 0), contact=contact)
+    flies = scene.add_cloth(upper, FABRIC, positions=upper.x + [0.04, 0.1, -0.06], velocities=(0, -60, 0), contact=contact)
     scene.pin(held, 60)
     sim = tc.Simulation(scene, h=1 / 10, integrator="backward_euler", threads=1, count_intersections=True)
     places, step = [], sim.stepper.step
@@ -38,11 +38,12 @@ def thrown():
 
 
 @pytest.mark.slow
-def test_a_sheet_at_20_m_s_does_not_pass_through_one_that_is_held_at_a_point(thrown):
+def test_a_sheet_at_60_m_s_does_not_pass_through_one_that_is_held_at_a_point(thrown):
     log, _, v, (_, flies) = thrown
     assert [r.intersections for r in log] == [r.tangled for r in log] == [0] * len(log)
     assert max(r.pinched for r in log) == 0 and max(r.layers for r in log) > 20
-    assert v[flies.start:, 1].mean() > -19 and np.abs(v).max() < 25  # it was met, and nothing was given speed
+    assert len(log) < 30  # 49 where what stops a step short does not get stiffer within it
+    assert v[flies.start:, 1].mean() > -30 and np.abs(v).max() < 25  # it was met, and nothing was given speed
 
 
 @pytest.mark.slow
@@ -57,7 +58,7 @@ def test_nor_does_it_come_nearer_than_a_fifth_of_the_thickness(thrown):
     for x in places:
         near = np.linalg.norm(x[four[:, 0]] - x[four[:, 3]], axis=1) < 0.1  # more than two edges are long
         least.append(distances(kind[near], x[four[near]]).min())
-    assert len(places) == len(log) > 15 and min(least) < 0.3 * THICKNESS  # it was pressed
+    assert len(places) == len(log) > 10 and min(least) < 0.5 * THICKNESS  # it was pressed
     assert min(least) >= 0.2 * (1 - 1e-6) * THICKNESS
 
 

@@ -367,7 +367,7 @@ def test_only_what_nothing_else_can_make_room_for_is_released(small, smallest, m
     """In a small step against what is led, in the smallest whatever comes; nowhere else, and not what went all its way."""
     asked = []
     step = LayerStep.__new__(LayerStep)
-    step.layers = SimpleNamespace(release=lambda every: asked.append(every) or True, off=3, least=0.2,
+    step.layers = SimpleNamespace(release=lambda every: asked.append(every) or True, off=3, least=0.2, release_beside=bool,
                                   intersections=SimpleNamespace(active=False))
     step.contacts = SimpleNamespace(start=SimpleNamespace(small=small, smallest=smallest))
     step.held, step.part, step.agreed, step.released = SimpleNamespace(moving=moving), part, False, False
@@ -376,10 +376,9 @@ def test_only_what_nothing_else_can_make_room_for_is_released(small, smallest, m
     assert asked == ([smallest] if released else [])
 
 
-@pytest.mark.parametrize("part, agreed, off, asks", [(1.0, False, 0, True), (0.5, False, 0, False), (1.0, True, 0, False),
-                                                     (1.0, False, 3, False)])
+@pytest.mark.parametrize("part, agreed, off, asks", [(1.0, False, 0, True), (0.5, False, 3, True), (1.0, True, 0, False)])
 def test_what_beside_a_tangle_ends_too_near_is_released(part, agreed, off, asks):
-    """In steps of any size, where nothing else is wrong: the way was free, forces agreed, and so did the energy."""
+    """In steps of any size; but not where only the energy was wrong."""
     step = LayerStep.__new__(LayerStep)
     step.layers = SimpleNamespace(release_beside=lambda: True, off=off, least=0.2)
     step.contacts = SimpleNamespace(start=SimpleNamespace(small=False, smallest=False))

@@ -217,11 +217,13 @@ class Layers(Checkpointed):
 
     @timed
     def stop_short(self) -> None:
-        """The model went a part of its way only: what stopped it gets stiffer, if it was not new."""
-        p, four = self.near, self.detector.mesh.particles_of(self.blocking)
-        blocks = np.zeros(self.model.n, dtype=bool)
-        blocks[four.ravel()] = True
-        if (blocks[p.vertices].all(axis=1) & (room(p.end, p.radius) < CLOSE)).any():
+        """The model went a part of its way only: pairs with little room left get stiffer, where the solve had taken those that
+        stopped it."""
+        p, compared, blocks = self.near, self.compared, np.zeros(self.model.n, dtype=bool)
+        assert compared is not None
+        blocks[self.detector.mesh.particles_of(self.blocking).ravel()] = True
+        stopped = blocks[p.vertices].all(axis=1) & (compared.rows >= 0) & (room(p.end, p.radius) < CLOSE)
+        if stopped.any():
             self._stiffen()
 
     def _nearest_allowed(self) -> float:
