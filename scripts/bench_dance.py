@@ -78,7 +78,7 @@ def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float) 
     elif garment == "tube":
         mesh = tube((0.165, 0.19), 0.55, *TUBE)
         cloth = scene.add_cloth(mesh, fabric(), positions=mesh.x + [0, 1.0, -0.02], contact=contact)
-        scene.attach(cloth, "top", on)
+        scene.attach(cloth, "top", on, stiffness=BAND[0], most=BAND[1])
     else:
         mesh = tc.load(folder / "skirt.obj")
         cloth = scene.add_cloth(mesh, fabric(), positions=mesh.x + SKIRT, contact=contact)
