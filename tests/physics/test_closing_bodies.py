@@ -125,6 +125,7 @@ def test_what_is_between_bears_and_is_resumed_bit_for_bit():
     sim.run(0.1, fps=60)
     other = tc.Simulation(figure("capsules", 1, False, cells=8), h=H)
     other.resume(state)
+    assert (other.contact_forces() == 0).all() and not any(force.any() for force, _ in other.solid_loads().values())
     other.run(0.1, fps=60)
     assert (sim.positions() == other.positions()).all() and (sim.velocities() == other.velocities()).all()
     lost = {name: value for name, value in state.items() if ".pinches." not in name}

@@ -119,6 +119,9 @@ class Pinches(Checkpointed):
     def resumed(self) -> None:
         """See `Checkpointed`."""
         self.trial = self.accepted
+        self.target = self.forces = np.zeros((len(self.trial.index), 3))
+        self.led = np.zeros(len(self.trial.index), dtype=bool)
+        self.contacts, self.rubbing = VertexContacts.none(), Points.none()
         self._mark()
 
     def _mark(self) -> None:
