@@ -1,12 +1,11 @@
-"""Cloth between two surfaces of solids that leave it no room: it is held midway between them. [BWK03 §5, flypaper] numpy only.
+"""Cloth between two surfaces of solids that leave it no room: it is held midway between them, and rubs along them. [BWK03 §5,
+flypaper] numpy only.
 
 Where an arm closes on a trunk, or a body passes through itself, no place is outside both. A particle there has a height
-above either surface; their sum is the room. Where it ends below what both thicknesses need, the particle is pinched: all of
-its directions are held (S = 0), z leads it by the mean of both surfaces' motions, and towards its share of the room at a
-bounded speed. Cloth that pulls it along the surfaces by more than their friction bears makes it slip: from the next step on
-only the direction across is held, and friction opposes its motion against the mean of both, until it rests on them again. Its
-contacts are none, and what passes through what there does not count. Once there is a quarter more room than needed, and it is
-outside both, it is free again.
+above either surface; their sum is the room. Where it ends below what both thicknesses need, the particle is pinched: the
+direction across is held (S = I - n n^T), z leads it by the mean of both surfaces' motions, and towards its share of the room
+at a bounded speed. Along them both rub it, as if pressed by PRESSURE. Its contacts are none, and what passes through what
+there does not count. Once there is a quarter more room than needed, and it is outside both, it is free again.
 """
 
 from dataclasses import dataclass, field, replace
@@ -95,7 +94,8 @@ class Pinches(Checkpointed):
         where: (n,) whether a particle is pinched in this attempt; around: whether it is, or shares a face with one that is.
         target: (k, 3) where they are led [m]; led: (k,) whether they are, and not held by a script; forces: (k, 3) [N] that it
             took in the last solve.
-        contacts: k of them as one contact with both surfaces each, with the normal across; rubbing: their friction.
+        contacts: k of them as one contact with both surfaces each, with the normal across; slip: (k, 3) [m/s] that
+            the last solve expected against them; rubbing: its friction.
     """
 
     STATE = ("accepted",)
@@ -114,7 +114,7 @@ class Pinches(Checkpointed):
         self.where, self.around = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
         self.target = self.forces = np.zeros((0, 3))
         self.led = np.zeros(0, dtype=bool)
-        self.contacts, self.rubbing = VertexContacts.none(), Points.none()
+        self.contacts, self.slip, self.rubbing = VertexContacts.none(), np.zeros((0, 3)), Points.none()
 
     def resumed(self) -> None:
         """See `Checkpointed`."""
