@@ -12,6 +12,7 @@ import taichi as ti
 import taichi_cloth as tc
 from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
+from taichi_cloth.backend.timing import Clock
 from taichi_cloth.contact.cloth import barrier as repulsion
 from taichi_cloth.contact.cloth.barrier import FLOOR, SHALLOW, room
 from taichi_cloth.contact.cloth.narrow_phase import PINCHED, LayerDetector
@@ -367,7 +368,7 @@ def test_only_what_nothing_else_can_make_room_for_is_released(small, smallest, m
     """In a small step against what is led, in the smallest whatever comes; nowhere else, and not what went all its way."""
     asked = []
     step = LayerStep.__new__(LayerStep)
-    step.layers = SimpleNamespace(release=lambda every: asked.append(every) or True, off=3, least=0.2, release_beside=bool,
+    step.layers = SimpleNamespace(release=lambda every: asked.append(every) or True, off=3, least=0.2,
                                   intersections=SimpleNamespace(active=False))
     step.contacts = SimpleNamespace(start=SimpleNamespace(small=small, smallest=smallest))
     step.held, step.part, step.agreed, step.released = SimpleNamespace(moving=moving), part, False, False
@@ -376,15 +377,21 @@ def test_only_what_nothing_else_can_make_room_for_is_released(small, smallest, m
     assert asked == ([smallest] if released else [])
 
 
-@pytest.mark.parametrize("part, agreed, off, asks", [(1.0, False, 0, True), (0.5, False, 3, True), (1.0, True, 0, False)])
-def test_what_beside_a_tangle_ends_too_near_is_released(part, agreed, off, asks):
-    """In steps of any size; but not where only the energy was wrong."""
+@pytest.mark.parametrize("k, part, settled, asks", [(4, 1.0, False, True), (4, 0.5, False, True), (3, 1.0, False, False),
+                                                    (4, 1.0, True, False)])
+def test_what_beside_a_tangle_ends_too_near_is_released(k, part, settled, asks):
+    """In steps of any size, after five solves; and a solve that is stopped short stiffens what stopped it."""
+    stopped = []
     step = LayerStep.__new__(LayerStep)
-    step.layers = SimpleNamespace(release_beside=lambda: True, off=off, least=0.2)
-    step.contacts = SimpleNamespace(start=SimpleNamespace(small=False, smallest=False))
-    step.held, step.part, step.agreed, step.released = None, part, agreed, False
-    step.solutions = []
-    assert step.give_up(None).rejection == "CONTACT" and step.released is asks
+    step.layers = SimpleNamespace(release_beside=lambda: True, off=0, least=0.2, settled=lambda: settled, ROUNDS=12,
+                                  stop_short=lambda: stopped.append("layers"))
+    step.contacts = SimpleNamespace(ROUNDS=6, solids=SimpleNamespace(stop_short=lambda: stopped.append("solids")))
+    step.clock, step.verdict, step.released = Clock(), SimpleNamespace(changes=0), False
+    step.solutions, step.conclude = [], lambda measures: None
+    step.accounted = lambda ended: ended
+    made = step.judge(k, part, None)
+    assert step.released is asks and (made is not None and made.rejection == "CONTACT") is asks
+    assert stopped == (["solids", "layers"] if part < 1 else [])
 
 
 def crossing_scene() -> tc.Scene:

@@ -137,6 +137,10 @@ class LayerStep(EulerStep):
                 self.layers.stop_short()
             again = self.verdict.changes and k < contacts.ROUNDS
             self.agreed = part == 1 and self.layers.settled() and not again
+        if not self.agreed and k >= BOLD:
+            self.released = self.layers.release_beside()
+            if self.released:
+                return self.refuse(measures)
         ended = self.conclude(measures) if self.agreed else None
         if k < self.layers.ROUNDS // 2:
             ended = self.accounted(ended)
@@ -165,8 +169,11 @@ class LayerStep(EulerStep):
             return self.finish(*ended)
         if self.part < 1 and (start.smallest or (start.small and held is not None and held.moving)):
             self.released = layers.release(start.smallest)  # else nothing presses that does not give way
-        elif not self.agreed:
-            self.released = layers.release_beside()
+        return self.refuse(measures)
+
+    def refuse(self, measures: Measures) -> Outcome:
+        """The end of an attempt that was not made."""
+        layers = self.layers
         why = "its energy grew" if self.agreed else (f"{layers.off} pairs unsettled, smallest gap {layers.least:.2g} of "
                                                      "what it should be")
         return Outcome(CONTACT, f"between layers of cloth, after {len(self.solutions)} solves: a collision-free step is "
