@@ -24,8 +24,7 @@ from taichi_cloth.scene.mesh import face_edges
 FPS = 25.0  # of the dance as it was made
 FRICTION = 0.3
 FILES = {"skirt": ("skirt.obj",), "tube": (),
-         "dress": ("dress_pattern.obj", "dress_stitches.csv", "dress_draped.npz"),
-         "panels": ("dress_pattern.obj", "dress_stitches.csv")}
+         "dress": ("dress_pattern.obj", "dress_stitches.csv", "dress_draped.npz")}
 SKIRT = (0.0, -0.140, -0.046)  # m by which it is brought down and back, to the waist in the dance's first frame
 TUBE = (70, 58)  # cells round and along: 4,130 vertices
 BAND = (50.0, 0.5)  # N/m and N a vertex that hold up what has no shoulders
@@ -71,8 +70,8 @@ def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float) 
     scene, body = tc.Scene(), tc.load_solid(load(folder, "body_dance.npz"))
     on = scene.add_solid(tc.SolidMesh(body.x, filled(body.faces), fps=body.fps * fast), FRICTION, thickness, name="body")
     contact = tc.ClothContact(thickness, FRICTION)
-    if garment in ("dress", "panels"):
-        draped = np.load(folder / "dress_draped.npz")["positions"] if garment == "dress" else None
+    if garment == "dress":
+        draped = np.load(folder / "dress_draped.npz")["positions"]
         made = tc.load_stitched(folder / "dress_pattern.obj", folder / "dress_stitches.csv", positions=draped)
         scene.add_garment(made, fabric(), name="dress", contact=contact)
     elif garment == "tube":

@@ -175,7 +175,7 @@ MUTATIONS = (
     (CONTACT + "cloth/layers.py", "tight = (p.end < self._nearest_allowed() * p.radius) & self.intersections",
      "tight = (p.end < np.inf) & self.intersections", "all pairs of what is tangled let go", BESIDE),
     (CONTACT + "cloth/layers.py", "min() > self.least:", "min() > np.inf:", "what a tangle does not hold let go", BESIDE),
-    (NONLINEAR + "layer_contact.py", "self.released = self.layers.release_beside()", "pass",
+    (NONLINEAR + "layer_contact.py", "k >= BOLD and self.layers.release_beside()", "False",
      "steps get small for what a tangle holds", GIVEN_UP),
     (NONLINEAR + "layer_contact.py", "self.layers.stop_short()", "pass",
      "what stops a step short is as soft in the next solve", THROWN),

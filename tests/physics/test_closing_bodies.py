@@ -106,7 +106,7 @@ def test_an_arm_that_closes_on_a_trunk(body, sheets, smaller, faster):
     assert sum(abs(r.ledger["pins"]) for r in sim.log) < 1e-9  # the tube's top stands still
     gone, led, rubbed = (sum(abs(r.ledger[name]) for r in sim.log) for name in ("unaccounted", "solids", "friction"))
     put_in = led + rubbed
-    assert gone < 0.35 * put_in, f"{gone} of {put_in} J unaccounted for"  # single solves leave their energy's curvature
+    assert gone < 0.15 * put_in, f"{gone} of {put_in} J unaccounted for"  # single solves leave their energy's curvature
     sim.close()
 
 

@@ -41,7 +41,7 @@ class Sides:
     @classmethod
     def join(cls, parts: "list[Sides]") -> "Sides":
         """One after the other."""
-        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in (f.name for f in fields(cls))))
+        return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
 
 
 @ti.data_oriented

@@ -137,10 +137,9 @@ class LayerStep(EulerStep):
                 self.layers.stop_short()
             again = self.verdict.changes and k < contacts.ROUNDS
             self.agreed = part == 1 and self.layers.settled() and not again
-        if not self.agreed and k >= BOLD:
-            self.released = self.layers.release_beside()
-            if self.released:
-                return self.refuse(measures)
+            self.released = not self.agreed and k >= BOLD and self.layers.release_beside()
+        if self.released:
+            return self.refuse(measures)
         ended = self.conclude(measures) if self.agreed else None
         if k < self.layers.ROUNDS // 2:
             ended = self.accounted(ended)
