@@ -155,7 +155,7 @@ MUTATIONS = (
      f"{HARD}::test_cloth_that_starts_inside_is_pushed_out_and_counted"),
     (SURFACES, "speed = cloth + 0.5 *", "speed = 0.5 * cloth + 0.5 *", "edges close in at half their speed", DRIVES),
     (SURFACES, "if d - r < speed:", "if d - r < 0.3 * speed:", "what closes in fast is not looked at", DRIVES),
-    (SURFACES, "if info[2] == 0 or n.dot(out) > INWARD", "if info[2] == 0 or n.dot(out) > 0.9 +  INWARD",
+    (SURFACES, "near = n.dot(out) > INWARD", "near = n.dot(out) > 0.9 + INWARD",
      "edges count only from straight above", SWEPT),
     (SURFACES, "carried = carry(poses, solid, a)", "carried = a", "what sticks to a mesh stays behind", STICKS),
     (SURFACES, "low, high = low - self.margin[0], high + self.margin[0]",

@@ -9,7 +9,7 @@ DIAGONAL = f"{LEVELS}::test_levels_have_the_diagonal_of_what_is_free"
 AGE = f"{LEVELS}::test_levels_that_last_are_made_anew_when_they_have_aged"
 TESTS = (SOLVE, LEVELS)
 
-PCG, MULTI = "taichi_cloth/solver/pcg.py", "taichi_cloth/solver/multilevel.py"
+PCG, MULTI, AGES = "taichi_cloth/solver/pcg.py", "taichi_cloth/solver/multilevel.py", "taichi_cloth/solver/age.py"
 HATS = "taichi_cloth/solver/hierarchy.py"
 POINT, LATTICE = "taichi_cloth/solver/pointwise.py", "taichi_cloth/solver/lattice.py"
 HELD, OPERATOR = "taichi_cloth/system/constraints.py", "taichi_cloth/system/operator.py"
@@ -44,8 +44,8 @@ MUTATIONS = (
      LEVELS),
     (POINT, "self.is_held[i] = 0\n", "pass\n", "who was held stays held", "tests/unit/test_stepper.py " + DENSE),
     # levels
-    (MULTI, "w *= w * self.free(i)", "w *= w", "hats do not end at held particles", f"{DIAGONAL} {SYMMETRIC}"),
-    (MULTI, "own = sym(S @ sym_unpack(own) @ S)", "own = own", "contact's diagonal is not filtered",
+    (MULTI, "out = self.free(i) * block", "out = block", "hats do not end at held particles", f"{DIAGONAL} {SYMMETRIC}"),
+    (MULTI, "out = sym(S @ sym_unpack(block) @ S)", "out = block", "contact's diagonal is not filtered",
      f"{DIAGONAL} {LEVELS}"),
     (MULTI, "                    own += self.T[i]\n", "                    pass\n", "levels know nothing of contact",
      DIAGONAL),
@@ -55,13 +55,15 @@ MUTATIONS = (
      "coarse levels have no say", f"{ITERATIONS} {SYMMETRIC}"),
     (HATS, "z += self.weight[i][k] * self.z[self.node[i][k]]", "z += self.z[self.node[i][k]]",
      "prolongation without weights", SYMMETRIC),
-    (MULTI, "self.inverse_l[n] = sym(sym_unpack(D).inverse()) / size", "self.inverse_l[n] = sym(sym_unpack(D).inverse())",
+    (MULTI, "self.counts[n] / size * sym(sym_unpack(D).inverse())", "self.counts[n] * sym(sym_unpack(D).inverse())",
      "nodes are not scaled back",
      DIAGONAL),
-    (MULTI, "self.excess <= WORTH", "True", "levels last for ever", AGE),
-    (MULTI, "if not np.array_equal(wanted, self.made_for):", "if False:", "levels last though other directions are held", AGE),
-    (MULTI, "if lasting and not self.has_contact", "if lasting", "levels last in contact",
-     f"{LEVELS}::test_levels_do_not_last_in_contact"),
+    (AGES, "self.excess <= WORTH", "True", "levels last for ever", AGE),
+    (AGES, "if np.count_nonzero(wanted != self.made_for) > most:", "if False:", "levels last though others are held",
+     f"{LEVELS}::test_levels_in_contact"),
+    (AGES, "or wanted[-1] != self.made_for[-1]:", "or False:", "levels last though the step is another", AGE),
+    (MULTI, "elif not self.has_contact:", "else:", "levels that last know nothing of what now touches",
+     f"{LEVELS}::test_levels_in_contact"),
     (LATTICE, "owner, where, links = keys[:, 0], keys[:, 1:] / 2, _sharing(node, weight)",
      "owner, where, links = keys[:, 0], keys[:, 1:] / 1, _sharing(node, weight)", "levels do not get coarser", HATS),
     (LATTICE, "node, keys = _split(node, weight, keys, links)", "node, keys = node, keys", "a slit does not part hats",
@@ -84,7 +86,7 @@ MUTATIONS = (
     (PCG, "if norm < 0 or first < 0:", "if False:", "a breakdown is no breakdown",
      f"{SOLVE}::test_indefinite_matrix_is_a_breakdown_not_an_answer tests/unit/test_golden.py"),
     (PCG, "if norm <= SLACK * allowed * first:", "if True:", "all that ends has converged", f"{EXACT} {SOLVE}"),
-    (MULTI, 'STATE = ("inverse_l", "age", ', 'STATE = ("age", ', "levels are forgotten on resume",
+    (MULTI, 'STATE = ("inverse_l", "summed", "age", ', 'STATE = ("age", ', "levels are forgotten on resume",
      f"{LEVELS}::test_a_run_goes_on_with_the_levels_that_it_had"),
     (PCG, "ROUNDING * self.epsilon * math.sqrt(max(size, 0.0)) / first", "1.0", "any residual is rounding",
      f"{SOLVE} {DENSE}"),

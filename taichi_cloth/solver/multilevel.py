@@ -1,12 +1,15 @@
 """Additive multilevel preconditioner: block Jacobi, and the same on lattices over the cloth. [Bramble, Pasciak, Xu 1990]
 
-    P^-1 = S (D^-1 + sum over levels of Q_l D_l^-1 Q_l^T) S
+    P^-1 = S (D^-1 + sum over levels of c_l Q_l D_l^-1 Q_l^T) S
 
 Q_l interpolates from the nodes of level l to the particles, D_l is the block diagonal of Q_l^T A Q_l, summed up from
 the elements without assembling A. Hats end where particles are held in all directions; air drag is left out, and hinges
 count with their trace, as they are in flat cloth and as if nothing were held.
 Symmetric positive definite by its form, for any mesh. Values pass from level to level, so that a cycle costs little
 more than the finest one.
+
+Differs from Bramble, Pasciak and Xu: the factors c_l, in scenes with contact. Levels have much in common, and what is curved,
+or pressed, moves less well with a hat the wider it is.
 """
 
 import numpy as np
@@ -19,53 +22,15 @@ from ..scene.scene import Scene
 from ..system.checkpoint import Checkpointed
 from ..system.held import Held
 from ..system.operator import Operator
+from .age import Age
 from .coarse import Coarse, most_nodes
 from .hierarchy import Hierarchy, LevelFields
 from .lattice import coordinates, levels
 from .pointwise import Pointwise
 
-WORTH = 15  # iterations that making the levels costs: they are made anew when age has cost as many
-LONGEST = 31  # steps in which levels are made anew every time, after they have not lasted
+COUNTS, FADE = 0.6, 0.85  # c of the finest level, and of each over that of the one below; what is solved exactly counts whole
+ALIKE = 0.02  # part of all particles that others may be held of than when levels were made, where contact holds them
 NOTHING = 1e-24  # trace [kg] of a node's block below which it says nothing
-
-
-class Age(Checkpointed):
-    """Whether levels that were made for an earlier system do for this one.
-
-    Attributes:
-        made_for: what was held then, and the span.
-        cost, excess: iterations when they were new, and those beyond since; kept: steps since.
-        wait, pause: steps until they may last again, and the last such pause.
-    """
-
-    STATE = ("made_for", "cost", "excess", "kept", "wait", "pause")
-
-    def __init__(self) -> None:
-        self.made_for: np.ndarray = np.zeros(0)
-        self.cost = self.excess = self.kept = self.wait = self.pause = 0
-
-    def allows(self, wanted: np.ndarray) -> bool:
-        """Whether they last for one more step."""
-        if not np.array_equal(wanted, self.made_for):
-            return False
-        if not self.wait and self.excess <= WORTH:
-            self.kept += 1
-            return True
-        if self.wait:
-            self.wait -= 1
-        else:  # what did not last for two steps is not tried again at once
-            self.pause = min(2 * self.pause + 1, LONGEST) if self.kept < 2 else 0
-            self.wait = self.pause
-        return False
-
-    def begin(self, made_for: np.ndarray) -> None:
-        """They are made anew."""
-        self.made_for, self.cost, self.excess, self.kept = made_for, 0, 0, 0
-
-    def count_iterations(self, iterations: int) -> None:
-        """Of a solve."""
-        self.cost = self.cost or iterations
-        self.excess += max(iterations - self.cost, 0)
 
 
 @ti.data_oriented
@@ -73,7 +38,7 @@ class Multilevel(Checkpointed):
     """Block Jacobi on the particles and on every level; `sweep` applies it to all of a field at once."""
 
     pointwise = False
-    STATE = ("inverse_l", "age", "coarsest")
+    STATE = ("inverse_l", "summed", "age", "coarsest")
 
     def __init__(self, fields: Fields, operator: Operator, scene: Scene) -> None:
         self.jacobi, self.operator = Pointwise(fields, operator), operator
@@ -84,13 +49,16 @@ class Multilevel(Checkpointed):
         made = levels(*_material(scene, model), float(np.median(edges)), _links(scene, model), most)
         self.hats = Hierarchy(fields, made, model.n)
         self.blocks = model.blocks.count
-        self.inverse_l = fields.real(self.hats.start[-1], 6)
+        self.inverse_l, self.summed = (fields.real(self.hats.start[-1], 6) for _ in range(2))
         self.age = Age()
         self.forces = operator.forces
         self.contact = next((f for f in self.forces if f.of_contact), None)
         self.has_contact = self.contact is not None
+        counts: np.ndarray = np.ones(len(made))
         if self.has_contact:
             self.T = fields.real(model.n, 6)
+            counts = COUNTS * FADE ** np.arange(len(made))
+        self.counts = fields.real(self.hats.start[-1], data=np.repeat(counts, [level.count for level in made]))
         for force in self.forces:
             force.build_levels(LevelFields(fields, made))
         self.coarsest: Coarse | None = None
@@ -105,12 +73,21 @@ class Multilevel(Checkpointed):
             self._contact_diagonal()
         if self.coarsest is not None:
             self.coarsest.make(span, self.T if self.has_contact else None)
-        rows = np.zeros((0, 10)) if held is None else np.column_stack([held.index, held.projector.reshape(-1, 9)])
-        made_for = np.append(rows.ravel().astype(np.float64), np.float32(span))  # without its last digits
-        if lasting and not self.has_contact and self.age.allows(made_for):
+        made_for = np.append(self._held_numbers(held), np.float32(span))  # without its last digits
+        if not (lasting and self.age.allows(made_for, ALIKE * self.operator.model.n if self.has_contact else 0)):
+            self._sum_elements(span)
+            self.age.begin(made_for)
+        elif not self.has_contact:
             return
-        self._build_levels(span)
-        self.age.begin(made_for)
+        self._invert()
+
+    def _held_numbers(self, held: Held | None) -> np.ndarray:
+        """What levels were made for: all of what is held, or, where contact holds ever others, which particles are."""
+        if self.has_contact:
+            out = np.zeros(self.operator.model.n)
+            out[() if held is None else held.index] = 1
+            return out
+        return np.zeros(0) if held is None else np.column_stack([held.index, held.projector.reshape(-1, 9)]).ravel()
 
     def forget(self) -> None:
         """What levels were made for is no more: they are made anew."""
@@ -154,32 +131,46 @@ class Multilevel(Checkpointed):
                 self.contact.add_diagonal(t // self.operator.blocks.grain, self.T)
 
     @ti.kernel
-    def _build_levels(self, c: float):
-        """Inverts the nodes' diagonal blocks, of what is free. Where hats meet only seams, what hangs on the other side counts
-        by the particles' blocks."""
+    def _sum_elements(self, c: float):
+        """The elements' part of the nodes' diagonal blocks, of what is free. Where hats meet only seams, what hangs on the
+        other side counts by the particles' blocks."""
         for n in range(self.hats.size[2]):
             D = ti.Vector.zero(float, 6)
-            for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
-                i = self.hats.particles.source[k]
-                w = self.hat(n, i)
-                w *= w * self.free(i)
-                own = sym_scaled_identity(self.operator.model.m[i])
-                if ti.static(self.exact):
+            if ti.static(self.exact):
+                for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
+                    i = self.hats.particles.source[k]
                     if self.jacobi.sewn.of[i] >= 0:
-                        own += self.jacobi.block(i)
-                if ti.static(self.has_contact):
-                    own += self.T[i]
-                    if self.partly(i):
-                        S = sym_unpack(self.jacobi.S[i])
-                        own = sym(S @ sym_unpack(own) @ S)
-                D += w * own
+                        D += self.hat(n, i) ** 2 * self.seen(i, self.jacobi.block(i))
             for k in ti.static(range(len(self.forces))):
                 D = self.forces[k].add_level_block(n, c, D, self)
+            self.summed[n] = D
+
+    @ti.kernel
+    def _invert(self):
+        """Inverts the nodes' diagonal blocks: of elements as they were summed up, of masses, and of what now touches."""
+        for n in range(self.hats.size[2]):
+            D = self.summed[n]
+            for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
+                i = self.hats.particles.source[k]
+                own = sym_scaled_identity(self.operator.model.m[i])
+                if ti.static(self.has_contact):
+                    own += self.T[i]
+                D += self.hat(n, i) ** 2 * self.seen(i, own)
             size = D[0] + D[3] + D[5]
             self.inverse_l[n] = ti.Vector.zero(float, 6)
             if size > NOTHING:  # else all that it meets is held
                 D = D / size + sym_scaled_identity(1e-6)  # of size 1: its determinant is no rounding in f32 either
-                self.inverse_l[n] = sym(sym_unpack(D).inverse()) / size
+                self.inverse_l[n] = self.counts[n] / size * sym(sym_unpack(D).inverse())
+
+    @ti.func
+    def seen(self, i, block):
+        """S_i block S_i, 0 where particle i is held in all directions."""
+        out = self.free(i) * block
+        if ti.static(self.has_contact):
+            if self.partly(i):
+                S = sym_unpack(self.jacobi.S[i])
+                out = sym(S @ sym_unpack(block) @ S)
+        return out
 
     @ti.func
     def hat(self, n, i):

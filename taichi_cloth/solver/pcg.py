@@ -69,7 +69,8 @@ class PCG(Recurrences):
         self.reference = 0.0  # residual norm that the last solve's tolerance was relative to
         self.rms = 0.0  # of the last solve's dv over the particles [m/s]
 
-    def solve(self, tolerance: float, free: bool = False, warm: bool = False, zero: bool = False) -> Solution:
+    def solve(self, tolerance: float, free: bool = False, warm: bool = False, zero: bool = False,
+              reference: float = 0.0) -> Solution:
         """From dv = z (already in place) to dv; A dv is left in As.
 
         Args:
@@ -78,9 +79,10 @@ class PCG(Recurrences):
                 where cloth falls freely.
             warm: dv is not z but what a solve of nearly the same system gave, and its reference is that solve's.
             zero: starts from dv = 0, whatever is in place.
+            reference: residual norm that the tolerance is relative to where that is more.
         """
         solve = self._together if self.together else self._apart
-        ended = solve(tolerance, self.reference if warm else 0.0, int(zero), 0 if free else self.max_iterations)
+        ended = solve(tolerance, self.reference if warm else reference, int(zero), 0 if free else self.max_iterations)
         if free and float(ended[3]) > 0:
             self._translate()
             ended = solve(tolerance, float(ended[3]), 0, self.max_iterations)
@@ -110,7 +112,7 @@ class PCG(Recurrences):
     def _apart(self, tolerance: float, reference: float, zero: int, most: int) -> tuple:
         """(state, iterations, norm of the residual computed afresh, norm that it is relative to, |dv|_P^2, |dv|^2)."""
         norm = self._restart(zero)
-        first = reference if reference > 0 else norm
+        first = max(reference, norm) if reference > 0 else norm
         state, done = DONE, 0
         for _ in range(RESTARTS):
             if not norm > SLACK * tolerance * first:  # also where norm is NaN
@@ -291,7 +293,7 @@ class PCG(Recurrences):
             if stage == BEGIN:
                 first = norm
                 if reference > 0:
-                    first = reference
+                    first = ti.max(reference, norm)
             going = self.count[ROUND] < RESTARTS and norm > SLACK * tolerance * first and self.count[DID] < most
             if stage == CHECK and (self.count[STATE] != DONE or norm > FUTILE * self.norm[LAST]):
                 going = False

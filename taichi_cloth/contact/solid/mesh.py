@@ -281,9 +281,7 @@ class PairDetector:
                 n, w, along = n_1, w_1, along_1
             elif n_1.dot(n) < 0:
                 most = r  # passed through: no distance at the end, but where it came near
-            out = self.tree.normal[i] + self.tree.normal[j]
-            if info[2] == 0 or n.dot(out) > INWARD * out.norm() - 1e-6:  # else it is the far side of the solid
-                self.write(kind, f, t, k, shift, n, w, along, most, i, j, v_0, v_1, v_2, r_0, r, poses, found, rows)
+            self.write(kind, f, t, k, shift, n, w, along, most, i, j, v_0, v_1, v_2, r_0, r, poses, found, rows)
 
     @ti.func
     def write(self, kind, f, t, k, shift, n, w, along, most, i, j, v_0, v_1, v_2, r_0, r, poses: ti.template(),
@@ -295,7 +293,11 @@ class PairDetector:
         at_0 = (1 - along) * self.tree.vertex(i, 0.0) + along * self.tree.vertex(j, 0.0)
         here = w[0] * x[v_0] + w[1] * x[v_1] + w[2] * x[v_2]
         gap = ti.min(n.dot(here - at_1) - r_0, most)
-        if gap < r - r_0:
+        near = gap < r - r_0
+        if near and self.tree.info[t][2] == 1:  # not from the far side of the solid
+            out = self.tree.normal(i) + self.tree.normal(j)
+            near = n.dot(out) > INWARD * out.norm() - 1e-6
+        if near:
             start = w[0] * x_0[v_0] + w[1] * x_0[v_1] + w[2] * x_0[v_2]
             carried = start + at_1 - at_0
             if self.deforms[self.tree.info[t][0]] == 0:

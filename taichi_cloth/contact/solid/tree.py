@@ -62,36 +62,34 @@ class TriangleTree:
         self.count = len(order)
         self.boxes = BVH(fields, self.count)
         self.x = fields.real(start, 6)
-        self.normal = fields.real(start, 3)
         self.corners = fields.integer(self.count, 3, all_corners[order])
         self.info = fields.integer(self.count, 4, all_info[order])
         self.still = all(not s.moves for _, s in self.solids)
         self.placed, self.fastest = False, 0.0
-        self._normals = [_normals(x, s.shape.core()[1]) for (_, s), x in zip(self.solids, locals_)]
+        owner = all_corners[order].ravel()
+        at = np.argsort(owner, kind="stable")
+        self.first = fields.integer(start + 1, data=np.searchsorted(owner[at], np.arange(start + 1)))
+        self.around = fields.integer(3 * self.count, data=at // 3)  # the triangles at each vertex
 
     def set_time(self, t: float, h: float) -> None:
         """Places the triangles at the two ends of a step, and refits."""
         if self.still and self.placed:
             return
-        x, normal = np.empty((self.vertex_count, 6)), np.empty((self.vertex_count, 3))
-        for (_, solid), rows, n in zip(self.solids, self.ranges, self._normals):
+        x = np.empty((self.vertex_count, 6))
+        for (_, solid), rows in zip(self.solids, self.ranges):
             for column, time in ((0, t), (3, t + h)):
                 R, p = solid.pose(time)
                 shape = solid.shape.shape_at(time) if isinstance(solid.shape, SolidMesh) else self.local[rows]
                 x[rows, column: column + 3] = shape @ R.T + p - self.origin
-            normal[rows] = (_normals(solid.shape.shape_at(t), solid.shape.faces) if isinstance(solid.shape, SolidMesh)
-                            and len(solid.shape.x) > 1 else n) @ solid.pose(t)[0].T
         self.fastest = float(np.sqrt(np.max(np.sum((x[:, 3:] - x[:, :3]) ** 2, axis=1))))
-        self._place(x.astype(self.exchange), normal.astype(self.exchange))
+        self._place(x.astype(self.exchange))
         self.placed = True
 
     @ti.kernel
-    def _place(self, x: ti.types.ndarray(), normal: ti.types.ndarray()):
+    def _place(self, x: ti.types.ndarray()):
         for i in range(x.shape[0]):
             for c in ti.static(range(6)):
                 self.x[i][c] = x[i, c]
-            for c in ti.static(range(3)):
-                self.normal[i][c] = normal[i, c]
         for leaf in range(self.boxes.first_leaf):
             low, high = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30])
             for t in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.boxes.size[0])):
@@ -115,6 +113,22 @@ class TriangleTree:
         both = self.x[i]
         a, b = ti.Vector([both[0], both[1], both[2]]), ti.Vector([both[3], both[4], both[5]])
         return a + s * (b - a)
+
+    @ti.func
+    def normal(self, i):
+        """Unit normal at a vertex where the step starts, by the angles of its triangles; 0 where these are degenerate."""
+        out = ti.Vector.zero(float, 3)
+        for k in range(self.first[i], self.first[i + 1]):
+            c = self.corners[self.around[k]]
+            a, b = c[1], c[2]
+            if c[1] == i:
+                a, b = c[2], c[0]
+            elif c[2] == i:
+                a, b = c[0], c[1]
+            p, q = self.vertex(a, 0.0) - self.vertex(i, 0.0), self.vertex(b, 0.0) - self.vertex(i, 0.0)
+            n = p.cross(q)
+            out += ti.atan2(n.norm(), p.dot(q)) * n.normalized(1e-30)
+        return out.normalized(1e-30)
 
     @ti.func
     def closest(self, t, p, s):
@@ -176,18 +190,3 @@ def _sharp(x: np.ndarray, faces: np.ndarray, edges: np.ndarray, code: np.ndarray
     sharp = np.ones(3 * m, dtype=bool)
     sharp[a] = sharp[b] = (rise < 0) & (np.einsum("ij,ij->i", normal[a % m], normal[b % m]) < np.cos(angle))
     return sharp
-
-
-def _normals(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(n, 3) unit vertex normals, weighted by the triangles' angles; 0 where triangles are degenerate."""
-    edge = [x[faces[:, (k + 1) % 3]] - x[faces[:, k]] for k in range(3)]
-    edge = [e / np.maximum(np.linalg.norm(e, axis=1, keepdims=True), 1e-300) for e in edge]
-    normal = np.cross(edge[0], edge[1])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    out = np.zeros_like(x)
-    for k in range(3):
-        angle = np.arccos(np.clip(-np.einsum("ij,ij->i", edge[k], edge[k - 1]), -1, 1))
-        for d in range(3):
-            out[:, d] += np.bincount(faces[:, k], angle * normal[:, d], minlength=len(x))
-    length = np.linalg.norm(out, axis=1, keepdims=True)
-    return np.where(length > 0, out / np.where(length > 0, length, 1), 0.0)

@@ -89,7 +89,7 @@ class LayerStep(EulerStep):
                 system.linearize(h)
         with self.clock.part("CG"):
             z = system.to_go(held, h) if k else None
-            self.solutions.append(system.solve(self.cg_tol, held, h, z=z, again=k > 0))
+            self.solutions.append(system.solve(self.cg_tol, held, h, z=z, again=k > 0, lasting=True))
             if system.base is not None and k == 0:
                 system.add_guess(1.0)
         self.leads = k == 0

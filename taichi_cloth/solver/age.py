@@ -1,0 +1,49 @@
+"""How long what was made for one system serves others. numpy only."""
+
+import numpy as np
+
+from ..system.checkpoint import Checkpointed
+
+WORTH = 15  # iterations that making the levels costs: they are made anew when age has cost as many
+LONGEST = 31  # solves in which levels are made anew every time, after they have not lasted
+
+
+class Age(Checkpointed):
+    """Whether levels that were made for an earlier system do for this one.
+
+    Attributes:
+        made_for: what was held then, and the span.
+        cost, excess: iterations when they were new, and those beyond since; kept: solves since.
+        wait, pause: solves until they may last again, and the last such pause.
+    """
+
+    STATE = ("made_for", "cost", "excess", "kept", "wait", "pause")
+
+    def __init__(self) -> None:
+        self.made_for: np.ndarray = np.zeros(0)
+        self.cost = self.excess = self.kept = self.wait = self.pause = 0
+
+    def allows(self, wanted: np.ndarray, most: float = 0.0) -> bool:
+        """Whether they last for one more solve, with at most so many numbers but the last that are not as wanted."""
+        if len(wanted) != len(self.made_for) or wanted[-1] != self.made_for[-1]:
+            return False
+        if np.count_nonzero(wanted != self.made_for) > most:
+            return False
+        if not self.wait and self.excess <= WORTH:
+            self.kept += 1
+            return True
+        if self.wait:
+            self.wait -= 1
+        else:  # what did not last for two steps is not tried again at once
+            self.pause = min(2 * self.pause + 1, LONGEST) if self.kept < 2 else 0
+            self.wait = self.pause
+        return False
+
+    def begin(self, made_for: np.ndarray) -> None:
+        """They are made anew."""
+        self.made_for, self.cost, self.excess, self.kept = made_for, 0, 0, 0
+
+    def count_iterations(self, iterations: int) -> None:
+        """Of a solve."""
+        self.cost = self.cost or iterations
+        self.excess += max(iterations - self.cost, 0)
