@@ -38,6 +38,7 @@ class LayerStep(EulerStep):
     """A step with layers of cloth in its problem.
 
     Attributes:
+        reference: residual norm with which the step began: what further solves leave undone is held against no less.
         released: whether pairs that leave no room were released, so that the step is worth another attempt.
     """
 
@@ -55,7 +56,7 @@ class LayerStep(EulerStep):
         self.leads = True  # whether held directions were still on their way to their targets
         self.verdict = Verdict(0, 0.0, False)
         self.agreed = self.released = False
-        self.part = 0.0
+        self.part = self.reference = 0.0
 
     def solve(self, k: int) -> Outcome | None:
         """See `StepProblem`."""
@@ -89,7 +90,8 @@ class LayerStep(EulerStep):
                 system.linearize(h)
         with self.clock.part("CG"):
             z = system.to_go(held, h) if k else None
-            self.solutions.append(system.solve(self.cg_tol, held, h, z=z, again=k > 0, lasting=True))
+            self.solutions.append(system.solve(self.cg_tol, held, h, z=z, again=k > 0, lasting=True, reference=self.reference))
+            self.reference = self.reference or system.solver.reference
             if system.base is not None and k == 0:
                 system.add_guess(1.0)
         self.leads = k == 0
