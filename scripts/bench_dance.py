@@ -2,7 +2,8 @@
 
 The data are files of others, in a folder (`--data`, or `data` in the folder that TAICHI_CLOTH_SHARED names): a body's frames
 (body_dance.npz), a dress's panels with stitches and as another program draped it (dress_pattern.obj, dress_stitches.csv,
-dress_draped.npz), a skirt (skirt.obj). A tube needs the body alone. What is not there is left out.
+dress_draped.npz), a skirt (skirt.obj). `panels` is the dress from its flat panels: it is put on here, and then dances. A tube
+needs the body alone. What is not there is left out.
 """
 
 import argparse
@@ -11,6 +12,7 @@ import pathlib
 import sys
 import time
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import results
@@ -23,10 +25,15 @@ from taichi_cloth.scene.mesh import face_edges
 
 FPS = 25.0  # of the dance as it was made
 FRICTION = 0.3
-FILES = {"skirt": ("skirt.obj",), "tube": (),
-         "dress": ("dress_pattern.obj", "dress_stitches.csv", "dress_draped.npz")}
+PATTERN = "dress_pattern.obj", "dress_stitches.csv"
+FILES = {"skirt": ("skirt.obj",), "tube": (), "dress": (*PATTERN, "dress_draped.npz"), "panels": PATTERN}
 SKIRT = (0.0, -0.140, -0.046)  # m by which it is brought down and back, to the waist in the dance's first frame
 TUBE = (70, 58)  # cells round and along: 4,130 vertices
+HUNG = (0.0, 0.784, 0.0)  # m from the flat panels' origin; their file has z up
+FRONT, BACK, ASIDE = (0.0, -0.05, 0.05), (0.0, -0.065, -0.03), {"panel4": 0.115, "panel11": -0.1}  # m by which panels hang
+# lower and further out, clear of the body and its hair, and those of the skirt's front aside, beside each other
+SLEEVES = {"panel13": 1, "panel6": -1}  # flat above the arms: bent round their axes, of the left one, with a radius [m]
+ARM, WIDE = ((0.15, 1.227, -0.067), (0.33, 1.217, -0.06)), 0.05
 BAND = (50.0, 0.5)  # N/m and N a vertex that hold up what has no shoulders
 RINGS = 3  # of neighbours of a pleat's seam
 CROSSINGS = "with_body", "with_itself", "body_elsewhere", "itself_elsewhere"
@@ -62,6 +69,19 @@ def filled(faces: np.ndarray) -> np.ndarray:
     return np.concatenate([faces, np.array(fans, dtype=np.int64).reshape(-1, 3)])
 
 
+def hung(folder: pathlib.Path) -> tc.Garment:
+    """The dress's flat panels, where they can be sewn round the body: none within it, none through another."""
+    made = tc.load_stitched(*(folder / name for name in PATTERN))
+    made = replace(made, positions=made.positions[:, [0, 2, 1]] * [1, 1, -1] + HUNG)
+    for name in (f"panel{k}" for k in range(14)):
+        if name in SLEEVES:
+            made = made.bent(name, np.array(ARM) * [SLEEVES[name], 1, 1], WIDE)
+        else:
+            in_front = made.positions[made.mesh.groups[name], 2].mean() > 0
+            made = made.moved(name, np.array(FRONT if in_front else BACK) + [ASIDE.get(name, 0.0), 0, 0])
+    return made
+
+
 def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float) -> tc.Scene:
     """A garment on the body, both with a thickness [m]; the body goes so many times as fast as it was made. Its mouth and eyes
     are filled, so that it has an inside."""
@@ -74,6 +94,10 @@ def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float) 
         draped = np.load(folder / "dress_draped.npz")["positions"]
         made = tc.load_stitched(folder / "dress_pattern.obj", folder / "dress_stitches.csv", positions=draped)
         scene.add_garment(made, fabric(), name="dress", contact=contact)
+    elif garment == "panels":
+        made = tc.dress(hung(folder), fabric(), scene, contact, tell=print, self_contact=True)
+        print(f"panels: {made.report()}", flush=True)
+        scene.add_garment(made.garment, fabric(), name="dress", contact=contact)
     elif garment == "tube":
         mesh = tube((0.165, 0.19), 0.55, *TUBE)
         cloth = scene.add_cloth(mesh, fabric(), positions=mesh.x + [0, 1.0, -0.02], contact=contact)

@@ -1,7 +1,8 @@
 """From panels that hang round a body to a garment that it wears: sewn without weight, then let down.
 
 1. Sewing: no gravity, air that calms, seams that close by a bounded pull (`forces.closing`), the body smooth; cloth does not
-   meet itself, as panels have to pass each other's edges.
+   meet itself unless asked to, as panels may have to pass each other's edges. What comes near and stays there, as a pleat
+   narrower than a triangle, gets a stronger pull.
 2. Settling: gravity, the body's friction, cloth that meets itself; until the cloth rests.
 """
 
@@ -21,7 +22,10 @@ from ..simulation import Simulation
 
 CALM = 2.0  # N s/m^3, drag of the air in which seams are closed
 SEWING = 3.0  # s in which seams have to close
-PULL = 50.0  # N/m at most, with which seams are closed
+PULL = 50.0  # N/m at most, with which seams are closed,
+FIRMER, FIRMEST = 4.0, 64.0  # times as much where they are nearly closed and do so no further; at most in all
+NEARLY, NEARER = 0.02, 0.8  # m; part of a gap to which it has to come in a tenth of a second
+ROUGH = 1e-3  # relative residual of the solves: only the rest shape counts
 SPARED = 0.5  # of the solids' thickness that cloth keeps from them meanwhile
 SLOW, SHORTEST = 0.05, 0.5  # m/s, RMS, at which cloth rests, not before so many s
 
@@ -53,7 +57,8 @@ class Dressed:
 
 
 def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact | None = None, longest: float = 4.0,
-          h: float = 1 / 60, tell: Callable[[str], None] | None = None, pull: float | None = PULL) -> Dressed:
+          h: float = 1 / 60, tell: Callable[[str], None] | None = None, pull: float | None = PULL,
+          self_contact: bool = False) -> Dressed:
     """Dresses the solids of a scene, as they are at time 0.
 
     Args:
@@ -61,7 +66,10 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
         contact: how the cloth meets itself once it is sewn.
         longest: s after which settling ends, at rest or not.
         tell: called with a line a tenth of a second of simulated time.
-        pull: force a length [N/m] that closes seams; None closes them by whatever force it takes.
+        pull: force a length [N/m] that closes seams, more where they are within centimetres and no longer close; None closes
+            them by whatever force it takes.
+        self_contact: whether cloth meets itself while it is sewn, too: pleats are folded without passing through themselves.
+            For panels that hang beside each other; it takes longer.
 
     Raises:
         SceneError: a body without solids, panels that start inside the body, or seams that do not close, by name.
@@ -73,26 +81,17 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
     checks.instance("dress: fabric", fabric, Fabric)
     checks.maybe(contact, checks.instance, "dress: contact", ClothContact)
     checks.maybe(tell, checks.function, "dress: tell", "line")
+    if checks.flag("dress: self_contact", self_contact) and contact is None:
+        raise SceneError("dress: self_contact needs a contact, which says how")
     h = checks.number("dress: h", h, "s", positive=True, most=0.1)
     longest = checks.number("dress: longest", longest, "s", positive=True)
     still = [_still(s) for s in body.solids]
-    scene = Scene(gravity=None, air=Air(CALM, CALM))
-    scene.solids += [replace(s, thickness=SPARED * s.thickness, friction=0.0) for s in still]
-    scene.add_garment(garment, fabric, pull=pull)
-    sim = Simulation(scene, h=h)
-    try:
-        _refuse_inside(sim, garment)
-        while (gap := sim.seam_gaps().max(initial=0.0)) > 0:
-            if sim.time > SEWING:
-                raise SceneError(_left_open(sim.positions(), garment))
-            _advance(sim, tell, f"sewing, gap {gap:.3g} m")
-        x, sewn = sim.positions(), sim.time
-    finally:
-        sim.close()
+    meanwhile = replace(contact, friction=0.0) if contact is not None and self_contact else None
+    x, sewn = _sewn(garment, fabric, still, meanwhile, h, pull, tell)
     scene = Scene(gravity=body.gravity, air=body.air)
     scene.solids += still
     scene.add_garment(replace(garment, positions=x), fabric, contact=contact)
-    sim = Simulation(scene, h=h)
+    sim = Simulation(scene, h=h, cg_tol=ROUGH)
     try:
         speed = np.inf
         while sim.time < longest and (speed > SLOW or sim.time < SHORTEST):
@@ -102,6 +101,32 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
         return Dressed(replace(garment, positions=sim.positions()), sewn, sim.time, speed <= SLOW, speed, count)
     finally:
         sim.close()
+
+
+def _sewn(garment: Garment, fabric: Fabric, solids: list[Solid], contact: ClothContact | None, h: float,
+          pull: float | None, tell: Callable[[str], None] | None) -> tuple[np.ndarray, float]:
+    """(positions (n, 3) [m] in which all seams are closed, s that it took); `contact` meanwhile, the rest as in `dress`."""
+    x, time, firm, gap = garment.positions, 0.0, 1.0, np.inf
+    while gap > 0:
+        scene = Scene(gravity=None, air=Air(CALM, CALM))
+        scene.solids += [replace(s, thickness=SPARED * s.thickness, friction=0.0) for s in solids]
+        scene.add_garment(replace(garment, positions=x), fabric, contact=contact, pull=None if pull is None else firm * pull)
+        sim = Simulation(scene, h=h, cg_tol=ROUGH)
+        try:
+            if firm == 1:
+                _refuse_inside(sim, garment)
+            before = np.inf
+            while (gap := sim.seam_gaps().max(initial=0.0)) > 0:
+                if time + sim.time > SEWING:
+                    raise SceneError(_left_open(sim.positions(), garment))
+                if pull is not None and firm < FIRMEST and NEARER * before < gap < NEARLY:
+                    break
+                before = gap
+                _advance(sim, tell, f"sewing, gap {gap:.3g} m")
+            x, time, firm = sim.positions(), time + sim.time, FIRMER * firm
+        finally:
+            sim.close()
+    return x, time
 
 
 def _advance(sim: Simulation, tell: Callable[[str], None] | None, what: str) -> None:

@@ -1,17 +1,21 @@
 """A garment: panels as one mesh, and the rows of vertices that are sewn to each other. numpy only."""
 
+from __future__ import annotations
+
 import os
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .. import checks
 from ..errors import SceneError, near, shown
 from .mesh import TriMesh
 
 Row = tuple[np.ndarray, np.ndarray, float | str]
+FLAT = 1e-2  # of its width by which a flat panel's vertices may be off its plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +48,59 @@ class Garment:
         """Largest distance [m] between vertices that are sewn to each other."""
         x = self.positions
         return max((float(np.linalg.norm(x[a] - x[b], axis=1).max()) for a, b, _ in self.seams), default=0.0)
+
+    def moved(self, panel: str, by: ArrayLike) -> Garment:
+        """The garment with a panel brought by (3,) [m] from where it hangs.
+
+        Raises:
+            SceneError: no such group, or a vector that is none.
+        """
+        rows, x = self._rows("moved", panel), self.positions.copy()
+        x[rows] += checks.vector("moved: by", by, "m")
+        return replace(self, positions=x)
+
+    def bent(self, panel: str, around: ArrayLike, radius: float) -> Garment:
+        """The garment with a flat panel bent round an axis beside it, as a sleeve that hangs above an arm round the arm.
+
+        The panel stays where it is along the axis, and its middle on that side of it. What is u across the axis in the panel's
+        plane comes to the angle u / radius: no length changes.
+
+        Args:
+            around: (2, 3) ends of the axis [m].
+            radius: [m] at which it is bent.
+
+        Raises:
+            SceneError: no such group, no axis, a panel that is not flat, stands across the axis or has its middle on it, or is
+                wider than the way round.
+        """
+        rows, what = self._rows("bent", panel), f"bent: panel {panel!r}"
+        low, high = checks.array("bent: around", around, (2, 3), row="end")
+        r, x = checks.number("bent: radius", radius, "m", positive=True), self.positions[rows]
+        middle = (x.min(axis=0) + x.max(axis=0)) / 2
+        size, flat = np.linalg.svd(x - x.mean(axis=0), full_matrices=False)[1:]
+        if not np.linalg.norm(high - low) > 0:
+            raise SceneError("bent: both ends of the axis are in one place")
+        v = (high - low) / np.linalg.norm(high - low)
+        along, out = v - (v @ flat[2]) * flat[2], middle - low - ((middle - low) @ v) * v
+        if not size[2] <= FLAT * size[1]:
+            raise SceneError(f"{what} is not flat")
+        if np.linalg.norm(along) < 0.5 or not np.linalg.norm(out) > FLAT * r:
+            raise SceneError(f"{what} stands across the axis, or has its middle on it: turn or move it first")
+        along, out = along / np.linalg.norm(along), out / np.linalg.norm(out)
+        side = np.cross(v, out)
+        across = np.cross(along, flat[2])
+        u = (x - middle) @ (across if across @ side > 0 else -across)
+        if np.ptp(u) > 2 * np.pi * r:
+            raise SceneError(f"{what} is {np.ptp(u):.3g} m wide, and the way round is {2 * np.pi * r:.3g} m")
+        angle, s = u / r, (middle - low) @ v + (x - middle) @ along
+        there, positions = low + s[:, None] * v, self.positions.copy()
+        positions[rows] = there + r * (np.cos(angle)[:, None] * out + np.sin(angle)[:, None] * side)
+        return replace(self, positions=positions)
+
+    def _rows(self, what: str, panel: str) -> np.ndarray:
+        if panel not in self.mesh.groups:
+            raise SceneError(f"{what}: there is no panel {shown(panel)}; there are {', '.join(self.mesh.groups)}")
+        return self.mesh.groups[panel]
 
     def save(self, path: str | Path) -> None:
         """Writes a .npz that `load_garment` reads.

@@ -1,0 +1,109 @@
+"""Panels of a meshed garment are moved and bent to where they can be sewn; dressing closes what the usual pull does not."""
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth.garment import dressing
+
+FABRIC = tc.Fabric(0.2, tc.Stretch(1000, 0.5), tc.Shear(100, 0.05), tc.Bend(1e-5))
+
+
+def turned(rng) -> np.ndarray:
+    """A rotation (3, 3) at random."""
+    q = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    return q * np.linalg.det(q)
+
+
+def test_a_panel_is_moved_and_the_others_stay():
+    mesh = tc.grid(0.2, (4, 4))
+    two = tc.TriMesh(np.concatenate([mesh.x, mesh.x + [0.5, 0, 0]]), np.concatenate([mesh.faces, mesh.faces + 25]),
+                     np.concatenate([mesh.uv, mesh.uv + [0.5, 0]]), {"left": np.arange(25), "right": np.arange(25, 50)})
+    garment = tc.Garment(two, ())
+    by = garment.moved("right", (0.1, -0.2, 0.3)).positions - garment.positions
+    assert (by[:25] == 0).all() and by[25:] == pytest.approx(np.tile([0.1, -0.2, 0.3], (25, 1)))
+    with pytest.raises(tc.SceneError, match="there is no panel 'middle'; there are left, right"):
+        garment.moved("middle", (0, 0, 0))
+
+
+def test_a_sleeve_is_bent_round_an_arm(rng):
+    """However arm and sleeve lie: every vertex at the radius, angles and places along the axis as in the panel, and lengths
+    those of the panel but for chords."""
+    r, R, at = 0.06, turned(rng), rng.standard_normal(3)
+    mesh = tc.grid((0.3, 0.2), (60, 40))
+    flat = mesh.uv - [0.15, 0.1]
+    above = np.column_stack([flat[:, 1] + 0.25, np.full(len(flat), 0.1), flat[:, 0]])  # 10 cm over an arm along x
+    sleeve = tc.Garment(mesh, (), above @ R.T + at)
+    arm = np.array([[0.1, 0, 0], [0.5, 0, 0]]) @ R.T + at
+    x = (tc.Garment(tc.TriMesh(mesh.x, mesh.faces, mesh.uv, {"sleeve": np.arange(len(flat))}), (), sleeve.positions)
+         .bent("sleeve", arm, r).positions - at) @ R
+    assert np.hypot(x[:, 1], x[:, 2]) == pytest.approx(r, abs=1e-9) and x[:, 0] == pytest.approx(above[:, 0], abs=1e-9)
+    assert r * np.arctan2(x[:, 2], x[:, 1]) == pytest.approx(flat[:, 0], abs=1e-9)  # its middle stays above the arm
+    edges = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    was, now = (np.linalg.norm(np.diff(q[edges], axis=1)[:, 0], axis=1) for q in (above, x))
+    assert 1 - (0.005 / r) ** 2 / 24 - 1e-9 < (now / was).min() and (now / was).max() < 1 + 1e-9
+
+
+def test_what_cannot_be_bent_is_named():
+    mesh = tc.grid((0.3, 0.2), (6, 4), plane="xy")
+    garment = tc.Garment(tc.TriMesh(mesh.x, mesh.faces, mesh.uv, {"sleeve": np.arange(35)}), ())
+    beside = [[0.15, -1, -0.2], [0.15, 1, -0.2]]
+    assert np.hypot(*(garment.bent("sleeve", beside, 0.1).positions - [0.15, 0, -0.2])[:, [0, 2]].T) == pytest.approx(0.1)
+    for around, r, what in ((beside, 0.04, "is 0.3 m wide, and the way round is 0.251 m"),
+                            ([[0.15, 0.1, -1], [0.15, 0.1, 1]], 0.1, "stands across the axis"),
+                            ([[0.15, -1, 0], [0.15, 1, 0]], 0.1, "its middle on it"),
+                            ([[0, 0, 1], [0, 0, 1]], 0.1, "one place"), (beside, 0.0, "radius"), (beside[:1], 0.1, "around")):
+        with pytest.raises(tc.SceneError, match=what):
+            garment.bent("sleeve", around, r)
+    with pytest.raises(tc.SceneError, match="is not flat"):
+        garment.bent("sleeve", beside, 0.1).bent("sleeve", beside, 0.1)
+    with pytest.raises(tc.SceneError, match="there is no panel 'cuff'; there are sleeve"):
+        garment.bent("cuff", beside, 0.1)
+
+
+def ball() -> tc.Scene:
+    """A body that is out of the way."""
+    scene = tc.Scene(gravity=None)
+    scene.add_solid(tc.Sphere(0.1), friction=0.3, thickness=0.003, position=(0, -1, 0), name="ball")
+    return scene
+
+
+def tuck() -> tc.Garment:
+    """A sheet of 12 x 6 cm, two columns of which, 1 cm apart, are sewn to each other: k = 1000 N/m has to be overcome."""
+    mesh = tc.grid((0.12, 0.06), (12, 6), plane="xy")
+    a, b = (np.flatnonzero(abs(mesh.uv[:, 0] - u) < 1e-6) for u in (0.05, 0.06))
+    return tc.Garment(mesh, ((a, b, 0.0),))
+
+
+@pytest.mark.slow
+def test_a_pleat_narrower_than_a_triangle_is_closed_by_more(monkeypatch):
+    """50 N/m leave it .95 cm apart; four times as much, again and again, closes it, and without that it is named."""
+    told: list[str] = []
+    made = tc.dress(tuck(), FABRIC, ball(), longest=0.5, tell=told.append)
+    assert made.garment.gap() == 0 and made.sewn < 1
+    monkeypatch.setattr(dressing, "FIRMEST", 1.0)
+    with pytest.raises(tc.SceneError, match="1 of 1 seams are still open after 3 s; the widest is seam 0, .* with 0.009"):
+        tc.dress(tuck(), FABRIC, ball(), longest=0.5)
+
+
+def curtain() -> tc.Garment:
+    """Two panels, a sheet between them that is larger than both, and seams that lead through it."""
+    outer, inner = tc.grid(0.1, (4, 4), plane="xy"), tc.grid(0.2, (8, 8), plane="xy")
+    x = np.concatenate([outer.x + [0.05, 0.05, 0.05], outer.x + [0.05, 0.05, -0.05], inner.x])
+    faces = np.concatenate([outer.faces, outer.faces + 25, inner.faces + 50])
+    mesh = tc.TriMesh(x, faces, np.concatenate([outer.uv, outer.uv + [0.5, 0], inner.uv + [1, 0]]),
+                      {"front": np.arange(25), "back": np.arange(25, 50), "sheet": np.arange(50, len(x))})
+    rows = (np.flatnonzero(outer.uv[:, 0] < 1e-9), np.flatnonzero(outer.uv[:, 0] > 0.0999))
+    return tc.Garment(mesh, tuple((row, row + 25, 0.0) for row in rows))
+
+
+@pytest.mark.slow
+def test_cloth_meets_itself_while_it_is_sewn_where_asked_to():
+    """Without, the panels are sewn to each other through the sheet between them; with it they are not, and that is said."""
+    contact = tc.ClothContact(0.003, 0.3)
+    made = tc.dress(curtain(), FABRIC, ball(), contact, longest=0.1)
+    assert made.garment.gap() == 0
+    with pytest.raises(tc.SceneError, match="2 of 2 seams are still open after 3 s"):
+        tc.dress(curtain(), FABRIC, ball(), contact, longest=0.1, self_contact=True)
+    with pytest.raises(tc.SceneError, match="self_contact needs a contact"):
+        tc.dress(curtain(), FABRIC, ball(), self_contact=True)
