@@ -23,6 +23,7 @@ SOFT, WORKED = SPRINGS + "derivatives", SPRINGS + "all_of_their_work_is_accounte
 CURVES, PATTERN = "taichi_cloth/garment/curves.py", "taichi_cloth/garment/pattern.py"
 MESHER = "taichi_cloth/garment/mesher.py"
 FILE, GARMENT = "taichi_cloth/garment/garmentcode.py", "taichi_cloth/scene/garment.py"
+DRESSING, PLACED = "taichi_cloth/garment/dressing.py", "tests/unit/test_placed_panels.py"
 STITCHED, SEWN_SHAPE = "taichi_cloth/garment/stitched.py", "taichi_cloth/contact/cloth/sewn_shape.py"
 OVER_SEAMS = "tests/physics/test_near_starts.py::test_panels_that_lie_apart_are_as_near_as_their_seam_is_long"
 
@@ -150,4 +151,10 @@ MUTATIONS = (
      "forces that are asked for know no dashpot", DRAWN_BY),
     (CLOSE, "damped += 0.5 *", "damped += 1.0 *", "twice the damping", REACHED),
     ("taichi_cloth/system/stitches.py", "self.pulled &= ~near", "pass", "what is closed is pulled on", REACHED),
+    (GARMENT, "x[rows] += checks", "x += checks", "all panels are moved", PLACED),
+    (GARMENT, "u / r, (middle - low) @ v +", "u / r, 0 *", "a bent panel leaves its place along the axis", PLACED),
+    (GARMENT, "across if across @ side > 0 else -across", "across", "a panel is bent to the wrong side", PLACED),
+    (GARMENT, "if not size[2] <= FLAT * size[1]:", "if False:", "what is not flat is bent", PLACED),
+    (DRESSING, "firm < FIRMEST and", "False and", "what no longer closes gets no stronger pull", PLACED),
+    (DRESSING, "contact=contact, pull=None if", "pull=None if", "cloth does not meet itself while it is sewn", PLACED),
 )
