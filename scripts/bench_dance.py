@@ -95,7 +95,7 @@ def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float) 
         made = tc.load_stitched(folder / "dress_pattern.obj", folder / "dress_stitches.csv", positions=draped)
         scene.add_garment(made, fabric(), name="dress", contact=contact)
     elif garment == "panels":
-        made = tc.dress(hung(folder), fabric(), scene, contact, tell=print, self_contact=True)
+        made = tc.dress(hung(folder), fabric(), scene, contact, tell=lambda line: print(line, flush=True))
         print(f"panels: {made.report()}", flush=True)
         scene.add_garment(made.garment, fabric(), name="dress", contact=contact)
     elif garment == "tube":

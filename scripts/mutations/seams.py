@@ -156,5 +156,4 @@ MUTATIONS = (
     (GARMENT, "across if across @ side > 0 else -across", "across", "a panel is bent to the wrong side", PLACED),
     (GARMENT, "if not size[2] <= FLAT * size[1]:", "if False:", "what is not flat is bent", PLACED),
     (DRESSING, "firm < FIRMEST and", "False and", "what no longer closes gets no stronger pull", PLACED),
-    (DRESSING, "contact=contact, pull=None if", "pull=None if", "cloth does not meet itself while it is sewn", PLACED),
 )

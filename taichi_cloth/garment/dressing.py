@@ -1,8 +1,8 @@
 """From panels that hang round a body to a garment that it wears: sewn without weight, then let down.
 
 1. Sewing: no gravity, air that calms, seams that close by a bounded pull (`forces.closing`), the body smooth; cloth does not
-   meet itself unless asked to, as panels may have to pass each other's edges. What comes near and stays there, as a pleat
-   narrower than a triangle, gets a stronger pull.
+   meet itself, as panels have to pass each other's edges. What comes near and stays there, as a pleat narrower than a triangle,
+   gets a stronger pull.
 2. Settling: gravity, the body's friction, cloth that meets itself; until the cloth rests.
 """
 
@@ -57,8 +57,7 @@ class Dressed:
 
 
 def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact | None = None, longest: float = 4.0,
-          h: float = 1 / 60, tell: Callable[[str], None] | None = None, pull: float | None = PULL,
-          self_contact: bool = False) -> Dressed:
+          h: float = 1 / 60, tell: Callable[[str], None] | None = None, pull: float | None = PULL) -> Dressed:
     """Dresses the solids of a scene, as they are at time 0.
 
     Args:
@@ -68,8 +67,6 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
         tell: called with a line a tenth of a second of simulated time.
         pull: force a length [N/m] that closes seams, more where they are within centimetres and no longer close; None closes
             them by whatever force it takes.
-        self_contact: whether cloth meets itself while it is sewn, too: pleats are folded without passing through themselves.
-            For panels that hang beside each other; it takes longer.
 
     Raises:
         SceneError: a body without solids, panels that start inside the body, or seams that do not close, by name.
@@ -81,13 +78,10 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
     checks.instance("dress: fabric", fabric, Fabric)
     checks.maybe(contact, checks.instance, "dress: contact", ClothContact)
     checks.maybe(tell, checks.function, "dress: tell", "line")
-    if checks.flag("dress: self_contact", self_contact) and contact is None:
-        raise SceneError("dress: self_contact needs a contact, which says how")
     h = checks.number("dress: h", h, "s", positive=True, most=0.1)
     longest = checks.number("dress: longest", longest, "s", positive=True)
     still = [_still(s) for s in body.solids]
-    meanwhile = replace(contact, friction=0.0) if contact is not None and self_contact else None
-    x, sewn = _sewn(garment, fabric, still, meanwhile, h, pull, tell)
+    x, sewn = _sewn(garment, fabric, still, h, pull, tell)
     scene = Scene(gravity=body.gravity, air=body.air)
     scene.solids += still
     scene.add_garment(replace(garment, positions=x), fabric, contact=contact)
@@ -103,14 +97,14 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
         sim.close()
 
 
-def _sewn(garment: Garment, fabric: Fabric, solids: list[Solid], contact: ClothContact | None, h: float,
-          pull: float | None, tell: Callable[[str], None] | None) -> tuple[np.ndarray, float]:
-    """(positions (n, 3) [m] in which all seams are closed, s that it took); `contact` meanwhile, the rest as in `dress`."""
+def _sewn(garment: Garment, fabric: Fabric, solids: list[Solid], h: float, pull: float | None,
+          tell: Callable[[str], None] | None) -> tuple[np.ndarray, float]:
+    """(positions (n, 3) [m] in which all seams are closed, s that it took); see `dress`."""
     x, time, firm, gap = garment.positions, 0.0, 1.0, np.inf
     while gap > 0:
         scene = Scene(gravity=None, air=Air(CALM, CALM))
         scene.solids += [replace(s, thickness=SPARED * s.thickness, friction=0.0) for s in solids]
-        scene.add_garment(replace(garment, positions=x), fabric, contact=contact, pull=None if pull is None else firm * pull)
+        scene.add_garment(replace(garment, positions=x), fabric, pull=None if pull is None else firm * pull)
         sim = Simulation(scene, h=h, cg_tol=ROUGH)
         try:
             if firm == 1:

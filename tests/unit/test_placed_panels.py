@@ -84,26 +84,3 @@ def test_a_pleat_narrower_than_a_triangle_is_closed_by_more(monkeypatch):
     monkeypatch.setattr(dressing, "FIRMEST", 1.0)
     with pytest.raises(tc.SceneError, match="1 of 1 seams are still open after 3 s; the widest is seam 0, .* with 0.009"):
         tc.dress(tuck(), FABRIC, ball(), longest=0.5)
-
-
-def curtain() -> tc.Garment:
-    """Two panels, a sheet between them that is larger than both, and seams that lead through it."""
-    outer, inner = tc.grid(0.1, (4, 4), plane="xy"), tc.grid(0.2, (8, 8), plane="xy")
-    x = np.concatenate([outer.x + [0.05, 0.05, 0.05], outer.x + [0.05, 0.05, -0.05], inner.x])
-    faces = np.concatenate([outer.faces, outer.faces + 25, inner.faces + 50])
-    mesh = tc.TriMesh(x, faces, np.concatenate([outer.uv, outer.uv + [0.5, 0], inner.uv + [1, 0]]),
-                      {"front": np.arange(25), "back": np.arange(25, 50), "sheet": np.arange(50, len(x))})
-    rows = (np.flatnonzero(outer.uv[:, 0] < 1e-9), np.flatnonzero(outer.uv[:, 0] > 0.0999))
-    return tc.Garment(mesh, tuple((row, row + 25, 0.0) for row in rows))
-
-
-@pytest.mark.slow
-def test_cloth_meets_itself_while_it_is_sewn_where_asked_to():
-    """Without, the panels are sewn to each other through the sheet between them; with it they are not, and that is said."""
-    contact = tc.ClothContact(0.003, 0.3)
-    made = tc.dress(curtain(), FABRIC, ball(), contact, longest=0.1)
-    assert made.garment.gap() == 0
-    with pytest.raises(tc.SceneError, match="2 of 2 seams are still open after 3 s"):
-        tc.dress(curtain(), FABRIC, ball(), contact, longest=0.1, self_contact=True)
-    with pytest.raises(tc.SceneError, match="self_contact needs a contact"):
-        tc.dress(curtain(), FABRIC, ball(), self_contact=True)
