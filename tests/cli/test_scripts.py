@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 from test_cli import ROOT, call_script
 
+import taichi_cloth as tc
+from taichi_cloth.scene.intersections import count_crossings, count_self_crossings
+
 pytestmark = pytest.mark.slow
 
 BENCHES = {
@@ -41,6 +44,20 @@ def test_the_dance_names_what_is_absent_and_runs_where_it_is(tmp_path, shared):
     row, = json.loads(file.read_text())["rows"]
     assert row["frames"] == 2 and row["counted"] == 2 and row["smallest_h"] > 0 and not row["problem"]
     assert row["with_body"] == row["with_itself"] == 0 and "sim.log[" in done.stdout
+
+
+def test_flat_panels_hang_clear_of_the_body_and_of_each_other(shared, monkeypatch):
+    """The dress of the reference data, before it is put on: counted from positions."""
+    if not (shared / "data" / "dress_pattern.obj").is_file():
+        pytest.skip("the dress of the reference data is not there")
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    import bench_dance
+
+    made, body = bench_dance.hung(shared / "data"), tc.load_solid(shared / "data" / "body_dance.npz")
+    x, faces = made.positions, made.mesh.faces
+    assert count_self_crossings(x, faces) == 0 and count_crossings(x, faces, body.x[0], bench_dance.filled(body.faces)) == 0
+    sleeve = x[made.mesh.groups["panel13"]]
+    assert len(made.seams) == 1025 and made.gap() < 0.4 and np.ptp(sleeve[:, 1]) > 0.07  # round the arm, not above it
 
 
 def test_peers_in_contact_name_who_is_absent(tmp_path):
