@@ -70,7 +70,7 @@ class PCG(Recurrences):
         self.rms = 0.0  # of the last solve's dv over the particles [m/s]
 
     def solve(self, tolerance: float, free: bool = False, warm: bool = False, zero: bool = False,
-              reference: float = 0.0) -> Solution:
+              least: float = 0.0) -> Solution:
         """From dv = z (already in place) to dv; A dv is left in As.
 
         Args:
@@ -79,13 +79,13 @@ class PCG(Recurrences):
                 where cloth falls freely.
             warm: dv is not z but what a solve of nearly the same system gave, and its reference is that solve's.
             zero: starts from dv = 0, whatever is in place.
-            reference: residual norm that the tolerance is relative to where that is more.
+            least: residual norm that the tolerance is relative to where its own is less.
         """
         solve = self._together if self.together else self._apart
-        ended = solve(tolerance, self.reference if warm else reference, int(zero), 0 if free else self.max_iterations)
+        ended = solve(tolerance, self.reference if warm else 0.0, least, int(zero), 0 if free else self.max_iterations)
         if free and float(ended[3]) > 0:
             self._translate()
-            ended = solve(tolerance, float(ended[3]), 0, self.max_iterations)
+            ended = solve(tolerance, float(ended[3]), least, 0, self.max_iterations)
             if self.balanced:
                 self._balance()
         state, done = int(ended[0]), int(ended[1])
@@ -109,10 +109,10 @@ class PCG(Recurrences):
         """Filtered residual norms of the last solve, one an iteration, as the recurrence has them."""
         return np.sqrt(np.maximum(self.history.to_numpy()[: self.last], 0))
 
-    def _apart(self, tolerance: float, reference: float, zero: int, most: int) -> tuple:
+    def _apart(self, tolerance: float, reference: float, least: float, zero: int, most: int) -> tuple:
         """(state, iterations, norm of the residual computed afresh, norm that it is relative to, |dv|_P^2, |dv|^2)."""
         norm = self._restart(zero)
-        first = max(reference, norm) if reference > 0 else norm
+        first = max(reference if reference > 0 else norm, least)
         state, done = DONE, 0
         for _ in range(RESTARTS):
             if not norm > SLACK * tolerance * first:  # also where norm is NaN
@@ -194,7 +194,8 @@ class PCG(Recurrences):
         return self.conclude(target, iteration)
 
     @ti.kernel
-    def _together(self, tolerance: ti.f64, reference: ti.f64, zero: int, most: int) -> ti.types.vector(6, ti.f64):
+    def _together(self, tolerance: ti.f64, reference: ti.f64, least: ti.f64, zero: int,
+                  most: int) -> ti.types.vector(6, ti.f64):
         """`_apart` in one launch, by a phase scheduler."""
         for _ in range(1):
             self.phases.start(COPY)
@@ -209,7 +210,7 @@ class PCG(Recurrences):
                         if block >= 0:
                             self.work(kind, block, zero)
                             if self.phases.last(phase):
-                                self.phases.turn(self.after(kind, tolerance, reference, most))
+                                self.phases.turn(self.after(kind, tolerance, reference, least, most))
         return ti.Vector([ti.cast(self.count[STATE], ti.f64), ti.cast(self.count[DID], ti.f64), self.norm[LAST],
                           self.norm[FIRST], self.scalar[3], self.scalar[4]])
 
@@ -242,7 +243,7 @@ class PCG(Recurrences):
                     self.preconditioner.solve_block(block)
 
     @ti.func
-    def after(self, kind, tolerance, reference, most):
+    def after(self, kind, tolerance, reference, least, most):
         """The kind of phase that follows."""
         following = MULTIPLY
         if kind == MULTIPLY:
@@ -266,14 +267,14 @@ class PCG(Recurrences):
         elif kind == GIVE:
             following = CORRECT
         elif kind != COPY and kind != SUM_UP:
-            following = self.decide(tolerance, reference, most)
+            following = self.decide(tolerance, reference, least, most)
         if ti.static(self.operator.couples):
             if following == MULTIPLY and kind != SUM_UP:
                 following = SUM_UP
         return following
 
     @ti.func
-    def decide(self, tolerance, reference, most):
+    def decide(self, tolerance, reference, least, most):
         """What a phase scheduler does after a residual or an iteration."""
         following = MULTIPLY
         if self.count[STAGE] == ITERATE:
@@ -293,7 +294,8 @@ class PCG(Recurrences):
             if stage == BEGIN:
                 first = norm
                 if reference > 0:
-                    first = ti.max(reference, norm)
+                    first = reference
+                first = ti.max(first, least)
             going = self.count[ROUND] < RESTARTS and norm > SLACK * tolerance * first and self.count[DID] < most
             if stage == CHECK and (self.count[STATE] != DONE or norm > FUTILE * self.norm[LAST]):
                 going = False

@@ -90,7 +90,7 @@ class LayerStep(EulerStep):
                 system.linearize(h)
         with self.clock.part("CG"):
             z = system.to_go(held, h) if k else None
-            self.solutions.append(system.solve(self.cg_tol, held, h, z=z, again=k > 0, lasting=True, reference=self.reference))
+            self.solutions.append(system.solve(self.cg_tol, held, h, z=z, again=k > 0, lasting=True, least=self.reference))
             self.reference = self.reference or system.solver.reference
             if system.base is not None and k == 0:
                 system.add_guess(1.0)

@@ -113,7 +113,7 @@ class System:
 
     def solve(self, tolerance: float, held: Held | None, h: float = 0.0, z: np.ndarray | None = None,
               warm: bool = False, fresh: bool = True, lead: float = 0.0, lasting: bool = False,
-              again: bool = False, reference: float = 0.0) -> Solution:
+              again: bool = False, least: float = 0.0) -> Solution:
         """Solves the system as linearized; without what of forces may not be semidefinite where it turns out not to be.
 
         Args:
@@ -125,7 +125,7 @@ class System:
             lead: span [s] in which positions x + lead dv get to the targets, instead of h.
             lasting: coarse levels made for an earlier system may do.
             again: whether the model is no longer at the start of the step of size h.
-            reference: residual norm that the tolerance is relative to where that is more than the solve's own.
+            least: residual norm that the tolerance is relative to where the solve's own is less.
             fresh: False keeps all of the preconditioner of the last solve, of a similar system with the same directions held.
         """
         self.held, self._kept, self._kept_tension = held, None, None
@@ -143,11 +143,11 @@ class System:
             self.filter.lead(held.index, held.projector, held.target, lead)
         if fresh:
             self.preconditioner.make(self.span, held, lasting)
-        solution = self.solver.solve(tolerance, held is None and not warm and sewn is None, warm, zero, reference)
+        solution = self.solver.solve(tolerance, held is None and not warm and sewn is None, warm, zero, least)
         if solution.status == BREAKDOWN and self._indefinite and not self._definite:
             self._leave_out(True)
             self.meter.linearize(self.span, self._moves)
-            return self.solve(tolerance, held, h, z, False, fresh, lead, lasting, again, reference)
+            return self.solve(tolerance, held, h, z, False, fresh, lead, lasting, again, least)
         if fresh and not warm:
             self.preconditioner.count_iterations(solution.iterations)
         return solution
