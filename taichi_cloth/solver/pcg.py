@@ -112,7 +112,8 @@ class PCG(Recurrences):
     def _apart(self, tolerance: float, reference: float, least: float, zero: int, most: int) -> tuple:
         """(state, iterations, norm of the residual computed afresh, norm that it is relative to, |dv|_P^2, |dv|^2)."""
         norm = self._restart(zero)
-        first = max(reference if reference > 0 else norm, least)
+        first = reference if reference > 0 else norm
+        first = max(first, least) if least > 0 else first  # indefinite ones are negative
         state, done = DONE, 0
         for _ in range(RESTARTS):
             if not norm > SLACK * tolerance * first:  # also where norm is NaN
@@ -295,7 +296,8 @@ class PCG(Recurrences):
                 first = norm
                 if reference > 0:
                     first = reference
-                first = ti.max(first, least)
+                if least > 0:
+                    first = ti.max(first, least)
             going = self.count[ROUND] < RESTARTS and norm > SLACK * tolerance * first and self.count[DID] < most
             if stage == CHECK and (self.count[STATE] != DONE or norm > FUTILE * self.norm[LAST]):
                 going = False
