@@ -125,7 +125,7 @@ def measure(n: int, precision: str, arch: str, rounds: int) -> dict:
                 prepare["cg"] = lambda solver=solver: solver._residual(1)
                 actions["cg"] = lambda solver=solver: solver._step(0.0, 1)
             else:
-                actions["cg"] = lambda solver=solver: solver._together(0.0, 0.0, 1, ITERATIONS)
+                actions["cg"] = lambda solver=solver: solver._together(0.0, 0.0, 0.0, 1, ITERATIONS)
     ms = timings(actions, prepare, rounds, ("product", "shuffled"))
     if solver.together:
         ms["cg"] /= ITERATIONS + 2  # with the residuals before and after
