@@ -460,6 +460,44 @@ def test_what_a_tangle_holds_too_near_is_let_go():
     sim.close()
 
 
+@pytest.mark.parametrize("resting, left_alone", [((), False), ((3,), False), ((0, 1), False), ((3, 0), True), ((3, 2), True),
+                                                 ((0, 1, 2), False)])
+def test_a_vertex_and_a_face_are_left_alone_where_either_rests(resting, left_alone):
+    """So that what passes through is found among faces with a particle that rests: the vertex's, and the other."""
+    x = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 1], [0.3, 0.3 * THICKNESS, 0.3], [0.3, 1, 0.3], [0.4, 1, 0.3]])
+    scene = tc.Scene()
+    scene.add_cloth(tc.TriMesh(10 * x, np.arange(6).reshape(-1, 3)), FABRIC, positions=x, contact=tc.ClothContact(THICKNESS))
+    made = detector(scene)
+    particle, rests = made.model.particle, np.zeros(6, dtype=bool)
+    rests[particle[list(resting)]] = True
+    made.let_rest(rests)
+    made.cover()
+    found = made.look()
+    there = (found.pair[:, 2] == VERTEX_FACE) & (found.vertices[:, 0] == particle[3])
+    assert there.any() != left_alone
+
+
+@pytest.mark.parametrize("began, ended, too_near", [(0.15, 0.22, False), (0.3, 0.22, True), (0.22, 0.22, True),
+                                                    (0.3, 0.29, False)])
+def test_what_starts_too_near_and_parts_is_not_too_near(began, ended, too_near):
+    """Pairs that a tangle or solids held, and that count again, begin nearer than a step leaves those that counted before."""
+    _, a, sim = two_sheets(0.012)
+    layers, x = sim.contacts.layers, sim.positions()
+
+    def at(gap: float) -> np.ndarray:
+        x[a.mesh.vertex_count:, 1] = gap * 0.005
+        return x
+
+    sim.set_state(at(began), 0 * x)
+    layers.was = 0.9
+    sim.model.write(at(ended), 0 * x)
+    layers.detector.cover()
+    layers.look()
+    assert layers.least == pytest.approx(ended)
+    assert layers._too_near().any() == too_near
+    sim.close()
+
+
 @pytest.mark.slow
 def test_a_run_resumed_in_contact_goes_on_bit_for_bit(rng):
     """With layers that press, rub, are tangled and pinched, and stiffened pairs; and all of that decides how it goes on."""

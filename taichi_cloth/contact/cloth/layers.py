@@ -210,7 +210,7 @@ class Layers(Checkpointed):
         beyond = np.maximum(compared.measured[pair_kernels.RUBBED] - pair_kernels.CONE * bears, 0)
         over = float(np.sum(beyond + compared.measured[pair_kernels.BACK] * bears))
         rubs = over > RUBBED * rubs_as and self.round == 1  # what it still is then, it is in the next step
-        near = self.least <= self._nearest_allowed()
+        near = self._too_near().any()
         if near and not (self.off or rubs or late):
             self._stiffen()
         return not (near or self.off or rubs or late)
@@ -225,6 +225,11 @@ class Layers(Checkpointed):
         stopped = blocks[p.vertices].all(axis=1) & (compared.rows >= 0) & (room(p.end, p.radius) < CLOSE)
         if stopped.any():
             self._stiffen()
+
+    def _too_near(self) -> np.ndarray:
+        """(k,) which pairs end nearer than a step may leave them. What rests no more may begin so, and is right if it parts."""
+        p = self.near
+        return (p.end <= self._nearest_allowed() * p.radius) & (p.end <= self._evaluate(p)[0][pair_kernels.BEGAN])
 
     def _nearest_allowed(self) -> float:
         """Distance of the nearest pair, over what it should keep, down to which a step may go; from what it was before."""
@@ -311,9 +316,9 @@ class Layers(Checkpointed):
     def release_beside(self) -> bool:
         """Deactivates for a while the pairs of what rests that end nearer than a step may leave them: a tangle holds them.
         Whether the nearest pair is one."""
-        p = self.near
-        tight = (p.end < self._nearest_allowed() * p.radius) & self.intersections.resting[p.vertices].any(axis=1)
-        if not tight.any() or (p.end[tight] / p.radius[tight]).min() > self.least:
+        p, near = self.near, self._too_near()
+        gap, tight = p.end / p.radius, near & self.intersections.resting[p.vertices].any(axis=1)
+        if not tight.any() or gap[tight].min() > gap[near].min():
             return False
         self.intersections.release(p.vertices[tight].ravel())
         self._let_rest()

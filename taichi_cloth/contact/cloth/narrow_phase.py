@@ -109,9 +109,14 @@ class LayerDetector(Candidates):
         return out
 
     @ti.func
-    def rests(self, v):
-        """Whether a pair is left alone, as its cloth is tangled there."""
-        return (self.tangled[v[0]] + self.tangled[v[1]] > 0) and (self.tangled[v[2]] + self.tangled[v[3]] > 0)
+    def rests(self, kind, v):
+        """Whether a pair is left alone, as its cloth is tangled there: a particle of either side is."""
+        a, b = self.tangled[v[0]], self.tangled[v[2]] + self.tangled[v[3]]
+        if kind == VERTEX_FACE:
+            b += self.tangled[v[1]]
+        else:
+            a += self.tangled[v[1]]
+        return a > 0 and b > 0
 
     @ti.kernel
     def _free(self, rows: ti.types.ndarray(), distances: ti.types.ndarray(), part: ti.types.ndarray()):
@@ -124,7 +129,7 @@ class LayerDetector(Candidates):
                 continue  # it began no further away than by its slack, and ends no nearer
             p, q, r, s, dp, dq, dr, ds = self.path(v, 1)
             speed = closing(kind, dp, dq, dr, ds)
-            if (1 - KEEP) * (gap(kind, p, q, r, s) - floor) < speed and not self.rests(v):
+            if (1 - KEEP) * (gap(kind, p, q, r, s) - floor) < speed and not self.rests(kind, v):
                 difference, w = between(kind, p, q, r, s)
                 d = difference.norm()
                 if d > 0 and (1 - KEEP) * (d - floor) < speed:
@@ -172,7 +177,7 @@ class LayerDetector(Candidates):
                 continue
             p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
             reach += closing(kind, dp, dq, dr, ds)
-            if gap(kind, p, q, r, s) < reach and not self.rests(v):
+            if gap(kind, p, q, r, s) < reach and not self.rests(kind, v):
                 difference, w = between(kind, p, q, r, s)
                 flag[k] = ti.cast(difference.norm() < reach, ti.i32)
 

@@ -16,7 +16,7 @@ from ..points import Points, sym_outer, sym_times, unit
 from ..step_start import StepStart
 from .collision_mesh import CollisionMesh
 
-RINGS = 2  # of neighbours round a crossing that rest with it
+RINGS = 1  # of neighbours round a crossing that rest with it
 PULL = 1.0  # of a thickness that a crossing is moved in a usual step
 PULL_STIFF = 10.0  # stiffness of that over mass / h^2
 RELEASED = 0.1  # s for which what was pinched rests
