@@ -3,13 +3,15 @@
 The data are files of others, in a folder (`--data`, or `data` in the folder that TAICHI_CLOTH_SHARED names): a body's frames
 (body_dance.npz), a dress's panels with stitches and as another program draped it (dress_pattern.obj, dress_stitches.csv,
 dress_draped.npz), a skirt (skirt.obj). `panels` is the dress from its flat panels: it is put on here, and then dances. A tube
-needs the body alone. What is not there is left out.
+and the shirt of scenes/patterns need the body alone. What is not there is left out.
 """
 
 import argparse
+import json
 import os
 import pathlib
 import sys
+import tempfile
 import time
 from collections import Counter
 from dataclasses import replace
@@ -26,7 +28,7 @@ from taichi_cloth.scene.mesh import face_edges
 FPS = 25.0  # of the dance as it was made
 FRICTION = 0.3
 PATTERN = "dress_pattern.obj", "dress_stitches.csv"
-FILES = {"skirt": ("skirt.obj",), "tube": (), "dress": (*PATTERN, "dress_draped.npz"), "panels": PATTERN}
+FILES = {"skirt": ("skirt.obj",), "tube": (), "shirt": (), "dress": (*PATTERN, "dress_draped.npz"), "panels": PATTERN}
 SKIRT = (0.0, -0.140, -0.046)  # m by which it is brought down and back, to the waist in the dance's first frame
 TUBE = (70, 58)  # cells round and along: 4,130 vertices
 HUNG = (0.0, 0.784, 0.0)  # m from the flat panels' origin; their file has z up
@@ -34,6 +36,10 @@ FRONT, BACK, ASIDE = (0.0, -0.05, 0.05), (0.0, -0.065, -0.03), {"panel4": 0.115,
 # lower and further out, clear of the body and its hair, and those of the skirt's front aside, beside each other
 SLEEVES = {"panel13": 1, "panel6": -1}  # flat above the arms: bent round their axes, of the left one, with a radius [m]
 ARM, WIDE = ((0.15, 1.227, -0.067), (0.33, 1.217, -0.06)), 0.05
+SHIRT = pathlib.Path(__file__).parents[1] / "scenes" / "patterns" / "shirt.json"  # without its collar, under the hair,
+SMALLER, SPACING = 0.87, 0.012  # of its size, for this body; m of its triangles' edges
+IN_FRONT, BEHIND = (0.0, -0.03, 0.03), (0.0, -0.03, -0.08)  # m by which front and back hang lower and further out
+LONG_SLEEVE = ((0.17, 1.226, -0.08), (0.47, 1.216, -0.02)), 0.06  # axis of the left one [m], radius [m]
 BAND = (50.0, 0.5)  # N/m and N a vertex that hold up what has no shoulders
 RINGS = 3  # of neighbours of a pleat's seam
 CROSSINGS = "with_body", "with_itself", "body_elsewhere", "itself_elsewhere"
@@ -82,6 +88,26 @@ def hung(folder: pathlib.Path) -> tc.Garment:
     return made
 
 
+def shirt() -> tc.Garment:
+    """Front, back and sleeves of a pattern in GarmentCode's format, made smaller, where they can be sewn round the body."""
+    data = json.loads(SHIRT.read_text())
+    data["properties"]["units_in_meter"] /= SMALLER
+    drawn = data["pattern"]
+    del drawn["panels"]["collar"]
+    drawn["panel_order"] = list(drawn["panels"])
+    drawn["stitches"] = [s for s in drawn["stitches"] if all(end["panel"] != "collar" for end in s[:2])]
+    with tempfile.TemporaryDirectory() as folder:
+        file = pathlib.Path(folder) / "shirt.json"
+        file.write_text(json.dumps(data))
+        pattern = tc.load_pattern(file)
+    for panel, by in zip(pattern.panels, (IN_FRONT, BEHIND)):
+        pattern = pattern.with_panel(replace(panel, translation=panel.translation + by))
+    for name, side in (("right sleeve", 1), ("left sleeve", -1)):
+        axis, radius = LONG_SLEEVE
+        pattern = pattern.wrap(name, np.array(axis) * [side, 1, 1], radius, turn=side * np.pi / 2)
+    return pattern.mesh(SPACING)
+
+
 def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float) -> tc.Scene:
     """A garment on the body, both with a thickness [m]; the body goes so many times as fast as it was made. Its mouth and eyes
     are filled, so that it has an inside."""
@@ -94,10 +120,11 @@ def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float) 
         draped = np.load(folder / "dress_draped.npz")["positions"]
         made = tc.load_stitched(*(folder / name for name in PATTERN), positions=draped)
         scene.add_garment(made, fabric(), name="dress", contact=contact)
-    elif garment == "panels":
-        made = tc.dress(hung(folder), fabric(), scene, contact, tell=lambda line: print(line, flush=True))
-        print(f"panels: {made.report()}", flush=True)
-        scene.add_garment(made.garment, fabric(), name="dress", contact=contact)
+    elif garment in ("panels", "shirt"):
+        flat = hung(folder) if garment == "panels" else shirt()
+        made = tc.dress(flat, fabric(), scene, contact, tell=lambda line: print(line, flush=True))
+        print(f"{garment}: {made.report()}", flush=True)
+        scene.add_garment(made.garment, fabric(), name=garment, contact=contact)
     elif garment == "tube":
         mesh = tube((0.165, 0.19), 0.55, *TUBE)
         cloth = scene.add_cloth(mesh, fabric(), positions=mesh.x + [0, 1.0, -0.02], contact=contact)

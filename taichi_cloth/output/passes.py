@@ -7,10 +7,10 @@ import taichi as ti
 
 from ..backend import runtime
 from ..backend.fields import Fields
+from ..scene.mesh import vertex_normals
 from .coverage import corner, edge, weights
 from .ground import FADE, ground_at
 from .raster import Raster
-from .surfaces import vertex_normals
 from .uniforms import AXES, EYE, PLACE, uniforms
 
 PASSES = ("depth", "normal", "id")
@@ -44,7 +44,7 @@ class PassRaster:
         depth, number = np.full(shape, np.inf, np.float32), np.zeros(shape, np.int32)
         normal = np.zeros((*shape, 3), np.float32)
         floor = len(s.objects) + 1 if renderer.shader.around.floor in SOLID_FLOORS else 0
-        self._fill(screen, x.astype(np.float32), vertex_normals(x, s.faces), s.faces, s.owner, rows, floor, depth, normal,
+        self._fill(screen, x.astype(np.float32), vertex_normals(x, s.faces).astype(np.float32), s.faces, s.owner, rows, floor, depth, normal,
                    number)
         return {"depth": depth, "normal": normal, "id": number}
 

@@ -12,13 +12,14 @@ from .. import checks
 from ..backend import runtime
 from ..backend.fields import Fields
 from ..errors import BackendError
+from ..scene.mesh import vertex_normals
 from ..scene.view import Camera, Color, View
 from .camera import frame, ground_height
 from .colors import to_srgb
 from .raster import Raster
 from .shade import Around, Shader
 from .shadow_map import MAP, ShadowMap
-from .surfaces import Surfaces, vertex_normals
+from .surfaces import Surfaces
 from .traced_light import TracedLight
 from .uniforms import uniforms
 
@@ -99,7 +100,7 @@ class Renderer:
         paint = np.zeros((1, 3), dtype=np.float32) if colors is None else np.ascontiguousarray(colors, dtype=np.float32)
         points = x.astype(np.float32)
         self.lighting.trace(screen, points, s.faces, rows)
-        return self.shader.shade(screen, points, vertex_normals(x, s.faces), s.faces, s.corner_uv, s.colors, s.backs, s.owner,
+        return self.shader.shade(screen, points, vertex_normals(x, s.faces).astype(np.float32), s.faces, s.corner_uv, s.colors, s.backs, s.owner,
                                  s.objects, *self.images, rows, paint)
 
 

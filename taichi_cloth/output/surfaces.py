@@ -64,14 +64,3 @@ def back_of(colors: np.ndarray) -> np.ndarray:
     """Colours of the other side where none is given: the same, a little darker and greyer, as the back of dyed cloth is."""
     grey = colors.mean(axis=-1, keepdims=True)
     return 0.72 * (0.85 * colors + 0.15 * grey)
-
-
-def vertex_normals(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(n, 3) f32 normals, the mean of a vertex's triangles weighted by area."""
-    a, b, c = (x[faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    out = np.zeros_like(x)
-    for d in range(3):
-        out[:, d] = sum(np.bincount(faces[:, k], normal[:, d], minlength=len(x)) for k in range(3))
-    length = np.linalg.norm(out, axis=1, keepdims=True)
-    return (out / np.maximum(length, 1e-30)).astype(np.float32)

@@ -156,16 +156,20 @@ class ClothContact:
         thickness: distance [m] that its middle surface keeps from that of a like cloth; two keep the mean of theirs.
         friction: Coulomb's coefficient; between two cloths it is the geometric mean of theirs.
         itself: whether it meets itself too.
+        layer: of two cloths, the one with the higher lies outside, further from solids: where it starts on the wrong side, it
+            is moved out before the first step. It says nothing of two with the same.
     """
 
     thickness: float
     friction: float = 0.3
     itself: bool = True
+    layer: int = 0
 
     def __post_init__(self) -> None:
         _check(self, "cloth contact", "thickness", "m", zero=False)
         _check(self, "cloth contact", "friction", "", zero=True)
         object.__setattr__(self, "itself", checks.flag("cloth contact itself", self.itself))
+        object.__setattr__(self, "layer", checks.integer("cloth contact layer", self.layer, 0))
 
 
 @dataclass(frozen=True)

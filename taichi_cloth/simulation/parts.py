@@ -69,8 +69,6 @@ class Parts:
                 self.control = replace(self.control, h_max=H_EXPLICIT)
         self.notes += [f"{c.name}: {note}" for c in scene.cloths for note in notes_of(c, scene.seams)]
         self._note_collapsed(self.model.start_positions)
-        if self.contacts is not None:
-            self.notes += self.contacts.inspect()
         self.giving = self._giving()
         self.locator = Locator(self.model, scene.cloths, scene.solids)
         self.stepper = Stepper(self.model, self.integrator, self.meter, self.control, self.locator, self.giving)
@@ -105,11 +103,19 @@ class Parts:
         fields.allocate()
 
     def _settle(self) -> None:
-        """Cloth that starts nearer to solids, or to itself, than it can go on from is moved apart; `notes` say so."""
+        """Cloths with layers are put in order, contacts are looked at, and cloth that starts nearer to solids, or to itself,
+        than it can go on from is moved apart; `notes` say so."""
         if self.contacts is None:
             return
         held = self.prescribed.held(0.0)
-        moved = self.contacts.settle(np.zeros(0, dtype=np.int64) if held is None else held.index)
+        fixed = np.zeros(0, dtype=np.int64) if held is None else held.index
+        if len({c.contact.layer for c in self.scene.cloths if c.contact is not None}) > 1:
+            from ..contact.layer_order import put_in_order
+
+            self.notes += [str(out) for out in put_in_order(self.contacts.scan, self.model, self.scene, fixed)]
+            self.prescribed.begin_anew()
+        self.notes += self.contacts.inspect()
+        moved = self.contacts.settle(fixed)
         if not len(moved.near):
             return
         self.prescribed.begin_anew()

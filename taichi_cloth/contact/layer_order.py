@@ -1,0 +1,193 @@
+"""Which cloth lies outside which: before the first step, what starts on the wrong side is moved out. numpy only.
+
+A scan, or clothes put on one over the other, start with layers through each other, and contact cannot know which belongs
+outside. `ClothContact.layer` says it. A cloth is moved out of those with lower layers, by as little as brings it to the
+distance that both keep: its vertices over their surface, and their vertices under its own. Outside is where a surface faces
+away from the nearest solid; without solids it is where its triangles are counterclockwise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..backend.ordering import components
+from ..scene.cloth import Cloth
+from ..scene.mesh import face_edges, vertex_normals
+from ..scene.scene import Scene
+from ..system.state import ParticleState
+from .solid.query import Scanner
+
+DEEPEST = 0.03  # m: what is further inside belongs elsewhere, on the other side of a limb for example
+BESIDE = 1.0  # edges of a surface: what is further beside its nearest vertex is beyond its border
+SWEEPS = 12
+SAMPLE = 400  # triangles of a panel that say which way it faces
+ROWS = 512  # points at a time whose nearest others are looked for
+
+
+@dataclass(frozen=True)
+class MovedOut:
+    """Vertices of a cloth that were moved out of others.
+
+    Attributes:
+        cloth: which; out_of: the names of the others.
+        inside: how many lay inside them, or had one of their vertices outside.
+        vertex: that was moved furthest; by: how far [m].
+    """
+
+    cloth: Cloth
+    out_of: str
+    inside: int
+    vertex: int
+    by: float
+
+    def __str__(self) -> str:
+        c = self.cloth
+        assert c.contact is not None
+        return (f"{c.name}, layer {c.contact.layer}: {self.inside} vertices lay inside {self.out_of}, and were moved out, "
+                f"furthest vertex {self.vertex} by {self.by:.2g} m")
+
+
+@dataclass(frozen=True)
+class _Surface:
+    """Vertices x (n, 3), where they start [m], normals (n, 3) out of it, edges: length [m], keeps: (n,) half of the distance
+    [m] from its like."""
+
+    x: np.ndarray
+    normal: np.ndarray
+    edge: float
+    keeps: np.ndarray
+
+    @staticmethod
+    def join(parts: list[_Surface]) -> _Surface:
+        return _Surface(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("x", "normal")),
+                        max(p.edge for p in parts), np.concatenate([p.keeps for p in parts]))
+
+
+def put_in_order(scan: Scanner, model: ParticleState, scene: Scene, fixed: np.ndarray) -> list[MovedOut]:
+    """Moves cloths out of those that belong inside them; the model is at rest where it starts.
+
+    Args:
+        fixed: (k,) particles that stay.
+    """
+    cloths = sorted((c for c in scene.cloths if c.contact is not None), key=lambda c: c.contact.layer)
+    if len({c.contact.layer for c in cloths}) < 2:
+        return []
+    x, v = model.read_particles()
+    still, solid = np.zeros(model.n, dtype=bool), _solids(scene)
+    still[fixed] = True
+    moved: list[MovedOut] = []
+    scan.set_time(scan.time, 0.0)
+    model.save()
+    crossed = len(scan.find_crossings())
+    for outer in cloths:
+        inside = [c for c in cloths if c.contact.layer < outer.contact.layer]
+        if not inside:
+            continue
+        rows = model.particle[outer.start: outer.start + outer.mesh.vertex_count]
+        lower = _Surface.join([_surface(c, x[model.particle[c.start: c.start + c.mesh.vertex_count]], solid) for c in inside])
+        there, count = _out_of(outer, x[rows], lower, still[rows], solid)
+        if not count:
+            continue
+        before = x.copy()
+        x[rows] = there
+        model.write_particles(x, v)
+        through = scan.find_crossings()
+        if len(through) > crossed:  # a solid is there: contact parts what it can
+            stays = np.isin(rows, through)
+            x[rows[stays]] = before[rows[stays]]
+        far = np.linalg.norm(x[rows] - before[rows], axis=1)
+        names = " and ".join(f"{c.name!r}" for c in inside)
+        moved.append(MovedOut(outer, names, count, int(far.argmax()), float(far.max())))
+    model.write_particles(x, v)
+    model.save()
+    return moved
+
+
+def _out_of(outer: Cloth, x: np.ndarray, lower: _Surface, still: np.ndarray,
+            solid: tuple[np.ndarray, np.ndarray] | None) -> tuple[np.ndarray, int]:
+    """(positions (n, 3) of a cloth's vertices outside what belongs inside it, how many were not)."""
+    wrong, there = np.zeros(len(x), dtype=bool), x.copy()
+    for sweep in range(SWEEPS):
+        upper = _surface(outer, there, solid)
+        by, way = np.zeros(len(x)), np.zeros_like(x)
+        over = _above(upper.x, lower)  # its vertices over the others' surface
+        keeps = upper.keeps[over.rows] + lower.keeps[over.near]
+        if sweep == 0:
+            wrong[over.rows[over.height < 0]] = True
+        lack = keeps - over.height
+        by[over.rows], way[over.rows] = lack, lower.normal[over.near]
+        under = _above(lower.x, upper)  # their vertices under its own
+        keeps = lower.keeps[under.rows] + upper.keeps[under.near]
+        if sweep == 0:
+            wrong[under.near[under.height > 0]] = True
+            if not wrong.any():
+                return x, 0
+        lack = under.height + keeps
+        order = np.argsort(lack)
+        more = np.zeros(len(x))
+        more[under.near[order]] = lack[order]  # the most of each
+        way = np.where((more > by)[:, None], upper.normal, way)
+        by = np.where(still, 0.0, np.maximum(np.maximum(by, more), 0.0))
+        if by.max() < 1e-3 * upper.keeps.min():
+            break
+        there = there + by[:, None] * way
+    return there, int(wrong.sum())
+
+
+@dataclass(frozen=True)
+class _Above:
+    """Points rows (k,) of some, over vertices near (k,) of a surface, height (k,) [m]."""
+
+    rows: np.ndarray
+    near: np.ndarray
+    height: np.ndarray
+
+
+def _above(x: np.ndarray, surface: _Surface) -> _Above:
+    """Those of points (n, 3) that are within DEEPEST of a surface, and not beside it."""
+    low, high = surface.x.min(axis=0) - DEEPEST, surface.x.max(axis=0) + DEEPEST
+    rows = np.flatnonzero(((x > low) & (x < high)).all(axis=1))
+    near = _nearest(x[rows], surface.x)
+    off = x[rows] - surface.x[near]
+    height = np.einsum("ki,ki->k", off, surface.normal[near])
+    beside = np.linalg.norm(off - height[:, None] * surface.normal[near], axis=1)
+    there = (np.abs(height) < DEEPEST) & (beside < BESIDE * surface.edge)
+    return _Above(rows[there], near[there], height[there])
+
+
+def _nearest(x: np.ndarray, among: np.ndarray) -> np.ndarray:
+    """(n,) the nearest of points among (m, 3) to each of x (n, 3)."""
+    out, size = np.zeros(len(x), dtype=np.int64), np.einsum("ki,ki->k", among, among)
+    for k in range(0, len(x), ROWS):
+        out[k: k + ROWS] = np.argmin(size - 2 * x[k: k + ROWS] @ among.T, axis=1)
+    return out
+
+
+def _solids(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
+    """((k, 3) vertices of all solids as they are at the start [m], (k, 3) normals out of them); None without solids."""
+    parts = [(s.surface_at(0.0), s.shape.surface()[1]) for s in scene.solids]
+    if not parts:
+        return None
+    return np.concatenate([x for x, _ in parts]), np.concatenate([vertex_normals(x, faces) for x, faces in parts])
+
+
+def _surface(cloth: Cloth, x: np.ndarray, solid: tuple[np.ndarray, np.ndarray] | None) -> _Surface:
+    """A cloth's, with its vertices at x (n, 3) [m]; each panel faces away from the solids."""
+    faces = cloth.mesh.faces
+    edges = face_edges(faces)
+    normal = vertex_normals(x, faces)
+    if solid is not None:
+        panel = components(len(x), edges[:, 0], edges[:, 1])
+        a, b, c = (x[faces[:, k]] for k in range(3))
+        centre, area = (a + b + c) / 3, np.cross(b - a, c - a)
+        for first in np.unique(panel[faces[:, 0]]):
+            some = np.flatnonzero(panel[faces[:, 0]] == first)
+            some = some[:: max(1, len(some) // SAMPLE)]
+            away = solid[1][_nearest(centre[some], solid[0])]
+            if np.einsum("ki,ki->", area[some], away) < 0:
+                normal[panel == first] *= -1
+    assert cloth.contact is not None
+    length = float(np.mean(np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1)))
+    return _Surface(x, normal, length, np.full(len(x), cloth.contact.thickness / 2))

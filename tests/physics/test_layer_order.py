@@ -1,0 +1,96 @@
+"""Cloths that start through each other, and which of them belongs outside."""
+
+import numpy as np
+import pytest
+from reference.geometry import cloth_crossings
+
+import taichi_cloth as tc
+
+FABRIC = tc.Fabric(0.2, tc.Stretch(1000, k_d=0.5), tc.Shear(100), tc.Bend(5e-5))
+THICKNESS, RADIUS, HEIGHT = 0.006, 0.11, 0.15
+
+
+def tube(cells: int, rows: int, waves: float, clockwise: bool = False) -> tc.TriMesh:
+    """Round the y axis, with waves of a part of its radius."""
+    i, j = np.meshgrid(np.arange(cells), np.arange(rows + 1))
+    angle, y = 2 * np.pi * (i.ravel() + 0.3) / cells, HEIGHT * j.ravel() / rows
+    r = RADIUS * (1 + waves * np.sin(3 * angle) * np.cos(20 * y))
+    x = np.stack([r * np.sin(angle), y, r * np.cos(angle)], axis=1)
+    at = np.arange(cells * (rows + 1)).reshape(rows + 1, cells)
+    a, b = at[:-1].ravel(), np.roll(at, -1, axis=1)[:-1].ravel()
+    faces = np.concatenate([np.stack([a, b, b + cells], axis=1), np.stack([a, b + cells, a + cells], axis=1)])
+    return tc.TriMesh(x, faces[:, ::-1] if clockwise else faces)
+
+
+def two_tubes(layers: tuple[int, int], solid: bool = True, clockwise: bool = False) -> tc.Scene:
+    """A round one, which is held at its rim, and one with waves that passes in and out of it, on a capsule."""
+    scene = tc.Scene()
+    if solid:
+        scene.add_solid(tc.Capsule((0, -0.3, 0), (0, 0.5, 0), 0.1), 0.3, 0.004, name="body")
+    for name, mesh, layer in zip(("round", "wavy"), (tube(32, 7, 0.0, clockwise), tube(37, 8, 0.06)), layers):
+        scene.add_cloth(mesh, FABRIC, name=name, contact=tc.ClothContact(THICKNESS, 0.3, layer=layer))
+    scene.pin(scene.cloths[0], np.flatnonzero(scene.cloths[0].positions[:, 1] > HEIGHT - 1e-6))
+    return scene
+
+
+def least_room(sim: tc.Simulation) -> float:
+    """How far [m] the second tube is outside the first at least, at places all over both: by radii, with half the sagitta of
+    their triangles."""
+    inner, outer = sim.scene.cloths
+    x = sim.positions()
+    weights = np.array([(a, b, 4 - a - b) for a in range(5) for b in range(5 - a)]) / 4
+    p, q = (np.einsum("wk,fkd->fwd", weights, x[c.start: c.start + c.mesh.vertex_count][c.mesh.faces]).reshape(-1, 3)
+            for c in (inner, outer))
+    def polar(x: np.ndarray) -> np.ndarray:
+        return np.stack([RADIUS * np.arctan2(x[:, 0], x[:, 2]), x[:, 1]], axis=1)
+    away = np.linalg.norm(polar(q)[:, None] - polar(p)[None], axis=2)
+    near = away.argmin(axis=1)
+    beside = away[np.arange(len(q)), near] < 0.004
+    return float((np.hypot(q[:, 0], q[:, 2]) - np.hypot(*p[near][:, [0, 2]].T))[beside].min())
+
+
+@pytest.mark.parametrize("layers, clockwise", [((0, 1), False), ((2, 5), True)])
+def test_the_higher_layer_starts_and_stays_outside(layers, clockwise):
+    """However its triangles turn, on a body."""
+    with tc.Simulation(two_tubes(layers, clockwise=clockwise), h=1 / 60, integrator="backward_euler") as sim:
+        given = np.concatenate([c.positions for c in sim.scene.cloths])
+        n = sim.scene.cloths[1].start
+        by = np.linalg.norm(sim.positions() - given, axis=1)
+        note, = (note for note in sim.notes if "lay inside" in note)
+        assert f"'round', and were moved out, furthest vertex {by[n:].argmax()} by {by.max():.2g} m" in note
+        assert (by[:n] == 0).all() and 0.006 < by.max() < 0.02
+        assert cloth_crossings(sim) == 0 and least_room(sim) > 0.5 * THICKNESS
+        for _ in range(10):
+            sim.step(1 / 60)
+            assert cloth_crossings(sim) == 0
+        assert least_room(sim) > 0.1 * THICKNESS and np.linalg.norm(sim.velocities(), axis=1).max() < 2
+
+
+def test_without_solids_outside_is_where_triangles_face():
+    with tc.Simulation(two_tubes((0, 1), solid=False), h=1 / 60) as sim:
+        assert cloth_crossings(sim) == 0 and least_room(sim) > 0.5 * THICKNESS
+
+
+def test_what_is_held_stays_and_equal_layers_have_no_order():
+    with tc.Simulation(two_tubes((1, 0)), h=1 / 60) as sim:
+        held = sim.positions()[: sim.scene.cloths[1].start]
+        assert (held[-32:] == sim.scene.cloths[0].positions[-32:]).all() and any("lay inside" in note for note in sim.notes)
+    with tc.Simulation(two_tubes((1, 1)), h=1 / 60) as sim:
+        assert np.abs(sim.positions() - np.concatenate([c.positions for c in sim.scene.cloths])).max() < 1e-12
+        assert cloth_crossings(sim) > 50
+
+
+def test_what_is_on_its_side_is_not_moved():
+    scene = tc.Scene(gravity=None)
+    for layer, mesh in enumerate((tube(32, 7, 0.0), tube(32, 7, 0.0))):
+        scene.add_cloth(mesh, FABRIC, positions=mesh.x * [1 + 0.04 * layer, 1, 1 + 0.04 * layer],
+                        contact=tc.ClothContact(THICKNESS, layer=layer))
+    with tc.Simulation(scene, h=1 / 60) as sim:  # nearer than their thickness
+        assert np.abs(sim.positions() - np.concatenate([c.positions for c in scene.cloths])).max() < 1e-12
+        assert not any("lay inside" in note for note in sim.notes)
+
+
+@pytest.mark.parametrize("layer", [-1, 1.5, "outside"])
+def test_a_layer_is_a_whole_number(layer):
+    with pytest.raises(tc.SceneError, match="cloth contact layer"):
+        tc.ClothContact(THICKNESS, layer=layer)
