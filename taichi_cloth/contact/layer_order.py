@@ -61,8 +61,9 @@ class _Surface:
 
     @staticmethod
     def join(parts: list[_Surface]) -> _Surface:
-        return _Surface(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("x", "normal")),
-                        max(p.edge for p in parts), np.concatenate([p.keeps for p in parts]))
+        """All of them as one."""
+        x, normal, keeps = (np.concatenate([getattr(p, name) for p in parts]) for name in ("x", "normal", "keeps"))
+        return _Surface(x, normal, max(p.edge for p in parts), keeps)
 
 
 def put_in_order(scan: Scanner, model: ParticleState, scene: Scene, fixed: np.ndarray) -> list[MovedOut]:
@@ -71,9 +72,7 @@ def put_in_order(scan: Scanner, model: ParticleState, scene: Scene, fixed: np.nd
     Args:
         fixed: (k,) particles that stay.
     """
-    cloths = sorted((c for c in scene.cloths if c.contact is not None), key=lambda c: c.contact.layer)
-    if len({c.contact.layer for c in cloths}) < 2:
-        return []
+    order = sorted(((c.contact.layer, k, c) for k, c in enumerate(scene.cloths) if c.contact is not None))
     x, v = model.read_particles()
     still, solid = np.zeros(model.n, dtype=bool), _solids(scene)
     still[fixed] = True
@@ -81,8 +80,8 @@ def put_in_order(scan: Scanner, model: ParticleState, scene: Scene, fixed: np.nd
     scan.set_time(scan.time, 0.0)
     model.save()
     crossed = len(scan.find_crossings())
-    for outer in cloths:
-        inside = [c for c in cloths if c.contact.layer < outer.contact.layer]
+    for layer, _, outer in order:
+        inside = [c for k, _, c in order if k < layer]
         if not inside:
             continue
         rows = model.particle[outer.start: outer.start + outer.mesh.vertex_count]

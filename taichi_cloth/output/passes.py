@@ -44,8 +44,8 @@ class PassRaster:
         depth, number = np.full(shape, np.inf, np.float32), np.zeros(shape, np.int32)
         normal = np.zeros((*shape, 3), np.float32)
         floor = len(s.objects) + 1 if renderer.shader.around.floor in SOLID_FLOORS else 0
-        self._fill(screen, x.astype(np.float32), vertex_normals(x, s.faces).astype(np.float32), s.faces, s.owner, rows, floor, depth, normal,
-                   number)
+        normals = vertex_normals(x, s.faces).astype(np.float32)
+        self._fill(screen, x.astype(np.float32), normals, s.faces, s.owner, rows, floor, depth, normal, number)
         return {"depth": depth, "normal": normal, "id": number}
 
     @ti.kernel

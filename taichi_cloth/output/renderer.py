@@ -98,10 +98,10 @@ class Renderer:
         rows = uniforms(c, self.light, self.ground, self.tile, shadow, self.checks, s.cloth_faces, wire, colors is not None,
                         self.size, rgb(self.view.background), rgb(self.view.drawn_floor))
         paint = np.zeros((1, 3), dtype=np.float32) if colors is None else np.ascontiguousarray(colors, dtype=np.float32)
-        points = x.astype(np.float32)
+        points, normals = x.astype(np.float32), vertex_normals(x, s.faces).astype(np.float32)
         self.lighting.trace(screen, points, s.faces, rows)
-        return self.shader.shade(screen, points, vertex_normals(x, s.faces).astype(np.float32), s.faces, s.corner_uv, s.colors, s.backs, s.owner,
-                                 s.objects, *self.images, rows, paint)
+        return self.shader.shade(screen, points, normals, s.faces, s.corner_uv, s.colors, s.backs, s.owner, s.objects,
+                                 *self.images, rows, paint)
 
 
 def light_frame(direction: Color) -> np.ndarray:

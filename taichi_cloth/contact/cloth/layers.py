@@ -227,7 +227,7 @@ class Layers(Checkpointed):
             self._stiffen()
 
     def _too_near(self) -> np.ndarray:
-        """(k,) which pairs end nearer than a step may leave them. What rests no more may begin so, and is right if it parts."""
+        """(k,) which pairs end nearer than a step may leave them. What rests no more may begin so, and is right to part."""
         p = self.near
         return (p.end <= self._nearest_allowed() * p.radius) & (p.end <= self._evaluate(p)[0][pair_kernels.BEGAN])
 
