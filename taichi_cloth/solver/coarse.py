@@ -23,7 +23,7 @@ from .lattice import Level
 from .pointwise import Pointwise
 
 FEW, MOST, SHARE = 128, 200, 30  # nodes of a level that is solved exactly: a part of the particles' number, within bounds
-WORTH = 150  # iterations that finding Q^T A_0 Q costs: it is found anew when age has cost as many
+PROBE = 2  # iterations that a product with hats costs: Q^T A_0 Q is found anew when age has cost as many as all of them
 LEAST = 1e-10  # of the mean of the diagonal of Q^T A_0 Q is added to it, in f32 a rounding
 
 
@@ -58,6 +58,8 @@ class Coarse(Checkpointed):
         self._least = max(LEAST, float(np.finfo(operator.model.exchange).eps))
         self.pressed: np.ndarray = np.zeros((n, 6))  # H
         self.span, self.cost, self.excess = 0.0, 0, 0
+        self.worth = PROBE * 3 * (int(self.colors.max()) + 1)  # iterations
+        self._weighed: tuple[np.ndarray, np.ndarray] | None = None  # Q^T M Q, and the seams' labels that it is of
 
     def make(self, span: float, contact) -> None:
         """For a system as linearized with c = span [s], if what there is will not do.
@@ -65,7 +67,7 @@ class Coarse(Checkpointed):
         Args:
             contact: field (n, 6) of diagonal blocks of contact, or None.
         """
-        aged, changed = self.span == 0 or self.excess > WORTH, abs(span - self.span) > 1e-3 * span
+        aged, changed = self.span == 0 or self.excess > self.worth, abs(span - self.span) > 1e-3 * span
         if aged:
             self.matrix, self.span, self.excess = self._matrix(), span, 0
         elif changed:  # all but the masses is nearly in proportion to c^2
@@ -115,9 +117,12 @@ class Coarse(Checkpointed):
 
     def _masses(self) -> np.ndarray:
         """(3 count, 3 count) Q^T M Q"""
-        mass = read(self.operator.model.m).astype(np.float64)
-        blocks = mass[:, None] * np.array([1.0, 0, 0, 1, 0, 1])
-        return self.hats.summed(np.arange(len(mass)), blocks).reshape(3 * self.count, 3 * self.count)
+        if self._weighed is None or self._weighed[1] is not self.hats.sewn.label:
+            mass = read(self.operator.model.m).astype(np.float64)
+            blocks = mass[:, None] * np.array([1.0, 0, 0, 1, 0, 1])
+            M = self.hats.summed(np.arange(len(mass)), blocks).reshape(3 * self.count, 3 * self.count)
+            self._weighed = M, self.hats.sewn.label
+        return self._weighed[0]
 
     def _find_pressed(self, contact) -> np.ndarray:
         """(n, 6) H"""

@@ -34,16 +34,18 @@ class Hats:
             self._find_means()
         at, k = self._first[index], self.count
         lengths = self._first[index + 1] - at
-        widest = int(lengths.max(initial=1))
-        slot = np.minimum(at[:, None] + np.arange(widest), len(self._node) - 1)
-        here = np.arange(widest) < lengths[:, None]
-        node, weight = self._node[slot], np.where(here, self._weight[slot], 0.0)
-        code = (node[:, :, None] * k + node[:, None, :]).ravel()
-        pair = weight[:, :, None] * weight[:, None, :]
-        parts = [np.bincount(code, (pair * blocks[:, c, None, None]).ravel(), k * k).reshape(k, k) for c in range(6)]
+        codes, values = [np.zeros(0, dtype=np.int64)], [np.zeros((6, 0))]
+        for length in np.unique(lengths):  # of rows of Q
+            some = np.flatnonzero(lengths == length)
+            slot = at[some, None] + np.arange(length)
+            node, weight = self._node[slot], self._weight[slot]
+            codes.append((node[:, :, None] * k + node[:, None, :]).ravel())
+            pair = (weight[:, :, None] * weight[:, None, :]).reshape(len(some), -1)
+            values.append((pair * blocks[some].T[:, :, None]).reshape(6, -1))
+        code, value = np.concatenate(codes), np.concatenate(values, axis=1)
         out = np.empty((k, 3, k, 3))
         for c, (a, b) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
-            out[:, a, :, b] = out[:, b, :, a] = parts[c]
+            out[:, a, :, b] = out[:, b, :, a] = np.bincount(code, value[c], k * k).reshape(k, k)
         return out
 
     def _find_means(self) -> None:

@@ -225,7 +225,8 @@ class PairDetector:
                         continue
                     leaf = (node - self.tree.boxes.first_leaf) * LEAF
                     for t in range(leaf, ti.min(leaf + LEAF, self.tree.boxes.size[0])):
-                        self.against(f, t, poses, found, rows)
+                        if self.tree.touches(t, low, high) == 1:
+                            self.against(f, t, poses, found, rows)
                 node = self.tree.boxes.following(node)
                 if node == 1:
                     break

@@ -115,6 +115,19 @@ class TriangleTree:
         return a + s * (b - a)
 
     @ti.func
+    def touches(self, triangle, low, high):
+        """Whether a box meets that of a triangle on its way."""
+        out = 1
+        corner = self.corners[triangle]
+        p, q, r = self.x[corner[0]], self.x[corner[1]], self.x[corner[2]]
+        for d in ti.static(range(3)):
+            if ti.min(p[d], p[d + 3], q[d], q[d + 3], r[d], r[d + 3]) > high[d]:
+                out = 0
+            if ti.max(p[d], p[d + 3], q[d], q[d + 3], r[d], r[d + 3]) < low[d]:
+                out = 0
+        return out
+
+    @ti.func
     def normal(self, i):
         """Unit normal at a vertex where the step starts, by the angles of its triangles; 0 where these are degenerate."""
         out = ti.Vector.zero(float, 3)
