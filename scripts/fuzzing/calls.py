@@ -82,7 +82,7 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
     ("", "tc.Bend", {"D": "1e-4", "k_d": "1e-6", "rest": '"flat"', "model": '"hinge"', "friction": "1e-3", "yield_": "200.0",
                  "hardening": "0.2", "recovery": "(0.1, 20.0)"}),
     ("", "tc.Fabric", {"density": "0.2", "stretch": "tc.Stretch(100)", "shear": "tc.Shear(10)", "bend": "tc.Bend(1e-4)"}),
-    ("", "tc.ClothContact", {"thickness": "0.01", "friction": "0.3", "itself": "True"}),
+    ("", "tc.ClothContact", {"thickness": "0.01", "friction": "0.3", "itself": "True", "layer": "1"}),
     ("", "tc.Scene", {"gravity": "(0, -9.81, 0)", "air": "tc.Air(0.5)", "view": "tc.View()"}),
     ("", "tc.Cloth", {"name": '"a"', "mesh": MESH, "fabric": FABRIC, "positions": f"{MESH}.x",
                       "velocities": "np.zeros((9, 3))", "start": "0", "color": "(0.5, 0.5, 1)",

@@ -20,6 +20,7 @@ RESUMED = UNIT + "test_a_run_resumed_in_contact_goes_on_bit_for_bit"
 CROSSED = UNIT + "test_what_starts_crossed_is_counted_named_and_pulled_apart"
 HITS = UNIT + "test_what_hits_does_not_pass[f64] tests/hard/test_hard_layers.py"
 TANGLES = "tests/physics/test_tangles.py::test_"
+ORDER = "tests/physics/test_layer_order.py::test_the_higher_layer_starts_and_stays_outside"
 SPRINGS = PHYSICS + "test_springs_of_the_paper_carry_a_sheet_with_one_solve_a_step " + PHYSICS + (
     "test_springs_let_nothing_through_that_comes_fast")
 NONLINEAR = "taichi_cloth/step/nonlinear/"
@@ -215,6 +216,12 @@ MUTATIONS = (
      TANGLES + "crossings_are_known_after_every_step"),
     (CONTACT + "cloth/layers.py", "if again.any():", "if False:", "what rests no more is met, however near",
      TANGLES + "what_rests_no_more_but_starts_too_near_does_not_stop_the_rest"),
+    (CONTACT + "layer_order.py", "normal[panel == first] *= -1", "pass", "outside is where triangles face, on a body too", ORDER),
+    (CONTACT + "layer_order.py", "more[under.near[order]] = lack[order]", "pass", "what pokes out between vertices stays", ORDER),
+    (CONTACT + "layer_order.py", "by = np.where(still, 0.0,", "by = np.where(False, 0.0,", "what is held moved out",
+     "tests/physics/test_layer_order.py::test_what_is_held_stays_and_equal_layers_have_no_order"),
+    (CONTACT + "layer_order.py", "            if not wrong.any():\n                return x, 0\n", "", "what is right moved out",
+     "tests/physics/test_layer_order.py::test_what_is_on_its_side_is_not_moved"),
     (CONTACT + "cloth/layers.py", " & (p.end <= self._evaluate(p)[0][pair_kernels.BEGAN])", "",
      "what starts too near and parts stops the rest", UNIT + "test_what_starts_too_near_and_parts_is_not_too_near"),
     (CONTACT + "cloth/narrow_phase.py", "if kind == VERTEX_FACE:\n            b += ", "if kind < 0:\n            b += ",

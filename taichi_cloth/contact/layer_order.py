@@ -14,8 +14,9 @@ import numpy as np
 
 from ..backend.ordering import components
 from ..scene.cloth import Cloth
-from ..scene.mesh import face_edges, vertex_normals
+from ..scene.mesh import face_edges
 from ..scene.scene import Scene
+from ..system.quantities import vertex_normals
 from ..system.state import ParticleState
 from .solid.query import Scanner
 

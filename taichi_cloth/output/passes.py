@@ -7,7 +7,7 @@ import taichi as ti
 
 from ..backend import runtime
 from ..backend.fields import Fields
-from ..scene.mesh import vertex_normals
+from ..system.quantities import vertex_normals
 from .coverage import corner, edge, weights
 from .ground import FADE, ground_at
 from .raster import Raster

@@ -12,8 +12,8 @@ from .. import checks
 from ..backend import runtime
 from ..backend.fields import Fields
 from ..errors import BackendError
-from ..scene.mesh import vertex_normals
 from ..scene.view import Camera, Color, View
+from ..system.quantities import vertex_normals
 from .camera import frame, ground_height
 from .colors import to_srgb
 from .raster import Raster

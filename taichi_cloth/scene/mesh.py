@@ -194,16 +194,6 @@ def face_edges(faces: np.ndarray) -> np.ndarray:
     return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
 
 
-def vertex_normals(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(n, 3) normals, the mean of a vertex's triangles weighted by area; 0 where it has none."""
-    a, b, c = (x[faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    out = np.zeros_like(x)
-    for d in range(3):
-        out[:, d] = sum(np.bincount(faces[:, k], normal[:, d], minlength=len(x)) for k in range(3))
-    return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-30)
-
-
 def borders_of(faces: np.ndarray) -> np.ndarray:
     """(k, 2) edges with one triangle.
 

@@ -160,3 +160,13 @@ def on_vertices(values: np.ndarray, faces: np.ndarray, area: np.ndarray, n: int)
     weight = np.repeat(area, 3)
     total = np.bincount(faces.ravel(), weight, minlength=n)
     return np.bincount(faces.ravel(), weight * np.repeat(values, 3), minlength=n) / np.where(total > 0, total, 1)
+
+
+def vertex_normals(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """(n, 3) normals, the mean of a vertex's triangles weighted by area; 0 where it has none."""
+    a, b, c = (x[faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    out = np.zeros_like(x)
+    for d in range(3):
+        out[:, d] = sum(np.bincount(faces[:, k], normal[:, d], minlength=len(x)) for k in range(3))
+    return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-30)
