@@ -71,6 +71,18 @@ def test_without_solids_outside_is_where_triangles_face():
         assert cloth_crossings(sim) == 0 and least_room(sim) > 0.5 * THICKNESS
 
 
+def test_what_pokes_out_between_vertices_is_found():
+    """A bump of a fine sheet through a triangle of a coarse one, all of whose vertices are above it."""
+    scene, fine, coarse = tc.Scene(gravity=None), tc.grid(0.2, 40), tc.grid(0.2, 4)
+    x = fine.x.copy()
+    x[:, 1] += 0.02 * np.exp(-((x - [0.065, 0, 0.065 * np.sign(x[:, 2].mean())]) ** 2)[:, [0, 2]].sum(axis=1) / 0.012**2)
+    scene.add_cloth(fine, FABRIC, positions=x, contact=tc.ClothContact(THICKNESS))
+    scene.add_cloth(coarse, FABRIC, positions=coarse.x + [0, 0.008, 0], contact=tc.ClothContact(THICKNESS, layer=1))
+    with tc.Simulation(scene, h=1 / 60) as sim:
+        assert any("lay inside" in note for note in sim.notes)
+        assert cloth_crossings(sim) == 0 and (sim.positions()[: fine.vertex_count] == x).all()
+
+
 def test_what_is_held_stays_and_equal_layers_have_no_order():
     with tc.Simulation(two_tubes((1, 0)), h=1 / 60) as sim:
         held = sim.positions()[: sim.scene.cloths[1].start]
