@@ -3,7 +3,8 @@
 1. Sewing: no gravity, air that calms, seams that close by a bounded pull (`forces.closing`), the body smooth; cloth does not
    meet itself, as panels have to pass each other's edges. What comes near and stays there, as a pleat narrower than a
    triangle, gets a stronger pull.
-2. Settling: gravity, the body's friction, cloth that meets itself; until the cloth rests.
+2. Settling: gravity, the body's friction, cloth that meets itself; until the cloth rests, and no more of what passed through it
+   while it was sewn comes apart.
 """
 
 from collections.abc import Callable
@@ -28,6 +29,7 @@ NEARLY, NEARER = 0.02, 0.8  # m; part of a gap to which it has to come in a tent
 ROUGH = 1e-3  # relative residual of the solves: only the rest shape counts
 SPARED = 0.5  # of the solids' thickness that cloth keeps from them meanwhile
 SLOW, SHORTEST = 0.05, 0.5  # m/s, RMS, at which cloth rests, not before so many s
+PATIENCE = 4  # tenths of a second in which some crossing has to come apart
 
 
 @dataclass(frozen=True)
@@ -87,11 +89,14 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
     scene.add_garment(replace(garment, positions=x), fabric, contact=contact)
     sim = Simulation(scene, h=h, cg_tol=ROUGH)
     try:
-        speed = np.inf
-        while sim.time < longest and (speed > SLOW or sim.time < SHORTEST):
+        speed, crossed, parts = np.inf, [0 if contact is None else sim.intersections()], False
+        while sim.time < longest and (speed > SLOW or sim.time < SHORTEST or parts):
             _advance(sim, tell, "settling" + (f", {speed:.2g} m/s" if np.isfinite(speed) else ""))
             speed = float(np.sqrt(np.mean(np.sum(sim.velocities() ** 2, axis=1))))
-        count = sim.intersections() if contact is not None else None
+            if contact is not None:
+                crossed.append(sim.intersections())
+                parts = 0 < min(crossed[-PATIENCE:]) < min(crossed[:-PATIENCE], default=np.inf)
+        count = crossed[-1] if contact is not None else None
         return Dressed(replace(garment, positions=sim.positions()), sewn, sim.time, speed <= SLOW, speed, count)
     finally:
         sim.close()

@@ -92,9 +92,10 @@ class Coarse(Checkpointed):
         blocks = np.zeros((k, 3, k, 3))
         for color in range(self.colors.max() + 1):
             self._picked[:] = self.colors == color
+            entries = self.hats.entries_of(self.couples[:, self.colors == color].any(axis=1))
             for d in range(3):
                 self._probe(self._picked, d, self._out)
-                rows = self.hats.transposed(self._out)
+                rows = self.hats.transposed(self._out, entries)
                 for m in np.flatnonzero(self._picked):
                     near = self.couples[:, m]
                     blocks[near, :, m, d] = rows[near]

@@ -23,10 +23,16 @@ class Hats:
         self.node, self.weight = level.node[used], level.weight[used]
         self._label: np.ndarray | None = None
 
-    def transposed(self, values: np.ndarray) -> np.ndarray:
-        """(count, 3) Q^T values for values (n, 3) that are the same on all members of a cluster."""
-        mine = values[self.particle]
-        return np.stack([np.bincount(self.node, self.weight * mine[:, c], self.count) for c in range(3)], axis=1)
+    def entries_of(self, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows of (particle, node, weight) of some nodes (count,)."""
+        some = np.flatnonzero(nodes[self.node])
+        return self.particle[some], self.node[some], self.weight[some]
+
+    def transposed(self, values: np.ndarray, entries: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
+        """(count, 3) Q^T values by some nodes' entries, for values (n, 3) that are the same on all members of a cluster."""
+        particle, node, weight = entries
+        mine = values[particle]
+        return np.stack([np.bincount(node, weight * mine[:, c], self.count) for c in range(3)], axis=1)
 
     def summed(self, index: np.ndarray, blocks: np.ndarray) -> np.ndarray:
         """(count, 3, count, 3) sum over particles index (p,) of Q_i^T B_i Q_i for symmetric B, blocks (p, 6)."""

@@ -460,17 +460,20 @@ def test_what_a_tangle_holds_too_near_is_let_go():
     sim.close()
 
 
-@pytest.mark.parametrize("resting, left_alone", [((), False), ((3,), False), ((0, 1), False), ((3, 0), True), ((3, 2), True),
-                                                 ((0, 1, 2), False)])
-def test_a_vertex_and_a_face_are_left_alone_where_either_rests(resting, left_alone):
-    """So that what passes through is found among faces with a particle that rests: the vertex's, and the other."""
+@pytest.mark.parametrize("resting, led, left_alone", [
+    ((), (), False), ((3,), (), False), ((0, 1), (), False), ((3, 0), (), True), ((3, 2), (), True), ((0, 1, 2), (), False),
+    ((), (0, 1, 2, 3), True), ((), (3, 0, 1), False), ((3,), (0, 1), False), ((3,), (0, 1, 2), True)])
+def test_a_vertex_and_a_face_are_left_alone_where_either_rests(resting, led, left_alone):
+    """So that what passes through is found among faces with a particle that rests: the vertex's, and the other. And where
+    solids lead all of their particles: what has any other can keep apart."""
     x = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 1], [0.3, 0.3 * THICKNESS, 0.3], [0.3, 1, 0.3], [0.4, 1, 0.3]])
     scene = tc.Scene()
     scene.add_cloth(tc.TriMesh(10 * x, np.arange(6).reshape(-1, 3)), FABRIC, positions=x, contact=tc.ClothContact(THICKNESS))
     made = detector(scene)
-    particle, rests = made.model.particle, np.zeros(6, dtype=bool)
-    rests[particle[list(resting)]] = True
-    made.let_rest(rests)
+    particle, masks = made.model.particle, np.zeros((2, 6), dtype=bool)
+    for mask, of in zip(masks, (resting, led)):
+        mask[particle[list(of)]] = True
+    made.let_rest(*masks)
     made.cover()
     found = made.look()
     there = (found.pair[:, 2] == VERTEX_FACE) & (found.vertices[:, 0] == particle[3])

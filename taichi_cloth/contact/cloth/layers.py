@@ -107,7 +107,7 @@ class Layers(Checkpointed):
             self._let_rest()
 
     def _let_rest(self) -> None:
-        self.detector.let_rest(self.intersections.resting | self.waived)
+        self.detector.let_rest(self.intersections.resting, self.waived)
 
     @timed
     def begin(self, start: StepStart, guess: bool) -> None:

@@ -24,6 +24,7 @@ PINCHED = 1.02  # times its floor: what is so near is pressed by more than force
 TURNED = 0.5  # cosine between a pair's directions when it came near and at the end for the end's to be taken
 COLUMNS = slice(5, 9), 0, 1, slice(2, 5), 9, 10  # of what is found: weights, start, end, normal, factor, radius; and, last,
 WIDTH = 12  # whether it is one at all
+LED, RESTS = 1, 2  # in `LayerDetector.tangled`
 FAINT = 1e-6  # factor of a pair of edges that is not reckoned with: vertices are as near there
 
 
@@ -38,14 +39,16 @@ class LayerDetector(Candidates):
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, cpu: bool, floor: float) -> None:
         super().__init__(fields, model, scene, cpu)
         self.floor = floor
-        self.tangled = fields.integer(model.n, data=np.zeros(model.n))  # particles whose pairs rest
+        self.tangled = fields.integer(model.n, data=np.zeros(model.n))  # particles whose pairs rest, or that solids lead
         self.resting = False
 
-    def let_rest(self, resting: np.ndarray) -> None:
-        """Particles (n,) whose pairs with other such particles are left alone."""
-        if self.resting or resting.any():
-            write(self.tangled, resting.astype(np.int32))
-        self.resting = bool(resting.any())
+    def let_rest(self, resting: np.ndarray, waived: np.ndarray | None = None) -> None:
+        """Particles (n,) whose pairs with other such particles are left alone; and those that are led (n,), of which pairs are
+        left alone that have no others."""
+        state = np.where(resting, RESTS, 0 if waived is None else LED * waived)
+        if self.resting or state.any():
+            write(self.tangled, state.astype(np.int32))
+        self.resting = bool(state.any())
 
     def collision_free_step(self) -> tuple[float, np.ndarray]:
         """(part of the path, which `cover` has seen, that nothing passes through another on, the pairs (k, 3) that do not
@@ -110,13 +113,14 @@ class LayerDetector(Candidates):
 
     @ti.func
     def rests(self, kind, v):
-        """Whether a pair is left alone, as its cloth is tangled there: a particle of either side is."""
-        a, b = self.tangled[v[0]], self.tangled[v[2]] + self.tangled[v[3]]
+        """Whether a pair is left alone: a particle of either side is tangled, or solids lead all of them."""
+        t = ti.Vector([self.tangled[v[0]], self.tangled[v[1]], self.tangled[v[2]], self.tangled[v[3]]])
+        a, b = t[0], ti.max(t[2], t[3])
         if kind == VERTEX_FACE:
-            b += self.tangled[v[1]]
+            b = ti.max(b, t[1])
         else:
-            a += self.tangled[v[1]]
-        return a > 0 and b > 0
+            a = ti.max(a, t[1])
+        return ti.min(a, b) == RESTS or t.min() >= LED
 
     @ti.kernel
     def _free(self, rows: ti.types.ndarray(), distances: ti.types.ndarray(), part: ti.types.ndarray()):
