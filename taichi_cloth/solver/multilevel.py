@@ -49,6 +49,7 @@ class Multilevel(Checkpointed):
         made = levels(*_material(scene, model), float(np.median(edges)), _links(scene, model), most)
         self.hats = Hierarchy(fields, made, model.n)
         self.blocks = model.blocks.count
+        self.level_by_level = model.blocks.grain == 1  # on a GPU, where one thread for all but the finest is slow
         self.inverse_l, self.summed = (fields.real(self.hats.start[-1], 6) for _ in range(2))
         self.age = Age()
         self.forces = operator.forces
@@ -218,13 +219,23 @@ class Multilevel(Checkpointed):
         """The levels' part for a filtered r: afterwards `correction(i)` has it for every particle."""
         for n in range(self.hats.size[0]):
             self.hats.restrict(n, r)
-        for _ in range(1):
-            self.restrict_rest()
+        if ti.static(self.level_by_level):
+            for level in ti.static(range(1, len(self.hats.start) - 1)):
+                for n in range(self.hats.start[level], self.hats.start[level + 1]):
+                    self.hats.restrict(n, self.hats.r)
+        else:
+            for _ in range(1):
+                self.restrict_rest()
         if ti.static(self.exact):
             for n in range(self.hats.size[1], self.hats.size[2]):
                 self.solve_exactly(n)
-        for _ in range(1):
-            self.prolong_rest()
+        if ti.static(self.level_by_level):
+            for level in ti.static(range(len(self.hats.start) - 2, 0, -1)):
+                for n in range(self.hats.start[level], self.hats.start[level + 1]):
+                    self.prolong(n)
+        else:
+            for _ in range(1):
+                self.prolong_rest()
         for n in range(self.hats.size[0]):
             self.prolong(n)
 

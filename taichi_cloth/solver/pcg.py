@@ -163,6 +163,7 @@ class PCG(Recurrences):
                 self.restart(t // self.blocks.grain)
         if ti.static(not self.preconditioner.pointwise):
             self.precondition(1)
+        self.group()
         self.begin()
 
     @ti.kernel
@@ -187,11 +188,13 @@ class PCG(Recurrences):
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
                 self.multiply(t // self.blocks.grain)
+        self.group()
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
                 self.update(t // self.blocks.grain)
         if ti.static(not self.preconditioner.pointwise):
             self.precondition(1)
+        self.group()
         return self.conclude(target, iteration)
 
     @ti.kernel

@@ -12,6 +12,7 @@ from ..system.operator import Operator
 
 GO_ON, DONE, BROKEN, BAD = range(4)
 UNROLLED = 32
+GROUPS = 128  # of blocks on a GPU: each thread adds up so many sums, and not all of them
 
 
 @ti.data_oriented
@@ -20,7 +21,7 @@ class Recurrences:
 
     Attributes:
         dv, r, s, c, Ac, As: (n, 3) the answer, the filtered residual, P^-1 r, the direction, and products with A.
-        partial: (blocks, 4) sums over blocks of rows: s.As, r.s, |dv|_P^2, |dv|^2.
+        partial: (blocks, 4) sums over blocks of rows: s.As, r.s, |dv|_P^2, |dv|^2; grouped: over groups of them, on a GPU.
         scalar: r.s now, r.s before, alpha before, |dv|_P^2, |dv|^2.
         history: r.s by iteration.
     """
@@ -32,6 +33,8 @@ class Recurrences:
         self.dv, self.r, self.s = fields.real(n, 3), fields.real(n, 3), fields.real(n, 3)
         self.c, self.Ac, self.As = fields.real(n, 3), fields.real(n, 3), fields.real(n, 3)
         self.partial = fields.real(self.blocks.count, 4, dtype=self.sum_type)
+        self.many = self.blocks.grain == 1
+        self.grouped = fields.real(GROUPS if self.many else 1, 4, dtype=self.sum_type)
         self.scalar = fields.real(5, dtype=self.sum_type)
         self.history = fields.real(max_iterations + 1, dtype=self.sum_type)
 
@@ -132,9 +135,23 @@ class Recurrences:
                 out += self.partial[block][column]
         else:
             for _ in range(1):
-                for block in range(self.blocks.count):
-                    out += self.partial[block][column]
+                if ti.static(self.many):
+                    for group in range(GROUPS):
+                        out += self.grouped[group][column]
+                else:
+                    for block in range(self.blocks.count):
+                        out += self.partial[block][column]
         return out
+
+    @ti.func
+    def group(self):
+        """Sums over groups of blocks, on a GPU, before anything asks for a total."""
+        if ti.static(self.many):
+            for group in range(GROUPS):
+                total = ti.Vector.zero(self.sum_type, 4)
+                for block in range(self.blocks.count * group // GROUPS, self.blocks.count * (group + 1) // GROUPS):
+                    total += self.partial[block]
+                self.grouped[group] = total
 
     @ti.func
     def coefficients(self):
