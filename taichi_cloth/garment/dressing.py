@@ -3,8 +3,8 @@
 1. Sewing: no gravity, air that calms, seams that close by a bounded pull (`forces.closing`), the body smooth; cloth does not
    meet itself, as panels have to pass each other's edges. What comes near and stays there, as a pleat narrower than a
    triangle, gets a stronger pull.
-2. Settling: gravity, the body's friction, cloth that meets itself; until the cloth rests, and no more of what passed through it
-   while it was sewn comes apart.
+2. Settling: gravity, the body's friction, cloth that meets itself; until the cloth rests, and no more of what passed through
+   itself while it was sewn comes apart.
 """
 
 from collections.abc import Callable
