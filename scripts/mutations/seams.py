@@ -155,5 +155,8 @@ MUTATIONS = (
     (GARMENT, "u / r, (middle - low) @ v +", "u / r, 0 *", "a bent panel leaves its place along the axis", PLACED),
     (GARMENT, "across if across @ side > 0 else -across", "across", "a panel is bent to the wrong side", PLACED),
     (GARMENT, "if not size[2] <= FLAT * size[1]:", "if False:", "what is not flat is bent", PLACED),
+    (DRESSING, "return 0 < min(crossed[-PATIENCE:]) <", "return min(crossed[-PATIENCE:]) <",
+     "a garment of which nothing crosses settles on",
+     "tests/unit/test_patterns.py::test_a_garment_settles_as_long_as_crossings_become_fewer"),
     (DRESSING, "firm < FIRMEST and", "False and", "what no longer closes gets no stronger pull", PLACED),
 )

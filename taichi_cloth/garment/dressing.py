@@ -89,13 +89,12 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
     scene.add_garment(replace(garment, positions=x), fabric, contact=contact)
     sim = Simulation(scene, h=h, cg_tol=ROUGH)
     try:
-        speed, crossed, parts = np.inf, [0 if contact is None else sim.intersections()], False
-        while sim.time < longest and (speed > SLOW or sim.time < SHORTEST or parts):
+        speed, crossed = np.inf, [0 if contact is None else sim.intersections()]
+        while sim.time < longest and (speed > SLOW or sim.time < SHORTEST or _part(crossed)):
             _advance(sim, tell, "settling" + (f", {speed:.2g} m/s" if np.isfinite(speed) else ""))
             speed = float(np.sqrt(np.mean(np.sum(sim.velocities() ** 2, axis=1))))
             if contact is not None:
                 crossed.append(sim.intersections())
-                parts = 0 < min(crossed[-PATIENCE:]) < min(crossed[:-PATIENCE], default=np.inf)
         count = crossed[-1] if contact is not None else None
         return Dressed(replace(garment, positions=sim.positions()), sewn, sim.time, speed <= SLOW, speed, count)
     finally:
@@ -126,6 +125,11 @@ def _sewn(garment: Garment, fabric: Fabric, solids: list[Solid], h: float, pull:
         finally:
             sim.close()
     return x, time
+
+
+def _part(crossed: list[int]) -> bool:
+    """Whether there are crossings, of those counted every tenth of a second, and they have become fewer within PATIENCE."""
+    return 0 < min(crossed[-PATIENCE:]) < min(crossed[:-PATIENCE], default=np.inf)
 
 
 def _advance(sim: Simulation, tell: Callable[[str], None] | None, what: str) -> None:

@@ -10,6 +10,7 @@ from reference.geometry import against_solids, cloth_crossings
 
 import taichi_cloth as tc
 from taichi_cloth.backend.rows import write
+from taichi_cloth.garment import dressing
 from taichi_cloth.garment.mesher import mesh_polygon
 from taichi_cloth.scene.garment import load_garment
 
@@ -289,6 +290,13 @@ def test_measured_loops_of_bending_have_a_source():
     assert len(ratio) == 9 and 18 < min(ratio.values()) < max(ratio.values()) < 54.5
     assert all(isinstance(b, tc.Bend) and b.source and b.yield_ is None for b in tc.bends.values())
     assert tc.Fabric(0.12, bend=tc.bends["wool_tropical"]).bend.D == pytest.approx(6.57e-6)
+
+
+@pytest.mark.parametrize("crossed, part", [([10], True), ([10, 10, 10, 10], True), ([10, 10, 10, 10, 10], False),
+                                           ([10, 10, 8, 8, 8, 8], True), ([10, 10, 8, 8, 8, 8, 8], False), ([10, 0], False),
+                                           ([0], False), ([10, 9, 8, 9, 9, 9, 7], True)])
+def test_a_garment_settles_as_long_as_crossings_become_fewer(crossed, part):
+    assert dressing._part(crossed) == part
 
 
 @pytest.mark.slow
