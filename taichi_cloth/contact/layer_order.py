@@ -18,6 +18,7 @@ from ..scene.mesh import face_edges
 from ..scene.scene import Scene
 from ..system.quantities import vertex_normals
 from ..system.state import ParticleState
+from .settle import as_one
 from .solid.query import Scanner
 
 DEEPEST = 0.03  # m: what is further inside belongs elsewhere, on the other side of a limb for example
@@ -73,39 +74,46 @@ def put_in_order(scan: Scanner, model: ParticleState, scene: Scene, fixed: np.nd
     Args:
         fixed: (k,) particles that stay.
     """
-    order = sorted(((c.contact.layer, k, c) for k, c in enumerate(scene.cloths) if c.contact is not None))
-    x, v = model.read_particles()
-    still, solid = np.zeros(model.n, dtype=bool), _solids(scene)
+    order = sorted((c.contact.layer, k, c) for k, c in enumerate(scene.cloths) if c.contact is not None)
+    (x, v), solid = model.read(), _solids(scene)
+    still = np.zeros(model.n, dtype=bool)
     still[fixed] = True
+    knots = np.arange(model.n) if model.sewn is None else model.sewn.knot
     moved: list[MovedOut] = []
     scan.set_time(scan.time, 0.0)
     model.save()
     crossed = len(scan.find_crossings())
     for layer, _, outer in order:
-        inside = [c for k, _, c in order if k < layer]
+        inside = [c for k, _, c in order if k < layer and not scene.passes(c, outer)]
         if not inside:
             continue
-        rows = model.particle[outer.start: outer.start + outer.mesh.vertex_count]
-        lower = _Surface.join([_surface(c, x[model.particle[c.start: c.start + c.mesh.vertex_count]], solid) for c in inside])
-        there, count = _out_of(outer, x[rows], lower, still[rows], solid)
+        rows = _rows(outer)
+        there, count = _out_of(outer, x[rows], _Surface.join([_surface(c, x[_rows(c)], solid) for c in inside]), solid)
         if not count:
             continue
-        before = x.copy()
-        x[rows] = there
-        model.write_particles(x, v)
-        through = scan.find_crossings()
-        if len(through) > crossed:  # a solid is there: contact parts what it can
-            stays = np.isin(rows, through)
-            x[rows[stays]] = before[rows[stays]]
+        by = np.zeros_like(x)
+        by[rows] = there - x[rows]
+        before, held = x.copy(), still.copy()
+        for _ in range(2):
+            x[model.user] = before[model.user] + as_one(by[model.user], knots, held)
+            model.write(x, v)
+            through = scan.find_crossings()
+            if len(through) <= crossed:
+                break
+            held[through] = True  # a solid is there: contact parts what it can
         far = np.linalg.norm(x[rows] - before[rows], axis=1)
         names = " and ".join(f"{c.name!r}" for c in inside)
         moved.append(MovedOut(outer, names, count, int(far.argmax()), float(far.max())))
-    model.write_particles(x, v)
     model.save()
     return moved
 
 
-def _out_of(outer: Cloth, x: np.ndarray, lower: _Surface, still: np.ndarray,
+def _rows(cloth: Cloth) -> slice:
+    """A cloth's vertices among those of its scene."""
+    return slice(cloth.start, cloth.start + cloth.mesh.vertex_count)
+
+
+def _out_of(outer: Cloth, x: np.ndarray, lower: _Surface,
             solid: tuple[np.ndarray, np.ndarray] | None) -> tuple[np.ndarray, int]:
     """(positions (n, 3) of a cloth's vertices outside what belongs inside it, how many were not)."""
     wrong, there = np.zeros(len(x), dtype=bool), x.copy()
@@ -129,7 +137,7 @@ def _out_of(outer: Cloth, x: np.ndarray, lower: _Surface, still: np.ndarray,
         more = np.zeros(len(x))
         more[under.near[order]] = lack[order]  # the most of each
         way = np.where((more > by)[:, None], upper.normal, way)
-        by = np.where(still, 0.0, np.maximum(np.maximum(by, more), 0.0))
+        by = np.maximum(np.maximum(by, more), 0.0)
         if by.max() < 1e-3 * upper.keeps.min():
             break
         there = there + by[:, None] * way
@@ -149,7 +157,8 @@ def _above(x: np.ndarray, surface: _Surface) -> _Above:
     """Those of points (n, 3) that are within DEEPEST of a surface, and not beside it."""
     low, high = surface.x.min(axis=0) - DEEPEST, surface.x.max(axis=0) + DEEPEST
     rows = np.flatnonzero(((x > low) & (x < high)).all(axis=1))
-    near = _nearest(x[rows], surface.x)
+    on = np.flatnonzero(surface.normal.any(axis=1))  # vertices of no face lie on nothing
+    near = on[_nearest(x[rows], surface.x[on])]
     off = x[rows] - surface.x[near]
     height = np.einsum("ki,ki->k", off, surface.normal[near])
     beside = np.linalg.norm(off - height[:, None] * surface.normal[near], axis=1)

@@ -105,7 +105,7 @@ class _Start:
     def sewn(self, x: np.ndarray, still: np.ndarray) -> np.ndarray:
         """Positions with what is sewn together, and nearly at its mean, there, but for what is still (n,) or would cross."""
         knots = self.knots
-        to_mean = _as_one(x, knots, np.zeros(len(x), dtype=bool)) - x
+        to_mean = as_one(x, knots, np.zeros(len(x), dtype=bool)) - x
         far = np.zeros(len(x))
         np.maximum.at(far, knots, np.where(still, np.inf, np.linalg.norm(to_mean, axis=1)))
         near = (far > 0) & (far < NEAREST * self.most)
@@ -138,14 +138,14 @@ class _Start:
             best, since = (lacks, sweep) if lacks < BETTER * best else (best, since)
             if lacks < ENOUGH or sweep - since > PATIENCE:
                 break
-            by = self.free_of_layers(_as_one(by, self.knots, still), x, still)
+            by = self.free_of_layers(as_one(by, self.knots, still), x, still)
             for _ in range(TOGETHER):
                 model.write_particles(x + by, self.v)
                 through = scan.find_crossings()
                 if len(through) <= crossed:
                     break
                 still[through] = True
-                by = _as_one(by, self.knots, still)
+                by = as_one(by, self.knots, still)
             else:
                 break
             x = x + by
@@ -189,13 +189,13 @@ class _Start:
             if part == 1:
                 return by
             four = np.concatenate([four, detector.mesh.particles_of(blocking)])
-            by = _as_one(by, _joined(four, self.knots), still)
+            by = as_one(by, _joined(four, self.knots), still)
         self.model.write_particles(x + by, self.v)
         detector.cover()
         return by * detector.collision_free_step()[0]
 
 
-def _as_one(by: np.ndarray, group: np.ndarray, still: np.ndarray) -> np.ndarray:
+def as_one(by: np.ndarray, group: np.ndarray, still: np.ndarray) -> np.ndarray:
     """(n, 3) means of displacements over groups (n,); what is in a group with anything that is still (n,) does not move."""
     count, stays = np.maximum(np.bincount(group), 1), np.bincount(group, still) > 0
     mean = np.stack([np.bincount(group, by[:, k]) for k in range(3)], axis=1) / count[:, None]

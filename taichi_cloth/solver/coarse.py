@@ -92,7 +92,7 @@ class Coarse(Checkpointed):
         blocks = np.zeros((k, 3, k, 3))
         for color in range(self.colors.max() + 1):
             self._picked[:] = self.colors == color
-            entries = self.hats.entries_of(self.couples[:, self.colors == color].any(axis=1))
+            entries = self.hats.entries_of(np.any(self.couples[:, self.colors == color], axis=1))
             for d in range(3):
                 self._probe(self._picked, d, self._out)
                 rows = self.hats.transposed(self._out, entries)

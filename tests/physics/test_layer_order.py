@@ -33,6 +33,30 @@ def two_tubes(layers: tuple[int, int], solid: bool = True, clockwise: bool = Fal
     return scene
 
 
+def test_far_from_the_origin_with_a_vertex_of_no_face_and_a_seam():
+    """The wavy tube is cut open and sewn; what belongs to it goes with it, and nothing else."""
+    far, scene = np.array([400.0, 0, -300.0]), tc.Scene()
+    scene.add_solid(tc.Capsule((0, -0.3, 0), (0, 0.5, 0), 0.1), 0.3, 0.004, position=far)
+    inner, outer = tube(32, 7, 0.0), tube(37, 8, 0.06)
+    n = outer.vertex_count
+    a = 37 * np.arange(9)  # a seam along the tube: its second side is new vertices
+    faces = outer.faces.copy()
+    second = np.isin(faces, a) & np.isin(faces, 37 * np.arange(9) + 36).any(axis=1)[:, None]
+    faces[second] = n + faces[second] // 37
+    x = np.concatenate([outer.x, outer.x[a], [[0.3, 0.2, 0.3]]])
+    with pytest.warns(UserWarning, match="belong to no face"):
+        cut = tc.TriMesh(x, faces)
+    scene.add_cloth(inner, FABRIC, positions=inner.x + far, contact=tc.ClothContact(THICKNESS))
+    cloth = scene.add_cloth(cut, FABRIC, positions=x + far, contact=tc.ClothContact(THICKNESS, layer=1))
+    scene.sew(cloth, a, n + np.arange(9))
+    with tc.Simulation(scene, h=1 / 60) as sim:
+        now = sim.positions()[cloth.start:]
+        by = np.linalg.norm(now - x - far, axis=1)
+        assert cloth_crossings(sim) == 0 and 0.006 < by.max() < 0.02 and by[-1] == 0
+        assert (now[a] == now[n: n + 9]).all() and by[a].max() > 0.004
+        assert np.abs(sim.positions()[: cloth.start] - inner.x - far).max() < 1e-9
+
+
 def least_room(sim: tc.Simulation) -> float:
     """How far [m] the second tube is outside the first at least, at places all over both: by radii, with half the sagitta of
     their triangles."""
