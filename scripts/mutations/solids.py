@@ -261,7 +261,7 @@ MUTATIONS = (
     (PINCH, "np.where(scan.yields[a.solid], -1, a.solid)", "a.solid", "a body does not close on itself", MESH_ARM),
     (PINCH, "whole[self.trial.index] * self.led[:, None]", "whole[self.trial.index]",
      "what pins bear is the solids' too", PINCHED),
-    (LAYERS, "self.intersections.resting | self.waived)", "self.intersections.resting)",
+    (LAYERS, "self.intersections.resting, self.waived)", "self.intersections.resting)",
      "layers that are pinched meet", PINCHED),
     (LAYERS, "self.freed = not pinched[before].all()", "self.freed = False",
      "layers are not looked at again when freed", PINCHED),
