@@ -216,7 +216,7 @@ MUTATIONS = (
      TANGLES + "crossings_are_known_after_every_step"),
     (CONTACT + "cloth/layers.py", "if again.any():", "if False:", "what rests no more is met, however near",
      TANGLES + "what_rests_no_more_but_starts_too_near_does_not_stop_the_rest"),
-    (CONTACT + "layer_order.py", "normal[panel == first] *= -1", "pass",
+    (CONTACT + "layer_order.py", "out[panel == first] = -1", "pass",
      "outside is where triangles face, on a body too", ORDER),
     (CONTACT + "layer_order.py", "more[under.near[order]] = lack[order]", "pass",
      "what pokes out between vertices stays",

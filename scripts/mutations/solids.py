@@ -105,6 +105,9 @@ MUTATIONS = (
     ("taichi_cloth/contact/solid/solid_contacts.py", 'STATE = ("accepted", "penetration", "pinches", "growth", "firmness")',
      'STATE = ("penetration", "pinches", "growth", "firmness")', "which way things begin to slide is not resumed", RESUME),
     # starts
+    ("taichi_cloth/contact/solid/tree.py", "ti.max(p[d], p[d + 3], q[d], q[d + 3], r[d], r[d + 3]) < low[d]",
+     "ti.max(p[d], q[d], r[d]) < low[d]", "a triangle is looked at where it starts only",
+     "tests/unit/test_swept_detection.py::test_edges_and_corners_that_come_near_are_found"),
     (START, "for layered in (False, True):", "for layered in ():", "what starts near stays there", APART),
     (START, "still[fixed] = True", "still[fixed] = False", "pinned vertices are moved apart too", APART),
     (START, "group, still) > 0", "group, still) < 0", "what is moved as one takes what is pinned with it", APART),

@@ -88,7 +88,8 @@ def put_in_order(scan: Scanner, model: ParticleState, scene: Scene, fixed: np.nd
         if not inside:
             continue
         rows = _rows(outer)
-        there, count = _out_of(outer, x[rows], _Surface.join([_surface(c, x[_rows(c)], solid) for c in inside]), solid)
+        lower = _Surface.join([_surface(c, x[_rows(c)], _facing(c, x[_rows(c)], solid)) for c in inside])
+        there, count = _out_of(outer, x[rows], _facing(outer, x[rows], solid), lower)
         if not count:
             continue
         by = np.zeros_like(x)
@@ -113,12 +114,11 @@ def _rows(cloth: Cloth) -> slice:
     return slice(cloth.start, cloth.start + cloth.mesh.vertex_count)
 
 
-def _out_of(outer: Cloth, x: np.ndarray, lower: _Surface,
-            solid: tuple[np.ndarray, np.ndarray] | None) -> tuple[np.ndarray, int]:
+def _out_of(outer: Cloth, x: np.ndarray, facing: np.ndarray, lower: _Surface) -> tuple[np.ndarray, int]:
     """(positions (n, 3) of a cloth's vertices outside what belongs inside it, how many were not)."""
     wrong, there = np.zeros(len(x), dtype=bool), x.copy()
     for sweep in range(SWEEPS):
-        upper = _surface(outer, there, solid)
+        upper = _surface(outer, there, facing)
         by, way = np.zeros(len(x)), np.zeros_like(x)
         over = _above(upper.x, lower)  # its vertices over the others' surface
         keeps = upper.keeps[over.rows] + lower.keeps[over.near]
@@ -182,21 +182,28 @@ def _solids(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
     return np.concatenate([x for x, _ in parts]), np.concatenate([vertex_normals(x, faces) for x, faces in parts])
 
 
-def _surface(cloth: Cloth, x: np.ndarray, solid: tuple[np.ndarray, np.ndarray] | None) -> _Surface:
-    """A cloth's, with its vertices at x (n, 3) [m]; each panel faces away from the solids."""
-    faces = cloth.mesh.faces
+def _facing(cloth: Cloth, x: np.ndarray, solid: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
+    """(n,) 1, or -1 for vertices of a cloth at x (n, 3) [m] whose panel's triangles face the solids."""
+    faces, out = cloth.mesh.faces, np.ones(len(x))
+    if solid is None:
+        return out
     edges = face_edges(faces)
-    normal = vertex_normals(x, faces)
-    if solid is not None:
-        panel = components(len(x), edges[:, 0], edges[:, 1])
-        a, b, c = (x[faces[:, k]] for k in range(3))
-        centre, area = (a + b + c) / 3, np.cross(b - a, c - a)
-        for first in np.unique(panel[faces[:, 0]]):
-            some = np.flatnonzero(panel[faces[:, 0]] == first)
-            some = some[:: max(1, len(some) // SAMPLE)]
-            away = solid[1][_nearest(centre[some], solid[0])]
-            if np.einsum("ki,ki->", area[some], away) < 0:
-                normal[panel == first] *= -1
+    panel = components(len(x), edges[:, 0], edges[:, 1])
+    a, b, c = (x[faces[:, k]] for k in range(3))
+    centre, area = (a + b + c) / 3, np.cross(b - a, c - a)
+    for first in np.unique(panel[faces[:, 0]]):
+        some = np.flatnonzero(panel[faces[:, 0]] == first)
+        some = some[:: max(1, len(some) // SAMPLE)]
+        away = solid[1][_nearest(centre[some], solid[0])]
+        if np.einsum("ki,ki->", area[some], away) < 0:
+            out[panel == first] = -1
+    return out
+
+
+def _surface(cloth: Cloth, x: np.ndarray, facing: np.ndarray) -> _Surface:
+    """A cloth's, with its vertices at x (n, 3) [m]."""
     assert cloth.contact is not None
+    edges = face_edges(cloth.mesh.faces)
     length = float(np.mean(np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1)))
-    return _Surface(x, normal, length, np.full(len(x), cloth.contact.thickness / 2))
+    return _Surface(x, facing[:, None] * vertex_normals(x, cloth.mesh.faces), length,
+                    np.full(len(x), cloth.contact.thickness / 2))

@@ -227,14 +227,10 @@ class Layers(Checkpointed):
             self._stiffen()
 
     def _too_near(self) -> np.ndarray:
-        """(k,) which pairs end nearer than a step may leave them. What rests no more may begin so, and is right to part."""
-        p = self.near
-        return (p.end <= self._nearest_allowed() * p.radius) & (p.end <= self._evaluate(p)[0][pair_kernels.BEGAN])
-
-    def _nearest_allowed(self) -> float:
-        """Distance of the nearest pair, over what it should keep, down to which a step may go; from what it was before."""
-        was = float(room(np.array([self.was]), np.ones(1))[0])
-        return FLOOR + (1 - FLOOR) * min(CLOSE / 3, was / 2, 2 * was)
+        """(k,) which pairs end nearer than a step may leave them, and have not parted: what rests no more may begin nearer."""
+        p, was = self.near, float(room(np.array([self.was]), np.ones(1))[0])
+        allowed = FLOOR + (1 - FLOOR) * min(CLOSE / 3, was / 2, 2 * was)
+        return (p.end <= allowed * p.radius) & (p.end <= self._evaluate(p)[0][pair_kernels.BEGAN])
 
     def _boost(self) -> np.ndarray:
         """(n,) factors of pairs' stiffness in this attempt."""
