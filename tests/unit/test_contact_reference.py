@@ -55,7 +55,6 @@ class Truth:
         a, b = owner[self.four[:, 0]], owner[self.four[:, 3]]
         self.radius = (np.array(THICK)[a] + np.array(THICK)[b]) / 2
         near = ref.distances(self.kind, rest[self.four]) / 2
-        self.reach = self.radius.copy()
         self.limited = (a == b) & (near < self.radius)
         self.radius[self.limited] = near[self.limited]
         self.key = {(*sorted(r), 1) if k else (*r, 0): i for i, (r, k) in enumerate(zip(self.row.tolist(), self.kind))}
@@ -190,7 +189,7 @@ def free_parts(d: LayerDetector) -> np.ndarray:
     """(k,) what each candidate allows of the path."""
     d.paths.displaced_count()
     part = np.empty(len(d.candidates), dtype=d.exchange)
-    d._free(d.candidates, d.distances, part)
+    d._free(d.candidates, d.distances, d.most, part)
     return part.astype(float)
 
 
@@ -219,10 +218,10 @@ def test_the_free_way_of_every_pair(rng):
         allow = maybe[part[maybe] == 1]  # of these, those that come nearest
         least = np.min([ref.distances(every.kind[allow], begins[allow] + s * ways[allow]) for s in np.linspace(0, 1, 13)],
                        axis=0)
-        allow = allow[np.argsort(least - np.minimum(left, every.reach)[allow])[:80]]
+        allow = allow[np.argsort(least - np.minimum(left, every.radius)[allow])[:80]]
         maybe = np.concatenate([rng.permutation(maybe[part[maybe] < 1])[:100], allow])
         few = [a[maybe] for a in (every.kind, begins, ways)]
-        last = ref.first_below(*few, np.minimum(left, every.reach)[maybe])
+        last = ref.first_below(*few, np.minimum(left, every.radius)[maybe])
         first = ref.first_below(*few, (left + (gone - floor) / 100)[maybe])
         stopped = np.isfinite(last)
         for kind in (0, 1):

@@ -92,10 +92,11 @@ class Candidates(Checkpointed):
         start: (n, 3) where the path that is looked at begins; it ends where the model is.
         left, walked: (n, 3) where the paths began and ended that pairs were looked for on.
         candidates: (k, 3) pairs that may be near, see `ContactPairs.pair`; distances: (k,) of them at `walked` [m].
+        most: (k,) distances that they should keep [m], at most.
         fresh: whether they cover paths near that.
     """
 
-    STATE = ("candidates", "distances", "paths", "fresh")
+    STATE = ("candidates", "distances", "most", "paths", "fresh")
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, cpu: bool) -> None:
         self.model, self.exchange = model, fields.exchange
@@ -109,7 +110,7 @@ class Candidates(Checkpointed):
         skin = SKIN * float(half[half > 0].min())
         self.paths = Paths(fields, model, skin)
         self.candidates: np.ndarray = np.zeros((0, 3), dtype=np.int32)
-        self.distances: np.ndarray = np.zeros(0, dtype=self.exchange)
+        self.distances, self.most = (np.zeros(0, dtype=self.exchange) for _ in range(2))
         self.fresh = False
         self.chunks = CHUNKS if cpu else -(-m // FACES_A_CHUNK)
         self.grain = 512 if cpu else 1
@@ -124,18 +125,17 @@ class Candidates(Checkpointed):
             return
         everything = count > MOST * self.model.n
         found = self._look_for(everything)
-        apart: np.ndarray = np.empty(len(found), dtype=self.exchange)
+        apart, most = (np.empty(len(found), dtype=self.exchange) for _ in range(2))
         if len(found):
-            self._distances(found, apart)
-        near = np.flatnonzero(apart >= 0)
-        found, apart = found.take(near, axis=0), apart.take(near)
+            self._distances(found, apart, most)
         if not everything and len(self.candidates):
             stays: np.ndarray = np.empty(len(self.candidates), dtype=np.int32)
             self._stays(self.candidates, stays)
             kept = np.flatnonzero(stays)
             found = np.concatenate([self.candidates.take(kept, axis=0), found])
             apart = np.concatenate([self.distances.take(kept), apart])
-        self.candidates, self.distances, self.fresh = found, apart, True
+            most = np.concatenate([self.most.take(kept), most])
+        self.candidates, self.distances, self.most, self.fresh = found, apart, most, True
         self.paths.displaced_count()
 
     def _look_for(self, everything: bool) -> np.ndarray:
@@ -155,19 +155,27 @@ class Candidates(Checkpointed):
             out[k] = 1 - self.stirs(self.mesh.corners(rows[k, 0], rows[k, 1], rows[k, 2]))
 
     @ti.kernel
-    def _distances(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):
-        """Of candidates where they were walked for; -1 of those that come near nowhere on paths that keep to it."""
+    def _distances(self, rows: ti.types.ndarray(), out: ti.types.ndarray(), most: ti.types.ndarray()):
+        """Of candidates where they were walked for, and what they should keep at most."""
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
             v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
-            from_, to = ti.static(self.paths.left, self.paths.walked)
-            p, q, r, s = to[v[0]], to[v[1]], to[v[2]], to[v[3]]
-            difference, w = between(kind, p, q, r, s)
-            d = difference.norm()
-            moves = closing(kind, p - from_[v[0]], q - from_[v[1]], r - from_[v[2]], s - from_[v[3]])
-            out[k] = -1.0
-            if d < (1 + ROUNDING) * (self.mesh.thickness(v) + 2 * self.paths.skin[0] + moves):
-                out[k] = d
+            to = ti.static(self.paths.walked)
+            difference, w = between(kind, to[v[0]], to[v[1]], to[v[2]], to[v[3]])
+            out[k], most[k] = difference.norm(), self.mesh.most(kind, v)
+
+    @ti.func
+    def may_near(self, kind, v):
+        """1 if a pair may come nearer than it should keep on a path within the skin of what is walked for. Neighbours in the
+        cloth's own shape keep little, and seldom may."""
+        begin, end = ti.static(self.paths.left, self.paths.walked)
+        p, q, r, s = end[v[0]], end[v[1]], end[v[2]], end[v[3]]
+        further = 2 * self.paths.skin[0] + closing(kind, p - begin[v[0]], q - begin[v[1]], r - begin[v[2]], s - begin[v[3]])
+        difference, w = between(kind, p, q, r, s)
+        left, out = difference.norm() / (1 + ROUNDING) - further, 0
+        if left < self.mesh.bound(kind, v):
+            out = ti.cast(left < self.mesh.most(kind, v), ti.i32)
+        return out
 
     @ti.func
     def stirs(self, v):
@@ -246,19 +254,22 @@ class Candidates(Checkpointed):
                 for k in range(self.mesh.first_vertex[a], self.mesh.first_vertex[a + 1]):
                     v, c = self.mesh.own_vertex[k], self.mesh.face[b]
                     u, c_0, c_1, c_2 = self.mesh.knot[v], self.mesh.knot[c[0]], self.mesh.knot[c[1]], self.mesh.knot[c[2]]
-                    if u != c_0 and u != c_1 and u != c_2 and self.stirs(ti.Vector([v, c[0], c[1], c[2]])):
+                    four = ti.Vector([v, c[0], c[1], c[2]])
+                    if u != c_0 and u != c_1 and u != c_2 and self.stirs(four):
                         if apart(self.hull(v, v, v), self.face_hull[b], reach) == 0:
-                            self.put(v, b, VERTEX_FACE, chunk, count, rows)
-                            count += 1
+                            if self.may_near(VERTEX_FACE, four) == 1:
+                                self.put(v, b, VERTEX_FACE, chunk, count, rows)
+                                count += 1
             for p in range(self.mesh.first_edge[f], self.mesh.first_edge[f + 1]):
                 for q in range(self.mesh.first_edge[g], self.mesh.first_edge[g + 1]):
                     c, d = self.mesh.edge[p], self.mesh.edge[q]
                     c_0, c_1, d_0, d_1 = self.mesh.knot[c[0]], self.mesh.knot[c[1]], self.mesh.knot[d[0]], self.mesh.knot[d[1]]
-                    if c_0 != d_0 and c_0 != d_1 and c_1 != d_0 and c_1 != d_1 and self.stirs(
-                            ti.Vector([c[0], c[1], d[0], d[1]])):
+                    four = ti.Vector([c[0], c[1], d[0], d[1]])
+                    if c_0 != d_0 and c_0 != d_1 and c_1 != d_0 and c_1 != d_1 and self.stirs(four):
                         if apart(self.edge_hull[p], self.edge_hull[q], reach) == 0:
-                            self.put(p, q, EDGE_EDGE, chunk, count, rows)
-                            count += 1
+                            if self.may_near(EDGE_EDGE, four) == 1:
+                                self.put(p, q, EDGE_EDGE, chunk, count, rows)
+                                count += 1
         return count
 
     @ti.func

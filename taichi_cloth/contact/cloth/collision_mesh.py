@@ -149,15 +149,38 @@ class CollisionMesh:
     @ti.func
     def radius(self, kind, v):
         """The distance that a pair should keep [m]; negative where it is none."""
-        out = self.thickness(v)
-        if self.owner[v[0]] == self.owner[v[3]]:
-            if self.parted(kind, v):
-                out = self.came_apart(kind, v)
-            else:  # near in its own shape
-                rest, w = between(kind, self.rest[v[0]], self.rest[v[1]], self.rest[v[2]], self.rest[v[3]])
-                out = ti.min(out, 0.5 * rest.norm())
-                out = ti.min(out, 0.5 * self.distance_over_seams(kind, v))
+        out = self.most(kind, v)
+        if self.owner[v[0]] == self.owner[v[3]] and self.parted(kind, v):
+            out = self.came_apart(kind, v)
         return out
+
+    @ti.func
+    def most(self, kind, v):
+        """The most that this may become [m]: the thickness, or half of how far the two are from each other in the cloth's own
+        shape, if that is less."""
+        out = self.thickness(v)
+        if self.has_shape(kind, v):
+            rest, w = between(kind, self.rest[v[0]], self.rest[v[1]], self.rest[v[2]], self.rest[v[3]])
+            out = ti.min(out, 0.5 * rest.norm())
+            out = ti.min(out, 0.5 * self.distance_over_seams(kind, v))
+        return out
+
+    @ti.func
+    def bound(self, kind, v):
+        """What `most` is no more than [m], by the distance of the two's middles: quicker."""
+        out = self.thickness(v)
+        if self.has_shape(kind, v):
+            p, q, r, s = self.rest[v[0]], self.rest[v[1]], self.rest[v[2]], self.rest[v[3]]
+            middles = (p + q - r - s) / 2
+            if kind == VERTEX_FACE:
+                middles = p - (q + r + s) / 3
+            out = ti.min(out, 0.5 * middles.norm())
+        return out
+
+    @ti.func
+    def has_shape(self, kind, v):
+        """Whether the two of a pair have a distance in the cloth's own shape."""
+        return self.owner[v[0]] == self.owner[v[3]] and not self.parted(kind, v)
 
     @ti.func
     def distance_over_seams(self, kind, v):
