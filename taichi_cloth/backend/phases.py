@@ -21,6 +21,7 @@ Which thread works on a block makes no difference to the result.
                             phases.turn(...)  # what comes next
 """
 
+import numpy as np
 import taichi as ti
 
 from .fields import Fields
@@ -29,15 +30,21 @@ END = 0  # kind of phase after which there is none
 TASK = 512  # iterations that Taichi gives to a thread at once
 APART = 32  # integers between two that different threads write to
 PATIENT = 2000  # looks at a phase before a thread does the work of others
-LEAVES = 5 * PATIENT  # looks after which the first one leaves, the next after as many more
+LEAVES = 5 * PATIENT  # looks after which the first one leaves at the earliest, the next after as many more,
+A_ROW = 8  # and so many for each row of a block: a look costs some 60 ns, a row in a phase up to 300
 
 
 @ti.data_oriented
 class PhaseScheduler:
-    """Threads for a number of blocks, at most one each."""
+    """Threads for a number of blocks, at most one each.
 
-    def __init__(self, fields: Fields, blocks: int) -> None:
+    Args:
+        rows: of the largest block.
+    """
+
+    def __init__(self, fields: Fields, blocks: int, rows: int) -> None:
         self.blocks, self.tasks = blocks, blocks * TASK
+        self.leaves = fields.integer(1, data=np.array([max(LEAVES, A_ROW * rows)]))
         self.claimed = fields.integer(blocks * APART)  # phases in which each block was
         self.shared = fields.integer(4 * APART)  # phases done, kind of the next, blocks done in all phases, threads that left
 
@@ -62,7 +69,7 @@ class PhaseScheduler:
         kind = ti.atomic_add(self.shared[APART], 0)
         if waited > LEAVES:  # all blocks are claimed, so somebody is at work
             left = ti.atomic_add(self.shared[3 * APART], 0)
-            if waited > LEAVES * (left + 1):
+            if waited > self.leaves[0] * (left + 1):
                 if ti.atomic_max(self.shared[3 * APART], left + 1) <= left:  # nobody else just now
                     kind = END
         return kind

@@ -15,9 +15,9 @@ WORK = 1
 class Sums:
     """Each phase adds what the blocks' neighbours had after the phase before."""
 
-    def __init__(self, blocks: int, lazy: int, late: int = 0) -> None:
+    def __init__(self, blocks: int, lazy: int, late: int = 0, rows: int = 1) -> None:
         self.fields, self.blocks, self.lazy, self.late = Fields(np.float64), blocks, lazy, late
-        self.phases = PhaseScheduler(self.fields, blocks)
+        self.phases = PhaseScheduler(self.fields, blocks, rows)
         self.x, self.y, self.times = self.fields.integer(blocks), self.fields.integer(blocks), self.fields.integer(blocks)
         self.away, self.left = self.fields.integer(1), self.fields.integer(1)
         self.fields.allocate()
@@ -84,4 +84,15 @@ def test_who_waits_too_long_leaves_and_the_others_do_its_work(threads):
     assert 1 <= sums.left[0] < threads
     assert (sums.times.to_numpy()[:threads] == phases).all()
     assert (sums.x.to_numpy()[:threads] == expected(threads, phases)).all()
+    sums.fields.free()
+
+
+def test_who_waits_no_longer_than_a_large_block_takes_stays():
+    """The more rows a block has, the longer it may take: that its thread is at work for long does not mean that it was put
+    aside."""
+    runtime.start("cpu", "f64", 2)
+    sums = Sums(2, 0, late=20_000_000, rows=10_000_000)
+    sums.run(400)
+    assert sums.left[0] == 0
+    assert (sums.x.to_numpy()[:2] == expected(2, 400)).all()
     sums.fields.free()
