@@ -296,8 +296,8 @@ class Bend(Force):
 
     def build_levels(self, levels) -> None:
         """Sums of k and of k_d over the hinges that each node's hat bends, on the flat pattern."""
-        sums = [levels.squares(self.host_hinges, self.host_turns, k) for k in self.host_stiff[:, :2].T]
-        self.bent = self._fields.real(levels.count, 2, np.column_stack(sums))
+        sums = levels.squares(self.host_hinges, self.host_turns, self.host_stiff[:, :2])
+        self.bent = self._fields.real(levels.count, 2, sums)
 
     @ti.func
     def add_level_block(self, n, c, D, levels: ti.template()):

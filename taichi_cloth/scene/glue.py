@@ -7,6 +7,7 @@ import numpy as np
 from .solids import Placed, SolidMesh
 
 CHUNK = 1 << 21  # pairs of a point and a triangle that are looked at together
+ROUNDING = 1 + 1e-9  # by which distances may be off
 
 
 @dataclass(frozen=True)
@@ -40,13 +41,17 @@ def places(solid: Placed, t: float, points: np.ndarray) -> Places:
     x, faces = solid.surface_at(t), solid.shape.faces
     corner = x[faces]
     face, weights = np.empty(len(points), dtype=np.int64), np.empty((len(points), 3))
+    middle = corner.mean(axis=1)
+    reach = np.linalg.norm(corner - middle[:, None], axis=2).max(axis=1)
     step = max(1, CHUNK // len(faces))
     for first in range(0, len(points), step):
         here = points[first:first + step]
-        w = _closest(here[:, None], corner[None])
-        d = np.linalg.norm(np.einsum("pfa,fai->pfi", w, corner) - here[:, None], axis=2)
-        best = d.argmin(axis=1)
-        face[first:first + step], weights[first:first + step] = best, w[np.arange(len(here)), best]
+        far = np.linalg.norm(here[:, None] - middle, axis=2)
+        k, f = np.nonzero(far - reach <= ROUNDING * (far + reach).min(axis=1, keepdims=True))  # one of them is the nearest
+        w = _closest(here[k], corner[f])
+        order = np.lexsort((f, np.linalg.norm(np.einsum("ka,kai->ki", w, corner[f]) - here[k], axis=1), k))
+        best = order[np.unique(k[order], return_index=True)[1]]
+        face[first:first + step], weights[first:first + step] = f[best], w[best]
     mine = corner[face]
     away = points - np.einsum("ka,kai->ki", weights, mine)
     return Places(faces[face], weights, np.einsum("kij,ki->kj", _frames(mine), away))

@@ -84,7 +84,9 @@ def _sign(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndar
         # differences are rounded too: relative to the coordinates themselves
         reach = np.abs(np.stack([a, b, c, d])).max(axis=(0, 2))
         slack = BOUND * lengths.prod(axis=0) * (1 + reach / np.maximum(lengths.min(axis=0), 1e-300)) + TINY
-        doubtful = ~(np.abs(volume) > slack)
+        flat = ((u == 0) & (v == 0) & (w == 0)).any(axis=1)  # in a plane of constant x, y or z: exactly 0
+        volume[flat] = 0.0
+        doubtful = ~(flat | (np.abs(volume) > slack))
         sign = np.sign(np.where(doubtful, 0.0, volume)).astype(np.int64)
     if doubtful.any():
         sign[doubtful] = _exact_sign(np.stack([a, b, c, d], axis=1)[doubtful])

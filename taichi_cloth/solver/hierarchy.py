@@ -40,7 +40,7 @@ class LevelFields:
         return Rows(self._fields, [Gather(p.first, primary[p.source]) for p in parts])
 
     def squares(self, vertices: np.ndarray, weights: np.ndarray, factor: np.ndarray) -> np.ndarray:
-        """(count,) sums over elements of factor (m,) times the square of the hat at vertices (m, k), weighted (m, k)."""
+        """(count, q) sums over elements of factors (m, q) times the square of the hat at vertices (m, k), weighted (m, k)."""
         return np.concatenate([squares(level, vertices, weights, factor) for level in self._made])
 
 

@@ -154,16 +154,17 @@ def gather(node: np.ndarray, weight: np.ndarray, count: int) -> Gather:
 
 
 def squares(level: Level, vertices: np.ndarray, weights: np.ndarray, factor: np.ndarray) -> np.ndarray:
-    """(count,) sums over elements (m, k) of factor (m,) times the square of the weighted sum (m, k) of a node's hat."""
-    out = np.zeros(level.count)
+    """(count, q) sums over elements (m, k) of factors (m, q) times the square of the weighted sum (m, k) of a node's hat."""
+    out = np.zeros((factor.shape[1], level.count))
     for first in range(0, len(vertices), PART):
         here = slice(first, first + PART)
         node = level.node[vertices[here]].reshape(len(vertices[here]), -1)
         value = (level.weight[vertices[here]] * weights[here][:, :, None]).reshape(node.shape)
         for p in range(node.shape[1]):
-            total = np.einsum("ij,ij->i", value, node == node[:, p:p + 1])
-            out += np.bincount(node[:, p], factor[here] * value[:, p] * total, level.count)
-    return out
+            square = value[:, p] * np.einsum("ij,ij->i", value, node == node[:, p:p + 1])  # its share
+            for q in np.flatnonzero(factor.any(axis=0)):
+                out[q] += np.bincount(node[:, p], factor[here, q] * square, level.count)
+    return out.T
 
 
 def meeting(level: Level, vertices: np.ndarray) -> Gather:

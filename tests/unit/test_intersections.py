@@ -33,7 +33,7 @@ def plain(x, faces) -> set:
     return found
 
 
-@pytest.mark.parametrize("kind", ["random", "whole numbers", "all sizes", "far away", "tiny", "huge"])
+@pytest.mark.parametrize("kind", ["random", "whole numbers", "all sizes", "far away", "faint", "tiny", "huge"])
 def test_every_crossing_is_counted_and_none_made_up(kind, rng):
     total = 0
     for _ in range(2):
@@ -44,7 +44,7 @@ def test_every_crossing_is_counted_and_none_made_up(kind, rng):
         elif kind == "all sizes":
             x *= 10 ** rng.uniform(-4, 4, size=(16, 1))
         else:
-            x = {"random": x, "far away": x * 1e-6 + 1e5, "tiny": x * 1e-160, "huge": x * 1e160}[kind]
+            x = {"random": x, "far away": x * 1e-6 + 1e5, "faint": x * 3e-108, "tiny": x * 1e-160, "huge": x * 1e160}[kind]
         expected = plain(x, faces)
         edges, rows = self_crossings(x, faces)
         assert {(*map(int, e), int(t)) for e, t in zip(edges, rows)} == expected

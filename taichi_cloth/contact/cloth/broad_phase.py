@@ -110,7 +110,8 @@ class Candidates(Checkpointed):
         skin = SKIN * float(half[half > 0].min())
         self.paths = Paths(fields, model, skin)
         self.candidates: np.ndarray = np.zeros((0, 3), dtype=np.int32)
-        self.distances, self.most = (np.zeros(0, dtype=self.exchange) for _ in range(2))
+        self.distances: np.ndarray = np.zeros(0, dtype=self.exchange)
+        self.most: np.ndarray = np.zeros(0, dtype=self.exchange)
         self.fresh = False
         self.chunks = CHUNKS if cpu else -(-m // FACES_A_CHUNK)
         self.grain = 512 if cpu else 1
@@ -125,7 +126,8 @@ class Candidates(Checkpointed):
             return
         everything = count > MOST * self.model.n
         found = self._look_for(everything)
-        apart, most = (np.empty(len(found), dtype=self.exchange) for _ in range(2))
+        apart: np.ndarray = np.empty(len(found), dtype=self.exchange)
+        most: np.ndarray = np.empty(len(found), dtype=self.exchange)
         if len(found):
             self._distances(found, apart, most)
         if not everything and len(self.candidates):
