@@ -76,7 +76,7 @@ MUTATIONS = (
     # conjugate gradients
     ("taichi_cloth/backend/phases.py", "if waited > LEAVES:", "if waited > 1 << 30:", "who waits spins for ever",
      "tests/unit/test_phases.py"),
-    ("taichi_cloth/backend/phases.py", "A_ROW * rows", "LEAVES", "who waits for a large block leaves as soon as for a small one",
+    ("taichi_cloth/backend/phases.py", "A_ROW * rows", "LEAVES", "who waits for a large block leaves as for a small one",
      "tests/unit/test_phases.py"),
     (PCG, "self.dv[i] = ti.cast(b / m, float)", "self.dv[i] = ti.cast(0 * b / m, float)", "free cloth begins at rest",
      "tests/unit/test_integrators.py::test_free_fall_is_exact tests/physics/test_closed_forms.py"),
