@@ -7,7 +7,7 @@ doubt, so that no crossing is missed or made up. Touching counts as no crossing.
 import numpy as np
 
 from .boxes import near
-from .mesh import face_edges
+from .mesh import distinct, face_edges
 
 BOUND = 1e-14  # of the product of the three lengths: a smaller volume's sign is doubtful
 TINY = 1e-290  # m^3: below it numbers have fewer digits
@@ -39,7 +39,7 @@ def self_crossings(x: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _edges(faces: np.ndarray) -> np.ndarray:
-    edges = np.unique(np.sort(face_edges(faces), axis=1), axis=0)
+    edges, _ = distinct(face_edges(faces))
     return edges[edges[:, 0] != edges[:, 1]]
 
 

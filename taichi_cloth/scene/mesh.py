@@ -118,7 +118,7 @@ class TriMesh:
     @property
     def inner_edges(self) -> np.ndarray:
         """(k, 2) vertices of the edges between two triangles, the lower first, in rising order."""
-        edges, count = np.unique(np.sort(face_edges(self.faces), axis=1), axis=0, return_counts=True)
+        edges, count = distinct(face_edges(self.faces))
         return edges[count == 2]
 
     @property
@@ -194,13 +194,20 @@ def face_edges(faces: np.ndarray) -> np.ndarray:
     return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
 
 
+def distinct(ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """((e, 2) pairs of vertices (k, 2), each once, the lower first, in rising order; (e,) how often each is there)."""
+    ends, size = np.sort(ends, axis=1).astype(np.int64), int(ends.max(initial=0)) + 1
+    code, count = np.unique(ends[:, 0] * size + ends[:, 1], return_counts=True)
+    return np.stack([code // size, code % size], axis=1), count
+
+
 def borders_of(faces: np.ndarray) -> np.ndarray:
     """(k, 2) edges with one triangle.
 
     Raises:
         MeshError: an edge with more than two.
     """
-    edges, count = np.unique(np.sort(face_edges(faces), axis=1), axis=0, return_counts=True)
+    edges, count = distinct(face_edges(faces))
     bad = np.flatnonzero(count > 2)
     if len(bad):
         i, j = edges[bad[0]].tolist()
@@ -217,7 +224,7 @@ def open_note(x: np.ndarray, borders: np.ndarray, joined: np.ndarray | None = No
         joined: (n,) a number of each vertex that those have in common that are sewn to each other; none are where None.
     """
     ends = borders if joined is None else joined[borders]
-    ends = np.unique(np.sort(ends, axis=1), axis=0)  # two that are sewn are one
+    ends = distinct(ends)[0]  # two that are sewn are one
     names, first = np.unique(np.arange(len(x)) if joined is None else joined, return_index=True)
     used = np.unique(ends)
     place = _places(x[first[np.searchsorted(names, used)]])

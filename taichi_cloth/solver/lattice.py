@@ -155,14 +155,14 @@ def gather(node: np.ndarray, weight: np.ndarray, count: int) -> Gather:
 
 def squares(level: Level, vertices: np.ndarray, weights: np.ndarray, factor: np.ndarray) -> np.ndarray:
     """(count, q) sums over elements (m, k) of factors (m, q) times the square of the weighted sum (m, k) of a node's hat."""
-    out = np.zeros((factor.shape[1], level.count))
+    out, given = np.zeros((factor.shape[1], level.count)), np.flatnonzero(factor.any(axis=0))
     for first in range(0, len(vertices), PART):
         here = slice(first, first + PART)
         node = level.node[vertices[here]].reshape(len(vertices[here]), -1)
         value = (level.weight[vertices[here]] * weights[here][:, :, None]).reshape(node.shape)
         for p in range(node.shape[1]):
             square = value[:, p] * np.einsum("ij,ij->i", value, node == node[:, p:p + 1])  # its share
-            for q in np.flatnonzero(factor.any(axis=0)):
+            for q in given:
                 out[q] += np.bincount(node[:, p], factor[here, q] * square, level.count)
     return out.T
 

@@ -17,7 +17,7 @@ import taichi as ti
 
 from ..backend.fields import Fields
 from ..forces.conditions import sym, sym_scaled_identity, sym_times, sym_unpack
-from ..scene.mesh import face_edges
+from ..scene.mesh import distinct, face_edges
 from ..scene.scene import Scene
 from ..system.checkpoint import Checkpointed
 from ..system.held import Held
@@ -315,4 +315,4 @@ def _links(scene: Scene, model) -> np.ndarray:
     if any(c.split is not None for c in scene.cloths):  # what may tear hangs together for now
         joined = [model.particle[np.stack([s.a, s.b], axis=1) + s.cloth.start] for s in scene.seams if s.tears]
         ends = np.concatenate([ends, *joined])
-    return np.unique(np.sort(ends, axis=1), axis=0)
+    return distinct(ends)[0]

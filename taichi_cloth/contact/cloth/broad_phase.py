@@ -21,7 +21,7 @@ CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
 FACES_A_CHUNK = 8
 ROUNDING = 1e-4  # part by which distances may be off
 MOST = 0.5  # of all particles: if more were displaced by more than the skin, all pairs are looked for
-SKIN = 0.4  # of half the thickness: how far paths may lead from where the tree was walked for
+SKIN = 0.4  # of half the thickness, or half the spacing if less: how far paths may lead from where the tree was walked for
 
 
 @ti.data_oriented
@@ -107,7 +107,7 @@ class Candidates(Checkpointed):
         self.changed = fields.integer(2 * self.boxes.first_leaf)  # whether a box has faces with displaced particles
         self.face_low, self.face_high = fields.real(m, 3), fields.real(m, 3)  # swept box, with what belongs to it round it
         half = self.mesh.half_thickness
-        skin = SKIN * float(half[half > 0].min())
+        skin = SKIN * min(float(half[half > 0].min()), self.mesh.spacing / 2)
         self.paths = Paths(fields, model, skin)
         self.candidates: np.ndarray = np.zeros((0, 3), dtype=np.int32)
         self.distances: np.ndarray = np.zeros(0, dtype=self.exchange)

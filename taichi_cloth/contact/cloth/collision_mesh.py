@@ -23,6 +23,7 @@ class CollisionMesh:
 
     Attributes:
         faces: (m, 3) particles, in an order that keeps neighbours together; edges: (e, 2), in the order of their faces.
+        spacing: median length of the edges [m].
         half_thickness: (n,) [m]; knots: (n,) the same number for particles that are sewn together.
         face, edge, half, knot: the same as fields; cloth: (m,) of each face; size: m and e, as kernels read them.
         own_vertex: vertices in the order of faces that speak for them: face f for those from first_vertex[f] to
@@ -43,6 +44,7 @@ class CollisionMesh:
         code, first = np.unique(ends @ np.array([model.n, 1]), return_index=True)
         code, self.first_edge = _owned(fields, code, first % m, m)
         self.edges = np.stack([code // model.n, code % model.n], axis=1)
+        self.spacing = float(np.median(np.linalg.norm(np.diff(given[self.edges], axis=1), axis=2)))
         vertices, first = np.unique(self.faces.T.ravel(), return_index=True)
         vertices, self.first_vertex = _owned(fields, vertices, first % m, m)
         self.own_vertex = fields.integer(len(vertices), data=vertices)
