@@ -32,6 +32,17 @@ def test_a_benchmark_runs_and_its_tables_compare(name, tmp_path):
     assert done.returncode == 0, done.stderr
 
 
+def test_steps_are_timed_from_states_that_were_kept(tmp_path):
+    script, states, file = ROOT / "scripts" / "bench_states.py", tmp_path / "states.npz", tmp_path / "table.json"
+    done = call_script(script, "save", "layers", "--set", "cells=6", "--frames", "2", "4", "--file", states)
+    assert done.returncode == 0, done.stderr
+    done = call_script(script, "time", states, "--json", file)
+    assert done.returncode == 0, done.stderr
+    *rows, total = json.loads(file.read_text())["rows"]
+    assert [row["frame"] for row in rows] == [2, 4] and total["frame"] == "all"
+    assert total["steps"] == sum(row["steps"] for row in rows) >= 4 and total["wall"] >= total["CG"] > 0
+
+
 def test_the_dance_names_what_is_absent_and_runs_where_it_is(tmp_path, shared):
     done = call_script(ROOT / "scripts" / "bench_dance.py", "--data", tmp_path)
     assert done.returncode == 1 and "skirt: left out" in done.stderr and f"{tmp_path / 'skirt.obj'}: not there" in done.stderr
