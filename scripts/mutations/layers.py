@@ -114,7 +114,7 @@ MUTATIONS = (
      "rest between two cloths", FOUND),
     (CONTACT + "cloth/collision_mesh.py", "out = ti.min(out, 0.5 * middles.norm())", "out = ti.min(out, 0.3 * middles.norm())",
      "neighbours taken for nearer in their own shape than they are", FOUND),
-    (CONTACT + "cloth/narrow_phase.py", "reach = most[k] + 1e-12", "reach = 0.9 * most[k]",
+    (CONTACT + "cloth/narrow_phase.py", "reach = radii[k] + 1e-12", "reach = 0.9 * radii[k]",
      "reach a tenth too short", FOUND),
     (CONTACT + "cloth/narrow_phase.py", "out = ti.max(s[0], s[1]) + ti.max(s[2], s[3])", "out = ti.max(s[0], s[1])",
      "one side's straying left out", FOUND),

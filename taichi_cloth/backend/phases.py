@@ -30,8 +30,8 @@ END = 0  # kind of phase after which there is none
 TASK = 512  # iterations that Taichi gives to a thread at once
 APART = 32  # integers between two that different threads write to
 PATIENT = 2000  # looks at a phase before a thread does the work of others
-LEAVES = 5 * PATIENT  # looks after which the first one leaves at the earliest, the next after as many more,
-A_ROW = 8  # and so many for each row of a block: a look costs some 60 ns, a row in a phase up to 300
+LEAVES = 5 * PATIENT  # looks after which the first one leaves, the next after as many more; or, where that is more,
+A_ROW = 8  # so many looks for each row of a block: a look costs some 60 ns, a row in a phase up to 300
 
 
 @ti.data_oriented
@@ -44,7 +44,7 @@ class PhaseScheduler:
 
     def __init__(self, fields: Fields, blocks: int, rows: int) -> None:
         self.blocks, self.tasks = blocks, blocks * TASK
-        self.leaves = fields.integer(1, data=np.array([max(LEAVES, A_ROW * rows)]))
+        self.leaves = fields.integer(1, data=np.array([max(LEAVES, A_ROW * rows)]))  # looks, as kernels read them
         self.claimed = fields.integer(blocks * APART)  # phases in which each block was
         self.shared = fields.integer(4 * APART)  # phases done, kind of the next, blocks done in all phases, threads that left
 

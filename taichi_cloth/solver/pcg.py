@@ -63,7 +63,7 @@ class PCG(Recurrences):
         super().__init__(fields, operator, preconditioner, runtime, max_iterations)
         self.max_iterations, self.epsilon = max_iterations, runtime.epsilon
         self.together = runtime.arch == "cpu"  # a phase scheduler, or a launch for each iteration
-        self.phases = PhaseScheduler(fields, self.blocks.count if self.together else 1, self.blocks.most)
+        self.phases = PhaseScheduler(fields, self.blocks.count if self.together else 1, self.blocks.largest)
         self.count, self.norm = fields.integer(4), fields.real(2, dtype=self.sum_type)
         self.last, self.balanced = 0, balanced
         self.reference = 0.0  # residual norm that the last solve's tolerance was relative to

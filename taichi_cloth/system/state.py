@@ -29,7 +29,7 @@ class Blocks:
         cpu = runtime.arch == "cpu"
         self.bounds = block_bounds(n, min(runtime.threads, max(1, n // ROWS)) if cpu else max(1, n // GPU_BLOCK))
         self.count = len(self.bounds) - 1
-        self.most = int(np.diff(self.bounds).max())  # rows
+        self.largest = int(np.diff(self.bounds).max())  # rows of a block
         self.grain = 512 if cpu else 1
         self.row = fields.integer(self.count + 1, data=self.bounds)
 

@@ -189,7 +189,7 @@ def free_parts(d: LayerDetector) -> np.ndarray:
     """(k,) what each candidate allows of the path."""
     d.paths.displaced_count()
     part = np.empty(len(d.candidates), dtype=d.exchange)
-    d._free(d.candidates, d.distances, d.most, part)
+    d._free(d.candidates, d.distances, d.radii, part)
     return part.astype(float)
 
 

@@ -92,11 +92,11 @@ class Candidates(Checkpointed):
         start: (n, 3) where the path that is looked at begins; it ends where the model is.
         left, walked: (n, 3) where the paths began and ended that pairs were looked for on.
         candidates: (k, 3) pairs that may be near, see `ContactPairs.pair`; distances: (k,) of them at `walked` [m].
-        most: (k,) distances that they should keep [m], at most.
+        radii: (k,) the largest distances that they may have to keep [m].
         fresh: whether they cover paths near that.
     """
 
-    STATE = ("candidates", "distances", "most", "paths", "fresh")
+    STATE = ("candidates", "distances", "radii", "paths", "fresh")
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, cpu: bool) -> None:
         self.model, self.exchange = model, fields.exchange
@@ -111,7 +111,7 @@ class Candidates(Checkpointed):
         self.paths = Paths(fields, model, skin)
         self.candidates: np.ndarray = np.zeros((0, 3), dtype=np.int32)
         self.distances: np.ndarray = np.zeros(0, dtype=self.exchange)
-        self.most: np.ndarray = np.zeros(0, dtype=self.exchange)
+        self.radii: np.ndarray = np.zeros(0, dtype=self.exchange)
         self.fresh = False
         self.chunks = CHUNKS if cpu else -(-m // FACES_A_CHUNK)
         self.grain = 512 if cpu else 1
@@ -127,17 +127,17 @@ class Candidates(Checkpointed):
         everything = count > MOST * self.model.n
         found = self._look_for(everything)
         apart: np.ndarray = np.empty(len(found), dtype=self.exchange)
-        most: np.ndarray = np.empty(len(found), dtype=self.exchange)
+        radii: np.ndarray = np.empty(len(found), dtype=self.exchange)
         if len(found):
-            self._distances(found, apart, most)
+            self._distances(found, apart, radii)
         if not everything and len(self.candidates):
             stays: np.ndarray = np.empty(len(self.candidates), dtype=np.int32)
             self._stays(self.candidates, stays)
             kept = np.flatnonzero(stays)
             found = np.concatenate([self.candidates.take(kept, axis=0), found])
             apart = np.concatenate([self.distances.take(kept), apart])
-            most = np.concatenate([self.most.take(kept), most])
-        self.candidates, self.distances, self.most, self.fresh = found, apart, most, True
+            radii = np.concatenate([self.radii.take(kept), radii])
+        self.candidates, self.distances, self.radii, self.fresh = found, apart, radii, True
         self.paths.displaced_count()
 
     def _look_for(self, everything: bool) -> np.ndarray:
@@ -157,26 +157,26 @@ class Candidates(Checkpointed):
             out[k] = 1 - self.stirs(self.mesh.corners(rows[k, 0], rows[k, 1], rows[k, 2]))
 
     @ti.kernel
-    def _distances(self, rows: ti.types.ndarray(), out: ti.types.ndarray(), most: ti.types.ndarray()):
-        """Of candidates where they were walked for, and what they should keep at most."""
+    def _distances(self, rows: ti.types.ndarray(), out: ti.types.ndarray(), radii: ti.types.ndarray()):
+        """Of candidates where they were walked for, and the largest that they may have to keep."""
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
             v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
             to = ti.static(self.paths.walked)
             difference, w = between(kind, to[v[0]], to[v[1]], to[v[2]], to[v[3]])
-            out[k], most[k] = difference.norm(), self.mesh.most(kind, v)
+            out[k], radii[k] = difference.norm(), self.mesh.largest_radius(kind, v)
 
     @ti.func
-    def may_near(self, kind, v):
-        """1 if a pair may come nearer than it should keep on a path within the skin of what is walked for. Neighbours in the
-        cloth's own shape keep little, and seldom may."""
+    def may_come_near(self, kind, v):
+        """1 if a pair may come nearer than its largest radius on any path within the skin of that which is walked for.
+        Neighbours in the cloth's own shape have small ones, and seldom may."""
         begin, end = ti.static(self.paths.left, self.paths.walked)
         p, q, r, s = end[v[0]], end[v[1]], end[v[2]], end[v[3]]
         further = 2 * self.paths.skin[0] + closing(kind, p - begin[v[0]], q - begin[v[1]], r - begin[v[2]], s - begin[v[3]])
         difference, w = between(kind, p, q, r, s)
         left, out = difference.norm() / (1 + ROUNDING) - further, 0
-        if left < self.mesh.bound(kind, v):
-            out = ti.cast(left < self.mesh.most(kind, v), ti.i32)
+        if left < self.mesh.radius_bound(kind, v):
+            out = ti.cast(left < self.mesh.largest_radius(kind, v), ti.i32)
         return out
 
     @ti.func
@@ -259,7 +259,7 @@ class Candidates(Checkpointed):
                     four = ti.Vector([v, c[0], c[1], c[2]])
                     if u != c_0 and u != c_1 and u != c_2 and self.stirs(four):
                         if apart(self.hull(v, v, v), self.face_hull[b], reach) == 0:
-                            if self.may_near(VERTEX_FACE, four) == 1:
+                            if self.may_come_near(VERTEX_FACE, four) == 1:
                                 self.put(v, b, VERTEX_FACE, chunk, count, rows)
                                 count += 1
             for p in range(self.mesh.first_edge[f], self.mesh.first_edge[f + 1]):
@@ -269,7 +269,7 @@ class Candidates(Checkpointed):
                     four = ti.Vector([c[0], c[1], d[0], d[1]])
                     if c_0 != d_0 and c_0 != d_1 and c_1 != d_0 and c_1 != d_1 and self.stirs(four):
                         if apart(self.edge_hull[p], self.edge_hull[q], reach) == 0:
-                            if self.may_near(EDGE_EDGE, four) == 1:
+                            if self.may_come_near(EDGE_EDGE, four) == 1:
                                 self.put(p, q, EDGE_EDGE, chunk, count, rows)
                                 count += 1
         return count

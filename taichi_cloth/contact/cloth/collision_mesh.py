@@ -151,14 +151,14 @@ class CollisionMesh:
     @ti.func
     def radius(self, kind, v):
         """The distance that a pair should keep [m]; negative where it is none."""
-        out = self.most(kind, v)
+        out = self.largest_radius(kind, v)
         if self.owner[v[0]] == self.owner[v[3]] and self.parted(kind, v):
             out = self.came_apart(kind, v)
         return out
 
     @ti.func
-    def most(self, kind, v):
-        """The most that this may become [m]: the thickness, or half of how far the two are from each other in the cloth's own
+    def largest_radius(self, kind, v):
+        """What `radius` may grow to [m]: the thickness, or half of how far the two are from each other in the cloth's own
         shape, if that is less."""
         out = self.thickness(v)
         if self.has_shape(kind, v):
@@ -168,8 +168,8 @@ class CollisionMesh:
         return out
 
     @ti.func
-    def bound(self, kind, v):
-        """What `most` is no more than [m], by the distance of the two's middles: quicker."""
+    def radius_bound(self, kind, v):
+        """What `largest_radius` does not exceed [m]: quicker, by the distance between the middles of the two."""
         out = self.thickness(v)
         if self.has_shape(kind, v):
             p, q, r, s = self.rest[v[0]], self.rest[v[1]], self.rest[v[2]], self.rest[v[3]]

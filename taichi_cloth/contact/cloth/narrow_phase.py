@@ -57,7 +57,7 @@ class LayerDetector(Candidates):
         if not len(c):
             return 1.0, c
         part: np.ndarray = np.empty(len(c), dtype=self.exchange)
-        self._free(c, self.distances, self.most, part)
+        self._free(c, self.distances, self.radii, part)
         least = float(part.min())
         return least, c[part < 1]
 
@@ -67,7 +67,7 @@ class LayerDetector(Candidates):
         if len(c):
             self.paths.displaced_count()
             flag: np.ndarray = np.empty(len(c), dtype=np.int32)
-            self._reach(c, self.distances, self.most, int(swept), flag)
+            self._reach(c, self.distances, self.radii, int(swept), flag)
             c = c.take(np.flatnonzero(flag), axis=0)
         rows: np.ndarray = np.zeros((len(c), WIDTH), dtype=self.exchange)
         vertices: np.ndarray = np.empty((len(c), 4), dtype=np.int32)
@@ -123,13 +123,13 @@ class LayerDetector(Candidates):
         return ti.min(a, b) == RESTS or t.min() >= LED
 
     @ti.kernel
-    def _free(self, rows: ti.types.ndarray(), distances: ti.types.ndarray(), most: ti.types.ndarray(),
+    def _free(self, rows: ti.types.ndarray(), distances: ti.types.ndarray(), radii: ti.types.ndarray(),
               part: ti.types.ndarray()):
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
             v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
             part[k] = 1.0
-            floor, slack = self.floor * most[k], self.slack(kind, v, 1)
+            floor, slack = self.floor * radii[k], self.slack(kind, v, 1)
             if (1 - KEEP) * (distances[k] - floor) > (1 + KEEP) * (1 + ROUNDING) * slack + ROUNDING * floor:
                 continue  # it began no further away than by its slack, and ends no nearer
             p, q, r, s, dp, dq, dr, ds = self.path(v, 1)
@@ -171,14 +171,14 @@ class LayerDetector(Candidates):
                         ti.atomic_min(out[v[b]], d)
 
     @ti.kernel
-    def _reach(self, rows: ti.types.ndarray(), distances: ti.types.ndarray(), most: ti.types.ndarray(), swept: int,
+    def _reach(self, rows: ti.types.ndarray(), distances: ti.types.ndarray(), radii: ti.types.ndarray(), swept: int,
                flag: ti.types.ndarray()):
         """Which candidates may be in reach at all."""
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
             v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
             flag[k] = 0
-            reach = most[k] + 1e-12
+            reach = radii[k] + 1e-12
             if distances[k] - self.slack(kind, v, swept) > (1 + ROUNDING) * reach:
                 continue
             p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
