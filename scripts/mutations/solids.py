@@ -35,6 +35,7 @@ HOLDING = "taichi_cloth/contact/solid/active_set.py"
 DETECTION = "taichi_cloth/contact/solid/vertices.py"
 DISTANCE = "taichi_cloth/contact/solid/sdf.py"
 SURFACES = "taichi_cloth/contact/solid/mesh.py"
+NEARBY = "taichi_cloth/contact/solid/pair_candidates.py"
 TREE = "taichi_cloth/contact/solid/tree.py"
 SCAN = "taichi_cloth/contact/solid/query.py"
 TOUCH = "taichi_cloth/contact/contact_force.py"
@@ -156,13 +157,21 @@ MUTATIONS = (
      "a triangle's own motion is no closing speed", SWEPT),
     (SURFACES, "side = 1.0 if closed == 1 else side_0", "side = side_0", "cloth stays inside closed meshes",
      f"{HARD}::test_cloth_that_starts_inside_is_pushed_out_and_counted"),
-    (SURFACES, "speed = cloth + 0.5 *", "speed = 0.5 * cloth + 0.5 *", "edges close in at half their speed", DRIVES),
+    (NEARBY, "return cloth + 0.5 *", "return 0.5 * cloth + 0.5 *", "edges close in at half their speed", DRIVES),
     (SURFACES, "if d - r < speed:", "if d - r < 0.3 * speed:", "what closes in fast is not looked at", DRIVES),
     (SURFACES, "near = n.dot(out) > INWARD", "near = n.dot(out) > 0.9 + INWARD",
      "edges count only from straight above", SWEPT),
     (SURFACES, "carried = carry(poses, solid, a)", "carried = a", "what sticks to a mesh stays behind", STICKS),
-    (SURFACES, "low, high = low - self.margin[0], high + self.margin[0]",
-     "low, high = low + self.margin[0], high - self.margin[0]", "boxes of faces are too small", DRIVES),
+    (NEARBY, "low, high = low - reach, high + reach", "low, high = low + reach, high - reach", "boxes of faces are too small",
+     DRIVES),
+    (NEARBY, "off > self.skin[0]", "off > 4 * self.skin[0]", "candidates serve paths too far away", SWEPT),
+    (NEARBY, "off = 2 * (self.model.x_saved[i] - self.left[i]).norm() + ", "off = ",
+     "candidates serve paths that begin elsewhere", SWEPT),
+    (NEARBY, "self.range[solid] + self.skin[0]", "self.range[solid]", "candidates are those of one path", SWEPT),
+    (NEARBY, "out[k] = 1 - self.has_moved(rows[k, 0])", "out[k] = 0", "candidates of what has not moved are dropped", SWEPT),
+    (NEARBY, "anew = self._refits != self.tree.refits", "anew = self._refits == 0", "candidates last when solids move", SWEPT),
+    (TREE, "if ti.min(p[d], p[d + 3], q[d], q[d + 3], r[d], r[d + 3]) > high[d]:",
+     "if ti.min(p[d], q[d], r[d]) > high[d]:", "boxes of triangles where they begin", f"{SWEPT} {DRIVES}"),
     (TREE, "for column, time in ((0, t), (3, t + h)):", "for column, time in ((0, t), (3, t)):",
      "meshes are met where they were", f"{STICKS} {DRIVES}"),
     (TREE, "both[c], both[c + 3])\n                        high[c]", "both[c])\n                        high[c]",

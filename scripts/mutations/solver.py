@@ -7,6 +7,7 @@ SYMMETRIC = f"{LEVELS}::test_it_is_symmetric_and_positive_on_what_is_free"
 ITERATIONS, HATS = f"{LEVELS}::test_iterations", f"{LEVELS}::test_hats_add_up_and_nest"
 DIAGONAL = f"{LEVELS}::test_levels_have_the_diagonal_of_what_is_free"
 AGE = f"{LEVELS}::test_levels_that_last_are_made_anew_when_they_have_aged"
+DRIFT = f"{LEVELS}::test_a_lasting_rise_of_iterations_is_told_from_what_comes_and_goes"
 TESTS = (SOLVE, LEVELS)
 
 PCG, MULTI, AGES = "taichi_cloth/solver/pcg.py", "taichi_cloth/solver/multilevel.py", "taichi_cloth/solver/age.py"
@@ -58,6 +59,10 @@ MUTATIONS = (
     (MULTI, "self.counts[n] / size * sym(sym_unpack(D).inverse())", "self.counts[n] * sym(sym_unpack(D).inverse())",
      "nodes are not scaled back",
      DIAGONAL),
+    (AGES, "self.excess + iterations - (1 + SLACK) * self.cost, 0.0)", "self.excess, iterations - self.cost, 0.0)",
+     "what drifts is not summed up", DRIFT),
+    (AGES, "max(self.excess + iterations - (1 + SLACK) * self.cost, 0.0)", "self.excess + max(iterations - self.cost, 0.0)",
+     "what comes and goes counts as drift", DRIFT),
     (AGES, "self.excess <= WORTH", "True", "levels last for ever", AGE),
     (AGES, "if np.count_nonzero(wanted != self.made_for) > most:", "if False:", "levels last though others are held",
      f"{LEVELS}::test_levels_in_contact"),

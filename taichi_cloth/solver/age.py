@@ -6,6 +6,7 @@ from ..system.checkpoint import Checkpointed
 
 WORTH = 15  # iterations that making the levels costs: they are made anew when age has cost as many
 LONGEST = 31  # solves in which levels are made anew every time, after they have not lasted
+FIRST, SLACK = 8, 0.1  # solves whose mean others are held against, and part by which these may need more
 
 
 class Age(Checkpointed):
@@ -47,3 +48,31 @@ class Age(Checkpointed):
         """Of a solve."""
         self.cost = self.cost or iterations
         self.excess += max(iterations - self.cost, 0)
+
+
+class Drift(Checkpointed):
+    """How many iterations more solves need than they did at first, as a cumulative sum. [Page 1954]
+
+    Solves need more or less by what is in contact. That comes and goes, and is no fault of what has aged: a sum of all that is
+    above the least would tell it from that no more.
+
+    Attributes:
+        solves, cost: so many, and the mean iterations of the first of them; excess: iterations beyond.
+    """
+
+    STATE = ("solves", "cost", "excess")
+
+    def __init__(self) -> None:
+        self.solves, self.cost, self.excess = 0, 0.0, 0.0
+
+    def begin(self) -> None:
+        """Others are the first from now on."""
+        self.solves, self.cost = 0, 0.0
+
+    def count_iterations(self, iterations: int) -> None:
+        """Of a solve."""
+        self.solves += 1
+        if self.solves <= FIRST:
+            self.cost += (iterations - self.cost) / self.solves
+        else:
+            self.excess = max(self.excess + iterations - (1 + SLACK) * self.cost, 0.0)

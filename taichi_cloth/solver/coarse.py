@@ -17,13 +17,14 @@ from ..backend.rows import read, write
 from ..forces.conditions import sym_scaled_identity
 from ..system.checkpoint import Checkpointed
 from ..system.operator import Operator
+from .age import Drift
 from .dense import inverted
 from .galerkin import Hats, colored, coupled
 from .lattice import Level
 from .pointwise import Pointwise
 
 FEW, MOST, SHARE = 128, 200, 30  # nodes of a level that is solved exactly: a part of the particles' number, within bounds
-PROBE = 2  # iterations that a product with hats costs: Q^T A_0 Q is found anew when age has cost as many as all of them
+PROBE = 3  # iterations that a product with hats costs: Q^T A_0 Q is found anew when age has cost as many as all of them
 LEAST = 1e-10  # of the mean of the diagonal of Q^T A_0 Q is added to it, in f32 a rounding
 
 
@@ -36,7 +37,7 @@ class Coarse(Checkpointed):
         first: number of the level's first node.
     """
 
-    STATE = ("matrix", "inverse", "span", "pressed", "cost", "excess")
+    STATE = ("matrix", "inverse", "span", "pressed", "drift")
 
     def __init__(self, fields: Fields, operator: Operator, jacobi: Pointwise, level: Level, first: int,
                  faces: np.ndarray) -> None:
@@ -57,7 +58,7 @@ class Coarse(Checkpointed):
         self.matrix: np.ndarray = np.zeros((0, 0))
         self._least = max(LEAST, float(np.finfo(operator.model.exchange).eps))
         self.pressed: np.ndarray = np.zeros((n, 6))  # H
-        self.span, self.cost, self.excess = 0.0, 0, 0
+        self.span, self.drift = 0.0, Drift()
         self.worth = PROBE * 3 * (int(self.colors.max()) + 1)  # iterations
         self._weighed: tuple[np.ndarray, np.ndarray] | None = None  # Q^T M Q, and the seams' labels that it is of
 
@@ -67,14 +68,13 @@ class Coarse(Checkpointed):
         Args:
             contact: field (n, 6) of diagonal blocks of contact, or None.
         """
-        aged, changed = self.span == 0 or self.excess > self.worth, abs(span - self.span) > 1e-3 * span
+        aged, changed = self.span == 0 or self.drift.excess > self.worth, abs(span - self.span) > 1e-3 * span
         if aged:
-            self.matrix, self.span, self.excess = self._matrix(), span, 0
+            self.matrix, self.span, self.drift = self._matrix(), span, Drift()
         elif changed:  # all but the masses is nearly in proportion to c^2
             M = self._masses()
             self.matrix, self.span = M + (span / self.span) ** 2 * (self.matrix - M), span
-        if aged or changed:
-            self.cost = 0
+            self.drift.begin()
         pressed = self._find_pressed(contact)
         if aged or changed or not np.array_equal(pressed, self.pressed):
             self.pressed, k = pressed, self.count
@@ -83,8 +83,7 @@ class Coarse(Checkpointed):
 
     def count_iterations(self, iterations: int) -> None:
         """Iterations of a solve: how well it still does."""
-        self.cost = min(self.cost or iterations, iterations)
-        self.excess += max(iterations - self.cost, 0)
+        self.drift.count_iterations(iterations)
 
     def _matrix(self) -> np.ndarray:
         """(3 count, 3 count) Q^T A_0 Q"""

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..backend.rows import read, write
 
-VERSION = 5  # of what checkpoints hold
+VERSION = 6  # of what checkpoints hold
 
 
 class Checkpointed:

@@ -135,6 +135,20 @@ def test_levels_that_last_are_made_anew_when_they_have_aged(monkeypatch):
     assert len(made) >= before + 2 and levels.age.pause > 0  # they did not last: not tried again at once
 
 
+def test_a_lasting_rise_of_iterations_is_told_from_what_comes_and_goes(rng):
+    """Solves of 60 +- 20 iterations stay 60 +- 20 for 200 solves; then they are 20 more, which is noticed in 60."""
+    drift, late = age.Drift(), 0
+    for noise in 20 * rng.permutation(np.tile([-1.0, 1.0], 100)):
+        drift.count_iterations(60 + noise)
+        late = max(late, drift.excess)
+    assert drift.solves == 200 and late < 300, late
+    for noise in 20 * rng.permutation(np.tile([-1.0, 1.0], 30)):
+        drift.count_iterations(80 + noise)
+    assert drift.excess > 600, drift.excess
+    drift.begin()
+    assert drift.solves == 0 and drift.excess > 600
+
+
 @pytest.mark.parametrize("integrator", ["backward_euler", "newton_euler"])
 @pytest.mark.slow
 def test_a_run_goes_on_with_the_levels_that_it_had(integrator):

@@ -97,6 +97,45 @@ def test_edges_and_corners_that_come_near_are_found(rng):
     assert wanted.sum() > 300 and lacks.sum() < 0.06 * np.sum(wanted > 0), (lacks.sum(), np.sum(wanted > 0))
 
 
+@pytest.mark.parametrize("moving", [True, False])
+def test_pairs_are_found_as_if_all_were_looked_for_anew(moving, rng):
+    """Look for look, while some vertices move less and some more than what candidates were looked for with, and where paths
+    begin too; round a cube that moves, and one that does not, for which candidates last from step to step."""
+    size, thick, count = 0.2, 0.02, 400
+    x = rng.uniform(-0.55 * size, 0.55 * size, size=(count, 1, 3)) + rng.uniform(-0.02, 0.02, size=(count, 3, 3))
+    scene = tc.Scene()
+    scene.add_cloth(tc.TriMesh(x.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)), tc.Fabric(0.2, tc.Stretch(100)))
+    at = (lambda t: np.array([0.3, 0.2, 0.25]) * t) if moving else (0, 0, 0)
+    scene.add_solid(tc.SolidMesh(*tc.Box((size,) * 3).core()[:2]), friction=0.0, thickness=thick, position=at)
+    sims = [tc.Simulation(scene, h=H, threads=1) for _ in range(2)]
+    n, begin = 3 * count, sims[0].model.read_particles()[0]
+    end, pairs, kept = begin.copy(), 0, 0
+    for look in range(24):
+        if look % 4 == 0:  # a new step
+            begin = begin + thick * rng.normal(size=(n, 3)) * (rng.random((n, 1)) < 0.2)
+            end = begin
+        scale, part = ((0.0, 0.0), (0.08, 1.0), (0.08, 1.0), (1.0, 0.2))[look % 4]
+        end = end + scale * thick * rng.normal(size=(n, 3)) * (rng.random((n, 1)) < part)
+        found = []
+        for sim in sims:
+            near, scan = sim.contacts.scan.pairs.near, sim.contacts.scan
+            for x in (begin, end):
+                sim.model.write_particles(x, np.zeros((n, 3)))
+                if x is begin:
+                    sim.model.save()
+            if look % 6 == 0:
+                scan.set_time(look * H, H)
+            if sim is sims[1]:
+                near.forget()
+            before = near.rows
+            found.append(scan.find_pairs())
+            kept += near.rows is before
+        a, b = found
+        assert np.array_equal(a.key, b.key) and np.array_equal(a.distance, b.distance), look
+        pairs += len(a.key)
+    assert pairs > 500 and kept >= 2, (pairs, kept)
+
+
 def test_what_flies_through_a_thin_solid_is_kept_on_its_side():
     """The plane of contact is that of the side that was hit, though the way ends beyond the other."""
     mesh, scene = tc.grid(0.2, 6), tc.Scene()

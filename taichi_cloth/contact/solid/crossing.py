@@ -10,7 +10,7 @@ import taichi as ti
 from ...backend.bvh import LEAF
 from ...system.state import ParticleState
 from ..geometry import of_segments, on_triangle
-from .mesh import PairDetector
+from .pair_candidates import PairCandidates
 from .tree import OFF, TriangleTree
 
 
@@ -18,9 +18,9 @@ from .tree import OFF, TriangleTree
 class CrossingCounter:
     """Faces of cloth against the triangles of a tree, both where they are at the end of the step."""
 
-    def __init__(self, model: ParticleState, pairs: PairDetector, tree: TriangleTree) -> None:
-        self.model, self.pairs, self.tree = model, pairs, tree
-        self._found: np.ndarray = np.zeros(pairs.count, dtype=np.int32)
+    def __init__(self, model: ParticleState, near: PairCandidates, tree: TriangleTree) -> None:
+        self.model, self.near, self.tree = model, near, tree
+        self._found: np.ndarray = np.zeros(near.count, dtype=np.int32)
 
     def find(self, grown: bool = False) -> np.ndarray:
         """(k, 3) particles of the face of each (face, triangle) that cross; touching is no crossing.
@@ -29,15 +29,15 @@ class CrossingCounter:
         """
         self._find(self._found, int(grown))
         face = np.flatnonzero(self._found)
-        return np.repeat(self.pairs.faces_host[face], self._found[face], axis=0)
+        return np.repeat(self.near.faces_host[face], self._found[face], axis=0)
 
     @ti.kernel
     def _find(self, found: ti.types.ndarray(), grown: int):
-        for f in range(self.pairs.size[0]):
+        for f in range(self.near.size[0]):
             found[f] = 0
-            v = self.pairs.faces[f]
+            v = self.near.faces[f]
             a, b, c = self.model.x[v[0]], self.model.x[v[1]], self.model.x[v[2]]
-            low, high = ti.min(a, b, c) - grown * self.pairs.margin[0], ti.max(a, b, c) + grown * self.pairs.margin[0]
+            low, high = ti.min(a, b, c) - grown * self.near.margin[0], ti.max(a, b, c) + grown * self.near.margin[0]
             node = 1
             while True:
                 if self.tree.boxes.meets(node, low, high):
@@ -52,7 +52,7 @@ class CrossingCounter:
                         if not off and (p <= high).all() and (q >= low).all():
                             if through(a, b, c, d, e, g) + through(d, e, g, a, b, c) > 0:
                                 found[f] += 1
-                            elif grown == 1 and within(self.pairs.radius[self.tree.info[t][0]], a, b, c, d, e, g) == 1:
+                            elif grown == 1 and within(self.near.radius[self.tree.info[t][0]], a, b, c, d, e, g) == 1:
                                 found[f] += 1
                 node = self.tree.boxes.following(node)
                 if node == 1:

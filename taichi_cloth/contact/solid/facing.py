@@ -88,8 +88,10 @@ class FacingSurfaces:
                         continue
                     leaf = (node - self.tree.boxes.first_leaf) * LEAF
                     for t in range(leaf, ti.min(leaf + LEAF, self.tree.boxes.size[0])):
-                        info = self.tree.info[t]
+                        info, wanted = self.tree.info[t], 0
                         if info[1] == 1 and info[0] != but and (only < 0 or info[0] == only):
+                            wanted = self.tree.touches(t, low, high)
+                        if wanted == 1:
                             w, gone, normal = self.tree.closest(t, p, 0.0)
                             up, d = gone.dot(normal), gone.norm()
                             if normal.dot(way) > cosine and d < nearest and ti.abs(up) >= sure * d and up >= least:

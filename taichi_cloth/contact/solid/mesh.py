@@ -10,12 +10,11 @@ import taichi as ti
 
 from ...backend.bvh import LEAF
 from ...backend.fields import Fields
-from ...backend.rows import read
-from ...scene.mesh import face_edges
 from ...scene.scene import Scene
 from ...system.state import ParticleState
-from ..geometry import EDGE_EDGE, VERTEX_FACE, of_pair
-from .pairs import PAIR, Pairs
+from ..geometry import of_pair
+from .pair_candidates import PAIRS, PairCandidates, which
+from .pairs import Pairs
 from .tree import OFF, TriangleTree
 from .vertices import HIT, KEEP, SAME_SIDE, SLOTS, WIDTH, carry, slot
 
@@ -86,7 +85,10 @@ class SurfaceDetector:
                 leaf = (node - self.tree.boxes.first_leaf) * LEAF
                 for t in range(leaf, ti.min(leaf + LEAF, self.tree.boxes.size[0])):
                     info = self.tree.info[t]
+                    wanted = 0
                     if info[1] >= 1:
+                        wanted = self.tree.touches(t, low, high)
+                    if wanted == 1:
                         thick = self.thickness[info[0]]
                         w, difference, normal = self.tree.closest(t, a, 0.0)
                         d = difference.norm()
@@ -163,31 +165,18 @@ class PairDetector:
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, tree: TriangleTree) -> None:
         self.model, self.tree = model, tree
-        faces = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths])
-        edges = np.sort(face_edges(faces), axis=1) @ np.array([model.n, 1])
-        _, first = np.unique(edges, return_index=True)
-        owned = np.zeros(3 * len(faces), dtype=np.int64)
-        owned[first] = 1
-        owned = owned.reshape(3, -1).T @ np.array([1, 2, 4])
-        order = np.argsort(faces.min(axis=1), kind="stable")
-        self.count = len(faces)
-        self.size = fields.integer(1, data=np.array([self.count]))  # faces, as kernels read them
-        self.faces = fields.integer(self.count, 3, faces[order])
-        self.owned = fields.integer(self.count, data=owned[order])
-        radius = np.array([s.shape.core()[2] for s in scene.solids])
-        self.radius = fields.real(len(scene.solids), data=radius)
-        self.range = fields.real(len(scene.solids), data=PAIR * np.array([s.thickness for s in scene.solids]))
+        self.near = PairCandidates(fields, model, scene, tree)
         self.deforms = fields.integer(len(scene.solids), data=np.array([int(s.deforms) for s in scene.solids]))
-        margin = max(radius[k] + PAIR * s.thickness for k, s in tree.solids)
-        self.margin = fields.real(1, data=np.array([margin]))
         self.rows: np.ndarray = np.zeros((1024, COLUMNS), dtype=fields.exchange)
         self._found: np.ndarray = np.zeros(1, dtype=np.int32)
 
     def find(self, poses: np.ndarray) -> Pairs:
         """All pairs that come within range in the step from x_saved to x; poses as in `VertexDetector.detect`."""
+        candidates = self.near.cover()
         while True:
             self._found[0] = 0
-            self._find(poses, self._found, self.rows)
+            if len(candidates):
+                self._find(poses, candidates, self._found, self.rows)
             if self._found[0] <= len(self.rows):
                 break
             self.rows = np.zeros((2 * int(self._found[0]), COLUMNS), dtype=self.rows.dtype)
@@ -195,76 +184,31 @@ class PairDetector:
         key = (rows[:, 15].astype(np.int64) << 32) + rows[:, 16].astype(np.int64)
         rows, key = rows[np.argsort(key)], np.sort(key)
         face, shift = rows[:, 15].astype(np.int64) // 4, rows[:, 15].astype(np.int64) % 4
-        corner = self.faces_host[face]
+        corner = self.near.faces_host[face]
         vertices = np.stack([corner[np.arange(len(face)), (shift + k) % 3] for k in range(3)], axis=1) if len(face) else \
             np.zeros((0, 3), dtype=np.int64)
         return Pairs(vertices, rows[:, :3], rows[:, 17].astype(np.int64), rows[:, 3:6], rows[:, 6], rows[:, 9:12],
                      rows[:, 12:15], key)
 
-    @property
-    def faces_host(self) -> np.ndarray:
-        """(m, 3) particles of the faces, in the detector's order."""
-        if not hasattr(self, "_faces_host"):
-            self._faces_host = read(self.faces)
-        return self._faces_host
-
     @ti.kernel
-    def _find(self, poses: ti.types.ndarray(), found: ti.types.ndarray(), rows: ti.types.ndarray()):
-        for f in range(self.size[0]):
-            v = self.faces[f]
-            low, high = self.model.x[v[0]], self.model.x[v[0]]
-            for k in ti.static(range(3)):
-                low = ti.min(low, self.model.x[v[k]], self.model.x_saved[v[k]])
-                high = ti.max(high, self.model.x[v[k]], self.model.x_saved[v[k]])
-            low, high = low - self.margin[0], high + self.margin[0]
-            node = 1
-            while True:
-                if self.tree.boxes.meets(node, low, high):
-                    if node < self.tree.boxes.first_leaf:
-                        node *= 2
-                        continue
-                    leaf = (node - self.tree.boxes.first_leaf) * LEAF
-                    for t in range(leaf, ti.min(leaf + LEAF, self.tree.boxes.size[0])):
-                        if self.tree.touches(t, low, high) == 1:
-                            self.against(f, t, poses, found, rows)
-                node = self.tree.boxes.following(node)
-                if node == 1:
-                    break
-
-    @ti.func
-    def against(self, f, t, poses: ti.template(), found: ti.template(), rows: ti.template()):
-        """Triangle t's corners against face f, its edges against f's edges: 3 and 9 pairs at most."""
-        bits = self.tree.info[t][3]
-        for pair in range(12):
-            kind, k, shift = VERTEX_FACE, pair, 0
-            wanted = (bits >> pair) & 1
-            if pair >= 3:
-                kind, k, shift = EDGE_EDGE, (pair - 3) // 3, (pair - 3) % 3
-                wanted = ((bits >> (3 + k)) & 1) * ((self.owned[f] >> shift) & 1)
-            if wanted == 1:
-                self.test(kind, f, t, k, shift, poses, found, rows)
+    def _find(self, poses: ti.types.ndarray(), candidates: ti.types.ndarray(), found: ti.types.ndarray(),
+              rows: ti.types.ndarray()):
+        for c in range(candidates.shape[0]):
+            kind, k, shift = which(candidates[c, 1] % PAIRS)
+            self.test(kind, candidates[c, 0], candidates[c, 1] // PAIRS, k, shift, poses, found, rows)
 
     @ti.func
     def test(self, kind, f, t, k, shift, poses: ti.template(), found: ti.template(), rows: ti.template()):
         """One pair; written down where it comes within range and ends there."""
         info = self.tree.info[t]
-        r_0 = self.radius[info[0]]
-        r = r_0 + self.range[info[0]]
-        c = self.tree.corners[t]
-        i, j = c[k], c[(k + 1) % 3]
-        if kind == VERTEX_FACE:
-            j = i
-        v = self.faces[f]
+        r_0 = self.near.radius[info[0]]
+        r = r_0 + self.near.range[info[0]]
+        i, j = self.near.ends(kind, t, k)
+        v = self.near.faces[f]
         v_0, v_1, v_2 = v[shift], v[(shift + 1) % 3], v[(shift + 2) % 3]
         difference, w, along = self.pair(kind, i, j, v_0, v_1, v_2, 0.0)
         d = difference.norm()
-        drift = 0.5 * (self.tree.vertex(i, 1.0) - self.tree.vertex(i, 0.0)
-                       + self.tree.vertex(j, 1.0) - self.tree.vertex(j, 0.0))
-        cloth = 0.0
-        for u in range(3):
-            cloth = ti.max(cloth, (self.model.x[v[u]] - self.model.x_saved[v[u]] - drift).norm())
-        speed = cloth + 0.5 * (self.tree.vertex(i, 1.0) - self.tree.vertex(i, 0.0)
-                               - self.tree.vertex(j, 1.0) + self.tree.vertex(j, 0.0)).norm()
+        speed = self.near.speed(kind, f, t, k, self.model.x_saved, self.model.x)
         if d - r < speed:
             n = difference / ti.max(d, 1e-20)
             end, w_1, along_1 = self.pair(kind, i, j, v_0, v_1, v_2, 1.0)

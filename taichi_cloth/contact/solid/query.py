@@ -84,7 +84,7 @@ class Scanner:
             self.tree = TriangleTree(fields, scene, poking, model.origin, longest)
             self.surfaces = SurfaceDetector(fields, model, scene, self.tree) if any(meshes) else None
             self.pairs = PairDetector(fields, model, scene, self.tree)
-            self.crossings = CrossingCounter(model, self.pairs, self.tree)
+            self.crossings = CrossingCounter(model, self.pairs.near, self.tree)
         poses: np.ndarray = np.array([2 * self._pose(solid, 0.0) for solid in self.solids], dtype=self.exchange)
         self.poses = poses.reshape(-1, 24)  # at the two ends of a step
         self._slots = np.zeros(model.n, dtype=np.int32)

@@ -28,6 +28,7 @@ class TriangleTree:
         info: (triangles, 4): solid, whether it is the surface of a mesh (1, or OFF), whether that is closed, and which of
             its corners (bits 0 to 2) and edges (bits 3 to 5) it speaks for.
         fastest: how far any vertex goes in the step [m].
+        refits: how often triangles were placed.
     """
 
     def __init__(self, fields: Fields, scene: Scene, wanted: list[int], origin: np.ndarray, edge: float) -> None:
@@ -65,7 +66,7 @@ class TriangleTree:
         self.corners = fields.integer(self.count, 3, all_corners[order])
         self.info = fields.integer(self.count, 4, all_info[order])
         self.still = all(not s.moves for _, s in self.solids)
-        self.placed, self.fastest = False, 0.0
+        self.placed, self.fastest, self.refits = False, 0.0, 0
         owner = all_corners[order].ravel()
         at = np.argsort(owner, kind="stable")
         self.first = fields.integer(start + 1, data=np.searchsorted(owner[at], np.arange(start + 1)))
@@ -83,7 +84,7 @@ class TriangleTree:
                 x[rows, column: column + 3] = shape @ R.T + p - self.origin
         self.fastest = float(np.sqrt(np.max(np.sum((x[:, 3:] - x[:, :3]) ** 2, axis=1))))
         self._place(x.astype(self.exchange))
-        self.placed = True
+        self.placed, self.refits = True, self.refits + 1
 
     @ti.kernel
     def _place(self, x: ti.types.ndarray()):
