@@ -138,7 +138,8 @@ def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float) 
 
 
 def pleats(scene: tc.Scene) -> np.ndarray:
-    """(n,) whether a vertex is within RINGS of a pleat that is sewn: a seam where more than two triangles share an edge."""
+    """(n,) whether a vertex is within RINGS of a pleat that is sewn: a seam where more than two triangles share an edge, or one
+    where two vertices of a panel and a third are sewn together, as where the layers of a pleat are divided unequally."""
     cloth, n = scene.cloths[0], scene.vertex_count
     near: np.ndarray = np.zeros(n, dtype=bool)
     if not scene.seams:
@@ -147,6 +148,11 @@ def pleats(scene: tc.Scene) -> np.ndarray:
     faces = one[cloth.mesh.faces]
     edges, count = np.unique(np.sort(face_edges(faces), axis=1), axis=0, return_counts=True)
     near[edges[count > 2]] = True
+    panel: np.ndarray = np.full(n, -1)
+    for k, rows in enumerate(cloth.mesh.groups.values()):
+        panel[rows] = k
+    members, twice = np.unique(np.column_stack([one, panel]), axis=0, return_counts=True)
+    near[members[(twice > 1) & (np.bincount(one)[members[:, 0]] > 2), 0]] = True
     for _ in range(RINGS):
         near[faces[near[faces].any(axis=1)]] = True
     return near[one]
