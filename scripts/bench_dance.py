@@ -138,8 +138,8 @@ def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float) 
 
 
 def pleats(scene: tc.Scene) -> np.ndarray:
-    """(n,) whether a vertex is within RINGS of a pleat that is sewn: a seam where more than two triangles share an edge, or one
-    where two vertices of a panel and a third are sewn together, as where the layers of a pleat are divided unequally."""
+    """(n,) whether a vertex is within RINGS of a pleat that is sewn: where more than two triangles share an edge, or two
+    vertices of a panel and a third are sewn together, as where the layers of a pleat are divided unequally."""
     cloth, n = scene.cloths[0], scene.vertex_count
     near: np.ndarray = np.zeros(n, dtype=bool)
     if not scene.seams:
