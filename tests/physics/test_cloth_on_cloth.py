@@ -56,6 +56,26 @@ def test_what_rests_lies_as_near_whatever_the_step():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("h", [1 / 60, 1 / 30])
+def test_no_step_of_layers_leaves_much_of_its_energy_unaccounted_for(h):
+    """Three sheets that fall on a ball and fold: a fifth at most of all that a step's energy went through, or of what it gains in
+    free fall, where it is not braked and took less than half of the solves that it may."""
+    scene, mesh, left = tc.Scene(), tc.grid(1.0, 10), []
+    for k in range(3):
+        c, s = math.cos(0.35 * k), math.sin(0.35 * k)
+        x = (mesh.x + [-0.5, 0, 0.5]) @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
+        scene.add_cloth(mesh, FABRIC, positions=x + [0, 0.35 + 0.03 * k, 0], contact=tc.ClothContact(0.006, 0.3))
+    scene.add_solid(tc.Sphere(0.3), friction=0.3, thickness=0.005)
+    with tc.Simulation(scene, h=h, integrator="backward_euler", cg_tol=1e-3, threads=1) as sim:
+        while sim.time < 0.8 - 1e-9:
+            r = sim.step()
+            through = sum(abs(value) for name, value in r.ledger.items() if name != "unaccounted")
+            if r.layers and r.solves < 6 and not r.ledger["braked"]:
+                left.append(abs(r.ledger["unaccounted"]) / max(through, 0.5 * 0.6 * (9.81 * r.h) ** 2))
+    assert len(left) > 12 and max(left) < 0.2, (len(left), max(left))
+
+
+@pytest.mark.slow
 def test_smooth_sheets_glide():
     sim, upper = sheet_on_sheet(0.0, (0, -9.81, 0), v=(2.0, 0, 0))
     for _ in range(10):

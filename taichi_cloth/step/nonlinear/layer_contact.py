@@ -21,7 +21,7 @@ from ..ledger import Ledger
 from .brake import MOST
 from .effort import Effort
 from .energy import EnergyTest
-from .euler import EulerStep
+from .euler import BEARABLE, EulerStep
 from .newton import Outcome, minimize, phi
 from .solid_contact import SolidPolicy, predict
 from .system import System
@@ -151,6 +151,15 @@ class LayerStep(EulerStep):
         """As `EnergyTest.conclude`; what is pulled apart may be given energy."""
         given = math.inf if self.layers.intersections.active else self.stiffened + self.layers.stiffened
         return self.energy.conclude(self.c, self.held, self.start, measures, MOST, given)
+
+    def accounted(self, ended: tuple[Measures, Ledger] | None) -> tuple[Measures, Ledger] | None:
+        """As without contact; and never is more than BEARABLE left, also of what a step of free fall would gain: what layers
+        stop at once leaves much to a further solve."""
+        ended = super().accounted(ended)
+        if ended is None or ended[1].braked or self.doubt(ended) <= BEARABLE:
+            return ended
+        fall = 0.5 * self.system.model.mass.sum() * (np.linalg.norm(self.system.scene.gravity) * self.c) ** 2
+        return ended if abs(ended[1].unaccounted) <= BEARABLE * fall else None
 
     def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
         """Whether solids let the step pass."""
