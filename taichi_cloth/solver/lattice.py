@@ -16,7 +16,7 @@ from ..scene.mesh import TriMesh
 SMALLEST = 12  # nodes of a level below which there is no coarser one
 DEEPEST = 12
 SNAP = 1e-3  # of a lattice's spacing
-PART = 1 << 15  # elements that are looked at together
+PART = 1 << 13  # elements that are looked at together
 
 
 @dataclass(frozen=True)
@@ -156,14 +156,15 @@ def gather(node: np.ndarray, weight: np.ndarray, count: int) -> Gather:
 def squares(level: Level, vertices: np.ndarray, weights: np.ndarray, factor: np.ndarray) -> np.ndarray:
     """(count, q) sums over elements (m, k) of factors (m, q) times the square of the weighted sum (m, k) of a node's hat."""
     out, given = np.zeros((factor.shape[1], level.count)), np.flatnonzero(factor.any(axis=0))
+    nodes = level.node.astype(np.int32)
     for first in range(0, len(vertices), PART):
-        here = slice(first, first + PART)
-        node = level.node[vertices[here]].reshape(len(vertices[here]), -1)
-        value = (level.weight[vertices[here]] * weights[here][:, :, None]).reshape(node.shape)
-        for p in range(node.shape[1]):
-            square = value[:, p] * np.einsum("ij,ij->i", value, node == node[:, p:p + 1])  # its share
-            for q in given:
-                out[q] += np.bincount(node[:, p], factor[here, q] * square, level.count)
+        here, count = vertices[first:first + PART], min(PART, len(vertices) - first)
+        node = np.ascontiguousarray(nodes[here].reshape(count, -1).T)
+        value = level.weight[here] * weights[first:first + PART, :, None]
+        value = np.ascontiguousarray(value.reshape(count, -1).T)
+        square = np.stack([value[p] * (value * (node == node[p])).sum(axis=0) for p in range(len(node))])  # shares of them
+        for q in given:
+            out[q] += np.bincount(node.ravel(), (factor[first:first + PART, q] * square).ravel(), level.count)
     return out.T
 
 
