@@ -58,8 +58,8 @@ def test_what_rests_lies_as_near_whatever_the_step():
 @pytest.mark.slow
 @pytest.mark.parametrize("h", [1 / 60, 1 / 30])
 def test_no_step_of_layers_leaves_much_of_its_energy_unaccounted_for(h):
-    """Three sheets that fall on a ball and fold: a fifth at most of all that a step's energy went through, or of what it gains in
-    free fall, where it is not braked and took less than half of the solves that it may."""
+    """Three sheets that fall on a ball and fold: a fifth at most of all that a step's energy went through, or of what it gains
+    in free fall, where it is not braked and took less than half of the solves that it may."""
     scene, mesh, left = tc.Scene(), tc.grid(1.0, 10), []
     for k in range(3):
         c, s = math.cos(0.35 * k), math.sin(0.35 * k)
