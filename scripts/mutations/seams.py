@@ -8,6 +8,7 @@ COARSEST = f"{SEAMS}::test_the_coarsest_level_is_q_a_q"
 APART = f"{SEAMS}::test_what_is_apart_is_led_together_and_stays_so"
 ANGLE = f"{SEAMS}::test_a_seam_comes_to_its_angle"
 FEW_ITERATIONS, PRESSED = f"{PATTERNS}::test_seams_cost_few_iterations", f"{SEAMS}::test_iterations_of_sewn_cloth_in_contact"
+FOUND_ANEW = f"{SEAMS}::test_the_coarsest_level_is_found_anew_when_iterations_rise_or_it_is_old"
 OTHER_STEPS = f"{SEAMS}::test_the_coarsest_level_follows_the_step"
 ITERATIONS, REFUSED = f"{SEAMS}::test_iterations_of_sewn_cloth", f"{SEAMS}::test_what_cannot_be_sewn"
 
@@ -88,6 +89,8 @@ MUTATIONS = (
      "self.hats.z[n] = sym_times(self.inverse_l[n], self.hats.r[n])", "the coarsest level is not solved", ITERATIONS),
     (MULTI, "D += self.hat(n, i) ** 2 * self.seen(i, self.jacobi.block(i))", "pass",
      "hats that meet only a seam know one side of it", FEW_ITERATIONS),
+    (COARSE, "self.drift.excess > self.worth or", "", "the coarsest level ages", FOUND_ANEW),
+    (COARSE, " or self.drift.age >= OLD", "", "the coarsest level grows old", FOUND_ANEW),
     (COARSE, "self._held + read(contact)", "self._held.copy()", "the coarsest level knows no contact", PRESSED),
     (COARSE, "H = stiffness * (", "H = 0 * (", "nor what is held", COARSEST),
     (COARSE, "(span / self.span) ** 2", "(self.span / span) ** 2", "nor the step's size", OTHER_STEPS),

@@ -57,13 +57,13 @@ class Drift(Checkpointed):
     above the least would tell it from that no more.
 
     Attributes:
-        solves, cost: so many, and the mean iterations of the first of them; excess: iterations beyond.
+        age: solves in all; solves, cost: so many, and the mean iterations of the first of them; excess: iterations beyond.
     """
 
-    STATE = ("solves", "cost", "excess")
+    STATE = ("age", "solves", "cost", "excess")
 
     def __init__(self) -> None:
-        self.solves, self.cost, self.excess = 0, 0.0, 0.0
+        self.age, self.solves, self.cost, self.excess = 0, 0, 0.0, 0.0
 
     def begin(self) -> None:
         """Others are the first from now on."""
@@ -71,6 +71,7 @@ class Drift(Checkpointed):
 
     def count_iterations(self, iterations: int) -> None:
         """Of a solve."""
+        self.age += 1
         self.solves += 1
         if self.solves <= FIRST:
             self.cost += (iterations - self.cost) / self.solves

@@ -25,6 +25,7 @@ from .pointwise import Pointwise
 
 FEW, MOST, SHARE = 128, 200, 30  # nodes of a level that is solved exactly: a part of the particles' number, within bounds
 PROBE = 3  # iterations that a product with hats costs: Q^T A_0 Q is found anew when age has cost as many as all of them
+OLD = 100  # solves after which it is found anew in any case: what grows slowly does not show
 LEAST = 1e-10  # of the mean of the diagonal of Q^T A_0 Q is added to it, in f32 a rounding
 
 
@@ -68,7 +69,8 @@ class Coarse(Checkpointed):
         Args:
             contact: field (n, 6) of diagonal blocks of contact, or None.
         """
-        aged, changed = self.span == 0 or self.drift.excess > self.worth, abs(span - self.span) > 1e-3 * span
+        aged = self.span == 0 or self.drift.excess > self.worth or self.drift.age >= OLD
+        changed = abs(span - self.span) > 1e-3 * span
         if aged:
             self.matrix, self.span, self.drift = self._matrix(), span, Drift()
         elif changed:  # all but the masses is nearly in proportion to c^2

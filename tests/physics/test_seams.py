@@ -343,6 +343,26 @@ def test_the_coarsest_level_follows_the_step():
 
 
 @pytest.mark.slow
+def test_the_coarsest_level_is_found_anew_when_iterations_rise_or_it_is_old(monkeypatch):
+    """And not while neither is the case."""
+    mesh, a, b, _ = cut(tc.grid(0.8, 32), 0.4)
+    scene, found = tc.Scene(), []
+    cloth = scene.add_cloth(mesh, FABRIC)
+    scene.pin(cloth, [0, 32])
+    scene.sew(cloth, a, b)
+    with tc.Simulation(scene, preconditioner="multilevel", integrator="backward_euler") as sim:
+        coarse = sim.integrator.system.preconditioner.coarsest
+        whole = coarse._matrix
+        monkeypatch.setattr(coarse, "_matrix", lambda: (found.append(len(sim.log)), whole())[1])
+        for excess, old in ((0, 0), (0, 0), (coarse.worth + 1, 0), (0, 0), (0, 100), (0, 0)):
+            coarse.drift.excess += excess
+            coarse.drift.age += old
+            sim.step(1 / 60)
+        steps = len(sim.log)
+    assert steps == 6 and found == [0, 2, 4], found
+
+
+@pytest.mark.slow
 def test_iterations_of_sewn_cloth():
     """Six strips take no more than 1.4 times the iterations of a sheet."""
     count = []

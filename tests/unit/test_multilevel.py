@@ -146,7 +146,7 @@ def test_a_lasting_rise_of_iterations_is_told_from_what_comes_and_goes(rng):
         drift.count_iterations(80 + noise)
     assert drift.excess > 600, drift.excess
     drift.begin()
-    assert drift.solves == 0 and drift.excess > 600
+    assert drift.solves == 0 and drift.age == 260 and drift.excess > 600
 
 
 @pytest.mark.parametrize("integrator", ["backward_euler", "newton_euler"])
