@@ -108,9 +108,9 @@ def shirt() -> tc.Garment:
     return pattern.mesh(SPACING)
 
 
-def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float) -> tc.Scene:
+def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float, meets: bool = False) -> tc.Scene:
     """A garment on the body, both with a thickness [m]; the body goes so many times as fast as it was made. Its mouth and eyes
-    are filled, so that it has an inside."""
+    are filled, so that it has an inside. `meets` as in `tc.dress`."""
     for name in FILES[garment]:
         load(folder, name)
     scene, body = tc.Scene(), tc.load_solid(load(folder, "body_dance.npz"))
@@ -122,7 +122,7 @@ def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float) 
         scene.add_garment(made, fabric(), name="dress", contact=contact)
     elif garment in ("panels", "shirt"):
         flat = hung(folder) if garment == "panels" else shirt()
-        made = tc.dress(flat, fabric(), scene, contact, tell=lambda line: print(line, flush=True))
+        made = tc.dress(flat, fabric(), scene, contact, tell=lambda line: print(line, flush=True), meets=meets)
         print(f"{garment}: {made.report()}", flush=True)
         scene.add_garment(made.garment, fabric(), name=garment, contact=contact)
     elif garment == "tube":
@@ -212,7 +212,7 @@ def costliest(sim: tc.Simulation, first: int, count: int) -> list[str]:
 def measure(garment: str, folder: pathlib.Path, args: argparse.Namespace) -> dict:
     """One row: a garment's whole dance."""
     began = time.perf_counter()
-    scene = scene_of(garment, folder, args.fast, args.thickness)
+    scene = scene_of(garment, folder, args.fast, args.thickness, args.meets)
     sim = tc.Simulation(scene, h=args.h, integrator="backward_euler", cg_tol=args.cg_tol)
     setup, frames, first, sewn = time.perf_counter() - began, [], 1, pleats(scene)
     for note in sim.notes:
@@ -267,6 +267,7 @@ def main() -> int:
     parser.add_argument("--frames", type=int, default=120, help="of 1/25 s each")
     parser.add_argument("--fast", type=float, default=1.0, help="how many times as fast as it was made")
     parser.add_argument("--thickness", type=float, default=0.002, help="m")
+    parser.add_argument("--meets", action="store_true", help="what is sewn here meets itself meanwhile")
     parser.add_argument("--h", type=float, default=1 / 60)
     parser.add_argument("--cg-tol", type=float, default=1e-3)
     parser.add_argument("--count", type=int, default=1, help="crossings are counted every so many frames")

@@ -75,7 +75,7 @@ MUTATIONS = (
      f"{LEVELS}::test_a_slit_parts_hats"),
     (LATTICE, "total = np.bincount(index, value[keep])", "total = np.bincount(index, value[keep] > 0)",
      "composed hats count instead of adding", HATS),
-    (LATTICE, 'value[:, p] * np.einsum("ij,ij->i", value, node == node[:, p:p + 1])', "value[:, p] ** 2",
+    (LATTICE, "value[p] * (value * (node == node[p])).sum(axis=0)", "value[p] ** 2",
      "hinges' hats do not act together",
      f"{LEVELS}::test_levels_have_the_trace_of_hinges_in_flat_cloth"),
     # conjugate gradients

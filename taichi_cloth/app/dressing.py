@@ -19,6 +19,7 @@ def add_parser(commands) -> None:
     add("--thickness", type=number_of, default=0.003, metavar="M", help="of the cloth and of the body's skin (0.003)")
     add("--friction", type=number_of, default=0.3, metavar="X", help="of cloth on the body and on itself (0.3)")
     add("--pull", type=number_of, default=50.0, metavar="N/M", help="force a length that closes seams (50)")
+    add("--meets", action="store_true", help="cloth meets itself while it is sewn, too (slow)")
     add("--longest", type=number_of, default=4.0, metavar="S", help="simulated time after which settling ends (4)")
 
 
@@ -42,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     body = Scene()
     body.add_solid(load_solid(args.body), friction=args.friction, thickness=args.thickness, name="body")
     made = dress(garment, fabrics[name], body, ClothContact(args.thickness, args.friction), args.longest, tell=print,
-                 pull=args.pull)
+                 pull=args.pull, meets=args.meets)
     made.garment.save(out)
     print(f"{made.report()}\nwritten to {out}")
     return 0

@@ -1,8 +1,8 @@
 """From panels that hang round a body to a garment that it wears: sewn without weight, then let down.
 
 1. Sewing: no gravity, air that calms, seams that close by a bounded pull (`forces.closing`), the body smooth; cloth does not
-   meet itself, as panels have to pass each other's edges. What comes near and stays there, as a pleat narrower than a
-   triangle, gets a stronger pull.
+   meet itself, as panels have to pass each other's edges, or does until the seams are nearly closed. What comes near and stays
+   there, as a pleat narrower than a triangle, gets a stronger pull.
 2. Settling: gravity, the body's friction, cloth that meets itself; until the cloth rests, and no more of what passed through
    itself while it was sewn comes apart.
 """
@@ -25,6 +25,7 @@ CALM = 2.0  # N s/m^3, drag of the air in which seams are closed
 SEWING = 3.0  # s in which seams have to close
 PULL = 50.0  # N/m at most, with which seams are closed,
 FIRMER, FIRMEST = 4.0, 64.0  # times as much where they are nearly closed and do so no further; at most in all
+LAST = 0.004  # m of gaps that are closed through whatever is there, where cloth met itself before
 NEARLY, NEARER = 0.02, 0.8  # m; part of a gap to which it has to come in a tenth of a second
 ROUGH = 1e-3  # relative residual of the solves: only the rest shape counts
 SPARED = 0.5  # of the solids' thickness that cloth keeps from them meanwhile
@@ -59,7 +60,8 @@ class Dressed:
 
 
 def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact | None = None, longest: float = 4.0,
-          h: float = 1 / 60, tell: Callable[[str], None] | None = None, pull: float | None = PULL) -> Dressed:
+          h: float = 1 / 60, tell: Callable[[str], None] | None = None, pull: float | None = PULL,
+          meets: bool = False) -> Dressed:
     """Dresses the solids of a scene, as they are at time 0.
 
     Args:
@@ -69,9 +71,12 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
         tell: called with a line a tenth of a second of simulated time.
         pull: force a length [N/m] that closes seams, more where they are within centimetres and no longer close; None closes
             them by whatever force it takes.
+        meets: whether cloth meets itself while it is sewn too, by `contact`, until the widest gap is 4 mm. So layers keep
+            their order but in the last of pleats, and it takes several times as long.
 
     Raises:
-        SceneError: a body without solids, panels that start inside the body, or seams that do not close, by name.
+        SceneError: a body without solids, panels that start inside the body, seams that do not close, by name, or cloth that
+            is to meet itself without a `contact`.
     """
     checks.instance("dress: garment", garment, Garment)
     checks.instance("dress: body", body, Scene)
@@ -82,8 +87,10 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
     checks.maybe(tell, checks.function, "dress: tell", "line")
     h = checks.number("dress: h", h, "s", positive=True, most=0.1)
     longest = checks.number("dress: longest", longest, "s", positive=True)
+    if checks.flag("dress: meets", meets) and contact is None:
+        raise SceneError("dress: cloth that meets itself needs a contact, such as contact=ClothContact(0.003)")
     still = [_still(s) for s in body.solids]
-    x, sewn = _sewn(garment, fabric, still, h, pull, tell)
+    x, sewn = _sewn(garment, fabric, still, h, pull, contact if meets else None, tell)
     scene = Scene(gravity=body.gravity, air=body.air)
     scene.solids += still
     scene.add_garment(replace(garment, positions=x), fabric, contact=contact)
@@ -101,29 +108,35 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
         sim.close()
 
 
-def _sewn(garment: Garment, fabric: Fabric, solids: list[Solid], h: float, pull: float | None,
+def _sewn(garment: Garment, fabric: Fabric, solids: list[Solid], h: float, pull: float | None, contact: ClothContact | None,
           tell: Callable[[str], None] | None) -> tuple[np.ndarray, float]:
     """(positions (n, 3) [m] in which all seams are closed, s that it took); see `dress`."""
     x, time, firm, gap = garment.positions, 0.0, 1.0, np.inf
     while gap > 0:
         scene = Scene(gravity=None, air=Air(CALM, CALM))
         scene.solids += [replace(s, thickness=SPARED * s.thickness, friction=0.0) for s in solids]
-        scene.add_garment(replace(garment, positions=x), fabric, pull=None if pull is None else firm * pull)
+        scene.add_garment(replace(garment, positions=x), fabric, contact=contact, pull=None if pull is None else firm * pull)
         sim = Simulation(scene, h=h, cg_tol=ROUGH)
         try:
-            if firm == 1:
+            if time == 0:
                 _refuse_inside(sim, garment)
             before = np.inf
             while (gap := sim.seam_gaps().max(initial=0.0)) > 0:
                 if time + sim.time > SEWING:
                     raise SceneError(_left_open(sim.positions(), garment))
+                if contact is not None and gap < LAST:
+                    break
                 if pull is not None and firm < FIRMEST and NEARER * before < gap < NEARLY:
                     break
                 before = gap
                 _advance(sim, tell, f"sewing, gap {gap:.3g} m")
-            x, time, firm = sim.positions(), time + sim.time, FIRMER * firm
+            x, time = sim.positions(), time + sim.time
         finally:
             sim.close()
+        if contact is not None and gap < LAST:
+            contact = None
+        else:
+            firm *= FIRMER
     return x, time
 
 

@@ -85,3 +85,21 @@ def test_what_is_too_tight_for_the_usual_pull_is_closed_by_more(monkeypatch):
     monkeypatch.setattr(dressing, "FIRMEST", 1.0)
     with pytest.raises(tc.SceneError, match="1 of 1 seams are still open after 3 s; the widest is seam 0, .* with 0.01"):
         tc.dress(band(), FABRIC, trunk(), longest=0.5)
+
+
+@pytest.mark.slow
+def test_cloth_that_meets_itself_while_it_is_sewn_does_so_until_seams_are_nearly_closed(monkeypatch):
+    """The last millimetres are closed without contact; without one to go by it is refused."""
+    phases, add = [], tc.Scene.add_garment
+
+    def noted(scene, garment, *args, **settings):
+        phases.append((settings.get("contact") is not None, garment.gap()))
+        return add(scene, garment, *args, **settings)
+
+    monkeypatch.setattr(tc.Scene, "add_garment", noted)
+    made = tc.dress(band(), FABRIC, trunk(), tc.ClothContact(0.002, 0.3), longest=0.5, meets=True)
+    meeting, gaps = zip(*phases)
+    assert meeting[0] and not meeting[-2] and meeting[-1]  # sewing, its end, settling
+    assert all(gap < 0.004 for meets, gap in phases if not meets) and made.garment.gap() == 0 and gaps[0] > 0.02
+    with pytest.raises(tc.SceneError, match="meets itself needs a contact"):
+        tc.dress(band(), FABRIC, trunk(), meets=True)
