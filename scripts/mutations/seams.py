@@ -162,4 +162,6 @@ MUTATIONS = (
      "a garment of which nothing crosses settles on",
      "tests/unit/test_patterns.py::test_a_garment_settles_as_long_as_crossings_become_fewer"),
     (DRESSING, "firm < FIRMEST and", "False and", "what no longer closes gets no stronger pull", PLACED),
+    (DRESSING, "contact if meets else None, tell)", "None, tell)", "cloth does not meet itself while it is sewn", PLACED),
+    (DRESSING, "            contact = None\n", "            pass\n", "cloth meets itself to the end of sewing", PLACED),
 )
