@@ -53,8 +53,8 @@ class Age(Checkpointed):
 class Drift(Checkpointed):
     """How many iterations more solves need than they did at first, as a cumulative sum. [Page 1954]
 
-    Solves need more or less by what is in contact. That comes and goes, and is no fault of what has aged: a sum of all that is
-    above the least would tell it from that no more.
+    What is in contact comes and goes, and solves need more or fewer iterations by it, whatever they are preconditioned with.
+    Around the same mean that cancels in the sum; a lasting rise does not.
 
     Attributes:
         age: solves in all; solves, cost: so many, and the mean iterations of the first of them; excess: iterations beyond.

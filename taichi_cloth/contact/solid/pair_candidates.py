@@ -67,13 +67,13 @@ class PairCandidates:
 
     def cover(self) -> np.ndarray:
         """(k, 2) rows that hold every pair which comes within range on the paths that the model now has."""
-        anew = self._refits != self.tree.refits
-        self._count[0] = 0
-        self._find_moved(int(anew), self._count)
-        moved = int(self._count[0])
-        if not moved:
-            return self.rows
-        everything = anew or moved > MOST * self.model.n
+        everything = self._refits != self.tree.refits
+        if not everything:
+            self._count[0] = 0
+            self._find_moved(self._count)
+            if not self._count[0]:
+                return self.rows
+            everything = bool(self._count[0] > MOST * self.model.n)
         self._take_paths(int(everything))
         found = self._look_for()
         if not everything and len(self.rows):
@@ -98,11 +98,11 @@ class PairCandidates:
             self._room = np.zeros((3 * found // 2, 2), dtype=np.int32)
 
     @ti.kernel
-    def _find_moved(self, anew: int, count: ti.types.ndarray()):
+    def _find_moved(self, count: ti.types.ndarray()):
         """A pair's distance at the start less its speed changes by no more than 2 |dx_0| + |dx|."""
         for i in range(self.model.rows()):
             off = 2 * (self.model.x_saved[i] - self.left[i]).norm() + (self.model.x[i] - self.walked[i]).norm()
-            self.moved[i] = ti.max(anew, ti.cast(off > self.skin[0], ti.i32))
+            self.moved[i] = ti.cast(off > self.skin[0], ti.i32)
             if self.moved[i] == 1:
                 ti.atomic_add(count[0], 1)
 
