@@ -108,7 +108,7 @@ def shirt() -> tc.Garment:
     return pattern.mesh(SPACING)
 
 
-def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float, meets: bool = False) -> tc.Scene:
+def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float, meets: bool = True) -> tc.Scene:
     """A garment on the body, both with a thickness [m]; the body goes so many times as fast as it was made. Its mouth and eyes
     are filled, so that it has an inside. `meets` as in `tc.dress`."""
     for name in FILES[garment]:
@@ -267,7 +267,7 @@ def main() -> int:
     parser.add_argument("--frames", type=int, default=120, help="of 1/25 s each")
     parser.add_argument("--fast", type=float, default=1.0, help="how many times as fast as it was made")
     parser.add_argument("--thickness", type=float, default=0.002, help="m")
-    parser.add_argument("--meets", action="store_true", help="what is sewn here meets itself meanwhile")
+    parser.add_argument("--no-meets", action="store_false", dest="meets", help="what is sewn here does not meet itself then")
     parser.add_argument("--h", type=float, default=1 / 60)
     parser.add_argument("--cg-tol", type=float, default=1e-3)
     parser.add_argument("--count", type=int, default=1, help="crossings are counted every so many frames")

@@ -17,6 +17,8 @@ SOLVER = "taichi_cloth/solver/"
 HATS, DENSE = SOLVER + "galerkin.py", SOLVER + "dense.py"
 CG, POINTWISE, MULTI = SOLVER + "recurrences.py", SOLVER + "pointwise.py", SOLVER + "multilevel.py"
 CLOSE, DRAWN = "taichi_cloth/forces/closing.py", "tests/physics/test_pulled_seams.py::test_"
+FIRMER, ALONE = DRAWN + "a_firmer_pull_closes_what_stayed_apart", DRAWN + "a_stitch_alone_is_pulled_for_what_it_stands_for"
+AROUND = "tests/unit/test_cloth_contact.py::test_what_is_around_some_particles_rests_for_a_tenth_of_a_second"
 REACHED, DRAWN_BY = DRAWN + "it_comes_as_near_as_the_pull_reaches", DRAWN + "derivatives"
 BEND, PULLS = "taichi_cloth/forces/bend.py", "taichi_cloth/forces/pulls.py"
 SPRINGS = "tests/unit/test_soft_attach.py::test_"
@@ -161,7 +163,18 @@ MUTATIONS = (
     (DRESSING, "return 0 < min(crossed[-PATIENCE:]) <", "return min(crossed[-PATIENCE:]) <",
      "a garment of which nothing crosses settles on",
      "tests/unit/test_patterns.py::test_a_garment_settles_as_long_as_crossings_become_fewer"),
-    (DRESSING, "firm < FIRMEST and", "False and", "what no longer closes gets no stronger pull", PLACED),
+    (DRESSING, "if firm < FIRMEST:", "if False:", "what no longer closes gets no stronger pull", PLACED),
     (DRESSING, "contact if meets else None, tell)", "None, tell)", "cloth does not meet itself while it is sewn", PLACED),
-    (DRESSING, "            contact = None\n", "            pass\n", "cloth meets itself to the end of sewing", PLACED),
+    (DRESSING, "if firm >= FIRM and contact is not None:", "if False:", "what does not close meets all beside it", PLACED),
+    ("taichi_cloth/contact/cloth/layers.py", "near[particles] = True", "near[:] = True", "all of the cloth rests", AROUND),
+    ("taichi_cloth/contact/cloth/layers.py", "self.intersections.release(np.flatnonzero(near))\n        self._let_rest()",
+     "self.intersections.release(np.flatnonzero(near))", "what is to rest does not", AROUND),
+    ("taichi_cloth/scene/sewing.py", "for v in (a[0], b[0]):", "for v in (a[0], a[0]):", "a stitch has one end", ALONE),
+    ("taichi_cloth/scene/sewing.py", "way.sum() / 4 if len(way) else within.mean() / 2", "way.sum() / 4",
+     "stitches within the cloth are led", ALONE),
+    ("taichi_cloth/system/stitches.py", 'STATE = ("whole", "pulled", "firm")', 'STATE = ("whole", "pulled")',
+     "a run resumed forgets how firmly it pulls", FIRMER),
+    ("taichi_cloth/system/stitches.py", "self.firm * self.pulled", "self.pulled", "firmer pulls are not", FIRMER),
+    ("taichi_cloth/step/stepper.py", "self.giving.pull_firmer(factor)\n            self.start = None",
+     "self.giving.pull_firmer(factor)", "a step gains what firmer pulls store", FIRMER),
 )

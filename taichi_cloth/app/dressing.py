@@ -18,8 +18,8 @@ def add_parser(commands) -> None:
     add("--spacing", type=number_of, default=0.02, metavar="M", help="edge length of the cloth's triangles (0.02)")
     add("--thickness", type=number_of, default=0.003, metavar="M", help="of the cloth and of the body's skin (0.003)")
     add("--friction", type=number_of, default=0.3, metavar="X", help="of cloth on the body and on itself (0.3)")
-    add("--pull", type=number_of, default=50.0, metavar="N/M", help="force a length that closes seams (50)")
-    add("--meets", action="store_true", help="cloth meets itself while it is sewn, too (slow)")
+    add("--pull", type=number_of, default=5.0, metavar="N/M", help="force a length that closes seams (5)")
+    add("--no-meets", action="store_false", dest="meets", help="cloth passes through itself while it is sewn (quicker)")
     add("--longest", type=number_of, default=4.0, metavar="S", help="simulated time after which settling ends (4)")
 
 

@@ -136,7 +136,8 @@ class Force(ABC):
         return False
 
     def release(self, whole: np.ndarray, pulled: np.ndarray) -> None:  # noqa: B027 (most forces know no stitches)
-        """Only the stitches (k,) of the scene's seams that are whole hold anything from now on; others are pulled together."""
+        """Only the stitches (k,) of the scene's seams that are whole hold anything from now on; others are pulled together,
+        with so many times their pull."""
 
 
 class ElementForce(Force):

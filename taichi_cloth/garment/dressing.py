@@ -1,10 +1,10 @@
 """From panels that hang round a body to a garment that it wears: sewn without weight, then let down.
 
-1. Sewing: no gravity, air that calms, seams that close by a bounded pull (`forces.closing`), the body smooth; cloth does not
-   meet itself, as panels have to pass each other's edges, or does until the seams are nearly closed. What comes near and stays
-   there, as a pleat narrower than a triangle, gets a stronger pull.
-2. Settling: gravity, the body's friction, cloth that meets itself; until the cloth rests, and no more of what passed through
-   itself while it was sewn comes apart.
+1. Sewing: no gravity, air that calms, seams that close by a bounded pull (`forces.closing`), the body smooth; cloth meets
+   itself. Where seams close no further they get a stronger pull, and in the end what is beside them rests: layers of a pleat
+   narrower than a triangle have no room for their thickness.
+2. Settling: gravity, the body's friction; until the cloth rests, and no more of what passed through itself while it was sewn
+   comes apart.
 """
 
 from collections.abc import Callable
@@ -23,13 +23,14 @@ from ..simulation import Simulation
 
 CALM = 2.0  # N s/m^3, drag of the air in which seams are closed
 SEWING = 3.0  # s in which seams have to close
-PULL = 50.0  # N/m at most, with which seams are closed,
-FIRMER, FIRMEST = 4.0, 64.0  # times as much where they are nearly closed and do so no further; at most in all
-LAST = 0.004  # m of gaps that are closed through whatever is there, where cloth met itself before
-NEARLY, NEARER = 0.02, 0.8  # m; part of a gap to which it has to come in a tenth of a second
+PULL = 5.0  # N/m at most, with which seams are closed,
+FIRMER, FIRM, FIRMEST = 4.0, 64.0, 1024.0  # times as much where they close no further; in all, for what is beside them to
+# rest; at most in all
+NEARER, SLOWEST = 0.2, 0.1  # part of the widest gap, and m/s, by the lesser of which it closes, or else closes no further
 ROUGH = 1e-3  # relative residual of the solves: only the rest shape counts
 SPARED = 0.5  # of the solids' thickness that cloth keeps from them meanwhile
 SLOW, SHORTEST = 0.05, 0.5  # m/s, RMS, at which cloth rests, not before so many s
+TENTH = 0.1  # s after which it is seen how far things are
 PATIENCE = 4  # tenths of a second in which some crossing has to come apart
 
 
@@ -61,22 +62,21 @@ class Dressed:
 
 def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact | None = None, longest: float = 4.0,
           h: float = 1 / 60, tell: Callable[[str], None] | None = None, pull: float | None = PULL,
-          meets: bool = False) -> Dressed:
+          meets: bool = True) -> Dressed:
     """Dresses the solids of a scene, as they are at time 0.
 
     Args:
         garment: panels round the body, outside of it.
-        contact: how the cloth meets itself once it is sewn.
+        contact: how the cloth meets itself.
         longest: s after which settling ends, at rest or not.
         tell: called with a line a tenth of a second of simulated time.
-        pull: force a length [N/m] that closes seams, more where they are within centimetres and no longer close; None closes
+        pull: force a length [N/m] that closes seams, four times as much and again where they close no further; None closes
             them by whatever force it takes.
-        meets: whether cloth meets itself while it is sewn too, by `contact`, until the widest gap is 4 mm. So layers keep
-            their order but in the last of pleats, and it takes several times as long.
+        meets: whether cloth with a contact meets itself while it is sewn too. So layers keep their order; where not, sewing a
+            dress with pleats takes two thirds of the time.
 
     Raises:
-        SceneError: a body without solids, panels that start inside the body, seams that do not close, by name, or cloth that
-            is to meet itself without a `contact`.
+        SceneError: a body without solids, panels that start inside the body, or seams that do not close, by name.
     """
     checks.instance("dress: garment", garment, Garment)
     checks.instance("dress: body", body, Scene)
@@ -87,8 +87,7 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
     checks.maybe(tell, checks.function, "dress: tell", "line")
     h = checks.number("dress: h", h, "s", positive=True, most=0.1)
     longest = checks.number("dress: longest", longest, "s", positive=True)
-    if checks.flag("dress: meets", meets) and contact is None:
-        raise SceneError("dress: cloth that meets itself needs a contact, such as contact=ClothContact(0.003)")
+    checks.flag("dress: meets", meets)
     still = [_still(s) for s in body.solids]
     x, sewn = _sewn(garment, fabric, still, h, pull, contact if meets else None, tell)
     scene = Scene(gravity=body.gravity, air=body.air)
@@ -111,33 +110,27 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
 def _sewn(garment: Garment, fabric: Fabric, solids: list[Solid], h: float, pull: float | None, contact: ClothContact | None,
           tell: Callable[[str], None] | None) -> tuple[np.ndarray, float]:
     """(positions (n, 3) [m] in which all seams are closed, s that it took); see `dress`."""
-    x, time, firm, gap = garment.positions, 0.0, 1.0, np.inf
-    while gap > 0:
-        scene = Scene(gravity=None, air=Air(CALM, CALM))
-        scene.solids += [replace(s, thickness=SPARED * s.thickness, friction=0.0) for s in solids]
-        scene.add_garment(replace(garment, positions=x), fabric, contact=contact, pull=None if pull is None else firm * pull)
-        sim = Simulation(scene, h=h, cg_tol=ROUGH)
-        try:
-            if time == 0:
-                _refuse_inside(sim, garment)
-            before = np.inf
-            while (gap := sim.seam_gaps().max(initial=0.0)) > 0:
-                if time + sim.time > SEWING:
-                    raise SceneError(_left_open(sim.positions(), garment))
-                if contact is not None and gap < LAST:
-                    break
-                if pull is not None and firm < FIRMEST and NEARER * before < gap < NEARLY:
-                    break
-                before = gap
-                _advance(sim, tell, f"sewing, gap {gap:.3g} m")
-            x, time = sim.positions(), time + sim.time
-        finally:
-            sim.close()
-        if contact is not None and gap < LAST:
-            contact = None
-        else:
-            firm *= FIRMER
-    return x, time
+    scene = Scene(gravity=None, air=Air(CALM, CALM))
+    scene.solids += [replace(s, thickness=SPARED * s.thickness, friction=0.0) for s in solids]
+    scene.add_garment(garment, fabric, contact=contact, pull=pull)
+    sim = Simulation(scene, h=h, cg_tol=ROUGH)
+    try:
+        _refuse_inside(sim, garment)
+        firm, before = 1.0, np.inf
+        while (gap := sim.seam_gaps().max(initial=0.0)) > 0:
+            if sim.time > SEWING:
+                raise SceneError(_left_open(sim.positions(), garment))
+            if pull is not None and before - gap < min(NEARER * before, SLOWEST * TENTH):
+                if firm >= FIRM and contact is not None:
+                    sim.contacts.layers.release_around(sim.giving.stitches.apart)
+                if firm < FIRMEST:
+                    firm *= FIRMER
+                    sim.stepper.pull_firmer(FIRMER)
+            before = gap
+            _advance(sim, tell, f"sewing, gap {gap:.3g} m")
+        return sim.positions(), sim.time
+    finally:
+        sim.close()
 
 
 def _part(crossed: list[int]) -> bool:
@@ -147,7 +140,7 @@ def _part(crossed: list[int]) -> bool:
 
 def _advance(sim: Simulation, tell: Callable[[str], None] | None, what: str) -> None:
     """A tenth of a second."""
-    sim.run(0.1, fps=10)
+    sim.run(TENTH, fps=1 / TENTH)
     if tell is not None:
         tell(f"{sim.time:.1f} s, {what}")
 

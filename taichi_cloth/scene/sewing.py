@@ -8,6 +8,7 @@ from .. import checks
 from ..errors import SceneError, shown
 from .cloth import Cloth, used_vertices
 from .garment import seam_angle
+from .mesh import distinct, face_edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +91,6 @@ def make(cloth: Cloth, a: object, b: object, rest: object, stiffness: object, st
         bears = checks.number("sew: strength", strength, "N/m", positive=True) * lengths(cloth, *rows)
     pulls = np.zeros(len(rows[0]))
     if pull is not None:
-        if len(rows[0]) < 2:
-            raise SceneError("sew: pull is a force a length, and a single stitch has none")
         pulls = checks.number("sew: pull", pull, "N/m", positive=True) * lengths(cloth, *rows)
     return Seam(cloth, *rows, angle, factor, bears, pulls)
 
@@ -113,7 +112,8 @@ def make_stitches(cloth: Cloth, a: object, b: object, force: object) -> Seam:
 
 def lengths(cloth: Cloth, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(k,) length [m] of a seam that each of its stitches stands for: half the way to the next on either side, in the cloth's
-    material, the mean of its two rows."""
+    material, the mean of its two rows. A stitch that stands alone: half the way along its borders to their next vertices, or,
+    within the cloth, the mean length of its edges."""
     out = np.zeros(len(a))
     mesh = cloth.mesh
     places = mesh.uv if mesh.uv.ndim == 2 else mesh.x
@@ -123,4 +123,10 @@ def lengths(cloth: Cloth, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         out[1:] += way / 4
     if len(a) > 2 and a[0] == a[-1]:  # round a hole: the last is the first
         out[[0, -1]] = out[0] + out[-1]
+    if len(a) == 1:
+        borders, edges = np.array(list(mesh.border_edges)).reshape(-1, 2), distinct(face_edges(mesh.faces))[0]
+        for v in (a[0], b[0]):
+            way, within = (np.linalg.norm(np.diff(places[some[(some == v).any(axis=1)]], axis=1), axis=2)
+                           for some in (borders, edges))
+            out += way.sum() / 4 if len(way) else within.mean() / 2
     return out

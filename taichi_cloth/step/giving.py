@@ -72,6 +72,12 @@ class Giving:
             self.integrator.loosen()
         return joined
 
+    def pull_firmer(self, factor: float) -> None:
+        """What is pulled together is pulled by so many times as much from now on, between steps."""
+        self.stitches.firm *= factor
+        self.stitches.resumed()
+        self.integrator.loosen()
+
     def open(self, rows: np.ndarray) -> bool:
         """Opens stitches by hand, between steps. Whether any was whole."""
         whole, closing = self.stitches.whole.copy(), self.stitches.pulled[rows].any()

@@ -134,6 +134,12 @@ class Stepper(Checkpointed):
         self.quiet = 0
         self.start: Measures | None = None  # measures of the current state; None where it was changed by hand
 
+    def pull_firmer(self, factor: float) -> None:
+        """Seams that are pulled together are pulled by so many times as much from now on; where nothing is sewn, none are."""
+        if self.giving is not None:
+            self.giving.pull_firmer(factor)
+            self.start = None
+
     def step(self, t: float, h_wanted: float, held_at) -> StepRecord:
         """One accepted step from time t, of `h_wanted` or of the control's h where that is less.
 

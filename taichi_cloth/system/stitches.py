@@ -32,9 +32,10 @@ class Stitches(Checkpointed):
     Attributes:
         whole: (k,) which hold; pulled: (k,) which are drawn together by a force, and will.
         bears: (k,) [N] at which each gives; seam: (k,) which it is of.
+        firm: times its pull with which each of them is drawn.
     """
 
-    STATE = ("whole", "pulled")
+    STATE = ("whole", "pulled", "firm")
 
     def __init__(self, clusters: Clusters, scene: Scene, forces: Sequence) -> None:
         self.clusters, self.model, self.forces = clusters, clusters.model, forces
@@ -44,7 +45,7 @@ class Stitches(Checkpointed):
         self.bears = np.concatenate([s.bears for s in scene.seams])
         self.gives = bool(np.isfinite(self.bears).any())
         self.pulled = (np.concatenate([s.pulls for s in scene.seams]) > 0) & (self._gaps() > CATCH)
-        self.whole = ~self.pulled
+        self.whole, self.firm = ~self.pulled, 1.0
         self._by_hand = np.repeat([not s.tears for s in scene.seams], count)
         row = np.repeat([s.row for s in scene.seams], count)
         if self.pulled.any():
@@ -63,13 +64,18 @@ class Stitches(Checkpointed):
         """See `Checkpointed`: everything is told what is whole."""
         self.clusters.connect(self.whole)
         for force in self.forces:
-            force.release(self.whole, self.pulled)
+            force.release(self.whole, self.firm * self.pulled)
         self.clusters.pulled = bool(self.pulled.any())
 
     def _gaps(self) -> np.ndarray:
         """(k,) [m] of the stitches, where the model is."""
         x = self.model.read_particles()[0]
         return np.linalg.norm(x[self.clusters.a] - x[self.clusters.b], axis=1)
+
+    @property
+    def apart(self) -> np.ndarray:
+        """(j,) particles of stitches that are pulled together, and are not yet."""
+        return np.concatenate([self.clusters.a[self.pulled], self.clusters.b[self.pulled]])
 
     def join(self) -> bool:
         """What is pulled together and has come near holds from now on. Whether anything does."""

@@ -122,5 +122,44 @@ def test_what_cannot_be_pulled():
     for pull in (0.0, -1.0, np.nan, "x"):
         with pytest.raises(tc.SceneError, match="pull"):
             scene.sew(cloth, [0, 1], [12, 13], pull=pull)
-    with pytest.raises(tc.SceneError, match="pull is a force a length"):
-        scene.sew(cloth, [0], [12], pull=1.0)
+
+
+def test_a_stitch_alone_is_pulled_for_what_it_stands_for():
+    """Half of the border beside it on either side, the mean of both ends; an edge where there is no border."""
+    scene = tc.Scene()
+    cloth = scene.add_cloth(tc.grid((0.4, 0.2), (4, 4)), FABRIC)  # edges of .1, .05 and .112 m, 5 vertices a row
+    rows = cloth.mesh.uv.reshape(5, 5, 2)
+    assert rows[0, 1, 0] > 0 == rows[0, 1, 1]
+
+    def pulls(a, b):
+        return scene.sew(cloth, [a], [b], pull=30.0).pulls
+
+    assert pulls(1, 2) == pytest.approx(30.0 * 0.1)
+    assert pulls(1, 5) == pytest.approx(30.0 * (0.1 + 0.05) / 2)
+    assert pulls(0, 24) == pytest.approx(30.0 * (0.1 + 0.05) / 2)
+    within = np.linalg.norm(np.diff(cloth.mesh.uv[[e for e in cloth.mesh.inner_edges if 12 in e]], axis=1), axis=2).mean()
+    assert 0.05 < within < 0.12 and pulls(12, 1) == pytest.approx(30.0 * (within + 0.1) / 2)
+
+
+@pytest.mark.slow
+def test_a_firmer_pull_closes_what_stayed_apart():
+    """The gap that is left goes with the pull; a run resumed knows it; what the pulls store more is not the step's."""
+    exact = {"integrator": "newton_euler", "newton_tol": 1e-10, "cg_tol": 1e-11, "newton_max": 60}
+    sim, a, b = apart(4.0, **exact)
+    again, _, _ = apart(4.0, **exact)
+    sim.run(1.0, fps=10)
+    for pull in (4.0, 8.0):
+        x, left = sim.positions(), GAP - 2 * LENGTH * pull / K
+        assert x[b, 0] - x[a, 0] == pytest.approx(left, rel=2e-3)
+        sim.stepper.pull_firmer(2.0)
+        sim.step()
+        ledger = totals([sim.log[-1].ledger])
+        assert abs(ledger["unaccounted"]) < 1e-6 * abs(ledger["potential"]) and ledger["potential"] < 0
+        sim.run(1.0, fps=10)
+    again.resume(sim.checkpoint())
+    sim.stepper.pull_firmer(2.0), again.stepper.pull_firmer(2.0)
+    for one in (sim, again):
+        one.run(1.0, fps=10)
+        assert one.seam_gaps()[0] == 0
+    assert (sim.positions() == again.positions()).all()
+    sim.close(), again.close()

@@ -545,6 +545,31 @@ def test_a_run_resumed_in_contact_goes_on_bit_for_bit(rng):
 
 
 @pytest.mark.slow
+def test_what_is_around_some_particles_rests_for_a_tenth_of_a_second():
+    """Pairs with a neighbour on either side, and no others."""
+    _, _, sim = two_sheets(0.004)
+    layers, faces, n = sim.contacts.layers, sim.contacts.layers.detector.mesh.faces, sim.model.n
+
+    def pairs() -> dict:
+        layers.detector.paths.begin()
+        layers.detector.cover()
+        found = layers.detector.look()
+        sides = [(w[1:] if kind == VERTEX_FACE else w[2:]) for w, kind in zip(found.vertices.tolist(), found.pair[:, 2])]
+        return {(tuple(w[: 4 - len(other)]), tuple(other)) for w, other in zip(found.vertices.tolist(), sides)}
+
+    before, some = pairs(), sim.model.particle[[40, 121]]
+    around = np.zeros(n, dtype=bool)
+    around[faces[np.isin(faces, some).any(axis=1)]] = True
+    layers.release_around(some)
+    left = {(a, b) for a, b in before if not (around[list(a)].any() and around[list(b)].any())}
+    assert pairs() == left and 10 < len(left) < len(before) - 10
+    for _ in range(7):
+        sim.step()
+    assert not layers.intersections.active
+    sim.close()
+
+
+@pytest.mark.slow
 def test_tangles_can_be_left_alone_or_refused():
     with pytest.raises(tc.SceneError, match="pass through each other at the start"):
         tc.Simulation(crossing_scene(), tangles="abort")

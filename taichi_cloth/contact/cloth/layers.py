@@ -38,6 +38,7 @@ RUBBED = 0.05  # the same of friction beyond its cone
 LOOSE = 2.0  # of gravity: what the forces of pairs may be off by, over the mass they act on
 GIVE = 0.01  # of a pair's distance over h^2: the same where gravity is small
 PINCHING = 0.02  # of half the thickness: what moves more than that within a step is not pinched, but comes fast
+AROUND = 1  # rings of neighbours
 STUCK = 0.1  # of what layers keep: what starts nearer, when all that could be was moved apart, is tangled
 CLOSE, WIDE = 0.3, 0.7  # of a pair's room: what ends with less gets stiffer, with more softer again
 STIFFER, SOFTER, STIFFEST = 4.0, 0.8, 4096.0  # factors from usual step to usual step, and their product at most
@@ -319,6 +320,15 @@ class Layers(Checkpointed):
         self.intersections.release(p.vertices[tight].ravel())
         self._let_rest()
         return True
+
+    def release_around(self, particles: np.ndarray) -> None:
+        """Deactivates for a while the pairs of particles (k,) and their neighbours, between steps."""
+        near: np.ndarray = np.zeros(self.model.n, dtype=bool)
+        near[particles] = True
+        for _ in range(AROUND):
+            near[self.detector.mesh.faces[near[self.detector.mesh.faces].any(axis=1)]] = True
+        self.intersections.release(np.flatnonzero(near))
+        self._let_rest()
 
     def release_nearest(self) -> None:
         """Deactivates for a while the pairs that start so near that they are as good as tangled."""
