@@ -165,7 +165,7 @@ MUTATIONS = (
      "tests/unit/test_patterns.py::test_a_garment_settles_as_long_as_crossings_become_fewer"),
     (DRESSING, "if firm < FIRMEST:", "if False:", "what no longer closes gets no stronger pull", PLACED),
     (DRESSING, "contact if meets else None, tell)", "None, tell)", "cloth does not meet itself while it is sewn", PLACED),
-    (DRESSING, "if firm >= FIRM and contact is not None:", "if False:", "what does not close meets all beside it", PLACED),
+    (DRESSING, "if contact is not None and firm >= (FIRMER if gap < NEARLY else FIRM):", "if False:", "what does not close meets all beside it", PLACED),
     ("taichi_cloth/contact/cloth/layers.py", "near[particles] = True", "near[:] = True", "all of the cloth rests", AROUND),
     ("taichi_cloth/contact/cloth/layers.py", "self.intersections.release(np.flatnonzero(near))\n        self._let_rest()",
      "self.intersections.release(np.flatnonzero(near))", "what is to rest does not", AROUND),

@@ -24,8 +24,9 @@ from ..simulation import Simulation
 CALM = 2.0  # N s/m^3, drag of the air in which seams are closed
 SEWING = 3.0  # s in which seams have to close
 PULL = 5.0  # N/m at most, with which seams are closed,
-FIRMER, FIRM, FIRMEST = 4.0, 64.0, 1024.0  # times as much where they close no further; in all, for what is beside them to
-# rest; at most in all
+FIRMER, FIRMEST = 4.0, 1024.0  # times as much where they close no further; at most in all
+NEARLY, FIRM = 0.01, 16.0  # m of gaps beside which cloth rests, where a firmer pull does not close them; of others where one that
+# is so many times as firm does not
 NEARER, SLOWEST = 0.2, 0.1  # part of the widest gap, and m/s, by the lesser of which it closes, or else closes no further
 ROUGH = 1e-3  # relative residual of the solves: only the rest shape counts
 SPARED = 0.5  # of the solids' thickness that cloth keeps from them meanwhile
@@ -121,7 +122,7 @@ def _sewn(garment: Garment, fabric: Fabric, solids: list[Solid], h: float, pull:
             if sim.time > SEWING:
                 raise SceneError(_left_open(sim.positions(), garment))
             if pull is not None and before - gap < min(NEARER * before, SLOWEST * TENTH):
-                if firm >= FIRM and contact is not None:
+                if contact is not None and firm >= (FIRMER if gap < NEARLY else FIRM):
                     sim.contacts.layers.release_around(sim.giving.stitches.apart)
                 if firm < FIRMEST:
                     firm *= FIRMER
