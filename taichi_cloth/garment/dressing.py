@@ -25,8 +25,8 @@ CALM = 2.0  # N s/m^3, drag of the air in which seams are closed
 SEWING = 3.0  # s in which seams have to close
 PULL = 5.0  # N/m at most, with which seams are closed,
 FIRMER, FIRMEST = 4.0, 1024.0  # times as much where they close no further; at most in all
-NEARLY, FIRM = 0.01, 16.0  # m of gaps beside which cloth rests, where a firmer pull does not close them; of others where one that
-# is so many times as firm does not
+NEARLY, FIRM = 0.01, 16.0  # m of gaps beside which cloth rests, where a firmer pull does not close them; of wider ones where
+# one that is so many times as firm does not
 NEARER, SLOWEST = 0.2, 0.1  # part of the widest gap, and m/s, by the lesser of which it closes, or else closes no further
 ROUGH = 1e-3  # relative residual of the solves: only the rest shape counts
 SPARED = 0.5  # of the solids' thickness that cloth keeps from them meanwhile

@@ -177,10 +177,8 @@ class LayerStep(EulerStep):
         ended = self.conclude(measures) if self.part == 1 and start.small else None
         if ended is not None:
             return self.finish(*ended)
-        sewn = self.system.model.sewn
-        presses = (held is not None and held.moving) or (sewn is not None and sewn.pulled)  # and gives no way
-        if self.part < 1 and (start.smallest or (start.small and presses)):
-            self.released = layers.release(start.smallest)
+        if self.part < 1 and (start.smallest or (start.small and held is not None and held.moving)):
+            self.released = layers.release(start.smallest)  # else nothing presses that does not give way
         return self.refuse(measures)
 
     def refuse(self, measures: Measures) -> Outcome:
