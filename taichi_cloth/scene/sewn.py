@@ -51,8 +51,9 @@ class Sewn(Contents):
             stiffness: factor of its hinges' bending stiffness; with 0 there are none.
             strength: force a length [N/m] at which it rips, stitch by stitch; None never does. Each stitch bears it over
                 half the way to the next on either side, from when it is closed.
-            pull: force a length [N/m] that draws it together while it is apart; what bears more stays apart, and
-                `Simulation.seam_gaps` says how far. None draws by whatever force it takes.
+            pull: force a length [N/m] that draws it together while it is apart, a single stitch for half of the border
+                beside it; what bears more stays apart, and `Simulation.seam_gaps` says how far. None draws by whatever
+                force it takes.
 
         Raises:
             SceneError: rows of different lengths, a vertex twice in a row, nothing to sew, or a strength that is not
