@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .. import checks
-from ..errors import SceneError
+from ..errors import SceneError, SimulationError
 from ..scene.air import Air
 from ..scene.fabric import ClothContact, Fabric
 from ..scene.garment import Garment
@@ -25,12 +25,13 @@ CALM = 2.0  # N s/m^3, drag of the air in which seams are closed
 SEWING = 3.0  # s in which seams have to close
 PULL = 5.0  # N/m at most, with which seams are closed,
 FIRMER, FIRMEST = 4.0, 1024.0  # times as much where they close no further; at most in all
-NEARLY, FIRM = 0.01, 16.0  # m of gaps beside which cloth rests, where a firmer pull does not close them; of wider ones where
-# one that is so many times as firm does not
+FIRM = 64.0  # times as much where pairs beside what does not close rest
+FINEST, LOCKED = 32, 0.3  # part of h at which layers that are nearer than that part of what they keep rest, as no step passes
 NEARER, SLOWEST = 0.2, 0.1  # part of the widest gap, and m/s, by the lesser of which it closes, or else closes no further
 ROUGH = 1e-3  # relative residual of the solves: only the rest shape counts
 SPARED = 0.5  # of the solids' thickness that cloth keeps from them meanwhile
 SLOW, SHORTEST = 0.05, 0.5  # m/s, RMS, at which cloth rests, not before so many s
+ROUND = 1e-9  # of it: that are no step any more
 TENTH = 0.1  # s after which it is seen how far things are
 PATIENCE = 4  # tenths of a second in which some crossing has to come apart
 
@@ -113,6 +114,8 @@ def _sewn(garment: Garment, fabric: Fabric, solids: list[Solid], h: float, pull:
     """(positions (n, 3) [m] in which all seams are closed, s that it took); see `dress`."""
     scene = Scene(gravity=None, air=Air(CALM, CALM))
     scene.solids += [replace(s, thickness=SPARED * s.thickness, friction=0.0) for s in solids]
+    if contact is not None:
+        contact = replace(contact, thickness=SPARED * contact.thickness)
     scene.add_garment(garment, fabric, contact=contact, pull=pull)
     sim = Simulation(scene, h=h, cg_tol=ROUGH)
     try:
@@ -122,13 +125,13 @@ def _sewn(garment: Garment, fabric: Fabric, solids: list[Solid], h: float, pull:
             if sim.time > SEWING:
                 raise SceneError(_left_open(sim.positions(), garment))
             if pull is not None and before - gap < min(NEARER * before, SLOWEST * TENTH):
-                if contact is not None and firm >= (FIRMER if gap < NEARLY else FIRM):
+                if contact is not None and firm >= FIRM:
                     sim.contacts.layers.release_around(sim.giving.stitches.apart)
                 if firm < FIRMEST:
                     firm *= FIRMER
                     sim.stepper.pull_firmer(FIRMER)
             before = gap
-            _advance(sim, tell, f"sewing, gap {gap:.3g} m")
+            _advance(sim, tell, f"sewing, gap {gap:.3g} m", h / FINEST if contact is not None else 0.0)
         return sim.positions(), sim.time
     finally:
         sim.close()
@@ -139,9 +142,25 @@ def _part(crossed: list[int]) -> bool:
     return 0 < min(crossed[-PATIENCE:]) < min(crossed[:-PATIENCE], default=np.inf)
 
 
-def _advance(sim: Simulation, tell: Callable[[str], None] | None, what: str) -> None:
-    """A tenth of a second."""
-    sim.run(TENTH, fps=1 / TENTH)
+def _advance(sim: Simulation, tell: Callable[[str], None] | None, what: str, finest: float = 0.0) -> None:
+    """A tenth of a second. Where no step of `finest` [s] passes for layers that are pressed together, they rest; else smaller
+    ones are tried."""
+    end, usual = sim.time + TENTH, sim.control
+    while end - sim.time > ROUND * TENTH:
+        if finest:
+            sim.stepper.control = replace(usual, h_min=finest)
+        try:
+            sim.step(min(usual.h_max, end - sim.time))
+        except SimulationError:
+            if not finest:
+                raise
+            nearest = sim.contacts.layers.nearest()
+            if nearest is not None and nearest.gap < LOCKED:
+                sim.contacts.layers.release_around(np.array(nearest.particles))
+                sim.stepper.h = usual.h_max
+            else:
+                finest = 0.0
+        sim.stepper.control = usual
     if tell is not None:
         tell(f"{sim.time:.1f} s, {what}")
 
