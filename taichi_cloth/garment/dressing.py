@@ -1,8 +1,8 @@
 """From panels that hang round a body to a garment that it wears: sewn without weight, then let down.
 
 1. Sewing: no gravity, air that calms, seams that close by a bounded pull (`forces.closing`), the body smooth; cloth meets
-   itself. Where seams close no further they get a stronger pull, and in the end what is beside them rests: layers of a pleat
-   narrower than a triangle have no room for their thickness.
+   itself. Where seams close no further they get a stronger pull. Layers of a pleat narrower than a triangle have no room for
+   their thickness: where no step passes they rest, and in the end all that is beside what is still apart.
 2. Settling: gravity, the body's friction; until the cloth rests, and no more of what passed through itself while it was sewn
    comes apart.
 """

@@ -94,6 +94,35 @@ def test_what_is_too_tight_for_the_usual_pull_is_closed_by_more(monkeypatch, con
         tc.dress(band(), FABRIC, trunk(), contact, longest=0.5)
     assert (len(rests) > 20 and all(len(of) == 10 for of in rests)) if contact else not rests
     rests.clear()
+    monkeypatch.setattr(dressing, "SEWING", 0.5)
     with pytest.raises(tc.SceneError, match="1 of 1 seams are still open"):
         tc.dress(band(), FABRIC, trunk(), contact, longest=0.5, meets=False)
     assert not rests
+
+
+def pressed() -> tuple[tc.Simulation, int]:
+    """Two sheets that a row of stitches draws together by 2 kN each, with a strip between them; how many stitches."""
+    sheet, strip = tc.grid(0.1, 10), tc.grid((0.06, 0.14), (6, 14))
+    n = sheet.vertex_count
+    two = tc.TriMesh(np.concatenate([sheet.x, sheet.x + [0, 0.03, 0]]), np.concatenate([sheet.faces, sheet.faces + n]),
+                     np.concatenate([sheet.uv, sheet.uv + [0.2, 0]]))
+    scene, contact = tc.Scene(gravity=None), tc.ClothContact(0.004, 0.3)
+    cloth = scene.add_cloth(two, FABRIC, contact=contact)
+    scene.add_cloth(strip, FABRIC, positions=strip.x + [0.002, 0.015, 0.003], contact=contact)
+    middle = np.flatnonzero(abs(sheet.uv[:, 0] - 0.05) < 1e-6)
+    scene.sew(cloth, middle, middle + n, stiffness=0.0, pull=1e5)
+    return tc.Simulation(scene, h=1 / 60, cg_tol=1e-3, integrator="backward_euler"), len(middle)
+
+
+@pytest.mark.slow
+def test_layers_that_seams_press_rest_where_no_step_passes(monkeypatch):
+    """Those in the way, and not the rest of a row, which closes; without that steps become 2,000 times smaller."""
+    rests, around = [], Layers.release_around
+    monkeypatch.setattr(Layers, "release_around", lambda self, of: (rests.append(len(of)), around(self, of)))
+    sim, stitches = pressed()
+    for _ in range(2):
+        dressing._advance(sim, None, "", sim.control.h_max / 32)
+    assert sim.seam_gaps()[0] == 0 and sim.stepper.control == sim.control and sim.time == pytest.approx(0.2)
+    assert 0 < len(rests) < stitches and all(count == 4 for count in rests)
+    assert min(r.h for r in sim.log) >= sim.control.h_max / 32 * (1 - 1e-9)
+    sim.close()
