@@ -1,11 +1,14 @@
 """Panels of a meshed garment are moved and bent to where they can be sewn; dressing closes what the usual pull does not."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.contact.cloth.layers import Layers
 from taichi_cloth.garment import dressing
+from taichi_cloth.step.stepper import Control
 
 FABRIC = tc.Fabric(0.2, tc.Stretch(1000, 0.5), tc.Shear(100, 0.05), tc.Bend(1e-5))
 
@@ -126,3 +129,25 @@ def test_layers_that_seams_press_rest_where_no_step_passes(monkeypatch):
     assert 0 < len(rests) < stitches and all(count == 4 for count in rests)
     assert min(r.h for r in sim.log) >= sim.control.h_max / 32 * (1 - 1e-9)
     sim.close()
+
+
+def test_what_no_layers_stop_is_tried_by_smaller_steps():
+    """As where a solid needs them: the tenth of a second goes on; where those do not pass either, it ends."""
+    def sim(passes: float) -> SimpleNamespace:
+        control = Control(1 / 60, 1e-5)
+        one = SimpleNamespace(time=0.0, control=control, stepper=SimpleNamespace(control=control, h=control.h_max),
+                              contacts=SimpleNamespace(layers=SimpleNamespace(nearest=lambda: None)))
+
+        def step(h: float) -> None:
+            if one.stepper.control.h_min > passes:
+                raise tc.SimulationError("no step passes", "CONTACT", one.time)
+            one.time += h
+
+        one.step = step
+        return one
+
+    made = sim(1e-5)
+    dressing._advance(made, None, "", 1 / 60 / 32)
+    assert made.time == pytest.approx(0.1) and made.stepper.control is made.control
+    with pytest.raises(tc.SimulationError):
+        dressing._advance(sim(1e-6), None, "", 1 / 60 / 32)
