@@ -173,7 +173,7 @@ MUTATIONS = (
     ("taichi_cloth/contact/cloth/layers.py", "self.intersections.release(np.flatnonzero(near))\n        self._let_rest()",
      "self.intersections.release(np.flatnonzero(near))", "what is to rest does not", AROUND),
     ("taichi_cloth/scene/sewing.py", "for v in (a[0], b[0]):", "for v in (a[0], a[0]):", "a stitch has one end", ALONE),
-    ("taichi_cloth/scene/sewing.py", "way.sum() / 4 if len(way) else within.mean() / 2", "way.sum() / 4",
+    ("taichi_cloth/scene/sewing.py", "way.sum() / 4 if v in borders else way.mean() / 2", "way.sum() / 4",
      "stitches within the cloth are led", ALONE),
     ("taichi_cloth/system/stitches.py", 'STATE = ("whole", "pulled", "firm")', 'STATE = ("whole", "pulled")',
      "a run resumed forgets how firmly it pulls", FIRMER),

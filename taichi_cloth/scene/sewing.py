@@ -124,9 +124,12 @@ def lengths(cloth: Cloth, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     if len(a) > 2 and a[0] == a[-1]:  # round a hole: the last is the first
         out[[0, -1]] = out[0] + out[-1]
     if len(a) == 1:
-        borders, edges = np.array(list(mesh.border_edges)).reshape(-1, 2), distinct(face_edges(mesh.faces))[0]
+        borders = np.array(list(mesh.border_edges)).reshape(-1, 2)
         for v in (a[0], b[0]):
-            way, within = (np.linalg.norm(np.diff(places[some[(some == v).any(axis=1)]], axis=1), axis=2)
-                           for some in (borders, edges))
-            out += way.sum() / 4 if len(way) else within.mean() / 2
+            beside = borders[(borders == v).any(axis=1)]
+            if not len(beside):
+                edges = distinct(face_edges(mesh.faces))[0]
+                beside = edges[(edges == v).any(axis=1)]
+            way = np.linalg.norm(np.diff(places[beside], axis=1), axis=2)
+            out += way.sum() / 4 if v in borders else way.mean() / 2
     return out

@@ -104,7 +104,7 @@ def test_what_is_too_tight_for_the_usual_pull_is_closed_by_more(monkeypatch, con
 
 
 def pressed() -> tuple[tc.Simulation, int]:
-    """Two sheets that a row of stitches draws together by 2 kN each, with a strip between them; how many stitches."""
+    """Two sheets that a row of stitches draws together by 1 kN each, with a strip between them; how many stitches."""
     sheet, strip = tc.grid(0.1, 10), tc.grid((0.06, 0.14), (6, 14))
     n = sheet.vertex_count
     two = tc.TriMesh(np.concatenate([sheet.x, sheet.x + [0, 0.03, 0]]), np.concatenate([sheet.faces, sheet.faces + n]),
