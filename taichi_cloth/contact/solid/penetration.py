@@ -61,13 +61,13 @@ class Penetration(Checkpointed):
         if near.pairs is None:
             return 0, bad
         nearer, lost = left(near.pairs, linearized, self.scan.kept_by(near.pairs))
-        minded = self.minded[near.pairs.vertices].all(axis=1)
+        minded = self.minded[near.pairs.own_vertices].all(axis=1)
         return int(np.sum(nearer & minded)), bad or bool((lost & minded).any())
 
     def lost(self, near: Nearby) -> np.ndarray:
         """(k,) whether pairs end too near, and none of their particles is pinched."""
         assert near.pairs is not None
-        return left(near.pairs, None, self.scan.kept_by(near.pairs))[1] & self.minded[near.pairs.vertices].all(axis=1)
+        return left(near.pairs, None, self.scan.kept_by(near.pairs))[1] & self.minded[near.pairs.own_vertices].all(axis=1)
 
     def may_shrink(self, start: StepStart, near: Nearby, held: np.ndarray, linearized: Pairs | None) -> bool:
         """Whether a step that goes wrong is to be tried smaller, and not taken as the best there is."""

@@ -42,7 +42,7 @@ class Nearby:
         """But contacts of pinched particles (n,), and pairs of any that are around these (n,)."""
         keep, pairs = ~pinched[self.vertices.index], self.pairs
         if pairs is not None:
-            pairs = pairs.take(~around[pairs.vertices].any(axis=1))
+            pairs = pairs.take(~around[pairs.own_vertices].any(axis=1))
         return Nearby(self.there, self.vertices.take(keep), self.slip[keep], pairs)
 
 
