@@ -1,5 +1,7 @@
 """Particles between two plates, one step at a time: where they are led, when they are free, and who minds them meanwhile."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -117,3 +119,26 @@ def test_layers_are_looked_at_again_when_it_is_free(between):
         assert layers.freed == freed and (layers.detector.tangled.to_numpy()[:n] == after).all()
     layers.waive(np.zeros(n, dtype=bool), np.arange(0))
     assert not layers.freed
+
+
+def test_an_edge_rests_by_its_own_vertices(rng):
+    """Whatever face speaks for it: where an edge of a solid is near one of cloth, both of whose vertices are free, it counts,
+    as a crossing of either of that edge's faces would."""
+    scene, mesh = tc.Scene(), tc.grid(0.2, 30)
+    scene.add_solid(tc.Box((0.1, 0.1, 0.1)), 0.3, 0.001, name="box", rotation=(0.0, 0.0, np.pi / 4))
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, 1)), mesh.x - mesh.x.mean(axis=0) + [0.003, 0.0709, 0])
+    with tc.Simulation(scene, h=H) as sim:
+        sim.model.save()
+        near = sim.contacts.scan.look(H)
+        edges = near.pairs.take(near.pairs.weights[:, 2] == 0)
+        edges = edges.take((edges.weights[:, :2] > 0.02).all(axis=1))
+        around = rng.uniform(size=sim.vertex_count) < 0.3
+        free, third = ~around[edges.vertices[:, :2]].any(axis=1), around[edges.vertices[:, 2]]
+        assert (free & third).sum() > 3 and (free & ~third).sum() > 3 and (~free).sum() > 3
+        kept = np.isin(edges.key, near.without(around, around).pairs.key)
+        assert (kept == free).all()
+        penetration = sim.contacts.solids.penetration
+        penetration.pinched = around
+        deep = replace(near, pairs=replace(edges, distance=0 * edges.distance))
+        assert (penetration.lost(deep) == free).all()
+        assert penetration.left(deep, near.vertices.take(near.vertices.gap > 1), None)[0] == free.sum()
