@@ -9,6 +9,7 @@ SMALL = {"spacing": 0.05}
 SEWN = 0.8  # s at which shoulders are let go
 FRONT, BACK, RIGHT, LEFT = "front", "back", "right sleeve", "left sleeve"
 THICKNESS = 0.004
+PULL = 100.0  # N/m by which seams close
 
 
 def body_panel(name: str, z: float, neck: float) -> tc.Panel:
@@ -63,7 +64,7 @@ def build(spacing: float = 0.03, friction: float = 0.3, stretch: float = 300.0) 
     garment = pattern().mesh(spacing)
     fabric = tc.Fabric(0.187, tc.Stretch(stretch, stretch / 1000), tc.Shear(37, 0.04), tc.Bend(1e-5, 1e-7))
     cloth = scene.add_garment(garment, fabric, name="shirt", color=(0.20, 0.35, 0.62),
-                              contact=tc.ClothContact(0.003, friction))
+                              contact=tc.ClothContact(0.003, friction), pull=PULL)
     groups = garment.mesh.groups
     above = np.flatnonzero(garment.mesh.uv[:, 1] > 0.57)
     shoulders = above[np.isin(above, np.concatenate([groups[FRONT], groups[BACK]]))]
@@ -81,7 +82,7 @@ def check(sim: tc.Simulation):
     yield f"it is worn: its hem is at {low:.2f} m", 0.6 < low < 1.0
     yield f"largest stretch {sim.log[-1].stretch:.3f}", sim.log[-1].stretch < 1.3
     crossed = sim.intersections()
-    yield f"{crossed} crossings with itself, at the armpits, where four panels meet", crossed <= 12
+    yield f"{crossed} crossings with itself", crossed == 0
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from reference.geometry import against_solids, cloth_crossings  # noqa: E402
 
 import taichi_cloth as tc  # noqa: E402
 
-NEAREST = 0.2  # of the thickness that cloth keeps from a solid where there is room
+NEAREST = 0.15  # of the thickness that cloth keeps from a solid where there is room
 DUST = 1e-3  # of the thickness: the search for the nearest place may be off by so much
 WORKS = ("pins", "solids", "lifted", "lowered", "friction", "layers", "wind")
 FALL = 0.1  # m/s

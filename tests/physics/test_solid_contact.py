@@ -156,7 +156,7 @@ def in_the_middle_of_it(sim: tc.Simulation, easy: bool) -> bool:
     return False
 
 
-PRESSED = [partial(pressed, speed, turn) for speed, turn in ((0.2, 0.4), (0.25, 0.3), (0.3, 0.5), (0.26, 0.35), (0.28, 0.45))]
+PRESSED = [partial(pressed, speed, turn) for speed, turn in ((0.2, 0.3), (0.25, 0.5), (0.2, 0.5), (0.28, 0.5), (0.4, 0.6))]
 
 
 @pytest.mark.parametrize("scenes, options", [(PRESSED, {}), ([slid], {"tolerance": 0.05})], ids=["steps", "tolerance"])

@@ -9,7 +9,8 @@ from ..points import EYE, Points, rows_of, sym_outer, sym_times, tangential
 
 PAIR = 0.5  # of the thickness (beyond the core's radius): what edges and faces of cloth keep
 PRESS = 100.0  # stiffness of a pair over mass / h^2, h the largest step
-LEAST = 0.42  # of a pair's range: nearer is not accepted; a fifth of the thickness, and what rounding takes
+LEAST = 0.42  # of a pair's range: what ends nearer takes another round; a fifth of the thickness
+LOST = 0.3  # of a pair's range: nearer is not accepted
 SETTLING = 0.3  # ranges a second that a pair may come nearer before it is stopped, as between layers
 CLOSE, CREEP = 0.55, 0.05  # of a pair's range: what ends nearer than that, by so much, takes another round
 HELD = 0.6  # of a pair's range: what begins or comes nearer is held by what stiffness of its own it has
@@ -136,10 +137,11 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
 
 
 def left(p: Pairs, before: Pairs | None, thickness: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(whether pairs (k,) are left nearer than they should be and than before, whether they are too near to be accepted)."""
+    """(whether pairs (k,) are left nearer than they should be, and than before or than LEAST; whether they are too near to be
+    accepted)."""
     r = PAIR * thickness
     now, was = p.distance / r, np.full(len(r), np.inf)
     if before is not None and len(before.key):
         where = rows_of(before.key, p.key)
         was = np.where(where >= 0, before.distance[where] / r, np.inf)
-    return (now < CLOSE) & (now < was - CREEP), now < LEAST  # what stays where it was is borne by its force
+    return ((now < CLOSE) & (now < was - CREEP)) | (now < LEAST), now < LOST

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...system.checkpoint import Checkpointed
 from ..step_start import StepStart
-from .pairs import Pairs, left
+from .pairs import LEAST, PAIR, Pairs, left
 from .query import Nearby, Scanner
 from .room import has_room, pinned_particles, walls
 from .vertices import VertexContacts
@@ -61,13 +61,13 @@ class Penetration(Checkpointed):
         if near.pairs is None:
             return 0, bad
         nearer, lost = left(near.pairs, linearized, self.scan.kept_by(near.pairs))
-        minded = self.minded[near.pairs.own_vertices].all(axis=1)
+        minded = self._minded_pairs(near.pairs)
         return int(np.sum(nearer & minded)), bad or bool((lost & minded).any())
 
-    def lost(self, near: Nearby) -> np.ndarray:
-        """(k,) whether pairs end too near, and none of their particles is pinched."""
+    def below_least(self, near: Nearby) -> np.ndarray:
+        """(k,) whether pairs end nearer than LEAST, and none of their particles is pinched."""
         assert near.pairs is not None
-        return left(near.pairs, None, self.scan.kept_by(near.pairs))[1] & self.minded[near.pairs.own_vertices].all(axis=1)
+        return (near.pairs.distance < LEAST * PAIR * self.scan.kept_by(near.pairs)) & self._minded_pairs(near.pairs)
 
     def may_shrink(self, start: StepStart, near: Nearby, held: np.ndarray, linearized: Pairs | None) -> bool:
         """Whether a step that goes wrong is to be tried smaller, and not taken as the best there is."""
@@ -112,6 +112,10 @@ class Penetration(Checkpointed):
     def spare(self, particles: np.ndarray) -> None:
         """Particles are pinched between solids."""
         self.spared[particles] = SPARED
+
+    def _minded_pairs(self, pairs: Pairs) -> np.ndarray:
+        """(k,) whether none of a pair's own particles is pinched."""
+        return self.minded[pairs.own_vertices].all(axis=1)
 
     def _minded(self, vertices: np.ndarray) -> np.ndarray:
         """Those rows (k, .) of particles none of which is pinched."""

@@ -252,7 +252,7 @@ class SolidContacts(Checkpointed):
         taken, near = self.linearized, self.near.pairs
         if taken is None or near is None:
             return 0
-        lost = self.penetration.lost(self.near)
+        lost = self.penetration.below_least(self.near)
         if self.start.pins is not None:  # what a script squeezes against a solid no stiffness can help
             lost &= ~np.isin(near.vertices, self.start.pins.index).any(axis=1)
         lost = near.key[lost]
