@@ -64,16 +64,18 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="*", default=["layers", "fold", "twist", "tablecloth_pull"])
     parser.add_argument("--until", type=float, help="s; the scenes' own durations where left out")
     parser.add_argument("--cells", type=int, nargs="*", default=[25, 50, 100])
+    parser.add_argument("--drape", type=int, default=50, help="cells of the sheet on the ball that has self-contact or not")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--json")
     args = parser.parse_args()
     for itself in (False, True):  # compiles
-        of_scene("sphere_drape", {"cells": 50, "itself": itself}, 0.05)
-    pairs = [[of_scene("sphere_drape", {"cells": 50, "itself": itself}, args.until or 1.5) for itself in (False, True)]
+        of_scene("sphere_drape", {"cells": args.drape, "itself": itself}, 0.05)
+    pairs = [[of_scene("sphere_drape", {"cells": args.drape, "itself": itself}, args.until or 1.5) for itself in (False, True)]
              for _ in range(args.rounds)]
     ratios = [own["seconds_per_second"] / plain["seconds_per_second"] for plain, own in pairs]
     plain, own = pairs[int(np.argsort(ratios)[len(ratios) // 2])]  # the middle one of the rounds
-    print(f"sphere_drape 51x51: {plain['seconds_per_second']:.2f} wall s a simulated second, with self-contact "
+    side = args.drape + 1
+    print(f"sphere_drape {side}x{side}: {plain['seconds_per_second']:.2f} wall s a simulated second, with self-contact "
           f"{own['seconds_per_second']:.2f}: {np.median(ratios):.2f} times ({min(ratios):.2f} to {max(ratios):.2f} in "
           f"{len(ratios)} rounds)")
     rows = [of_scene(name, {}, args.until) for name in args.scenes]

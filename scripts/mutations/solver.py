@@ -4,7 +4,7 @@ SOLVE, LEVELS = "tests/unit/test_solver.py", "tests/unit/test_multilevel.py"
 REFERENCE = "tests/unit/test_reference.py::test_solutions_with_held_directions"
 DENSE, EXACT = f"{SOLVE}::test_against_dense", f"{SOLVE}::test_constraints_are_exact_at_any_iteration_count"
 SYMMETRIC = f"{LEVELS}::test_it_is_symmetric_and_positive_on_what_is_free"
-ITERATIONS, HATS = f"{LEVELS}::test_iterations", f"{LEVELS}::test_hats_add_up_and_nest"
+ITERATIONS, NEST = f"{LEVELS}::test_iterations", f"{LEVELS}::test_hats_add_up_and_nest"
 DIAGONAL = f"{LEVELS}::test_levels_have_the_diagonal_of_what_is_free"
 AGE = f"{LEVELS}::test_levels_that_last_are_made_anew_when_they_have_aged"
 DRIFT = f"{LEVELS}::test_a_lasting_rise_of_iterations_is_told_from_what_comes_and_goes"
@@ -69,13 +69,14 @@ MUTATIONS = (
     (AGES, "or wanted[-1] != self.made_for[-1]:", "or False:", "levels last though the step is another", AGE),
     (MULTI, "elif not self.has_contact:", "else:", "levels that last know nothing of what now touches",
      f"{LEVELS}::test_levels_in_contact"),
+    (LATTICE, "(np.ptp(column) + 1) + column", "np.ptp(column) + column", "nodes of other places are one", NEST),
     (LATTICE, "owner, where, links = keys[:, 0], keys[:, 1:] / 2, _sharing(node, weight)",
-     "owner, where, links = keys[:, 0], keys[:, 1:] / 1, _sharing(node, weight)", "levels do not get coarser", HATS),
+     "owner, where, links = keys[:, 0], keys[:, 1:] / 1, _sharing(node, weight)", "levels do not get coarser", NEST),
     (LATTICE, "node, keys = _split(node, weight, keys, links)", "node, keys = node, keys", "a slit does not part hats",
      f"{LEVELS}::test_a_slit_parts_hats"),
-    (LATTICE, "total = np.bincount(index, value[keep])", "total = np.bincount(index, value[keep] > 0)",
-     "composed hats count instead of adding", HATS),
-    (LATTICE, "value[p] * (value * (node == node[p])).sum(axis=0)", "value[p] ** 2",
+    (LATTICE, "value[value <= 1e-12] = 0.0", "value = 1.0 * (value > 1e-12)",
+     "composed hats count instead of adding", NEST),
+    (LATTICE, "factor[first + row, q] * total**2", "factor[first + row, q] * total",
      "hinges' hats do not act together",
      f"{LEVELS}::test_levels_have_the_trace_of_hinges_in_flat_cloth"),
     # conjugate gradients

@@ -54,6 +54,9 @@ def _pairs_through(x: np.ndarray, edges: np.ndarray, y: np.ndarray, faces: np.nd
     long = np.flatnonzero((x[edges[:, 0]] != x[edges[:, 1]]).any(axis=1))  # what is a point, or a line, is not passed through
     a, b, c = (y[faces[:, k]] for k in range(3))
     wide = np.flatnonzero((a != b).any(axis=1) & (b != c).any(axis=1) & (c != a).any(axis=1))
+    for k in range(3):  # where all triangles are in planes of constant x, y or z, as flat sheets are, such edges pass none
+        if (a[wide, k] == b[wide, k]).all() and (b[wide, k] == c[wide, k]).all():
+            long = long[x[edges[long, 0], k] != x[edges[long, 1], k]]
     found = [_crossing(x, edges, y, faces, long[e], wide[t], same) for e, t in near(x[edges[long]], y[faces[wide]])]
     e, t = (np.concatenate([part[k] for part in found] + [np.zeros(0, dtype=np.int64)]) for k in (0, 1))
     order = np.lexsort((t, e))

@@ -70,7 +70,7 @@ class TriMesh:
                               error=MeshError)
         _check_area(uv, faces)
         borders = borders_of(faces)
-        loose = len(x) - len(np.unique(faces))
+        loose = int(np.sum(np.bincount(faces.ravel(), minlength=len(x)) == 0))
         if loose:
             note = f"{loose} of {len(x)} vertices belong to no face and are kept out of the simulation"
             warnings.warn(note, stacklevel=2)

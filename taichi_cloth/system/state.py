@@ -101,7 +101,7 @@ class ParticleState:
 
     def __init__(self, fields: Fields, scene: Scene, runtime: Runtime) -> None:
         faces = np.concatenate([c.mesh.faces + c.start for c in scene.cloths])
-        used = np.unique(faces)
+        used = np.flatnonzero(np.bincount(faces.ravel()))
         local = np.full(scene.vertex_count, -1)
         local[used] = np.arange(len(used))
         order = cuthill_mckee(len(used), local[faces])
@@ -256,8 +256,8 @@ def _masses(scene: Scene) -> np.ndarray:
     mass = np.concatenate([lumped_mass(c.mesh, c.density) for c in scene.cloths])
     for cloth, vertices, extra in scene.masses:
         mass[vertices + cloth.start] += extra
-    if not (np.isfinite(mass).all() and (mass > 1e-30).sum() == len(np.unique(np.concatenate(
-            [c.mesh.faces.ravel() + c.start for c in scene.cloths])))):
+    used = sum(int(np.count_nonzero(np.bincount(c.mesh.faces.ravel()))) for c in scene.cloths)
+    if not (np.isfinite(mass).all() and (mass > 1e-30).sum() == used):
         raise MeshError("a vertex has no mass: the mesh is too small for its density (wrong scale?)")
     return mass
 

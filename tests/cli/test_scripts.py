@@ -16,7 +16,7 @@ BENCHES = {
     "bench_solver": ["--sizes", "9", "--meshes", "slit", "--rounds", "1", "--direct-rounds", "1"],
     "bench_scaling": ["--sizes", "9", "13", "--steps", "1", "--threads", "1", "2"],
     "bench_contact": ["--cells", "8", "--scenes", "sphere_drape", "--until", "0.05", "--rounds", "1"],
-    "bench_layers": ["--scenes", "fold", "--until", "0.05", "--cells", "6", "--rounds", "1"],
+    "bench_layers": ["--scenes", "fold", "--until", "0.05", "--cells", "6", "--drape", "8", "--rounds", "1"],
     "study_cg_tol": ["--scenes", "swing", "--tolerances", "1e-1", "1e-3", "--until", "0.1"],
 }
 

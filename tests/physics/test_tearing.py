@@ -51,9 +51,9 @@ def peak(cells, other):
 
 @pytest.mark.slow
 def test_the_force_from_a_slit_does_not_depend_on_the_mesh():
-    """Three meshes and both diagonals, within 15 %, and along the slit."""
+    """Two meshes and both diagonals, within 15 %, and along the slit."""
     forces = {}
-    for cells in ((16, 3, 7), (20, 4, 9), (30, 6, 13)):
+    for cells in ((16, 3, 7), (30, 6, 13)):
         for other in (False, True):
             forces[cells, other], astray = peak(cells, other)
             assert astray < 0.011

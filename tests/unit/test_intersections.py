@@ -9,7 +9,7 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth.scene import intersections
 from taichi_cloth.scene.boxes import near
-from taichi_cloth.scene.intersections import count_self_crossings, self_crossings
+from taichi_cloth.scene.intersections import count_crossings, count_self_crossings, self_crossings
 
 
 def volume(a, b, c, d) -> Fraction:
@@ -51,6 +51,17 @@ def test_every_crossing_is_counted_and_none_made_up(kind, rng):
         assert count_self_crossings(x, faces) == len(expected)
         total += len(expected)
     assert total > 3
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_what_lies_in_a_plane_is_not_passed_over(axis, rng):
+    """Triangles in planes of one coordinate, as sheets start, against others, some of whose edges lie in such too."""
+    x, faces = rng.normal(size=(60, 3)), rng.permutation(60).reshape(20, 3)
+    x[faces[10:], axis] = rng.integers(-1, 2, (10, 1)) / 2
+    x[faces[:3, :2], axis] = 0.3  # an edge each
+    sloping, flat = count_self_crossings(x, faces[:10]), count_self_crossings(x, faces[10:])
+    between = count_crossings(x, faces[:10], x, faces[10:])
+    assert flat == 0 and between > 3 and between + sloping == count_self_crossings(x, faces) == len(plain(x, faces))
 
 
 def test_boxes_that_meet_are_found_once_each(rng, monkeypatch):
