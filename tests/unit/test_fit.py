@@ -103,17 +103,17 @@ def test_drag_of_a_swing_by_the_decay_of_its_closed_form(rng, monkeypatch, tmp_p
     monkeypatch.setattr(module, "CLOSER", 2)
     t, c, sigma = np.linspace(0, 1.0, 11), 0.2, 0.2
     free = simulated.swing_scene(1e-9, "air", 0.2, 0.1, sigma, 1e-5, 1000.0, 0.02, 4)
-    with tc.Simulation(free, h=1 / 120, integrator="tr_bdf2", threads=1) as sim:
+    with tc.Simulation(free, h=1 / 60, integrator="tr_bdf2", threads=1) as sim:
         sim.step()
         x = np.array([0.02, *simulated.follow(sim, tuple(t[1:])).values()]) * np.exp(-c * t / 2 / sigma)
     x[1:] += 1e-4 * rng.normal(size=10)
-    found = tc.fit("swing", {"time": t, "x": x}, density=sigma, length=0.2, width=0.1, cells=4, h=1 / 120, workers=0,
+    found = tc.fit("swing", {"time": t, "x": x}, density=sigma, length=0.2, width=0.1, cells=4, h=1 / 60, workers=0,
                    range_=(0.05, 0.8), out=tmp_path)
     assert found.parameters["air"] == pytest.approx(c, rel=0.05)
     assert found.intervals["air"][0] < c < found.intervals["air"][1]
     assert (tmp_path / "sweep" / "sweep.csv").is_file() and "6 runs" in str(found)
     with pytest.raises(tc.SceneError, match="end of what was tried"):
-        tc.fit("swing", {"time": t, "x": x}, density=sigma, length=0.2, width=0.1, cells=4, h=1 / 120, workers=0,
+        tc.fit("swing", {"time": t, "x": x}, density=sigma, length=0.2, width=0.1, cells=4, h=1 / 60, workers=0,
                range_=(0.4, 0.8), out=tmp_path)
 
 
