@@ -12,6 +12,7 @@ SWEPT = "tests/unit/test_swept_detection.py"
 HARD = "tests/hard/test_hard_contact.py"
 EDGES = "tests/hard/test_loaded_edges.py"
 DRIVES = "tests/hard/test_drives.py"
+TURN = "tests/unit/test_turned_pairs.py"
 PARTS = "tests/physics/test_body_parts.py"
 CLOSING = "tests/physics/test_closing_bodies.py"
 ARM, MESH_ARM = (f"{CLOSING}::test_an_arm_that_closes_on_a_trunk[{which}]" for which in
@@ -182,6 +183,14 @@ MUTATIONS = (
     (TREE, "return 0.24 * edge**2 <= 0.4", "return 0.24 * edge**2 <= 40", "balls that poke through are taken for smooth",
      DRIVES),
     # pairs
+    (RESPONSE, "lost.normal) < TURNED", "lost.normal) > TURNED", "pairs that kept their normal are taken twice", TURN),
+    (RESPONSE, "        self.turned = None\n", "", "what turned in one attempt holds in the next", TURN),
+    (RESPONSE, "near = Pairs.join([there, near])", "near = Pairs.join([near])", "what turned is forgotten", TURN),
+    (RESPONSE, "lost = near.take(self.penetration.below_least(self.near))", "lost = near",
+     "all that turns holds along both normals", TURN),
+    (PAIRS, "distance = self.distance + np.einsum(\"ki,ki->k\", self.normal, point - self.point)", "distance = self.distance",
+     "along the old normal nothing moves", TURN),
+    (SCAN, "np.maximum(pairs.key, -1 - pairs.key)", "pairs.key", "what turned has the friction of some other triangle", TURN),
     (PAIRS, "(now < LEAST), now < LOST", "(now < LEAST), now < -LOST", "how near edges may come is not minded", DRIVES),
     (PAIRS, "was - CREEP)) | (now < LEAST)", "was - CREEP))",
      "what ends below the least distance takes no further round", EDGES),
