@@ -183,7 +183,9 @@ MUTATIONS = (
     (TREE, "return 0.24 * edge**2 <= 0.4", "return 0.24 * edge**2 <= 40", "balls that poke through are taken for smooth",
      DRIVES),
     # pairs
-    (RESPONSE, "lost.normal) < TURNED", "lost.normal) > TURNED", "pairs that kept their normal are taken twice", TURN),
+    (RESPONSE, "(cosine < TURNED) & ", "", "pairs that kept their normal are taken twice", TURN),
+    (RESPONSE, "(cosine > TURNED_ROUND) & ", "", "pairs that turn right round hold both ways", TURN),
+    (RESPONSE, " & (taken.distance[row] > 0)]", "]", "planes that pairs were beyond hold", TURN),
     (RESPONSE, "        self.turned = None\n", "", "what turned in one attempt holds in the next", TURN),
     (RESPONSE, "near = Pairs.join([there, near])", "near = Pairs.join([near])", "what turned is forgotten", TURN),
     (RESPONSE, "lost = near.take(self.penetration.below_least(self.near))", "lost = near",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.contact.solid.solid_contacts import TURNED
+from taichi_cloth.contact.solid.solid_contacts import TURNED, TURNED_ROUND
 from taichi_cloth.contact.step_start import StepStart
 
 H, THICK = 1 / 60, 0.001
@@ -70,6 +70,13 @@ def test_what_keeps_its_normal_or_its_distance_holds_once(ridge):
     assert ridge.turned is None
     end(ridge, none, TURNED - 0.1)
     assert ridge.turned is None
+    end(ridge, every, TURNED_ROUND - 0.05)  # both together might leave it no way
+    assert ridge.turned is None
+    passed = ridge.linearized
+    ridge.linearized = replace(passed, distance=-passed.distance)  # what was through already had no such plane
+    end(ridge, every, TURNED - 0.1)
+    assert ridge.turned is None
+    ridge.linearized = passed
     end(ridge, every, TURNED - 0.1)
     count = len(ridge.turned.key)
     assert count == len(every)

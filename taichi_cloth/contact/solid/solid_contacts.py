@@ -39,7 +39,8 @@ RELEASES = 4  # rounds in which contacts are released, where layers of cloth pre
 AGREED, AGREED_SHEAR = 3e-3, 3e-2  # part of all normal forces by which contacts may pull, or lack what would hold particles
 # that end inside, and shear beyond the cone, in a step: their states change in the next
 FALL = 0.5  # of the thickness: from higher than that and than its motion leads, nothing is brought down to a solid
-TURNED = 0.97  # cosine between normals of a pair below which it has turned within a solve
+TURNED, TURNED_ROUND = 0.97, 0.5  # cosines between normals of a pair below which it has turned within a solve, and so far
+# that both together leave it no way
 LAGGED = 0.1  # relative error of the friction forces that a first round may leave
 REACH, PUSH = 4.0, 0.25  # mean edges that a particle may close in on a solid in one step; that it is pushed out in a usual
 # one: more would tear at the triangles
@@ -264,7 +265,8 @@ class SolidContacts(Checkpointed):
             return
         lost = near.take(self.penetration.below_least(self.near))
         row = rows_of(taken.key, lost.key)
-        row = row[(row >= 0) & (np.einsum("ki,ki->k", taken.normal[row], lost.normal) < TURNED)]
+        cosine = np.einsum("ki,ki->k", taken.normal[row], lost.normal)
+        row = row[(row >= 0) & (cosine < TURNED) & (cosine > TURNED_ROUND) & (taken.distance[row] > 0)]
         more = taken.take(row)
         more = replace(more, key=-1 - more.key)
         old = [] if self.turned is None else [self.turned.take(~np.isin(self.turned.key, more.key))]
