@@ -161,8 +161,9 @@ class Contacts(Checkpointed):
     def counts(self) -> dict[str, Any]:
         """What a step's record says of contact, by the names of `Attempt`."""
         pinched = int(np.sum(self.solids.penetration.spared > 0))
+        led = self.solids.pinches.where
         out = {"contacts": self.count, "unsettled": self.solids.unsettled, "crossings": self.crossings, "pinched": pinched,
-               "place": self.place()}
+               "place": self.place(), "led": led if led.any() else None}
         if self.layers is None:
             return out
         layers, tangles = self.layers, self.layers.intersections

@@ -104,6 +104,10 @@ class Force(ABC):
     def leave_out(self, part: bool) -> None:  # noqa: B027
         """Whether what of it may not be semidefinite is left out of the matrix from the next linearization on."""
 
+    def change_beside(self, led: np.ndarray) -> float:
+        """The change of stretch in its report, of what none of the particles `led` (n,) is a corner of."""
+        return 0.0
+
     def set_time(self, t: float) -> None:  # noqa: B027
         """What changes with time by itself is set to what it is at t [s]."""
 

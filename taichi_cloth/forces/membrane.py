@@ -172,6 +172,27 @@ class Membrane(TriangleForce):
         return uu, k[D_S] * w_v.outer_product(w_u), vv
 
     @ti.func
+    def change(self, e, u, v):
+        """By how much |w_u| = u or |w_v| = v went away from rest since the saved state."""
+        k = self.table[self.material[e]]
+        o_u, o_v = self.spread(e, self.model.x_saved)
+        return ti.max(strayed(o_u.norm() / k[B_U], u / k[B_U]), strayed(o_v.norm() / k[B_V], v / k[B_V]))
+
+    def change_beside(self, led: np.ndarray) -> float:
+        """The largest change of triangles none of whose corners are among the particles `led` (n,)."""
+        return float(self._change_beside(led.astype(np.int32)))
+
+    @ti.kernel
+    def _change_beside(self, led: ti.types.ndarray()) -> float:
+        largest = 0.0
+        for e in range(self.elements.first[self.model.blocks.count]):
+            v = self.elements.vertices[e]
+            if led[v[0]] + led[v[1]] + led[v[2]] == 0:
+                w_u, w_v = self.spread(e, self.model.x)
+                ti.atomic_max(largest, self.change(e, w_u.norm(), w_v.norm()))
+        return largest
+
+    @ti.func
     def add_force(self, block, f: ti.template()):
         """f += internal forces of the block's elements; of those that it owns whole, a few at a time."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
@@ -246,10 +267,9 @@ class Membrane(TriangleForce):
             k = self.table[self.material[e]]
             w_u, w_v = self.spread(e, self.model.x)
             v_u, v_v = self.spread(e, self.model.v)
-            o_u, o_v = self.spread(e, self.model.x_saved)
             u, v = w_u.norm(), w_v.norm()
             largest = ti.max(largest, ti.max(u / k[B_U], v / k[B_V]))
-            change = ti.max(change, ti.max(strayed(o_u.norm() / k[B_U], u / k[B_U]), strayed(o_v.norm() / k[B_V], v / k[B_V])))
+            change = ti.max(change, self.change(e, u, v))
             if ti.static(self.abrupt):
                 used = ti.max(used, self.used(e, w_u, w_v))
             if self.elements.primary[e] == 1:

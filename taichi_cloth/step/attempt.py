@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from ..solver.pcg import Solution
 from ..system.assembler import Measures
 from ..system.place import Place
@@ -31,6 +33,7 @@ class Attempt:
         fell_back: why the step was redone by a more robust method, or "".
         ledger: of its energy; None where the step was not finished.
         place: where contact is nearest; None without any.
+        led: (n,) whether solids that leave a particle no room lead it; None where they lead none.
     """
 
     rejection: str | None
@@ -51,6 +54,7 @@ class Attempt:
     fell_back: str = ""
     ledger: Ledger | None = None
     place: Place | None = None
+    led: np.ndarray | None = None
 
     def instead_of(self, other: "Attempt", why: str) -> "Attempt":
         """This one, made where another one failed, with the cost of both."""

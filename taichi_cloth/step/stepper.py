@@ -213,9 +213,12 @@ class Stepper(Checkpointed):
         """The name of what is wrong with an attempt, or None."""
         if attempt.rejection is not None:
             return attempt.rejection
-        if attempt.measures is not None and attempt.measures.stretch_change > self.control.stretch_limit:
-            return STRETCH
-        return None
+        limit = self.control.stretch_limit
+        if attempt.measures is None or attempt.measures.stretch_change <= limit:
+            return None
+        if attempt.led is not None and self.meter.change_beside(attempt.led) <= limit:
+            return None  # what surfaces that close on each other lead, no smaller step stretches less
+        return STRETCH
 
     def _accept(self, t: float, h: float, attempt: Attempt, rejection: str | None, rejections: dict[str, int],
                 seconds: dict[str, float], troubles: list[Trouble]) -> StepRecord:

@@ -105,6 +105,10 @@ class Assembler:
                 energies[name], total = energies.get(name, 0.0) + work, total + work
         return (replace(start, energies=energies) if total else start), total
 
+    def change_beside(self, led: np.ndarray) -> float:
+        """`Measures.stretch_change` of triangles without a corner among the particles `led` (n,); 0 where none may stretch."""
+        return max((force.change_beside(led) for force in self.forces), default=0.0)
+
     def linearize(self, c: float, moves: bool) -> Measures:
         """The same; the operator becomes that of the current state.
 

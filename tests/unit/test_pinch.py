@@ -142,3 +142,21 @@ def test_an_edge_rests_by_its_own_vertices(rng):
         deep = replace(near, pairs=replace(edges, distance=0 * edges.distance))
         assert (penetration.below_least(deep) == free).all()
         assert penetration.left(deep, near.vertices.take(near.vertices.gap > 1), None)[0] == free.sum()
+
+
+def test_no_step_is_cut_for_the_stretch_of_what_solids_lead():
+    """Two pairs of jaws bite the ends of a strip, one cell long between them, and go apart across it: the cell follows."""
+    scene, mesh = tc.Scene(gravity=None), tc.grid((0.2, 0.1), (1, 1))
+    for x, way in ((0.0, -1), (0.2, 1)):
+        for side in (-1, 1):
+            def where(t, x=x, way=way, side=side):
+                return x, side * (0.021 + max(0.004 - 0.1 * t, 0.0)) + way * 4 * max(t - 0.1, 0.0), -0.05
+
+            scene.add_solid(tc.Box((0.04, 0.04, 0.2)), 0.3, THICK, position=where)
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(100, 1)), mesh.x)
+    with tc.Simulation(scene, h=H, integrator="backward_euler", stretch_limit=0.1) as sim:
+        sim.step(0.15)
+        assert sim.log[-1].pinched == 4 and not sum((list(r.rejections) for r in sim.log), [])
+        x = sim.positions()
+        assert np.ptp(x[:, 1]) == pytest.approx(0.4, abs=0.02)
+        assert max(np.diff([np.hypot(1, 40 * max(t - 0.1, 0)) for t in np.arange(0, 0.151, H)])) > 0.1  # of |w| in a step

@@ -1,5 +1,6 @@
 """Step control on attempts that are made up: when steps get smaller and larger, what is counted, what is rolled back."""
 
+import numpy as np
 import pytest
 
 import taichi_cloth as tc
@@ -15,7 +16,7 @@ class Counted:
 
     def __init__(self, script=()):
         self.script, self.asked, self.calls = list(script), [], []
-        self.order, self.forces = 2, ()
+        self.order, self.forces, self.led, self.beside = 2, (), None, {}
 
     def save(self):
         self.calls.append("save")
@@ -39,7 +40,10 @@ class Counted:
             rejection, error = what
         else:
             rejection = what
-        return Attempt(rejection, "why", measures, (), {}, error=error, order=self.order)
+        return Attempt(rejection, "why", measures, (), {}, error=error, order=self.order, led=self.led)
+
+    def change_beside(self, led):
+        return self.beside[led.sum()]
 
 
 def held(t, h):
@@ -66,6 +70,13 @@ def test_a_change_of_stretch_beyond_the_limit_is_a_rejection():
     assert control.step(0.0, 0.08, held).rejections == {"STRETCH": 1} and made.asked == [0.08, 0.04]
     control, made = stepper([Measures(**{**FINE, "stretch_change": 0.4999})], stretch_limit=0.5)
     assert control.step(0.0, 0.08, held).rejections == {}
+
+
+@pytest.mark.parametrize("beside, rejected", [(0.4999, {}), (0.5001, {"STRETCH": 1})])
+def test_stretch_of_what_solids_lead_rejects_no_step(beside, rejected):
+    control, made = stepper([Measures(**{**FINE, "stretch_change": 2.0})], stretch_limit=0.5)
+    made.led, made.beside = np.array([True, False, True]), {2: beside}
+    assert control.step(0.0, 0.08, held).rejections == rejected
 
 
 @pytest.mark.parametrize("name", ["STRETCH", "ENERGY", "SOLVER", "NEWTON", "ACCURACY", "CONTACT", "APPROACH", "NOT_FINITE"])
