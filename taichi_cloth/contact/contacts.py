@@ -31,7 +31,7 @@ class Contacts(Checkpointed):
         crowded: whether there are more points than there is room for.
     """
 
-    ROUNDS = 6
+    ROUNDS, MOST = 6, 11  # solves after which what still changes does so in the next step; of what could not be accepted
     STATE = ("solids", "warm", "layers")
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool,
@@ -92,6 +92,11 @@ class Contacts(Checkpointed):
     def judge(self, reaction: np.ndarray) -> Verdict:
         """What must change after a solve; `reaction` (k, 3) [N s] on the held particles, in `hold`'s order."""
         return self.solids.judge(reaction, self.base[0])
+
+    def goes_on(self, verdict: Verdict, solves: int) -> bool:
+        """Whether a step goes on to a further solve after that many: what would be rejected goes on for longer, since a
+        smaller step costs more, but for a small one, which may be taken all the same."""
+        return verdict.changes > 0 and solves < (self.MOST if verdict.bad and not self.start.small else self.ROUNDS)
 
     def went_in(self, reaction: np.ndarray) -> bool:
         """As `SolidContacts.went_in`; `reaction` as in `judge`."""

@@ -385,7 +385,7 @@ def test_what_beside_a_tangle_ends_too_near_is_released(k, part, settled, asks):
     step = LayerStep.__new__(LayerStep)
     step.layers = SimpleNamespace(release_beside=lambda: True, off=0, least=0.2, settled=lambda: settled, ROUNDS=12,
                                   stop_short=lambda: stopped.append("layers"))
-    step.contacts = SimpleNamespace(ROUNDS=6, solids=SimpleNamespace(stop_short=lambda: stopped.append("solids")))
+    step.contacts = SimpleNamespace(goes_on=lambda verdict, solves: False, solids=SimpleNamespace(stop_short=lambda: stopped.append("solids")))
     step.clock, step.verdict, step.released = Clock(), SimpleNamespace(changes=0), False
     step.solutions, step.conclude = [], lambda measures: None
     step.accounted = lambda ended: ended

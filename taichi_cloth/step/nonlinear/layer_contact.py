@@ -137,7 +137,7 @@ class LayerStep(EulerStep):
             if part < 1:
                 contacts.solids.stop_short()
                 self.layers.stop_short()
-            again = self.verdict.changes and k < contacts.ROUNDS
+            again = contacts.goes_on(self.verdict, k)
             self.agreed = part == 1 and self.layers.settled() and not again
             self.released = not self.agreed and k >= BOLD and self.layers.release_beside()
         if self.released:

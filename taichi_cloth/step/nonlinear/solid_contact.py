@@ -55,7 +55,7 @@ class SolidStep(EulerStep):
                 return unsolved
             with self.clock.part("C-S"):
                 verdict = contacts.judge(self.system.reaction_rows())
-            if verdict.changes and contacts.solids.round < contacts.ROUNDS:
+            if contacts.goes_on(verdict, contacts.solids.round):
                 continue
             if verdict.changes and verdict.bad and contacts.solids.may_shrink():
                 return self.refuse(CONTACT, f"{verdict.deepest:.2g} thicknesses inside")
