@@ -4,6 +4,9 @@ The data are files of others, in a folder (`--data`, or `data` in the folder tha
 (body_dance.npz), a dress's panels with stitches and as another program draped it (dress_pattern.obj, dress_stitches.csv,
 dress_draped.npz), a skirt (skirt.obj). `panels` is the dress from its flat panels: it is put on here, and then dances. A tube
 and the shirt of scenes/patterns need the body alone. What is not there is left out.
+
+Contact is chaotic: whole dances say little of small changes. `--again 5 --resume DIR/shirt_*.npz` takes one frame from each of
+those checkpoints, five times, from places that differ by .1 um: what comes together of that can be compared.
 """
 
 import argparse
@@ -43,6 +46,7 @@ LONG_SLEEVE = ((0.17, 1.226, -0.08), (0.47, 1.216, -0.02)), 0.06  # axis of the 
 BAND = (50.0, 0.5)  # N/m and N a vertex that hold up what has no shoulders
 RINGS = 3  # of neighbours of a pleat's seam
 CROSSINGS = "with_body", "with_itself", "body_elsewhere", "itself_elsewhere"
+DISTURBED = 1e-7  # m
 PARTS = {"C-S": "solids", "C-C": "layers", "CG": "CG", "EVAL": "forces"}
 
 
@@ -108,9 +112,11 @@ def shirt() -> tc.Garment:
     return pattern.mesh(SPACING)
 
 
-def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float, meets: bool = True) -> tc.Scene:
+def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float, meets: bool = True,
+             dresses: bool = True) -> tc.Scene:
     """A garment on the body, both with a thickness [m]; the body goes so many times as fast as it was made. Its mouth and eyes
-    are filled, so that it has an inside. `meets` as in `tc.dress`."""
+    are filled, so that it has an inside. `meets` as in `tc.dress`; without `dresses` nothing is put on: a checkpoint says where it is.
+    """
     for name in FILES[garment]:
         load(folder, name)
     scene, body = tc.Scene(), tc.load_solid(load(folder, "body_dance.npz"))
@@ -122,9 +128,11 @@ def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float, 
         scene.add_garment(made, fabric(), name="dress", contact=contact)
     elif garment in ("panels", "shirt"):
         flat = hung(folder) if garment == "panels" else shirt()
-        made = tc.dress(flat, fabric(), scene, contact, tell=lambda line: print(line, flush=True), meets=meets)
-        print(f"{garment}: {made.report()}", flush=True)
-        scene.add_garment(made.garment, fabric(), name=garment, contact=contact)
+        if dresses:
+            made = tc.dress(flat, fabric(), scene, contact, tell=lambda line: print(line, flush=True), meets=meets)
+            print(f"{garment}: {made.report()}", flush=True)
+            flat = made.garment
+        scene.add_garment(flat, fabric(), name=garment, contact=contact)
     elif garment == "tube":
         mesh = tube((0.165, 0.19), 0.55, *TUBE)
         cloth = scene.add_cloth(mesh, fabric(), positions=mesh.x + [0, 1.0, -0.02], contact=contact)
@@ -209,18 +217,41 @@ def costliest(sim: tc.Simulation, first: int, count: int) -> list[str]:
     return lines
 
 
+def begin(scene: tc.Scene, args: argparse.Namespace, checkpoint: str | None = None) -> tc.Simulation:
+    """The simulation of a scene, from a checkpoint where one is given."""
+    sim = tc.Simulation(scene, h=args.h, integrator="backward_euler", cg_tol=args.cg_tol)
+    if checkpoint is not None:
+        with np.load(checkpoint) as file:
+            sim.resume(dict(file))
+    return sim
+
+
+def sample(garment: str, folder: pathlib.Path, args: argparse.Namespace) -> dict:
+    """One row: a frame from each checkpoint, `again` times from places that differ a little."""
+    scene = scene_of(garment, folder, args.fast, args.thickness, args.meets, dresses=False)
+    frames, records = [], []
+    for checkpoint in args.resume:
+        for k in range(args.again):
+            sim = begin(scene, args, checkpoint)
+            x, v = sim.model.read_particles()
+            off = DISTURBED * np.random.default_rng(k).normal(size=x.shape)
+            sim.model.write_particles(x + (off if sim.model.sewn is None else off[sim.model.sewn.knot]), v)
+            frames.append(frame_of(sim, round(sim.time * FPS) + 1, None))
+            records += sim.log
+            if args.verbose:
+                print(f"{checkpoint} {k}: {frames[-1]}", flush=True)
+            sim.close()
+    return summary(garment, records, frames, len(sim.model.particle), 0.0, args.h)
+
+
 def measure(garment: str, folder: pathlib.Path, args: argparse.Namespace) -> dict:
     """One row: a garment's whole dance."""
     began = time.perf_counter()
-    scene = scene_of(garment, folder, args.fast, args.thickness, args.meets)
-    sim = tc.Simulation(scene, h=args.h, integrator="backward_euler", cg_tol=args.cg_tol)
-    setup, frames, first, sewn = time.perf_counter() - began, [], 1, pleats(scene)
+    scene = scene_of(garment, folder, args.fast, args.thickness, args.meets, dresses=not args.resume)
+    sim = begin(scene, args, args.resume[0] if args.resume else None)
+    setup, frames, first, sewn = time.perf_counter() - began, [], round(sim.time * FPS) + 1, pleats(scene)
     for note in sim.notes:
         print(f"{garment}: {note}", flush=True)
-    if args.resume:
-        with np.load(args.resume) as file:
-            sim.resume(dict(file))
-        first = round(sim.time * FPS) + 1
     for k in range(first, min(args.frames, int((len(scene.solids[0].shape.x) - 1) / args.fast)) + 1):
         row = frame_of(sim, k, sewn if k % args.count == 0 else None)
         frames.append(row)
@@ -232,29 +263,30 @@ def measure(garment: str, folder: pathlib.Path, args: argparse.Namespace) -> dic
         if row["problem"]:
             print(f"{garment}: frame {k}: {row['problem']}", flush=True)
             break
-    row = summary(garment, sim, frames, setup, args.h)
+    row = summary(garment, sim.log, frames, sim.vertex_count, setup, args.h)
     print("\n".join(costliest(sim, 1, args.costliest)), flush=True)
     sim.close()
     return row
 
 
-def summary(garment: str, sim: tc.Simulation, frames: list[dict], setup: float, h: float) -> dict:
-    """What a garment's frames came to. The first frame compiles: it is not among the seconds."""
-    steps, wall = sum(f["steps"] for f in frames), [f["wall"] for f in frames[1:]]
-    total = max(sum(f[name] for f in frames[1:] for name in PARTS.values()), 1e-300)
+def summary(garment: str, log: list, frames: list[dict], vertices: int, setup: float, h: float) -> dict:
+    """What a garment's frames came to. The first of several compiles: it is not among the seconds."""
+    later = frames[1:] or frames
+    steps, wall = sum(f["steps"] for f in frames), [f["wall"] for f in later]
+    total = max(sum(f[name] for f in later for name in PARTS.values()), 1e-300)
     rejected: Counter = Counter()
     for f in frames:
         rejected.update(f["rejected"])
     counted = [f for f in frames if "with_body" in f]
-    return {"scene": garment, "vertices": sim.vertex_count, "frames": len(frames), "setup": setup,
+    return {"scene": garment, "vertices": vertices, "frames": len(frames), "setup": setup,
             "wall": float(np.mean(wall)), "slowest": float(np.max(wall)),
-            "cpu": float(np.mean([f["cpu"] for f in frames[1:]])), "steps": steps,
-            "mean_h": float(np.mean([r.h for r in sim.log])), "smallest_h": min(f["smallest_h"] for f in frames),
-            "below_eighth": sum(r.h < h / 8 * (1 - 1e-9) for r in sim.log),
+            "cpu": float(np.mean([f["cpu"] for f in later])), "steps": steps,
+            "mean_h": float(np.mean([r.h for r in log])), "smallest_h": min(f["smallest_h"] for f in frames),
+            "below_eighth": sum(r.h < h / 8 * (1 - 1e-9) for r in log),
             "solves": sum(f["solves"] for f in frames) / steps, "iterations": sum(f["iterations"] for f in frames) / steps,
             "rejected": dict(rejected), "stretch": max(f["stretch"] for f in frames), "seams": frames[-1]["seams"],
             "least_gap": min(f["least_gap"] for f in frames), "pinched": max(f["pinched"] for f in frames),
-            **{name: sum(f[name] for f in frames[1:]) / total for name in PARTS.values()},
+            **{name: sum(f[name] for f in later) / total for name in PARTS.values()},
             "counted": len(counted), **{name: sum(f[name] for f in counted) for name in CROSSINGS},
             "problem": frames[-1]["problem"], "each": frames}
 
@@ -273,16 +305,19 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=1, help="crossings are counted every so many frames")
     parser.add_argument("--costliest", type=int, default=5, help="steps to list")
     parser.add_argument("--checkpoints", help="folder to write them to"), parser.add_argument("--every", type=int, default=10)
-    parser.add_argument("--resume", help="a checkpoint to go on from")
+    parser.add_argument("--resume", nargs="+", help="a checkpoint to go on from; with --again several")
+    parser.add_argument("--again", type=int, default=0, help="take the frame after each of them so many times")
     parser.add_argument("--verbose", action="store_true")
     parser.add_argument("--json")
     args = parser.parse_args()
+    if args.again and not args.resume:
+        parser.error("--again: --resume says from which checkpoints")
     shared = os.environ.get("TAICHI_CLOTH_SHARED")
     folder = pathlib.Path(args.data or (pathlib.Path(shared) / "data" if shared else "data"))
     rows = []
     for garment in args.garments:
         try:
-            rows.append(measure(garment, folder, args))
+            rows.append((sample if args.again else measure)(garment, folder, args))
         except Absent as absent:
             print(f"{garment}: left out, {absent}", file=sys.stderr)
     head = ("garment", "vertices", "frames", "wall s", "slowest", "CPU s", "steps", "mean h", "smallest", "below h/8",

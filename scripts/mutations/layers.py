@@ -10,6 +10,7 @@ WAY = REFERENCE + "test_the_free_way_of_every_pair"
 SOLVES = REFERENCE + "test_solves_are_told_what_the_reference_says"
 SETTLED = REFERENCE + "test_a_step_ends_when_forces_and_friction_agree"
 UNIT, PHYSICS = "tests/unit/test_cloth_contact.py::", "tests/physics/test_cloth_on_cloth.py::"
+LONGER = UNIT + "test_what_would_be_rejected_goes_on_for_longer"
 STRAYS = UNIT + "test_only_what_strays_is_looked_for_again"
 POINTS = UNIT + "test_points_of_contact_join_the_product_and_its_diagonal"
 TURNS = UNIT + "test_a_pair_is_neither_pushed_nor_turned_nor_braked_as_it_turns"
@@ -177,6 +178,10 @@ MUTATIONS = (
      "tight = p.end / p.radius, self.intersections", "all pairs of what is tangled let go", BESIDE),
     (CONTACT + "cloth/layers.py", "gap[tight].min() > gap[near].min():", "False:",
      "what a tangle does not hold let go", BESIDE),
+    (CONTACT + "contacts.py", "self.MOST if longer else self.ROUNDS", "self.ROUNDS", "steps are rejected that could be mended",
+     LONGER),
+    (CONTACT + "contacts.py", "verdict.bad and self.start.together and not", "self.start.together and not",
+     "what settles in the next step is solved for longer", LONGER),
     (NONLINEAR + "layer_contact.py", "k >= BOLD and self.layers.release_beside()", "False",
      "steps get small for what a tangle holds", GIVEN_UP),
     (NONLINEAR + "layer_contact.py", "self.doubt(ended) <= BEARABLE", "True",

@@ -203,6 +203,7 @@ MUTATIONS = (
      "pairs are pushed out by the stiffness that holds them", EDGES),
     (FIRM, "needed = np.maximum(load / (GIVE * reach), STIFFER * np.maximum(firm, least))",
      "needed = STIFFER * np.maximum(firm, least)", "stiffness grows by itself, not by load", EDGES),
+    (FIRM, "np.minimum(needed, FIRMEST * least)", "needed", "stiffness grows without a bound", EDGES),
     (FIRM, "pulls = (firm > 0) & (load <", "pulls = (firm > 1e9) & (load <", "pairs pull by their stiffness", EDGES),
     (FIRM, "np.minimum(firm, load / (BORNE * reach))", "0.0", "what bears a load that stays forgets it", EDGES),
     (RESPONSE, '"growth", "firmness")', '"growth")', "stiffness by load is not resumed", EDGES),

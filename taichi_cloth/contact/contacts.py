@@ -94,9 +94,10 @@ class Contacts(Checkpointed):
         return self.solids.judge(reaction, self.base[0])
 
     def goes_on(self, verdict: Verdict, solves: int) -> bool:
-        """Whether a step goes on to a further solve after that many: what would be rejected goes on for longer, since a
-        smaller step costs more, but for a small one, which may be taken all the same."""
-        return verdict.changes > 0 and solves < (self.MOST if verdict.bad and not self.start.small else self.ROUNDS)
+        """Whether a step goes on to a further solve after that many. With layers each begins where the last one ended, and a
+        step that would be rejected goes on for longer: smaller ones cost more. A small step may be taken all the same."""
+        longer = verdict.bad and self.start.together and not self.start.small
+        return verdict.changes > 0 and solves < (self.MOST if longer else self.ROUNDS)
 
     def went_in(self, reaction: np.ndarray) -> bool:
         """As `SolidContacts.went_in`; `reaction` as in `judge`."""

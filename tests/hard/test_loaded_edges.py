@@ -5,7 +5,7 @@ import pytest
 from reference.geometry import against_solids
 
 import taichi_cloth as tc
-from taichi_cloth.contact.solid.firmness import BORNE, GIVE, SOFTER, TIMES, Firmness
+from taichi_cloth.contact.solid.firmness import BORNE, FIRMEST, GIVE, SOFTER, TIMES, Firmness
 
 T, DEPTH, DOWN = 0.003, 0.04, 0.3
 
@@ -89,4 +89,9 @@ def test_stiffness_by_load():
     for _ in range(100):
         firm.commit(key, 0 * load, reach, least, 1.0)
         firm.begin()
+        firm.begin()
     assert not len(firm.accepted.key)
+    for _ in range(20):  # a load that its own stiffness makes, where something else holds the cloth
+        load = load + firm.trial.of(key) * reach
+        firm.bear(np.array([True, False, False]), key, load, reach, least)
+    assert firm.trial.of(key) == pytest.approx([FIRMEST * 8.0, 0, 0])

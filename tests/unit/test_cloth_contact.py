@@ -17,6 +17,7 @@ from taichi_cloth.contact.cloth import barrier as repulsion
 from taichi_cloth.contact.cloth.barrier import FLOOR, SHALLOW, room
 from taichi_cloth.contact.cloth.narrow_phase import PINCHED, LayerDetector
 from taichi_cloth.contact.cloth.pair_kernels import MU, NOW, POTENTIAL, STIFF
+from taichi_cloth.contact.contacts import Contacts, Verdict
 from taichi_cloth.contact.geometry import VERTEX_FACE
 from taichi_cloth.contact.points import Points
 from taichi_cloth.scene.intersections import self_crossings
@@ -385,13 +386,23 @@ def test_what_beside_a_tangle_ends_too_near_is_released(k, part, settled, asks):
     step = LayerStep.__new__(LayerStep)
     step.layers = SimpleNamespace(release_beside=lambda: True, off=0, least=0.2, settled=lambda: settled, ROUNDS=12,
                                   stop_short=lambda: stopped.append("layers"))
-    step.contacts = SimpleNamespace(goes_on=lambda verdict, solves: False, solids=SimpleNamespace(stop_short=lambda: stopped.append("solids")))
+    solids = SimpleNamespace(stop_short=lambda: stopped.append("solids"))
+    step.contacts = SimpleNamespace(goes_on=lambda verdict, solves: False, solids=solids)
     step.clock, step.verdict, step.released = Clock(), SimpleNamespace(changes=0), False
     step.solutions, step.conclude = [], lambda measures: None
     step.accounted = lambda ended: ended
     made = step.judge(k, part, None)
     assert step.released is asks and (made is not None and made.rejection == "CONTACT") is asks
     assert stopped == (["solids", "layers"] if part < 1 else [])
+
+
+@pytest.mark.parametrize("changes, bad, together, small, most", [
+    (0, True, True, False, 0), (3, False, True, False, Contacts.ROUNDS), (3, True, True, False, Contacts.MOST),
+    (3, True, False, False, Contacts.ROUNDS), (3, True, True, True, Contacts.ROUNDS)])
+def test_what_would_be_rejected_goes_on_for_longer(changes, bad, together, small, most):
+    contacts = Contacts.__new__(Contacts)
+    contacts.start = SimpleNamespace(together=together, small=small)
+    assert sum(contacts.goes_on(Verdict(changes, 0.0, bad), k) for k in range(20)) == most
 
 
 def crossing_scene() -> tc.Scene:

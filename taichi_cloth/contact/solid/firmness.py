@@ -19,6 +19,7 @@ from ..points import rows_of
 
 GIVE, BORNE = 0.02, 0.05  # of a pair's range, by which its load moves it, at first, and after many steps
 STIFFER, SOFTER = 4.0, 0.8  # factors: at least, from solve to solve; from usual step to usual step
+FIRMEST = 1e5  # times the stiffness that a pair has anyway: where others push against it none would do
 TIMES = 3  # solves running after which a pair ended too near
 PULLS = 1e-3  # of the mean force of pairs: what pulls more is let go
 
@@ -67,7 +68,7 @@ class Firmness(Checkpointed):
         if not (lost.any() or pulls.any()):
             return 0
         needed = np.maximum(load / (GIVE * reach), STIFFER * np.maximum(firm, least))
-        firm = np.where(lost, needed, np.where(pulls, 0.0, firm))
+        firm = np.where(lost, np.minimum(needed, FIRMEST * least), np.where(pulls, 0.0, firm))
         absent = ~np.isin(self.trial.key, key)
         key, firm = np.concatenate([self.trial.key[absent], key]), np.concatenate([self.trial.stiffness[absent], firm])
         order = np.argsort(key)
