@@ -34,6 +34,7 @@ RIPPING, STITCHES = "tests/physics/test_ripping.py", "taichi_cloth/system/stitch
 RIPS, ORDER, GOES_ON = (f"{RIPPING}::{name}" for name in (
     "test_a_strip_rips_at_its_strength", "test_momentum_is_conserved_and_the_seam_opens_from_its_end",
     "test_a_run_goes_on_bit_for_bit_through_a_rip"))
+RESEWN = "tests/physics/test_resewn.py"
 BUTTONS = f"{RIPPING}::test_buttons_give_at_their_force"
 
 TEARING, TEAR = "tests/physics/test_tearing.py", "taichi_cloth/step/tearing.py"
@@ -41,6 +42,14 @@ SIDES = f"{RIPPING}::test_sides_keep_what_they_have_come_apart_by"
 SCORED = f"{TEARING}::test_a_scored_line_tears_at_its_fraction"
 
 MUTATIONS = (
+    (STITCHES, "rows = rows[~whole[rows] & ~pulled[rows]]", "pass", "what holds is drawn together anew", RESEWN),
+    (STITCHES, "pulled[rows], whole[rows] = drawn, ~drawn", "whole[rows] = True", "a seam closes by more than its pull", RESEWN),
+    ("taichi_cloth/step/giving.py", "self.contacts.layers.join(self.stitches.whole | self.stitches.pulled)", "pass",
+     "contact keeps apart what is to close", RESEWN),
+    ("taichi_cloth/contact/cloth/lips.py", "self.together = self.together | whole", "pass", "what has closed is two surfaces",
+     RESEWN),
+    ("taichi_cloth/simulation/simulation.py", "            script.stitched.clear()\n", "            pass\n",
+     "a resumed run closes once more what gave", RESEWN),
     (TEAR, "opened = self._foremost(part, vertex, opens)\n        return self.rows[np.unique([opened, self.other[opened]])]",
      "return self.rows[self._foremost(part, vertex, opens)]", "an edge opens at one end", SCORED),
     (TEAR, "/ self.fraction[mine]", "", "scored lines are as strong as the rest", SCORED),
@@ -57,7 +66,7 @@ MUTATIONS = (
      "sides that meet as they recoil end with their first solve", f"{RIPPING}::test_the_energy_of_a_rip_is_accounted_for"),
     ("taichi_cloth/step/nonlinear/euler.py", "self.doubt(ended) < BEARABLE", "True",
      "steps that leave most of their energy unaccounted for pass", f"{RIPPING}::test_the_energy_of_a_rip_is_accounted_for"),
-    ("taichi_cloth/contact/cloth/lips.py", "self.resumed()\n        return True", "return True",
+    ("taichi_cloth/contact/cloth/lips.py", "self.together & whole\n        self.resumed()", "self.together & whole",
      "contact is not told of what has opened", f"{RIPPING}::test_what_was_sewn_meets_as_layers_do"),
     ("taichi_cloth/contact/cloth/lips.py", "np.maximum(self.grown, apart)", "apart",
      "sides keep no more than the distance that they have", SIDES),

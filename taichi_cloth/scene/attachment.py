@@ -98,7 +98,7 @@ class Script:
 
     Attributes:
         made: attachments and inflations that were ever made in it, those that were released included: keys go on from there.
-        opened: (seam, rows of its stitches) that are to be opened.
+        stitched: (seam, rows of its stitches, whether they hold) that are to be opened or closed, in order.
         inflations: gas in pieces of cloth, one a piece.
         loads: forces on vertices; bears: whether the scene had any when it was built.
         air: in place of the scene's, or None.
@@ -107,7 +107,7 @@ class Script:
     attachments: list[Attachment] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     made: int = 0
-    opened: list = field(default_factory=list)
+    stitched: list = field(default_factory=list)
     inflations: list[Inflation] = field(default_factory=list)
     loads: list[Load] = field(default_factory=list)
     bears: bool = False

@@ -43,7 +43,7 @@ class Seam:
         """Whether any of it can give."""
         return bool(np.isfinite(self.bears).any())
 
-    def stitches(self, vertices: object = None) -> np.ndarray:
+    def stitches(self, vertices: object = None, what: str = "unsew") -> np.ndarray:
         """(j,) numbers of the stitches that a selection of the cloth's vertices is sewn by, on either side; all where None.
 
         Raises:
@@ -54,7 +54,7 @@ class Seam:
         index = self.cloth.mesh.select(vertices)
         mine = np.flatnonzero(np.isin(self.a, index) | np.isin(self.b, index))
         if not len(mine):
-            raise SceneError(f"unsew: the seam of {self.cloth.name!r} has no stitch at {shown(vertices)}")
+            raise SceneError(f"{what}: the seam of {self.cloth.name!r} has no stitch at {shown(vertices)}")
         return mine
 
 

@@ -87,11 +87,23 @@ class Sewn(Contents):
         Raises:
             SceneError: a seam of another scene, or no stitch there.
         """
+        self._stitch("unsew", seam, vertices, False)
+
+    def resew(self, seam: Seam, vertices: object = None) -> None:
+        """Closes a seam that has opened, by `unsew` or because it gave, or those of its stitches that are at `vertices` of its
+        cloth; in an event, from then on. They come together as `sew` says, and bear as much as before.
+
+        Raises:
+            SceneError: a seam of another scene, or no stitch there.
+        """
+        self._stitch("resew", seam, vertices, True)
+
+    def _stitch(self, what: str, seam: Seam, vertices: object, holds: bool) -> None:
         if not any(seam is s for s in self.seams):
-            raise SceneError(f"unsew: not a seam of this scene: {shown(seam)}")
-        rows = seam.stitches(vertices)
-        self._refuse_followed("unsew", live=True)
-        self.script.opened.append((seam, rows))
+            raise SceneError(f"{what}: not a seam of this scene: {shown(seam)}")
+        rows = seam.stitches(vertices, what)
+        self._refuse_followed(what, live=True)
+        self.script.stitched.append((seam, rows, holds))
 
     def crease(self, cloth: Cloth, angle: ArrayLike, line: ArrayLike | None = None, edges: ArrayLike | None = None,
                stiffness: float = 1.0) -> Crease:
@@ -127,5 +139,6 @@ class Sewn(Contents):
         self.scores.append(scored)
         if self.scores[-1].fraction == 0:
             seam = next(s for s in self.seams if s.cloth is cloth and s.tears)
-            self.script.opened.append((seam, np.flatnonzero(cloth.split.on_line(self.scores[-1].edges))))  # type: ignore[union-attr]
+            cut = np.flatnonzero(cloth.split.on_line(self.scores[-1].edges))  # type: ignore[union-attr]
+            self.script.stitched.append((seam, cut, False))
         return self.scores[-1]

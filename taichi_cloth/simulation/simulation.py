@@ -152,16 +152,21 @@ class Simulation(Queries):
     def unsew(self, seam: Seam, vertices: object = None) -> None:
         """As `Scene.unsew`, for this simulation, from now on."""
         self._change(lambda: self.scene.unsew(seam, vertices))
-        self._unsew()
+        self._stitch()
 
-    def _unsew(self) -> None:
-        """Opens what is to be opened by hand."""
-        opened = self.prescribed.script.opened
-        if opened:
+    def resew(self, seam: Seam, vertices: object = None) -> None:
+        """As `Scene.resew`, for this simulation, from now on."""
+        self._change(lambda: self.scene.resew(seam, vertices))
+        self._stitch()
+
+    def _stitch(self) -> None:
+        """Opens and closes what is to be opened and closed by hand."""
+        stitched = self.prescribed.script.stitched
+        if stitched:
             first = dict(zip(self.scene.seams, self.giving.stitches.first.tolist()))
-            if self.giving.open(np.concatenate([first[seam] + rows for seam, rows in opened])):
+            if any([self.giving.set_by_hand(first[seam] + rows, holds) for seam, rows, holds in stitched]):
                 self.stepper.start = None
-            opened.clear()
+            stitched.clear()
 
     def inflate(self, cloth: Cloth, pressure: Drive | None = None, gas: str = "constant", volume: Drive | None = None,
                 part: object = None, ambient: float = ATMOSPHERE, bulk: float = 1e6) -> None:
@@ -302,4 +307,6 @@ class Simulation(Queries):
             if not again:
                 self._drives_changed(before)
             script.events.sort(key=lambda e: e.time)
-        self._unsew()
+        if again:
+            script.stitched.clear()
+        self._stitch()

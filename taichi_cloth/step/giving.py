@@ -78,16 +78,13 @@ class Giving:
         self.stitches.resumed()
         self.integrator.loosen()
 
-    def open(self, rows: np.ndarray) -> bool:
-        """Opens stitches by hand, between steps. Whether any was whole."""
-        whole, closing = self.stitches.whole.copy(), self.stitches.pulled[rows].any()
-        whole[rows] = self.stitches.pulled[rows] = False
-        changed = self.stitches.set(whole)
-        if closing and not changed:
-            self.stitches.resumed()
-            changed = True
+    def set_by_hand(self, rows: np.ndarray, holds: bool) -> bool:
+        """Opens stitches by hand, or closes those that are open, between steps. Whether that is a change."""
+        changed = self.stitches.set_by_hand(rows, holds)
         if changed:
             self.integrator.loosen()
+            if holds and self.contacts is not None and self.contacts.layers is not None:
+                self.contacts.layers.join(self.stitches.whole | self.stitches.pulled)
         return changed
 
     def _set(self, whole: np.ndarray) -> float:

@@ -44,7 +44,8 @@ class Stitches(Checkpointed):
         self.first = np.cumsum([0, *count])
         self.bears = np.concatenate([s.bears for s in scene.seams])
         self.gives = bool(np.isfinite(self.bears).any())
-        self.pulled = (np.concatenate([s.pulls for s in scene.seams]) > 0) & (self._gaps() > CATCH)
+        self._draws = np.concatenate([s.pulls for s in scene.seams]) > 0
+        self.pulled = self._draws & (self._gaps() > CATCH)
         self.whole, self.firm = ~self.pulled, 1.0
         self._by_hand = np.repeat([not s.tears for s in scene.seams], count)
         row = np.repeat([s.row for s in scene.seams], count)
@@ -59,6 +60,21 @@ class Stitches(Checkpointed):
         self.whole = whole.copy()
         self.resumed()
         return True
+
+    def set_by_hand(self, rows: np.ndarray, holds: bool) -> bool:
+        """Opens stitches, or closes those that are open. Returns whether that is a change."""
+        whole, pulled = self.whole.copy(), self.pulled.copy()
+        if holds:
+            rows = rows[~whole[rows] & ~pulled[rows]]
+            drawn = self._draws[rows] & (self._gaps()[rows] > CATCH)
+            pulled[rows], whole[rows] = drawn, ~drawn
+        else:
+            pulled[rows] = whole[rows] = False
+        changed = not (np.array_equal(whole, self.whole) and np.array_equal(pulled, self.pulled))
+        if changed:
+            self.whole, self.pulled = whole, pulled
+            self.resumed()
+        return changed
 
     def resumed(self) -> None:
         """See `Checkpointed`: everything is told what is whole."""

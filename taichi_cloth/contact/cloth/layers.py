@@ -296,6 +296,10 @@ class Layers(Checkpointed):
         if self.lips.growing:
             self.lips.grow(self.detector.apart())
 
+    def join(self, whole: np.ndarray) -> None:
+        """Between steps, with the stitches (k,) that hold or are drawn together: their sides are one surface."""
+        self.detector.fresh &= not self.lips.join(whole)
+
     def release(self, every: bool) -> bool:
         """Deactivates for a while the pairs that allow no collision-free step: they are pinched. Whether there were any.
 

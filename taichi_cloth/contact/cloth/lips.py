@@ -46,6 +46,15 @@ class Lips(Checkpointed):
         self.resumed()
         return True
 
+    def join(self, whole: np.ndarray) -> bool:
+        """Sides of stitches that are whole (k,) are one from now on. Whether any were two."""
+        closed = whole & ~self.together
+        if not closed.any():
+            return False
+        self.together = self.together | whole
+        self.resumed()
+        return True
+
     def grow(self, apart: np.ndarray) -> None:
         """Particles are so far (n,) [m] from what they were sewn to. Sides that cross, from when they were in one place, are
         one surface until they do not."""
