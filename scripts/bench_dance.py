@@ -115,8 +115,8 @@ def shirt() -> tc.Garment:
 def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float, meets: bool = True,
              dresses: bool = True) -> tc.Scene:
     """A garment on the body, both with a thickness [m]; the body goes so many times as fast as it was made. Its mouth and eyes
-    are filled, so that it has an inside. `meets` as in `tc.dress`; without `dresses` nothing is put on, a checkpoint says where
-    it is.
+    are filled, so that it has an inside. `meets` as in `tc.dress`; without `dresses` nothing is put on, a checkpoint says
+    where it is.
     """
     for name in FILES[garment]:
         load(folder, name)

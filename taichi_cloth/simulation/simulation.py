@@ -164,8 +164,9 @@ class Simulation(Queries):
         stitched = self.prescribed.script.stitched
         if stitched:
             first = dict(zip(self.scene.seams, self.giving.stitches.first.tolist()))
-            if any([self.giving.set_by_hand(first[seam] + rows, holds) for seam, rows, holds in stitched]):
-                self.stepper.start = None
+            for seam, rows, holds in stitched:
+                if self.giving.set_by_hand(first[seam] + rows, holds):
+                    self.stepper.start = None
             stitched.clear()
 
     def inflate(self, cloth: Cloth, pressure: Drive | None = None, gas: str = "constant", volume: Drive | None = None,

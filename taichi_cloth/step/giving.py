@@ -79,7 +79,7 @@ class Giving:
         self.integrator.loosen()
 
     def set_by_hand(self, rows: np.ndarray, holds: bool) -> bool:
-        """Opens stitches by hand, or closes those that are open, between steps. Whether that is a change."""
+        """Opens stitches by hand, or closes them, between steps. Whether that is a change."""
         changed = self.stitches.set_by_hand(rows, holds)
         if changed:
             self.integrator.loosen()

@@ -62,10 +62,9 @@ class Stitches(Checkpointed):
         return True
 
     def set_by_hand(self, rows: np.ndarray, holds: bool) -> bool:
-        """Opens stitches, or closes those that are open. Returns whether that is a change."""
+        """Opens stitches, or closes them. Returns whether that is a change."""
         whole, pulled = self.whole.copy(), self.pulled.copy()
         if holds:
-            rows = rows[~whole[rows] & ~pulled[rows]]
             drawn = self._draws[rows] & (self._gaps()[rows] > CATCH)
             pulled[rows], whole[rows] = drawn, ~drawn
         else:
