@@ -9,6 +9,7 @@ import taichi_cloth as tc
 from taichi_cloth.contact.solid.pinch import CREEP, FREE, PRESSURE, SLOWLY, Pinched
 from taichi_cloth.contact.solid.vertices import VertexContacts
 from taichi_cloth.contact.step_start import StepStart
+from taichi_cloth.scene.intersections import count_crossings
 from taichi_cloth.system.held import Held
 
 H, THICK, KEEPS, GAP = 1 / 60, 0.005, 0.003, 0.01
@@ -160,3 +161,38 @@ def test_no_step_is_cut_for_the_stretch_of_what_solids_lead():
         x = sim.positions()
         assert np.ptp(x[:, 1]) == pytest.approx(0.4, abs=0.02)
         assert max(np.diff([np.hypot(1, 40 * max(t - 0.1, 0)) for t in np.arange(0, 0.151, H)])) > 0.1  # of |w| in a step
+
+
+def test_an_edge_that_is_left_across_a_solid_comes_out():
+    """A sheet whose vertices are all outside a box, and whose edges pass through its edge: it is raised until they do not,
+    no faster than it may, then let down again; and what is pinched there stays."""
+    scene, mesh = tc.Scene(gravity=None), tc.grid(0.2, 31)
+    scene.add_solid(tc.Box((0.1, 0.1, 0.3)), 0.0, 0.002, name="box", rotation=(0.0, 0.0, np.pi / 4))
+    scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, 1)), mesh.x - mesh.x.mean(axis=0) + [0, 0.1, 0])
+    with tc.Simulation(scene, h=H, integrator="backward_euler") as sim:
+        x = mesh.x - mesh.x.mean(axis=0) + [0, 0.05 * np.sqrt(2) - 0.0005, 0]
+        sim.set_state(x, 0 * x)
+        corners, faces = box_surface()
+        assert count_crossings(x, mesh.faces, corners, faces) > 20
+        penetration = sim.contacts.solids.penetration
+        penetration.pinched = np.ones(sim.vertex_count, dtype=bool)
+        penetration.pass_time(H)
+        assert not penetration.raised.any()
+        before, left = x, []
+        for _ in range(30):
+            sim.step()
+            now = sim.positions()
+            assert (now - before)[:, 1].max() < 0.05 * H * np.sqrt(2) + 1e-4
+            before = now
+            left.append(count_crossings(now, mesh.faces, corners, faces))
+        assert left[-1] == 0 and not any(left[left.index(0):]) and not penetration.raised.any()
+        assert not sum((list(r.rejections) for r in sim.log), [])
+
+
+def box_surface():
+    """Corners and triangles of that box, computed here."""
+    signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], dtype=float)
+    turn = np.array([[1, -1, 0], [1, 1, 0], [0, 0, np.sqrt(2)]]) / np.sqrt(2)
+    faces = [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4],
+             [1, 5, 7], [1, 7, 3]]
+    return signs * [0.05, 0.05, 0.15] @ turn.T, np.array(faces)

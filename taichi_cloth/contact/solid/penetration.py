@@ -2,6 +2,9 @@
 
 Such a step is tried smaller; one that is small already is taken as it is where solids leave no room (`room`). What goes
 wrong then is pinched: for a while it does not make steps small again.
+
+Edges of cloth may be left across an edge of a solid though all vertices are outside, where the solid opens that has pinched
+them. Their vertices are raised, slowly, until nothing crosses any more, and let down again.
 """
 
 import numpy as np
@@ -15,6 +18,7 @@ from .vertices import VertexContacts
 
 PENETRATION = 1e-2  # of the thickness that a particle may end inside it without a further round
 DEEP, DEEPER = 0.5, 0.7  # of the thickness: what ends deeper is not accepted; where pairs guard faces and edges of cloth too
+OUT, HIGHEST = 0.05, 0.5  # m/s by which what crosses is raised, and mean edges by which it is at most
 SPARED = 0.1  # s for which what is pinched does not make steps small again
 
 
@@ -25,14 +29,16 @@ class Penetration(Checkpointed):
         deep: (solids,) depth [m] that is not accepted.
         spared: (n,) time [s] for which it does not matter how deep inside solids particles end; pinched: (n,) nor in this
             attempt.
+        raised: (n,) by how much [m] particles are to be further from solids than the thickness; most: at most.
         crossed: (k, 3) particles of triangles that cross solids' at the end of the attempt; before: at its beginning.
     """
 
-    STATE = ("before", "spared")
+    STATE = ("before", "spared", "raised")
 
     def __init__(self, n: int, scan: Scanner) -> None:
         self.scan, self.thickness = scan, scan.thickness
         self.deep = np.where(scan.pokes, DEEPER, DEEP) * scan.thickness
+        self.raised, self.most = np.zeros(n), HIGHEST * scan.edge
         self.spared, self.pinched = np.zeros(n), np.zeros(n, dtype=bool)
         self.crossed = self.before = np.zeros((0, 3), dtype=np.int64)
 
@@ -47,7 +53,8 @@ class Penetration(Checkpointed):
 
     def inside(self, f: VertexContacts, held: np.ndarray) -> VertexContacts:
         """Of contacts, those that end inside a solid's thickness and are not among the keys that are held, or are held at
-        another plane, and are not pinched."""
+        another plane, and are not pinched; as deep as they are, whatever they are raised by."""
+        f = f.nearer(-self.raised[f.index])
         moved_on = (f.gap < -self.deep[f.solid]) & (f.gap < f.start_gap - PENETRATION * self.thickness[f.solid])
         return f.take((f.gap < 0) & (~np.isin(f.key, held) | moved_on) & self.minded[f.index])
 
@@ -107,6 +114,11 @@ class Penetration(Checkpointed):
 
     def pass_time(self, h: float) -> None:
         """A step of h [s] was accepted."""
+        crossed = self.crossed[~self.pinched[self.crossed].any(axis=1)]
+        if len(crossed) or self.raised.any():
+            way = np.full(len(self.raised), -OUT * h)
+            way[crossed] = OUT * h
+            self.raised = np.clip(self.raised + way, 0, self.most)
         self.spared = np.maximum(self.spared - h, 0)
 
     def spare(self, particles: np.ndarray) -> None:

@@ -1,6 +1,6 @@
 """What cloth meets on its way through a step: the detectors that a scene needs, and where its solids are."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -44,6 +44,14 @@ class Nearby:
         if pairs is not None:
             pairs = pairs.take(~around[pairs.own_vertices].any(axis=1))
         return Nearby(self.there, self.vertices.take(keep), self.slip[keep], pairs)
+
+
+    def raised(self, by: np.ndarray) -> "Nearby":
+        """Particles (n,) are to be so much [m] further from solids, and pairs of them alone are none."""
+        f, pairs = self.vertices, self.pairs
+        if pairs is not None:
+            pairs = pairs.take((by[pairs.own_vertices] == 0).any(axis=1))
+        return replace(self, vertices=f.nearer(by[f.index]), pairs=pairs)
 
 
 class Scanner:

@@ -126,18 +126,23 @@ class SolidContacts(Checkpointed):
         near = self.scan.look(start.h)
         self.pinches.begin(start, near.vertices)
         self.penetration.pinched = self.pinches.around
-        self.near = near.without(self.pinches.where, self.pinches.around)
+        self.near = self._minded(near)
         self.start = replace(start, pins=self.pinches.with_pins(start.pins))
         return self.start
 
     def look(self) -> None:
         """What cloth meets on its way to where it now is, and how fast it slips there."""
-        self.near = self.scan.look(self.start.h).without(self.pinches.where, self.pinches.around)
+        self.near = self._minded(self.scan.look(self.start.h))
+
+    def _minded(self, near: Nearby) -> Nearby:
+        """But what is pinched; with what is raised."""
+        near = near.without(self.pinches.where, self.pinches.around)
+        return near.raised(self.penetration.raised) if self.penetration.raised.any() else near
 
     def stop_short(self) -> None:
         """The model went a part of its way only: edges and corners of solids are met as they are from there."""
         near = replace(self.near, there=self.model.read_particles()[0], pairs=self.scan.find_pairs())
-        self.near = near.without(self.pinches.where, self.pinches.around)
+        self.near = replace(near, pairs=self._minded(near).pairs)
 
     @property
     def touching(self) -> bool:
@@ -366,7 +371,7 @@ class SolidContacts(Checkpointed):
     def clear(self) -> None:
         """Forgets all contacts: the state was changed from outside."""
         self.accepted, self.near = States(), replace(self.near, vertices=VertexContacts.none())
-        self.penetration.spared[:] = 0
+        self.penetration.spared[:] = self.penetration.raised[:] = 0
         self.pinches.clear()
         self.firmness.clear()
         self.scan.begin()

@@ -5,7 +5,7 @@ as a segment, and followed in strides of the distance left, which none of these 
 it comes within the thickness there is a contact: a plane that the vertex must be above at the end of the step.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import taichi as ti
@@ -53,6 +53,10 @@ class VertexContacts:
         """No contact."""
         k = np.zeros(0, dtype=np.int64)
         return cls(k, k, np.zeros((0, 3)), np.zeros(0), np.zeros(0), np.zeros((0, 3)), np.zeros(0), k)
+
+    def nearer(self, by: np.ndarray) -> "VertexContacts":
+        """With gaps that are less by (k,) [m]."""
+        return replace(self, gap=self.gap - by, start_gap=self.start_gap - by)
 
     def take(self, which: np.ndarray) -> "VertexContacts":
         """Some of them."""
