@@ -12,7 +12,6 @@ SWEPT = "tests/unit/test_swept_detection.py"
 HARD = "tests/hard/test_hard_contact.py"
 EDGES = "tests/hard/test_loaded_edges.py"
 DRIVES = "tests/hard/test_drives.py"
-TURN = "tests/unit/test_turned_pairs.py"
 PARTS = "tests/physics/test_body_parts.py"
 CLOSING = "tests/physics/test_closing_bodies.py"
 ARM, MESH_ARM = (f"{CLOSING}::test_an_arm_that_closes_on_a_trunk[{which}]" for which in
@@ -21,6 +20,7 @@ BETWEEN, FACING = (f"{CLOSING}::{name}" for name in (
     "test_what_is_between_bears_and_is_resumed_bit_for_bit", "test_surfaces_by_where_they_face"))
 PULLED = f"{CLOSING}::test_what_is_pinched_is_pulled_out"
 ALONG = f"{CLOSING}::test_a_wall_pushes_cloth_along_a_floor"
+LEFT_ACROSS = "tests/unit/test_pinch.py::test_an_edge_that_is_left_across_a_solid_comes_out"
 PLATES, PINCHED = f"{HARD}::test_plates_that_close_on_layers[0.0]", "tests/unit/test_pinch.py"
 TESTS = (CONTACT, SHAPES, DRIVES)
 
@@ -121,11 +121,11 @@ MUTATIONS = (
      "what is left near keeps its whole thickness", GROWS),
     (GROWTH, "FURTHER * there), self.part, 1.0)", "FURTHER * there), self.part, self.part)", "thickness does not grow", GROWS),
     (RESPONSE, '"pinches", "growth", "firmness")', '"pinches", "firmness")', "thickness that grows is not resumed", GROWS),
-    ("taichi_cloth/contact/solid/penetration.py", 'STATE = ("before", "spared")', 'STATE = ("before",)',
+    ("taichi_cloth/contact/solid/penetration.py", 'STATE = ("before", "spared", "raised")', 'STATE = ("before", "raised")',
      "what is pinched is not resumed", RESUME),
     ("taichi_cloth/contact/contacts.py", 'STATE = ("solids", "warm", "layers")', 'STATE = ("solids", "layers")',
      "where cloth was led is not resumed", RESUME),
-    ("taichi_cloth/contact/solid/penetration.py", 'STATE = ("before", "spared")', 'STATE = ("spared",)',
+    ("taichi_cloth/contact/solid/penetration.py", 'STATE = ("before", "spared", "raised")', 'STATE = ("spared", "raised")',
      "crossings that were there are not resumed", RESUME),
     ("taichi_cloth/step/integrators/safe.py", 'STATE = ("accurate", "robust", "touching", "largest", "mean")',
      'STATE = ("accurate", "robust", "touching", "largest")',
@@ -183,16 +183,11 @@ MUTATIONS = (
     (TREE, "return 0.24 * edge**2 <= 0.4", "return 0.24 * edge**2 <= 40", "balls that poke through are taken for smooth",
      DRIVES),
     # pairs
-    (RESPONSE, "(cosine < TURNED) & ", "", "pairs that kept their normal are taken twice", TURN),
-    (RESPONSE, "(cosine > TURNED_ROUND) & ", "", "pairs that turn right round hold both ways", TURN),
-    (RESPONSE, " & (taken.distance[row] > 0)]", "]", "planes that pairs were beyond hold", TURN),
-    (RESPONSE, "        self.turned = None\n", "", "what turned in one attempt holds in the next", TURN),
-    (RESPONSE, "near = Pairs.join([there, near])", "near = Pairs.join([near])", "what turned is forgotten", TURN),
-    (RESPONSE, "lost = near.take(self.penetration.below_least(self.near))", "lost = near",
-     "all that turns holds along both normals", TURN),
-    (PAIRS, "distance = self.distance + np.einsum(\"ki,ki->k\", self.normal, point - self.point)", "distance = self.distance",
-     "along the old normal nothing moves", TURN),
-    (SCAN, "np.maximum(pairs.key, -1 - pairs.key)", "pairs.key", "what turned has the friction of some other triangle", TURN),
+    (DEPTH, "way[crossed] = OUT * h", "pass", "an edge left across a solid stays there", LEFT_ACROSS),
+    (DEPTH, "np.full(len(self.raised), -OUT * h)", "np.zeros(len(self.raised))", "what was raised stays so", LEFT_ACROSS),
+    (DEPTH, "self.crossed[~self.pinched[self.crossed].any(axis=1)]", "self.crossed", "what is pinched is raised", LEFT_ACROSS),
+    (SCAN, "pairs.take((by[pairs.own_vertices] == 0).any(axis=1))", "pairs", "pairs hold what crosses where it is",
+     LEFT_ACROSS),
     (PAIRS, "(now < LEAST), now < LOST", "(now < LEAST), now < -LOST", "how near edges may come is not minded", DRIVES),
     (PAIRS, "was - CREEP)) | (now < LEAST)", "was - CREEP))",
      "what ends below the least distance takes no further round", EDGES),

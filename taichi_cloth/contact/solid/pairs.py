@@ -60,17 +60,6 @@ class Pairs:
         distance = self.distance + np.einsum("ki,ki->k", self.normal, shift)
         return replace(self, distance=distance, point=self.point + shift).take(distance < reach)
 
-    def brought(self, there: np.ndarray, reach: np.ndarray) -> "Pairs":
-        """The same places of cloth, along the same normals, where particles are there (n, 3) [m]; within reach (k,) [m]."""
-        point = self.of(there)
-        distance = self.distance + np.einsum("ki,ki->k", self.normal, point - self.point)
-        return replace(self, distance=distance, point=point).take(distance < reach)
-
-    @staticmethod
-    def join(parts: list["Pairs"]) -> "Pairs":
-        """All of them, one after the other."""
-        return Pairs(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Pairs)))
-
     def take(self, which: np.ndarray) -> "Pairs":
         """Some of them."""
         return Pairs(*(getattr(self, f.name)[which] for f in fields(self)))

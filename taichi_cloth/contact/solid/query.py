@@ -203,7 +203,7 @@ class Scanner:
 
     def friction_of(self, pairs: Pairs) -> np.ndarray:
         """(k,) Coulomb's coefficient at pairs."""
-        triangle = (np.maximum(pairs.key, -1 - pairs.key) & 0xFFFFFFFF) // 8
+        triangle = (pairs.key & 0xFFFFFFFF) // 8
         return self.friction[pairs.solid] if self.tree is None else self.tree.friction[triangle]
 
     def kept_by(self, pairs: Pairs) -> np.ndarray:

@@ -39,8 +39,6 @@ RELEASES = 4  # rounds in which contacts are released, where layers of cloth pre
 AGREED, AGREED_SHEAR = 3e-3, 3e-2  # part of all normal forces by which contacts may pull, or lack what would hold particles
 # that end inside, and shear beyond the cone, in a step: their states change in the next
 FALL = 0.5  # of the thickness: from higher than that and than its motion leads, nothing is brought down to a solid
-TURNED, TURNED_ROUND = 0.97, 0.5  # cosines between normals of a pair below which it has turned within a solve, and so far
-# that both together leave it no way
 LAGGED = 0.1  # relative error of the friction forces that a first round may leave
 REACH, PUSH = 4.0, 0.25  # mean edges that a particle may close in on a solid in one step; that it is pushed out in a usual
 # one: more would tear at the triangles
@@ -89,7 +87,6 @@ class SolidContacts(Checkpointed):
         released: keys of contacts that were released in this attempt.
         near: what was met when last looked; active: what the last solve held; sliding, linearized, pressing: friction, pairs
             and their points as it took them; forces: what they came to.
-        turned: pairs as solves of this attempt took them that ended too near along another normal.
         round: solves of this attempt; unsettled: contacts that would have changed in one more.
     """
 
@@ -110,7 +107,6 @@ class SolidContacts(Checkpointed):
         self.active = ActiveSet.none()
         self.sliding, self.pressing, self.forces = Sliding(), Points.none(), NO_FORCES
         self.linearized: Pairs | None = None
-        self.turned: Pairs | None = None  # with keys -1 - key
 
     @property
     def thickness(self) -> np.ndarray:
@@ -122,7 +118,6 @@ class SolidContacts(Checkpointed):
         self.trial, self.released, self.round = self.accepted, np.zeros(0, dtype=np.int64), 0
         self.penetration.crossed = self.penetration.before
         self.firmness.begin()
-        self.turned = None
         near = self.scan.look(start.h)
         self.pinches.begin(start, near.vertices)
         self.penetration.pinched = self.pinches.around
@@ -192,9 +187,6 @@ class SolidContacts(Checkpointed):
             return rubbing
         to_go = self._to_go()
         near = self.near.pairs.moved(to_go, PAIR * self.scan.kept_by(self.near.pairs))
-        if self.turned is not None:
-            there = self.turned.brought(self.near.there + to_go, PAIR * self.scan.kept_by(self.turned))
-            near = Pairs.join([there, near])
         self.linearized = near
         step = Step(start.h, start.h_usual, start.x, base[0], start.mean(base[1]), start.c)
         self.pressing = press(near, step, mass, self.scan.kept_by(near), self.scan.friction_of(near),
@@ -248,7 +240,6 @@ class SolidContacts(Checkpointed):
         keep = ~pulls
         self.released = np.concatenate([self.released, f.key[pulls]])
         self.trial = States(f.key[keep], stick[keep], force[keep], push[keep])
-        self.remember_turned()
         inside = self.penetration.inside(self.near.vertices, f.key)
         depth = -inside.gap / self.thickness[inside.solid]
         lacks = -float(np.sum(self.model.mass[inside.index] * inside.gap)) / start.c**2
@@ -261,23 +252,6 @@ class SolidContacts(Checkpointed):
         entered += close + self._bear()
         matters = bad or entered or disagree or (wrong > float(np.sum(force)) and self.round <= PATIENCE)
         return Verdict(max(changes, 1) if matters else 0, float(np.max(depth, initial=0.0)), bad)
-
-    def remember_turned(self) -> None:
-        """Pairs that the last solve left too near, along another normal than it took: that one holds too in the further solves
-        of the attempt, which would go to and fro between the two."""
-        taken, near = self.linearized, self.near.pairs
-        if taken is None or near is None or not len(taken.key):
-            return
-        lost = near.take(self.penetration.below_least(self.near))
-        row = rows_of(taken.key, lost.key)
-        cosine = np.einsum("ki,ki->k", taken.normal[row], lost.normal)
-        row = row[(row >= 0) & (cosine < TURNED) & (cosine > TURNED_ROUND) & (taken.distance[row] > 0)]
-        more = taken.take(row)
-        more = replace(more, key=-1 - more.key)
-        old = [] if self.turned is None else [self.turned.take(~np.isin(self.turned.key, more.key))]
-        joined = Pairs.join([*old, more])
-        if len(joined.key):
-            self.turned = joined.take(np.argsort(joined.key))
 
     def _bear(self) -> int:
         """Pairs that the last solve left too near get the stiffness that they need, those that pull by theirs lose it; how
