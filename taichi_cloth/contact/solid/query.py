@@ -45,7 +45,6 @@ class Nearby:
             pairs = pairs.take(~around[pairs.own_vertices].any(axis=1))
         return Nearby(self.there, self.vertices.take(keep), self.slip[keep], pairs)
 
-
     def raised(self, by: np.ndarray) -> "Nearby":
         """Particles (n,) are to be so much [m] further from solids, and pairs of them alone are none."""
         f, pairs = self.vertices, self.pairs

@@ -130,7 +130,7 @@ class SolidContacts(Checkpointed):
         self.near = self._minded(self.scan.look(self.start.h))
 
     def _minded(self, near: Nearby) -> Nearby:
-        """But what is pinched; with what is raised."""
+        """Without what is pinched; what is raised, from where it is to be."""
         near = near.without(self.pinches.where, self.pinches.around)
         return near.raised(self.penetration.raised) if self.penetration.raised.any() else near
 
