@@ -46,7 +46,7 @@ LONG_SLEEVE = ((0.17, 1.226, -0.08), (0.47, 1.216, -0.02)), 0.06  # axis of the 
 BAND = (50.0, 0.5)  # N/m and N a vertex that hold up what has no shoulders
 RINGS = 3  # of neighbours of a pleat's seam
 CROSSINGS = "with_body", "with_itself", "body_elsewhere", "itself_elsewhere"
-DISTURBED = 1e-7  # m
+DISTURBED = 1e-7  # m by which --again moves vertices, at random
 PARTS = {"C-S": "solids", "C-C": "layers", "CG": "CG", "EVAL": "forces"}
 
 

@@ -183,6 +183,8 @@ MUTATIONS = (
     (TREE, "return 0.24 * edge**2 <= 0.4", "return 0.24 * edge**2 <= 40", "balls that poke through are taken for smooth",
      DRIVES),
     # pairs
+    (DEPTH, 'STATE = ("before", "spared", "raised")', 'STATE = ("before", "spared")', "what is raised is not resumed",
+     LEFT_ACROSS),
     (DEPTH, "way[crossed] = OUT * h", "pass", "an edge left across a solid stays there", LEFT_ACROSS),
     (DEPTH, "np.full(len(self.raised), -OUT * h)", "np.zeros(len(self.raised))", "what was raised stays so", LEFT_ACROSS),
     (DEPTH, "self.crossed[~self.pinched[self.crossed].any(axis=1)]", "self.crossed", "what is pinched is raised", LEFT_ACROSS),

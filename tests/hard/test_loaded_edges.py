@@ -89,7 +89,6 @@ def test_stiffness_by_load():
     for _ in range(100):
         firm.commit(key, 0 * load, reach, least, 1.0)
         firm.begin()
-        firm.begin()
     assert not len(firm.accepted.key)
     for _ in range(20):  # a load that its own stiffness makes, where something else holds the cloth
         load = load + firm.trial.of(key) * reach

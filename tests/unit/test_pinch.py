@@ -185,8 +185,16 @@ def test_an_edge_that_is_left_across_a_solid_comes_out():
             assert (now - before)[:, 1].max() < 0.05 * H * np.sqrt(2) + 1e-4
             before = now
             left.append(count_crossings(now, mesh.faces, corners, faces))
+            if len(left) == 1:
+                assert penetration.raised.any()
+                state = sim.checkpoint()
         assert left[-1] == 0 and not any(left[left.index(0):]) and not penetration.raised.any()
         assert not sum((list(r.rejections) for r in sim.log), [])
+    with tc.Simulation(scene, h=H, integrator="backward_euler") as sim:
+        sim.resume(state)
+        for _ in range(29):
+            sim.step()
+        assert (sim.positions() == now).all()
 
 
 def box_surface():

@@ -3,8 +3,8 @@
 Such a step is tried smaller; one that is small already is taken as it is where solids leave no room (`room`). What goes
 wrong then is pinched: for a while it does not make steps small again.
 
-Edges of cloth may be left across an edge of a solid though all vertices are outside, where the solid opens that has pinched
-them. Their vertices are raised, slowly, until nothing crosses any more, and let down again.
+Where a solid opens that has pinched cloth, edges may be left that pass through it though their vertices are outside. The
+vertices of triangles that cross a solid, and are not pinched, are raised slowly until nothing crosses, and let down again.
 """
 
 import numpy as np
