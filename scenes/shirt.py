@@ -5,7 +5,7 @@ import numpy as np
 import taichi_cloth as tc
 
 RUN = {"duration": 2.0, "fps": 30, "h": 1 / 60, "cg_tol": 1e-3}
-SMALL = {"spacing": 0.05}
+SMALL = {"spacing": 0.06}
 SEWN = 0.8  # s at which shoulders are let go
 FRONT, BACK, RIGHT, LEFT = "front", "back", "right sleeve", "left sleeve"
 THICKNESS = 0.004

@@ -51,12 +51,11 @@ def peak(cells, other):
 
 @pytest.mark.slow
 def test_the_force_from_a_slit_does_not_depend_on_the_mesh():
-    """Two meshes and both diagonals, within 15 %, and along the slit."""
+    """Two meshes, both diagonals of the coarse one, within 15 %, and along the slit."""
     forces = {}
-    for cells in ((16, 3, 7), (30, 6, 13)):
-        for other in (False, True):
-            forces[cells, other], astray = peak(cells, other)
-            assert astray < 0.011
+    for cells, other in (((16, 3, 7), False), ((16, 3, 7), True), ((30, 6, 13), False)):
+        forces[cells, other], astray = peak(cells, other)
+        assert astray < 0.011
     assert max(forces.values()) < 1.15 * min(forces.values()), forces
     assert 25 < min(forces.values()) < 63
 

@@ -76,7 +76,7 @@ def triangle_distance(p, a, b, c) -> float:
 
 @pytest.mark.slow
 def test_all_near_pairs_are_found_once(rng):
-    d = detector(soup(rng, 60))
+    d = detector(soup(rng, 48))
     d.paths.begin()
     d.cover()
     found = [tuple(row) for row in d.candidates.tolist()]
