@@ -19,7 +19,7 @@ import numpy as np
 
 from ..backend.rows import read, write
 
-VERSION = 8  # of what checkpoints hold
+VERSION = 9  # of what checkpoints hold
 
 
 class Checkpointed:

@@ -530,7 +530,7 @@ def test_a_run_resumed_in_contact_goes_on_bit_for_bit(rng):
     for _ in range(2):
         sim.step()
     layers = sim.contacts.layers
-    layers.boost = rng.choice([1.0, 3.0], size=sim.model.n)
+    layers.firmness.boost = rng.choice([1.0, 3.0], size=sim.model.n)
     layers.intersections.release(rng.choice(sim.model.n, 10, replace=False))
     layers.detector.let_rest(layers.intersections.resting)
     sim.step()
@@ -543,7 +543,8 @@ def test_a_run_resumed_in_contact_goes_on_bit_for_bit(rng):
     again = start()
     again.resume(state)
     assert np.array_equal(end(again), whole)
-    for name, other in (("kept.force", 0.0), ("boost", 1.0), ("intersections.until", 0.0), ("intersections.rows", None)):
+    for name, other in (("kept.force", 0.0), ("firmness.boost", 1.0), ("intersections.until", 0.0),
+                        ("intersections.rows", None)):
         changed = {f"contacts.layers.{name}": other}
         if other is None:  # no crossing
             changed = {f"contacts.layers.intersections.{part}": None for part in ("edges", "rows")}

@@ -264,7 +264,7 @@ def test_solves_are_told_what_the_reference_says(rng):
     layers.clear()
     layers.intersections.resting[:] = layers.intersections.active = False  # what passes through counts like all else
     layers.detector.let_rest(layers.intersections.resting)
-    layers.boost = rng.choice([1.0, 4.0], size=model.n)
+    layers.firmness.boost = rng.choice([1.0, 4.0], size=model.n)
     x_0, v_0 = model.read_particles()
     model.save()
     ends = [x_0 + 0.005 * rng.normal(size=x_0.shape) for _ in range(3)]
@@ -277,7 +277,7 @@ def test_solves_are_told_what_the_reference_says(rng):
     bore: dict = {}
     for k in range(3):
         p = layers.near
-        pairs = reference_pairs(sim, p, model_at, x_0, layers.boost)
+        pairs = reference_pairs(sim, p, model_at, x_0, layers.firmness.boost)
         base = x_0 if k == 0 else model_at
         there = model_at
         model.write_particles(model_at, v_0)
@@ -338,16 +338,16 @@ def test_solves_are_told_what_the_reference_says(rng):
         assert np.abs(layers.forces() - forces).max() < 1e-6 * np.abs(forces).max()
         before = Solve(pairs, taken)
     energy = sum(q.stiff * ref.repulsion(q.end, q.r)[0]
-                 for q in reference_pairs(sim, layers.near, model_at, x_0, layers.boost).values())
+                 for q in reference_pairs(sim, layers.near, model_at, x_0, layers.firmness.boost).values())
     assert layers.energy == pytest.approx(energy, rel=1e-9) and layers.count == len(layers.near.end)
     assert slid > 20 and stuck > 100 and new > 20
     # what ends with less than .3 of its room gets stiffer, with more than .7 softer again: by as much a usual step, half here
-    p, boost, room = layers.near, layers.boost, np.full(model.n, np.inf)
+    p, boost, room = layers.near, layers.firmness.boost, np.full(model.n, np.inf)
     for v, part in zip(p.vertices, (p.end / p.radius - 0.2) / 0.8):
         room[v] = np.minimum(room[v], part)
     expected = np.where(room < 0.3, np.minimum(2 * boost, 64), np.where(room > 0.7, np.maximum(0.8**0.5 * boost, 1), boost))
     layers.commit()
-    assert np.allclose(layers.boost, expected, rtol=1e-12) and {1.0, 2.0, 4.0, 8.0} <= set(np.round(expected, 9))
+    assert np.allclose(layers.firmness.boost, expected, rtol=1e-12) and {1.0, 2.0, 4.0, 8.0} <= set(np.round(expected, 9))
     sim.close()
 
 

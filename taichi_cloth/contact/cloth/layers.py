@@ -28,6 +28,7 @@ from ..step_start import StepStart
 from . import pair_kernels
 from .barrier import FLOOR, room
 from .contact_pairs import Comparison, ContactPairs, LinearizedPairs
+from .firmness import CLOSE, Firmness
 from .narrow_phase import LayerDetector
 from .untangle import Intersections
 
@@ -40,9 +41,6 @@ GIVE = 0.01  # of a pair's distance over h^2: the same where gravity is small
 PINCHING = 0.02  # of half the thickness: what moves more than that within a step is not pinched, but comes fast
 AROUND = 1  # rings of neighbours that rest with what is let go between steps
 STUCK = 0.1  # of what layers keep: what starts nearer, when all that could be was moved apart, is tangled
-CLOSE, WIDE = 0.3, 0.7  # of a pair's room: what ends with less gets stiffer, with more softer again
-STIFFER, SOFTER, STIFFEST = 4.0, 0.8, 4096.0  # factors from usual step to usual step, and their product at most
-
 
 NOTHING: dict[str, np.ndarray] = {"key": np.zeros(0, dtype=np.int64), "force": np.zeros(0)}
 
@@ -54,13 +52,12 @@ class Layers(Checkpointed):
         count: pairs in contact after the last solve; energy: of their repulsion [J].
         least: smallest distance of any pair over what it should keep; 1 where none is in contact.
         off: pairs whose force was not what the last solve took it to be.
-        boost: (n,) factors of pairs' stiffness, from step to step; firmness: (n,) more of it within the attempt, which
-            stores `stiffened` [J].
+        firmness: how much stiffer pairs are than their law; stiffened: what becoming stiffer stored in the attempt [J].
         waived: (n,) particles that solids pinch; freed: whether any is no longer pinched.
     """
 
     ROUNDS = 12
-    STATE = ("kept", "count", "energy", "was", "boost", "detector", "intersections", "lips")
+    STATE = ("kept", "count", "energy", "was", "firmness", "detector", "intersections", "lips")
     agreed, floor, kind = AGREED, FLOOR, pair_kernels.PairKernels
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool, tangles: str) -> None:
@@ -75,7 +72,7 @@ class Layers(Checkpointed):
                              for c in scene.cloths])
         self.kernels = self.kind(fields, model, np.sqrt(mu)[model.user])
         self.gravity = scene.gravity
-        self.boost, self.firmness, self.stiffened = np.ones(model.n), np.ones(model.n), 0.0
+        self.firmness, self.stiffened = Firmness(model.n), 0.0
         self._weighed: tuple[ContactPairs, np.ndarray, np.ndarray] | None = None  # of the pairs that were last asked for
         self.lips: Any = None
         if model.sewn is not None:
@@ -114,7 +111,7 @@ class Layers(Checkpointed):
     def begin(self, start: StepStart, guess: bool) -> None:
         """A new attempt; the model is at its predicted end, with `guess` looked at there."""
         self.start, self.stiffened = start, 0.0
-        self.firmness[:] = 1.0
+        self.firmness.begin()
         self.round, self.there, self.compared, self._weighed = 0, self.model.read_particles()[0], None, None
         self.detector.paths.begin()
         if guess:
@@ -233,14 +230,10 @@ class Layers(Checkpointed):
         allowed = FLOOR + (1 - FLOOR) * min(CLOSE / 3, was / 2, 2 * was)
         return (p.end <= allowed * p.radius) & (p.end <= self._evaluate(p)[0][pair_kernels.BEGAN])
 
-    def _boost(self) -> np.ndarray:
-        """(n,) factors of pairs' stiffness in this attempt."""
-        return np.minimum(self.boost * self.firmness, STIFFEST)
-
     def _stiffen(self) -> None:
         """Pairs with little room left get stiffer within the step; what that stores is `stiffened`."""
         p, before = self.near, self.energy
-        self.firmness[np.unique(p.vertices[room(p.end, p.radius) < CLOSE])] *= STIFFER
+        self.firmness.stiffen(p)
         self._weighed = None
         self.energy = self._energy(p)
         self.stiffened += self.energy - before
@@ -263,8 +256,6 @@ class Layers(Checkpointed):
     def commit(self) -> None:
         """The step was accepted."""
         p, q = self.near, self.linearized
-        part = np.full(self.model.n, np.inf)
-        np.minimum.at(part, p.vertices, np.broadcast_to(room(p.end, p.radius)[:, None], p.vertices.shape))
         if self.intersections.active or self.freed:
             resting = self.intersections.resting
             self.intersections.commit(self.start.h)
@@ -274,10 +265,7 @@ class Layers(Checkpointed):
                 self._release_stuck(again)
         self.was = self.least
         self.kept = NOTHING if q is None else {"key": q.near.key[q.near.order], "force": self.last_forces[q.near.order]}
-        share, boost = self.start.share, self._boost()
-        self.boost = np.where(part < CLOSE, np.minimum(STIFFER**share * boost, STIFFEST),
-                              np.where(part > WIDE, np.maximum(SOFTER**share * boost, 1.0), boost))
-        self.firmness[:] = 1.0
+        self.firmness.commit(p, self.start.share)
         self._weighed = None
         self.energy = self._energy(p)  # what the next step begins with
 
@@ -379,8 +367,8 @@ class Layers(Checkpointed):
 
     def clear(self) -> None:
         """The state was changed from outside."""
-        self.kept, self.linearized = NOTHING, None
-        self.boost[:], self._weighed = 1.0, None
+        self.kept, self.linearized, self._weighed = NOTHING, None, None
+        self.firmness.clear()
         self.model.save()
         self.intersections.until[:] = 0
         self.count_tangled()
@@ -400,8 +388,8 @@ class Layers(Checkpointed):
         if self._weighed is None or self._weighed[0] is not p:
             out, turns = np.empty((pair_kernels.WEIGHED, len(p.end))), np.empty((len(p.end), 4, 3))
             if len(p.end):
-                self.kernels.evaluate(p.pair, p.vertices, p.weights, p.normal, p.end, p.radius, p.factor, self._boost(),
-                                      self.start.h, out, turns)
+                self.kernels.evaluate(p.pair, p.vertices, p.weights, p.normal, p.end, p.radius, p.factor,
+                                      self.firmness.factors, self.start.h, out, turns)
             self._weighed = p, out, turns
         return self._weighed[1:]
 

@@ -51,7 +51,7 @@ class Springs(Layers):
     def commit(self) -> None:
         """The step was accepted: where it ended, the next begins."""
         super().commit()
-        self.boost[:] = 1.0
+        self.firmness.clear()
         self.here = self.near
 
     def clear(self) -> None:

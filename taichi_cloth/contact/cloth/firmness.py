@@ -1,0 +1,52 @@
+"""How much stiffer than their law pairs of cloth with cloth are: by factors of their particles. numpy only.
+
+What a step leaves with little of its room gets stiffer, from step to step, and within a step that would not pass else; what
+has much room gets softer again.
+"""
+
+import numpy as np
+
+from ...system.checkpoint import Checkpointed
+from .barrier import room
+from .contact_pairs import ContactPairs
+
+CLOSE, WIDE = 0.3, 0.7  # of a pair's room: what ends with less gets stiffer, with more softer again
+STIFFER, SOFTER, STIFFEST = 4.0, 0.8, 4096.0  # factors from usual step to usual step, and their product at most
+
+
+class Firmness(Checkpointed):
+    """Of n particles.
+
+    Attributes:
+        boost: (n,) factors from step to step; more: (n,) as many times as much within this attempt.
+    """
+
+    STATE = ("boost",)
+
+    def __init__(self, n: int) -> None:
+        self.boost, self.more = np.ones(n), np.ones(n)
+
+    @property
+    def factors(self) -> np.ndarray:
+        """(n,) in this attempt."""
+        return np.minimum(self.boost * self.more, STIFFEST)
+
+    def begin(self) -> None:
+        """A new attempt."""
+        self.more[:] = 1.0
+
+    def stiffen(self, p: ContactPairs) -> None:
+        """Particles of pairs with little room left get stiffer within the attempt."""
+        self.more[np.unique(p.vertices[room(p.end, p.radius) < CLOSE])] *= STIFFER
+
+    def commit(self, p: ContactPairs, share: float) -> None:
+        """A step, so much of a usual one, was accepted and ended with those pairs."""
+        part, boost = np.full(len(self.boost), np.inf), self.factors
+        np.minimum.at(part, p.vertices, np.broadcast_to(room(p.end, p.radius)[:, None], p.vertices.shape))
+        self.boost = np.where(part < CLOSE, np.minimum(STIFFER**share * boost, STIFFEST),
+                              np.where(part > WIDE, np.maximum(SOFTER**share * boost, 1.0), boost))
+        self.begin()
+
+    def clear(self) -> None:
+        """The state was changed from outside."""
+        self.boost[:] = 1.0
