@@ -26,6 +26,7 @@ EULER = "taichi_cloth/step/nonlinear/euler.py"
 BLOWN = "tests/physics/test_pressure.py::test_what_blows_up_fast_is_accounted_for"
 GAS, PUMP, ENCLOSURES = "taichi_cloth/forces/gas.py", "taichi_cloth/step/pump.py", "taichi_cloth/system/enclosures.py"
 FILLED = "tests/unit/test_gas.py::test_force_and_stiffness_by_differences"
+SECOND = "tests/unit/test_second_simulation.py"
 STIFFENING, LOCAL = "taichi_cloth/forces/stiffening.py", "taichi_cloth/forces/local_drag.py"
 LIMITS, WIND = "tests/physics/test_strain_limits.py tests/unit/test_forces.py", "tests/physics/test_wind.py"
 LIMIT_SLOPE = "tests/unit/test_forces.py::test_stiffness_against_differences[paper-limit]"
@@ -193,14 +194,18 @@ MUTATIONS = (
     (EXTERNAL, "total -= weight.dot(self.model.x[i])", "total += weight.dot(self.model.x[i])",
      "gravity's potential has the wrong sign"),
     (EXTERNAL, "to.b[i] = to.b[i] + c * weight", "to.b[i] = to.b[i] + c * c * weight", "gravity in the system with c twice"),
-    (EXTERNAL, "self.normal, self.tangential = float(air.normal), float(air.tangential)",
-     "self.tangential, self.normal = float(air.normal), float(air.tangential)", "drag's normal and tangential swapped"),
+    (EXTERNAL, "np.array([air.normal, air.tangential])", "np.array([air.tangential, air.normal])",
+     "drag's normal and tangential swapped"),
+    (EXTERNAL, "sym_scaled_identity(area * self.drag[1])", "sym_scaled_identity(area * float(self.built.tangential))",
+     "drag is compiled in", SECOND),
+    (EXTERNAL, "        g = self.g[0]\n        total, rate",
+     "        g = ti.Vector([0.0, -self.strength, 0.0])\n        total, rate", "gravity is compiled in", SECOND),
     (EXTERNAL, "(v[u[0]] + v[u[1]] + v[u[2]]) / 3 - self.air_at(e)", "(v[u[0]] + v[u[1]] + v[u[2]]) / 3 + self.air_at(e)",
      "the wind blows backwards"),
     (EXTERNAL, "total += 0.5 * (slip + wind).dot(sym_times(B, slip - wind))", "total += 0.5 * slip.dot(sym_times(B, slip))",
      "drag's dissipation counts what the wind brings"),
     (EXTERNAL, "self.A[e] = c * B / 9", "self.A[e] = c * B / 3", "drag's matrix three times too large"),
-    (EXTERNAL, "max(self.normal, self.tangential) / density", "min(self.normal, self.tangential) / density",
+    (EXTERNAL, "max(float(air.normal), float(air.tangential))", "min(float(air.normal), float(air.tangential))",
      "stable step: the smaller drag", "tests/unit/test_reference.py::test_rates_of_drag"),
     # laws that stiffen, air that varies
     (STIFFENING, "law[1] / 3 * over * over * over", "law[1] / 2 * over * over * over", "energy beyond a limit", LIMITS),

@@ -41,16 +41,17 @@ class Gravity(DeadLoad):
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
         self.model = model
-        self.g = [float(c) for c in scene.gravity]
+        self.strength = float(np.linalg.norm(scene.gravity))
+        self.g = fields.real(1, 3, np.array(scene.gravity, dtype=np.float64))  # a field: no other gravity compiles anew
 
     def rounding_energy(self, d: float) -> float:
         """Energy [J] that positions off by d [m] amount to."""
-        return float(np.linalg.norm(self.g) * self.model.mass.sum()) * d
+        return self.strength * float(self.model.mass.sum()) * d
 
     @ti.func
     def add_force(self, block, f: ti.template()):
         """f += m g"""
-        g = ti.Vector(self.g)
+        g = self.g[0]
         for i in range(self.model.blocks.row[block], self.model.blocks.row[block + 1]):
             f[i] = f[i] + self.model.m[i] * g
 
@@ -59,7 +60,7 @@ class Gravity(DeadLoad):
                  dtype: ti.template()):
         """Energy [J] in column `base`, no dissipation, the rate at which the energy grows [W]. With `linearizes`,
         b += c m g."""
-        g = ti.Vector(self.g)
+        g = self.g[0]
         total, rate = ti.cast(0, dtype), ti.cast(0, dtype)
         for i in range(self.model.blocks.row[block], self.model.blocks.row[block + 1]):
             weight = self.model.m[i] * g
@@ -88,9 +89,9 @@ class Drag(Force):
         air = scene.air
         assert air is not None  # build_forces makes no drag without air
         self.built, self.script, self.now = air, scene.script, np.zeros(3)
-        self.normal, self.tangential = float(air.normal), float(air.tangential)
+        self.drag = fields.real(2, data=np.array([air.normal, air.tangential]))  # c_n, c_t: other ones compile nothing anew
         density = min(f.density for c in scene.cloths for f in c.fabrics)
-        self.rates = (0.0, max(self.normal, self.tangential) / density)
+        self.rates = (0.0, max(float(air.normal), float(air.tangential)) / density)
         self.gusty = self.uniform = callable(air.wind)
         if not air.varies_in_space:
             self.now = air.wind_at(0.0)
@@ -141,7 +142,7 @@ class Drag(Force):
         twice = (x[v[1]] - x[v[0]]).cross(x[v[2]] - x[v[0]])
         area = 0.5 * twice.norm()
         n = twice / ti.max(2 * area, 1e-30)
-        return sym_scaled_identity(area * self.tangential) + area * (self.normal - self.tangential) * sym_outer(n)
+        return sym_scaled_identity(area * self.drag[1]) + area * (self.drag[0] - self.drag[1]) * sym_outer(n)
 
     @ti.func
     def slip(self, e):

@@ -27,9 +27,10 @@ class LocalDrag(Drag):
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
         super().__init__(fields, model, scene, mode)
         self.gusty, self.uniform = True, False
-        self.plate = [0.5 * self.built.density * c for c in (self.built.drag, self.built.lift)]
+        plate = 0.5 * self.built.density * np.array([self.built.drag, self.built.lift])
+        self.plate = fields.real(2, data=plate)
         density = min(f.density for c in scene.cloths for f in c.fabrics)
-        self.rates = (0.0, self.rates[1] + FASTEST * sum(self.plate) / density)
+        self.rates = (0.0, self.rates[1] + FASTEST * float(plate.sum()) / density)
         self.local = fields.real(self.elements.count, 9)  # wind [m/s] and A B [N s/m]
 
     def set_time(self, t: float) -> None:
@@ -56,8 +57,8 @@ class LocalDrag(Drag):
             twice = (x[v[1]] - x[v[0]]).cross(x[v[2]] - x[v[0]])
             n, speed = twice.normalized(1e-30), u.norm()
             c = ti.abs(n.dot(u)) / ti.max(speed, 1e-30)
-            tangential = self.tangential + speed * (self.plate[0] * c - self.plate[1] * c * c)
-            beyond = self.normal - self.tangential + speed * self.plate[1]  # what B has along n more than across
+            tangential = self.drag[1] + speed * (self.plate[0] * c - self.plate[1] * c * c)
+            beyond = self.drag[0] - self.drag[1] + speed * self.plate[1]  # what B has along n more than across
             B = 0.5 * twice.norm() * (sym_scaled_identity(tangential) + beyond * sym_outer(n))
             self.local[e] = ti.Vector([wind[0], wind[1], wind[2], B[0], B[1], B[2], B[3], B[4], B[5]])
 

@@ -10,7 +10,7 @@ CODE = """
 import sys
 import taichi_cloth as tc
 n, part = int(sys.argv[1]), float(sys.argv[2])
-mesh, scene = tc.grid(0.5, n), tc.Scene()
+mesh, scene = tc.grid(0.5, n), tc.Scene(gravity=(0, -9.81 * part, 0), air=tc.Air(0.1 * part, 0.02 * part))
 fabric = tc.Fabric(0.2 * part, tc.Stretch(1000 * part, part), tc.Shear(100 * part), tc.Bend(5e-5 * part))
 contact = tc.ClothContact(0.004 * part, 0.3 * part)
 cloth = scene.add_cloth(mesh, fabric, positions=mesh.x + [0, 0.01 * part, 0], contact=contact)
@@ -32,7 +32,7 @@ def kernels(folder, script, *args) -> int:
 
 
 @pytest.mark.slow
-def test_another_mesh_fabric_thickness_and_step_compile_nothing(tmp_path):
+def test_another_mesh_fabric_air_thickness_and_step_compile_nothing(tmp_path):
     script = tmp_path / "scene.py"
     script.write_text(CODE)
     first = kernels(tmp_path / "cache", script, "8", "1.0")

@@ -16,7 +16,8 @@ import sys, numpy as np
 import taichi_cloth as tc
 
 def build(n, part, bend=True):
-    mesh, scene = tc.grid(0.5, n), tc.Scene()
+    mesh, air = tc.grid(0.5, n), tc.Air(0.1 * part, 0.02 * part, wind=(part, 0, 0))
+    scene = tc.Scene(gravity=(0, -9.81 * part, 0), air=air)
     fabric = tc.Fabric(0.2 * part, tc.Stretch(1000 * part, part), tc.Shear(100 * part), tc.Bend(5e-5 * part) if bend else None)
     cloth = scene.add_cloth(mesh, fabric, positions=mesh.x + [0, 0.01 * part, 0],
                             contact=tc.ClothContact(0.004 * part, 0.3 * part))
