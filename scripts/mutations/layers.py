@@ -198,6 +198,8 @@ MUTATIONS = (
      'STATE = ("kept", "count", "energy", "was", "firmness", "detector", "intersections", "lips")',
      'STATE = ("kept", "count", "energy", "was", "detector", "intersections", "lips")',
      "boosts not in the checkpoint", RESUMED),
+    ("taichi_cloth/system/checkpoint.py", "np.array(value) for part", "np.asarray(value) for part",
+     "a checkpoint goes on with its simulation", UNIT + "test_the_same_twice_and_resumed"),
     (CONTACT + "cloth/layers.py",
      'STATE = ("kept", "count", "energy", "was", "firmness", "detector", "intersections", "lips")',
      'STATE = ("count", "energy", "was", "firmness", "detector", "intersections", "lips")',

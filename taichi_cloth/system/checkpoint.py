@@ -29,7 +29,7 @@ class Checkpointed:
 
     def checkpoint(self) -> dict[str, np.ndarray]:
         """All of its state, as arrays by dotted names."""
-        return {name: np.asarray(value) for part in self.STATE for name, value in _arrays(part, getattr(self, part))}
+        return {name: np.array(value) for part in self.STATE for name, value in _arrays(part, getattr(self, part))}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
         """Goes on from what `checkpoint` gave.

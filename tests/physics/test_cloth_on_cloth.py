@@ -150,13 +150,14 @@ def test_springs_let_nothing_through_that_comes_fast():
     assert sim.intersections() == 0 and sum(r.rejections.get("CONTACT", 0) for r in sim.log) > 0
     assert sim.velocities()[upper, 1].mean() > -0.5
     state = sim.checkpoint()
+    sim.step()
+    x = sim.positions()
+    sim.close()
     again, _ = sheet_on_sheet(0.3, (0, 0, 0), gap=0.2, v=(0, -5.0, 0), contact="springs")
     again.resume(state)
-    for one in (sim, again):
-        one.step()
-    assert np.array_equal(sim.positions(), again.positions())
+    again.step()
+    assert np.array_equal(again.positions(), x)
     again.close()
-    sim.close()
 
 
 @pytest.mark.parametrize("mu", [0.2, 0.5])

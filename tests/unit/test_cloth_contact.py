@@ -340,6 +340,11 @@ def test_the_same_twice_and_resumed():
         del broken["contacts.solids.penetration.spared"]
         with pytest.raises(tc.SceneError, match=what):
             again.resume(broken)
+    state = again.checkpoint()
+    kept = {name: array.copy() for name, array in state.items()}
+    again.contacts.layers.release_around(np.arange(3))  # what goes on in a simulation changes no checkpoint of it
+    assert again.contacts.layers.intersections.until.any() and not kept["contacts.layers.intersections.until"].any()
+    assert all(np.array_equal(state[name], kept[name]) for name in kept)
     again.close()
 
 
