@@ -220,16 +220,18 @@ def test_a_run_that_is_sewn_goes_on_bit_for_bit():
         return tc.Simulation(scene, h=1 / 60, preconditioner="multilevel", threads=1)
 
     for steps in (2, 8):
-        sim, again = make(), make()
-        for _ in range(steps):
-            sim.step()
-        again.resume(sim.checkpoint())
-        for _ in range(4):
-            sim.step()
-            again.step()
-        assert (sim.positions() == again.positions()).all() and (sim.velocities() == again.velocities()).all()
-        sim.close()
-        again.close()
+        with make() as sim:
+            for _ in range(steps):
+                sim.step()
+            state = sim.checkpoint()
+            for _ in range(4):
+                sim.step()
+            x, v = sim.positions(), sim.velocities()
+        with make() as again:
+            again.resume(state)
+            for _ in range(4):
+                again.step()
+            assert (again.positions() == x).all() and (again.velocities() == v).all()
 
 
 @pytest.mark.slow
