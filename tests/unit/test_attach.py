@@ -86,6 +86,7 @@ def test_a_sheet_on_a_drum_from_an_event_on_and_resumed():
     again.resume(state)
     again.run(0.3, fps=50)
     assert (again.positions() == x).all()
+    again.close()
 
 
 def test_what_cannot_be_attached():
