@@ -1,7 +1,7 @@
 """Meshed panels with stitches from a vertex to a place on an edge, as other programs write them.
 
-A stitch (v, a, b, t) sews v to (1 - t) a + t b. Where that is within an edge, the edge is split there; and where the other
-side has a vertex between two that are sewn, the edge opposite is split too: both sides of a seam have as many vertices.
+A stitch (v, a, b, t) sews v to (1 - t) a + t b. Where that is within an edge, the edge is split there; and where another side
+has a vertex between two that are sewn, the edge opposite is split too: all layers of a seam have as many vertices.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from ..scene.mesh import TriMesh
 
 AT_END = 0.02  # of an edge within which a place on it is its end
 NEAR_END = 0.25  # the same where no triangle is lost by it: what is split off would be a sliver, which is stiff and takes long
+LONGER = 1.25  # times as long as an edge is, at most, a side whose sewn vertices split it: not round the fold of a pleat
 LONGEST = 6  # vertices on one side of a seam between two that are sewn to the ends of one edge
 
 Stitch = tuple[int, int, int, float]
@@ -177,24 +178,34 @@ class _Panels:
         return out
 
     def _split_opposite(self) -> None:
-        """Splits edges whose ends are sewn to places between which the other side has vertices of its own."""
-        clusters, border = self._clusters(), self._border()
-        for p, q in [edge for edge, of in list(self.of.items()) if len(of) == 1]:
-            if p not in clusters or q not in clusters:
-                continue
-            for start in clusters[p] - {p}:
-                for step in border[start]:
-                    way = [start, step]
-                    while way[-1] not in clusters and len(way) <= LONGEST:
-                        onward = [i for i in border[way[-1]] if i not in way]
-                        if not onward:
-                            break
-                        way.append(onward[0])
-                    if len(way) > 2 and way[-1] in clusters[q] and _key(p, q) in self.of:
-                        length = np.cumsum([np.linalg.norm(self.x[j] - self.x[i]) for i, j in zip(way[:-1], way[1:])])
-                        on = [(float(s / length[-1]), v) for s, v in zip(length[:-1], way[1:-1])]
-                        self._split(p, q, on)
-                        clusters = self._clusters()
+        """Splits edges whose ends are sewn to places between which another side has vertices of its own, sewn or not."""
+        before = -1
+        while before < len(self.x):
+            before, clusters, border = len(self.x), self._clusters(), self._border()
+            for p, q in [edge for edge, of in list(self.of.items()) if len(of) == 1]:
+                for start in clusters.get(p, {p}) - {p}:
+                    for step in border[start]:
+                        on = self._between(start, step, clusters, border, p, q)
+                        if on:
+                            self._split(p, q, on)
+                            clusters = self._clusters()
+
+    def _between(self, start: int, step: int, clusters: dict[int, set[int]], border: dict[int, list[int]], p: int, q: int
+                 ) -> list[tuple[float, int]]:
+        """The vertices along a border from start, which is sewn to p, by step to one that is sewn to q, and where on the edge
+        between p and q they come to be."""
+        way, ends = [start, step], clusters.get(q, set())
+        while way[-1] not in ends and len(way) <= LONGEST:
+            onward = [i for i in border[way[-1]] if i not in way]
+            if not onward:
+                return []
+            way.append(onward[0])
+        if len(way) < 3 or way[-1] not in ends or not self.of[_key(p, q)]:
+            return []
+        length = np.cumsum([np.linalg.norm(self.x[j] - self.x[i]) for i, j in zip(way[:-1], way[1:])])
+        if any(v in clusters for v in way[1:-1]) and length[-1] > LONGER * np.linalg.norm(self.x[p] - self.x[q]):
+            return []
+        return [(float(s / length[-1]), v) for s, v in zip(length[:-1], way[1:-1])]
 
     def _garment(self) -> Garment:
         clusters, notes = self._clusters(), []

@@ -536,7 +536,7 @@ def test_a_run_resumed_in_contact_goes_on_bit_for_bit(rng):
         sim.step()
     layers = sim.contacts.layers
     layers.firmness.boost = rng.choice([1.0, 3.0], size=sim.model.n)
-    layers.intersections.release(rng.choice(sim.model.n, 10, replace=False))
+    layers.intersections.release(rng.choice(sim.model.n, 30, replace=False))
     layers.detector.let_rest(layers.intersections.resting)
     sim.step()
     state, last = sim.checkpoint(), sim.log[-1]
@@ -549,7 +549,7 @@ def test_a_run_resumed_in_contact_goes_on_bit_for_bit(rng):
     again.resume(state)
     assert np.array_equal(end(again), whole)
     for name, other in (("kept.force", 0.0), ("firmness.boost", 1.0), ("intersections.until", 0.0),
-                        ("intersections.rows", None)):
+                        ("intersections.firm", 1.0), ("intersections.rows", None)):
         changed = {f"contacts.layers.{name}": other}
         if other is None:  # no crossing
             changed = {f"contacts.layers.intersections.{part}": None for part in ("edges", "rows")}

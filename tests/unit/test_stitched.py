@@ -7,18 +7,20 @@ import taichi_cloth as tc
 
 
 def write_panels(tmp_path, cells=(3, 4), lines: str = "", name: str = "two.obj") -> tuple:
-    """Two panels of .3 m, 5 cm apart, with as many cells along the seam as asked for: (path, meshes, rows of the seam)."""
+    """Panels of .3 m, 5 cm apart, with as many cells along the seam as asked for: (path, meshes, rows of the seam)."""
     meshes = [tc.grid(0.3, (2, n)) for n in cells]
-    rows = [np.flatnonzero(meshes[0].uv[:, 0] > 0.2999), np.flatnonzero(meshes[1].uv[:, 0] < 1e-9)]
+    rows = [np.flatnonzero(m.uv[:, 0] < 1e-9 if k else m.uv[:, 0] > 0.2999) for k, m in enumerate(meshes)]
     text, first = "", 1
-    for k, (mesh, away) in enumerate(zip(meshes, (0.0, 0.35))):
+    for k, mesh in enumerate(meshes):
+        away = 0.35 * k
         text += f"g panel{k}\n" + "".join("v {:.9f} {:.9f} {:.9f}\n".format(*(p + [away, 0, 0])) for p in mesh.x)
         text += "".join("vt {:.9f} {:.9f}\n".format(*(p + [away, 0])) for p in mesh.uv)
         text += "".join("f " + " ".join(f"{i + first}/{i + first}" for i in f) + "\n" for f in mesh.faces)
         first += mesh.vertex_count
     path = tmp_path / name
     path.write_text(text + lines)
-    return path, meshes, (rows[0], rows[1] + meshes[0].vertex_count)
+    before = np.cumsum([0] + [m.vertex_count for m in meshes])
+    return path, meshes, tuple(row + start for row, start in zip(rows, before))
 
 
 @pytest.mark.parametrize("own", [False, True])
@@ -52,6 +54,24 @@ def test_stitches_split_the_edges_of_both_sides(tmp_path, own):
     sim.run(0.2, fps=60)
     x = sim.positions()
     assert all((x[a] == x[b]).all() for a, b, _ in garment.seams)
+
+
+def test_every_layer_of_a_seam_is_divided_alike(tmp_path):
+    """Three panels on one seam, with an edge, two and three: places of the second lie between those of the third, so that each
+    has to be split where another has vertices, its own or new ones. Else they would stand off the edge opposite."""
+    lines, (_, _, (one, two, three)) = "", write_panels(tmp_path, (1, 2, 3))
+    for row in (two, three):
+        for v, t in zip(row, np.linspace(0, 1, len(row))):
+            lines += f"stitch {v} {one[0]} {one[-1]} {t:.9f}\n"
+    path, _, _ = write_panels(tmp_path, (1, 2, 3), lines=lines)
+    garment = tc.load_stitched(path)
+    mesh, z = garment.mesh, [0.0, 0.1, 0.15, 0.2, 0.3]
+    for panel, where in (("panel0", 0.3), ("panel1", 0.35), ("panel2", 0.7)):
+        rows = mesh.groups[panel]
+        assert np.sort(np.abs(mesh.x[rows[np.abs(mesh.x[rows, 0] - where) < 1e-9], 2])) == pytest.approx(z, abs=1e-7)
+    assert [len(a) for a, _, _ in garment.seams].count(2) == 8  # edges against edges
+    assert all(mesh.x[a, 2] == pytest.approx(mesh.x[b, 2], abs=1e-7) for a, b, _ in garment.seams)
+    assert mesh.material_areas.sum() == pytest.approx(0.27, rel=1e-6)
 
 
 def test_edges_without_a_face_are_stitches(tmp_path):

@@ -258,7 +258,7 @@ class Layers(Checkpointed):
         p, q = self.near, self.linearized
         if self.intersections.active or self.freed:
             resting = self.intersections.resting
-            self.intersections.commit(self.start.h)
+            self.intersections.commit(self.start.h, self.start.share)
             self._let_rest()
             again = resting & ~self.intersections.resting
             if again.any():
@@ -333,7 +333,7 @@ class Layers(Checkpointed):
         p = self.detector.look()
         stuck = (p.end < STUCK * p.radius) & which[p.vertices].any(axis=1)
         if stuck.any():
-            self.intersections.release(p.vertices[stuck].ravel())
+            self.intersections.lead_apart(p, stuck)
             self._let_rest()
 
     def nearest(self) -> Place | None:

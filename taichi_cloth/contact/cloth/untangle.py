@@ -3,11 +3,13 @@
 A scene may start with crossings, and solids may press layers through each other. What crosses, and what is near it,
 is left out of repulsion and of the collision-free step, until it is apart. Meanwhile each crossing edge is led out of its
 triangle, along the direction in which the contour that the two surfaces have in common gets shorter. [Volino,
-Magnenat-Thalmann 2006]
+Magnenat-Thalmann 2006] A small tangle that lasts, as beside seams where layers of a pleat hold each other, is led more and
+more firmly.
 """
 
 import numpy as np
 
+from ...backend.ordering import components
 from ...errors import SceneError
 from ...scene.intersections import self_crossings
 from ...scene.mesh import face_edges
@@ -15,11 +17,17 @@ from ...system.checkpoint import Checkpointed
 from ..points import Points, sym_outer, sym_times, unit
 from ..step_start import StepStart
 from .collision_mesh import CollisionMesh
+from .contact_pairs import ContactPairs
 
 RINGS = 1  # of neighbours round a crossing that rest with it
 PULL = 1.0  # of a thickness that a crossing is moved in a usual step
 PULL_STIFF = 10.0  # stiffness of that over mass / h^2
+FEW = 20  # crossings of a tangle that is led more firmly the longer it lasts
+FIRMER, FIRMEST = 2.0, 1024.0  # times as stiff after each usual step; at which it begins anew
+HOLDS = 128.0  # times as stiff pairs are led apart that have just come apart
 RELEASED = 0.1  # s for which what was pinched rests
+
+NONE = np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 3)), np.zeros(0)
 
 
 class Intersections(Checkpointed):
@@ -35,9 +43,12 @@ class Intersections(Checkpointed):
         resting: (n,) whether pairs of a particle with another such rest; active: whether any does.
         until: (n,) time [s] for which what was pinched rests.
         edges, rows: (k, 2) particles and (k,) rows of faces that crossed where the step begins.
+        firm: (n,) how much stiffer particles of crossings are led than at first.
+        parting: pairs that have just come apart, too near to count: particles (k, 4), weights (k, 4), normals (k, 3) from the
+            second to the first, distances (k,) that they should keep [m].
     """
 
-    STATE = ("until", "edges", "rows")
+    STATE = ("until", "edges", "rows", "firm", "parting")
 
     def __init__(self, n: int, mesh: CollisionMesh, policy: str) -> None:
         self.n, self.mesh, self.policy = n, mesh, policy
@@ -46,7 +57,8 @@ class Intersections(Checkpointed):
         code = ends @ np.array([n, 1])
         self.order = np.argsort(code, kind="stable")
         self.code = code[self.order]
-        self.until = np.zeros(n)
+        self.until, self.firm = np.zeros(n), np.ones(n)
+        self.parting: tuple[np.ndarray, ...] = NONE
         self.resting, self.active = np.zeros(n, dtype=bool), False
         self.edges, self.rows = np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.int64)  # where the step begins
         self.found = self.edges, self.rows  # where cloth was last looked at
@@ -93,11 +105,23 @@ class Intersections(Checkpointed):
         keep &= ~(knots[edges][:, :, None] == knots[self.faces[rows]][:, None, :]).any(axis=(1, 2))
         self.found = edges[keep], rows[keep]
 
-    def commit(self, h: float = 0.0) -> None:
-        """Where cloth was last looked at, h [s] later, the next step begins."""
-        self.edges, self.rows = self.found
+    def commit(self, h: float = 0.0, share: float = 0.0) -> None:
+        """Where cloth was last looked at, h [s] later, the next step begins; that was so much of a usual step."""
+        before, (self.edges, self.rows) = self._in_small_tangles(), self.found
+        lasts = before & self._in_small_tangles() & (self.firm < FIRMEST)
+        self.firm = np.where(lasts, FIRMER**share * self.firm, 1.0)
         self.until = np.maximum(self.until - h, 0)
+        rests = (self.until[self.parting[0]] > 0).any(axis=1)
+        self.parting = tuple(values[rests] for values in self.parting)
         self._rest()
+
+    def _in_small_tangles(self) -> np.ndarray:
+        """(n,) whether a particle is of an edge or a face that crosses, in a tangle of FEW crossings."""
+        out, four = np.zeros(self.n, dtype=bool), np.column_stack([self.edges, self.faces[self.rows]])
+        if len(four):
+            one = components(self.n, four[:, :1].repeat(4, axis=1).ravel(), four[:, 1:].ravel())[four[:, 0]]
+            out[four[np.bincount(one)[one] <= FEW]] = True
+        return out
 
     def _rest(self) -> None:
         """What is near a crossing rests, and what was pinched."""
@@ -115,11 +139,32 @@ class Intersections(Checkpointed):
         self.resting = self.resting | (self.until > 0)
         self.active = bool(self.resting.any())
 
+    def lead_apart(self, p: ContactPairs, stuck: np.ndarray) -> None:
+        """Lets the particles of some pairs (k,) rest for a while. All pairs that rest by that are led apart meanwhile."""
+        self.release(p.vertices[stuck].ravel())
+        mine = self.resting[p.vertices]
+        rests = (mine & (p.weights > 0)).any(axis=1) & (mine & (p.weights < 0)).any(axis=1)
+        more = p.vertices[rests], p.weights[rests], p.normal[rests], p.radius[rests]
+        self.parting = tuple(np.concatenate(both) for both in zip(self.parting, more))
+
     def points(self, start: StepStart, base: np.ndarray, mass: np.ndarray) -> Points:
-        """What leads edges and triangles apart, as points of contact."""
+        """What leads edges out of triangles, and pairs apart, as points of contact."""
+        if self.policy != "untangle":
+            return Points.none()
+        return Points.join([self._crossing(start, base, mass), self._parting(start, base, mass)])
+
+    def _parting(self, start: StepStart, base: np.ndarray, mass: np.ndarray) -> Points:
+        """What leads pairs apart that have just come apart: on their way, by a thickness in a usual step."""
+        vertices, weights, normal, radius = self.parting
+        gap, gone = (np.einsum("ki,ka,kai->k", normal, weights, rows[vertices]) for rows in (start.x, base - start.x))
+        step = np.clip(radius - gap, 0.0, PULL * radius * start.share)
+        stiff = np.where(step > 0, PULL_STIFF * HOLDS / (weights**2 / mass[vertices]).sum(axis=1), 0.0)
+        return Points(vertices, weights, stiff[:, None] * sym_outer(normal),
+                      (stiff * (step - gone) / start.c)[:, None] * normal)
+
+    def _crossing(self, start: StepStart, base: np.ndarray, mass: np.ndarray) -> Points:
+        """What leads edges out of triangles."""
         k, x_0 = len(self.rows), start.x
-        if not k or self.policy != "untangle":
-            return Points(np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 6)), np.zeros((0, 3)))
         face = self.faces[self.rows]
         p, q = x_0[self.edges[:, 0]], x_0[self.edges[:, 1]]
         a, b, c = (x_0[face[:, j]] for j in range(3))
@@ -134,7 +179,8 @@ class Intersections(Checkpointed):
         way = np.concatenate([way, -way])
         step = 2 * PULL * np.tile(self.half[face[:, 0]], 2) * start.share
         own = 1 / np.maximum((weights**2 / mass[vertices]).sum(axis=1), 1e-300)
-        block = (PULL_STIFF * own)[:, None] * sym_outer(way)
+        firm = np.tile(np.maximum(self.firm[self.edges].max(axis=1), self.firm[face].max(axis=1)), 2)
+        block = (PULL_STIFF * firm * own)[:, None] * sym_outer(way)
         gone = np.einsum("ka,kai->ki", weights, (base - x_0)[vertices])
         rhs = sym_times(block, (step[:, None] * way - gone) / start.c)
         return Points(vertices, weights, block, rhs)
