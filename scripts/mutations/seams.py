@@ -154,7 +154,7 @@ MUTATIONS = (
     (STITCHED, "LONGER = 1.25", "LONGER = 0.0", "layers of a seam are divided where others have vertices of their own only",
      "tests/unit/test_stitched.py::test_every_layer_of_a_seam_is_divided_alike"),
     (STITCHED, "while before < len(self.x):", "while before < 0:", "what has been divided divides nothing",
-     "tests/unit/test_stitched.py::test_every_layer_of_a_seam_is_divided_alike"),
+     "tests/cli/test_scripts.py::test_flat_panels_hang_clear_of_the_body_and_of_each_other"),
     (FILE, 'together="right_wrong" in stitch[2:]', "together=False", "right_wrong is not read", PATTERNS),
     (GARMENT, 'Garment(mesh, seams, data["positions"])', "Garment(mesh, seams)",
      "where a dressed garment is, is lost", PATTERNS),
