@@ -4,6 +4,7 @@ import os
 import pathlib
 import signal
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import pytest
 import taichi_cloth as tc
 
 LONGEST = 600  # s that a test may take
+NONE = SimpleNamespace(params={})  # of a test without parameters
 
 
 def shared_data() -> pathlib.Path | None:
@@ -49,23 +51,46 @@ def shared() -> pathlib.Path:
 @pytest.fixture(scope="session", autouse=True)
 def many_blocks() -> None:
     """Small meshes in as many blocks as there are threads, as large ones are; one thread where a test asks for no more, as
-    workers of pytest-xdist would wait for each other's cores."""
-    from taichi_cloth.backend import runtime
+    workers of pytest-xdist would wait for each other's cores; fields of one size for all meshes of tests, so that less is
+    compiled."""
+    from taichi_cloth.backend import rows, runtime
     from taichi_cloth.system import state as model
 
-    model.ROWS = 1
+    model.ROWS, rows.SMALL = 1, rows.MIDDLE
     if "PYTEST_XDIST_WORKER" in os.environ:
         runtime.cores = lambda: 1
 
 
+def _in_f32(item: pytest.Item) -> bool:
+    return any(isinstance(value, str) and value == "f32" for value in getattr(item, "callspec", NONE).params.values())
+
+
+def _restarts(item: pytest.Item) -> bool:
+    return _in_f32(item) or item.get_closest_marker("restarts") is not None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests in f32 come last: where the precision changes, Taichi starts anew and compiles anew."""
+    """What starts Taichi anew comes last, in f32 after all other: what was compiled before is compiled again after it."""
+    items.sort(key=lambda item: _restarts(item) + _in_f32(item))
 
-    def single(item: pytest.Item) -> bool:
-        values = item.callspec.params.values() if hasattr(item, "callspec") else ()
-        return any(isinstance(value, str) and value == "f32" for value in values)
 
-    items.sort(key=single)
+@pytest.fixture(autouse=True)
+def goes_on(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Of a test that is not marked with `restarts`: Taichi goes on as it was."""
+    from taichi_cloth.backend import runtime
+
+    before, usual = runtime.generation(), _usual()
+    yield
+    if usual and not _restarts(request.node):
+        assert _usual() and runtime.generation() <= before + 1, "it starts Taichi anew: mark it with `restarts`"
+
+
+def _usual() -> bool:
+    """Whether Taichi runs as for most tests, or has not been started."""
+    from taichi_cloth.backend import runtime
+
+    now = runtime._current
+    return now is None or (now.precision == "f64" and now.threads == runtime.cores() and not now.debug)
 
 
 @pytest.fixture

@@ -53,6 +53,7 @@ def test_scene(name):
     sim.close()
 
 
+@pytest.mark.restarts
 @pytest.mark.parametrize("name", ["hang", "trampoline", "flag", "table", "rotating_sphere"])
 def test_scene_in_f32(name):
     scene, sim = run(name, precision="f32")
@@ -60,6 +61,7 @@ def test_scene_in_f32(name):
     sim.close()
 
 
+@pytest.mark.restarts
 @pytest.mark.parametrize("name, integrator", [("flag", "safe"), ("trampoline", "backward_euler"), ("swing", "verlet"),
                                               ("table", "safe"), ("bunny_drape", "safe")])
 def test_no_index_is_out_of_bounds(name, integrator):

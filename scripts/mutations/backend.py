@@ -21,6 +21,8 @@ MUTATIONS = (
     (POOL, "oldest = min(", "oldest = max(", "the newest goes first", f"{SECOND}::test_the_pool_is_bounded"),
     (POOL, "address + self.node.offset_bytes_in_parent_cell", "address", "the first field is set to zero instead",
      f"{SECOND}::test_fields_come_again_and_are_zero"),
+    (POOL, "dtype=to_numpy_type(self.field.dtype)", "dtype=np.float64", "integers are put into memory as reals",
+     f"{SECOND}::test_memory_is_filled_as_kernels_fill_it"),
     (POOL, "if self._start == _starts[0]:", "if False:", "fields that no other may have stay", MEMORY),
     (POOL, "if self._start == _starts[0]:", "if True:", "dead fields are given back", MEMORY),
     (POOL, "        self._taken = []\n", "", "what was freed is freed again by the garbage collector", SECOND),

@@ -15,12 +15,14 @@ from . import taichi_patches  # noqa: F401  (before Taichi)
 import ctypes
 import itertools
 from collections import Counter
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import taichi as ti
 from taichi.lang.snode import get_addr
+from taichi.lang.util import to_numpy_type
 
 MOST_BYTES = 256 << 20  # that are kept where nobody uses them; a sheet of 10,000 vertices with contact has some 250 MB
 MOST_TREES = 200  # of Taichi's fields; it has room for 512
@@ -46,8 +48,16 @@ class Slot:
 
     def clear(self, address: int) -> None:
         """Sets it to zero; its tree begins at an address."""
-        rows = self.field.shape[0]
-        ctypes.memset(address + self.node.offset_bytes_in_parent_cell, 0, rows * self.node.cell_size_bytes)
+        ctypes.memset(self._place(address), 0, self.field.shape[0] * self.node.cell_size_bytes)
+
+    def write(self, address: int, numbers: np.ndarray) -> None:
+        """Its first rows become numbers (n, width)."""
+        numbers = np.ascontiguousarray(numbers, dtype=to_numpy_type(self.field.dtype))
+        ctypes.memmove(self._place(address), numbers.ctypes.data, numbers.nbytes)
+
+    def _place(self, address: int) -> int:
+        """Of its first byte."""
+        return address + self.node.offset_bytes_in_parent_cell
 
 
 @dataclass(eq=False)
@@ -135,6 +145,15 @@ class Lease:
                     _slots.setdefault(slot.key, []).append((tree, slot))
                     self._taken.append((tree, slot))
             self.trees = []
+
+    def write(self, filled: Iterable[tuple[Any, np.ndarray]]) -> None:
+        """Puts numbers (n, width) into fields, straight into memory: on the CPU, where a row's numbers lie side by side. A
+        kernel for it would be compiled for each set of fields."""
+        pairs = self._taken + [(tree, slot) for tree in self.trees for slot in tree.slots]
+        places = {id(slot.field): (tree, slot) for tree, slot in pairs}
+        for into, numbers in filled:
+            tree, slot = places[id(into)]
+            slot.write(tree.address, numbers)
 
     def leave(self) -> None:
         """Others may have the fields; those that no other may have go when there is time, in `trim`. The garbage collector may

@@ -1,4 +1,4 @@
-"""Taichi fields, declared one by one, allocated together, filled from numpy by a single kernel, freed together."""
+"""Taichi fields, declared one by one, allocated together, filled from numpy, freed together."""
 
 from . import taichi_patches  # noqa: F401  (before Taichi)
 
@@ -81,12 +81,10 @@ class Fields:
         self._finalize()
         self._lease.keep()
         weakref.finalize(self, self._lease.leave).atexit = False
-        for k, filled in enumerate(self._reals):
-            for first, numbers in _parts(filled, self.exchange):
-                self._fill_reals(k, first, numbers)
-        for k, filled in enumerate(self._integers):
-            for first, numbers in _parts(filled, np.int32):
-                self._fill_integers(k, first, numbers)
+        if runtime.on_cpu():
+            self._lease.write((filled.field, filled.data) for filled in self._reals + self._integers)
+        else:
+            self._fill()
         self._reals, self._integers = [], []
 
     def free(self) -> None:
@@ -133,6 +131,15 @@ class Fields:
             frame = frame.f_back
         if frame is not None:
             yield frame.f_code.co_filename, frame.f_lineno
+
+    def _fill(self) -> None:
+        """Fills them on a device, whose memory is out of reach."""
+        for k, filled in enumerate(self._reals):
+            for first, numbers in _parts(filled, self.exchange):
+                self._fill_reals(k, first, numbers)
+        for k, filled in enumerate(self._integers):
+            for first, numbers in _parts(filled, np.int32):
+                self._fill_integers(k, first, numbers)
 
     @ti.kernel
     def _fill_reals(self, k: int, first: int, numbers: ti.types.ndarray()):

@@ -28,6 +28,7 @@ def test_others_pass(name, integrator):
 
 @pytest.mark.parametrize("name", ["masses", "half", "far away"])
 @pytest.mark.slow
+@pytest.mark.restarts
 def test_in_f32(name):
     row = stability.run(stability.CASES[name], "safe", "f32")
     assert row["passed"], row

@@ -185,6 +185,7 @@ def test_drag_brings_cloth_to_the_wind():
     assert np.abs(sim.velocities().mean(axis=0) - np.array([3.0, 1.0, 0]) * (1 - left)).max() < 1e-9
 
 
+@pytest.mark.restarts
 @pytest.mark.slow
 def test_far_from_the_origin_in_f32():
     ends = []

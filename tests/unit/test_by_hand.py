@@ -100,6 +100,7 @@ def test_a_scene_that_runs_is_not_changed(simulations):
         sim.unpin(cloth, 11)
 
 
+@pytest.mark.restarts
 def test_a_scene_is_free_again_when_its_simulations_are_over():
     scene = tc.Scene()
     cloth = scene.add_cloth(tc.grid(0.5, 5), tc.Fabric(0.2, tc.Stretch(100)))

@@ -60,7 +60,9 @@ def segment_distance(a, b, c, d) -> float:
             p = a + s * (b - a)
             t = np.clip((p - c) @ (d - c) / ((d - c) @ (d - c)), 0, 1)
             q = c + t * (d - c)
-            s = np.clip((q - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+            before, s = s, np.clip((q - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
+            if s == before:
+                break
         best = min(best, float(np.linalg.norm(a + s * (b - a) - q)))
     return best
 

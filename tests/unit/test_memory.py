@@ -11,6 +11,8 @@ import taichi_cloth as tc
 from taichi_cloth.backend import field_pool, runtime
 from taichi_cloth.backend.fields import Fields
 
+pytestmark = pytest.mark.restarts
+
 
 def trees() -> int:
     """How many of Taichi's trees of fields there are; a place that one left is taken by the next."""

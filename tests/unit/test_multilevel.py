@@ -86,6 +86,7 @@ def test_iterations(mesh):
     assert count["multilevel"] < 110 and count["block_jacobi"] > 3 * count["multilevel"], count
 
 
+@pytest.mark.restarts
 @pytest.mark.parametrize("n", [46, 67, 74])
 @pytest.mark.slow
 def test_in_f32_at_sizes_whose_spacing_is_no_binary_number(n):
@@ -99,6 +100,7 @@ def test_in_f32_at_sizes_whose_spacing_is_no_binary_number(n):
     sim.close()
 
 
+@pytest.mark.restarts
 @pytest.mark.slow
 def test_phases_and_launch_by_launch_agree():
     answers = []

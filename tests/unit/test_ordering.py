@@ -32,6 +32,7 @@ def test_every_block_has_the_elements_that_touch_it(rng):
     assert sorted(entries.element[entries.primary]) == list(range(70))
 
 
+@pytest.mark.restarts
 @pytest.mark.slow
 def test_results_do_not_depend_on_vertex_order_or_threads(rng):
     grid = tc.grid(1.0, 8)

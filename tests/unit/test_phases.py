@@ -8,6 +8,8 @@ from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
 from taichi_cloth.backend.phases import APART, END, PATIENT, TASK, PhaseScheduler
 
+pytestmark = pytest.mark.restarts
+
 WORK = 1
 
 

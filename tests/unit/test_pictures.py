@@ -35,7 +35,7 @@ def sim():
     scene = tc.Scene(view=View(AHEAD, ground=-5.0))
     scene.add_cloth(tc.grid(1.0, 4, plane="xy"), FABRIC, name="sheet", color="white")
     scene.add_solid(tc.Sphere(0.3), 0.4, 0.005, position=(0.5, 1.0, -1.0), color="#808080")
-    made = tc.Simulation(scene, h=1 / 60, precision="f32")
+    made = tc.Simulation(scene, h=1 / 60)
     yield made
     made.close()
 

@@ -11,6 +11,8 @@ from reference.sheet import Sheet
 import taichi_cloth as tc
 from taichi_cloth.backend.rows import read
 
+pytestmark = pytest.mark.restarts
+
 TOLERANCE = 1e-10  # relative: both sides are float64; directions of small triangles lose a few digits
 MODES = ("projected", "gauss_newton", "paper")
 STATES = ("wavy", "compressed", "folded", "collapsed", "crumpled")

@@ -61,6 +61,7 @@ def test_fixed_step_does_what_it_is_told_and_reports():
     assert "MAX_ITERATIONS" in {r.status for r in slow.log}
 
 
+@pytest.mark.restarts
 @pytest.mark.slow
 def test_overflow_is_named():
     scene = tc.Scene()
@@ -102,6 +103,7 @@ def test_energy_test_mends_what_one_solve_would_blow_up():
     assert max(solves[8]) > 1 and growth[8] < 1e-9
 
 
+@pytest.mark.restarts
 def test_closed_and_superseded_simulations_say_so():
     sim = jerked()
     sim.close()
