@@ -86,11 +86,11 @@ def goes_on(request: pytest.FixtureRequest) -> Iterator[None]:
 
 
 def _usual() -> bool:
-    """Whether Taichi runs as for most tests, or has not been started."""
+    """Whether Taichi runs as for most tests."""
     from taichi_cloth.backend import runtime
 
     now = runtime._current
-    return now is None or (now.precision == "f64" and now.threads == runtime.cores() and not now.debug)
+    return now is not None and now.precision == "f64" and now.threads == runtime.cores() and not now.debug
 
 
 @pytest.fixture

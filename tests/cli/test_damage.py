@@ -5,7 +5,7 @@ import sys
 import pytest
 from test_cli import ROOT
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.restarts]
 
 sys.path.append(str(ROOT / "scripts"))
 

@@ -18,6 +18,8 @@ def build(speed: float = 4.0):
     scene.add_cloth(tc.grid(0.4, 4), tc.Fabric(0.2, tc.Stretch(100)), velocities=(speed, 0, 0), name="cloth")
     return scene
 '''
+pytestmark = pytest.mark.restarts  # the command `render` draws in f32
+
 SIZE, SMALL = (64, 48), ["--size", "64x48"]
 
 

@@ -115,6 +115,7 @@ def test_closed_and_superseded_simulations_say_so():
         first.positions()
 
 
+@pytest.mark.restarts
 @pytest.mark.slow
 def test_bitwise_repeatable():
     def final():

@@ -67,8 +67,9 @@ def test_24_runs_on_two_workers_with_one_killed_are_those_of_one_process(tmp_pat
     told: list[str] = []
     there = tc.sweep(hung, grid, sag, out=tmp_path / "out", workers=2, say=told.append, **HOW)
     begun = (tmp_path / "begun").read_text().split()
-    # the killed run twice, and the one before where its result was not fetched yet; a third process where that starts in time
-    assert len(begun) in (25, 26) and len(set(begun)) in (2, 3)
+    # the killed run twice, and those of its process whose results were not fetched yet: on a busy machine several; a third
+    # process where that starts in time
+    assert 25 <= len(begun) <= 36 and len(set(begun)) in (2, 3)
     assert (tmp_path / "killed").read_text() in begun and str(os.getpid()) not in begun
     assert [r["status"] for r in there.rows] == ["ok"] * 24 and len(told) == 24
     assert [r["run"] for r in there.rows] == list(range(24)) and there.rows[23]["cells"] == 4
