@@ -10,9 +10,11 @@ def add_parser(commands) -> None:
     """`dress` and its flags."""
     parser = commands.add_parser("dress", help="sew a pattern round a body and let it down")
     add = parser.add_argument
-    add("pattern", help="a pattern in GarmentCode's JSON format, or panels in an SVG")
-    add("--side", metavar="FILE", help="stitches, labels and placement of an SVG's panels (the .json of its name)")
-    add("--body", required=True, metavar="MESH", help="the body [m]: .obj, .ply, .stl or .npz; the first frame of a sequence")
+    add("pattern", help="a pattern in GarmentCode's JSON format, panels in an SVG, or meshed ones with stitches in an OBJ")
+    add("--side", metavar="FILE", help="of an SVG, stitches, labels and placement (the .json of its name); "
+        "of an OBJ, a .csv of stitches (its own)")
+    add("--body", required=True, metavar="MESH", help="the body: .obj, .ply, .stl or .npz; the first frame of a sequence")
+    add("--scale", type=number_of, default=1.0, metavar="M", help="metres per unit of the body's file (1)")
     add("--out", required=True, metavar="FILE", help="the garment, a .npz for tc.load_garment")
     add("--fabric", default="shirting", help="one of those that `fabrics` prints (shirting)")
     add("--spacing", type=number_of, default=0.02, metavar="M", help="edge length of the cloth's triangles (0.02)")
@@ -41,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     garment = load_pattern(args.pattern, args.side).mesh(args.spacing)
     print(f"{len(garment.seams)} seams, {garment.mesh.vertex_count} vertices, {garment.mesh.face_count} triangles")
     body = Scene()
-    body.add_solid(load_solid(args.body), friction=args.friction, thickness=args.thickness, name="body")
+    body.add_solid(load_solid(args.body, args.scale), friction=args.friction, thickness=args.thickness, name="body")
     made = dress(garment, fabrics[name], body, ClothContact(args.thickness, args.friction), args.longest, tell=print,
                  pull=args.pull, meets=args.meets)
     made.garment.save(out)

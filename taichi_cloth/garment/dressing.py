@@ -7,6 +7,7 @@
    comes apart.
 """
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -17,8 +18,10 @@ from ..errors import SceneError, SimulationError
 from ..scene.air import Air
 from ..scene.fabric import ClothContact, Fabric
 from ..scene.garment import Garment
+from ..scene.intersections import self_crossings
 from ..scene.scene import Scene
 from ..scene.solids import Solid, SolidMesh
+from ..scene.units import doubts_of_solid
 from ..simulation import Simulation
 
 CALM = 2.0  # N s/m^3, drag of the air in which seams are closed
@@ -32,6 +35,7 @@ ROUGH = 1e-3  # relative residual of the solves: only the rest shape counts
 SPARED = 0.5  # of the solids' thickness that cloth keeps from them meanwhile
 SLOW, SHORTEST = 0.05, 0.5  # m/s, RMS, at which cloth rests, not before so many s
 TENTH, ROUND = 0.1, 1e-9  # s after which it is seen how far things are; part of it that is too little for a step
+NAMED = 3  # pairs of panels that a report names
 PATIENCE = 4  # tenths of a second in which some crossing has to come apart
 
 
@@ -45,6 +49,7 @@ class Dressed:
         speed: RMS at the end [m/s].
         intersections: edges of cloth through triangles of cloth at the end, counted exactly; None where it does not meet
             itself.
+        crossed: how many of them are between which two panels, the most first.
     """
 
     garment: Garment
@@ -53,10 +58,14 @@ class Dressed:
     rests: bool
     speed: float
     intersections: int | None
+    crossed: tuple[tuple[str, str, int], ...] = ()
 
     def report(self) -> str:
         """A few words."""
         crossed = "" if self.intersections is None else f", {self.intersections} crossings with itself"
+        if self.crossed:
+            crossed += " (" + ", ".join(f"{n} of {a!r} and {b!r}" for a, b, n in self.crossed[:NAMED])
+            crossed += ", ...)" if len(self.crossed) > NAMED else ")"
         rest = "at rest" if self.rests else f"still moving at {self.speed:.2g} m/s"
         return f"seams closed after {self.sewn:.2f} s, {rest} after {self.settled:.2f} s more{crossed}"
 
@@ -77,12 +86,15 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
             dress with pleats takes little more than half the time.
 
     Raises:
-        SceneError: a body without solids, panels that start inside the body, or seams that do not close, by name.
+        SceneError: a body without solids, or of a size that shows another unit; panels that start inside the body, or seams
+            that do not close, by name.
     """
     checks.instance("dress: garment", garment, Garment)
     checks.instance("dress: body", body, Scene)
     if not body.solids:
         raise SceneError("dress: the body is a scene without solids")
+    for doubt in (doubt for solid in body.solids for doubt in doubts_of_solid(solid)):
+        raise SceneError(f"dress: {doubt}")
     checks.instance("dress: fabric", fabric, Fabric)
     checks.maybe(contact, checks.instance, "dress: contact", ClothContact)
     checks.maybe(tell, checks.function, "dress: tell", "line")
@@ -90,10 +102,11 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
     longest = checks.number("dress: longest", longest, "s", positive=True)
     checks.flag("dress: meets", meets)
     still = [_still(s) for s in body.solids]
-    x, sewn = _sewn(garment, fabric, still, h, pull, contact if meets else None, tell)
+    whole = replace(garment, seams=[seam._replace(strength=None) for seam in garment.seams])  # they do not rip meanwhile
+    x, sewn = _sewn(whole, fabric, still, h, pull, contact if meets else None, tell)
     scene = Scene(gravity=body.gravity, air=body.air)
     scene.solids += still
-    scene.add_garment(replace(garment, positions=x), fabric, contact=contact)
+    scene.add_garment(replace(whole, positions=x), fabric, contact=contact)
     sim = Simulation(scene, h=h, cg_tol=ROUGH)
     try:
         speed, crossed = np.inf, [0 if contact is None else sim.intersections()]
@@ -102,8 +115,9 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
             speed = float(np.sqrt(np.mean(np.sum(sim.velocities() ** 2, axis=1))))
             if contact is not None:
                 crossed.append(sim.intersections())
-        count = crossed[-1] if contact is not None else None
-        return Dressed(replace(garment, positions=sim.positions()), sewn, sim.time, speed <= SLOW, speed, count)
+        made = replace(garment, positions=sim.positions())
+        count, where = (None, ()) if contact is None else (crossed[-1], _crossed(made))
+        return Dressed(made, sewn, sim.time, speed <= SLOW, speed, count, where)
     finally:
         sim.close()
 
@@ -196,8 +210,16 @@ def _panel(garment: Garment, vertex: int) -> str:
     return max(having, key=having.__getitem__, default="the garment")
 
 
+def _crossed(garment: Garment) -> tuple[tuple[str, str, int], ...]:
+    """(panel, panel, number) of what passes through itself, the most first."""
+    edges, faces = self_crossings(garment.positions, garment.mesh.faces)
+    count = Counter(tuple(sorted((_panel(garment, e), _panel(garment, f)))) for e, f in zip(
+        edges[:, 0], garment.mesh.faces[faces, 0]))
+    return tuple((*pair, n) for pair, n in count.most_common())
+
+
 def _left_open(x: np.ndarray, garment: Garment) -> str:
-    gaps = [float(np.linalg.norm(x[a] - x[b], axis=1).max()) for a, b, _ in garment.seams]
+    gaps = [float(np.linalg.norm(x[a] - x[b], axis=1).max()) for a, b, *_ in garment.seams]
     k = int(np.argmax(gaps))
     of = [_panel(garment, row[len(row) // 2]) for row in garment.seams[k][:2]]
     return (f"dress: {sum(g > 0 for g in gaps)} of {len(gaps)} seams are still open after {SEWING:g} s; the widest is seam "

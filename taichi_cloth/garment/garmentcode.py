@@ -4,7 +4,8 @@ Panels have corners [cm], edges that are straight or curved, a translation [cm] 
 stitches join two edges, the start of one to the end of the other unless "right_wrong" says otherwise.
 
 Beyond the format: a panel may be bent, as a sleeve round an arm, by `around`, the ends of an axis [cm], `radius` [cm] and
-`turn` [degrees]; other programs see its translation and rotation.
+`turn` [degrees]; other programs see its translation and rotation. And the two edges of a stitch may be followed by what the
+seam is like, {"rest": degrees, "flat" or "given", "stiffness": factor, "strength": N/m}, as in `Scene.sew`.
 """
 
 import json
@@ -18,6 +19,7 @@ from ..errors import SceneError, near
 from .curves import Curve
 from .pattern import Panel, Pattern, Stitch
 
+LIKE = ("rest", "stiffness", "strength")  # of a seam
 CENTIMETRES = 100.0  # units in a metre, where a file does not say
 
 
@@ -109,4 +111,12 @@ def stitch_of(k: int, stitch: list) -> Stitch:
     if not isinstance(stitch, list) or len(stitch) < 2:
         raise SceneError(f"stitch {k} must be two edges")
     a, b = ((str(end["panel"]), int(end["edge"])) for end in stitch[:2])
-    return Stitch(a, b, together="right_wrong" in stitch[2:])
+    like = next((dict(part) for part in stitch[2:] if isinstance(part, dict)), {})
+    for name in like:
+        checks.choice(f"word of stitch {k}", name, LIKE)
+    if not isinstance(like.get("rest", ""), str):
+        like["rest"] = math.radians(checks.number(f"stitch {k}: rest", like["rest"], "degrees", least=-180, most=180))
+    try:
+        return Stitch(a, b, together="right_wrong" in stitch[2:], **like)
+    except SceneError as error:
+        raise SceneError(f"stitch {k}: {error}") from None

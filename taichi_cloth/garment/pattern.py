@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..errors import SceneError, shown
-from ..scene.garment import Garment, seam_angle
+from ..scene.garment import Garment, SewnRows, seam_angle, seam_strength
 from ..scene.mesh import TriMesh
 from .curves import Curve
 from .mesher import crossing, mesh_polygon
@@ -96,13 +96,16 @@ class Stitch:
     Attributes:
         a, b: (name of the panel, number of the edge).
         together: whether both run the same way; else the start of one meets the end of the other.
-        rest: angle of the seam at rest, as in `Scene.sew`.
+        rest, stiffness, strength: angle of the seam at rest, factor of its hinges' stiffness, force a length [N/m] at which it
+            rips, as in `Scene.sew`.
     """
 
     a: tuple[str, int]
     b: tuple[str, int]
     together: bool = False
     rest: float | str = "flat"
+    stiffness: float = 1.0
+    strength: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("a", "b"):
@@ -112,6 +115,8 @@ class Stitch:
             object.__setattr__(self, name, (end[0], checks.integer(f"stitch: {name}, edge", end[1], least=0)))
         object.__setattr__(self, "together", checks.flag("stitch: together", self.together))
         object.__setattr__(self, "rest", seam_angle("stitch: rest", self.rest))
+        object.__setattr__(self, "stiffness", checks.number("stitch: stiffness", self.stiffness, least=0.0))
+        object.__setattr__(self, "strength", seam_strength("stitch: strength", self.strength))
 
 
 @dataclass(frozen=True)
@@ -254,7 +259,8 @@ class Pattern:
             x.append(panel.placed(points))
             faces.append(triangles + start)
             start += len(points)
-        seams = tuple((rows[s.a], rows[s.b] if s.together else rows[s.b][::-1], s.rest) for s in self.stitches)
+        seams = tuple(SewnRows(rows[s.a], rows[s.b] if s.together else rows[s.b][::-1], s.rest, s.stiffness, s.strength)
+                      for s in self.stitches)
         mesh = TriMesh(np.concatenate(x), np.concatenate(faces), np.concatenate(uv), groups)
         return Garment(mesh, seams)
 

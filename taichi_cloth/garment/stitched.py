@@ -7,6 +7,7 @@ has a vertex between two that are sewn, the edge opposite is split too: all laye
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,9 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..errors import SceneError
 from ..io import read_surface
-from ..scene.garment import Garment, Row
+from ..scene.garment import Garment, SewnRows
 from ..scene.mesh import TriMesh
+from .remesh import remesh
 
 AT_END = 0.02  # of an edge within which a place on it is its end
 NEAR_END = 0.25  # the same where no triangle is lost by it: what is split off would be a sliver, which is stiff and takes long
@@ -26,8 +28,24 @@ LONGEST = 6  # vertices on one side of a seam between two that are sewn to the e
 Stitch = tuple[int, int, int, float]
 
 
+@dataclass(frozen=True)
+class StitchedPattern:
+    """What `load_pattern` makes of an OBJ.
+
+    Attributes:
+        path, stitches: as in `load_stitched`.
+    """
+
+    path: str | Path
+    stitches: str | Path | None = None
+
+    def mesh(self, spacing: float | None = None) -> Garment:
+        """Its panels, with triangles whose edges are about `spacing` [m] long, or with its own; as `load_stitched`."""
+        return load_stitched(self.path, self.stitches, spacing=spacing)
+
+
 def load_stitched(path: str | Path, stitches: str | Path | None = None, scale: float = 1.0,
-                  positions: ArrayLike | None = None) -> Garment:
+                  positions: ArrayLike | None = None, spacing: float | None = None) -> Garment:
     """A garment from an OBJ with panels, texture coordinates as its pattern, and stitches.
 
     Args:
@@ -36,9 +54,11 @@ def load_stitched(path: str | Path, stitches: str | Path | None = None, scale: f
         scale: metres per unit of the file.
         positions: (n, 3) where the file's vertices are in the garment, as another program draped it, in the file's units;
             where an edge is split, the new vertex is as far along it there.
+        spacing: length of edges [m] with which panels are meshed anew, as `remesh` does; None keeps the file's triangles.
 
     Raises:
-        SceneError: a missing file, no stitches, or one that names no edge; positions of another shape, or not finite.
+        SceneError: a missing file, no stitches, or one that names no edge; positions of another shape, or not finite; panels
+            that cannot be meshed anew.
         MeshError: a mesh that cannot be read.
     """
     path, scale = checks.path("path", path, SceneError), checks.number("scale", scale, positive=True)
@@ -52,7 +72,8 @@ def load_stitched(path: str | Path, stitches: str | Path | None = None, scale: f
     draped = None if positions is None else scale * checks.array("positions", positions, (len(x), 3), row="vertex", hint=hint)
     work = _Panels(x * scale, faces, corner_uv * scale, groups, draped)
     try:
-        return work.sewn(found)
+        garment = work.sewn(found)
+        return garment if spacing is None else remesh(garment, spacing)
     except SceneError as error:
         raise SceneError(f"{path if stitches is None else stitches}: {error}") from None
 
@@ -224,7 +245,7 @@ class _Panels:
         seams = tuple(self._seams(clusters, faces, set(used.tolist())))
         return Garment(mesh, seams) if self.draped is None else Garment(mesh, seams, np.array(self.draped))
 
-    def _seams(self, clusters: dict[int, set[int]], faces: np.ndarray, used: set[int]) -> list[Row]:
+    def _seams(self, clusters: dict[int, set[int]], faces: np.ndarray, used: set[int]) -> list[SewnRows]:
         """Edges that are sewn to each other, and vertices that are but belong to no such edge."""
         count: dict[tuple[int, int], int] = defaultdict(int)
         for f in faces.tolist():
@@ -235,16 +256,16 @@ class _Panels:
         for p, q in edges:
             ends = min(clusters[p]), min(clusters[q])
             by_ends[_key(*ends)].append((p, q) if ends[0] <= ends[1] else (q, p))
-        rows: list[Row] = []
+        rows: list[SewnRows] = []
         joined: set[tuple[int, int]] = set()
         for same in by_ends.values():
             for (p, q), (r, s) in zip(same[:-1], same[1:]):
                 if (p, q) == (r, s):
                     continue
-                rows.append((np.array([p, q]), np.array([r, s]), 0.0))
+                rows.append(SewnRows(np.array([p, q]), np.array([r, s])))
                 joined |= {_key(p, r), _key(q, s)}
         rest = [(v, w) for v, w in self.pairs if v != w and v in used and w in used and _key(v, w) not in joined]
-        return rows + [(np.array([v]), np.array([w]), 0.0) for v, w in rest]
+        return rows + [SewnRows(np.array([v]), np.array([w])) for v, w in rest]
 
 
 def _unite(clusters: dict[int, set[int]], v: int, w: int) -> None:

@@ -6,6 +6,7 @@ import os
 import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,8 +15,22 @@ from .. import checks
 from ..errors import SceneError, near, shown
 from .mesh import TriMesh
 
-Row = tuple[np.ndarray, np.ndarray, float | str]
 FLAT = 1e-2  # of its width by which a flat panel's vertices may be off its plane
+
+
+class SewnRows(NamedTuple):
+    """Two rows of a garment's vertices that are sewn to each other, one by one.
+
+    Attributes:
+        a, b: (k,) vertices.
+        rest, stiffness, strength: as in `Scene.sew`.
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    rest: float | str = 0.0
+    stiffness: float = 1.0
+    strength: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,12 +39,13 @@ class Garment:
 
     Attributes:
         mesh: all panels, as they hang round the body; groups by the names of panels and of labels of edges.
-        seams: (a, b, rest): rows of vertices that are sewn to each other, and the seam's angle, as in `Scene.sew`.
+        seams: rows of vertices that are sewn to each other; given as (a, b, rest), and where they differ from 1 and None,
+            stiffness and strength.
         positions: (n, 3) where a dressed garment is [m]; the mesh's own where it was not dressed.
     """
 
     mesh: TriMesh
-    seams: tuple[Row, ...]
+    seams: tuple[SewnRows, ...]
     positions: np.ndarray = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
@@ -47,7 +63,7 @@ class Garment:
     def gap(self) -> float:
         """Largest distance [m] between vertices that are sewn to each other."""
         x = self.positions
-        return max((float(np.linalg.norm(x[a] - x[b], axis=1).max()) for a, b, _ in self.seams), default=0.0)
+        return max((float(np.linalg.norm(x[a] - x[b], axis=1).max()) for a, b, *_ in self.seams), default=0.0)
 
     def moved(self, panel: str, by: ArrayLike) -> Garment:
         """The garment with a panel brought by (3,) [m] from where it hangs.
@@ -112,8 +128,10 @@ class Garment:
         mesh, part = self.mesh, path.with_name(path.name + ".part")
         arrays = {"x": mesh.x, "faces": mesh.faces, "corner_uv": mesh.corner_uv, "positions": self.positions,
                   **{f"group_{name}": index for name, index in mesh.groups.items()},
-                  **{f"seam_{k}": np.stack([a, b]) for k, (a, b, _) in enumerate(self.seams)},
-                  "rest": np.array([str(rest) for _, _, rest in self.seams])}
+                  **{f"seam_{k}": np.stack([a, b]) for k, (a, b, *_) in enumerate(self.seams)},
+                  "rest": np.array([str(seam.rest) for seam in self.seams]),
+                  "stiffness": np.array([seam.stiffness for seam in self.seams]),
+                  "strength": np.array([np.inf if seam.strength is None else seam.strength for seam in self.seams])}
         try:
             with open(part, "wb") as file:
                 np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
@@ -130,16 +148,26 @@ def seam_angle(what: str, rest: object) -> float | str:
     return checks.number(what, rest, "rad", least=-np.pi, most=np.pi)
 
 
-def _seam(k: int, seam: object, n: int) -> Row:
-    if not (isinstance(seam, (list, tuple)) and len(seam) == 3):
-        raise SceneError(f"garment: seam {k} = {shown(seam)}: must be (a, b, rest)")
+def seam_strength(what: str, strength: object) -> float | None:
+    """A force a length [N/m] at which a seam rips; None never does."""
+    return checks.maybe(strength, checks.number, what, "N/m", positive=True)
+
+
+def _seam(k: int, seam: object, n: int) -> SewnRows:
+    if not (isinstance(seam, (list, tuple)) and 3 <= len(seam) <= 5):
+        raise SceneError(f"garment: seam {k} = {shown(seam)}: must be (a, b, rest), with stiffness and strength after it")
     rows = [np.asarray(row) for row in seam[:2]]
     for row in rows:
         if row.ndim != 1 or not np.issubdtype(row.dtype, np.integer) or not len(row) or row.min() < 0 or row.max() >= n:
             raise SceneError(f"garment: seam {k}: its rows must be vertices from 0 to {n - 1}")
     if len(rows[0]) != len(rows[1]):
         raise SceneError(f"garment: seam {k}: {len(rows[0])} vertices to {len(rows[1])}")
-    return rows[0], rows[1], seam_angle(f"garment: rest of seam {k}", seam[2])
+    _, _, rest, stiffness, strength = SewnRows(*seam)
+    strength = seam_strength(f"garment: strength of seam {k}", strength)
+    if strength is not None and len(rows[0]) < 2:
+        raise SceneError(f"garment: seam {k}: a single stitch has no strength, which is a force a length")
+    return SewnRows(*rows, seam_angle(f"garment: rest of seam {k}", rest),
+                    checks.number(f"garment: stiffness of seam {k}", stiffness, least=0.0), strength)
 
 
 def load_garment(path: str | Path) -> Garment:
@@ -155,8 +183,11 @@ def load_garment(path: str | Path) -> Garment:
         groups = {name[6:]: index for name, index in data.items() if name.startswith("group_")}
         mesh = TriMesh(data["x"], data["faces"], data["corner_uv"], groups)
         rests = [rest if rest == "given" else float(rest) for rest in data["rest"].tolist()]
-        seams = tuple((*data[f"seam_{k}"], rest) for k, rest in enumerate(rests))
-        return Garment(mesh, seams, data["positions"])  # type: ignore[arg-type]
+        plain = [1.0] * len(rests), [np.inf] * len(rests)  # as files had it before seams had these
+        stiffness, strength = (list(data.get(name, usual)) for name, usual in zip(("stiffness", "strength"), plain))
+        seams = tuple(SewnRows(*data[f"seam_{k}"], rest, stiffness[k], strength[k] if np.isfinite(strength[k]) else None)
+                      for k, rest in enumerate(rests))
+        return Garment(mesh, seams, data["positions"])
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}{near(path)}") from None
     except (KeyError, ValueError, EOFError, TypeError, zipfile.BadZipFile, MemoryError, NotImplementedError) as error:

@@ -33,8 +33,8 @@ class Sewn(Contents):
         """
         checks.instance("add_garment: garment", garment, Garment)
         cloth = self.add_cloth(garment.mesh, fabric, garment.positions, velocities, name, color, contact, panels)
-        for a, b, rest in garment.seams:
-            self.sew(cloth, a, b, rest, pull=pull)
+        for seam in garment.seams:
+            self.sew(cloth, *seam, pull=pull)
         return cloth
 
     def sew(self, cloth: Cloth, a: ArrayLike, b: ArrayLike, rest: float | str = "flat", stiffness: float = 1.0,

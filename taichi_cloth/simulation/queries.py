@@ -117,6 +117,12 @@ class Queries(Parts):
         x, seams = self.positions(), self.scene.seams
         return np.array([np.linalg.norm(x[s.a + s.cloth.start] - x[s.b + s.cloth.start], axis=1).max() for s in seams])
 
+    def seam_states(self) -> list[str]:
+        """Of each of `Scene.seams`: "open" where a stitch of it has given or was opened, else "closing" while some are still
+        apart, else "closed"."""
+        given = self.stitches_open() or [np.zeros(1, dtype=bool)] * len(self.scene.seams)
+        return ["open" if opened.any() else "closing" if gap > 0 else "closed" for opened, gap in zip(given, self.seam_gaps())]
+
     def attachment_forces(self) -> np.ndarray:
         """(n, 3) [N] of soft attachments on the vertices, now."""
         self._live()

@@ -1,0 +1,274 @@
+"""A meshed garment with triangles of another size: borders are divided anew, all layers of a seam alike. Needs SciPy.
+
+Borders are cut into segments at corners: where they turn, where a seam or a label begins or ends, where what is sewn there
+changes, and where another layer has a corner. So every segment is sewn along its whole length or not at all, and to whole ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from dataclasses import dataclass
+
+import numpy as np
+
+from .. import checks
+from ..backend.ordering import components
+from ..errors import SceneError
+from ..scene.boxes import near
+from ..scene.garment import Garment, SewnRows
+from ..scene.mesh import TriMesh, face_edges
+from .mesher import mesh_polygon
+
+TURN = math.radians(20)  # by which a border turns at a corner, at least
+INSIDE = 1e-6  # weight of a vertex in a triangle that counts
+
+Edge = tuple[int, int]
+
+
+@dataclass(eq=False)
+class Segment:
+    """A part of a panel's border from corner to corner.
+
+    Attributes:
+        way: vertices, both ends among them.
+        sewn: what identifies the segments that are sewn to it and itself; None where none is.
+        rows: new vertices.
+    """
+
+    way: list[int]
+    sewn: tuple | None
+    rows: np.ndarray
+
+
+def remesh(garment: Garment, spacing: float) -> Garment:
+    """The garment with triangles whose edges are about `spacing` [m] long in the pattern.
+
+    Seams, groups, where panels hang and where a dressed garment is are kept; between vertices they are interpolated.
+
+    Raises:
+        SceneError: a panel with a hole, or panels that share vertices.
+        MeshError: SciPy is missing, or the spacing is too large for the shape of a panel.
+    """
+    checks.instance("remesh: garment", garment, Garment)
+    spacing = checks.number("remesh: spacing", spacing, "m", positive=True)
+    return _Remeshed(garment).made(spacing)
+
+
+class _Remeshed:
+    """Borders of a garment's panels, in segments."""
+
+    def __init__(self, garment: Garment) -> None:
+        self.garment, self.mesh = garment, garment.mesh
+        if self.mesh.uv.ndim != 2:
+            raise SceneError("remesh: vertices have several places in the pattern: panels must not share vertices")
+        self.uv, faces = self.mesh.uv, self.mesh.faces
+        n = self.mesh.vertex_count
+        self.panel = components(n, faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel())
+        a, b = (np.concatenate([seam[k] for seam in garment.seams] + [np.zeros(0, dtype=np.int64)]) for k in (0, 1))
+        self.cluster = components(n, a, b)
+        self.members: dict[int, list[int]] = defaultdict(list)
+        for v, c in enumerate(self.cluster.tolist()):
+            self.members[c].append(v)
+        self.loops = self._loops(face_edges(faces)[list(self.mesh.border_edges.values())].tolist())
+        self.like: dict[int, SewnRows] = {}  # of a class of edges that are sewn to each other, a seam
+        self.sewn = self._sewn_edges()
+        self.size: dict[int, int] = defaultdict(int)
+        for edge_class in self.sewn.values():
+            self.size[edge_class] += 1
+
+    def made(self, spacing: float) -> Garment:
+        """The garment."""
+        corners = self._corners()
+        segments = [self._segments(loop, corners) for loop in self.loops]
+        count: dict[tuple | int, int] = {}
+        for segment in (s for some in segments for s in some):
+            key = segment.sewn or id(segment)
+            parts = math.ceil(float(self._lengths(segment.way).sum()) / spacing - 1e-6)
+            count[key] = max(count.get(key, 1), parts)
+        x, positions, uv, faces, start = [], [], [], [], 0
+        kept = [np.zeros((0, 2), dtype=np.int64)]  # old vertex, new one
+        groups: dict[str, list[np.ndarray]] = {name: [] for name in self.mesh.groups}
+        whole = {name: np.isin(np.arange(self.mesh.vertex_count), index) for name, index in self.mesh.groups.items()}
+        for some in segments:
+            panel = self.panel[some[0].way[0]]
+            lines = [self._divided(s.way, count[s.sewn or id(s)]) for s in some]
+            border = np.concatenate([line[:-1] for line in lines])
+            points, triangles = self._mesh(border, spacing, self._name(panel))
+            at = 0
+            for s, line in zip(some, lines):
+                s.rows = start + (at + np.arange(len(line))) % len(border)
+                kept.append(np.array([[s.way[0], s.rows[0]]]))
+                at += len(line) - 1
+            corner, weight = self._located(points, np.flatnonzero(self.panel[self.mesh.faces[:, 0]] == panel), spacing)
+            for made, of in ((x, self.mesh.x), (positions, self.garment.positions)):
+                made.append(np.einsum("nk,nkd->nd", weight, of[corner]))
+            for name, has in whole.items():
+                groups[name].append(start + np.flatnonzero((has[corner] | (np.abs(weight) < INSIDE)).all(axis=1)))
+            uv.append(points)
+            faces.append(triangles + start)
+            start += len(points)
+        mesh = TriMesh(np.concatenate(x), np.concatenate(faces), np.concatenate(uv),
+                       {name: np.concatenate(index) for name, index in groups.items()}, self.mesh.notes)
+        seams = self._rows([s for some in segments for s in some])
+        seams += self._single(seams, dict(np.concatenate(kept).tolist()), mesh)
+        return Garment(mesh, tuple(seams), np.concatenate(positions))
+
+    def _loops(self, edges: list[Edge]) -> list[list[int]]:
+        """The border of each panel, its vertices in order."""
+        onward: dict[int, int] = {}
+        for i, j in edges:
+            if i in onward:
+                raise SceneError(f"remesh: the border of panel {self._name(self.panel[i])!r} touches itself at vertex {i}")
+            onward[i] = j
+        loops: dict[int, list[int]] = {}
+        while onward:
+            start, j = onward.popitem()
+            loop = [start]
+            while j != start:
+                loop.append(j)
+                j = onward.pop(j)
+            panel = int(self.panel[start])
+            if panel in loops:
+                raise SceneError(f"remesh: panel {self._name(panel)!r} has a hole")
+            loops[panel] = loop
+        return [loops[panel] for panel in sorted(loops)]
+
+    def _sewn_edges(self) -> dict[Edge, int]:
+        """Of each border edge that is sewn to others the number of its class."""
+        edges = {_key(i, j): k for k, (i, j) in enumerate(e for loop in self.loops for e in zip(loop, loop[1:] + loop[:1]))}
+        pairs, like = [], {}
+        for seam in self.garment.seams:
+            a, b = seam.a.tolist(), seam.b.tolist()
+            for one, other in zip(zip(a[:-1], a[1:]), zip(b[:-1], b[1:])):
+                k, m = edges.get(_key(*one)), edges.get(_key(*other))
+                if k is not None and m is not None and k != m:
+                    pairs.append((k, m))
+                    like[k] = seam
+        both = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+        label = components(len(edges), both[:, 0], both[:, 1])
+        self.like = {int(label[k]): seam for k, seam in like.items()}
+        sewn = np.isin(np.arange(len(edges)), both)
+        return {edge: int(label[k]) for edge, k in edges.items() if sewn[k]}
+
+    def _corners(self) -> set[int]:
+        """Vertices at which segments end."""
+        labels = [np.isin(np.arange(self.mesh.vertex_count), index) for index in self.mesh.groups.values()]
+        at: set[int] = set()
+        of_class: dict[int, list[Edge]] = defaultdict(list)
+        for edge, edge_class in self.sewn.items():
+            of_class[edge_class].append(edge)
+        for loop in self.loops:
+            for u, v, w in zip(loop[-1:] + loop[:-1], loop, loop[1:] + loop[:1]):
+                if (self._turns(u, v, w) or self._changes(u, v, w, of_class)
+                        or any((has[u] and has[v]) != (has[v] and has[w]) for has in labels)):
+                    at.add(int(self.cluster[v]))
+        for loop in self.loops:
+            if not any(int(self.cluster[v]) in at for v in loop):
+                at.add(int(self.cluster[loop[0]]))
+        return at
+
+    def _turns(self, u: int, v: int, w: int) -> bool:
+        one, other = self.uv[v] - self.uv[u], self.uv[w] - self.uv[v]
+        return abs(math.atan2(one[0] * other[1] - one[1] * other[0], float(one @ other))) > TURN
+
+    def _changes(self, u: int, v: int, w: int, of_class: dict[int, list[Edge]]) -> bool:
+        """Whether other edges are sewn to the one before v than beside them to the one after it."""
+        before, after = self.sewn.get(_key(u, v)), self.sewn.get(_key(v, w))
+        if before is None and after is None:
+            return len(self.members[int(self.cluster[v])]) > 1  # a single stitch
+        if before is None or after is None or self.size[before] != self.size[after]:
+            return True
+        ends = [sorted(i for edge in of_class[c] for i in edge if self.cluster[i] == self.cluster[v]) for c in (before, after)]
+        return ends[0] != ends[1]
+
+    def _segments(self, loop: list[int], corners: set[int]) -> list[Segment]:
+        first = next(k for k, v in enumerate(loop) if int(self.cluster[v]) in corners)
+        loop = loop[first:] + loop[:first + 1]
+        ends = [k for k, v in enumerate(loop) if int(self.cluster[v]) in corners]
+        out = []
+        for i, j in zip(ends[:-1], ends[1:]):
+            way = loop[i:j + 1]
+            classes = tuple(self.sewn.get(_key(p, q)) for p, q in zip(way[:-1], way[1:]))
+            key = None if None in classes else min(classes, classes[::-1])
+            out.append(Segment(way, key, np.zeros(0, dtype=np.int64)))
+        return out
+
+    def _lengths(self, way: list[int]) -> np.ndarray:
+        return np.linalg.norm(np.diff(self.uv[way], axis=0), axis=1)
+
+    def _divided(self, way: list[int], parts: int) -> np.ndarray:
+        """(parts + 1, 2) points at equal lengths along a segment."""
+        along = np.concatenate([[0.0], np.cumsum(self._lengths(way))])
+        at = np.linspace(0, along[-1], parts + 1)
+        return np.column_stack([np.interp(at, along, self.uv[way, k]) for k in (0, 1)])
+
+    @staticmethod
+    def _mesh(border: np.ndarray, spacing: float, name: str) -> tuple[np.ndarray, np.ndarray]:
+        """As `mesh_polygon`, for borders that go round to either side."""
+        p, q = border, np.roll(border, -1, axis=0)
+        side = np.sign((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum())
+        points, faces = mesh_polygon(border * [side, 1], spacing, name)
+        return points * [side, 1], faces
+
+    def _located(self, points: np.ndarray, rows: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+        """(corners (n, 3), weights (n, 3)) of the old triangle that has a point, or that it is least outside of."""
+        faces, flat = self.mesh.faces[rows], lambda p: np.insert(p, 2, 0.0, axis=-1)
+        corner = self.uv[faces]
+        e, f = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+        area = e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]
+        best, of = np.full(len(points), -np.inf), np.zeros(len(points), dtype=np.int64)
+        weight, reach = np.zeros((len(points), 3)), 0.1 * spacing
+        while np.isinf(best).any():
+            boxes = np.stack([flat(points) - [reach, reach, 0], flat(points) + [reach, reach, 0]], axis=1)
+            for i, t in near(boxes, flat(corner)):
+                d = points[i] - corner[t, 0]
+                v = (d[:, 0] * f[t, 1] - d[:, 1] * f[t, 0]) / area[t]
+                w = (e[t, 0] * d[:, 1] - e[t, 1] * d[:, 0]) / area[t]
+                some = np.column_stack([1 - v - w, v, w])
+                least = some.min(axis=1)
+                order = np.argsort(least, kind="stable")  # of several triangles the best comes last
+                i, t, some, least = i[order], t[order], some[order], least[order]
+                better = least > best[i]
+                best[i[better]], of[i[better]], weight[i[better]] = least[better], t[better], some[better]
+            reach *= 4
+        return faces[of], weight
+
+    def _name(self, panel: int) -> str:
+        """Of a panel: the largest group that has it, or its first vertex."""
+        having = {name: len(index) for name, index in self.mesh.groups.items() if panel in index}
+        return max(having, key=having.__getitem__, default=f"of vertex {panel}")
+
+    def _rows(self, segments: list[Segment]) -> list[SewnRows]:
+        """Segments that are sewn to each other, each to the next."""
+        together: dict[tuple, list[Segment]] = defaultdict(list)
+        for s in segments:
+            if s.sewn is not None:
+                together[s.sewn].append(s)
+        out = []
+        for key, same in together.items():
+            like = self.like[key[0]]
+            for one, other in zip(same[:-1], same[1:]):
+                ways = [self.cluster[s.way].tolist() for s in (one, other)]
+                out.append(like._replace(a=one.rows, b=other.rows if ways[0] == ways[1] else other.rows[::-1]))
+        return out
+
+    def _single(self, seams: list[SewnRows], new: dict[int, int], mesh: TriMesh) -> list[SewnRows]:
+        """Stitches that stand alone: what is sewn to each other and no seam joins."""
+        a, b = (np.concatenate([seam[k] for seam in seams] + [np.zeros(0, dtype=np.int64)]) for k in (0, 1))
+        joined, out = components(mesh.vertex_count, a, b), []
+        panel = components(mesh.vertex_count, mesh.faces[:, [0, 1]].ravel(), mesh.faces[:, [1, 2]].ravel())
+        first = {int(self.panel[v]): panel[i] for v, i in new.items()}
+        for seam in self.garment.seams:
+            for v, w in zip(seam.a.tolist(), seam.b.tolist()) if len(seam.a) == 1 else ():
+                for i in (v, w):
+                    if i not in new:  # within a panel: the nearest
+                        there = np.flatnonzero(panel == first[int(self.panel[i])])
+                        new[i] = int(there[np.linalg.norm(mesh.uv[there] - self.uv[i], axis=1).argmin()])
+                if joined[new[v]] != joined[new[w]]:
+                    out.append(seam._replace(a=np.array([new[v]]), b=np.array([new[w]])))
+        return out
+
+
+def _key(i: int, j: int) -> Edge:
+    return (i, j) if i < j else (j, i)
