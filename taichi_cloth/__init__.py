@@ -20,6 +20,7 @@ _NAMES = {
     "scene.garment": "Garment load_garment",
     "garment": "load_pattern",
     "garment.stitched": "load_stitched",
+    "garment.remesh": "remesh",
     "garment.pattern": "Pattern Panel Stitch",
     "garment.curves": "Curve",
     "garment.dressing": "dress",

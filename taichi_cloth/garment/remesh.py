@@ -1,26 +1,28 @@
 """A meshed garment with triangles of another size: borders are divided anew, all layers of a seam alike. Needs SciPy.
 
 Borders are cut into segments at corners: where they turn, where a seam or a label begins or ends, where what is sewn there
-changes, and where another layer has a corner. So every segment is sewn along its whole length or not at all, and to whole ones.
+changes, and where another layer has a corner. So every segment is sewn along its whole length or not at all, to whole ones.
 """
 
 from __future__ import annotations
 
 import math
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from .. import checks
 from ..backend.ordering import components
-from ..errors import SceneError
+from ..errors import MeshError, SceneError
 from ..scene.boxes import near
 from ..scene.garment import Garment, SewnRows
 from ..scene.mesh import TriMesh, face_edges
 from .mesher import mesh_polygon
 
 TURN = math.radians(20)  # by which a border turns at a corner, at least
+FLAT = 0.02  # of two triangles' area that each has at least where the edge between them is flipped
 INSIDE = 1e-6  # weight of a vertex in a triangle that counts
 
 Edge = tuple[int, int]
@@ -39,6 +41,11 @@ class Segment:
     way: list[int]
     sewn: tuple | None
     rows: np.ndarray
+
+    @property
+    def key(self) -> tuple | int:
+        """By which those are known that have as many parts."""
+        return self.sewn or id(self)
 
 
 def remesh(garment: Garment, spacing: float) -> Garment:
@@ -64,9 +71,9 @@ class _Remeshed:
             raise SceneError("remesh: vertices have several places in the pattern: panels must not share vertices")
         self.uv, faces = self.mesh.uv, self.mesh.faces
         n = self.mesh.vertex_count
-        self.panel = components(n, faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel())
-        a, b = (np.concatenate([seam[k] for seam in garment.seams] + [np.zeros(0, dtype=np.int64)]) for k in (0, 1))
-        self.cluster = components(n, a, b)
+        self.panel = _panels(self.mesh)
+        self.cluster = _joined(n, garment.seams)
+        self.along = _joined(n, [seam for seam in garment.seams if len(seam.a) > 1])  # without single stitches
         self.members: dict[int, list[int]] = defaultdict(list)
         for v, c in enumerate(self.cluster.tolist()):
             self.members[c].append(v)
@@ -78,21 +85,45 @@ class _Remeshed:
             self.size[edge_class] += 1
 
     def made(self, spacing: float) -> Garment:
-        """The garment."""
+        """The garment. Where two corners of a triangle are sewn to each other, which would close it to a line, the edge
+        between them is flipped; where it cannot be, what lies between them on the border gets more parts."""
         corners = self._corners()
         segments = [self._segments(loop, corners) for loop in self.loops]
         count: dict[tuple | int, int] = {}
         for segment in (s for some in segments for s in some):
-            key = segment.sewn or id(segment)
             parts = math.ceil(float(self._lengths(segment.way).sum()) / spacing - 1e-6)
-            count[key] = max(count.get(key, 1), parts)
+            count[segment.key] = max(count.get(segment.key, 1), parts)
+        while True:
+            made = self._meshed(segments, count, spacing)
+            joined = _joined(made.mesh.vertex_count, made.seams)
+            faces, pairs = _flipped(made.mesh.uv, made.mesh.faces, joined)
+            if not pairs:
+                m = made.mesh
+                return Garment(TriMesh(m.x, faces, m.uv, m.groups, m.notes), made.seams, made.positions)
+            short = {s.key for some in segments for pair in pairs for s in self._between(some, *pair)}
+            if not short:
+                raise MeshError(f"remesh: vertices {pairs.pop()} of a triangle are sewn to each other: take a smaller spacing")
+            for key in short:
+                count[key] += 1
+
+    def _between(self, some: list[Segment], i: int, j: int) -> list[Segment]:
+        """Segments of a panel on the shorter way from corner i to corner j; where they are no corners, those that they are on."""
+        at = [int(s.rows[0]) for s in some]
+        if i not in at or j not in at:
+            return [s for s in some if (s.rows == i).any() or (s.rows == j).any()]
+        first, last = sorted((at.index(i), at.index(j)))
+        ways = some[first:last], some[last:] + some[:first]
+        return min(ways, key=lambda way: sum(float(self._lengths(s.way).sum()) for s in way))
+
+    def _meshed(self, segments: list[list[Segment]], count: dict[tuple | int, int], spacing: float) -> Garment:
+        """The garment with as many parts of each segment as that."""
         x, positions, uv, faces, start = [], [], [], [], 0
         kept = [np.zeros((0, 2), dtype=np.int64)]  # old vertex, new one
         groups: dict[str, list[np.ndarray]] = {name: [] for name in self.mesh.groups}
         whole = {name: np.isin(np.arange(self.mesh.vertex_count), index) for name, index in self.mesh.groups.items()}
         for some in segments:
             panel = self.panel[some[0].way[0]]
-            lines = [self._divided(s.way, count[s.sewn or id(s)]) for s in some]
+            lines = [self._divided(s.way, count[s.key]) for s in some]
             border = np.concatenate([line[:-1] for line in lines])
             points, triangles = self._mesh(border, spacing, self._name(panel))
             at = 0
@@ -108,11 +139,14 @@ class _Remeshed:
             uv.append(points)
             faces.append(triangles + start)
             start += len(points)
-        mesh = TriMesh(np.concatenate(x), np.concatenate(faces), np.concatenate(uv),
-                       {name: np.concatenate(index) for name, index in groups.items()}, self.mesh.notes)
+        parts = (np.concatenate(x), np.concatenate(faces), np.concatenate(uv),
+                 {name: np.concatenate(index) for name, index in groups.items()})
+        mesh = TriMesh(*parts)
         seams = self._rows([s for some in segments for s in some])
-        seams += self._single(seams, dict(np.concatenate(kept).tolist()), mesh)
-        return Garment(mesh, tuple(seams), np.concatenate(positions))
+        single, lost = self._single(seams, dict(np.concatenate(kept).tolist()), mesh)
+        if lost:
+            mesh = TriMesh(*parts, (f"{lost} single stitches are left out: their vertices would be in one triangle",))
+        return Garment(mesh, (*seams, *single), np.concatenate(positions))
 
     def _loops(self, edges: list[Edge]) -> list[list[int]]:
         """The border of each panel, its vertices in order."""
@@ -154,7 +188,8 @@ class _Remeshed:
     def _corners(self) -> set[int]:
         """Vertices at which segments end."""
         labels = [np.isin(np.arange(self.mesh.vertex_count), index) for index in self.mesh.groups.values()]
-        at: set[int] = set()
+        at = {int(self.cluster[v]) for seam in self.garment.seams if len(seam.a) == 1 for v in (seam.a[0], seam.b[0])
+              if self.along[seam.a[0]] != self.along[seam.b[0]]}
         of_class: dict[int, list[Edge]] = defaultdict(list)
         for edge, edge_class in self.sewn.items():
             of_class[edge_class].append(edge)
@@ -253,21 +288,55 @@ class _Remeshed:
                 out.append(like._replace(a=one.rows, b=other.rows if ways[0] == ways[1] else other.rows[::-1]))
         return out
 
-    def _single(self, seams: list[SewnRows], new: dict[int, int], mesh: TriMesh) -> list[SewnRows]:
-        """Stitches that stand alone: what is sewn to each other and no seam joins."""
-        a, b = (np.concatenate([seam[k] for seam in seams] + [np.zeros(0, dtype=np.int64)]) for k in (0, 1))
-        joined, out = components(mesh.vertex_count, a, b), []
-        panel = components(mesh.vertex_count, mesh.faces[:, [0, 1]].ravel(), mesh.faces[:, [1, 2]].ravel())
+    def _single(self, seams: list[SewnRows], new: dict[int, int], mesh: TriMesh) -> tuple[list[SewnRows], int]:
+        """(stitches that stand alone: what is sewn to each other and no seam joins; how many are left out, as a triangle would
+        have both of their vertices)."""
+        panel, out, lost = _panels(mesh), [], 0
         first = {int(self.panel[v]): panel[i] for v, i in new.items()}
-        for seam in self.garment.seams:
-            for v, w in zip(seam.a.tolist(), seam.b.tolist()) if len(seam.a) == 1 else ():
-                for i in (v, w):
-                    if i not in new:  # within a panel: the nearest
-                        there = np.flatnonzero(panel == first[int(self.panel[i])])
-                        new[i] = int(there[np.linalg.norm(mesh.uv[there] - self.uv[i], axis=1).argmin()])
-                if joined[new[v]] != joined[new[w]]:
-                    out.append(seam._replace(a=np.array([new[v]]), b=np.array([new[w]])))
-        return out
+        corners = mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        for seam in (seam for seam in self.garment.seams if len(seam.a) == 1):
+            ends = int(seam.a[0]), int(seam.b[0])
+            for i in (i for i in ends if i not in new):  # within a panel: the nearest
+                there = np.flatnonzero(panel == first[int(self.panel[i])])
+                new[i] = int(there[np.linalg.norm(mesh.uv[there] - self.uv[i], axis=1).argmin()])
+            joined = _joined(mesh.vertex_count, [*seams, *out])
+            v, w = (joined[new[i]] for i in ends)
+            if v != w and (np.sort(joined[corners], axis=1) == sorted((v, w))).all(axis=1).any():
+                lost += 1
+            elif v != w:
+                out.append(seam._replace(a=np.array([new[ends[0]]]), b=np.array([new[ends[1]]])))
+        return out, lost
+
+
+def _flipped(uv: np.ndarray, faces: np.ndarray, joined: np.ndarray) -> tuple[np.ndarray, set[Edge]]:
+    """(triangles, of whose edges between vertices that are sewn to each other those are flipped that can be; the others)."""
+    faces, left = faces.copy(), set()
+    i, j = face_edges(faces).T
+    for p, q in {_key(*e) for e in face_edges(faces)[joined[i] == joined[j]].tolist()}:
+        two = np.flatnonzero((faces == p).any(axis=1) & (faces == q).any(axis=1))
+        if len(two) == 2:
+            f = np.roll(faces[two[0]], -int(np.flatnonzero(~np.isin(faces[two[0]], (p, q)))[0]))  # its third corner first
+            d = int(faces[two[1]][~np.isin(faces[two[1]], (p, q))][0])
+            made = np.array([[f[0], f[1], d], [f[0], d, f[2]]])
+            corner = uv[np.concatenate([faces[two], made])]
+            e, g = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+            area = (e[:, 0] * g[:, 1] - e[:, 1] * g[:, 0]) * np.sign(e[0, 0] * g[0, 1] - e[0, 1] * g[0, 0])
+            if area[2:].min() > FLAT * area[:2].sum() and joined[f[0]] != joined[d]:
+                faces[two] = made
+                continue
+        left.add((p, q))
+    return faces, left
+
+
+def _panels(mesh: TriMesh) -> np.ndarray:
+    """(n,) the smallest vertex of each one's panel."""
+    return components(mesh.vertex_count, mesh.faces[:, [0, 1]].ravel(), mesh.faces[:, [1, 2]].ravel())
+
+
+def _joined(n: int, seams: Sequence[SewnRows]) -> np.ndarray:
+    """(n,) the smallest of all vertices that are sewn together with each."""
+    a, b = (np.concatenate([seam[k] for seam in seams] + [np.zeros(0, dtype=np.int64)]) for k in (0, 1))
+    return components(n, a, b)
 
 
 def _key(i: int, j: int) -> Edge:

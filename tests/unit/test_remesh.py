@@ -12,6 +12,7 @@ import taichi_cloth as tc
 
 pytest.importorskip("scipy", reason="meshing panels needs the extra `garment`")
 PATTERNS = Path(__file__).parents[2] / "scenes" / "patterns"
+BUTTON = (0.15, 0, -0.15), (0.5, 0, -0.15)  # m
 
 
 def panels(garment: tc.Garment) -> dict[str, np.ndarray]:
@@ -24,7 +25,7 @@ def panels(garment: tc.Garment) -> dict[str, np.ndarray]:
 def check_same(was: tc.Garment, now: tc.Garment, spacing: float) -> None:
     """Counted from meshes: panels, places, edges as long as asked for, seams."""
     assert set(now.mesh.groups) == set(was.mesh.groups) and set(panels(now)) == set(panels(was))
-    for name, faces in panels(was).items():
+    for name in panels(was):
         of = [np.isin(g.mesh.faces[:, 0], g.mesh.groups[name]) for g in (was, now)]
         area = [g.mesh.material_areas[f].sum() for g, f in zip((was, now), of)]
         assert area[1] == pytest.approx(area[0], rel=0.01), name
@@ -58,8 +59,8 @@ def test_a_pattern_that_was_meshed(name, spacing):
     assert length[1] == pytest.approx(length[0], rel=1e-3)
     for label in set(garment.mesh.groups) - set(panels(garment)):
         ends = [g.mesh.uv[g.mesh.groups[label]] for g in (garment, now)]
-        assert ends[1].min(axis=0) == pytest.approx(ends[0].min(axis=0), abs=2e-4)
-        assert ends[1].max(axis=0) == pytest.approx(ends[0].max(axis=0), abs=2e-4)
+        assert ends[1].min(axis=0) == pytest.approx(ends[0].min(axis=0), abs=3e-3)
+        assert ends[1].max(axis=0) == pytest.approx(ends[0].max(axis=0), abs=3e-3)
         assert len(ends[1]) > 0.7 * len(ends[0]) * 0.03 / spacing
 
 
@@ -91,17 +92,14 @@ def test_three_layers_and_a_button(tmp_path):
     lines = "".join(f"stitch {v} {rows[0][0]} {rows[0][1]} {2 * t:.9f}\n" if t < 0.5 else
                     f"stitch {v} {rows[0][1]} {rows[0][2]} {2 * t - 1:.9f}\n"
                     for row in rows[1:] for v, t in zip(row, np.linspace(0, 1, len(row))))
-    inner = [int(row[len(row) // 2]) + (-1 if k == 0 else 1) * 0 for k, row in enumerate(rows)]
-    assert inner
     plain = tc.load_stitched(write_panels(tmp_path, (2, 4, 6), lines=lines)[0])
-    middle = [int(np.flatnonzero((np.abs(plain.mesh.x - at) < 1e-6).all(axis=1))[0]) for at in ((0.15, 0, 0.15), (0.5, 0, 0.15))]
+    middle = [int(np.flatnonzero((np.abs(plain.mesh.x - at) < 1e-6).all(axis=1))[0]) for at in BUTTON]
     plain = replace(plain, seams=(*plain.seams, ([middle[0]], [middle[1]], "flat")))
     garment = tc.remesh(plain, 0.04)
     check_same(plain, garment, 0.04)
     *layers, button = garment.seams
-    assert [len(s.a) for s in layers] == [9, 9] and {int(v) for s in layers for v in s.a[:1]} | {int(v) for s in layers for v in s.b[:1]}
-    assert len(button.a) == 1
-    for v, at in ((button.a[0], (0.15, 0, 0.15)), (button.b[0], (0.5, 0, 0.15))):
+    assert [len(s.a) for s in layers] == [9, 9] and len(button.a) == 1
+    for v, at in zip((button.a[0], button.b[0]), BUTTON):
         assert np.linalg.norm(garment.mesh.x[v] - at) < 0.04
 
 
@@ -109,9 +107,9 @@ def test_what_cannot_be_meshed_anew_is_named():
     mesh = tc.grid(0.3, 6)
     middle = (np.abs(mesh.uv[mesh.faces].mean(axis=1) - 0.15) < 0.06).all(axis=1)
     hole = tc.TriMesh(mesh.x, mesh.faces[~middle], mesh.uv, {"front": np.arange(mesh.vertex_count)})
-    with pytest.warns(UserWarning) if False else pytest.raises(tc.SceneError, match="panel 'front' has a hole"):
+    with pytest.raises(tc.SceneError, match="panel 'front' has a hole"):
         tc.remesh(tc.Garment(hole, ()), 0.05)
-    tube = tc.cylinder(0.1, 0.3)
+    tube = tc.cylinder(0.1, 0.3, (12, 4))
     with pytest.raises(tc.SceneError, match="share vertices|hole"):
         tc.remesh(tc.Garment(tube, ()), 0.05)
     with pytest.raises(tc.SceneError, match="spacing"):
