@@ -26,6 +26,8 @@ SOFT, WORKED = SPRINGS + "derivatives", SPRINGS + "all_of_their_work_is_accounte
 CURVES, PATTERN = "taichi_cloth/garment/curves.py", "taichi_cloth/garment/pattern.py"
 MESHER = "taichi_cloth/garment/mesher.py"
 FILE, GARMENT = "taichi_cloth/garment/garmentcode.py", "taichi_cloth/scene/garment.py"
+QUERIES = "taichi_cloth/simulation/queries.py"
+REMESH, REMESHED = "taichi_cloth/garment/remesh.py", "tests/unit/test_remesh.py"
 DRESSING, PLACED = "taichi_cloth/garment/dressing.py", "tests/unit/test_placed_panels.py"
 STITCHED, SEWN_SHAPE = "taichi_cloth/garment/stitched.py", "taichi_cloth/contact/cloth/sewn_shape.py"
 OVER_SEAMS = "tests/physics/test_near_starts.py::test_panels_that_lie_apart_are_as_near_as_their_seam_is_long"
@@ -156,6 +158,20 @@ MUTATIONS = (
     (STITCHED, "while before < len(self.x):", "while before < 0:", "what has been divided divides nothing",
      "tests/cli/test_scripts.py::test_flat_panels_hang_clear_of_the_body_and_of_each_other"),
     (FILE, 'together="right_wrong" in stitch[2:]', "together=False", "right_wrong is not read", PATTERNS),
+    (GARMENT, "rest, k, bears if np.isfinite(bears) else None)", "rest, k, None)", "a file forgets what seams bear", PATTERNS),
+    (REMESH, "if (self._turns(u, v, w) or", "if (", "corners of panels are cut off", REMESHED),
+    (REMESH, "if ways[0] == ways[1] else other.rows[::-1]", "", "seams of panels meshed anew run the wrong way", REMESHED),
+    (REMESH, "like._replace(a=one.rows,", "SewnRows(a=one.rows,", "seams meshed anew are all alike", REMESHED),
+    (REMESH, "any((has[u] and has[v]) != (has[v] and has[w]) for has in labels)", "False", "labels lose their ends", REMESHED),
+    (REMESH, "(np.abs(weight) < INSIDE)", "True", "groups grow by what is beside them", REMESHED),
+    (REMESH, "                faces[two] = made\n", "", "triangles that a seam closes to a line", REMESHED),
+    (REMESH, "                lost += 1\n", "                pass\n", "stitches that were left out are not told of", REMESHED),
+    (REMESH, "return ends[0] != ends[1]", "return False", "seams run on where others are sewn there", REMESHED),
+    (REMESH, "d[:, 0] * f[t, 1] - d[:, 1] * f[t, 0]", "d[:, 0] * f[t, 1]", "panels are not where they were", REMESHED),
+    (DRESSING, "seam._replace(strength=None)", "seam", "seams rip while they are closed", PATTERNS),
+    (DRESSING, "for doubt in doubts_of_solid(solid)", "for doubt in ()", "bodies of 140 m are dressed", PATTERNS),
+    (DRESSING, "for e, f in zip(edges[:, 0]", "for e, f in zip(edges[:1, 0]", "crossings are named in part", PLACED),
+    (QUERIES, '"closing" if gap > 0 else', "", "what closes is closed", "tests/physics/test_resewn.py"),
     (GARMENT, 'Garment(mesh, seams, data["positions"])', "Garment(mesh, seams)",
      "where a dressed garment is, is lost", PATTERNS),
     (PULLS, "ratio = most / d", "ratio = k", "springs pull with any force", SOFT),

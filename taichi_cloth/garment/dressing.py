@@ -102,7 +102,7 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
     longest = checks.number("dress: longest", longest, "s", positive=True)
     checks.flag("dress: meets", meets)
     still = [_still(s) for s in body.solids]
-    whole = replace(garment, seams=[seam._replace(strength=None) for seam in garment.seams])  # they do not rip meanwhile
+    whole = replace(garment, seams=tuple(seam._replace(strength=None) for seam in garment.seams))  # none rips meanwhile
     x, sewn = _sewn(whole, fabric, still, h, pull, contact if meets else None, tell)
     scene = Scene(gravity=body.gravity, air=body.air)
     scene.solids += still
@@ -213,9 +213,8 @@ def _panel(garment: Garment, vertex: int) -> str:
 def _crossed(garment: Garment) -> tuple[tuple[str, str, int], ...]:
     """(panel, panel, number) of what passes through itself, the most first."""
     edges, faces = self_crossings(garment.positions, garment.mesh.faces)
-    count = Counter(tuple(sorted((_panel(garment, e), _panel(garment, f)))) for e, f in zip(
-        edges[:, 0], garment.mesh.faces[faces, 0]))
-    return tuple((*pair, n) for pair, n in count.most_common())
+    pairs = (sorted((_panel(garment, e), _panel(garment, f))) for e, f in zip(edges[:, 0], garment.mesh.faces[faces, 0]))
+    return tuple((a, b, n) for (a, b), n in Counter((a, b) for a, b in pairs).most_common())
 
 
 def _left_open(x: np.ndarray, garment: Garment) -> str:

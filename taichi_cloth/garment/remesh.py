@@ -107,7 +107,7 @@ class _Remeshed:
                 count[key] += 1
 
     def _between(self, some: list[Segment], i: int, j: int) -> list[Segment]:
-        """Segments of a panel on the shorter way from corner i to corner j; where they are no corners, those that they are on."""
+        """Segments of a panel on the shorter way from corner i to corner j; where they are none, those that they are on."""
         at = [int(s.rows[0]) for s in some]
         if i not in at or j not in at:
             return [s for s in some if (s.rows == i).any() or (s.rows == j).any()]
@@ -117,7 +117,9 @@ class _Remeshed:
 
     def _meshed(self, segments: list[list[Segment]], count: dict[tuple | int, int], spacing: float) -> Garment:
         """The garment with as many parts of each segment as that."""
-        x, positions, uv, faces, start = [], [], [], [], 0
+        x: list[np.ndarray] = []
+        positions: list[np.ndarray] = []
+        uv, faces, start = [], [], 0
         kept = [np.zeros((0, 2), dtype=np.int64)]  # old vertex, new one
         groups: dict[str, list[np.ndarray]] = {name: [] for name in self.mesh.groups}
         whole = {name: np.isin(np.arange(self.mesh.vertex_count), index) for name, index in self.mesh.groups.items()}
@@ -280,7 +282,7 @@ class _Remeshed:
         for s in segments:
             if s.sewn is not None:
                 together[s.sewn].append(s)
-        out = []
+        out: list[SewnRows] = []
         for key, same in together.items():
             like = self.like[key[0]]
             for one, other in zip(same[:-1], same[1:]):
@@ -291,7 +293,8 @@ class _Remeshed:
     def _single(self, seams: list[SewnRows], new: dict[int, int], mesh: TriMesh) -> tuple[list[SewnRows], int]:
         """(stitches that stand alone: what is sewn to each other and no seam joins; how many are left out, as a triangle would
         have both of their vertices)."""
-        panel, out, lost = _panels(mesh), [], 0
+        panel, lost = _panels(mesh), 0
+        out: list[SewnRows] = []
         first = {int(self.panel[v]): panel[i] for v, i in new.items()}
         corners = mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
         for seam in (seam for seam in self.garment.seams if len(seam.a) == 1):
@@ -335,8 +338,8 @@ def _panels(mesh: TriMesh) -> np.ndarray:
 
 def _joined(n: int, seams: Sequence[SewnRows]) -> np.ndarray:
     """(n,) the smallest of all vertices that are sewn together with each."""
-    a, b = (np.concatenate([seam[k] for seam in seams] + [np.zeros(0, dtype=np.int64)]) for k in (0, 1))
-    return components(n, a, b)
+    none = [np.zeros(0, dtype=np.int64)]
+    return components(n, np.concatenate([seam.a for seam in seams] + none), np.concatenate([seam.b for seam in seams] + none))
 
 
 def _key(i: int, j: int) -> Edge:

@@ -166,7 +166,7 @@ def _seam(k: int, seam: object, n: int) -> SewnRows:
     strength = seam_strength(f"garment: strength of seam {k}", strength)
     if strength is not None and len(rows[0]) < 2:
         raise SceneError(f"garment: seam {k}: a single stitch has no strength, which is a force a length")
-    return SewnRows(*rows, seam_angle(f"garment: rest of seam {k}", rest),
+    return SewnRows(rows[0], rows[1], seam_angle(f"garment: rest of seam {k}", rest),
                     checks.number(f"garment: stiffness of seam {k}", stiffness, least=0.0), strength)
 
 
@@ -183,10 +183,11 @@ def load_garment(path: str | Path) -> Garment:
         groups = {name[6:]: index for name, index in data.items() if name.startswith("group_")}
         mesh = TriMesh(data["x"], data["faces"], data["corner_uv"], groups)
         rests = [rest if rest == "given" else float(rest) for rest in data["rest"].tolist()]
-        plain = [1.0] * len(rests), [np.inf] * len(rests)  # as files had it before seams had these
-        stiffness, strength = (list(data.get(name, usual)) for name, usual in zip(("stiffness", "strength"), plain))
-        seams = tuple(SewnRows(*data[f"seam_{k}"], rest, stiffness[k], strength[k] if np.isfinite(strength[k]) else None)
-                      for k, rest in enumerate(rests))
+        stiffness, strength = (np.broadcast_to(data.get(name, usual), len(rests)).tolist()  # older files have none
+                               for name, usual in (("stiffness", 1.0), ("strength", np.inf)))
+        rows = [data[f"seam_{k}"] for k in range(len(rests))]
+        seams = tuple(SewnRows(a, b, rest, k, bears if np.isfinite(bears) else None)
+                      for (a, b), rest, k, bears in zip(rows, rests, stiffness, strength))
         return Garment(mesh, seams, data["positions"])
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}{near(path)}") from None

@@ -30,9 +30,10 @@ def test_it_comes_together_and_is_as_before(contact):
     scene.at(0.5, lambda s: s.resew(seam))
     x_0 = cloth.positions.copy()
     with tc.Simulation(scene, h=1 / 60, integrator="backward_euler") as sim:
-        widest, before = 0.0, None
+        widest, before, states = 0.0, None, []
         while sim.time < 1.5:
             sim.step()
+            states += sim.seam_states()
             x = sim.positions()
             gap = np.linalg.norm(x[seam.a] - x[seam.b], axis=1)
             widest = max(widest, gap.max())
@@ -42,6 +43,7 @@ def test_it_comes_together_and_is_as_before(contact):
             before = gap
             assert contact is None or cloth_crossings(sim) == 0
         assert widest > 0.02 and (gap == 0).all() and sim.log[-1].opened == 0
+        assert [s for s, t in zip(states, ["", *states]) if s != t] == ["closed", "open", "closing", "closed"]
         assert np.abs(x - x_0).max() < 2e-3 and np.abs(sim.velocities()).max() < 0.02
         assert contact is None or sim.log[-1].layers == 0
 

@@ -114,9 +114,14 @@ def test_a_strip_of_four_pieces_hangs_as_one():
     assert np.count_nonzero(tension) == 6 * len(a)
 
 
-@pytest.mark.parametrize("rest", [0.7, -0.4, "flat"])
+@pytest.mark.parametrize("rest", [0.7, -0.4, "flat", "given"])
 def test_a_seam_comes_to_its_angle(rest):
+    """A number, none, or that of the mesh as it was made, half a radian, wherever the cloth starts."""
     mesh, a, b, _ = cut(tc.grid((0.4, 0.2), (4, 2)), 0.2)
+    if rest == "given":
+        out = np.where(side_of(mesh, b[0]), mesh.uv[:, 0] - 0.2, 0.0)
+        up = out[:, None] * [np.cos(0.5) - 1, np.sin(0.5), 0]
+        mesh = tc.TriMesh(mesh.x + up, mesh.faces, mesh.uv)
     scene = tc.Scene(gravity=None)
     stiff = tc.Fabric(0.2, tc.Stretch(1000, 10), tc.Shear(1000, 10), tc.Bend(1e-2, 1e-2))
     start = mesh.x + np.where(side_of(mesh, b[0]), 0.2, 0.0)[:, None] * (mesh.uv[:, :1] - 0.2) * [0, 1, 0]
@@ -131,23 +136,27 @@ def test_a_seam_comes_to_its_angle(rest):
     left, right = normals[~beyond].mean(axis=0), normals[beyond].mean(axis=0)
     along = x[a[-1]] - x[a[0]]
     angle = np.arctan2(np.cross(left, right) @ along / np.linalg.norm(along), left @ right)
+    if rest == "given":
+        assert abs(angle) == pytest.approx(0.5, abs=1e-4) and np.ptp(x[:, 1]) > 0.05  # and to the side of the mesh:
+        assert np.sign(angle) == np.sign(np.cross(*(np.cross(mesh.x[f[1]] - mesh.x[f[0]], mesh.x[f[2]] - mesh.x[f[0]])
+                                                    for f in (mesh.faces[~beyond][0], mesh.faces[beyond][0]))) @ along)
+        return
     assert abs(angle) == pytest.approx(0.0 if rest == "flat" else abs(rest), abs=1e-4)
     assert rest == "flat" or np.sign(angle) == np.sign(rest)
 
 
-
-
-@pytest.mark.parametrize("k", [(300, 300), (500, 200)])
+@pytest.mark.parametrize("k, band", [((300, 300), 1.0), ((500, 200), 1.0), ((300, 500), 0.85)])
 @pytest.mark.slow
-def test_gathered_lengths(k):
-    """Strips of .5 and .4 m held flat and sewn along a side: it is (k1 + k2)/(k1/L1 + k2/L2) long."""
+def test_gathered_lengths(k, band):
+    """Strips of .5 and .4 m held flat and sewn along a side: it is (k1 + k2)/(k1/L1 + k2/L2) long. And an elastic band, whose
+    rest is b of its pattern: (k1 + b k2)/(k1/L1 + k2/L2)."""
     long, short = tc.grid((0.5, 0.05), (20, 2)), tc.grid((0.4, 0.05), (20, 2))
     n = long.vertex_count
     x = np.concatenate([long.x, short.x + [0.05, 0, 0.05]])
     mesh = tc.TriMesh(x, np.concatenate([long.faces, short.faces + n]), np.concatenate([long.uv, short.uv + [0, 1]]),
                       {"short": np.arange(n, 2 * n)})
     scene = tc.Scene(gravity=None)
-    fabrics = [tc.Fabric(0.2, tc.Stretch((warp, 1e-3), (warp / 100, 0))) for warp in k]
+    fabrics = [tc.Fabric(0.2, tc.Stretch((warp, 1e-3), (warp / 100, 0), (b, 1.0))) for warp, b in zip(k, (1.0, band))]
     cloth = scene.add_cloth(mesh, fabrics[0], panels={"short": fabrics[1]})
     a, b = np.arange(21), n + 42 + np.arange(21)
     scene.sew(cloth, a, b)
@@ -156,7 +165,7 @@ def test_gathered_lengths(k):
     sim.run(4.0, fps=1)
     x = sim.positions()
     assert (x[a] == x[b]).all() and (x[:, 1] == 0).all()
-    assert np.ptp(x[a, 0]) == pytest.approx(sum(k) / (k[0] / 0.5 + k[1] / 0.4), rel=1e-3)
+    assert np.ptp(x[a, 0]) == pytest.approx((k[0] + band * k[1]) / (k[0] / 0.5 + k[1] / 0.4), rel=1e-3)
     assert np.linalg.norm(np.diff(x[a], axis=0), axis=1).sum() == pytest.approx(np.ptp(x[a, 0]), rel=1e-3)
 
 

@@ -13,6 +13,7 @@ from taichi_cloth.backend.rows import write
 from taichi_cloth.garment import dressing
 from taichi_cloth.garment.mesher import mesh_polygon
 from taichi_cloth.scene.garment import load_garment
+from taichi_cloth.scene.intersections import count_self_crossings
 
 pytest.importorskip("scipy", reason="meshing patterns needs the extra `garment`")
 
@@ -58,7 +59,7 @@ SCENES = pathlib.Path(__file__).parents[2] / "scenes"
 def test_patterns_that_come_with_scenes_are_meshed(name):
     garment = tc.load_pattern(SCENES / "patterns" / f"{name}.json").mesh(0.02)
     angles = least_angles(garment.mesh)
-    assert angles.min() >= 27 and angles.mean() >= 54 and garment.mesh.notes == ()
+    assert angles.min() >= 28 and angles.mean() >= 55 and garment.mesh.notes == ()
 
 
 @pytest.mark.slow
@@ -141,13 +142,13 @@ def test_a_pattern_is_meshed(tmp_path, spacing):
     outline = 0.5 * (0.60 + 0.44) * 0.50 - 0.5 * 0.04 * 0.12
     bulge = 2 / 3 * 0.5 * 0.1 * np.hypot(0.08, 0.50) ** 2  # of a quadratic curve, two thirds of its control triangle
     assert front == pytest.approx(outline + 2 * bulge, rel=6 * spacing**1)
-    for (a, b, rest), stitched in zip(garment.seams, (("front", "back"), ("front", "back"), ("front", "front"))):
+    for (a, b, rest, *_), stitched in zip(garment.seams, (("front", "back"), ("front", "back"), ("front", "front"))):
         assert len(a) == len(b) and rest == 0.0
         assert np.isin(a, mesh.groups[stitched[0]]).all() and np.isin(b, mesh.groups[stitched[1]]).all()
         lengths = [np.linalg.norm(np.diff(mesh.uv[row], axis=0), axis=1) for row in (a, b)]
         assert all(np.ptp(part) < 0.02 * part.mean() for part in lengths)  # equal by arc length
         assert all(part.mean() < 1.001 * spacing * 1.1 for part in lengths)
-    side, other, _ = garment.seams[0]
+    side, other, *_ = garment.seams[0]
     assert mesh.x[side[0], 1] == pytest.approx(0.9) and mesh.x[other[0], 1] == pytest.approx(0.9)  # hem to hem
     assert mesh.x[side[0], 0] == pytest.approx(0.30) and mesh.x[other[0], 0] == pytest.approx(0.30)
     assert mesh.x[side, 2] == pytest.approx(0.15) and mesh.x[other, 2] == pytest.approx(-0.15)
@@ -189,6 +190,36 @@ def test_stitches_that_run_together(tmp_path):
     rows = read(tmp_path, data).mesh(0.04).seams
     other = read(tmp_path, skirt()).mesh(0.04).seams
     assert (rows[0][1] == other[0][1][::-1]).all() and (rows[1][1] == other[1][1]).all()
+
+
+def test_what_a_seam_is_like_is_in_the_file_and_in_the_scene(tmp_path):
+    data = skirt()
+    data["pattern"]["stitches"][0] += ["right_wrong", {"rest": 30, "strength": 40}]
+    data["pattern"]["stitches"][1].append({"stiffness": 3, "rest": "given"})
+    garment = read(tmp_path, data).mesh(0.05)
+    assert [s[2:] for s in garment.seams] == [(pytest.approx(np.pi / 6), 1.0, 40.0), ("given", 3.0, None), (0.0, 1.0, None)]
+    scene = tc.Scene()
+    scene.add_garment(garment, tc.Fabric(0.2), pull=7.0)
+    assert [s.stiffness for s in scene.seams] == [1, 3, 1] and scene.seams[1].rest == "given"
+    long = np.mean([np.linalg.norm(np.diff(garment.mesh.uv[row], axis=0), axis=1).sum() for row in garment.seams[0][:2]])
+    assert scene.seams[0].bears.sum() == pytest.approx(40 * long) and np.isinf(scene.seams[1].bears).all()
+    garment.save(tmp_path / "skirt.npz")
+    assert [s[2:] for s in load_garment(tmp_path / "skirt.npz").seams] == [s[2:] for s in garment.seams]
+    with np.load(tmp_path / "skirt.npz") as file:  # as it was before seams had these
+        np.savez(tmp_path / "old.npz", **{name: file[name] for name in file.files if name not in ("stiffness", "strength")})
+    assert [s[2:] for s in load_garment(tmp_path / "old.npz").seams] == [(s[2], 1.0, None) for s in garment.seams]
+
+
+@pytest.mark.parametrize("like, what", [({"stiff": 1}, "unknown word of stitch 2 'stiff'; did you mean 'stiffness'"),
+                                        ({"rest": 200}, "stitch 2: rest = 200"),
+                                        ({"rest": "bent"}, "stitch 2: unknown .*rest 'bent'"),
+                                        ({"stiffness": -1}, "stitch 2: .*stiffness = -1"),
+                                        ({"strength": 0}, "stitch 2: .*strength = 0")])
+def test_what_a_seam_cannot_be_like_is_named(tmp_path, like, what):
+    data = skirt()
+    data["pattern"]["stitches"][2].append(like)
+    with pytest.raises(tc.SceneError, match=what):
+        read(tmp_path, data)
 
 
 @pytest.mark.parametrize("change, what", [
@@ -276,6 +307,31 @@ def test_measured_fabrics_have_a_source():
         assert 3e-6 < min(fabric.bend.D) and max(fabric.bend.D) < 1e-4 and fabric.shear.k < min(fabric.stretch.k) * 1.2
 
 
+def test_measured_fabrics_are_as_published(shared):
+    """Against the tables' numbers in reference data: rounded, never more than one in the last digit that is given."""
+    names = {"interlock": "wang_gray_interlock", "rib_knit": "wang_ivory_rib_knit", "ponte": "wang_camel_ponte_roma",
+             "swimwear": "wang_white_swim_solid", "jacket_polyester": "wang_tango_red_jet_set",
+             "trousers": "wang_royal_target", "tablecloth": "wang_white_dots_on_blk", "denim": "wang_denim_11oz",
+             "shirting": "clyde_cotton_shirting", "charmeuse": "clyde_silk_charmeuse",
+             "canvas": "clyde_canvas", "wool_coating": "clyde_wool_coating"}
+    table = {m["name"]: m for m in json.loads((shared / "validation" / "materials.json").read_text())["materials"]}
+    assert set(names) == set(tc.fabrics)
+    for name, fabric in tc.fabrics.items():
+        row = table[names[name]]
+        pairs = [(fabric.density, row["density"], 5e-4), (fabric.stretch.k[0], row["k_stretch_warp"], 0.5),
+                 (fabric.stretch.k[1], row["k_stretch_weft"], 0.5), (fabric.shear.k, row["k_shear"], 0.5)]
+        if "D_warp" in row:
+            pairs += [(1e6 * fabric.bend.D[0], 1e6 * row["D_warp"], 0.5), (1e6 * fabric.bend.D[1], 1e6 * row["D_weft"], 0.5)]
+        pairs += [(fabric.thickness, row["thickness"], 1e-9)] if fabric.thickness else []
+        for mine, which in zip(fabric.far or (), ("warp", "weft")):
+            pairs.append((mine, row[f"k_stretch_{which}_17pct"], 0.5))
+        assert all(mine == pytest.approx(theirs, abs=digit) for mine, theirs, digit in pairs), (name, pairs)
+    for name, bend in tc.bends.items():
+        row = table[name.replace("denim_", "denim_kes_").replace("kes_" + name[-1], "kes_" + name[-1].upper())]
+        assert bend.D == pytest.approx(row["D"], rel=1e-3)
+        assert 2 * bend.friction == pytest.approx(row["bending_hysteresis_2HB_N"], rel=1e-3)
+
+
 def test_a_fabric_that_is_not_there_is_answered_with_the_nearest():
     for table, wrong, right in ((tc.fabrics, "denimm", "denim"), (tc.bends, "denim_g", "denim_")):
         with pytest.raises(tc.SceneError, match=f"^unknown [a-z]+ '{wrong}'; did you mean '{right}") as found:
@@ -303,6 +359,8 @@ def test_a_garment_settles_as_long_as_crossings_become_fewer(crossed, part):
 def test_dressing(tmp_path):
     """The skirt is sewn round a cylinder and hangs on it; panels that start inside the body are refused."""
     garment = read(tmp_path, skirt()).mesh(0.05)
+    weak = garment.seams[0]._replace(strength=0.05)  # N/m: it would rip at once
+    garment = replace(garment, seams=(weak, *garment.seams[1:]))
     fabric = tc.Fabric(0.2, tc.Stretch(300, 0.3), tc.Shear(40, 0.04), tc.Bend(1e-5, 1e-7))
 
     def body(radius: float) -> tc.Scene:
@@ -313,7 +371,46 @@ def test_dressing(tmp_path):
     with pytest.raises(tc.SceneError, match="without solids"):
         tc.dress(garment, fabric, tc.Scene())
     made = tc.dress(garment, fabric, body(0.125), contact=tc.ClothContact(0.003, 0.3), longest=0.6)
+    assert made.garment.seams[0].strength == 0.05
     assert made.garment.gap() == 0 and 0.2 < made.sewn < 1 and made.intersections == 0 and "seams closed" in made.report()
     assert np.hypot(*made.garment.positions[:, [0, 2]].T).min() > 0.125
     with pytest.raises(tc.SceneError, match="'(front|back)' in 'trunk'"):
         tc.dress(garment, fabric, body(0.17))
+
+
+def tube(radius: float, low: float, high: float, around: int = 24) -> tuple[np.ndarray, np.ndarray]:
+    """A closed tube along y: (vertices, triangles)."""
+    angle = np.arange(around) * 2 * np.pi / around
+    ring = np.column_stack([radius * np.sin(angle), np.zeros(around), radius * np.cos(angle)])
+    x = np.concatenate([ring + [0, low, 0], ring + [0, high, 0], [[0, low, 0], [0, high, 0]]])
+    i, j = np.arange(around), (np.arange(around) + 1) % around
+    low_end, high_end = np.full(around, 2 * around), np.full(around, 2 * around + 1)
+    faces = [(i, j, j + around), (i, j + around, i + around), (j, i, low_end), (i + around, j + around, high_end)]
+    return x, np.concatenate([np.column_stack(f) for f in faces])
+
+
+@pytest.mark.slow
+def test_the_command_dresses(tmp_path, capsys):
+    """A skirt on a body that its file has in centimetres; without their scale the body is refused by its size."""
+    from taichi_cloth.app import cli
+
+    pattern, body, out = tmp_path / "skirt.json", tmp_path / "body.npz", tmp_path / "worn.npz"
+    pattern.write_text(json.dumps(skirt()))
+    x, faces = tube(12.5, 30, 170)
+    np.savez(body, positions=x, faces=faces)
+    command = ["dress", str(pattern), "--body", str(body), "--out", str(out), "--spacing", "0.06", "--longest", "0.3",
+               "--friction", "0.8"]
+    with pytest.warns(UserWarning, match="looks like another unit"):
+        assert cli.main(command) == 2
+    assert "body: size = 140 m looks like another unit" in capsys.readouterr().err and not out.exists()
+    assert cli.main([*command, "--scale", "0.01"]) == 0
+    said, made = capsys.readouterr().out, load_garment(out)
+    assert "3 seams" in said and "seams closed after" in said and f"written to {out}" in said
+    x, mesh = made.positions, made.mesh
+    assert made.gap() == 0 and np.hypot(x[:, 0], x[:, 2]).min() > 0.124 and count_self_crossings(x, mesh.faces) == 0
+    assert 0.7 < x[mesh.groups["hem"], 1].mean() < 0.95 and x[mesh.groups["waist"], 1].mean() > 1.25
+    for change, what in (({"--fabric": "velvet"}, "velvet"), ({"--out": str(tmp_path / "no" / "a.npz")}, "a.npz"),
+                         ({"--body": "nobody.obj"}, "nobody.obj")):
+        other = [part for flag, value in change.items() for part in (flag, value)]
+        assert cli.main([*command, "--scale", "0.01", *other]) == 2 and what in capsys.readouterr().err
+    assert load_garment(out).positions == pytest.approx(x)  # what was there stays

@@ -8,6 +8,7 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth.contact.cloth.layers import Layers
 from taichi_cloth.garment import dressing
+from taichi_cloth.scene.intersections import count_crossings, count_self_crossings
 from taichi_cloth.step.stepper import Control
 
 FABRIC = tc.Fabric(0.2, tc.Stretch(1000, 0.5), tc.Shear(100, 0.05), tc.Bend(1e-5))
@@ -46,6 +47,25 @@ def test_a_sleeve_is_bent_round_an_arm(rng):
     edges = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     was, now = (np.linalg.norm(np.diff(q[edges], axis=1)[:, 0], axis=1) for q in (above, x))
     assert 1 - (0.005 / r) ** 2 / 24 - 1e-9 < (now / was).min() and (now / was).max() < 1 + 1e-9
+
+
+def test_a_report_says_which_panels_cross():
+    """Two sheets through each other at right angles, and a third one through the second."""
+    sheet, up = tc.grid(0.2, 4), tc.grid(0.2, 4, plane="xy")
+    turned_round = up.x @ np.array([[0, 0, 1], [0, 1, 0], [1, 0, 0]])
+    places = [sheet.x, up.x + [0.013, -0.093, -0.117], turned_round + [0.11, -0.09, -0.21]]
+    n = sheet.vertex_count
+    mesh = tc.TriMesh(np.concatenate(places), np.concatenate([sheet.faces + n * k for k in range(3)]),
+                      np.concatenate([sheet.uv + [k, 0] for k in range(3)]),
+                      {name: np.arange(n) + n * k for k, name in enumerate(("flat", "front", "side"))})
+    crossed = dressing._crossed(tc.Garment(mesh, ()))
+    assert {(a, b) for a, b, _ in crossed} == {("flat", "front"), ("flat", "side"), ("front", "side")}
+    assert sum(k for *_, k in crossed) == count_self_crossings(mesh.x, mesh.faces)
+    for a, b, k in crossed:
+        pair = [np.arange(n) + n * ("flat", "front", "side").index(name) for name in (a, b)]
+        assert k == count_crossings(mesh.x[pair[0]], sheet.faces, mesh.x[pair[1]], sheet.faces)
+    said = dressing.Dressed(tc.Garment(mesh, ()), 1.0, 0.5, True, 0.01, 7, (("a", "b", 4), ("a", "c", 3))).report()
+    assert said.endswith("7 crossings with itself (4 of 'a' and 'b', 3 of 'a' and 'c')")
 
 
 def test_what_cannot_be_bent_is_named():

@@ -9,6 +9,7 @@ from test_patterns import least_angles
 from test_stitched import write_panels
 
 import taichi_cloth as tc
+from taichi_cloth.backend.ordering import components
 
 pytest.importorskip("scipy", reason="meshing panels needs the extra `garment`")
 PATTERNS = Path(__file__).parents[2] / "scenes" / "patterns"
@@ -32,6 +33,9 @@ def check_same(was: tc.Garment, now: tc.Garment, spacing: float) -> None:
         corner = now.mesh.corner_uv[of[1]]
         edges = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2)
         assert np.median(edges) == pytest.approx(spacing, rel=0.15), name
+    joined = components(now.mesh.vertex_count, *(np.concatenate([s[k] for s in now.seams]) for k in (0, 1)))
+    corner = joined[now.mesh.faces]
+    assert (corner != np.roll(corner, 1, axis=1)).all()  # no triangle is closed to a line
     for a, b, *_ in now.seams:
         way = [np.linalg.norm(np.diff(now.mesh.uv[row], axis=0), axis=1) for row in (a, b)]
         assert all(np.ptp(w) < 0.02 * w.mean() for w in way if len(w))  # equal parts
@@ -103,6 +107,26 @@ def test_three_layers_and_a_button(tmp_path):
         assert np.linalg.norm(garment.mesh.x[v] - at) < 0.04
 
 
+def test_an_edge_that_is_sewn_to_two_panels_and_labelled_in_part(tmp_path):
+    """Half of it to either, and a label over three quarters: both ends in the middle of straight borders."""
+    rows = write_panels(tmp_path, (4, 2, 2))[2]
+    pairs = [*zip(rows[0][:3], rows[1]), *zip(rows[0][2:], rows[2])]
+    plain = tc.load_stitched(write_panels(tmp_path, (4, 2, 2), "".join(f"l {a + 1} {b + 1}\n" for a, b in pairs))[0])
+    mesh = plain.mesh
+    label = np.flatnonzero((np.abs(mesh.x[:, 0]) < 1e-9) & (mesh.x[:, 2] > -0.23))
+    plain = replace(plain, mesh=tc.TriMesh(mesh.x, mesh.faces, mesh.uv, mesh.groups | {"opening": label}))
+    garment = tc.remesh(plain, 0.05)
+    check_same(plain, garment, 0.05)
+    opening = garment.mesh.x[garment.mesh.groups["opening"]]
+    assert opening[:, 2].min() == pytest.approx(-0.225) and opening[:, 2].max() == 0 and np.abs(opening[:, 0]).max() < 1e-9
+    sewn = {round(float(garment.mesh.x[b, 0].mean()), 3): (a, b) for s in garment.seams for a, b in (s[:2], s[1::-1])
+            if garment.mesh.x[b, 0].mean() > 0.32}
+    assert set(sewn) == {0.35, 0.7} and len(garment.seams) == 2
+    for at, (a, b) in sewn.items():
+        way = garment.mesh.x[a, 2] if at < 0.5 else garment.mesh.x[a, 2] + 0.15
+        assert len(a) == 7 and way == pytest.approx(garment.mesh.x[b, 2] / 2) and garment.mesh.x[a, 0] == pytest.approx(0.3)
+
+
 def test_what_cannot_be_meshed_anew_is_named():
     mesh = tc.grid(0.3, 6)
     middle = (np.abs(mesh.uv[mesh.faces].mean(axis=1) - 0.15) < 0.06).all(axis=1)
@@ -126,4 +150,9 @@ def test_the_dress_of_the_reference_data_at_two_sizes(shared):
     for spacing in (0.03, 0.012):
         garment = tc.remesh(plain, spacing)
         check_same(plain, garment, spacing)
-        print(garment, least_angles(garment.mesh).min(), least_angles(garment.mesh).mean(), garment.gap(), plain.gap())
+        angles = least_angles(garment.mesh)
+        assert angles.min() > 5 and angles.mean() > 50 and garment.gap() == pytest.approx(plain.gap(), abs=1e-6)
+        assert sum(len(s.a) > 1 for s in garment.seams) > 60
+        assert ["single stitches are left out" in note for note in garment.mesh.notes] == [True]
+    with pytest.raises(tc.MeshError, match="panel 'panel[0-9]+': its border is lost .* take a smaller spacing"):
+        tc.remesh(plain, 0.05)

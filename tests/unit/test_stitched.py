@@ -44,16 +44,16 @@ def test_stitches_split_the_edges_of_both_sides(tmp_path, own):
     mesh = garment.mesh
     assert mesh.vertex_count == n + meshes[1].vertex_count + 3 + 2  # three splits on the left, two on the right
     assert mesh.material_areas.sum() == pytest.approx(0.18, rel=1e-6) and mesh.uv.shape == (mesh.vertex_count, 2)
-    assert sorted(len(a) for a, _, _ in garment.seams) == [2] * 6  # edges against edges
-    sewn = {int(i) for a, b, _ in garment.seams for i in (*a, *b)}
-    assert len(sewn) == 14 and all(mesh.x[a, 2] == pytest.approx(mesh.x[b, 2], abs=1e-7) for a, b, _ in garment.seams)
+    assert sorted(len(a) for a, *_ in garment.seams) == [2] * 6  # edges against edges
+    sewn = {int(i) for a, b, *_ in garment.seams for i in (*a, *b)}
+    assert len(sewn) == 14 and all(mesh.x[a, 2] == pytest.approx(mesh.x[b, 2], abs=1e-7) for a, b, *_ in garment.seams)
     assert set(mesh.groups) == {"panel0", "panel1"} and sum(len(g) for g in mesh.groups.values()) == mesh.vertex_count
     scene = tc.Scene(gravity=None)
     scene.add_garment(garment, tc.Fabric(0.2, tc.Stretch(500, 1), tc.Shear(50), tc.Bend(1e-4)))
     sim = tc.Simulation(scene, h=1 / 60, integrator="backward_euler")
     sim.run(0.2, fps=60)
     x = sim.positions()
-    assert all((x[a] == x[b]).all() for a, b, _ in garment.seams)
+    assert all((x[a] == x[b]).all() for a, b, *_ in garment.seams)
 
 
 def test_every_layer_of_a_seam_is_divided_alike(tmp_path):
@@ -69,8 +69,8 @@ def test_every_layer_of_a_seam_is_divided_alike(tmp_path):
     for panel, where in (("panel0", 0.3), ("panel1", 0.35), ("panel2", 0.7)):
         rows = mesh.groups[panel]
         assert np.sort(np.abs(mesh.x[rows[np.abs(mesh.x[rows, 0] - where) < 1e-9], 2])) == pytest.approx(z, abs=1e-7)
-    assert [len(a) for a, _, _ in garment.seams].count(2) == 8  # edges against edges
-    assert all(mesh.x[a, 2] == pytest.approx(mesh.x[b, 2], abs=1e-7) for a, b, _ in garment.seams)
+    assert [len(a) for a, *_ in garment.seams].count(2) == 8  # edges against edges
+    assert all(mesh.x[a, 2] == pytest.approx(mesh.x[b, 2], abs=1e-7) for a, b, *_ in garment.seams)
     assert mesh.material_areas.sum() == pytest.approx(0.27, rel=1e-6)
 
 
@@ -115,7 +115,7 @@ def test_a_place_near_the_end_of_an_edge_is_its_end(tmp_path):
         garment = tc.load_stitched(write_panels(tmp_path, lines=lines)[0])
         assert garment.mesh.vertex_count == sum(m.vertex_count for m in meshes) + new
         assert garment.mesh.material_areas.sum() == pytest.approx(0.18, rel=1e-6)
-        sewn = {(int(i), int(j)) for a, b, _ in garment.seams for i, j in zip(a, b)}
+        sewn = {(int(i), int(j)) for a, b, *_ in garment.seams for i, j in zip(a, b)}
         assert ((right[1], left[0]) in sewn or (left[0], right[1]) in sewn) == (new == 0)
 
 
@@ -142,5 +142,5 @@ def test_the_dress_of_the_reference_data(shared):
         pytest.skip("the dress of the reference data is not there")
     with pytest.warns(UserWarning, match="belong to no face"):
         garment = tc.load_stitched(folder / "dress_pattern.obj", folder / "dress_stitches.csv")
-    rows = [len(a) for a, _, _ in garment.seams]
+    rows = [len(a) for a, *_ in garment.seams]
     assert rows.count(2) > 950 and rows.count(1) < 60 and len(garment.mesh.groups) == 14
