@@ -192,12 +192,9 @@ class _Remeshed:
         labels = [np.isin(np.arange(self.mesh.vertex_count), index) for index in self.mesh.groups.values()]
         at = {int(self.cluster[v]) for seam in self.garment.seams if len(seam.a) == 1 for v in (seam.a[0], seam.b[0])
               if self.along[seam.a[0]] != self.along[seam.b[0]]}
-        of_class: dict[int, list[Edge]] = defaultdict(list)
-        for edge, edge_class in self.sewn.items():
-            of_class[edge_class].append(edge)
         for loop in self.loops:
             for u, v, w in zip(loop[-1:] + loop[:-1], loop, loop[1:] + loop[:1]):
-                if (self._turns(u, v, w) or self._changes(u, v, w, of_class)
+                if (self._turns(u, v, w) or self._changes(u, v, w)
                         or any((has[u] and has[v]) != (has[v] and has[w]) for has in labels)):
                     at.add(int(self.cluster[v]))
         for loop in self.loops:
@@ -209,15 +206,13 @@ class _Remeshed:
         one, other = self.uv[v] - self.uv[u], self.uv[w] - self.uv[v]
         return abs(math.atan2(one[0] * other[1] - one[1] * other[0], float(one @ other))) > TURN
 
-    def _changes(self, u: int, v: int, w: int, of_class: dict[int, list[Edge]]) -> bool:
-        """Whether other edges are sewn to the one before v than beside them to the one after it."""
+    def _changes(self, u: int, v: int, w: int) -> bool:
+        """Whether more edges are sewn to the one before v than to the one after it, or fewer. Where they are others, but as
+        many, another panel has a corner there."""
         before, after = self.sewn.get(_key(u, v)), self.sewn.get(_key(v, w))
         if before is None and after is None:
             return len(self.members[int(self.cluster[v])]) > 1  # a single stitch
-        if before is None or after is None or self.size[before] != self.size[after]:
-            return True
-        ends = [sorted(i for edge in of_class[c] for i in edge if self.cluster[i] == self.cluster[v]) for c in (before, after)]
-        return ends[0] != ends[1]
+        return before is None or after is None or self.size[before] != self.size[after]
 
     def _segments(self, loop: list[int], corners: set[int]) -> list[Segment]:
         first = next(k for k, v in enumerate(loop) if int(self.cluster[v]) in corners)

@@ -121,7 +121,7 @@ def test_seams_cost_few_iterations():
     for pieces, x, seams in ((mesh, flat, garment.seams), (mesh, flat, ()), (square, square.x, ())):
         scene = tc.Scene(gravity=None)
         cloth = scene.add_cloth(pieces, tc.Fabric(0.15, tc.Stretch(1000, 1), tc.Shear(100, 0.1), tc.Bend(1e-5, 1e-7)), x)
-        for a, b, rest in seams:
+        for a, b, rest, *_ in seams:
             scene.sew(cloth, a, b, rest)
         with tc.Simulation(scene, h=1 / 60, integrator="backward_euler", preconditioner="multilevel") as sim:
             system = sim._linearized(1 / 60)
