@@ -22,6 +22,7 @@ from ..scene.mesh import TriMesh, face_edges
 from .mesher import mesh_polygon
 
 TURN = math.radians(20)  # by which a border turns at a corner, at least
+TRIES = 8  # in which parts are added where a seam would close a triangle
 FLAT = 0.02  # of two triangles' area that each has at least where the edge between them is flipped
 INSIDE = 1e-6  # weight of a vertex in a triangle that counts
 
@@ -93,7 +94,7 @@ class _Remeshed:
         for segment in (s for some in segments for s in some):
             parts = math.ceil(float(self._lengths(segment.way).sum()) / spacing - 1e-6)
             count[segment.key] = max(count.get(segment.key, 1), parts)
-        while True:
+        for _ in range(TRIES):
             made = self._meshed(segments, count, spacing)
             joined = _joined(made.mesh.vertex_count, made.seams)
             faces, pairs = _flipped(made.mesh.uv, made.mesh.faces, joined)
@@ -101,10 +102,13 @@ class _Remeshed:
                 m = made.mesh
                 return Garment(TriMesh(m.x, faces, m.uv, m.groups, m.notes), made.seams, made.positions)
             short = {s.key for some in segments for pair in pairs for s in self._between(some, *pair)}
-            if not short:
-                raise MeshError(f"remesh: vertices {pairs.pop()} of a triangle are sewn to each other: take a smaller spacing")
             for key in short:
                 count[key] += 1
+            if not short:
+                break
+        at = made.mesh.uv[list(pairs.pop())].mean(axis=0).round(4).tolist()
+        raise MeshError(f"remesh: two corners of a triangle near {at} m of the pattern are sewn to each other: take a smaller "
+                        "spacing")
 
     def _between(self, some: list[Segment], i: int, j: int) -> list[Segment]:
         """Segments of a panel on the shorter way from corner i to corner j; where they are none, those that they are on."""
@@ -163,6 +167,8 @@ class _Remeshed:
             loop = [start]
             while j != start:
                 loop.append(j)
+                if j not in onward:
+                    raise SceneError(f"remesh: triangles of panel {self._name(self.panel[j])!r} are turned to both sides")
                 j = onward.pop(j)
             panel = int(self.panel[start])
             if panel in loops:
