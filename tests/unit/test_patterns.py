@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reference.geometry import against_solids, cloth_crossings
 
 import taichi_cloth as tc
 from taichi_cloth.backend.rows import write
@@ -62,52 +61,46 @@ def test_patterns_that_come_with_scenes_are_meshed(name):
     assert angles.min() >= 28 and angles.mean() >= 55 and garment.mesh.notes == ()
 
 
-@pytest.mark.slow
-def test_a_dress_is_gathered_and_worn():
-    """Its skirt is half as wide again as the bodice that it is sewn to: .62 m to .40."""
-    from taichi_cloth.app import scenefile
-
-    scene = scenefile.read(str(SCENES / "dress_up.py")).make(
-        {"pattern": str(SCENES / "patterns" / "dress.json"), "held": "shoulder", "spacing": 0.06})
-    sim = tc.Simulation(scene, h=1 / 60, cg_tol=1e-3)
-    sim.run(1.3, fps=60)
-    x, groups = sim.positions(), scene.cloths[0].mesh.groups
-    assert all((x[s.a] == x[s.b]).all() for s in scene.seams) and len(scene.seams) == 8
-    assert cloth_crossings(sim) == 0 and all(not crossed for _, crossed in against_solids(sim).values())
-    assert 1.38 < x[groups["shoulder"], 1].mean() < 1.52 and 0.5 < x[groups["hem"], 1].mean() < 0.75
-    uv = scene.cloths[0].mesh.uv
-    waist, gathered = (np.ptp(uv[np.intersect1d(groups[name], groups[panel]), 0])
-                       for name, panel in (("waist", "bodice front"), ("gathered", "skirt front")))
-    assert gathered == pytest.approx(0.62, abs=1e-9) and waist == pytest.approx(0.4, abs=1e-9)
-    sim.close()
+def nearest(a, b, points: np.ndarray) -> np.ndarray:
+    """(n,) distances of points from the line between a and b [m]."""
+    a, b = np.array(a), np.array(b)
+    along = np.clip((points - a) @ (b - a) / max((b - a) @ (b - a), 1e-30), 0, 1)
+    return np.linalg.norm(points - a - along[:, None] * (b - a), axis=1)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name, places", [
-    ("shirt", {"shoulder": 1.46, "hem": 0.88, "cuff": 1.22, "collar": 1.50}),
-    ("trousers", {"waist": 1.02, "hem": 0.12})])
-def test_sleeves_a_collar_and_legs_are_worn(name, places):
-    """Nobody's hand on them: hung, sewn and let go, with no crossing from then on; sleeves round arms, legs apart."""
-    from taichi_cloth.app import scenefile
+@pytest.mark.parametrize("name, seams, places", [
+    ("skirt", 6, {"waist": 1.11, "hem": 0.65}), ("dress", 8, {"shoulder": 1.46, "waist": 1.08, "hem": 0.66}),
+    ("shirt", 14, {"shoulder": 1.47, "hem": 0.90, "cuff": 1.22, "collar": 1.51}),
+    ("trousers", 8, {"waist": 1.03, "hem": 0.12})])
+def test_patterns_are_put_on_with_nobodys_hand_on_them(name, seams, places, monkeypatch):
+    """Hung round a figure, sewn and let down: every seam closed, at rest where it is worn, through nothing; sleeves round
+    arms, legs round legs. The dress's skirt is half as wide again as the bodice that it is sewn to: .62 m to .40."""
+    monkeypatch.syspath_prepend(str(SCENES))
+    import dress_up
 
-    scene = scenefile.read(str(SCENES / "dress_up.py")).make(
-        {"pattern": str(SCENES / "patterns" / f"{name}.json"), "spacing": 0.06})
-    with tc.Simulation(scene, h=1 / 60, cg_tol=1e-3) as sim:
-        crossed = []
-        sim.run(1.2, 10, lambda sim, frame: crossed.append(cloth_crossings(sim)))
-        x, groups = sim.positions(), scene.cloths[0].mesh.groups
-        assert crossed[-3:] == [0, 0, 0] and all(not through for _, through in against_solids(sim).values())
-        assert all((x[s.a] == x[s.b]).all() for s in scene.seams) and len(scene.seams) == {"shirt": 14, "trousers": 8}[name]
-        for label, height in places.items():
-            assert x[groups[label], 1].mean() == pytest.approx(height, abs=0.04), label
+    garment, body = tc.load_pattern(SCENES / "patterns" / f"{name}.json").mesh(0.06), tc.Scene(air=tc.Air(0.5, 0.1))
+    dress_up.figure(body, 0.4)
+    fabric = tc.Fabric(0.19, tc.Stretch(400, 0.4), tc.Shear(50, 0.05), tc.Bend(2e-5, 2e-7))
+    made = tc.dress(garment, fabric, body, tc.ClothContact(0.003, 0.4), longest=1.5, pull=dress_up.PULL)
+    x, mesh, groups = made.garment.positions, made.garment.mesh, made.garment.mesh.groups
+    assert made.rests and len(made.garment.seams) == seams and made.garment.gap() == 0
+    assert made.intersections == count_self_crossings(x, mesh.faces) == 0
+    inner = np.random.default_rng(1).dirichlet((1, 1, 1), 40)  # places in every triangle
+    points = np.einsum("pk,fkd->pfd", inner, x[mesh.faces]).reshape(-1, 3)
+    for solid in body.solids:
+        assert nearest(solid.shape.a, solid.shape.b, points).min() > solid.shape.radius, solid.name
+    for label, height in places.items():
+        assert x[groups[label], 1].mean() == pytest.approx(height, abs=0.04), label
+    if name == "dress":
+        wide, gathered = (np.ptp(mesh.uv[np.intersect1d(groups[label], groups[panel]), 0])
+                          for label, panel in (("waist", "bodice front"), ("gathered", "skirt front")))
+        assert gathered == pytest.approx(0.62, abs=1e-9) and wide == pytest.approx(0.4, abs=1e-9)
+    for end, limb in {"shirt": [("cuff", "arm")], "trousers": [("hem", "leg")]}.get(name, []):
         for side, sign in (("right", 1), ("left", -1)):
-            mine = groups["cuff" if name == "shirt" else "hem"]
-            mine = mine[sign * x[mine, 0] > 0]
-            middle = x[mine].mean(axis=0)
-            limb = next(s for s in scene.solids if s.name == f"{side} {'arm' if name == 'shirt' else 'leg'}").shape
-            a, b = np.array(limb.a), np.array(limb.b)
-            nearest = a + np.clip((middle - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1) * (b - a)
-            assert np.linalg.norm(middle - nearest) < 0.04  # it is round the limb
+            ring = x[groups[end]][sign * x[groups[end], 0] > 0]
+            shape = next(s for s in body.solids if s.name == f"{side} {limb}").shape
+            assert nearest(shape.a, shape.b, ring.mean(axis=0)[None])[0] < 0.04  # it is round the limb
 
 
 @pytest.mark.slow
@@ -182,6 +175,18 @@ def test_panels_turn_about_x_then_y_then_z(tmp_path):
     flat = np.insert(garment.mesh.uv[index], 2, 0.0, axis=1)
     turned = Rotation.from_euler("xyz", [20, 50, -70], degrees=True).apply(flat) + [0, 0.9, -0.15]
     assert np.abs(garment.mesh.x[index] - turned).max() < 1e-12
+
+
+def test_a_bent_panel_is_turned_round_its_axis(tmp_path):
+    at = []
+    for turn in (0, 40):
+        data = skirt()
+        data["pattern"]["panels"]["back"].update(around=[[5, 90, -3], [5, 140, -3]], radius=12, turn=turn)
+        garment = read(tmp_path, data).mesh(0.05)
+        at.append(garment.mesh.x[garment.mesh.groups["back"]] - [0.05, 0, -0.03])
+    c, s = np.cos(np.radians(40)), np.sin(np.radians(40))
+    assert np.hypot(at[0][:, 0], at[0][:, 2]) == pytest.approx(0.12)
+    assert at[1] == pytest.approx(at[0] @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]).T, abs=1e-12)
 
 
 def test_stitches_that_run_together(tmp_path):
