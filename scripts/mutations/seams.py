@@ -172,6 +172,8 @@ MUTATIONS = (
     (REMESH, "d[:, 0] * f[t, 1] - d[:, 1] * f[t, 0]", "d[:, 0] * f[t, 1]", "panels are not where they were", REMESHED),
     (DRESSING, "seam._replace(strength=None)", "seam", "seams rip while they are closed",
      f"{PATTERNS}::test_dressing"),
+    (DRESSING, "            if count:\n", "            if False:\n", "panels that a body passes through are dressed",
+     f"{PATTERNS}::test_a_body_through_a_panel_between_its_vertices_is_refused"),
     (DRESSING, "for doubt in doubts_of_solid(solid)", "for doubt in ()", "bodies of 140 m are dressed",
      f"{PATTERNS}::test_the_command_dresses"),
     (DRESSING, "for e, f in zip(edges[:, 0]", "for e, f in zip(edges[:1, 0]", "crossings are named in part", PLACED),

@@ -18,7 +18,7 @@ from ..errors import SceneError, SimulationError
 from ..scene.air import Air
 from ..scene.fabric import ClothContact, Fabric
 from ..scene.garment import Garment
-from ..scene.intersections import self_crossings
+from ..scene.intersections import count_crossings, self_crossings
 from ..scene.scene import Scene
 from ..scene.solids import Solid, SolidMesh
 from ..scene.units import doubts_of_solid
@@ -188,7 +188,7 @@ def _still(solid: Solid) -> Solid:
 
 
 def _refuse_inside(sim: Simulation, garment: Garment) -> None:
-    """Refuses panels that start inside a solid."""
+    """Refuses panels that start inside a solid, or through one."""
     if sim.contacts is None:
         return
     scan, model = sim.contacts.scan, sim.model
@@ -197,11 +197,23 @@ def _refuse_inside(sim: Simulation, garment: Garment) -> None:
     found = scan.detect()
     inside = found.start_gap + scan.thickness[found.solid] < 0
     if not inside.any():
+        _refuse_through(sim.scene.solids, garment)
         return
     vertex = model.user[found.index[inside]]
     solid = sim.scene.solids[int(found.solid[inside][0])].name
     raise SceneError(f"dress: {len(np.unique(vertex))} vertices start inside the body, the first of them of "
                      f"{_panel(garment, vertex[0])!r} in {solid!r}: hang the panels further out")
+
+
+def _refuse_through(solids: list[Solid], garment: Garment) -> None:
+    """Refuses panels that a solid's mesh passes through between their vertices."""
+    for solid in solids:
+        if isinstance(shape := solid.shape, SolidMesh):
+            R, p = solid.pose(0.0)
+            count = count_crossings(garment.positions, garment.mesh.faces, shape.shape_at(0.0) @ R.T + p, shape.faces)
+            if count:
+                raise SceneError(f"dress: panels pass through {solid.name!r}, in {count} pairs of an edge and a triangle: "
+                                 "hang them further out")
 
 
 def _panel(garment: Garment, vertex: int) -> str:

@@ -394,6 +394,17 @@ def tube(radius: float, low: float, high: float, around: int = 24) -> tuple[np.n
     return x, np.concatenate([np.column_stack(f) for f in faces])
 
 
+def test_a_body_through_a_panel_between_its_vertices_is_refused(tmp_path):
+    """A needle through the middle of a triangle."""
+    garment = read(tmp_path, skirt()).mesh(0.05)
+    at = garment.mesh.x[garment.mesh.faces[20]].mean(axis=0)
+    x, faces = tube(0.002, -0.05, 0.05)
+    body = tc.Scene()
+    body.add_solid(tc.SolidMesh(x[:, [2, 0, 1]], faces), position=at, friction=0.3, thickness=1e-4, name="needle")
+    with pytest.raises(tc.SceneError, match="dress: panels pass through 'needle', in [0-9]+ pairs .* further out"):
+        tc.dress(garment, tc.Fabric(0.2, tc.Stretch(300)), body)
+
+
 @pytest.mark.slow
 def test_the_command_dresses(tmp_path, capsys):
     """A skirt on a body that its file has in centimetres; without their scale the body is refused by its size."""
