@@ -93,8 +93,9 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
     checks.instance("dress: body", body, Scene)
     if not body.solids:
         raise SceneError("dress: the body is a scene without solids")
-    for doubt in (doubt for solid in body.solids for doubt in doubts_of_solid(solid)):
-        raise SceneError(f"dress: {doubt}")
+    doubts = [doubt for solid in body.solids for doubt in doubts_of_solid(solid)]
+    if doubts:
+        raise SceneError(f"dress: {doubts[0]}")
     checks.instance("dress: fabric", fabric, Fabric)
     checks.maybe(contact, checks.instance, "dress: contact", ClothContact)
     checks.maybe(tell, checks.function, "dress: tell", "line")
@@ -202,7 +203,7 @@ def _refuse_inside(sim: Simulation, garment: Garment) -> None:
     vertex = model.user[found.index[inside]]
     solid = sim.scene.solids[int(found.solid[inside][0])].name
     raise SceneError(f"dress: {len(np.unique(vertex))} vertices start inside the body, the first of them of "
-                     f"{_panel(garment, vertex[0])!r} in {solid!r}: hang the panels further out")
+                     f"{garment.panel_of(vertex[0])!r} in {solid!r}: hang the panels further out")
 
 
 def _refuse_through(solids: list[Solid], garment: Garment) -> None:
@@ -216,22 +217,16 @@ def _refuse_through(solids: list[Solid], garment: Garment) -> None:
                                  "hang them further out")
 
 
-def _panel(garment: Garment, vertex: int) -> str:
-    """The panel that a vertex is of: of the groups that have it the largest, labels of edges being smaller."""
-    having = {name: len(index) for name, index in garment.mesh.groups.items() if vertex in index}
-    return max(having, key=having.__getitem__, default="the garment")
-
-
 def _crossed(garment: Garment) -> tuple[tuple[str, str, int], ...]:
     """(panel, panel, number) of what passes through itself, the most first."""
     edges, faces = self_crossings(garment.positions, garment.mesh.faces)
-    pairs = (sorted((_panel(garment, e), _panel(garment, f))) for e, f in zip(edges[:, 0], garment.mesh.faces[faces, 0]))
+    pairs = (sorted((garment.panel_of(e), garment.panel_of(f))) for e, f in zip(edges[:, 0], garment.mesh.faces[faces, 0]))
     return tuple((a, b, n) for (a, b), n in Counter((a, b) for a, b in pairs).most_common())
 
 
 def _left_open(x: np.ndarray, garment: Garment) -> str:
     gaps = [float(np.linalg.norm(x[a] - x[b], axis=1).max()) for a, b, *_ in garment.seams]
     k = int(np.argmax(gaps))
-    of = [_panel(garment, row[len(row) // 2]) for row in garment.seams[k][:2]]
+    of = [garment.panel_of(row[len(row) // 2]) for row in garment.seams[k][:2]]
     return (f"dress: {sum(g > 0 for g in gaps)} of {len(gaps)} seams are still open after {SEWING:g} s; the widest is seam "
             f"{k}, of {of[0]!r} and {of[1]!r}, with {max(gaps):.3g} m: hang the panels nearer, or pull with more")

@@ -75,9 +75,7 @@ class _Remeshed:
         self.panel = _panels(self.mesh)
         self.cluster = _joined(n, garment.seams)
         self.along = _joined(n, [seam for seam in garment.seams if len(seam.a) > 1])  # without single stitches
-        self.members: dict[int, list[int]] = defaultdict(list)
-        for v, c in enumerate(self.cluster.tolist()):
-            self.members[c].append(v)
+        self.members = np.bincount(self.cluster)  # of each cluster
         self.loops = self._loops(face_edges(faces)[list(self.mesh.border_edges.values())].tolist())
         self.like: dict[int, SewnRows] = {}  # of a class of edges that are sewn to each other, a seam
         self.sewn = self._sewn_edges()
@@ -131,7 +129,7 @@ class _Remeshed:
             panel = self.panel[some[0].way[0]]
             lines = [self._divided(s.way, count[s.key]) for s in some]
             border = np.concatenate([line[:-1] for line in lines])
-            points, triangles = self._mesh(border, spacing, self._name(panel))
+            points, triangles = self._mesh(border, spacing, self.garment.panel_of(panel))
             at = 0
             for s, line in zip(some, lines):
                 s.rows = start + (at + np.arange(len(line))) % len(border)
@@ -159,7 +157,7 @@ class _Remeshed:
         onward: dict[int, int] = {}
         for i, j in edges:
             if i in onward:
-                raise SceneError(f"remesh: the border of panel {self._name(self.panel[i])!r} touches itself at vertex {i}")
+                raise SceneError(f"remesh: the border of panel {self.garment.panel_of(i)!r} touches itself at vertex {i}")
             onward[i] = j
         loops: dict[int, list[int]] = {}
         while onward:
@@ -168,11 +166,11 @@ class _Remeshed:
             while j != start:
                 loop.append(j)
                 if j not in onward:
-                    raise SceneError(f"remesh: triangles of panel {self._name(self.panel[j])!r} are turned to both sides")
+                    raise SceneError(f"remesh: triangles of panel {self.garment.panel_of(j)!r} are turned to both sides")
                 j = onward.pop(j)
             panel = int(self.panel[start])
             if panel in loops:
-                raise SceneError(f"remesh: panel {self._name(panel)!r} has a hole")
+                raise SceneError(f"remesh: panel {self.garment.panel_of(panel)!r} has a hole")
             loops[panel] = loop
         return [loops[panel] for panel in sorted(loops)]
 
@@ -217,7 +215,7 @@ class _Remeshed:
         many, another panel has a corner there."""
         before, after = self.sewn.get(_key(u, v)), self.sewn.get(_key(v, w))
         if before is None and after is None:
-            return len(self.members[int(self.cluster[v])]) > 1  # a single stitch
+            return bool(self.members[self.cluster[v]] > 1)  # a single stitch
         return before is None or after is None or self.size[before] != self.size[after]
 
     def _segments(self, loop: list[int], corners: set[int]) -> list[Segment]:
@@ -272,11 +270,6 @@ class _Remeshed:
             reach *= 4
         return faces[of], weight
 
-    def _name(self, panel: int) -> str:
-        """Of a panel: the largest group that has it, or its first vertex."""
-        having = {name: len(index) for name, index in self.mesh.groups.items() if panel in index}
-        return max(having, key=having.__getitem__, default=f"of vertex {panel}")
-
     def _rows(self, segments: list[Segment]) -> list[SewnRows]:
         """Segments that are sewn to each other, each to the next."""
         together: dict[tuple, list[Segment]] = defaultdict(list)
@@ -297,7 +290,7 @@ class _Remeshed:
         panel, lost = _panels(mesh), 0
         out: list[SewnRows] = []
         first = {int(self.panel[v]): panel[i] for v, i in new.items()}
-        corners = mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+        corners = face_edges(mesh.faces)
         for seam in (seam for seam in self.garment.seams if len(seam.a) == 1):
             ends = int(seam.a[0]), int(seam.b[0])
             for i in (i for i in ends if i not in new):  # within a panel: the nearest
@@ -334,7 +327,7 @@ def _flipped(uv: np.ndarray, faces: np.ndarray, joined: np.ndarray) -> tuple[np.
 
 def _panels(mesh: TriMesh) -> np.ndarray:
     """(n,) the smallest vertex of each one's panel."""
-    return components(mesh.vertex_count, mesh.faces[:, [0, 1]].ravel(), mesh.faces[:, [1, 2]].ravel())
+    return components(mesh.vertex_count, *face_edges(mesh.faces).T)
 
 
 def _joined(n: int, seams: Sequence[SewnRows]) -> np.ndarray:

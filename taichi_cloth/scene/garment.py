@@ -65,6 +65,11 @@ class Garment:
         x = self.positions
         return max((float(np.linalg.norm(x[a] - x[b], axis=1).max()) for a, b, *_ in self.seams), default=0.0)
 
+    def panel_of(self, vertex: int) -> str:
+        """The panel that a vertex is of: of the groups that have it the largest, labels of edges being smaller."""
+        having = {name: len(index) for name, index in self.mesh.groups.items() if vertex in index}
+        return max(having, key=having.__getitem__, default="the garment")
+
     def moved(self, panel: str, by: ArrayLike) -> Garment:
         """The garment with a panel brought by (3,) [m] from where it hangs.
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from test_patterns import least_angles
-from test_stitched import write_panels
+from test_stitched import reference_dress, write_panels
 
 import taichi_cloth as tc
 from taichi_cloth.backend.ordering import components
@@ -146,11 +146,7 @@ def test_what_cannot_be_meshed_anew_is_named():
 
 @pytest.mark.slow
 def test_the_dress_of_the_reference_data_at_two_sizes(shared):
-    folder = shared / "data"
-    if not (folder / "dress_pattern.obj").is_file():
-        pytest.skip("the dress of the reference data is not there")
-    with pytest.warns(UserWarning, match="belong to no face"):
-        plain = tc.load_stitched(folder / "dress_pattern.obj", folder / "dress_stitches.csv")
+    plain = reference_dress(shared)
     for spacing in (0.03, 0.012):
         garment = tc.remesh(plain, spacing)
         check_same(plain, garment, spacing)

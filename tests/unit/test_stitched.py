@@ -134,13 +134,18 @@ def test_what_is_wrong_with_stitches_is_named(tmp_path):
         tc.load_stitched(tmp_path / "none.obj")
 
 
-@pytest.mark.slow
-def test_the_dress_of_the_reference_data(shared):
-    """Where it is: nearly all stitches become edges that are sewn to edges."""
+def reference_dress(shared) -> tc.Garment:
+    """The dress of the reference data, where it is."""
     folder = shared / "data"
     if not (folder / "dress_pattern.obj").is_file():
         pytest.skip("the dress of the reference data is not there")
     with pytest.warns(UserWarning, match="belong to no face"):
-        garment = tc.load_stitched(folder / "dress_pattern.obj", folder / "dress_stitches.csv")
+        return tc.load_stitched(folder / "dress_pattern.obj", folder / "dress_stitches.csv")
+
+
+@pytest.mark.slow
+def test_the_dress_of_the_reference_data(shared):
+    """Nearly all stitches become edges that are sewn to edges."""
+    garment = reference_dress(shared)
     rows = [len(a) for a, *_ in garment.seams]
     assert rows.count(2) > 950 and rows.count(1) < 60 and len(garment.mesh.groups) == 14
