@@ -136,6 +136,12 @@ def test_a_blend_has_all_that_blender_has_a_place_for(tmp_path, rng):
     got = read(export(made.recording, "blend", tmp_path / "w.blend", "welded")[0], (FIRST,))
     take = [1, 3, 4, 7, 8]
     assert named(got, "x", 1, FIRST) == pytest.approx(up(made.frames[0]["x"][take]), abs=1e-7)
+    assert named(got, "uv", 1) == pytest.approx(made.geometry["uv"][2:], abs=1e-6)
+    got = read(export(made.recording, "blend", tmp_path / "p.blend", "panels")[0], (FIRST,))
+    for name, first, last in (("a", 0, 2), ("b", 2, 4), ("c", 4, 5)):
+        assert got[f"uv {name}"] == pytest.approx(made.geometry["uv"][first:last], abs=1e-6)
+        corners = up(made.frames[0]["x"][FACES[first:last]])
+        assert got[f"x {FIRST:g} {name}"][got[f"faces {name}"]] == pytest.approx(corners, abs=1e-7)
 
 
 def test_a_long_run_is_exact_to_its_end(tmp_path, rng):

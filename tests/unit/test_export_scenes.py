@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from test_export import CAMERA, COLORS, FACES, FIRST, FPS, NAMES, SOLID_FACES, face_normals, make, read_obj
+from test_export import CAMERA, COLORS, FACES, FIRST, FPS, NAMES, SEWN, SOLID_FACES, face_normals, make, read_obj
 
 import taichi_cloth as tc
 from taichi_cloth.errors import OutputError
@@ -65,6 +65,23 @@ def test_usda_as_text(made, tmp_path):
         assert line in text
     names = re.findall(r'def Mesh "(.*?)"', text)
     assert all(re.fullmatch(r"[A-Za-z_]\w*", name) for name in names) and len(set(names)) == 5
+
+
+@pytest.mark.parametrize("parts, takes, cuts", [
+    ("panels", ([0, 1, 2, 3], [4, 5, 6, 7], [6, 7, 8]), (0, 2, 4, 5)), ("welded", ([0, 1, 2, 3], [1, 3, 4, 7, 8]), (0, 2, 5))])
+def test_usda_of_a_garment(tmp_path, rng, parts, takes, cuts):
+    """A mesh a panel, or welded over the seams: points, triangles, and the pattern as st at each of their corners."""
+    made = make(tmp_path / "run", rng, **SEWN)
+    text = export(made.recording, "usda", tmp_path / "o", parts)[0].read_text()
+    index = [np.array(row.split(","), dtype=int).reshape(-1, 3) for row in re.findall(r"faceVertexIndices = \[(.*?)\]", text)]
+    st = [np.array(re.findall(r"[-\d.e+]+", row), dtype=np.float32).reshape(-1, 3, 2)
+          for row in re.findall(r"primvars:st = \[(.*?)\] \(", text)]
+    mine = SEWN["sewn"][FACES] if parts == "welded" else FACES
+    assert len(st) == len(takes)
+    for k, (take, first, last) in enumerate(zip(takes, cuts, cuts[1:])):
+        assert (np.array(take)[index[k]] == mine[first:last]).all() and (st[k] == made.geometry["uv"][first:last]).all()
+        for row, frame in zip(samples(text, "points")[k].values(), made.frames):
+            assert (row == frame["x"][take]).all()
 
 
 def stages(made, folder):
