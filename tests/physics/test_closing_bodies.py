@@ -83,11 +83,10 @@ def crossed(sim: tc.Simulation) -> int:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("body, sheets, smaller, faster", [("capsules", 1, 1, 0.05), ("two_meshes", 1, 1, 0.05),
-                                                           ("one_mesh", 1, 1, 0.05), ("one_mesh", 2, 4, 0.12)])
-def test_an_arm_that_closes_on_a_trunk(body, sheets, smaller, faster):
-    """Steps stay what was asked (a quarter of it at worst with two layers), what is held goes by .05 m/s faster than the
-    body at most (two layers slip by .12), and .2 s after nothing is left on the wrong side, of bodies or of cloth."""
+@pytest.mark.parametrize("body, sheets", [("capsules", 1), ("two_meshes", 1), ("one_mesh", 1), ("one_mesh", 2)])
+def test_an_arm_that_closes_on_a_trunk(body, sheets):
+    """Steps stay what was asked, with two layers too; what is held goes by .05 m/s faster than the body at most, and .2 s
+    after nothing is left on the wrong side, of bodies or of cloth."""
     sim = tc.Simulation(figure(body, sheets, itself=sheets > 1), h=H)
     before, fastest, deepest = sim.positions(), -math.inf, 0
     while sim.time < LEFT - 1e-9:
@@ -98,9 +97,8 @@ def test_an_arm_that_closes_on_a_trunk(body, sheets, smaller, faster):
         fastest = max(fastest, np.linalg.norm((now - before)[held], axis=1).max(initial=0.0) / H - goes)
         before, deepest = now, max(deepest, sim.intersections() if sheets > 1 else 0)
     assert max(r.pinched for r in sim.log) > 10 and max(r.crossings for r in sim.log) > 50, "nothing was between them"
-    assert min(r.h for r in sim.log) > H / smaller - 1e-9
-    assert sum(sum(r.rejections.values()) for r in sim.log) <= (0 if sheets == 1 else 6)
-    assert fastest < faster, f"what was pinched went {fastest} m/s faster than the body"
+    assert min(r.h for r in sim.log) > H - 1e-9 and not any(r.rejections for r in sim.log)
+    assert fastest < 0.05, f"what was pinched went {fastest} m/s faster than the body"
     assert crossed(sim) == 0 and deepest == 0
     assert max(r.stretch for r in sim.log) < 1.3
     assert sum(abs(r.ledger["pins"]) for r in sim.log) < 1e-9  # the tube's top stands still

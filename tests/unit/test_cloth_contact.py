@@ -17,6 +17,7 @@ from taichi_cloth.contact.cloth import barrier as repulsion
 from taichi_cloth.contact.cloth.barrier import FLOOR, SHALLOW, room
 from taichi_cloth.contact.cloth.narrow_phase import PINCHED, LayerDetector
 from taichi_cloth.contact.cloth.pair_kernels import MU, NOW, POTENTIAL, STIFF
+from taichi_cloth.contact.cloth.untangle import Intersections
 from taichi_cloth.contact.contacts import Contacts, Verdict
 from taichi_cloth.contact.geometry import VERTEX_FACE
 from taichi_cloth.contact.points import Points
@@ -391,9 +392,9 @@ def test_what_beside_a_tangle_ends_too_near_is_released(k, part, settled, asks):
     """In steps of any size, after five solves; and a solve that is stopped short stiffens what stopped it."""
     stopped = []
     step = LayerStep.__new__(LayerStep)
-    step.layers = SimpleNamespace(release_beside=lambda: True, off=0, least=0.2, settled=lambda: settled, ROUNDS=12,
+    step.layers = SimpleNamespace(release_beside=lambda held: True, off=0, least=0.2, settled=lambda: settled, ROUNDS=12,
                                   stop_short=lambda: stopped.append("layers"))
-    solids = SimpleNamespace(stop_short=lambda: stopped.append("solids"))
+    solids = SimpleNamespace(stop_short=lambda: stopped.append("solids"), holds=lambda: None)
     step.contacts = SimpleNamespace(goes_on=lambda verdict, solves: False, solids=solids)
     step.clock, step.verdict, step.released = Clock(), SimpleNamespace(changes=0), False
     step.solutions, step.conclude = [], lambda measures: None
@@ -436,8 +437,25 @@ def test_what_starts_crossed_is_counted_named_and_pulled_apart():
     sim.close()
 
 
-def test_what_a_tangle_holds_too_near_is_let_go():
-    """Pairs of what rests that end too near rest as well, if the nearest of all is one; else a smaller step is tried."""
+@pytest.mark.parametrize("crossings, sewn, firmer", [(20, [], True), (21, [], False), (30, [95], True), (30, [1, 4, 7], False),
+                                                     (30, [3 * k for k in range(10)], True)])
+def test_a_tangle_is_as_large_as_what_crosses_away_from_seams(crossings, sewn, firmer):
+    """Of 20 crossings without a sewn corner at most, it is led twice as firmly after a usual step. One edge crosses all."""
+    knots = np.arange(99)
+    knots[sewn] = 98
+    mesh = SimpleNamespace(faces=np.arange(90).reshape(30, 3)[:crossings], half_thickness=np.ones(99), knots=knots)
+    tangles = Intersections(99, mesh, "untangle")
+    tangles.edges = np.tile([95, 96], (crossings, 1))
+    tangles.rows = np.arange(crossings)
+    tangles.found = tangles.edges, tangles.rows
+    tangles.commit(1 / 60, 1.0)
+    crosses = np.concatenate([np.arange(3 * crossings), [95, 96]])
+    assert (tangles.firm[crosses] == (2.0 if firmer else 1.0)).all() and tangles.firm.sum() == 99 + firmer * len(set(crosses))
+
+
+def test_what_a_tangle_or_a_pinch_holds_too_near_is_let_go():
+    """Pairs of what rests that end too near rest as well, if the nearest of all is one; else a smaller step is tried. And so
+    do those of what is pinched with what solids hold."""
     _, a, sim = two_sheets(0.012)
     layers, n, particle = sim.contacts.layers, a.mesh.vertex_count, sim.model.particle
     x = sim.positions()
@@ -462,19 +480,29 @@ def test_what_a_tangle_holds_too_near_is_let_go():
     near = n + np.flatnonzero(x[n:, 0] < x[n:, 0].min() + 0.05)
     layers.was = 0.9
     assert before[edge] == pytest.approx(0.1, abs=0.02) and before.min() == layers.least
+    nothing, below = np.zeros(sim.model.n, dtype=bool), np.zeros(sim.model.n, dtype=bool)
+    below[particle[:n]] = True
     rest(np.zeros(0, dtype=int))
-    assert not layers.release_beside()  # nothing is tangled
+    assert not layers.release_beside(below)  # nothing is tangled, nor pinched
     rest(np.setdiff1d(near, edge))
-    assert not layers.release_beside() and gaps().min() == before.min()  # what is, is not the nearest
+    assert not layers.release_beside(nothing) and gaps().min() == before.min()  # what is, is not the nearest
     rest(np.concatenate([edge, n + np.flatnonzero(x[n:, 0] == x[n:, 0].max())]))  # the other side rests too, with room enough
-    assert layers.release_beside()
+    assert layers.release_beside(nothing)
     after = gaps()
     assert (after[edge] > before[edge] + 0.01).all()
     far = before > 0.35
     assert far.sum() > 40 and after[far] == pytest.approx(before[far])
+    rest(np.zeros(0, dtype=int))
+    pinched = nothing.copy()
+    pinched[particle[near]] = True
+    layers.waive(pinched, np.zeros(0, dtype=int))
+    assert gaps()[edge] == pytest.approx(before[edge])
+    assert not layers.release_beside(nothing)  # the other side goes where it is pushed
+    assert layers.release_beside(below) and (gaps()[edge] > before[edge] + 0.01).all()
+    layers.waive(nothing, np.zeros(0, dtype=int))
     rest(edge)
     layers.was = -1.0  # it was nearer before the step
-    assert not layers.release_beside()
+    assert not layers.release_beside(nothing)
     sim.close()
 
 

@@ -302,11 +302,12 @@ class Layers(Checkpointed):
         self._let_rest()
         return len(four) > 0
 
-    def release_beside(self) -> bool:
-        """Deactivates for a while the pairs of what rests that end nearer than a step may leave them: a tangle holds them.
-        Whether the nearest pair is one."""
+    def release_beside(self, held: np.ndarray) -> bool:
+        """Deactivates for a while pairs that end nearer than a step may leave them: those of what rests, since a tangle holds
+        them, and those with a pinched particle that solids hold in all others (n,) too. Whether the nearest pair is one."""
         p, near = self.near, self._too_near()
-        gap, tight = p.end / p.radius, near & self.intersections.resting[p.vertices].any(axis=1)
+        led = self.waived[p.vertices].any(axis=1) & (self.waived | held)[p.vertices].all(axis=1)
+        gap, tight = p.end / p.radius, near & (led | self.intersections.resting[p.vertices].any(axis=1))
         if not tight.any() or gap[tight].min() > gap[near].min():
             return False
         self.intersections.release(p.vertices[tight].ravel())

@@ -22,7 +22,7 @@ from .contact_pairs import ContactPairs
 RINGS = 1  # of neighbours round a crossing that rest with it
 PULL = 1.0  # of a thickness that a crossing is moved in a usual step
 PULL_STIFF = 10.0  # stiffness of that over mass / h^2
-FEW = 20  # crossings, at most, of a tangle that is led more firmly the longer it lasts
+FEW = 20  # crossings away from seams, at most, of a tangle that is led more firmly the longer it lasts
 FIRMER, FIRMEST = 2.0, 1024.0  # times as stiff after each usual step; at which it begins anew
 HOLDS = 128.0  # times as stiff pairs are led apart that have just come apart
 RELEASED = 0.1  # s for which what was pinched rests
@@ -116,11 +116,13 @@ class Intersections(Checkpointed):
         self._rest()
 
     def _in_small_tangles(self) -> np.ndarray:
-        """(n,) whether a particle is of an edge or a face that crosses, in a tangle of at most FEW crossings."""
+        """(n,) whether a particle is of an edge or a face that crosses, in a tangle of at most FEW crossings away from seams:
+        beside one, tangles of neighbouring pleats are one."""
         out, four = np.zeros(self.n, dtype=bool), np.column_stack([self.edges, self.faces[self.rows]])
         if len(four):
             one = components(self.n, four[:, :1].repeat(4, axis=1).ravel(), four[:, 1:].ravel())[four[:, 0]]
-            out[four[np.bincount(one)[one] <= FEW]] = True
+            sewn = np.bincount(self.mesh.knots)[self.mesh.knots] > 1
+            out[four[np.bincount(one, ~sewn[four].any(axis=1))[one] <= FEW]] = True
         return out
 
     def _rest(self) -> None:

@@ -193,6 +193,12 @@ class SolidContacts(Checkpointed):
                               self.firmness.trial.of(near.key))
         return [*rubbing, self.pressing]
 
+    def holds(self) -> np.ndarray:
+        """(n,) whether the last solve held a particle at a solid."""
+        out = np.zeros(self.model.n, dtype=bool)
+        out[self.active.contacts.index] = True
+        return out
+
     @property
     def rubbing(self) -> Points:
         """Friction of what slides on solids and of what slips between them."""

@@ -139,7 +139,7 @@ class LayerStep(EulerStep):
                 self.layers.stop_short()
             again = contacts.goes_on(self.verdict, k)
             self.agreed = part == 1 and self.layers.settled() and not again
-            self.released = not self.agreed and k >= BOLD and self.layers.release_beside()
+            self.released = not self.agreed and k >= BOLD and self.layers.release_beside(contacts.solids.holds())
         if self.released:
             return self.refuse(measures)
         ended = self.conclude(measures) if self.agreed else None
