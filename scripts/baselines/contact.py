@@ -1,4 +1,4 @@
-"""Cloth on a ball by one of the programs that pip installs, as a program of its own: no import of taichi_cloth.
+"""Cloth on a ball, or a slope, by one of the programs that pip installs, as a program of its own: no import of taichi_cloth.
 
     PYTHON scripts/baselines/contact.py NAME task.npz result.npz
 
@@ -16,6 +16,8 @@ import numpy as np
 ABSENT = 3  # exit code
 FPS = 60
 GRAVITY = 9.81
+SIDE = 8.0  # m, of a plate
+FAR = 1000.0  # m, radius of a ball that stands for a plate
 Run = tuple[Callable[[], object], int, Callable[[], np.ndarray], str]  # a frame, how many in a second, positions, what it is
 
 
@@ -55,8 +57,16 @@ def blender(s: dict) -> Run:
     contact.self_distance_min = s["thickness"]
     contact.distance_min = s["thickness"] - 0.001
     contact.friction = contact.self_friction = 100 * s["friction"]
-    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=6, radius=s["radius"])
-    ball = bpy.context.object
+    if s["slope"]:
+        plate = bpy.data.meshes.new("plate")
+        points, triangles = plate_mesh(s["slope"])
+        plate.from_pydata(points.tolist(), [], triangles.tolist())
+        ball = bpy.data.objects.new("plate", plate)
+        stage.collection.objects.link(ball)
+        bpy.context.view_layer.objects.active = ball
+    else:
+        bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=6, radius=s["radius"])
+        ball = bpy.context.object
     ball.modifiers.new("collision", "COLLISION")
     ball.collision.thickness_outer = 0.001
     ball.collision.cloth_friction = 100 * s["friction"]
@@ -74,7 +84,8 @@ def blender(s: dict) -> Run:
 
 def pypbd(s: dict) -> Run:
     """pyPBD: XPBD of distances and dihedral angles as in the table of errors, 20 substeps of one iteration; the ball as a
-    distance field, tolerance the thickness, its own contact stiffness. It has no contact of cloth with cloth."""
+    distance field, a plate as one of a kilometre, tolerance the thickness, its own contact stiffness. Half of the friction for
+    cloth and solid, since it adds them (measured on a slope). It has no contact of cloth with cloth."""
     import pypbd as pbd
 
     simulation = pbd.Simulation.getCurrent()
@@ -84,17 +95,20 @@ def pypbd(s: dict) -> Run:
     detection = pbd.DistanceFieldCollisionDetection()
     stepper.setCollisionDetection(model, detection)
     detection.setTolerance(s["thickness"])
-    points, triangles, _ = ball_mesh(s["radius"])
-    ball = model.addRigidBody(1.0, *pbd_mesh(pbd, points, triangles), generateCollisionObject=False, testMesh=False)
+    radius = FAR if s["slope"] else s["radius"]
+    points, triangles = ball_mesh(radius)
+    middle = -radius * turn(s["slope"])[:, 1] if s["slope"] else np.zeros(3)
+    ball = model.addRigidBody(1.0, *pbd_mesh(pbd, points, triangles), translation=middle, generateCollisionObject=False,
+                              testMesh=False)
     ball.setMass(0.0)
-    ball.setFrictionCoeff(s["friction"])
+    ball.setFrictionCoeff(s["friction"] / 2)
     vertices = ball.getGeometry().getVertexData()
     kinds = pbd.CollisionObject
-    detection.addCollisionSphere(0, kinds.RigidBodyCollisionObjectType, vertices, 0, len(points), s["radius"], False, False)
+    detection.addCollisionSphere(0, kinds.RigidBodyCollisionObjectType, vertices, 0, len(points), radius, False, False)
     n, particles = s["n"] ** 2, model.getParticles()
     for k in range(s["sheets"]):
         made = model.addTriangleModel(list(s["x"][n * k: n * k + n]), s["faces"].ravel().tolist(), testMesh=True)
-        made.setFrictionCoeff(s["friction"])
+        made.setFrictionCoeff(s["friction"] / 2)
         model.addClothConstraints(made, 4, s["stretch"], s["stretch"], s["shear"], s["shear"], 0.3, 0.3, False, False)
         model.addBendingConstraints(made, 3, s["bend"])
         detection.addCollisionObjectWithoutGeometry(k, kinds.TriangleModelCollisionObjectType, particles, n * k, n, True)
@@ -143,7 +157,10 @@ def newton(s: dict, name: str) -> Run:
             nt.solvers.style3d.add_cloth_mesh(builder, **flat, panel_verts=s["uv"].tolist(),
                                               tri_aniso_ke=wp.vec3(s["stretch"], s["stretch"], s["shear"]),
                                               edge_aniso_ke=wp.vec3(s["bend"] / 3))
-    builder.add_shape_sphere(body=-1, radius=s["radius"])
+    if s["slope"]:
+        builder.add_shape_plane(plane=(*turn(s["slope"])[:, 1].tolist(), 0.0), body=-1)
+    else:
+        builder.add_shape_sphere(body=-1, radius=s["radius"])
     if name == "VBD":
         builder.color(include_bending=True)
     model = builder.finalize()
@@ -173,8 +190,20 @@ def newton(s: dict, name: str) -> Run:
             f"Newton {version('newton')} {name}, 10 x {iterations}, Warp {version('warp-lang')}, CPU")
 
 
-def ball_mesh(radius: float, around: int = 48) -> tuple[np.ndarray, np.ndarray, int]:
-    """Vertices, triangles and their number, of a ball."""
+def turn(slope: float) -> np.ndarray:
+    """(3, 3) turns what is level to a slope [rad] that falls along x."""
+    c, s = np.cos(slope), np.sin(slope)
+    return np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+
+
+def plate_mesh(slope: float) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and triangles of a plate, a slope through the origin."""
+    points = SIDE / 2 * np.array([[-1.0, 0, -1], [-1, 0, 1], [1, 0, 1], [1, 0, -1]])
+    return points @ turn(slope).T, np.array([[0, 1, 2], [0, 2, 3]])
+
+
+def ball_mesh(radius: float, around: int = 48) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices and triangles of a ball."""
     rows = around // 2 + 1
     a, b = np.meshgrid(np.linspace(0, np.pi, rows), np.linspace(0, 2 * np.pi, around, endpoint=False), indexing="ij")
     points = radius * np.stack([np.sin(a) * np.cos(b), -np.cos(a), np.sin(a) * np.sin(b)], axis=-1).reshape(-1, 3)
@@ -182,7 +211,7 @@ def ball_mesh(radius: float, around: int = 48) -> tuple[np.ndarray, np.ndarray, 
     right = (j + 1) % around
     p, q, r, t = i * around + j, i * around + right, (i + 1) * around + right, (i + 1) * around + j
     triangles = np.concatenate([np.stack([p, r, q], 1), np.stack([p, t, r], 1)])
-    return points, triangles, len(triangles)
+    return points, triangles
 
 
 def pbd_mesh(pbd: object, points: np.ndarray, triangles: np.ndarray) -> tuple[object, object]:
@@ -209,7 +238,8 @@ SYSTEMS = {"Blender": blender, "pyPBD": pypbd, "Newton Style3D": style3d, "Newto
 
 def timed(make: Callable[[dict], Run], first: dict, task: dict) -> dict:
     """Runs a scene that makes it compile, and then the task: `setup` [s] is all up to its first frame, `wall` [s] the rest,
-    `cpu` [s] what all threads worked in that."""
+    `cpu` [s] what all threads worked in that; positions at its end, and how far particles went in the frame that ends half
+    way and in the last one, `frame` [s] each."""
     start = time.perf_counter()
     frame, fps, positions, _ = make(first)
     for _ in range(round(fps * first["until"])):
@@ -218,10 +248,15 @@ def timed(make: Callable[[dict], Run], first: dict, task: dict) -> dict:
     frame, fps, positions, about = make(task)
     positions()
     ready, worked = time.perf_counter(), time.process_time()
-    for _ in range(round(fps * task["until"])):
+    seen, last = {}, round(fps * task["until"])
+    for k in range(1, last + 1):
         frame()
+        if k in (last // 2 - 1, last // 2, last - 1):
+            seen[k] = positions()
     wall, cpu = time.perf_counter() - ready, time.process_time() - worked
-    return {"setup": ready - start, "wall": wall, "cpu": cpu, "about": about, "x": positions()}
+    x = positions()
+    return {"setup": ready - start, "wall": wall, "cpu": cpu, "about": about, "x": x, "frame": 1 / fps, "frames": last,
+            "went": np.stack([seen.get(last // 2, x) - seen.get(last // 2 - 1, x), x - seen.get(last - 1, x)])}
 
 
 def main(name: str, source: str, target: str) -> int:

@@ -78,7 +78,8 @@ def test_peers_in_contact_name_who_is_absent(tmp_path):
                        "Blender", "--json", file)
     assert done.returncode == 0, done.stderr
     rows = {row["system"]: row for row in json.loads(file.read_text())["rows"]}
-    assert {"scene", "n", "about", "setup", "wall", "cpu", "crossings", "stretch", "gap", "height"} <= set(rows["ours"])
+    columns = {"scene", "n", "about", "setup", "wall", "cpu", "crossings", "stretch", "gap", "height", "speed"}
+    assert columns <= set(rows["ours"])
     assert rows["ours"]["crossings"] == 0 and rows["ours"]["wall"] > 0 and 0 < rows["ours"]["stretch"] < 5
     for name in ("pyPBD", "Blender"):
         assert (name in rows) != (f"{name}: left out, " in done.stderr)
@@ -100,3 +101,23 @@ def test_a_row_of_peers_in_contact_counts(monkeypatch):
     assert bent["crossings"] > 0 and bent["gap"] == pytest.approx(-0.02)
     assert bent["stretch"] > 50 and bent["height"] == pytest.approx(np.ptp(made["x"][:, 1]))
     assert len(peers_contact.plan("layers", 5, 1.0)["x"]) == 75
+
+
+def test_peers_on_a_slope_are_held_against_coulombs_law(monkeypatch):
+    """Ours keeps all of the speed that it allows, without friction and with some; of another sheet half of it is counted."""
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    import peers_contact
+    from baselines import contact
+
+    for scene in ("slip", "slide"):
+        task = peers_contact.plan(scene, 5, 0.4)
+        row = peers_contact.row(scene, "ours", task, contact.timed(peers_contact.ours, task | {"until": 0.1}, task))
+        assert row["speed"] == pytest.approx(100, abs=0.1) and row["gap"] == pytest.approx(0.005, abs=1e-6)
+        assert row["crossings"] == 0 and row["stretch"] < 0.1
+    angle = np.radians(20)
+    half = 0.5 * 9.81 * (np.sin(angle) - 0.2 * np.cos(angle)) * np.array([np.cos(angle), -np.sin(angle), 0])
+    t = np.arange(21)[:, None, None] * 0.02
+    x = task["x"] + 0.5 * half * t**2
+    made = {"x": x[20], "went": np.diff(x, axis=0)[[9, 19]], "frame": 0.02, "frames": 20, "about": "", "setup": 0.0,
+            "wall": 1.0, "cpu": 1.0}
+    assert peers_contact.row("slide", "half", task, made)["speed"] == pytest.approx(50)
