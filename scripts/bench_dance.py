@@ -24,7 +24,6 @@ import results
 from bench_gaps import fabric, tube
 
 import taichi_cloth as tc
-from taichi_cloth.backend.ordering import components
 from taichi_cloth.scene.intersections import count_crossings, count_self_crossings
 from taichi_cloth.scene.mesh import face_edges
 
@@ -44,7 +43,6 @@ SMALLER, SPACING = 0.91, 0.012  # of its size, for this body; m of its triangles
 IN_FRONT, BEHIND = (0.0, -0.03, 0.03), (0.0, -0.03, -0.08)  # m by which front and back hang lower and further out
 LONG_SLEEVE = ((0.17, 1.226, -0.08), (0.47, 1.216, -0.02)), 0.06  # axis of the left one [m], radius [m]
 BAND = (50.0, 0.5)  # N/m and N a vertex that hold up what has no shoulders
-RINGS = 3  # of neighbours of a pleat's seam
 CROSSINGS = "with_body", "with_itself", "body_elsewhere", "itself_elsewhere"
 DISTURBED = 1e-7  # m by which --again moves vertices, at random
 PARTS = {"C-S": "solids", "C-C": "layers", "CG": "CG", "EVAL": "forces"}
@@ -146,47 +144,24 @@ def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float, 
     return scene
 
 
-def pleats(scene: tc.Scene) -> np.ndarray:
-    """(n,) whether a vertex is within RINGS of a pleat that is sewn: where more than two triangles share an edge, or two
-    vertices of a panel and a third are sewn together, as where the layers of a pleat are divided unequally."""
-    cloth, n = scene.cloths[0], scene.vertex_count
-    near: np.ndarray = np.zeros(n, dtype=bool)
-    if not scene.seams:
-        return near
-    one = components(n, np.concatenate([s.a for s in scene.seams]), np.concatenate([s.b for s in scene.seams]))
-    faces = one[cloth.mesh.faces]
-    edges, count = np.unique(np.sort(face_edges(faces), axis=1), axis=0, return_counts=True)
-    near[edges[count > 2]] = True
-    panel: np.ndarray = np.full(n, -1)
-    for k, rows in enumerate(cloth.mesh.groups.values()):
-        panel[rows] = k
-    members, twice = np.unique(np.column_stack([one, panel]), axis=0, return_counts=True)
-    near[members[(twice > 1) & (np.bincount(one)[members[:, 0]] > 2), 0]] = True
-    for _ in range(RINGS):
-        near[faces[near[faces].any(axis=1)]] = True
-    return near[one]
-
-
 def pinched(sim: tc.Simulation) -> np.ndarray:
     """(n,) whether a vertex, or one that it shares a face with, is or was .1 s ago between parts of the body without room."""
     solids = sim.contacts.solids
     return (solids.pinches.around | (solids.penetration.spared > 0))[sim.model.particle]
 
 
-def crossings(sim: tc.Simulation, sewn: np.ndarray) -> dict[str, int]:
-    """From positions: with the body, with itself; and of both those of faces without a corner that is pinched, or, with
-    itself, near a pleat (n,)."""
+def crossings(sim: tc.Simulation) -> dict[str, int]:
+    """From positions: with the body, with itself; and of both those of faces without a corner that is pinched."""
     x, faces, body = sim.positions(), sim.scene.cloths[0].mesh.faces, sim.scene.solids[0]
     there, triangles = body.surface_at(sim.time), body.shape.surface()[1]
     out = {"with_body": count_crossings(x, faces, there, triangles), "with_itself": count_self_crossings(x, faces)}
     apart = faces[~pinched(sim)[faces].any(axis=1)]
-    free = apart[~sewn[apart].any(axis=1)]
     return out | {"body_elsewhere": count_crossings(x, apart, there, triangles) if out["with_body"] else 0,
-                  "itself_elsewhere": count_self_crossings(x, free) if out["with_itself"] else 0}
+                  "itself_elsewhere": count_self_crossings(x, apart) if out["with_itself"] else 0}
 
 
-def frame_of(sim: tc.Simulation, k: int, sewn: np.ndarray | None) -> dict:
-    """One frame of the dance, to frame k; crossings are counted where `sewn` says what is near pleats."""
+def frame_of(sim: tc.Simulation, k: int, counts: bool) -> dict:
+    """One frame of the dance, to frame k; whether crossings are counted."""
     first, wall, cpu = len(sim.log), time.perf_counter(), time.process_time()
     problem = ""
     try:
@@ -203,7 +178,7 @@ def frame_of(sim: tc.Simulation, k: int, sewn: np.ndarray | None) -> dict:
            "least_gap": min((r.least for r in log), default=1.0), "stretch": max((r.stretch for r in log), default=0.0),
            "seams": float(sim.seam_gaps().max(initial=0.0)) if sim.scene.seams else 0.0,
            **{name: sum(r.seconds.get(part, 0.0) for r in log) for part, name in PARTS.items()}}
-    return row | ({} if sewn is None else crossings(sim, sewn))
+    return row | (crossings(sim) if counts else {})
 
 
 def costliest(sim: tc.Simulation, first: int, count: int) -> list[str]:
@@ -237,7 +212,7 @@ def sample(garment: str, folder: pathlib.Path, args: argparse.Namespace) -> dict
             x, v = sim.model.read_particles()
             off = DISTURBED * np.random.default_rng(k).normal(size=x.shape)
             sim.model.write_particles(x + (off if sim.model.sewn is None else off[sim.model.sewn.knot]), v)
-            frames.append(frame_of(sim, round(sim.time * FPS) + 1, None))
+            frames.append(frame_of(sim, round(sim.time * FPS) + 1, False))
             records += sim.log
             if args.verbose:
                 print(f"{checkpoint} {k}: {frames[-1]}", flush=True)
@@ -250,11 +225,11 @@ def measure(garment: str, folder: pathlib.Path, args: argparse.Namespace) -> dic
     began = time.perf_counter()
     scene = scene_of(garment, folder, args.fast, args.thickness, args.meets, dresses=not args.resume)
     sim = begin(scene, args, args.resume[0] if args.resume else None)
-    setup, frames, first, sewn = time.perf_counter() - began, [], round(sim.time * FPS) + 1, pleats(scene)
+    setup, frames, first = time.perf_counter() - began, [], round(sim.time * FPS) + 1
     for note in sim.notes:
         print(f"{garment}: {note}", flush=True)
     for k in range(first, min(args.frames, int((len(scene.solids[0].shape.x) - 1) / args.fast)) + 1):
-        row = frame_of(sim, k, sewn if k % args.count == 0 else None)
+        row = frame_of(sim, k, k % args.count == 0)
         frames.append(row)
         if args.verbose:
             print(f"{garment} {k}: " + ", ".join(f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}"
