@@ -89,9 +89,11 @@ def row(scene: str, system: str, s: dict, made: dict) -> dict:
     faces = np.concatenate([s["faces"] + count * k for k in range(s["sheets"])])
     edges = np.unique(np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)
     now, rest = (np.linalg.norm(p[edges[:, 0]] - p[edges[:, 1]], axis=1) for p in (x, s["x"]))
-    finite, speed, out = bool(np.isfinite(x).all()), None, np.linalg.norm(x, axis=1) - s["radius"]
+    finite, speed = bool(np.isfinite(x).all()), None
+    out = np.linalg.norm(x, axis=1) - s["radius"]
     if s["slope"]:
-        along, out = contact.turn(s["slope"])[:, 0], x @ contact.turn(s["slope"])[:, 1]
+        along, up, _ = contact.turn(s["slope"]).T
+        out = x @ up
         gains = contact.GRAVITY * (np.sin(s["slope"]) - s["friction"] * np.cos(s["slope"]))
         took = (made["frames"] - made["frames"] // 2) * made["frame"]
         speed = 100 * float((made["went"][1] - made["went"][0]).mean(axis=0) @ along / made["frame"] / (gains * took))

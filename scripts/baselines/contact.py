@@ -61,15 +61,15 @@ def blender(s: dict) -> Run:
         plate = bpy.data.meshes.new("plate")
         points, triangles = plate_mesh(s["slope"])
         plate.from_pydata(points.tolist(), [], triangles.tolist())
-        ball = bpy.data.objects.new("plate", plate)
-        stage.collection.objects.link(ball)
-        bpy.context.view_layer.objects.active = ball
+        solid = bpy.data.objects.new("plate", plate)
+        stage.collection.objects.link(solid)
+        bpy.context.view_layer.objects.active = solid
     else:
         bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=6, radius=s["radius"])
-        ball = bpy.context.object
-    ball.modifiers.new("collision", "COLLISION")
-    ball.collision.thickness_outer = 0.001
-    ball.collision.cloth_friction = 100 * s["friction"]
+        solid = bpy.context.object
+    solid.modifiers.new("collision", "COLLISION")
+    solid.collision.thickness_outer = 0.001
+    solid.collision.cloth_friction = 100 * s["friction"]
     modifier.point_cache.frame_start, modifier.point_cache.frame_end = 0, 100000
     stage.frame_set(0)
 

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.app import cli
 from taichi_cloth.backend.rows import write
 from taichi_cloth.garment import dressing
 from taichi_cloth.garment.mesher import mesh_polygon
 from taichi_cloth.scene.garment import load_garment
-from taichi_cloth.scene.intersections import count_self_crossings
+from taichi_cloth.scene.intersections import count_crossings, count_self_crossings
 
 pytest.importorskip("scipy", reason="meshing patterns needs the extra `garment`")
 
@@ -101,6 +102,32 @@ def test_patterns_are_put_on_with_nobodys_hand_on_them(name, seams, places, monk
             ring = x[groups[end]][sign * x[groups[end], 0] > 0]
             shape = next(s for s in body.solids if s.name == f"{side} {limb}").shape
             assert nearest(shape.a, shape.b, ring.mean(axis=0)[None])[0] < 0.04  # it is round the limb
+
+
+@pytest.mark.slow
+def test_the_scene_takes_any_pattern_and_any_body(tmp_path):
+    """`dress_up --set` with a pattern's and a mesh's file: the skirt hangs on that body, outside of it."""
+    from scipy.spatial import ConvexHull
+
+    k = np.arange(400) + 0.5  # places on an ellipsoid, a trunk without legs, evenly by a spiral
+    up, turn = 1 - k / 200, np.pi * (1 + 5**0.5) * k
+    unit = np.column_stack([np.sqrt(1 - up**2) * np.cos(turn), up, np.sqrt(1 - up**2) * np.sin(turn)])
+    faces = ConvexHull(unit).simplices
+    inward = np.linalg.det(unit[faces]) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    x = unit * [0.15, 0.45, 0.11] + [0, 1.1, 0]
+    (tmp_path / "body.obj").write_text("".join(f"v {a} {b} {c}\n" for a, b, c in x)
+                                       + "".join(f"f {a} {b} {c}\n" for a, b, c in faces + 1))
+    out = tmp_path / "out"
+    options = {"pattern": SCENES / "patterns" / "skirt.json", "body": tmp_path / "body.obj", "spacing": 0.06}
+    sets = [word for name, value in options.items() for word in ("--set", f"{name}={value}")]
+    assert cli.main(["run", str(SCENES / "dress_up.py"), *sets, "--duration", "0.8", "--no-images", "--out", str(out)]) == 0
+    run = tc.Recording(out)
+    last = run.frame(run.frames()[-1])["x"]
+    inside = (((last - [0, 1.1, 0]) / [0.15, 0.45, 0.11]) ** 2).sum(axis=1)
+    assert run.geometry["solid_x"] == pytest.approx(x, abs=1e-6) and (last[:, 1] < 1.55).all()
+    assert inside.min() > 0.95 and np.ptp(np.arctan2(last[:, 2], last[:, 0])) > 5.5
+    assert count_crossings(last.astype(float), run.geometry["faces"], x, faces) == 0
 
 
 @pytest.mark.slow
