@@ -33,12 +33,14 @@ def build(pattern: str = "", body: str = "", spacing: float = 0.03, friction: fl
     """`pattern`: a file in GarmentCode's format (`patterns/`: skirt, dress, shirt and trousers); `body`: a mesh;
     `held`: the label of edges that are held up while panels are sewn, of shoulders or the waist where it is empty.
     Triangles are about `spacing` [m] long."""
-    scene = tc.Scene(air=tc.Air(0.5, 0.1), view=tc.View(ground=0.0, camera=tc.Camera((0.8, 1.25, 1.9), (0, 0.9, 0), 34)))
+    garment = tc.load_pattern(pattern or PATTERN).mesh(spacing)
+    at = float(np.mean([garment.positions[:, 1].min(), garment.positions[:, 1].max()]))  # m, where it hangs
+    view = tc.View(ground=0.0, camera=tc.Camera((0.8, at + 0.35, 1.9), (0, at, 0), 34))
+    scene = tc.Scene(air=tc.Air(0.5, 0.1), view=view)
     if body:
         scene.add_solid(tc.load_solid(body), friction, THICKNESS, name="body", color=(0.62, 0.45, 0.36))
     else:
         figure(scene, friction)
-    garment = tc.load_pattern(pattern or PATTERN).mesh(spacing)
     fabric = tc.Fabric(0.19, tc.Stretch(400, 0.4), tc.Shear(50, 0.05), tc.Bend(2e-5, 2e-7))
     cloth = scene.add_garment(garment, fabric, name="garment", color=(0.13, 0.30, 0.28),
                               contact=tc.ClothContact(0.003, friction), pull=PULL)
