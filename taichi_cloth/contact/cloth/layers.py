@@ -303,8 +303,9 @@ class Layers(Checkpointed):
         return len(four) > 0
 
     def release_beside(self, held: np.ndarray) -> bool:
-        """Deactivates for a while pairs that end nearer than a step may leave them: those of what rests, since a tangle holds
-        them, and those with a pinched particle that solids hold in all others (n,) too. Whether the nearest pair is one."""
+        """Deactivates for a while pairs that end nearer than a step may leave them: of what rests, since a tangle holds them,
+        and of what is pinched, where solids pinch or hold, `held` (n,), all particles of a pair. Whether the nearest is one.
+        """
         p, near = self.near, self._too_near()
         led = self.waived[p.vertices].any(axis=1) & (self.waived | held)[p.vertices].all(axis=1)
         gap, tight = p.end / p.radius, near & (led | self.intersections.resting[p.vertices].any(axis=1))
