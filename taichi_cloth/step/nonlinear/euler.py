@@ -12,6 +12,8 @@ Differs from [BW98]: the test and what follows it; the paper accepts every solve
 from collections.abc import Callable
 from dataclasses import asdict
 
+import numpy as np
+
 from ...backend.timing import Clock
 from ...options import CG_TOL
 from ...solver.pcg import Solution
@@ -76,8 +78,8 @@ class EulerStep(StepProblem):
             system.place(h, 1.0)
             system.settle(held)
 
-    def further(self) -> Outcome | None:
-        """A Newton step from where the model is; what is held is where it must be."""
+    def further(self, z: np.ndarray | None = None) -> Outcome | None:
+        """A Newton step from where the model is; what is held is where it must be, or goes there with z: (k, 3) dv [m/s]."""
         with self.clock.part("EVAL"):
             self.system.linearize(self.c)
         with self.clock.part("CG"):
@@ -85,8 +87,9 @@ class EulerStep(StepProblem):
             tolerance = max(self.cg_tol, FURTHER) if mends else self.cg_tol
             if self.effort is not None:
                 tolerance = self.system.options.cg_tol or self.effort.others
-            again = self.system.base is not None  # a little further: what was made for the first solve will do
-            self.solutions.append(self.system.solve(tolerance, self.held, lasting=True, fresh=not again))
+            fresh = self.system.base is None or z is not None  # else a little further: what was made for the first will do
+            span = self.c if z is not None else 0.0
+            self.solutions.append(self.system.solve(tolerance, self.held, span, z=z, lasting=True, again=True, fresh=fresh))
         self.level = self.potential(self.before)
         return self.unsolved()
 

@@ -2,8 +2,10 @@
 
 The first Newton step is (18) by an active set: solves of the same linearization, from the saved state, go on until the
 states of all contacts agree with the answer. Further Newton steps hold the same contacts, with friction and pairs taken
-anew from where they begin; what they add to Phi counts.
+anew from where they begin; what they add to Phi counts. Where they end too deep, contacts are judged anew, and they go on.
 """
+
+import math
 
 from ...system.assembler import Measures
 from ..attempt import APPROACH, CONTACT
@@ -11,6 +13,8 @@ from ..ledger import Ledger
 from .euler import EulerPolicy, EulerStep
 from .newton import Outcome
 from .system import System
+
+ANEW = 3  # times that contacts are judged anew after further Newton steps
 
 
 def predict(system: System, c: float, pins, together: bool) -> None:
@@ -33,7 +37,14 @@ def predict(system: System, c: float, pins, together: bool) -> None:
 
 
 class SolidStep(EulerStep):
-    """As `EulerStep`; `held` are the pins at first, then what the last solve held."""
+    """As `EulerStep`; `held` are the pins at first, then what the last solve held.
+
+    Attributes:
+        deep: whether the last Newton step ended the step, but for what it left too deep in solids.
+        anew: times that contacts were judged anew for that.
+    """
+
+    deep, anew = False, 0
 
     def first(self) -> Outcome | None:
         """(18) with the contacts that agree with it."""
@@ -68,20 +79,40 @@ class SolidStep(EulerStep):
         return Outcome(name, detail, self.system.meter.measure())
 
     def further(self) -> Outcome | None:
-        """See `EulerStep`."""
-        with self.clock.part("EVAL"):
-            self.system.contacts.rebase()
-        return super().further()
+        """See `EulerStep`. What the last Newton steps led too deep is brought out from here on."""
+        contacts, z = self.system.contacts, None
+        with self.clock.part("C-S"):
+            if self.deep:
+                self.held, closing = contacts.hold()
+                if closing > contacts.solids.reach:
+                    return self.refuse(APPROACH, f"{closing:.3g} m in one step")
+                z = self.system.to_go(self.held, self.c)
+            contacts.rebase()
+        ended = super().further(z)
+        if self.deep:
+            self.level = math.inf  # what has to be brought out need not go downhill
+        return ended
 
     def potential(self, measures: Measures) -> float:
         """Phi [J] with what friction and pairs add to it."""
         return super().potential(measures) + self.system.contacts.lagged(self.c)
 
+    def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
+        """See `EulerStep`. A step that ends too deep goes on with that held, for a few times."""
+        self.deep = False
+        ended = super().judge(k, part, measures)
+        if not (self.deep and self.settled) or self.anew == ANEW or self.system.base is not None:
+            return ended
+        with self.clock.part("C-S"):
+            self.system.contacts.judge(self.system.reaction_rows())
+        self.anew += 1
+        return None
+
     def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
         """Whether anything ended too deep after further Newton steps that held the same contacts."""
-        if self.system.contacts.went_in(self.system.reaction_rows()):
-            return Outcome(CONTACT, "after further solves", measures)
-        return Outcome(None, "", measures, ledger)
+        with self.clock.part("C-S"):
+            self.deep = self.system.contacts.went_in(self.system.reaction_rows())
+        return Outcome(CONTACT, "after further solves", measures) if self.deep else Outcome(None, "", measures, ledger)
 
 
 class SolidPolicy(EulerPolicy):
