@@ -20,10 +20,12 @@ BETWEEN, FACING = (f"{CLOSING}::{name}" for name in (
     "test_what_is_between_bears_and_is_resumed_bit_for_bit", "test_surfaces_by_where_they_face"))
 PULLED = f"{CLOSING}::test_what_is_pinched_is_pulled_out"
 ALONG = f"{CLOSING}::test_a_wall_pushes_cloth_along_a_floor"
+BROUGHT_OUT = f"{DRIVES}::test_what_further_solves_lead_too_deep_is_brought_out_in_the_same_step"
 LEFT_ACROSS = "tests/unit/test_pinch.py::test_an_edge_that_is_left_across_a_solid_comes_out"
 PLATES, PINCHED = f"{HARD}::test_plates_that_close_on_layers[0.0]", "tests/unit/test_pinch.py"
 TESTS = (CONTACT, SHAPES, DRIVES)
 
+SOLVES = "taichi_cloth/step/nonlinear/solid_contact.py"
 FACADE = "taichi_cloth/contact/contacts.py"
 POINTS = "taichi_cloth/contact/points.py"
 STEP = "taichi_cloth/contact/step_start.py"
@@ -85,6 +87,8 @@ MUTATIONS = (
     (RESPONSE, "turns = slides & ~pulls", "turns = ~slides & ~pulls",
      "what came to rest never sticks", f"{FRICTION} {CONTACT}"),
     # holding
+    (SOLVES, "ANEW = 3", "ANEW = 0", "what further solves lead too deep makes steps small", BROUGHT_OUT),
+    (SOLVES, "self.to_go = self.system.to_go(self.held, self.c)", "pass", "what is held anew is not brought out", BROUGHT_OUT),
     (HOLDING, "projectors[stick] = np.eye(3)", "projectors[~stick] = np.eye(3)",
      "what slides is held and what sticks is free"),
     (HOLDING, "shifts = lift[:, None] * f.normal", "shifts = -lift[:, None] * f.normal", "contacts pull into the solid"),

@@ -39,6 +39,24 @@ def test_a_corner_driven_fast_into_a_sheet():
         assert not crossed and nearest > 0.149 and sim.log[-1].pinched == 0
 
 
+@pytest.mark.parametrize("speed, h", [(12, 1 / 120), (19, 1 / 240), (5, 1 / 120)])
+def test_what_further_solves_lead_too_deep_is_brought_out_in_the_same_step(speed, h):
+    """A capsule driven into a sheet that hangs: with contacts held as the first solves found them, a step or three of each
+    ended too deep after further solves and were tried smaller."""
+    mesh, scene = tc.grid(0.5, 10, plane="xy"), tc.Scene()
+    fabric = tc.Fabric(0.15, tc.Stretch(500, 0.5), tc.Shear(50), tc.Bend(1e-5))
+    cloth = scene.add_cloth(mesh, fabric, positions=mesh.x - [0.25, 0.25, 0])
+    scene.pin(cloth, "top")
+    scene.add_solid(tc.Capsule((-0.05, 0, 0), (0.05, 0, 0.03), 0.0224), friction=0.2, thickness=0.005,
+                    position=lambda t: (0.01, -0.06, -0.09 + min(speed * t, 0.25)))
+    sim = tc.Simulation(scene, h=h, threads=1)
+    for _ in range(int(0.3 / speed / h) + 6):
+        sim.step()
+        (nearest, crossed), = against_solids(sim).values()
+        assert not crossed and nearest > 0.149
+    assert not any(r.rejections for r in sim.log), [(r.t, r.rejections) for r in sim.log]
+
+
 def test_a_ball_against_cloth_that_is_led():
     """At .1 s a step, a ball that comes and cloth whose top goes the other way; the log counts what is inside the ball."""
     scene, cloth = hanging()

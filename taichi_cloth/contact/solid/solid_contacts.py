@@ -84,7 +84,7 @@ class SolidContacts(Checkpointed):
             judges what is too deep; pinches: what solids leave no room.
         reach: how far [m] a particle may close in on a solid in one step.
         accepted: states with which the last accepted step ended; trial: those of the last solve of this attempt.
-        released: keys of contacts that were released in this attempt; regained: of those that had to be held again.
+        released: keys of contacts that were released in this attempt.
         near: what was met when last looked; active: what the last solve held; sliding, linearized, pressing: friction, pairs
             and their points as it took them; forces: what they came to.
         round: solves of this attempt; unsettled: contacts that would have changed in one more.
@@ -101,7 +101,7 @@ class SolidContacts(Checkpointed):
         self.firmness = Firmness()
         self.reach = REACH * self.scan.edge
         self.trial = self.accepted = States()
-        self.released = self.regained = np.zeros(0, dtype=np.int64)
+        self.released = np.zeros(0, dtype=np.int64)
         self.round = self.unsettled = 0
         self.near = Nearby(np.zeros((model.n, 3)), VertexContacts.none(), np.zeros((0, 3)), None)
         self.active = ActiveSet.none()
@@ -115,8 +115,7 @@ class SolidContacts(Checkpointed):
 
     def begin(self, start: StepStart) -> StepStart:
         """A new attempt; the model is at its predicted end. Returns its start, with what is pinched among the pins."""
-        self.trial, self.round = self.accepted, 0
-        self.released = self.regained = np.zeros(0, dtype=np.int64)
+        self.trial, self.released, self.round = self.accepted, np.zeros(0, dtype=np.int64), 0
         self.penetration.crossed = self.penetration.before
         self.firmness.begin()
         near = self.scan.look(start.h)
@@ -154,7 +153,6 @@ class SolidContacts(Checkpointed):
         again = np.isin(f.key, self.released)
         active &= ~again | (f.gap < -PENETRATION * self.thickness[f.solid])
         if start.together:  # solves go on from each other: what had to be held again stays held
-            self.regained = np.union1d(self.regained, np.intersect1d(self.released, f.key[active]))
             self.released = np.setdiff1d(self.released, f.key[active])
         f, slip, known, where = f.take(active), self.near.slip[active], known[active], where[active]
         k, mu, mass = len(f.index), f.friction, self.model.mass[f.index]
@@ -229,8 +227,8 @@ class SolidContacts(Checkpointed):
         mu = f.friction
         pulls = normal < -PULL * np.maximum(self.model.mass[f.index] * weight,
                                             np.mean(np.abs(normal)) if len(normal) else 0.0)
-        if start.together:  # what layers press in again stays held until the next step
-            pulls &= (self.round < RELEASES) & ~np.isin(f.key, self.regained)
+        if start.together and self.round >= RELEASES:
+            pulls[:] = False  # what layers press in again and again stays held until the next step
         breaks = s.stick & ~pulls & (shear > mu * np.maximum(normal, 0) * (1 + CONE))
         here = rows_of(self.near.vertices.key, f.key)
         slip_now = np.where((here >= 0)[:, None], self.near.slip[here] if len(self.near.slip) else 0.0, 0.0)

@@ -51,6 +51,7 @@ class EulerStep(StepProblem):
         self.changes = Changes()
         self.settled = False  # whether the last Newton step was a full one, and small enough
         self.ended: tuple[Measures, Ledger] | None = None  # the first one's, with its energy right
+        self.to_go: np.ndarray | None = None  # (k, 3) dv [m/s] by which a further solve leads what is held
         self.resort: Callable[[], Outcome] | None = None  # goes back to it, where too much of that is unaccounted for
 
     def solve(self, k: int) -> Outcome | None:
@@ -78,8 +79,8 @@ class EulerStep(StepProblem):
             system.place(h, 1.0)
             system.settle(held)
 
-    def further(self, z: np.ndarray | None = None) -> Outcome | None:
-        """A Newton step from where the model is; what is held is where it must be, or goes there with z: (k, 3) dv [m/s]."""
+    def further(self) -> Outcome | None:
+        """A Newton step from where the model is."""
         with self.clock.part("EVAL"):
             self.system.linearize(self.c)
         with self.clock.part("CG"):
@@ -87,9 +88,10 @@ class EulerStep(StepProblem):
             tolerance = max(self.cg_tol, FURTHER) if mends else self.cg_tol
             if self.effort is not None:
                 tolerance = self.system.options.cg_tol or self.effort.others
-            fresh = self.system.base is None or z is not None  # else a little further: what was made for the first will do
-            span = self.c if z is not None else 0.0
-            self.solutions.append(self.system.solve(tolerance, self.held, span, z=z, lasting=True, again=True, fresh=fresh))
+            leads = self.to_go is not None
+            fresh = leads or self.system.base is None  # else a little further: what was made for the first solve will do
+            self.solutions.append(self.system.solve(tolerance, self.held, self.c if leads else 0.0, self.to_go, fresh=fresh,
+                                                    lasting=True, again=True))
         self.level = self.potential(self.before)
         return self.unsolved()
 

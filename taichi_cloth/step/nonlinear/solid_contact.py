@@ -80,15 +80,15 @@ class SolidStep(EulerStep):
 
     def further(self) -> Outcome | None:
         """See `EulerStep`. What the last Newton steps led too deep is brought out from here on."""
-        contacts, z = self.system.contacts, None
+        contacts, self.to_go = self.system.contacts, None
         with self.clock.part("C-S"):
             if self.deep:
                 self.held, closing = contacts.hold()
                 if closing > contacts.solids.reach:
                     return self.refuse(APPROACH, f"{closing:.3g} m in one step")
-                z = self.system.to_go(self.held, self.c)
+                self.to_go = self.system.to_go(self.held, self.c)
             contacts.rebase()
-        ended = super().further(z)
+        ended = super().further()
         if self.deep:
             self.level = math.inf  # what has to be brought out need not go downhill
         return ended
