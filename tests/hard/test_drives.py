@@ -55,6 +55,8 @@ def test_what_further_solves_lead_too_deep_is_brought_out_in_the_same_step(speed
         (nearest, crossed), = against_solids(sim).values()
         assert not crossed and nearest > 0.149
     assert not any(r.rejections for r in sim.log), [(r.t, r.rejections) for r in sim.log]
+    if speed == 19:  # brought out by a solve, and not by a jump at the step's end
+        assert abs(sim.log[1].ledger["unaccounted"]) < 0.05 and sim.log[1].solves > 6, sim.log[1]
 
 
 def test_a_ball_against_cloth_that_is_led():
