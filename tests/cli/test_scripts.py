@@ -18,6 +18,8 @@ BENCHES = {
     "bench_contact": ["--cells", "8", "--scenes", "sphere_drape", "--until", "0.05", "--rounds", "1"],
     "bench_layers": ["--scenes", "fold", "--until", "0.05", "--cells", "6", "--drape", "8", "--rounds", "1"],
     "study_cg_tol": ["--scenes", "swing", "--tolerances", "1e-1", "1e-3", "--until", "0.1"],
+    "study_impacts": ["--scenes", "sheets", "--steps", "60", "--parts", "4", "--tolerances", "1e-2", "--fine", "0.01",
+                      "--until", "0.15"],
 }
 
 
