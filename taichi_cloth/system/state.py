@@ -15,7 +15,8 @@ from .elements import lumped_mass
 
 FAR = 8.0  # further from the origin than this many times its size, a scene gets a local origin
 ROWS = 300  # vertices of a block from which on a CPU thread of its own pays
-GPU_BLOCK = 16  # vertices a block on a GPU, one thread each
+GPU_BLOCK = 2, 16  # vertices a block on a GPU, one thread each: least and most
+GPU_BLOCKS = 4096  # of them that are wanted
 
 
 @ti.data_oriented
@@ -27,7 +28,9 @@ class Blocks:
 
     def __init__(self, fields: Fields, n: int, runtime: Runtime) -> None:
         cpu = runtime.arch == "cpu"
-        self.bounds = block_bounds(n, min(runtime.threads, max(1, n // ROWS)) if cpu else max(1, n // GPU_BLOCK))
+        rows = ROWS if cpu else int(np.clip(n // GPU_BLOCKS, *GPU_BLOCK))
+        count = max(1, n // rows)
+        self.bounds = block_bounds(n, min(runtime.threads, count) if cpu else count)
         self.count = len(self.bounds) - 1
         self.largest = int(np.diff(self.bounds).max())  # rows of a block
         self.grain = 512 if cpu else 1

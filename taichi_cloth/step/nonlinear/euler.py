@@ -80,7 +80,7 @@ class EulerStep(StepProblem):
             system.settle(held)
 
     def further(self) -> Outcome | None:
-        """A Newton step from where the model is."""
+        """A Newton step from where the model is; what is held is where it must be, or is led there by `to_go`."""
         with self.clock.part("EVAL"):
             self.system.linearize(self.c)
         with self.clock.part("CG"):
