@@ -33,7 +33,7 @@ def build(cells: int = 24, yields: float = 60.0, friction: float = 0.3) -> tc.Sc
     for axis, name in ((0, "left"), (0, "right"), (2, "back"), (2, "front"), (1, "lid")):
         inwards = -1.0 if name in ("right", "front", "lid") else 1.0
         way = inwards * np.eye(3)[axis]
-        drawn = {"left": 0.135, "back": 0.135}.get(name, 0.001)  # one sees into the box
+        drawn = {"left": 0.135, "back": 0.135}.get(name, 1e-5)  # one sees into the box: the others are less than a pixel
         scene.add_solid(tc.Plane(tuple(way.tolist()), drawn), friction=friction, thickness=MARGIN, name=name,
                         position=lambda t, axis=axis, way=way: -way * size(t)[axis] / (1 if axis == 1 else 2))
     return scene
