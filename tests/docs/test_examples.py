@@ -15,6 +15,7 @@ ROOT = pathlib.Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 SLOW = ("solids", "layers", "garments", "output")  # kernels of contact and pictures are many
+RESTARTS = {"sweeps"}  # with threads of their own
 SMALL = re.compile(r"<!-- small: (.*?) -> (.*?) -->")
 
 
@@ -39,8 +40,12 @@ def test_there_is_something_to_run():
     assert {"README.md", "first-scene.md", "solids.md", "layers.md"} <= {page.name for page in WITH_CODE}
 
 
-@pytest.mark.parametrize("page", [pytest.param(page, id=page.stem, marks=pytest.mark.slow if page.stem in SLOW else ())
-                                  for page in WITH_CODE])
+def marks(page: pathlib.Path) -> list[pytest.MarkDecorator]:
+    """Of the test that runs a page."""
+    return [mark for names, mark in ((SLOW, pytest.mark.slow), (RESTARTS, pytest.mark.restarts)) if page.stem in names]
+
+
+@pytest.mark.parametrize("page", [pytest.param(page, id=page.stem, marks=marks(page)) for page in WITH_CODE])
 def test_python_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     space: dict = {"__name__": "page"}

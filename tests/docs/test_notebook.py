@@ -44,6 +44,7 @@ def shown(code: str, space: dict):
 
 
 @pytest.mark.slow
+@pytest.mark.restarts
 def test_its_cells_run_in_order(notebook, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     space: dict = {"__name__": "notebook"}
