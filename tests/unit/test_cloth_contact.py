@@ -120,7 +120,7 @@ def test_only_what_strays_is_looked_for_again(rng, precision):
             each.model.save()
             each.paths.begin()
             each.model.write_particles(x + way, np.zeros_like(x))
-        again += 0 < d.paths.displaced_count() < 0.3 * len(x) and d.fresh
+        again += 0 < d.paths.strayed_count() < 0.3 * len(x) and d.fresh
         anew.fresh = False
         d.cover()
         anew.cover()

@@ -28,9 +28,14 @@ SKIN = 0.4  # of half the thickness, or half the spacing if less: how far paths 
 class Paths(Checkpointed):
     """On which particles go from `start` to where the model is, against those for which the tree was walked.
 
+    A step that stops short goes on from somewhere on the path it took: what is known of the rest of that path is known of the
+    next, where that leads to the same end. `part` is how much of it lies behind.
+
     Attributes:
         start: (n, 3) where they begin [m]; left, walked: where those began and ended on which each particle's pairs are known.
+        part: of the way from left to walked at which all begin now, as nearly as one number can say; any is safe.
         displaced_now, displaced: how far [m] particles are from `walked`, and are at most anywhere on their paths.
+        strayed: how far [m] the paths lead from the rest of those that are known.
         moved: whether a particle's pairs are looked for.
         skin: [m] that a path may lead from where the tree was walked for.
     """
@@ -41,15 +46,16 @@ class Paths(Checkpointed):
         self.model = model
         self.skin = fields.real(1, data=np.array([skin]))
         self.start, self.left, self.walked = (fields.real(model.n, 3) for _ in range(3))
-        self.displaced_now, self.displaced = fields.real(model.n), fields.real(model.n)
+        self.displaced_now, self.displaced, self.strayed = (fields.real(model.n) for _ in range(3))
+        self.part = fields.real(1)
         self.moved = fields.integer(model.n)
         self._count: np.ndarray = np.zeros(1, dtype=np.int32)
 
     @ti.kernel
     def begin(self):
-        """They begin where the model is saved."""
+        """They begin where the model is saved, and paths before them ended where they were walked for."""
         for i in range(self.model.rows()):
-            self.start[i] = self.model.x_saved[i]
+            self.start[i], self.left[i] = self.model.x_saved[i], self.walked[i]
 
     @ti.kernel
     def arrive(self):
@@ -57,29 +63,43 @@ class Paths(Checkpointed):
         for i in range(self.model.rows()):
             self.start[i] = self.model.x[i]
 
-    def displaced_count(self) -> int:
-        """How many particles, on their path, leave where the candidates were walked for by more than the skin."""
+    def strayed_count(self) -> int:
+        """How many particles' paths leave those on which candidates are known by more than the skin."""
         self._measure(self._count)
         return int(self._count[0])
 
     @ti.func
     def walk(self, i, everything):
-        """Pairs of a particle are looked for on its path, if it is displaced, or `everything` is."""
-        self.moved[i] = ti.max(everything, ti.cast(self.displaced[i] > self.skin[0], ti.i32))
+        """Pairs of a particle are looked for on its path, if that has strayed, or `everything` is."""
+        self.moved[i] = ti.max(everything, ti.cast(self.strayed[i] > self.skin[0], ti.i32))
         if self.moved[i] == 1:
             self.left[i], self.walked[i] = self.start[i], self.model.x[i]
         else:
-            self.left[i] = self.walked[i]
+            self.left[i] = self.begins(i)
+
+    @ti.func
+    def begins(self, i):
+        """Where the rest of the path begins on which a particle's pairs are known."""
+        return self.left[i] + self.part[0] * (self.walked[i] - self.left[i])
 
     @ti.kernel
     def _measure(self, count: ti.types.ndarray()):
-        """How far particles are, and begin, from where they were walked for."""
+        """How far particles are, and begin, from where they were walked for, and from the rest of that path."""
         for _ in range(1):
+            along, length = 0.0, 0.0
+            for i in range(self.model.rows()):
+                way = self.walked[i] - self.left[i]
+                along += way.dot(self.start[i] - self.left[i])
+                length += way.norm_sqr()
+            self.part[0] = 1.0
+            if along < length:
+                self.part[0] = ti.max(along / length, 0.0)
             far = 0
             for i in range(self.model.rows()):
                 here, there = (self.model.x[i] - self.walked[i]).norm(), (self.start[i] - self.walked[i]).norm()
                 self.displaced_now[i], self.displaced[i] = here, ti.max(here, there)
-                far += ti.cast(self.displaced[i] > self.skin[0], ti.i32)
+                self.strayed[i] = ti.max(here, (self.start[i] - self.begins(i)).norm())
+                far += ti.cast(self.strayed[i] > self.skin[0], ti.i32)
             count[0] = far
 
 
@@ -121,7 +141,7 @@ class Candidates(Checkpointed):
     def cover(self) -> None:
         """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model, and measures
         how far it leads."""
-        count = self.paths.displaced_count() if self.fresh else self.model.n
+        count = self.paths.strayed_count() if self.fresh else self.model.n
         if not count:
             return
         everything = count > MOST * self.model.n
@@ -138,7 +158,7 @@ class Candidates(Checkpointed):
             apart = np.concatenate([self.distances.take(kept), apart])
             radii = np.concatenate([self.radii.take(kept), radii])
         self.candidates, self.distances, self.radii, self.fresh = found, apart, radii, True
-        self.paths.displaced_count()
+        self.paths.strayed_count()
 
     def _look_for(self, everything: bool) -> np.ndarray:
         """(k, 3) pairs of what is displaced, or all, that may come within reach, and twice the skin, on their paths."""

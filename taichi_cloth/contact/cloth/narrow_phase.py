@@ -65,7 +65,7 @@ class LayerDetector(Candidates):
         """Pairs that are in reach of each other where the model is; with `swept` also those that went through on the path."""
         c = self.candidates
         if len(c):
-            self.paths.displaced_count()
+            self.paths.strayed_count()
             flag: np.ndarray = np.empty(len(c), dtype=np.int32)
             self._reach(c, self.distances, self.radii, int(swept), flag)
             c = c.take(np.flatnonzero(flag), axis=0)
