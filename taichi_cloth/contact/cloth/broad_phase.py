@@ -192,11 +192,17 @@ class Candidates(Checkpointed):
         Neighbours in the cloth's own shape have small ones, and seldom may."""
         begin, end = ti.static(self.paths.left, self.paths.walked)
         p, q, r, s = end[v[0]], end[v[1]], end[v[2]], end[v[3]]
-        further = 2 * self.paths.skin[0] + closing(kind, p - begin[v[0]], q - begin[v[1]], r - begin[v[2]], s - begin[v[3]])
+        p_0, q_0, r_0, s_0 = begin[v[0]], begin[v[1]], begin[v[2]], begin[v[3]]
+        speed, skins = closing(kind, p - p_0, q - q_0, r - r_0, s - s_0), 2 * self.paths.skin[0]
         difference, w = between(kind, p, q, r, s)
-        left, out = difference.norm() / (1 + ROUNDING) - further, 0
-        if left < self.mesh.radius_bound(kind, v):
-            out = ti.cast(left < self.mesh.largest_radius(kind, v), ti.i32)
+        d, out = difference.norm() / (1 + ROUNDING), 0
+        if d - speed - skins < self.mesh.radius_bound(kind, v):
+            radius = self.mesh.largest_radius(kind, v)
+            if d - speed - skins < radius:
+                out = 1
+                if d - skins > radius:
+                    first, w_0 = between(kind, p_0, q_0, r_0, s_0)
+                    out = ti.cast((d + first.norm() / (1 + ROUNDING) - speed) / 2 - skins < radius, ti.i32)
         return out
 
     @ti.func
