@@ -63,6 +63,12 @@ def closing(kind, dp, dq, dr, ds):
 
 
 @ti.func
+def least_between(first, last, speed):
+    """A lower bound of a pair's distance [m] on a path at whose ends it is `first` and `last`, by what `closing` says."""
+    return ti.min(first, last, (first + last - speed) / 2)
+
+
+@ti.func
 def fading(kind, w, p, q, r, s):
     """Part that an edge pair counts."""
     out = 1.0

@@ -14,7 +14,7 @@ from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.state import ParticleState
 from ..geometry import EDGE_EDGE, VERTEX_FACE
-from ..pair_geometry import apart, between, closing, corners_of
+from ..pair_geometry import apart, between, closing, corners_of, least_between
 from .collision_mesh import CollisionMesh
 
 CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
@@ -199,10 +199,8 @@ class Candidates(Checkpointed):
         if d - speed - skins < self.mesh.radius_bound(kind, v):
             radius = self.mesh.largest_radius(kind, v)
             if d - speed - skins < radius:
-                out = 1
-                if d - skins > radius:
-                    first, w_0 = between(kind, p_0, q_0, r_0, s_0)
-                    out = ti.cast((d + first.norm() / (1 + ROUNDING) - speed) / 2 - skins < radius, ti.i32)
+                first, w_0 = between(kind, p_0, q_0, r_0, s_0)
+                out = ti.cast(least_between(first.norm() / (1 + ROUNDING), d, speed) - skins < radius, ti.i32)
         return out
 
     @ti.func

@@ -12,7 +12,7 @@ from ...backend.rows import write
 from ...scene.scene import Scene
 from ...system.state import ParticleState
 from ..geometry import VERTEX_FACE
-from ..pair_geometry import between, closing, fading, gap
+from ..pair_geometry import between, closing, fading, gap, least_between
 from .broad_phase import ROUNDING, Candidates
 from .collision_mesh import ACROSS
 from .contact_pairs import ContactPairs
@@ -182,10 +182,13 @@ class LayerDetector(Candidates):
             if distances[k] - self.slack(kind, v, swept) > (1 + ROUNDING) * reach:
                 continue
             p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
-            reach += closing(kind, dp, dq, dr, ds)
-            if gap(kind, p, q, r, s) < reach and not self.rests(kind, v):
+            speed = closing(kind, dp, dq, dr, ds)
+            if gap(kind, p, q, r, s) < reach + speed and not self.rests(kind, v):
                 difference, w = between(kind, p, q, r, s)
-                flag[k] = ti.cast(difference.norm() < reach, ti.i32)
+                flag[k] = ti.cast(difference.norm() < reach + speed, ti.i32)
+                if flag[k] == 1 and speed > 0:
+                    last, w_1 = between(kind, p + dp, q + dq, r + dr, s + ds)
+                    flag[k] = ti.cast(least_between(difference.norm(), last.norm(), speed) < reach, ti.i32)
 
     @ti.kernel
     def _look(self, rows: ti.types.ndarray(), swept: int, out: ti.types.ndarray(), vertices: ti.types.ndarray()):
