@@ -48,6 +48,14 @@ class Fields:
         self._builder = None  # of what is new
         self._reals: list[Filled] = []
         self._integers: list[Filled] = []
+        self._later: list[Fields] = []
+
+    def more(self) -> "Fields":
+        """Others like these, for what turns out to need more room; they are freed with these."""
+        out = Fields(self.exchange, self.exact, self._lease.pooled)
+        out._maker = sys._getframe(1).f_code
+        self._later.append(out)
+        return out
 
     def real(self, n: int, width: int = 1, data: np.ndarray | None = None, dtype=float):
         """A field of n numbers, or of n vectors of `width` numbers; filled with `data` at `allocate`."""
@@ -90,6 +98,8 @@ class Fields:
     def free(self) -> None:
         """Gives the fields to the pool or their memory to the system, also of what was declared and never allocated; they are
         dead after it."""
+        for later in self._later:
+            later.free()
         if self._builder is not None:  # else Taichi compiles no further kernel
             self._finalize()
             ti.sync()  # Taichi looks at its new fields here, and would otherwise after they are gone

@@ -130,6 +130,7 @@ class Variant:
 
 
 _compiling: list[Reads] = []
+_kernels: weakref.WeakSet = weakref.WeakSet()  # that were compiled
 
 
 @contextlib.contextmanager
@@ -169,6 +170,7 @@ def _materialize(original):
     def materialize(self, key=None, args=None, arg_features=None):
         if key is None or key in self.compiled_kernels or not _shareable(self):
             return original(self, key, args, arg_features)
+        _kernels.add(self)
         roots = self.template_slot_locations
         self.runtime.materialize()
         features = tuple(f for k, f in enumerate(arg_features) if k not in roots)
@@ -184,6 +186,13 @@ def _materialize(original):
         return None
 
     return materialize
+
+
+def look_again() -> None:
+    """An object has got other fields than it had: each kernel looks anew for what was compiled from what its objects are."""
+    for kernel in _kernels:
+        for key in [k for k in kernel.compiled_kernels if not isinstance(k, Variant)]:
+            del kernel.compiled_kernels[key]
 
 
 def _shareable(kernel) -> bool:

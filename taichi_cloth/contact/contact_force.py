@@ -9,6 +9,7 @@ what is round it turns: `points`.
 import numpy as np
 import taichi as ti
 
+from ..backend import shared_kernels
 from ..backend.fields import Fields
 from ..backend.ordering import touching
 from ..forces.conditions import sym_both, sym_outer, sym_times
@@ -16,19 +17,24 @@ from ..forces.force import Force
 from ..system.state import ParticleState
 from .points import CORNERS, Points
 
-ROOM, LAYERED = 8, 40  # points a particle that there is room for, without and with cloth that meets cloth, and
-SPARE = 32768  # more
+ROOM, SPARE = 4, 32768  # points a particle that there is room for to begin with, and more than those
+ALONE, LAYERED = 8, 40  # a particle that there may be, without and with cloth that meets cloth, and SPARE more
 
 
 @ti.data_oriented
 class ContactForce(Force):
-    """Points of contact as a force of the operator."""
+    """Points of contact as a force of the operator.
+
+    Attributes:
+        capacity: points that there is room for, which grows; most: that there may be.
+    """
 
     of_contact = True
 
     def __init__(self, fields: Fields, model: ParticleState, layered: bool = False) -> None:
         self.model, self._fields, self.layered = model, fields, layered
-        self.capacity = (LAYERED if layered else ROOM) * model.n + SPARE
+        self.capacity = ROOM * model.n + SPARE
+        self.most = (LAYERED if layered else ALONE) * model.n + SPARE
         self.first = fields.integer(model.blocks.count + 1, data=np.zeros(model.blocks.count + 1))
         self.exchange = model.exchange
 
@@ -37,21 +43,34 @@ class ContactForce(Force):
         return 0.0
 
     def build_stiffness(self) -> None:
-        """Allocates the points."""
+        """Declares the points."""
         self.stiff = True
-        self.vertices = self._fields.integer(self.capacity, CORNERS)
-        self.weights = self._fields.real(self.capacity, CORNERS)
-        self.A = self._fields.real(self.capacity, 6)
-        self.rhs = self._fields.real(self.capacity, 3)
+        self._declare(self._fields)
+
+    def _declare(self, fields: Fields) -> None:
+        self.vertices = fields.integer(self.capacity, CORNERS)
+        self.weights = fields.real(self.capacity, CORNERS)
+        self.A = fields.real(self.capacity, 6)
+        self.rhs = fields.real(self.capacity, 3)
         if self.layered:
-            self.normal = self._fields.real(self.capacity, 3)
-            self.turns = self._fields.real(self.capacity, 3 * CORNERS)
+            self.normal = fields.real(self.capacity, 3)
+            self.turns = fields.real(self.capacity, 3 * CORNERS)
+
+    def _grow(self, count: int) -> None:
+        """Makes room for so many points, and some. Kernels that read points are compiled for the new fields."""
+        self.capacity = min(max(2 * self.capacity, count), self.most)
+        fields = self._fields.more()
+        self._declare(fields)
+        fields.allocate()
+        shared_kernels.look_again()
 
     def set(self, p: Points) -> bool:
-        """Replaces the points; False where there are more than there is room for."""
+        """Replaces the points; False where there are more than there may be."""
         e, first = touching(p.vertices, self.model.blocks.bounds)
-        if len(e) > self.capacity:
+        if len(e) > self.most:
             return False
+        if len(e) > self.capacity:
+            self._grow(len(e))
         self._set(first.astype(np.int32), p.vertices.take(e, axis=0).astype(np.int32), *(
             a.take(e, axis=0).astype(self.exchange) for a in (p.weights, p.block, p.rhs)))
         if self.layered:

@@ -69,7 +69,7 @@ class LayerStep(EulerStep):
             else:
                 contacts.set_points()
         if contacts.crowded:
-            return Outcome(CONTACT, f"more than {contacts.force.capacity} points of contact", self.before)
+            return Outcome(CONTACT, f"more than {contacts.force.most} points of contact", self.before)
         if closing > contacts.solids.reach:
             return Outcome(APPROACH, f"{closing:.3g} m in one step", self.before)
         self.linear(k)

@@ -57,7 +57,7 @@ class SolidStep(EulerStep):
                 contacts.set_points()
                 self.system.start_over()
             if contacts.crowded:
-                return self.refuse(CONTACT, f"more than {contacts.force.capacity} points of contact")
+                return self.refuse(CONTACT, f"more than {contacts.force.most} points of contact")
             if closing > contacts.solids.reach:
                 return self.refuse(APPROACH, f"{closing:.3g} m in one step")
             self.solve_linear()
