@@ -5,6 +5,10 @@ Hats nest: a node's hat is a sum of hats of the level below, so what is restrict
 way of the next.
 """
 
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
 import numpy as np
 import taichi as ti
 
@@ -26,22 +30,31 @@ class Rows:
 class LevelFields:
     """The levels as a force sees them that prepares its part.
 
+    Args:
+        threads: levels that are worked on at once.
+
     Attributes:
         count: of nodes of all levels.
     """
 
-    def __init__(self, fields: Fields, made: list[Level]) -> None:
+    def __init__(self, fields: Fields, made: list[Level], threads: int) -> None:
         self._fields, self._made, self.count = fields, made, sum(level.count for level in made)
+        self._threads = min(threads, len(made))
+
+    def _of_each(self, what: Callable[[Level], Any]) -> list:
+        with ThreadPoolExecutor(self._threads) as pool:
+            return list(pool.map(what, self._made))
 
     def meeting(self, elements) -> Rows:
         """For each node the `Elements`, as entries, that its hat meets."""
         primary = np.flatnonzero(elements.entries.primary).astype(np.int32)
-        parts = [meeting(level, elements.host_vertices[primary]) for level in self._made]
+        vertices = elements.host_vertices[primary]
+        parts = self._of_each(lambda level: meeting(level, vertices))
         return Rows(self._fields, [Gather(p.first, primary[p.source]) for p in parts])
 
     def squares(self, vertices: np.ndarray, weights: np.ndarray, factor: np.ndarray) -> np.ndarray:
         """(count, q) sums over elements of factors (m, q) times the square of the hat at vertices (m, k), weighted (m, k)."""
-        return np.concatenate([squares(level, vertices, weights, factor) for level in self._made])
+        return np.concatenate(self._of_each(lambda level: squares(level, vertices, weights, factor)))
 
 
 @ti.data_oriented

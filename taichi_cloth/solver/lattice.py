@@ -182,11 +182,17 @@ def squares(level: Level, vertices: np.ndarray, weights: np.ndarray, factor: np.
     out, given = np.zeros((factor.shape[1], level.count)), np.flatnonzero(factor.any(axis=0))
     nodes = level.node.astype(np.int32)
     for first in range(0, len(vertices), PART):
-        here, count = vertices[first:first + PART], min(PART, len(vertices) - first)
-        value = level.weight[here] * weights[first:first + PART, :, None]
-        for row, node, total in _by_node(nodes[here].reshape(count, -1), value.reshape(count, -1)):
+        part = slice(first, first + PART)
+        node, value, f = nodes[vertices[part]], level.weight[vertices[part]] * weights[part, :, None], factor[part]
+        inside = (node == node[:, :1]).all(axis=(1, 2))  # a cell of the lattice: most are, on coarse levels
+        rows = np.flatnonzero(inside)
+        for k, total in enumerate(value[rows].sum(axis=1).T):
             for q in given:
-                out[q] += np.bincount(node, factor[first + row, q] * total**2, level.count)
+                out[q] += np.bincount(node[rows, 0, k], f[rows, q] * total**2, level.count)
+        rows = np.flatnonzero(~inside)
+        for row, there, total in _by_node(node[rows].reshape(len(rows), -1), value[rows].reshape(len(rows), -1)):
+            for q in given:
+                out[q] += np.bincount(there, f[rows[row], q] * total**2, level.count)
     return out.T
 
 

@@ -61,7 +61,7 @@ class Multilevel(Checkpointed):
             counts = COUNTS * FADE ** np.arange(len(made))
         self.counts = fields.real(self.hats.start[-1], data=np.repeat(counts, [level.count for level in made]))
         for force in self.forces:
-            force.build_levels(LevelFields(fields, made))
+            force.build_levels(LevelFields(fields, made, model.blocks.count))
         self.coarsest: Coarse | None = None
         if self.exact:
             faces = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths])
