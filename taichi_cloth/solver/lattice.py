@@ -17,7 +17,7 @@ from ..scene.mesh import TriMesh
 SMALLEST = 12  # nodes of a level below which there is no coarser one
 DEEPEST = 12
 SNAP = 1e-3  # of a lattice's spacing
-PART = 1 << 13  # elements that are looked at together
+PART = 1 << 13  # elements, or points, that are looked at together
 
 
 @dataclass(frozen=True)
@@ -142,11 +142,13 @@ def _sharing(node: np.ndarray, weight: np.ndarray) -> np.ndarray:
 def _compose(fine: Level, node: np.ndarray, weight: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Nodes around, and hats at, the particles of the level above `fine`."""
     n, c = len(fine.node), node.shape[1]
-    value = (fine.weight[:, :, None] * weight[fine.node]).reshape(n, -1)
-    value[value <= 1e-12] = 0.0
-    out_node, out_weight = np.zeros((n, c), dtype=np.int64), np.zeros((n, c))
-    for place, (row, here, total) in enumerate(_by_node(node.astype(np.int32)[fine.node].reshape(n, -1), value)):
-        out_node[row, place], out_weight[row, place] = here, total
+    out_node, out_weight, node = np.zeros((n, c), dtype=np.int64), np.zeros((n, c)), node.astype(np.int32)
+    for first in range(0, n, PART):
+        below = fine.node[first:first + PART]
+        value = (fine.weight[first:first + PART, :, None] * weight[below]).reshape(len(below), -1)
+        value[value <= 1e-12] = 0.0
+        for place, (row, here, total) in enumerate(_by_node(node[below].reshape(len(below), -1), value)):
+            out_node[first + row, place], out_weight[first + row, place] = here, total
     return out_node, out_weight
 
 
