@@ -76,7 +76,7 @@ MUTATIONS = (
      f"{LEVELS}::test_a_slit_parts_hats"),
     (LATTICE, "value[value <= 1e-12] = 0.0", "value = 1.0 * (value > 1e-12)",
      "composed hats count instead of adding", NEST),
-    (LATTICE, "factor[first + row, q] * total**2", "factor[first + row, q] * total",
+    (LATTICE, "f[rows[row], q] * total**2", "f[rows[row], q] * total",
      "hinges' hats do not act together",
      f"{LEVELS}::test_levels_have_the_trace_of_hinges_in_flat_cloth"),
     # conjugate gradients

@@ -108,29 +108,44 @@ def test_all_near_pairs_are_found_once(rng):
 @pytest.mark.parametrize("precision", ["f64", "f32"])
 @pytest.mark.slow
 def test_only_what_strays_is_looked_for_again(rng, precision):
+    """From step to step, from where a step stopped short on its way to an end near the one that it had, and back to that end
+    from elsewhere."""
     scene = soup(rng, 150)
     d, anew = detector(scene, precision), detector(scene, precision)
     x = d.model.read_particles()[0]
-    again = 0
-    for k in range(15):
+    again, on = 0, 0
+    for k in range(20):
         far = (rng.uniform(size=(len(x), 1)) < 0.1 * (k % 3)) * 0.1
         way = (far + 0.3 * d.paths.skin[0]) * rng.normal(size=x.shape)
-        for each in (d, anew):
-            each.model.write_particles(x, np.zeros_like(x))
-            each.model.save()
-            each.paths.begin()
-            each.model.write_particles(x + way, np.zeros_like(x))
-        again += 0 < d.paths.strayed_count() < 0.3 * len(x) and d.fresh
-        anew.fresh = False
-        d.cover()
-        anew.cover()
-        assert len({tuple(row) for row in d.candidates.tolist()}) == len(d.candidates)
-        assert d.collision_free_step()[0] == anew.collision_free_step()[0]
-        for swept in (False, True):
-            p, q = d.look(swept), anew.look(swept)
-            assert (p.key[p.order] == q.key[q.order]).all() and (p.end[p.order] == q.end[q.order]).all() and len(p.end) > 100
-        x = x + 0.5 * way
-    assert again > 5
+        if k % 5 == 4:
+            way = 8 * d.paths.skin[0] * rng.normal(size=x.shape)
+        start, end = x, x + way
+        for leg in range(4):
+            aside = 0.1 * (rng.uniform(size=(len(x), 1)) < 0.05) * rng.normal(size=x.shape)
+            if leg == 3:
+                start = end + aside
+            elif leg:  # the rest of the way, to another end
+                start = start + 0.5 * (end - start)
+                end = end + aside + 0.2 * d.paths.skin[0] * rng.normal(size=x.shape)
+            for each in (d, anew):
+                each.model.write_particles(start, np.zeros_like(x))
+                each.model.save()
+                each.paths.arrive() if leg else each.paths.begin()
+                each.model.write_particles(end, np.zeros_like(x))
+            some = 0 < d.paths.strayed_count() < 0.3 * len(x) and d.fresh
+            again += some and not leg
+            on += some and leg > 0 and k % 5 == 4
+            anew.fresh = False
+            d.cover()
+            anew.cover()
+            assert len({tuple(row) for row in d.candidates.tolist()}) == len(d.candidates)
+            assert d.collision_free_step()[0] == anew.collision_free_step()[0]
+            for swept in (False, True):
+                p, q = d.look(swept), anew.look(swept)
+                assert (p.key[p.order] == q.key[q.order]).all() and (p.end[p.order] == q.end[q.order]).all()
+                assert len(p.end) > 100
+        x = start
+    assert again > 4 and on == 12
 
 
 def test_what_is_near_at_rest_keeps_half_of_that(rng):
