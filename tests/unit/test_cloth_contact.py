@@ -563,6 +563,7 @@ def test_what_starts_too_near_and_parts_is_not_too_near(began, ended, too_near):
 
 
 @pytest.mark.slow
+@pytest.mark.restarts
 def test_a_run_resumed_in_contact_goes_on_bit_for_bit(rng):
     """With layers that press, rub, are tangled and pinched, and stiffened pairs; and all of that decides how it goes on."""
     def start() -> tc.Simulation:
@@ -672,6 +673,7 @@ def test_explicit_steps_refuse_it_and_bad_values_are_named():
 
 
 @pytest.mark.slow
+@pytest.mark.restarts
 def test_without_contact_none_of_it_is_imported():
     """A mesh large enough for the multilevel preconditioner: no contact at all; on a solid: none of cloth against cloth."""
     code = """

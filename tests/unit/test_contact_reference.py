@@ -35,7 +35,7 @@ def soup(rng, count: int = 26, reach: float = 0.7) -> tc.Scene:
 
 
 def detector(scene: tc.Scene, precision: str = "f64") -> LayerDetector:
-    run = runtime.start("cpu", precision, 1)
+    run = runtime.start("cpu", precision)
     fields = Fields(run.exchange, pooled=True)
     model = ParticleState(fields, scene, run)
     made = LayerDetector(fields, model, scene, True, 0.2)
@@ -92,7 +92,7 @@ def test_pairs_are_where_the_reference_has_them(rng):
     x = np.concatenate([odd_pairs(rng)] * 2)
     kind = np.repeat([0, 1], len(x) // 2).astype(np.int32)
     way = rng.normal(size=x.shape) * rng.choice([0.01, 1.0], size=(len(x), 1, 1)) + rng.normal(size=(len(x), 1, 3))
-    runtime.start("cpu", "f64", 1)
+    runtime.start("cpu", "f64")
     out = np.empty((len(x), 10))
     _pairs(kind, x, way, out)
     w, d = ref.weights_of(kind, x), ref.distances(kind, x)
@@ -128,7 +128,7 @@ def test_repulsion_is_the_law(rng):
     r = rng.choice([0.002, 0.01, 0.3], size=4000)
     d = r * np.concatenate([rng.uniform(*ends, size=count)  # everywhere, about the floor, and deep below it
                             for ends, count in (((-0.01, 1.1), 2000), ((0.19, 0.23), 1000), ((0.0, 0.03), 1000))])
-    runtime.start("cpu", "f64", 1)
+    runtime.start("cpu", "f64")
     out = np.empty((len(d), 3))
     _law(d, r, out)
     mine = np.array([ref.repulsion(*each) for each in zip(d, r)])
@@ -255,6 +255,7 @@ def reference_pairs(sim, p, at, x_0, boost) -> dict:
 
 
 @pytest.mark.slow
+@pytest.mark.restarts
 def test_solves_are_told_what_the_reference_says(rng):
     """Three solves of a step half as large as usual: stiffness, force, slope, stop, turns, friction as damping and as sliding;
     then what they led to: energy, friction, its potential, what stops approaches, and forces on particles."""
@@ -351,6 +352,7 @@ def test_solves_are_told_what_the_reference_says(rng):
     sim.close()
 
 
+@pytest.mark.restarts
 def test_a_step_ends_when_forces_and_friction_agree(rng):
     """Solves that lead nowhere agree with what is there; with other forces, or half the friction, they do not."""
     sim = tc.Simulation(soup(rng), h=H, integrator="backward_euler", threads=1)
