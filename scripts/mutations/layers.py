@@ -11,6 +11,7 @@ SOLVES = REFERENCE + "test_solves_are_told_what_the_reference_says"
 SETTLED = REFERENCE + "test_a_step_ends_when_forces_and_friction_agree"
 UNIT, PHYSICS = "tests/unit/test_cloth_contact.py::", "tests/physics/test_cloth_on_cloth.py::"
 LONGER = UNIT + "test_what_would_be_rejected_goes_on_for_longer"
+GROWS = UNIT + "test_room_for_points_of_contact_grows"
 STRAYS = UNIT + "test_only_what_strays_is_looked_for_again"
 POINTS = UNIT + "test_points_of_contact_join_the_product_and_its_diagonal"
 TURNS = UNIT + "test_a_pair_is_neither_pushed_nor_turned_nor_braked_as_it_turns"
@@ -157,6 +158,9 @@ MUTATIONS = (
      "rows of sorted pairs taken for pairs", SOLVES),
     (CONTACT + "contact_force.py", "out += w * sym_both(pull, n) + t.dot(pull) * sym_outer(n)", "out += w * sym_both(pull, n)",
      "diagonal without what turns", POINTS),
+    ("taichi_cloth/backend/shared_kernels.py", "            del kernel.compiled_kernels[key]", "            pass",
+     "kernels go on with the fields that were outgrown", GROWS),
+    (CONTACT + "contact_force.py", "if len(e) > self.most:", "if len(e) > self.capacity:", "room that does not grow", GROWS),
     (CONTACT + "contact_force.py", "push = w[k] * r", "push = r", "product without weights", POINTS),
     (CONTACT + "contact_force.py", "push = w * r", "push = r", "right-hand side without weights", POINTS),
     (CONTACT + "points.py", "return out + np.einsum", "return out - np.einsum", "points turn the other way", TURNS),

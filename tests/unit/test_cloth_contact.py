@@ -10,9 +10,10 @@ import pytest
 import taichi as ti
 
 import taichi_cloth as tc
-from taichi_cloth.backend import runtime
+from taichi_cloth.backend import rows, runtime
 from taichi_cloth.backend.fields import Fields
 from taichi_cloth.backend.timing import Clock
+from taichi_cloth.contact import contact_force
 from taichi_cloth.contact.cloth import barrier as repulsion
 from taichi_cloth.contact.cloth.barrier import FLOOR, SHALLOW, room
 from taichi_cloth.contact.cloth.narrow_phase import PINCHED, LayerDetector
@@ -282,6 +283,30 @@ def test_degenerate_pairs_are_defined(precision):
     assert (~edges).sum() == 1 and np.allclose(p.normal[~edges], [1, 0, 0], atol=1e-5)
     p, edges = pairs(lower + [[0.5, 0, 0.3], [0.5, 3, 0.5], [0.6, 3, 0.5]], faces + [[4, 5, 6]])  # on a face: any direction
     assert (~edges).sum() == 1 and abs(p.end[0]) < 1e-7 and np.linalg.norm(p.normal[0]) < 1 + 1e-6
+
+
+@pytest.mark.slow
+def test_room_for_points_of_contact_grows(monkeypatch):
+    """A run with room for a few at first is, bit for bit, one that has enough; without it, a step is refused by name."""
+
+    def run(room: int, may_be: int) -> tuple[np.ndarray, int, list[int]]:
+        for name, value in (("ROOM", 0), ("SPARE", room), ("LAYERED", may_be)):
+            monkeypatch.setattr(contact_force, name, value)
+        with two_sheets(0.02, (0.2, -1.0, 0.0), 0.3, gravity=(0, -9.81, 0))[2] as sim:
+            had = [sim.contacts.force.vertices.shape[0]]
+            for _ in range(4):
+                sim.step()
+                had.append(sim.contacts.force.vertices.shape[0])
+            return sim.positions(), max(r.layers for r in sim.log), had
+
+    for name in ("SMALL", "MIDDLE"):  # fields have little more
+        monkeypatch.setattr(rows, name, 256)
+    x, count, had = run(100, 40)
+    y, _, enough = run(5000, 40)
+    assert had[0] == 256 and had[-1] > 512 and len(set(enough)) == 1 and count > 300
+    assert (x == y).all()
+    with pytest.raises(tc.SimulationError, match="more than 100 points of contact"):
+        run(100, 0)
 
 
 def two_sheets(gap: float, v=(0.0, 0.0, 0.0), friction: float = 0.0, cells: int = 8, gravity=None, **kwargs):
@@ -673,7 +698,6 @@ def test_explicit_steps_refuse_it_and_bad_values_are_named():
 
 
 @pytest.mark.slow
-@pytest.mark.restarts
 def test_without_contact_none_of_it_is_imported():
     """A mesh large enough for the multilevel preconditioner: no contact at all; on a solid: none of cloth against cloth."""
     code = """
