@@ -188,8 +188,9 @@ class Candidates(Checkpointed):
 
     @ti.func
     def may_come_near(self, kind, v):
-        """1 if a pair may come nearer than its largest radius on any path within the skin of that which is walked for.
-        Neighbours in the cloth's own shape have small ones, and seldom may."""
+        """1 if a pair may come nearer than its largest radius on any path within the skin of that which is walked for, or will
+        soon: a step's first solve begins with what is known. Neighbours in the cloth's own shape have small radii, and seldom
+        may."""
         begin, end = ti.static(self.paths.left, self.paths.walked)
         p, q, r, s = end[v[0]], end[v[1]], end[v[2]], end[v[3]]
         p_0, q_0, r_0, s_0 = begin[v[0]], begin[v[1]], begin[v[2]], begin[v[3]]
@@ -200,7 +201,9 @@ class Candidates(Checkpointed):
             radius = self.mesh.largest_radius(kind, v)
             if d - speed - skins < radius:
                 first, w_0 = between(kind, p_0, q_0, r_0, s_0)
-                out = ti.cast(least_between(first.norm() / (1 + ROUNDING), d, speed) - skins < radius, ti.i32)
+                d_0 = first.norm() / (1 + ROUNDING)
+                least = ti.min(least_between(d_0, d, speed), 2 * d - d_0)  # there, if it goes on, in the next step
+                out = ti.cast(least - skins < radius, ti.i32)
         return out
 
     @ti.func
