@@ -38,6 +38,15 @@ def cuthill_mckee(n: int, faces: np.ndarray) -> np.ndarray:
     return np.concatenate(levels)[::-1].copy()
 
 
+def by_slabs(order: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """An order of vertices (n,) changed to go from slab to slab across the longest side of where they are, (n, 3): what lies on
+    each other is in one block then. Within a slab, of SLAB vertices, it stays as it was."""
+    along = points[:, np.argmax(np.ptp(points, axis=0))]
+    slab = np.empty(len(order), dtype=np.int64)
+    slab[np.argsort(along, kind="stable")] = np.arange(len(order)) // SLAB
+    return order[np.argsort(slab[order], kind="stable")]
+
+
 def _next_level(level: np.ndarray, neighbours: np.ndarray, first: np.ndarray, seen: np.ndarray,
                 degree: np.ndarray) -> np.ndarray:
     """Unseen neighbours of a level, by the place of their first parent, then by degree; marked as seen."""
@@ -90,6 +99,7 @@ def block_bounds(n: int, count: int) -> np.ndarray:
     return np.linspace(0, n, min(count, n) + 1).round().astype(np.int64)
 
 
+SLAB = 1024
 FEW = 32  # blocks that are gone through one by one
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
-from ..backend.ordering import Entries, block_bounds, cuthill_mckee, partition
+from ..backend.ordering import Entries, block_bounds, by_slabs, cuthill_mckee, partition
 from ..backend.rows import read, write
 from ..backend.runtime import Runtime
 from ..errors import MeshError, SceneError
@@ -110,6 +110,8 @@ class ParticleState:
         order = cuthill_mckee(len(used), local[faces])
         if any(c.split is not None for c in scene.cloths):
             order = _corners_together(scene, used)
+        if runtime.arch == "cpu" and len(scene.cloths) > 1 and any(c.contact is not None for c in scene.cloths):
+            order = by_slabs(order, np.concatenate([c.positions for c in scene.cloths])[used])
         self.user = used[order]
         self.n = len(order)
         self.particle = np.full(scene.vertex_count, -1)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.backend import ordering
 from taichi_cloth.backend.ordering import block_bounds, cuthill_mckee, partition
 
 
@@ -53,3 +54,26 @@ def test_results_do_not_depend_on_vertex_order_or_threads(rng):
         results.append(sim.positions()[back])
     assert np.abs(results[0] - results[1]).max() < 1e-9
     assert np.abs(results[0] - results[2]).max() < 1e-9
+
+
+def test_what_lies_on_each_other_is_in_one_block(monkeypatch):
+    """Three sheets: a vertex and those above it share a block of four but at its ends; each slab keeps the order it had."""
+    monkeypatch.setattr(ordering, "SLAB", 200)
+    mesh = tc.grid(1.0, 29)
+    n = mesh.vertex_count
+    points = np.concatenate([mesh.x + [0, 0.01 * k, 0] for k in range(3)])
+    given = ordering.cuthill_mckee(3 * n, np.concatenate([mesh.faces + k * n for k in range(3)]))
+    order = ordering.by_slabs(given, points)
+    assert sorted(order) == list(range(3 * n))
+
+    def together(order):
+        block = np.empty(3 * n, dtype=int)
+        block[order] = np.searchsorted(ordering.block_bounds(3 * n, 4), np.arange(3 * n), side="right")
+        return np.mean((np.ptp(block.reshape(3, n), axis=0) == 0))
+
+    assert together(order) > 0.8 and together(given) < 0.1
+    where = np.argsort(given)[order]  # of each vertex in the order that was
+    runs = np.split(where, np.arange(200, 3 * n, 200))
+    assert all((np.diff(run) > 0).all() for run in runs)
+    ends = [np.sort(points[order[a:a + 200], 0])[[0, -1]] for a in range(0, 3 * n, 200)]
+    assert (np.diff(np.concatenate(ends)) >= 0).all()
