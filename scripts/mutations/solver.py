@@ -8,6 +8,7 @@ ITERATIONS, NEST = f"{LEVELS}::test_iterations", f"{LEVELS}::test_hats_add_up_an
 DIAGONAL = f"{LEVELS}::test_levels_have_the_diagonal_of_what_is_free"
 AGE = f"{LEVELS}::test_levels_that_last_are_made_anew_when_they_have_aged"
 DRIFT = f"{LEVELS}::test_a_lasting_rise_of_iterations_is_told_from_what_comes_and_goes"
+SLABS = "tests/unit/test_ordering.py::test_what_lies_on_each_other_is_in_one_block"
 TESTS = (SOLVE, LEVELS)
 
 PCG, MULTI, AGES = "taichi_cloth/solver/pcg.py", "taichi_cloth/solver/multilevel.py", "taichi_cloth/solver/age.py"
@@ -16,6 +17,11 @@ POINT, LATTICE = "taichi_cloth/solver/pointwise.py", "taichi_cloth/solver/lattic
 HELD, OPERATOR = "taichi_cloth/system/constraints.py", "taichi_cloth/system/operator.py"
 
 MUTATIONS = (
+    # the order of vertices
+    ("taichi_cloth/backend/ordering.py", "order[np.argsort(slab[order], kind=\"stable\")]", "order",
+     "sheets on each other in different blocks", SLABS),
+    ("taichi_cloth/system/state.py", "len(scene.cloths) > 1 and any(", "len(scene.cloths) > 9 and any(",
+     "vertices go sheet by sheet where sheets meet", SLABS),
     # held directions
     (HELD, "z = (row(target, k) - row(y, k) - self.model.x_saved[i] - self.model.ahead[i]) / h - self.model.v[i]",
      "z = (row(target, k) - self.model.x_saved[i]) / h - self.model.v[i]", "held particles get speed from y",

@@ -72,6 +72,11 @@ def test_what_lies_on_each_other_is_in_one_block(monkeypatch):
         return np.mean((np.ptp(block.reshape(3, n), axis=0) == 0))
 
     assert together(order) > 0.8 and together(given) < 0.1
+    scene = tc.Scene()
+    for k in range(3):
+        scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(100)), mesh.x + [0, 0.01 * k, 0], contact=tc.ClothContact(0.005))
+    with tc.Simulation(scene) as sim:
+        assert together(sim.model.user) > 0.8
     where = np.argsort(given)[order]  # of each vertex in the order that was
     runs = np.split(where, np.arange(200, 3 * n, 200))
     assert all((np.diff(run) > 0).all() for run in runs)
