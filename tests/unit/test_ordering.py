@@ -69,7 +69,7 @@ def test_what_lies_on_each_other_is_in_one_block(monkeypatch):
     def together(order):
         block = np.empty(3 * n, dtype=int)
         block[order] = np.searchsorted(ordering.block_bounds(3 * n, 4), np.arange(3 * n), side="right")
-        return np.mean((np.ptp(block.reshape(3, n), axis=0) == 0))
+        return np.mean(np.ptp(block.reshape(3, n), axis=0) == 0)
 
     assert together(order) > 0.8 and together(given) < 0.1
     scene = tc.Scene()
