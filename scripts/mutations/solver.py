@@ -17,6 +17,8 @@ POINT, LATTICE = "taichi_cloth/solver/pointwise.py", "taichi_cloth/solver/lattic
 HELD, OPERATOR = "taichi_cloth/system/constraints.py", "taichi_cloth/system/operator.py"
 
 MUTATIONS = (
+    (MULTI, "return min(ALIKE[0] * self.operator.model.n, ALIKE[1] * held)", "return ALIKE[0] * self.operator.model.n",
+     "levels hold what has come free", f"{LEVELS}::test_levels_do_not_last_where_much_of_what_was_held_comes_free"),
     # the order of vertices
     ("taichi_cloth/backend/ordering.py", "order[np.argsort(slab[order], kind=\"stable\")]", "order",
      "sheets on each other in different blocks", SLABS),

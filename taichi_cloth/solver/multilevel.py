@@ -29,7 +29,7 @@ from .lattice import coordinates, levels
 from .pointwise import Pointwise
 
 COUNTS, FADE = 0.6, 0.85  # c of the finest level, and of each over that of the one below; what is solved exactly counts whole
-ALIKE = 0.02  # part of all particles that others may be held of than when levels were made, where contact holds them
+ALIKE = 0.02, 0.1  # parts of all particles, and of those then held, that others may be held of, where contact holds them
 NOTHING = 1e-24  # trace [kg] of a node's block below which it says nothing
 
 
@@ -75,12 +75,17 @@ class Multilevel(Checkpointed):
         if self.coarsest is not None:
             self.coarsest.make(span, self.T if self.has_contact else None)
         made_for = np.append(self._held_numbers(held), np.float32(span))  # without its last digits
-        if not (lasting and self.age.allows(made_for, ALIKE * self.operator.model.n if self.has_contact else 0)):
+        if not (lasting and self.age.allows(made_for, self._others())):
             self._sum_elements(span)
             self.age.begin(made_for)
         elif not self.has_contact:
             return
         self._invert()
+
+    def _others(self) -> float:
+        """How many may be held, or free, that were not when levels were made: these hold what has come free."""
+        held = np.count_nonzero(self.age.made_for[:-1])
+        return min(ALIKE[0] * self.operator.model.n, ALIKE[1] * held) if self.has_contact else 0.0
 
     def _held_numbers(self, held: Held | None) -> np.ndarray:
         """What levels were made for: all of what is held, or, where contact holds ever others, which particles are."""

@@ -10,6 +10,7 @@ from taichi_cloth.backend.rows import read, write
 from taichi_cloth.solver import age
 from taichi_cloth.solver.lattice import levels
 from taichi_cloth.solver.multilevel import COUNTS, FADE
+from taichi_cloth.system.held import Held
 from taichi_cloth.system.operator import Probe
 
 FABRIC = tc.Fabric(0.15, tc.Stretch(5000), tc.Shear(500), tc.Bend(5e-5))
@@ -195,6 +196,34 @@ def test_levels_in_contact():
         sim.step()
     assert summed.count(landed) <= 1 and not any(step > landed for step in summed)
     assert len(inverted) == sum(r.solves for r in sim.log) >= 4
+
+
+def test_levels_do_not_last_where_much_of_what_was_held_comes_free():
+    """At most a tenth of it, and 2 % of all."""
+    mesh, scene = tc.grid(1.0, 24), tc.Scene()
+    scene.add_cloth(mesh, FABRIC, positions=mesh.x + [0, 0.1, 0])
+    scene.add_solid(tc.Plane(), friction=0.1, thickness=0.005)
+    with tc.Simulation(scene, h=1 / 60, preconditioner="multilevel", integrator="backward_euler") as sim:
+        sim.step()
+        levels, summed = sim.integrator.system.preconditioner, []
+        add = levels._sum_elements
+        levels._sum_elements = lambda span: (summed.append(1), add(span))
+
+        def anew(first: int, held: range) -> bool:
+            """Whether levels made with the first few particles held are not used with others."""
+            for some in (range(first), held):
+                summed.clear()
+                k = len(some)
+                if some is not held:
+                    levels.forget()
+                levels.make(1 / 60, Held.of(some, np.tile(np.eye(3), (k, 1, 1)), np.zeros((k, 3)), False, np.zeros((k, 3)),
+                                            sim.model.exchange), lasting=True)
+            return len(summed) == 1
+
+        assert sim.model.n * 0.02 > 10
+        assert not anew(40, range(40)) and not anew(40, range(4, 40)) and not anew(40, range(44))
+        assert anew(40, range(5, 40)) and anew(40, range(45))
+        assert not anew(200, range(10, 200)) and anew(200, range(15, 200))
 
 
 def test_hats_add_up_and_nest(rng):
