@@ -99,7 +99,7 @@ def block_bounds(n: int, count: int) -> np.ndarray:
     return np.linspace(0, n, min(count, n) + 1).round().astype(np.int64)
 
 
-SLAB = 1024
+SLAB = 1024  # vertices that are numbered together where sheets may lie on each other
 FEW = 32  # blocks that are gone through one by one
 
 
