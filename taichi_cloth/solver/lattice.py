@@ -182,7 +182,7 @@ def gather(node: np.ndarray, weight: np.ndarray, count: int) -> Gather:
 def squares(level: Level, vertices: np.ndarray, weights: np.ndarray, factor: np.ndarray) -> np.ndarray:
     """(count, q) sums over elements (m, k) of factors (m, q) times the square of the weighted sum (m, k) of a node's hat."""
     out, given = np.zeros((factor.shape[1], level.count)), np.flatnonzero(factor.any(axis=0))
-    nodes = level.node.astype(np.int32)
+    nodes, width = level.node.astype(np.int32), vertices.shape[1] * level.node.shape[1]
     for first in range(0, len(vertices), PART):
         part = slice(first, first + PART)
         node, value, f = nodes[vertices[part]], level.weight[vertices[part]] * weights[part, :, None], factor[part]
@@ -192,7 +192,7 @@ def squares(level: Level, vertices: np.ndarray, weights: np.ndarray, factor: np.
             for q in given:
                 out[q] += np.bincount(node[rows, 0, k], f[rows, q] * total**2, level.count)
         rows = np.flatnonzero(~inside)
-        for row, there, total in _by_node(node[rows].reshape(len(rows), -1), value[rows].reshape(len(rows), -1)):
+        for row, there, total in _by_node(node[rows].reshape(-1, width), value[rows].reshape(-1, width)):
             for q in given:
                 out[q] += np.bincount(there, f[rows[row], q] * total**2, level.count)
     return out.T

@@ -8,7 +8,7 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth.backend.rows import read, write
 from taichi_cloth.solver import age
-from taichi_cloth.solver.lattice import levels
+from taichi_cloth.solver.lattice import levels, squares
 from taichi_cloth.solver.multilevel import COUNTS, FADE
 from taichi_cloth.system.held import Held
 from taichi_cloth.system.operator import Probe
@@ -311,6 +311,21 @@ def test_levels_have_the_diagonal_of_what_is_free():
                 xx, xy, xz, yy, yz, zz = inverse[k]
                 mine = COUNTS * FADE**level * np.linalg.inv([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
                 assert np.abs(mine - D).max() < 1e-5 * np.abs(D).max()
+
+
+@pytest.mark.parametrize("which", ["within a cell", "across cells", "all", "none"])
+def test_squares_of_sums_of_hats_are_those_of_the_dense_matrix(rng, which):
+    mesh = tc.grid(1.0, 8)
+    points, zeros = mesh.uv, np.zeros(mesh.vertex_count, dtype=np.int64)
+    corners = mesh.faces[:, [0, 1, 2, 0]]
+    weights, factor = rng.normal(size=corners.shape), rng.uniform(size=(len(corners), 2))
+    for level in levels(points, zeros, 1 / 8, mesh.faces[:, :2]):
+        Q = np.zeros((mesh.vertex_count, level.count))
+        np.add.at(Q, (np.repeat(zeros + np.arange(len(zeros)), level.node.shape[1]), level.node.ravel()), level.weight.ravel())
+        same = (level.node[corners] == level.node[corners[:, :1]]).all(axis=(1, 2))
+        rows = np.flatnonzero({"within a cell": same, "across cells": ~same, "all": same | True, "none": same & False}[which])
+        wanted = (np.einsum("mk,mkn->mn", weights, Q[corners]) ** 2)[rows].T @ factor[rows]
+        np.testing.assert_allclose(squares(level, corners[rows], weights[rows], factor[rows]), wanted, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.slow
