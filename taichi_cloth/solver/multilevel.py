@@ -15,6 +15,7 @@ or pressed, moves less well with a hat the wider it is.
 import numpy as np
 import taichi as ti
 
+from ..backend.dealing import Dealer
 from ..backend.fields import Fields
 from ..forces.conditions import sym, sym_scaled_identity, sym_times, sym_unpack
 from ..scene.mesh import distinct, face_edges
@@ -48,6 +49,7 @@ class Multilevel(Checkpointed):
         most = most_nodes(model.n) if self.exact else 0
         made = levels(*_material(scene, model), float(np.median(edges)), _links(scene, model), most)
         self.hats = Hierarchy(fields, made, model.n)
+        self.dealer = Dealer(fields, model.blocks, self.hats.start[-1])
         self.blocks = model.blocks.count
         self.level_by_level = model.blocks.grain == 1  # on a GPU, where one thread for all but the finest is slow
         self.inverse_l, self.summed = (fields.real(self.hats.start[-1], 6) for _ in range(2))
@@ -140,33 +142,55 @@ class Multilevel(Checkpointed):
     def _sum_elements(self, c: float):
         """The elements' part of the nodes' diagonal blocks, of what is free. Where hats meet only seams, what hangs on the
         other side counts by the particles' blocks."""
-        for n in range(self.hats.size[2]):
-            D = ti.Vector.zero(float, 6)
-            if ti.static(self.exact):
-                for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
-                    i = self.hats.particles.source[k]
-                    if self.jacobi.sewn.of[i] >= 0:
-                        D += self.hat(n, i) ** 2 * self.seen(i, self.jacobi.block(i))
-            for k in ti.static(range(len(self.forces))):
-                D = self.forces[k].add_level_block(n, c, D, self)
-            self.summed[n] = D
+        for _ in range(1):
+            self.dealer.begin()
+        for t in range(self.dealer.tasks):
+            if t % self.dealer.grain == 0:
+                n = self.hats.size[2] - 1 - self.dealer.next()  # those of wide hats take longest: first
+                while n >= 0:
+                    self.summed[n] = self.element_block(n, c)
+                    n = self.hats.size[2] - 1 - self.dealer.next()
+
+    @ti.func
+    def element_block(self, n, c):
+        """The elements' part of a node's block."""
+        D = ti.Vector.zero(float, 6)
+        if ti.static(self.exact):
+            for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
+                i = self.hats.particles.source[k]
+                if self.jacobi.sewn.of[i] >= 0:
+                    D += self.hat(n, i) ** 2 * self.seen(i, self.jacobi.block(i))
+        for k in ti.static(range(len(self.forces))):
+            D = self.forces[k].add_level_block(n, c, D, self)
+        return D
 
     @ti.kernel
     def _invert(self):
         """Inverts the nodes' diagonal blocks: of elements as they were summed up, of masses, and of what now touches."""
-        for n in range(self.hats.size[2]):
-            D = self.summed[n]
-            for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
-                i = self.hats.particles.source[k]
-                own = sym_scaled_identity(self.operator.model.m[i])
-                if ti.static(self.has_contact):
-                    own += self.T[i]
-                D += self.hat(n, i) ** 2 * self.seen(i, own)
-            size = D[0] + D[3] + D[5]
-            self.inverse_l[n] = ti.Vector.zero(float, 6)
-            if size > NOTHING:  # else all that it meets is held
-                D = D / size + sym_scaled_identity(1e-6)  # of size 1: its determinant is no rounding in f32 either
-                self.inverse_l[n] = self.counts[n] / size * sym(sym_unpack(D).inverse())
+        for _ in range(1):
+            self.dealer.begin()
+        for t in range(self.dealer.tasks):
+            if t % self.dealer.grain == 0:
+                n = self.hats.size[2] - 1 - self.dealer.next()
+                while n >= 0:
+                    self.inverse_l[n] = self.inverse_block(n)
+                    n = self.hats.size[2] - 1 - self.dealer.next()
+
+    @ti.func
+    def inverse_block(self, n):
+        """c_l D_l^-1 of a node; 0 where all that it meets is held."""
+        D, out = self.summed[n], ti.Vector.zero(float, 6)
+        for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
+            i = self.hats.particles.source[k]
+            own = sym_scaled_identity(self.operator.model.m[i])
+            if ti.static(self.has_contact):
+                own += self.T[i]
+            D += self.hat(n, i) ** 2 * self.seen(i, own)
+        size = D[0] + D[3] + D[5]
+        if size > NOTHING:
+            D = D / size + sym_scaled_identity(1e-6)  # of size 1: its determinant is no rounding in f32 either
+            out = self.counts[n] / size * sym(sym_unpack(D).inverse())
+        return out
 
     @ti.func
     def seen(self, i, block):

@@ -9,6 +9,7 @@ import numpy as np
 import taichi as ti
 
 from ...backend.bvh import BVH, LEAF
+from ...backend.dealing import Dealer
 from ...backend.fields import Fields
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
@@ -134,7 +135,7 @@ class Candidates(Checkpointed):
         self.radii: np.ndarray = np.zeros(0, dtype=self.exchange)
         self.fresh = False
         self.chunks = CHUNKS if cpu else -(-m // FACES_A_CHUNK)
-        self.grain = 512 if cpu else 1
+        self.dealer = Dealer(fields, model.blocks, self.chunks)
         self.rows: np.ndarray = np.zeros((self.chunks, -(-4 * m // self.chunks), 3), dtype=np.int32)
         self._found: np.ndarray = np.zeros(self.chunks, dtype=np.int32)
 
@@ -242,23 +243,27 @@ class Candidates(Checkpointed):
 
     @ti.kernel
     def _walk(self, rows: ti.types.ndarray(), found: ti.types.ndarray()):
-        for t in range(self.chunks * self.grain):
-            if t % self.grain == 0:
-                chunk, leaves = t // self.grain, (self.mesh.size[0] + LEAF - 1) // LEAF
-                count = 0
-                for leaf in range(chunk * leaves // self.chunks, (chunk + 1) * leaves // self.chunks):
-                    node = self.boxes.first_leaf + leaf  # leaves before it have met this one already
-                    low, high, changed = self.boxes.low[node], self.boxes.high[node], self.changed[node]
-                    while True:
-                        if changed + self.changed[node] > 0 and self.boxes.meets(node, low, high):
-                            if node < self.boxes.first_leaf:
-                                node *= 2
-                                continue
-                            count = self.of_leaves(leaf, node, chunk, count, rows)
-                        node = self.boxes.following(node)
-                        if node == 1:
-                            break
-                found[chunk] = count
+        for _ in range(1):
+            self.dealer.begin()
+        for t in range(self.dealer.tasks):
+            if t % self.dealer.grain == 0:
+                chunk, leaves = self.dealer.next(), (self.mesh.size[0] + LEAF - 1) // LEAF
+                while chunk < self.chunks:
+                    count = 0
+                    for leaf in range(chunk * leaves // self.chunks, (chunk + 1) * leaves // self.chunks):
+                        node = self.boxes.first_leaf + leaf  # leaves before it have met this one already
+                        low, high, changed = self.boxes.low[node], self.boxes.high[node], self.changed[node]
+                        while True:
+                            if changed + self.changed[node] > 0 and self.boxes.meets(node, low, high):
+                                if node < self.boxes.first_leaf:
+                                    node *= 2
+                                    continue
+                                count = self.of_leaves(leaf, node, chunk, count, rows)
+                            node = self.boxes.following(node)
+                            if node == 1:
+                                break
+                    found[chunk] = count
+                    chunk = self.dealer.next()
 
     @ti.func
     def of_leaves(self, leaf, node, chunk, count, rows: ti.template()):
