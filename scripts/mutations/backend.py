@@ -1,11 +1,13 @@
-"""Bugs in what runs kernels: which are shared, and which fields come again."""
+"""Bugs in what runs kernels: which are shared, which fields come again, where threads run and what they take."""
 
 SECOND = "tests/unit/test_second_simulation.py"
 SHARED = f"{SECOND}::test_kernels_are_shared_where_they_read_the_same_and_only_there"
 MEMORY = "tests/unit/test_memory.py"
-TESTS = (SECOND, MEMORY)
+PLACED, DEALT = "tests/unit/test_placement.py", "tests/unit/test_dealing.py"
+TESTS = (SECOND, MEMORY, PLACED, DEALT)
 
-KERNELS, POOL = (f"taichi_cloth/backend/{name}.py" for name in ("shared_kernels", "field_pool"))
+KERNELS, POOL, PLACEMENT, DEALING = (f"taichi_cloth/backend/{name}.py" for name in (
+    "shared_kernels", "field_pool", "placement", "dealing"))
 
 MUTATIONS = (
     (KERNELS, "return type(value), value", "return type(value), 0", "numbers are not compared", SHARED),
@@ -25,5 +27,15 @@ MUTATIONS = (
      f"{SECOND}::test_memory_is_filled_as_kernels_fill_it"),
     (POOL, "if self._start == _starts[0]:", "if False:", "fields that no other may have stay", MEMORY),
     (POOL, "if self._start == _starts[0]:", "if True:", "dead fields are given back", MEMORY),
+    (DEALING, "self.taken[0] = 0", "pass", "a second loop has no pieces left", DEALT),
+    (PLACEMENT, "Placement(new[-count:], cores)", "Placement(new[:count], cores)", "threads that compile are bound instead",
+     f"{PLACED}::test_threads_that_work_are_bound_where_there_are_as_many_as_cores"),
+    (PLACEMENT, "if len(cores) == count <= len(new):", "if count <= len(new):", "fewer threads than cores are bound",
+     f"{PLACED}::test_only_as_many_as_there_are_cores_are_bound"),
+    (PLACEMENT, "if lost > WAITED * (did + lost):", "if False:", "threads stay where others keep the core busy", PLACED),
+    (PLACEMENT, "if did + lost < ENOUGH:", "if False:", "threads are let go for a short wait", PLACED),
+    (PLACEMENT, "min(2 * self._rest, LONGEST)", "REST", "what is no use is tried as often", PLACED),
+    (PLACEMENT, "            self._rest = REST\n", "", "a neighbour that has gone counts", PLACED),
+    (PLACEMENT, "if jump > JUMP else numbers", "if False else numbers", "numbers that begin anew are not seen", PLACED),
     (POOL, "        self._taken = []\n", "", "what was freed is freed again by the garbage collector", SECOND),
 )

@@ -29,6 +29,7 @@ SOLVES = "taichi_cloth/step/nonlinear/solid_contact.py"
 FACADE = "taichi_cloth/contact/contacts.py"
 POINTS = "taichi_cloth/contact/points.py"
 STEP = "taichi_cloth/contact/step_start.py"
+DEEPER = "tests/physics/test_solid_contact.py::test_after_two_solves_with_layers_a_few_may_end_deeper"
 RESPONSE = "taichi_cloth/contact/solid/solid_contacts.py"
 SLIDING = "taichi_cloth/contact/solid/sliding.py"
 DEPTH = "taichi_cloth/contact/solid/penetration.py"
@@ -56,6 +57,10 @@ GROWS = f"{STARTS}::test_what_was_left_near_grows_to_its_thickness_and_is_resume
 
 MUTATIONS = (
     # forces that are told
+    (RESPONSE, "late = start.together and", "late =", "without layers too", DEEPER),
+    (RESPONSE, "self.round > PATIENCE and little", "self.round > PATIENCE", "whatever would hold them", DEEPER),
+    (RESPONSE, "self.round > PATIENCE and little", "little", "from the first solve on", DEEPER),
+    (RESPONSE, "DEEP if late else TOLERATED", "TOLERATED", "every solve minds as little depth", DEEPER),
     (RESPONSE, "out[solid.name] = (-force[mine].sum(axis=0)", "out[solid.name] = (force[mine].sum(axis=0)",
      "loads on solids have the wrong sign", FORCES),
     (RESPONSE, "-np.cross(arm, force[mine]).sum(axis=0))", "np.cross(arm, force[mine]).sum(axis=0))",

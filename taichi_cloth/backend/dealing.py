@@ -1,9 +1,9 @@
 """Loops of which some parts cost far more than others, in pieces that threads take one after the other.
 
-Taichi gives each CPU thread of a loop a run of its iterations beforehand, all of the first half to one of two. Where the costly
-ones are at one end, or a thread starts late or is put aside, the other waits: sums over the nodes of all levels took as long on
-two threads as on one. Here a thread that is done with a piece takes the next. Which thread works on a piece makes no difference
-to the result.
+Taichi gives each CPU thread of a loop a run of its iterations beforehand, all of the first half to one of two. Where the
+costly ones are at one end, or a thread starts late or is put aside, the other waits: sums over the nodes of all levels took
+as long on two threads as on one. Here a thread that is done with a piece takes the next. Which thread works on a piece makes
+no difference to the result.
 
     for _ in range(1):
         dealer.begin()
@@ -26,12 +26,12 @@ class Dealer:
 
     Args:
         blocks: of the model; on a CPU as many threads as these take pieces.
-        most: pieces, at most; on a GPU as many threads.
+        takers: threads that do on a GPU.
     """
 
-    def __init__(self, fields: Fields, blocks, most: int) -> None:
+    def __init__(self, fields: Fields, blocks, takers: int) -> None:
         self.grain = blocks.grain
-        self.tasks = blocks.count * blocks.grain if blocks.grain > 1 else most
+        self.tasks = blocks.count * blocks.grain if blocks.grain > 1 else takers
         self.taken = fields.integer(1)  # pieces that threads asked for
 
     @ti.func

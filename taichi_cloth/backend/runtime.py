@@ -97,7 +97,7 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
         raise BackendError(f"arch {arch!r} does not run here; what does: {', '.join(others)}")
     import taichi as ti
 
-    from . import field_pool
+    from . import field_pool, placement
 
     wanted = Runtime(arch, precision, threads or there, debug, ".".join(map(str, ti.__version__)))
     if wanted == _current and (len(_holders) or field_pool.holds()):
@@ -106,7 +106,7 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
         field_pool.trim()
         return wanted
     fp = ti.f32 if precision == "f32" else ti.f64
-    words = io.StringIO() if quiet else sys.stdout
+    words, before = io.StringIO() if quiet else sys.stdout, placement.running()
     try:
         with contextlib.redirect_stdout(words):
             # fast_math would let the compiler assume that there is no NaN, and drop the tests for it; what the other two
@@ -117,6 +117,7 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
                     cfg_optimization=False, simplify_after_lower_access=False)
     except RuntimeError as error:
         raise BackendError(f"arch {arch!r} does not start: {error}") from None
+    placement.place(before, wanted.threads if arch == "cpu" else 0)
     _holders.clear()
     field_pool.forget()
     _current, _generation = wanted, _generation + 1

@@ -12,6 +12,7 @@ import taichi as ti
 from numpy.typing import ArrayLike
 
 from .. import checks
+from ..backend import placement
 from ..errors import SceneError
 from ..options import SHORTEST, signature
 from ..scene.air import Wind
@@ -283,6 +284,7 @@ class Simulation(Queries):
         self._live()
         record = None
         while end - self.time > ROUND_TIME * self.control.h_max or record is None:
+            placement.mind()
             self._fire_events()
             stop = min([end, *(e.time for e in self.prescribed.script.events[:1])])
             remaining = stop - self.time

@@ -186,3 +186,32 @@ def test_a_run_is_resumed_in_contact_bit_for_bit(scenes, options):
         assert (resumed.contacts.solids.penetration.before == crossed).all() and (options or len(crossed))
         for before, now in zip(went, goes_on(resumed)):
             assert all(np.array_equal(a, b) for a, b in zip(before, now)), now[3]
+
+
+@pytest.mark.parametrize("together, solves, depth, impulse, goes_on", [
+    (False, 1, 0.2, 1, False), (False, 1, 0.4, 1, True), (False, 4, 0.2, 1, False), (False, 4, 0.4, 1, True),
+    (True, 2, 0.4, 1, True), (True, 3, 0.4, 1, False), (True, 6, 0.4, 1, False), (True, 3, 0.6, 1, True),
+    (True, 3, 0.4, 1e-9, True)])
+def test_after_two_solves_with_layers_a_few_may_end_deeper(together, solves, depth, impulse, goes_on):
+    """A sheet lies on a box; a solve has led a particle that it did not hold into the thickness."""
+    scene, _ = over(height=0.025, contact=tc.ClothContact(0.002))
+    scene.add_solid(tc.Box((0.7, 0.04, 0.7)), 0.3, 0.005)
+    sim = tc.Simulation(scene, h=1 / 60)
+    contacts, model, h = sim.contacts, sim.model, 1 / 60
+    x, v = (a.copy() for a in model.read_particles())
+    free = 40
+    x[free, 1] += 0.003
+    model.write_particles(x, v)
+    model.save()
+    lower = x - [0, 1e-4, 0]
+    lower[free] = x[free]
+    model.write_particles(lower, v)
+    contacts.begin(h, None, x, v, together)
+    held, _ = contacts.hold()
+    assert free not in held.index and len(held.index) == model.n - 1
+    contacts.set_points()
+    x[free, 1] -= 0.003 + depth * 0.005
+    model.write_particles(x, v)
+    contacts.solids.round = solves - 1
+    verdict = contacts.judge(np.tile([0.0, impulse, 0.0], (len(held.index), 1)))  # N s, each; the one needs far less than 1
+    assert (verdict.changes > 0) == goes_on and verdict.deepest == pytest.approx(depth, rel=1e-6)

@@ -24,7 +24,7 @@ from ..step_start import StepStart
 from .active_set import ActiveSet, States, hold_together
 from .firmness import Firmness
 from .pairs import PAIR, PRESS, Pairs, Step, inertia, press
-from .penetration import PENETRATION, Penetration
+from .penetration import DEEP, PENETRATION, Penetration
 from .pinch import Pinches
 from .query import Nearby, Scanner
 from .sliding import SLOW, Sliding, slide
@@ -249,8 +249,10 @@ class SolidContacts(Checkpointed):
         inside = self.penetration.inside(self.near.vertices, f.key)
         depth = -inside.gap / self.thickness[inside.solid]
         lacks = -float(np.sum(self.model.mass[inside.index] * inside.gap)) / start.c**2
-        few = self.round > 0 or lacks < AGREED * float(np.sum(force))
-        entered = int(np.sum(depth > (TOLERATED if few else PENETRATION)))
+        little = lacks < AGREED * float(np.sum(force))
+        few = self.round > 0 or little
+        late = start.together and self.round > PATIENCE and little  # a solve with layers costs most, the next step has one
+        entered = int(np.sum(depth > (DEEP if late else TOLERATED if few else PENETRATION)))
         self.round += 1
         changes = int(pulls.sum() + breaks.sum() + turns.sum()) + entered
         self.unsettled = changes

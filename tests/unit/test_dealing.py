@@ -1,0 +1,61 @@
+"""Loops in pieces that threads take: every piece once, whichever thread, however long others take."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import taichi as ti
+
+from taichi_cloth.backend import runtime
+from taichi_cloth.backend.dealing import Dealer
+from taichi_cloth.backend.fields import Fields
+
+pytestmark = pytest.mark.restarts
+
+PIECES = 300_000  # most so short that threads ask at the same time
+
+
+@ti.data_oriented
+class Loop:
+    """Piece k takes cost[k] additions; counts who was how often done."""
+
+    def __init__(self, threads: int, grain: int) -> None:
+        self.fields = Fields(np.float64)
+        self.dealer = Dealer(self.fields, SimpleNamespace(count=threads, grain=grain), PIECES)
+        self.cost = self.fields.integer(PIECES, data=np.where(np.arange(PIECES) % 30_000, 1, 200_000))
+        self.times, self.sums = self.fields.integer(PIECES), self.fields.integer(PIECES)
+        self.fields.allocate()
+
+    @ti.kernel
+    def run(self, pieces: int):
+        for _ in range(1):
+            self.dealer.begin()
+        for t in range(self.dealer.tasks):
+            if t % self.dealer.grain == 0:
+                piece = self.dealer.next()
+                while piece < pieces:
+                    total = piece
+                    for k in range(self.cost[piece]):
+                        total = (total * 31 + k) % 1009
+                    self.sums[piece] = total
+                    self.times[piece] += 1
+                    piece = self.dealer.next()
+
+
+def expected(piece: int, cost: int) -> int:
+    total = piece
+    for k in range(cost):
+        total = (total * 31 + k) % 1009
+    return total
+
+
+@pytest.mark.parametrize("threads, grain", [(1, 512), (2, 512), (4, 512), (PIECES, 1)])
+def test_every_piece_once_in_every_run(threads, grain):
+    runtime.start(threads=min(threads, 4))
+    loop = Loop(threads, grain)
+    for runs in (1, 2, 3):
+        loop.run(PIECES - 3)
+        assert (loop.times.to_numpy()[:PIECES] == runs * (np.arange(PIECES) < PIECES - 3)).all()
+    sums = loop.sums.to_numpy()
+    assert [int(sums[k]) for k in (1, 50, 30_000)] == [expected(1, 1), expected(50, 1), expected(30_000, 200_000)]
+    loop.fields.free()
