@@ -56,7 +56,7 @@ MUTATIONS = (
     (MULTI, "out = self.free(i) * block", "out = block", "hats do not end at held particles", f"{DIAGONAL} {SYMMETRIC}"),
     (MULTI, "out = sym(S @ sym_unpack(block) @ S)", "out = block", "contact's diagonal is not filtered",
      f"{DIAGONAL} {LEVELS}"),
-    (MULTI, "                    own += self.T[i]\n", "                    pass\n", "levels know nothing of contact",
+    (MULTI, "                own += self.T[i]\n", "                pass\n", "levels know nothing of contact",
      DIAGONAL),
     (HATS, "total += self.take_weight[k] * values", "total += values", "restriction without weights",
      f"{SYMMETRIC} {ITERATIONS}"),
