@@ -26,6 +26,7 @@ class PassRaster:
         self.raster = Raster(self.fields, width, height)
         self.fields.allocate()
         self.width, self.height = width, height
+        self.turns = self.raster.turns(height)
 
     def draw(self, renderer: Any, x: np.ndarray) -> dict[str, np.ndarray]:
         """Passes of what a renderer draws at positions x (n, 3) [m], through its camera.
@@ -52,8 +53,9 @@ class PassRaster:
     def _fill(self, p: ti.types.ndarray(), x: ti.types.ndarray(), normals: ti.types.ndarray(), faces: ti.types.ndarray(),
               owner: ti.types.ndarray(), rows: ti.types.ndarray(), floor: int, depth: ti.types.ndarray(),
               normal: ti.types.ndarray(), number: ti.types.ndarray()):
-        for row in range(self.height):
-            for column in range(self.width):
+        for t in range(self.turns):
+            row = self.raster.row(t, self.turns, self.height)
+            for column in range(ti.select(row < self.height, self.width, 0)):
                 f = self.raster.face[row * self.width + column]
                 n = ti.Vector([0.0, 0.0, 0.0])
                 if f >= 0:
@@ -68,9 +70,9 @@ class PassRaster:
                         n = -n
                     number[row, column] = owner[f] + 1
                 elif floor > 0:
-                    t, ray = ground_at(column, row, self.width, self.height, rows)
-                    if t > 0 and t < FADE * rows[PLACE, 2]:
-                        depth[row, column] = ti.cast(-t * ray.dot(corner(rows, AXES + 2)), ti.f32)
+                    away, ray = ground_at(column, row, self.width, self.height, rows)
+                    if away > 0 and away < FADE * rows[PLACE, 2]:
+                        depth[row, column] = ti.cast(-away * ray.dot(corner(rows, AXES + 2)), ti.f32)
                         n = ti.Vector([0.0, 1.0, 0.0])
                         number[row, column] = floor
                 for d in ti.static(range(3)):

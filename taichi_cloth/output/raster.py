@@ -4,8 +4,10 @@ import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.phases import TASK
 from .coverage import PIECE, corner, edge, pieces, weights
 
+BANDS = 16  # of a picture, of which rows are taken in turn: those with cloth cost most, and each thread has a run of turns
 SAME = 8  # roundings by which depths of one sample may differ between the two passes: not all backends round alike
 
 
@@ -25,7 +27,20 @@ class Raster:
     def __init__(self, fields: Fields, w: int, h: int, behind: int = 0) -> None:
         self.w, self.h = w, h
         self.wide = ti.cfg.arch not in (ti.x64, ti.arm64)
+        self.grain = 1 if self.wide else TASK
         self.depth, self.face = (fields.integer(w * h + behind) for _ in range(2))
+
+    def turns(self, height: int) -> int:
+        """Iterations of a loop over a picture's rows that all threads share: `row` says which rows these are."""
+        return BANDS * -(-height // BANDS) * self.grain
+
+    @ti.func
+    def row(self, t, turns, height):
+        """Of iteration t; `height` or more where there is none."""
+        turn, out = t // self.grain, height
+        if t % self.grain == 0:
+            out = turn % BANDS * (turns // (self.grain * BANDS)) + turn // BANDS
+        return out
 
     def see(self, screen: np.ndarray, faces: np.ndarray, near: float) -> None:
         """Rasterises the picture; points (n, 3) as `Frame.project` gives them, nothing nearer than `near` [m]."""

@@ -39,6 +39,7 @@ class Shader:
         self.raster, self.samples, self.light = raster, samples, light
         self.around, self.textured, self.woven = around, textured, woven
         self.width, self.height = raster.w // samples, raster.h // samples
+        self.turns = raster.turns(self.height)
 
     def shade(self, *arrays: np.ndarray) -> np.ndarray:
         """(height, width, 4) f32 linear RGB, already multiplied by the alpha behind it."""
@@ -52,8 +53,9 @@ class Shader:
                owner: ti.types.ndarray(), objects: ti.types.ndarray(), texels: ti.types.ndarray(),
                levels: ti.types.ndarray(), decode: ti.types.ndarray(), rows: ti.types.ndarray(), paint: ti.types.ndarray(),
                image: ti.types.ndarray()):
-        for row in range(self.height):
-            for column in range(self.width):
+        for t in range(self.turns):
+            row = self.raster.row(t, self.turns, self.height)
+            for column in range(ti.select(row < self.height, self.width, 0)):
                 total = ti.Vector([0.0, 0.0, 0.0, 0.0])
                 for s in range(self.samples * self.samples):
                     px, py = column * self.samples + s % self.samples, row * self.samples + s // self.samples

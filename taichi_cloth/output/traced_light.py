@@ -30,6 +30,7 @@ class TracedLight:
                  rays: tuple[int, int]) -> None:
         self.raster, self.samples, self.floor = raster, samples, floor
         self.width, self.height = raster.w // samples, raster.h // samples
+        self.turns = raster.turns(self.height)
         self.shadow_rays, self.ambient_rays = rays
         self.tree = RayTree(fields, triangles)
         # by pixel: what light reaches it, where it is, which way it faces
@@ -47,8 +48,9 @@ class TracedLight:
     @ti.kernel
     def _trace(self, p: ti.types.ndarray(), x: ti.types.ndarray(), faces: ti.types.ndarray(), rows: ti.types.ndarray()):
         """What light reaches the middle of every pixel: share of the light, share of the sky."""
-        for row in range(self.height):
-            for column in range(self.width):
+        for t in range(self.turns):
+            row = self.raster.row(t, self.turns, self.height)
+            for column in range(ti.select(row < self.height, self.width, 0)):
                 px, py = column * self.samples + self.samples // 2, row * self.samples + self.samples // 2
                 f = self.raster.face[py * self.raster.w + px]
                 there, spot, flat = 0, ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 1.0, 0.0])
@@ -62,9 +64,9 @@ class TracedLight:
                     if flat.dot(corner(rows, EYE) - spot) < 0:
                         flat = -flat
                 elif ti.static(self.floor):
-                    t, ray = ground_at(px, py, self.raster.w, self.raster.h, rows)
-                    if t > 0 and t < FADE * rows[PLACE, 2]:
-                        spot, there = corner(rows, EYE) + t * ray, 1
+                    away, ray = ground_at(px, py, self.raster.w, self.raster.h, rows)
+                    if away > 0 and away < FADE * rows[PLACE, 2]:
+                        spot, there = corner(rows, EYE) + away * ray, 1
                 reached, open_sky = 1.0, 1.0
                 if there == 1:
                     reached, open_sky = self._from(spot, flat, px * 73 + py * 9781, rows)

@@ -5,15 +5,19 @@ import struct
 
 import numpy as np
 import pytest
+import taichi as ti
 
 import taichi_cloth as tc
 from taichi_cloth import colornames
+from taichi_cloth.backend import runtime
+from taichi_cloth.backend.fields import Fields
 from taichi_cloth.output.camera import frame
 from taichi_cloth.output.described import appearances_of, of_appearances, of_view, view_of
 from taichi_cloth.output.exr import encode_exr
 from taichi_cloth.output.look import Look
 from taichi_cloth.output.picture import Artist, surfaces
 from taichi_cloth.output.png import encode_png
+from taichi_cloth.output.raster import Raster
 from taichi_cloth.output.smooth import Smooth
 from taichi_cloth.output.surfaces import back_of
 from taichi_cloth.output.text import draw_text
@@ -365,3 +369,32 @@ def test_colours_of_what_is_drawn(sim):
     with pytest.raises(tc.SceneError, match="no cloth 'shet'; did you mean 'sheet'"):
         Artist(g, SIZE, Look(cloths={"shet": tc.Appearance("red")}))
     assert appearance("c", None).color is None and frame(AHEAD).near > 0
+
+
+@ti.data_oriented
+class Rows:
+    """How often a loop over rows came to each."""
+
+    def __init__(self, height: int, wide: bool) -> None:
+        self.fields, self.height = Fields(np.float32), height
+        self.raster = Raster(self.fields, 1, height)
+        self.fields.allocate()
+        self.raster.grain = 1 if wide else self.raster.grain
+        self.turns = self.raster.turns(height)
+
+    @ti.kernel
+    def count(self, times: ti.types.ndarray()):
+        for t in range(self.turns):
+            row = self.raster.row(t, self.turns, self.height)
+            if row < self.height:
+                times[row] += 1
+
+
+@pytest.mark.parametrize("height", [1, 15, 16, 17, 480, 719])
+@pytest.mark.parametrize("wide", [False, True])
+def test_every_row_has_one_turn(height, wide):
+    runtime.go_on()
+    rows, times = Rows(height, wide), np.zeros(height, np.int32)
+    rows.count(times)
+    assert (times == 1).all()
+    rows.fields.free()
