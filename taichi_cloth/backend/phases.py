@@ -25,9 +25,9 @@ import numpy as np
 import taichi as ti
 
 from .fields import Fields
+from .runtime import TASK
 
 END = 0  # kind of phase after which there is none
-TASK = 512  # iterations that Taichi gives to a thread at once
 APART = 32  # integers between two that different threads write to
 PATIENT = 2000  # looks at a phase before a thread does the work of others
 LEAVES = 5 * PATIENT  # looks after which the first one leaves, the next after as many more; or, where that is more,

@@ -102,6 +102,6 @@ def place(before: set[int], count: int) -> None:
 
 
 def mind() -> None:
-    """See `Placement.mind`: between steps."""
+    """See `Placement.mind`: between steps, and pictures."""
     if _current is not None:
         _current.mind(time.monotonic())

@@ -17,6 +17,7 @@ from ..errors import BackendError
 from ..options import ARCHS, PRECISIONS
 
 CACHE = 1 << 29  # bytes of compiled kernels that are kept: some hundred scenes
+TASK = 512  # iterations of a loop that Taichi gives to a CPU thread at once
 MOST_THREADS = 64  # that may be asked for where there are fewer cores: thousands take minutes to start
 NO_DOUBLE = ("vulkan", "metal")  # f64 there is absent, or lacks atan2
 

@@ -4,7 +4,7 @@ import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
-from ..backend.phases import TASK
+from ..backend.runtime import TASK
 from .coverage import PIECE, corner, edge, pieces, weights
 
 BANDS = 16  # of a picture, of which rows are taken in turn: those with cloth cost most, and each thread has a run of turns

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .. import checks
-from ..backend import runtime
+from ..backend import placement, runtime
 from ..backend.fields import Fields
 from ..errors import BackendError
 from ..scene.view import Camera, Color, View
@@ -91,6 +91,7 @@ class Renderer:
         if self.generation != runtime.generation():
             raise BackendError("this renderer ended when a simulation was started with a different arch, precision or number "
                                "of threads: make another")
+        placement.mind()
         s, c = self.surfaces, self.camera
         screen = c.project(x, self.raster.w, self.raster.h).astype(np.float32)
         self.raster.see(screen, s.faces, c.near)

@@ -8,7 +8,7 @@ import taichi as ti
 from ..backend.fields import Fields
 from ..backend.ordering import Entries, block_bounds, by_slabs, cuthill_mckee, partition
 from ..backend.rows import read, write
-from ..backend.runtime import Runtime
+from ..backend.runtime import TASK, Runtime
 from ..errors import MeshError, SceneError
 from ..scene.scene import Scene
 from .elements import lumped_mass
@@ -33,7 +33,7 @@ class Blocks:
         self.bounds = block_bounds(n, min(runtime.threads, count) if cpu else count)
         self.count = len(self.bounds) - 1
         self.largest = int(np.diff(self.bounds).max())  # rows of a block
-        self.grain = 512 if cpu else 1
+        self.grain = TASK if cpu else 1
         self.row = fields.integer(self.count + 1, data=self.bounds)
 
     @ti.func

@@ -9,11 +9,11 @@ ROOMS = ("colornames", "errors", "checks", "options", "scene", "io", "backend", 
          "step", "simulation", "garment", "output", "recording", "studies", "sweeps", "fitting", "app", "__main__",
          "__init__")
 NUMPY_ONLY = {"colornames", "errors", "checks", "options", "scene", "io", "backend.ordering", "backend.rows", "backend.timing",
-              "system.elements", "system.quantities", "step.ledger", "app.scenefile", "app.recorded", "app.studies",
-              "app.flags", "app.look_flags", "app.cli", "app.dressing", "app.fitting", "app.sweeping", "app.interrupts",
-              "garment.curves", "garment.pattern", "garment.garmentcode", "garment.svg"}
+              "backend.placement", "system.elements", "system.quantities", "step.ledger", "app.scenefile", "app.recorded",
+              "app.studies", "app.flags", "app.look_flags", "app.cli", "app.dressing", "app.fitting", "app.sweeping",
+              "app.interrupts", "garment.curves", "garment.pattern", "garment.garmentcode", "garment.svg"}
 OUTPUT_MAY = {"colornames", "errors", "checks", "io.npz", "scene.view", "scene.appearance", "backend.runtime", "backend.bvh",
-              "backend.fields", "backend.rows", "backend.ordering", "system.quantities"}
+              "backend.placement", "backend.fields", "backend.rows", "backend.ordering", "system.quantities"}
 
 
 def name_of(path: pathlib.Path) -> str:
