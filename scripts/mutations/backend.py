@@ -36,6 +36,7 @@ MUTATIONS = (
     (PLACEMENT, "if did + lost < ENOUGH:", "if False:", "threads are let go for a short wait", PLACED),
     (PLACEMENT, "min(2 * self._rest, LONGEST)", "REST", "what is no use is tried as often", PLACED),
     (PLACEMENT, "            self._rest = REST\n", "", "a neighbour that has gone counts", PLACED),
+    (PLACEMENT, "if not set(self.threads) <= running():", "if False:", "threads of other programs are bound", PLACED),
     (PLACEMENT, "if jump > JUMP else numbers", "if False else numbers", "numbers that begin anew are not seen", PLACED),
     (POOL, "        self._taken = []\n", "", "what was freed is freed again by the garbage collector", SECOND),
 )

@@ -67,10 +67,12 @@ class Placement:
     def _bind(self, bound: bool) -> None:
         """Binds each thread to its core, or lets all go to any."""
         self.bound = bound
+        if not set(self.threads) <= running():  # Taichi was started anew by others: their numbers may be anybody's
+            self.threads = []
         for thread, core in zip(self.threads, self.cores):
             try:
                 os.sched_setaffinity(thread, {core} if bound else set(self.cores))
-            except OSError:  # it ended, or the core is no longer there
+            except OSError:  # the core is no longer there
                 self.threads = []
 
     def _times(self) -> tuple[int, int]:
