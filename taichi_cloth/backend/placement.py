@@ -48,21 +48,21 @@ class Placement:
         """Looks, if it is time to, whether threads wait for their cores, and binds them or lets them go."""
         if now < self._next:
             return
+        self._next = now + LOOK
+        ran, waited = self._times()
         if not self.bound:
             self._bind(True)
-            self._ran, self._waited = self._times()
-        else:
-            ran, waited = self._times()
-            did, lost = ran - self._ran, waited - self._waited
-            if did + lost < ENOUGH:
-                return
             self._ran, self._waited = ran, waited
-            if lost > WAITED * (did + lost):
-                self._bind(False)
-                self._next, self._rest = now + self._rest, min(2 * self._rest, LONGEST)
-                return
+            return
+        did, lost = ran - self._ran, waited - self._waited
+        if did + lost < ENOUGH:
+            return
+        self._ran, self._waited = ran, waited
+        if lost > WAITED * (did + lost):
+            self._bind(False)
+            self._next, self._rest = now + self._rest, min(2 * self._rest, LONGEST)
+        else:
             self._rest = REST
-        self._next = now + LOOK
 
     def _bind(self, bound: bool) -> None:
         """Binds each thread to its core, or lets all go to any."""

@@ -247,23 +247,28 @@ class Candidates(Checkpointed):
             self.dealer.begin()
         for t in range(self.dealer.tasks):
             if t % self.dealer.grain == 0:
-                chunk, leaves = self.dealer.next(), (self.mesh.size[0] + LEAF - 1) // LEAF
+                chunk = self.dealer.next()
                 while chunk < self.chunks:
-                    count = 0
-                    for leaf in range(chunk * leaves // self.chunks, (chunk + 1) * leaves // self.chunks):
-                        node = self.boxes.first_leaf + leaf  # leaves before it have met this one already
-                        low, high, changed = self.boxes.low[node], self.boxes.high[node], self.changed[node]
-                        while True:
-                            if changed + self.changed[node] > 0 and self.boxes.meets(node, low, high):
-                                if node < self.boxes.first_leaf:
-                                    node *= 2
-                                    continue
-                                count = self.of_leaves(leaf, node, chunk, count, rows)
-                            node = self.boxes.following(node)
-                            if node == 1:
-                                break
-                    found[chunk] = count
+                    found[chunk] = self.of_chunk(chunk, rows)
                     chunk = self.dealer.next()
+
+    @ti.func
+    def of_chunk(self, chunk, rows: ti.template()):
+        """The leaves of a chunk against those behind them, and themselves; returns how many candidates these are."""
+        count, leaves = 0, (self.mesh.size[0] + LEAF - 1) // LEAF
+        for leaf in range(chunk * leaves // self.chunks, (chunk + 1) * leaves // self.chunks):
+            node = self.boxes.first_leaf + leaf  # leaves before it have met this one already
+            low, high, changed = self.boxes.low[node], self.boxes.high[node], self.changed[node]
+            while True:
+                if changed + self.changed[node] > 0 and self.boxes.meets(node, low, high):
+                    if node < self.boxes.first_leaf:
+                        node *= 2
+                        continue
+                    count = self.of_leaves(leaf, node, chunk, count, rows)
+                node = self.boxes.following(node)
+                if node == 1:
+                    break
+        return count
 
     @ti.func
     def of_leaves(self, leaf, node, chunk, count, rows: ti.template()):

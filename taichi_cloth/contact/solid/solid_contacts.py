@@ -251,7 +251,7 @@ class SolidContacts(Checkpointed):
         lacks = -float(np.sum(self.model.mass[inside.index] * inside.gap)) / start.c**2
         little = lacks < AGREED * float(np.sum(force))
         few = self.round > 0 or little
-        late = start.together and self.round > PATIENCE and little  # a solve with layers costs most, the next step has one
+        late = start.together and self.round > PATIENCE and little  # not worth a solve with layers: the next step has one
         entered = int(np.sum(depth > (DEEP if late else TOLERATED if few else PENETRATION)))
         self.round += 1
         changes = int(pulls.sum() + breaks.sum() + turns.sum()) + entered
