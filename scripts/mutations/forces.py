@@ -234,8 +234,8 @@ MUTATIONS = (
     # the system, measures, masses
     (OPERATOR, "self.motion[i] = self.model.ahead[i] + c * self.model.v_base[i]",
      "self.motion[i] = self.model.ahead[i] + self.model.v_base[i]", "motion without the step"),
-    (OPERATOR, "self.motion[i] += ti.Vector([ti.cast(y[k, 0], float), ti.cast(y[k, 1], float)",
-     "self.motion[i] += ti.Vector([ti.cast(y[k, 1], float), ti.cast(y[k, 1], float)", "y's first number is lost", HELD),
+    (OPERATOR, "shift = ti.Vector([ti.cast(y[k, 0], float), ti.cast(y[k, 1], float)",
+     "shift = ti.Vector([ti.cast(y[k, 1], float), ti.cast(y[k, 1], float)", "y's first number is lost", HELD),
     (OPERATOR, "q[i] = self.model.m[i] * p[i]", "q[i] = p[i]", "product without masses"),
     (MEASURE, "change += 0.5 * m * lag.norm_sqr()", "change += 0.25 * m * lag.norm_sqr()",
      "the incremental potential's change is halved",

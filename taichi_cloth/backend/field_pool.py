@@ -14,9 +14,11 @@ from . import taichi_patches  # noqa: F401  (before Taichi)
 # isort: split
 import ctypes
 import itertools
+import math
 from collections import Counter
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -35,29 +37,23 @@ class Slot:
     Attributes:
         key: what it is known by.
         used: by a simulation.
+        tree: in which it was allocated.
     """
 
     key: Hashable
     field: Any
     used: bool = True
+    tree: "Tree | None" = None
 
-    @property
-    def node(self):
-        """Taichi's node of its rows, which lies in the root's cell."""
-        return _scalar(self.field).snode.ptr.parent
-
-    def clear(self, address: int) -> None:
-        """Sets it to zero; its tree begins at an address."""
-        ctypes.memset(self._place(address), 0, self.field.shape[0] * self.node.cell_size_bytes)
-
-    def write(self, address: int, numbers: np.ndarray) -> None:
-        """Its first rows become numbers (n, width)."""
-        numbers = np.ascontiguousarray(numbers, dtype=to_numpy_type(self.field.dtype))
-        ctypes.memmove(self._place(address), numbers.ctypes.data, numbers.nbytes)
-
-    def _place(self, address: int) -> int:
-        """Of its first byte."""
-        return address + self.node.offset_bytes_in_parent_cell
+    @cached_property
+    def memory(self) -> np.ndarray:
+        """Its numbers (rows,), or vectors (rows, width), where they lie: on the CPU, where those of a row are side by side."""
+        assert self.tree is not None
+        shape = self.field.shape + ((self.field.n,) if isinstance(self.field, ti.MatrixField) else ())
+        place = self.tree.address + _scalar(self.field).snode.ptr.parent.offset_bytes_in_parent_cell
+        dtype = np.dtype(to_numpy_type(self.field.dtype))
+        there = (ctypes.c_char * (math.prod(shape) * dtype.itemsize)).from_address(place)
+        return np.frombuffer(there, dtype).reshape(shape)
 
 
 @dataclass(eq=False)
@@ -76,7 +72,7 @@ class Tree:
     @property
     def bytes(self) -> int:
         """All of it."""
-        return self.slots[0].node.parent.cell_size_bytes
+        return _scalar(self.slots[0].field).snode.ptr.parent.parent.cell_size_bytes
 
     @property
     def used(self) -> bool:
@@ -91,7 +87,7 @@ class Tree:
         return self._address
 
 
-_slots: dict[Hashable, list[tuple[Tree, Slot]]] = {}  # in the order in which they were made
+_slots: dict[Hashable, list[Slot]] = {}  # in the order in which they were made
 _trees: list[Tree] = []
 _dropped: list[Tree] = []  # that nobody has or may have
 _starts = [0]  # how often Taichi was started
@@ -112,7 +108,7 @@ class Lease:
     pooled: bool
     trees: list[Tree] = field(default_factory=list)
     _start: int = field(default_factory=lambda: _starts[0])
-    _taken: list[tuple[Tree, Slot]] = field(default_factory=list)
+    _taken: list[Slot] = field(default_factory=list)
     _new: list[Slot] = field(default_factory=list)
     _met: Counter[Hashable] = field(default_factory=Counter)
 
@@ -120,46 +116,40 @@ class Lease:
         """A field that was `declared` like this before, or the one that `make` does."""
         key = declared, self._met[declared]
         self._met[declared] += 1
-        known = next((pair for pair in _slots.get(key, ()) if not pair[1].used), None) if self.pooled else None
+        known = next((slot for slot in _slots.get(key, ()) if not slot.used), None) if self.pooled else None
         if known is None:
             self._new.append(Slot(key, make()))
             return self._new[-1].field
-        known[1].used = True
+        known.used = True
         self._taken.append(known)
-        return known[1].field
+        return known.field
 
     def planted(self, handle: Any, alone: bool = False) -> None:
         """What was declared since the last time is in a tree of Taichi's; with `alone` the last of it only."""
         slots = self._new[-1:] if alone else self._new
         self._new = self._new[:-1] if alone else []
         self.trees.append(Tree(handle, slots))
+        for slot in slots:
+            slot.tree, slot.field.slot = self.trees[-1], slot
 
     def keep(self) -> None:
         """All of it is allocated: what others had is zero, and what is new is in the pool from now on, in use."""
-        for tree, slot in self._taken:
-            slot.clear(tree.address)
+        for slot in self._taken:
+            slot.memory[:] = 0
         if self.pooled:
             for tree in self.trees:
                 _trees.append(tree)
                 for slot in tree.slots:
-                    _slots.setdefault(slot.key, []).append((tree, slot))
-                    self._taken.append((tree, slot))
+                    _slots.setdefault(slot.key, []).append(slot)
+                    self._taken.append(slot)
             self.trees = []
-
-    def write(self, filled: Iterable[tuple[Any, np.ndarray]]) -> None:
-        """Puts numbers (n, width) into fields, straight into memory: on the CPU, where a row's numbers lie side by side. A
-        kernel for it would be compiled for each set of fields."""
-        pairs = self._taken + [(tree, slot) for tree in self.trees for slot in tree.slots]
-        places = {id(slot.field): (tree, slot) for tree, slot in pairs}
-        for into, numbers in filled:
-            tree, slot = places[id(into)]
-            slot.write(tree.address, numbers)
 
     def leave(self) -> None:
         """Others may have the fields; those that no other may have go when there is time, in `trim`. The garbage collector may
         call it in the middle of anything."""
-        for tree, slot in self._taken:
-            slot.used, tree.last = False, next(_clock)
+        for slot in self._taken:
+            assert slot.tree is not None
+            slot.used, slot.tree.last = False, next(_clock)
         self._taken = []
         if self._start == _starts[0]:
             _dropped.extend(self.trees)
@@ -182,7 +172,7 @@ def trim(most: int = MOST_BYTES, trees: int = MOST_TREES) -> None:
         oldest = min(free, key=lambda tree: tree.last)
         _trees.remove(oldest)
         for slot in oldest.slots:
-            _slots[slot.key].remove((oldest, slot))
+            _slots[slot.key].remove(slot)
         oldest.handle.destroy()
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import taichi as ti
 
 from . import field_pool, runtime
-from .rows import capacity
+from .rows import capacity, fill, write
 
 CHUNK = 1 << 22  # numbers that are handed to a kernel at once
 
@@ -90,7 +90,8 @@ class Fields:
         self._lease.keep()
         weakref.finalize(self, self._lease.leave).atexit = False
         if runtime.on_cpu():
-            self._lease.write((filled.field, filled.data) for filled in self._reals + self._integers)
+            for filled in self._reals + self._integers:  # a kernel for it would be compiled for each set of fields
+                write(filled.field, filled.data)
         else:
             self._fill()
         self._reals, self._integers = [], []
@@ -172,12 +173,3 @@ def _parts(filled: Filled, dtype: type) -> Iterator[tuple[int, np.ndarray]]:
     flat = filled.data.reshape(-1)
     for first in range(0, len(flat), CHUNK):
         yield first, np.ascontiguousarray(flat[first:first + CHUNK], dtype=dtype)
-
-
-@ti.func
-def fill(field: ti.template(), width: ti.template(), j, number):
-    """The j-th number of a field of rows."""
-    if ti.static(width == 1):
-        field[j] = number
-    else:
-        field[j // width][j % width] = number

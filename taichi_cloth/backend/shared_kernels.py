@@ -19,6 +19,8 @@ from taichi.lang import kernel_impl
 from taichi.lang.ast.ast_transformer import ASTTransformer
 from taichi.lang.field import Field
 
+from . import launches
+
 PACKAGE = __name__.split(".")[0]
 PLAIN = (bool, int, float, str, bytes, type(None), np.number, np.bool_)
 HARMLESS = (len, range, zip, enumerate, min, max, isinstance, int, float, bool, abs)  # functions that read no attributes
@@ -191,6 +193,7 @@ def _materialize(original):
 def look_again() -> None:
     """An object has got other fields than it had: each kernel looks anew for what was compiled from what its objects are."""
     for kernel in _kernels:
+        launches.of(kernel).forget()
         for key in [k for k in kernel.compiled_kernels if not isinstance(k, Variant)]:
             del kernel.compiled_kernels[key]
 

@@ -1,4 +1,4 @@
-"""Taichi reads this package's kernels, declares its fields and finds its attributes faster once this is imported.
+"""Taichi reads and launches this package's kernels, declares its fields and finds its attributes faster once this is imported.
 
 What Taichi draws for its messages, and looks up again and again, is replaced where the kernel, the class or the field is the
 package's own. Those of others keep all of it: their source lines underlined in errors, and where their fields were declared.
@@ -26,7 +26,7 @@ try:  # it would go through all modules for the source of each of its own kernel
 finally:
     inspect.getmodule = _getmodule
 
-from . import shared_kernels  # noqa: E402
+from . import launches, shared_kernels  # noqa: E402
 
 
 @functools.lru_cache(1024)  # asked for every node of a kernel's tree
@@ -122,6 +122,17 @@ def _data_oriented(original):
     return data_oriented
 
 
+def _call(original):
+    """A kernel's launch."""
+
+    def call(self, *args, **kwargs):
+        if kwargs or not _own(self.func.__module__):
+            return original(self, *args, **kwargs)
+        return launches.of(self).launch(args, original)
+
+    return call
+
+
 def _lines(_original):
     """`textwrap` as kernels' sources need it, line by line, with the same result."""
     dedent = functools.lru_cache(1024)(textwrap.dedent)
@@ -132,7 +143,8 @@ def _apply() -> None:
     for owner, name, faster in (
             (ASTTransformerContext, "get_pos_info", _get_pos_info), (kernel_impl, "_inside_class", _inside_class),
             (kernel_impl, "getsourcelines", _cached), (kernel_impl, "getsourcefile", _cached),
-            (kernel_impl, "textwrap", _lines), (ti, "data_oriented", _data_oriented), (impl, "get_traceback", _get_traceback)):
+            (kernel_impl, "textwrap", _lines), (ti, "data_oriented", _data_oriented), (impl, "get_traceback", _get_traceback),
+            (kernel_impl.Kernel, "__call__", _call)):
         if hasattr(owner, name):
             setattr(owner, name, faster(getattr(owner, name)))
     shared_kernels.apply()

@@ -12,6 +12,7 @@ import taichi as ti
 from ..backend import shared_kernels
 from ..backend.fields import Fields
 from ..backend.ordering import touching
+from ..backend.rows import write
 from ..forces.conditions import sym_both, sym_outer, sym_times
 from ..forces.force import Force
 from ..system.state import ParticleState
@@ -71,35 +72,16 @@ class ContactForce(Force):
             return False
         if len(e) > self.capacity:
             self._grow(len(e))
-        self._set(first.astype(np.int32), p.vertices.take(e, axis=0).astype(np.int32), *(
-            a.take(e, axis=0).astype(self.exchange) for a in (p.weights, p.block, p.rhs)))
+        write(self.first, first)
+        write(self.vertices, p.vertices.take(e, axis=0).astype(np.int32))
+        for field, numbers in ((self.weights, p.weights), (self.A, p.block), (self.rhs, p.rhs)):
+            write(field, numbers.take(e, axis=0).astype(self.exchange, copy=False))
         if self.layered:
             none = np.zeros((len(p.rhs), CORNERS, 3))
             normal, turns = (none[:, 0], none) if p.normal is None or p.turns is None else (p.normal, p.turns)
-            self._set_turns(normal.take(e, axis=0).astype(self.exchange), turns.take(e, axis=0).astype(self.exchange))
+            write(self.normal, normal.take(e, axis=0).astype(self.exchange, copy=False))
+            write(self.turns, turns.take(e, axis=0).astype(self.exchange, copy=False))
         return True
-
-    @ti.kernel
-    def _set_turns(self, normal: ti.types.ndarray(), turns: ti.types.ndarray()):
-        for e in range(normal.shape[0]):
-            for c in ti.static(range(3)):
-                self.normal[e][c] = normal[e, c]
-                for k in ti.static(range(CORNERS)):
-                    self.turns[e][3 * k + c] = turns[e, k, c]
-
-    @ti.kernel
-    def _set(self, first: ti.types.ndarray(), vertices: ti.types.ndarray(), weights: ti.types.ndarray(),
-             A: ti.types.ndarray(), rhs: ti.types.ndarray()):
-        for b in range(first.shape[0]):
-            self.first[b] = first[b]
-        for e in range(vertices.shape[0]):
-            for c in ti.static(range(CORNERS)):
-                self.vertices[e][c] = vertices[e, c]
-                self.weights[e][c] = weights[e, c]
-            for c in ti.static(range(3)):
-                self.rhs[e][c] = rhs[e, c]
-            for c in ti.static(range(6)):
-                self.A[e][c] = A[e, c]
 
     @ti.func
     def add_force(self, block, f: ti.template()):

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..backend.ordering import components
+from ..backend.rows import read
 from ..errors import SceneError, SimulationError
 from ..options import CG_TOL, LONGEST, SHORTEST
 from ..scene.intersections import count_crossings, count_self_crossings
@@ -54,7 +55,7 @@ class Queries(Parts):
         if self._force_field is None:
             self._force_field = self._later(ForceField)
         self._force_field.compute()
-        return self.model.to_user(self._force_field.f.to_numpy())
+        return self.model.to_user(read(self._force_field.f))
 
     def stretch(self) -> np.ndarray:
         """(m, 2) principal stretches of every triangle, the larger first; 1 is the pattern's size."""
@@ -76,7 +77,7 @@ class Queries(Parts):
 
     def right_hand_side(self, h: float) -> np.ndarray:
         """(n, 3) h (f_0 + h K v_0) [kg m/s]."""
-        return self.model.to_user(self._linearized(h).operator.b.to_numpy())
+        return self.model.to_user(read(self._linearized(h).operator.b))
 
     def solve(self, h: float, constraints: Sequence[Constraint] | None = None) -> np.ndarray:
         """(n, 3) Delta v [m/s] of eq. (18) at the current state, without advancing.
@@ -98,7 +99,7 @@ class Queries(Parts):
         if solution.status != CONVERGED:
             raise SimulationError(f"the solve ended with {solution.status} after {solution.iterations} iterations at a "
                                   f"relative residual of {solution.residual:.2g}: {ADVICE[SOLVER]}", SOLVER, self.time)
-        return self.model.to_user(self.integrator.system.solver.dv.to_numpy())
+        return self.model.to_user(read(self.integrator.system.solver.dv))
 
     def constraint_forces(self) -> np.ndarray:
         """(n, 3) [N] of the constraints in the last step or solve, (A dv - b)/h; 0 in free directions."""

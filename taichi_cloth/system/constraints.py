@@ -151,20 +151,24 @@ class Filter:
 
         With `zero`, S dv = 0.
         """
+        ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
             if zero == 1:
                 self.dv[i] = ti.Vector.zero(float, 3)
+        ti.loop_config(serialize=self.model.blocks.serial)
         for k in range(index.shape[0]):
             i = index[k]
             z = (row(target, k) - row(y, k) - self.model.x_saved[i] - self.model.ahead[i]) / h - self.model.v[i]
-            self.dv[i] += project(projector, k, z - self.dv[i])
+            self.dv[i] = self.dv[i] + project(projector, k, z - self.dv[i])
 
     @ti.kernel
     def lead(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), target: ti.types.ndarray(), c: float):
         """dv = (I - S) (target - x)/c; with c = 0 x goes there, to where it must be without the last rounding of x + h v."""
+        ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
             if c > 0:
                 self.dv[i] = ti.Vector.zero(float, 3)
+        ti.loop_config(serialize=self.model.blocks.serial)
         for k in range(index.shape[0]):
             i = index[k]
             way = project(projector, k, row(target, k) - self.model.x[i])
@@ -176,12 +180,14 @@ class Filter:
     @ti.kernel
     def impose(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), z: ti.types.ndarray(), zero: int):
         """dv = S dv + (I - S) z; with `zero`, S dv = 0."""
+        ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
             if zero == 1:
                 self.dv[i] = ti.Vector.zero(float, 3)
+        ti.loop_config(serialize=self.model.blocks.serial)
         for k in range(index.shape[0]):
             i = index[k]
-            self.dv[i] += project(projector, k, row(z, k) - self.dv[i])
+            self.dv[i] = self.dv[i] + project(projector, k, row(z, k) - self.dv[i])
 
 
 @ti.func

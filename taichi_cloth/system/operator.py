@@ -33,15 +33,18 @@ class Operator:
     @ti.kernel
     def set_motion(self, c: float):
         """motion = x_base + c v_base - x_saved"""
+        ti.loop_config(serialize=self.blocks.serial)
         for i in range(self.model.rows()):
             self.motion[i] = self.model.ahead[i] + c * self.model.v_base[i]
 
     @ti.kernel
     def alter_motion(self, index: ti.types.ndarray(), y: ti.types.ndarray()):
         """motion += y on particles index[k]"""
+        ti.loop_config(serialize=self.blocks.serial)
         for k in range(index.shape[0]):
             i = index[k]
-            self.motion[i] += ti.Vector([ti.cast(y[k, 0], float), ti.cast(y[k, 1], float), ti.cast(y[k, 2], float)])
+            shift = ti.Vector([ti.cast(y[k, 0], float), ti.cast(y[k, 1], float), ti.cast(y[k, 2], float)])
+            self.motion[i] = self.motion[i] + shift
 
     @ti.func
     def product(self, block, p: ti.template(), q: ti.template()):

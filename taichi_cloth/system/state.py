@@ -34,6 +34,7 @@ class Blocks:
         self.count = len(self.bounds) - 1
         self.largest = int(np.diff(self.bounds).max())  # rows of a block
         self.grain = TASK if cpu else 1
+        self.serial = cpu  # loops of little work a row: to wake another thread would take longer
         self.row = fields.integer(self.count + 1, data=self.bounds)
 
     @ti.func
@@ -187,27 +188,27 @@ class ParticleState:
 
     def read(self) -> tuple[np.ndarray, np.ndarray]:
         """(positions [m], velocities [m/s]), each (user's n, 3) float64; vertices without a face stay put."""
-        x, v = self._pack(self.x, self.v)
+        x, v = self.read_particles()
         positions, velocities = self.start_positions.copy(), np.zeros_like(self.start_velocities)
         positions[self.user], velocities[self.user] = x + self.origin, v
         return positions, velocities
 
     def read_particles(self) -> tuple[np.ndarray, np.ndarray]:
         """(x [m] from the local origin, v [m/s]), each (n, 3) float64 in particle order."""
-        return self._pack(self.x, self.v)
+        return _reals(self.x), _reals(self.v)
 
     def read_saved(self) -> tuple[np.ndarray, np.ndarray]:
         """The same of the saved state."""
-        return self._pack(self.x_saved, self.v_saved)
+        return _reals(self.x_saved), _reals(self.v_saved)
 
     def write(self, positions: np.ndarray, velocities: np.ndarray) -> None:
         """Sets the state from arrays in the user's order."""
-        self._write((positions[self.user] - self.origin).astype(self.exchange),
-                    velocities[self.user].astype(self.exchange))
+        self.write_particles(positions[self.user] - self.origin, velocities[self.user])
 
     def write_particles(self, x: np.ndarray, v: np.ndarray) -> None:
         """Sets the state from what `read_particles` gave, bit for bit."""
-        self._write(x.astype(self.exchange), v.astype(self.exchange))
+        write(self.x, x.astype(self.exchange))
+        write(self.v, v.astype(self.exchange))
 
     def to_user(self, values: np.ndarray) -> np.ndarray:
         """(user's n, 3) float64 from (n, 3) in particle order; zero for vertices without a face."""
@@ -219,28 +220,9 @@ class ParticleState:
         """Rows of per-vertex data in particle order, in the type that kernels take."""
         return np.ascontiguousarray(np.asarray(values)[self.user].astype(self.exchange))
 
-    def _pack(self, x_of, v_of) -> tuple[np.ndarray, np.ndarray]:
-        x: np.ndarray = np.empty((self.n, 3), dtype=self.exchange)
-        v = np.empty_like(x)
-        self._read(x_of, v_of, x, v)
-        return x.astype(np.float64), v.astype(np.float64)
-
-    @ti.kernel
-    def _read(self, x_of: ti.template(), v_of: ti.template(), x: ti.types.ndarray(), v: ti.types.ndarray()):
-        for i in range(self.rows()):
-            for c in ti.static(range(3)):
-                x[i, c] = x_of[i][c]
-                v[i, c] = v_of[i][c]
-
-    @ti.kernel
-    def _write(self, x: ti.types.ndarray(), v: ti.types.ndarray()):
-        for i in range(self.rows()):
-            for c in ti.static(range(3)):
-                self.x[i][c] = x[i, c]
-                self.v[i][c] = v[i, c]
-
     @ti.kernel
     def _save(self):
+        ti.loop_config(serialize=self.blocks.serial)
         for i in range(self.rows()):
             self.x_saved[i] = self.x[i]
             self.v_saved[i] = self.v[i]
@@ -249,11 +231,16 @@ class ParticleState:
 
     @ti.kernel
     def _restore(self):
+        ti.loop_config(serialize=self.blocks.serial)
         for i in range(self.rows()):
             self.x[i] = self.x_saved[i]
             self.v[i] = self.v_saved[i]
             self.v_base[i] = self.v_saved[i]
             self.ahead[i] = ti.Vector.zero(float, 3)
+
+
+def _reals(field) -> np.ndarray:
+    return read(field).astype(np.float64, copy=False)
 
 
 def _masses(scene: Scene) -> np.ndarray:

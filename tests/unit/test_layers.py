@@ -8,7 +8,7 @@ PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
 ROOMS = ("colornames", "errors", "checks", "options", "scene", "io", "backend", "system", "forces", "contact", "solver",
          "step", "simulation", "garment", "output", "recording", "studies", "sweeps", "fitting", "app", "__main__",
          "__init__")
-NUMPY_ONLY = {"colornames", "errors", "checks", "options", "scene", "io", "backend.ordering", "backend.rows", "backend.timing",
+NUMPY_ONLY = {"colornames", "errors", "checks", "options", "scene", "io", "backend.ordering", "backend.timing",
               "backend.placement", "system.elements", "system.quantities", "step.ledger", "app.scenefile", "app.recorded",
               "app.studies", "app.flags", "app.look_flags", "app.cli", "app.dressing", "app.fitting", "app.sweeping",
               "app.interrupts", "garment.curves", "garment.pattern", "garment.garmentcode", "garment.svg"}

@@ -68,7 +68,7 @@ def test_another_mesh_and_other_numbers_compile_nothing_and_go_as_alone(monkeypa
     gc.collect()
     field_pool.trim(0)  # of what tests before this one left
     sim = here["run"](9, 1.0)
-    assert len(compiled.new()) > 30
+    assert len(compiled.new()) > 20
     sim.close()
     sim = here["run"](11, 1.1)
     assert not compiled.new()
@@ -81,7 +81,7 @@ def test_another_mesh_and_other_numbers_compile_nothing_and_go_as_alone(monkeypa
     with here["run"](8, 0.9, bend=False):  # of another make: what it has not in common is compiled
         assert "_evaluate" in (new := compiled.new()) and len(new) < 10
     with here["run"](9, 1.0, meets=False), here["run"](9, 1.0, bend=False, meets=False):  # the second's fields are new
-        assert len(compiled.new()) > 8
+        assert len(compiled.new()) > 5
     with here["run"](9, 1.0, bend=False, meets=False), here["run"](9, 1.0, meets=False):
         pass
     assert compiled.new()
@@ -144,6 +144,7 @@ def test_fields_come_again_and_are_zero(fields):
 def test_memory_is_filled_as_kernels_fill_it(fields, monkeypatch):
     """As on a device: reals and integers, vectors and numbers, in both precisions."""
     from taichi_cloth.backend.fields import Fields
+    from taichi_cloth.backend.rows import read, write
 
     numbers, whole = np.random.default_rng(3).normal(size=(50, 3)), np.arange(40)
     for precision in ("f64", "f32"):
@@ -156,6 +157,13 @@ def test_memory_is_filled_as_kernels_fill_it(fields, monkeypatch):
                     held.integer(20, 2, whole), held.real(7, 2))
             held.allocate()
             made.append([field.to_numpy() for field in some])
+            write(some[0], 2 * numbers[:20])  # the first rows alone
+            write(some[1], whole[::-1])
+            rows, there = read(some[0]), read(some[1], np.array([3, 0, 39]))
+            assert np.array_equal(rows, np.concatenate([2 * numbers[:20], numbers[20:]]).astype(rows.dtype))
+            assert np.array_equal(there, [36, 39, 0]) and read(some[2]).shape == (150,) and read(some[3]).shape == (20, 2)
+            rows[:] = 0  # a copy
+            assert read(some[0]).any() and not some[0].to_numpy()[50:].any()
             held.free()
         assert all(np.array_equal(a, b) for a, b in zip(*made)) and not made[0][4].any()
         assert np.array_equal(made[0][0][:50], numbers.astype(made[0][0].dtype)) and np.array_equal(made[0][1][:40], whole)

@@ -70,6 +70,7 @@ class System:
     @ti.kernel
     def _start_from(self, ahead: ti.types.ndarray(), v: ti.types.ndarray(), guess: ti.types.ndarray()):
         """v_base, x_base; v is the guess"""
+        ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
             for c in ti.static(range(3)):
                 self.model.ahead[i][c] = ahead[i, c]
@@ -89,6 +90,7 @@ class System:
     @ti.kernel
     def _go_to_guess(self, c: float):
         """x = x_0 + motion + c (v - v_base)"""
+        ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
             ahead = self.operator.motion[i] + c * (self.model.v[i] - self.model.v_base[i])
             self.model.x[i] = self.model.x_saved[i] + ahead
@@ -96,8 +98,9 @@ class System:
     @ti.kernel
     def add_guess(self, sign: float):
         """dv += sign (v - v_base): from the base instead of from the guess, where the model is"""
+        ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
-            self.solver.dv[i] += sign * (self.model.v[i] - self.model.v_base[i])
+            self.solver.dv[i] = self.solver.dv[i] + sign * (self.model.v[i] - self.model.v_base[i])
 
     def linearize(self, c: float, moves: bool = False) -> Measures:
         """A and b at the model's state, with `moves` b with the operator's motion; see `Assembler`."""
@@ -136,7 +139,7 @@ class System:
         self.leads |= sewn is not None
         zero = not warm and sewn is None and (held is None or (z is None and not h > 0 and not lead > 0))
         if held is not None and z is not None:
-            self.filter.impose(held.index, held.projector, z, int(sewn is None))
+            self.filter.impose(held.index, held.projector, kernel_array(z, self.model.exchange), int(sewn is None))
         elif held is not None and h > 0:
             self.filter.prescribe(held.index, held.projector, held.target, held.y, h, int(not warm and sewn is None))
         elif held is not None and lead > 0:
@@ -168,9 +171,7 @@ class System:
         held = self.held
         if held is None:
             return np.zeros((0, 3))
-        rows = np.empty((len(held.index), 3), dtype=held.target.dtype)
-        self._gather_reaction(held.index, rows)
-        impulse = rows.astype(np.float64)
+        impulse = self._of(self.solver.As, held) - self._of(self.operator.b, held)  # A dv - b
         if self.model.sewn is not None:
             impulse = self.model.sewn.shared(held.index, impulse)
         return np.einsum("kij,kj->ki", held.projector.astype(np.float64), impulse)
@@ -187,33 +188,20 @@ class System:
 
     def motion_rows(self, held: Held, h: float) -> tuple[np.ndarray, np.ndarray]:
         """(v [m/s], x - x_0 - h v [m]), each (k, 3), of the held particles."""
-        v, y = (np.empty_like(held.target) for _ in range(2))
-        self._gather_motion(held.index, h, v, y)
-        return v.astype(np.float64), y.astype(np.float64)
+        model = self.model
+        v, x, x_saved, ahead = (self._of(field, held) for field in (model.v, model.x, model.x_saved, model.ahead))
+        return v, (x - x_saved) - ahead - h * v
 
-    @ti.kernel
-    def _gather_motion(self, index: ti.types.ndarray(), h: float, v: ti.types.ndarray(), y: ti.types.ndarray()):
-        """The same of particles index[k]"""
-        for k in range(index.shape[0]):
-            i = index[k]
-            for c in ti.static(range(3)):
-                v[k, c] = self.model.v[i][c]
-                y[k, c] = (self.model.x[i][c] - self.model.x_saved[i][c]) - self.model.ahead[i][c] - h * self.model.v[i][c]
+    @staticmethod
+    def _of(field, held: Held) -> np.ndarray:
+        """(k, 3) rows of the held particles."""
+        return read(field, held.index).astype(np.float64, copy=False)
 
     def to_go(self, held: Held | None, c: float) -> np.ndarray | None:
         """(k, 3) velocity [m/s] by which held directions are still short of their targets."""
         if held is None:
             return None
-        z = np.empty_like(held.target)
-        self._short(held.index, held.target, c, z)
-        return z
-
-    @ti.kernel
-    def _short(self, index: ti.types.ndarray(), target: ti.types.ndarray(), c: float, z: ti.types.ndarray()):
-        """z = (target - x) / c"""
-        for k in range(index.shape[0]):
-            for d in ti.static(range(3)):
-                z[k, d] = (target[k, d] - self.model.x[index[k]][d]) / c
+        return (held.target - self._of(self.model.x, held)) / c
 
     def settle(self, held: Held | None) -> None:
         """Held directions exactly at their targets, what has been sewn together in one place."""
@@ -227,14 +215,6 @@ class System:
         kinetic = 0.5 * self.model.mass.sum() * (self.resolution / h) ** 2
         return ROUNDING * self.epsilon * sum(m.size for m in measures) + 2 * (self.floor + kinetic)
 
-    @ti.kernel
-    def _gather_reaction(self, index: ti.types.ndarray(), rows: ti.types.ndarray()):
-        """A dv - b on particles index[k]"""
-        for k in range(index.shape[0]):
-            i = index[k]
-            for c in ti.static(range(3)):
-                rows[k, c] = self.solver.As[i][c] - self.operator.b[i][c]
-
     def rms_change(self) -> float:
         """RMS of the last solve's dv over the particles [m/s]."""
         return self.solver.rms
@@ -242,6 +222,7 @@ class System:
     @ti.kernel
     def place(self, h: float, part: float):
         """x = x_0 + part (motion + h dv), motion = x_base - x_0 + h v_base + y; and v such that x = x_base + h v, y apart"""
+        ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
             self.model.v[i] = part * (self.model.v_base[i] + self.solver.dv[i]) - (1 - part) / h * self.model.ahead[i]
             self.model.x[i] = self.model.x_saved[i] + part * (self.operator.motion[i] + h * self.solver.dv[i])
@@ -249,12 +230,14 @@ class System:
     @ti.kernel
     def shift(self, c: float, part: float):
         """v += part dv, x += part c dv"""
+        ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
-            self.model.v[i] += part * self.solver.dv[i]
-            self.model.x[i] += part * c * self.solver.dv[i]
+            self.model.v[i] = self.model.v[i] + part * self.solver.dv[i]
+            self.model.x[i] = self.model.x[i] + part * c * self.solver.dv[i]
 
     @ti.kernel
     def fall(self, h: float, x: float, y: float, z: float):
         """dv = h g"""
+        ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
             self.solver.dv[i] = h * ti.Vector([x, y, z])
