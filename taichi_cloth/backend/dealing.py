@@ -5,8 +5,7 @@ costly ones are at one end, or a thread starts late or is put aside, the other w
 as long on two threads as on one. Here a thread that is done with a piece takes the next. Which thread works on a piece makes
 no difference to the result.
 
-    for _ in range(1):
-        dealer.begin()
+    dealer.begin()
     for t in range(dealer.tasks):
         if t % dealer.grain == 0:
             piece = dealer.next()

@@ -51,6 +51,7 @@ class PhaseScheduler:
     @ti.func
     def start(self, kind):
         """Makes ready for a first phase."""
+        ti.loop_config(serialize=True)
         for k in range(self.blocks):
             self.claimed[k * APART] = 0
         self.shared[0] = 0

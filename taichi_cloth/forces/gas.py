@@ -175,6 +175,7 @@ class Gas(Force, Checkpointed):
         for t in range(self.model.blocks.count * self.model.blocks.grain):
             if t % self.model.blocks.grain == 0:
                 self.weigh(t // self.model.blocks.grain, moves, motion)
+        ti.loop_config(serialize=True)
         for _ in range(1):
             for k in range(self.size[1]):
                 total = ti.Vector.zero(self.sum_type, 3)

@@ -132,6 +132,7 @@ class Multilevel(Checkpointed):
     @ti.kernel
     def _contact_diagonal(self):
         """T = diagonal blocks of the points of contact."""
+        ti.loop_config(serialize=self.operator.blocks.serial)
         for i in range(self.operator.model.rows()):
             self.T[i] = ti.Vector.zero(float, 6)
         for t in range(self.operator.blocks.count * self.operator.blocks.grain):
@@ -142,8 +143,7 @@ class Multilevel(Checkpointed):
     def _sum_elements(self, c: float):
         """The elements' part of the nodes' diagonal blocks, of what is free. Where hats meet only seams, what hangs on the
         other side counts by the particles' blocks."""
-        for _ in range(1):
-            self.dealer.begin()
+        self.dealer.begin()
         for t in range(self.dealer.tasks):
             if t % self.dealer.grain == 0:
                 n = self.hats.size[2] - 1 - self.dealer.next()  # those of wide hats take longest: first
@@ -167,8 +167,7 @@ class Multilevel(Checkpointed):
     @ti.kernel
     def _invert(self):
         """Inverts the nodes' diagonal blocks: of elements as they were summed up, of masses, and of what now touches."""
-        for _ in range(1):
-            self.dealer.begin()
+        self.dealer.begin()
         for t in range(self.dealer.tasks):
             if t % self.dealer.grain == 0:
                 n = self.hats.size[2] - 1 - self.dealer.next()

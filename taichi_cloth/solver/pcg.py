@@ -136,6 +136,7 @@ class PCG(Recurrences):
     @ti.kernel
     def _translate(self):
         """dv = sum of b / sum of m"""
+        ti.loop_config(serialize=True)
         for _ in range(1):
             b, m = ti.Vector.zero(self.sum_type, 3), ti.cast(0, self.sum_type)
             for i in range(self.operator.model.rows()):
@@ -169,6 +170,7 @@ class PCG(Recurrences):
     @ti.kernel
     def _balance(self):
         """Adds the translation whose momentum the answer lacks: however rough a solve, what is free falls as it should."""
+        ti.loop_config(serialize=True)
         for _ in range(1):
             r, m = ti.Vector.zero(self.sum_type, 3), ti.cast(0, self.sum_type)
             for i in range(self.operator.model.rows()):
@@ -201,9 +203,8 @@ class PCG(Recurrences):
     def _together(self, tolerance: ti.f64, reference: ti.f64, least: ti.f64, zero: int,
                   most: int) -> ti.types.vector(6, ti.f64):
         """`_apart` in one launch, by a phase scheduler."""
-        for _ in range(1):
-            self.phases.start(COPY)
-            self.count[STAGE], self.count[STATE], self.count[DID], self.count[ROUND] = BEGIN, DONE, 0, 0
+        self.phases.start(COPY)
+        self.count[STAGE], self.count[STATE], self.count[DID], self.count[ROUND] = BEGIN, DONE, 0, 0
         for t in range(self.phases.tasks):
             if t % TASK == 0:
                 phase, kind, block, waited = 0, COPY, 0, 0

@@ -57,6 +57,7 @@ class Pointwise(Checkpointed):
         for i in range(self.operator.model.rows()):
             self.is_held[i] = 0
             self.inverse[i] = sym(sym_unpack(self.block(i)).inverse())
+        ti.loop_config(serialize=self.operator.blocks.serial)
         for k in range(fully.shape[0]):
             self.is_held[fully[k]] = 1
             self.S[fully[k]] = ti.Vector.zero(float, 6)
@@ -68,6 +69,7 @@ class Pointwise(Checkpointed):
     @ti.kernel
     def _hold_partly(self, index: ti.types.ndarray(), held: ti.types.ndarray()):
         """(S P S + I - S)^-1 - (I - S), the two parts of the sum alike in size."""
+        ti.loop_config(serialize=self.operator.blocks.serial)
         for k in range(index.shape[0]):
             C = ti.Matrix.zero(float, 3, 3)
             for a, b in ti.static(ti.ndrange(3, 3)):

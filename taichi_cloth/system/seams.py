@@ -163,6 +163,7 @@ class Clusters:
     @ti.kernel
     def _measure(self, out: ti.types.ndarray()):
         """Largest distances of positions [m] and velocities [m/s] from their means."""
+        ti.loop_config(serialize=True)
         for _ in range(1):
             x, v = 0.0, 0.0
             for k in range(self.size[0]):

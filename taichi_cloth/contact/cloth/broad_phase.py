@@ -55,12 +55,14 @@ class Paths(Checkpointed):
     @ti.kernel
     def begin(self):
         """They begin where the model is saved, and paths before them ended where they were walked for."""
+        ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
             self.start[i], self.left[i] = self.model.x_saved[i], self.walked[i]
 
     @ti.kernel
     def arrive(self):
         """They begin where the model is."""
+        ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
             self.start[i] = self.model.x[i]
 
@@ -86,6 +88,7 @@ class Paths(Checkpointed):
     @ti.kernel
     def _measure(self, count: ti.types.ndarray()):
         """How far particles are, and begin, from where they were walked for, and from the rest of that path."""
+        ti.loop_config(serialize=True)
         for _ in range(1):
             along, length = 0.0, 0.0
             for i in range(self.model.rows()):
@@ -235,6 +238,7 @@ class Candidates(Checkpointed):
             self.changed[self.boxes.first_leaf + leaf] = changed
             self.boxes.low[self.boxes.first_leaf + leaf] = low
             self.boxes.high[self.boxes.first_leaf + leaf] = high
+        ti.loop_config(serialize=True)
         for _ in range(1):
             self.boxes.merge()
             for back in range(self.boxes.first_leaf - 1):
@@ -243,8 +247,7 @@ class Candidates(Checkpointed):
 
     @ti.kernel
     def _walk(self, rows: ti.types.ndarray(), found: ti.types.ndarray()):
-        for _ in range(1):
-            self.dealer.begin()
+        self.dealer.begin()
         for t in range(self.dealer.tasks):
             if t % self.dealer.grain == 0:
                 chunk = self.dealer.next()

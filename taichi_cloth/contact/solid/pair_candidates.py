@@ -100,6 +100,7 @@ class PairCandidates:
     @ti.kernel
     def _find_moved(self, count: ti.types.ndarray()):
         """A pair's distance at the start less its speed changes by no more than 2 |dx_0| + |dx|."""
+        ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
             off = 2 * (self.model.x_saved[i] - self.left[i]).norm() + (self.model.x[i] - self.walked[i]).norm()
             self.moved[i] = ti.cast(off > self.skin[0], ti.i32)
@@ -108,6 +109,7 @@ class PairCandidates:
 
     @ti.kernel
     def _take_paths(self, everything: int):
+        ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
             self.moved[i] = ti.max(self.moved[i], everything)
             if self.moved[i] == 1:

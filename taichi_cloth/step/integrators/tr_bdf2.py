@@ -223,6 +223,7 @@ class TRBDF2(Checkpointed):
     def _lag(self, c: float) -> float:
         """sum_i w_i/h F_i . (v_i - u), u = (v_0 + v_1)/2: what the method's velocities take [W], see `ledger`."""
         total = ti.cast(0, self.system.solver.sum_type)
+        ti.loop_config(serialize=True)
         for _ in range(1):
             for i in range(self.model.rows()):
                 v_0, v_1 = self.model.v_saved[i], self.model.v[i]
@@ -253,6 +254,7 @@ class TRBDF2(Checkpointed):
     def _error_square(self, c: float) -> float:
         """|e_x + c dv|^2"""
         total = ti.cast(0, self.system.solver.sum_type)
+        ti.loop_config(serialize=True)
         for _ in range(1):
             for i in range(self.model.rows()):
                 total += (self.system.operator.motion[i] + c * self.system.solver.dv[i]).norm_sqr()

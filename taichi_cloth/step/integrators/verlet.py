@@ -156,8 +156,7 @@ class Verlet(Checkpointed):
                   index: ti.types.ndarray(), projector: ti.types.ndarray(), start: ti.types.ndarray(),
                   target: ti.types.ndarray()):
         """All substeps, by a phase scheduler."""
-        for _ in range(1):
-            self.phases.start(FORCE)
+        self.phases.start(FORCE)
         for t in range(self.phases.tasks):
             if t % TASK == 0:
                 phase, kind, block, waited = 0, FORCE, 0, 0
@@ -191,6 +190,7 @@ class Verlet(Checkpointed):
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
                 self.move(t // self.blocks.grain, h, s, steps, every)
+        ti.loop_config(serialize=True)
         for _ in range(1):
             self.lead(h, s, steps, index, projector, start, target)
             self.blow(s, steps, gust_x, gust_y, gust_z)
