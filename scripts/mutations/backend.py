@@ -3,11 +3,12 @@
 SECOND = "tests/unit/test_second_simulation.py"
 SHARED = f"{SECOND}::test_kernels_are_shared_where_they_read_the_same_and_only_there"
 MEMORY = "tests/unit/test_memory.py"
-PLACED, DEALT = "tests/unit/test_placement.py", "tests/unit/test_dealing.py"
-TESTS = (SECOND, MEMORY, PLACED, DEALT)
+PLACED, DEALT, LAUNCHED = (f"tests/unit/test_{name}.py" for name in ("placement", "dealing", "launches"))
+TESTS = (SECOND, MEMORY, PLACED, DEALT, LAUNCHED)
 
-KERNELS, POOL, PLACEMENT, DEALING = (f"taichi_cloth/backend/{name}.py" for name in (
-    "shared_kernels", "field_pool", "placement", "dealing"))
+KERNELS, POOL, PLACEMENT, DEALING, ROWS, LAUNCHES = (f"taichi_cloth/backend/{name}.py" for name in (
+    "shared_kernels", "field_pool", "placement", "dealing", "rows", "launches"))
+FILLED = f"{SECOND}::test_memory_is_filled_as_kernels_fill_it"
 
 MUTATIONS = (
     (KERNELS, "return type(value), value", "return type(value), 0", "numbers are not compared", SHARED),
@@ -25,7 +26,17 @@ MUTATIONS = (
      "the first field is set to zero instead",
      f"{SECOND}::test_fields_come_again_and_are_zero"),
     (POOL, "np.dtype(to_numpy_type(self.field.dtype))", "np.dtype(np.float32)", "integers are put into memory as reals",
-     f"{SECOND}::test_memory_is_filled_as_kernels_fill_it"),
+     FILLED),
+    (ROWS, "return rows[: field.rows].copy() if", "return rows[: field.rows] if", "what is read changes with the field", FILLED),
+    (ROWS, "rows.take(which, axis=0)", "rows[: len(which)]", "the first rows are read, not those named", FILLED),
+    (ROWS, "field[j // width][j % width] = number", "field[j // width][0] = number", "a device gets first numbers alone", FILLED),
+    (LAUNCHES, "out += arg.dtype, arg.ndim", "out += (arg.ndim,)", "arrays of another type are taken for it", LAUNCHED),
+    (LAUNCHES, "if self._compiled is not kernel.compiled_kernels:", "if False:", "kernels of the Taichi before are launched",
+     LAUNCHED),
+    (LAUNCHES, "        self._known.clear()", "        pass", "kernels go on with fields that have been replaced", LAUNCHED),
+    (LAUNCHES, " or not arg.flags.c_contiguous or", " or", "strides are passed over", LAUNCHED),
+    (LAUNCHES, "isinstance(arg, REALS if kind == \"real\" else INTEGERS)", "isinstance(arg, REALS)", "reals are cut to integers",
+     LAUNCHED),
     (POOL, "if self._start == _starts[0]:", "if False:", "fields that no other may have stay", MEMORY),
     (POOL, "if self._start == _starts[0]:", "if True:", "dead fields are given back", MEMORY),
     (DEALING, "self.taken[0] = 0", "pass", "a second loop has no pieces left", DEALT),

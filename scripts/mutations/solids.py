@@ -8,6 +8,7 @@ BEGINS = f"{CONTACT}::test_what_begins_to_slide_is_dragged_along"
 STICKS = f"{CONTACT}::test_what_sticks_goes_where_the_solid_goes"
 FRICTION = "tests/physics/test_friction.py"
 SHAPES = "tests/unit/test_solids.py"
+LED_BY_HAND = f"{SHAPES}::test_a_body_that_is_moved_by_hand_is_where_it_then_is"
 SWEPT = "tests/unit/test_swept_detection.py"
 HARD = "tests/hard/test_hard_contact.py"
 EDGES = "tests/hard/test_loaded_edges.py"
@@ -183,8 +184,9 @@ MUTATIONS = (
      "candidates last when solids move", SWEPT),
     (TREE, "if ti.min(p[d], p[d + 3], q[d], q[d + 3], r[d], r[d + 3]) > high[d]:",
      "if ti.min(p[d], q[d], r[d]) > high[d]:", "boxes of triangles where they begin", f"{SWEPT} {DRIVES}"),
-    (TREE, "for column, time in ((0, t), (3, t + h)):", "for column, time in ((0, t), (3, t)):",
-     "meshes are met where they were", f"{STICKS} {DRIVES}"),
+    (TREE, "for time in (t, t + h):", "for time in (t, t):", "meshes are met where they were", f"{STICKS} {DRIVES}"),
+    (TREE, "key = time, *(R.tobytes() + p.tobytes() for R, p in poses)", "key = (time,)",
+     "a body is where it was at that time before it was moved by hand", LED_BY_HAND),
     (TREE, "both[c], both[c + 3])\n                        high[c]", "both[c])\n                        high[c]",
      "boxes of triangles begin where these are", SWEPT),
     (TREE, "bits[row % m] |= 8 << (row // m)", "bits[row % m] |= 4 << (row // m)", "edges are taken for corners", DRIVES),

@@ -17,6 +17,7 @@ import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.rows import write
 from ..scene.scene import Scene
 from ..system.state import ParticleState
 from .conditions import sym_outer, sym_scaled_identity, sym_times
@@ -89,15 +90,10 @@ class Pulls(Force):
         """Places, as they are at t [s]."""
         self.now = self.source(t)
         self.attached = np.column_stack([self.now.index, self.now.law])
-        rows: np.ndarray = np.zeros((self.model.n, 5), dtype=self.model.exchange)
-        rows[self.now.index] = np.column_stack([self.now.law, self.now.place])
-        self._set(rows)
-
-    @ti.kernel
-    def _set(self, rows: ti.types.ndarray()):
-        for i in range(rows.shape[0]):
-            self.law[i] = ti.Vector([ti.cast(rows[i, 0], float), ti.cast(rows[i, 1], float)])
-            self.place[i] = ti.Vector([ti.cast(rows[i, 2], float), ti.cast(rows[i, 3], float), ti.cast(rows[i, 4], float)])
+        for field, some in ((self.law, self.now.law), (self.place, self.now.place)):
+            rows: np.ndarray = np.zeros((self.model.n, some.shape[1]), dtype=self.model.exchange)
+            rows[self.now.index] = some
+            write(field, rows)
 
     def led(self, before: float, part: float) -> float:
         """What moving the places put into the energy in the step [J], attaching and letting go included.

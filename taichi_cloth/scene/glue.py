@@ -26,10 +26,11 @@ class Places:
 
     def at(self, solid: Placed, t: float) -> np.ndarray:
         """(k, 3) where they are at time t [s]."""
+        R, p = solid.pose(t)
         if self.faces is None:
-            R, p = solid.pose(t)
             return self.offset @ R.T + p
-        corner = solid.surface_at(t)[self.faces]
+        assert isinstance(solid.shape, SolidMesh)
+        corner = solid.shape.shape_at(t)[self.faces] @ R.T + p
         return np.einsum("ka,kai->ki", self.weights, corner) + np.einsum("kij,kj->ki", _frames(corner), self.offset)
 
 

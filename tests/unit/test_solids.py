@@ -8,6 +8,7 @@ import taichi as ti
 
 import taichi_cloth as tc
 from taichi_cloth.backend import runtime
+from taichi_cloth.backend.rows import read
 from taichi_cloth.scene.intersections import count_crossings, count_self_crossings
 from taichi_cloth.scene.solids import rotation_matrix
 
@@ -214,6 +215,21 @@ def test_explicit_steps_refuse_solids_by_name():
     scene.add_solid(tc.Plane(), friction=0.1, thickness=0.01)
     with pytest.raises(tc.SceneError, match="verlet.*backward_euler"):
         tc.Simulation(scene, integrator="verlet")
+
+
+def test_a_body_that_is_moved_by_hand_is_where_it_then_is():
+    """Positions from the step before are gone by only where the body has the same pose at that time."""
+    at, scene = [0.0, 0.0, 0.0], tc.Scene()
+    scene.add_cloth(tc.grid(0.5, 4), tc.Fabric(0.2, tc.Stretch(1000)))
+    solid = scene.add_solid(tc.SolidMesh(*CUBE), friction=0.0, thickness=0.01, position=lambda t: [at[0], 3 + t, at[2]])
+    sim = tc.Simulation(scene)
+    tree = sim.contacts.solids.scan.tree
+    for t, x in ((0.0, 0.0), (0.1, 0.0), (0.2, 0.5), (0.2, 0.5), (0.3, -0.5)):
+        at[0] = x
+        sim.contacts.solids.scan.set_time(t, 0.1)
+        ends = read(tree.x) + np.tile(sim.model.origin, 2)
+        assert np.allclose(ends, np.concatenate([solid.surface_at(t), solid.surface_at(t + 0.1)], axis=1), atol=1e-12)
+        assert np.isclose(tree.fastest, 0.1)
 
 
 def test_a_thickness_beyond_the_mesh_is_warned_of():

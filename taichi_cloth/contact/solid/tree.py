@@ -8,6 +8,7 @@ import taichi as ti
 
 from ...backend.bvh import BVH, LEAF, morton
 from ...backend.fields import Fields
+from ...backend.rows import write
 from ...scene.mesh import face_edges
 from ...scene.primitives import Cylinder
 from ...scene.scene import Scene
@@ -67,6 +68,7 @@ class TriangleTree:
         self.info = fields.integer(self.count, 4, all_info[order])
         self.still = all(not s.moves for _, s in self.solids)
         self.placed, self.fastest, self.refits = False, 0.0, 0
+        self._known: dict[tuple, np.ndarray] = {}  # positions by time and poses
         owner = all_corners[order].ravel()
         at = np.argsort(owner, kind="stable")
         self.first = fields.integer(start + 1, data=np.searchsorted(owner[at], np.arange(start + 1)))
@@ -76,21 +78,28 @@ class TriangleTree:
         """Places the triangles at the two ends of a step, and refits."""
         if self.still and self.placed:
             return
-        x = np.empty((self.vertex_count, 6))
-        for (_, solid), rows in zip(self.solids, self.ranges):
-            for column, time in ((0, t), (3, t + h)):
-                R, p = solid.pose(time)
-                shape = solid.shape.shape_at(time) if isinstance(solid.shape, SolidMesh) else self.local[rows]
-                x[rows, column: column + 3] = shape @ R.T + p - self.origin
-        self.fastest = float(np.sqrt(np.max(np.sum((x[:, 3:] - x[:, :3]) ** 2, axis=1))))
-        self._place(x.astype(self.exchange))
+        known, self._known = self._known, {}  # a step begins where the one before it ended
+        ends = []
+        for time in (t, t + h):
+            poses = [solid.pose(time) for _, solid in self.solids]
+            key = time, *(R.tobytes() + p.tobytes() for R, p in poses)
+            self._known[key] = known[key] if key in known else self._at(time, poses)
+            ends.append(self._known[key])
+        self.fastest = float(np.sqrt(np.max(np.sum((ends[1] - ends[0]) ** 2, axis=1))))
+        write(self.x, np.concatenate(ends, axis=1).astype(self.exchange, copy=False))
+        self._place()
         self.placed, self.refits = True, self.refits + 1
 
+    def _at(self, time: float, poses: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+        """(vertices, 3) at a time [s], from the local origin [m]."""
+        out = np.empty((self.vertex_count, 3))
+        for (_, solid), rows, (R, p) in zip(self.solids, self.ranges, poses):
+            shape = solid.shape.shape_at(time) if isinstance(solid.shape, SolidMesh) else self.local[rows]
+            out[rows] = shape @ R.T + p - self.origin
+        return out
+
     @ti.kernel
-    def _place(self, x: ti.types.ndarray()):
-        for i in range(x.shape[0]):
-            for c in ti.static(range(6)):
-                self.x[i][c] = x[i, c]
+    def _place(self):
         for leaf in range(self.boxes.first_leaf):
             low, high = ti.Vector([1e30, 1e30, 1e30]), ti.Vector([-1e30, -1e30, -1e30])
             for t in range(leaf * LEAF, ti.min((leaf + 1) * LEAF, self.boxes.size[0])):
