@@ -99,11 +99,10 @@ def hold_together(f: VertexContacts, stick: np.ndarray, lift: np.ndarray, pinned
     projectors = np.einsum("ki,kj->kij", f.normal, f.normal)
     projectors[stick] = np.eye(3)
     shifts = lift[:, None] * f.normal
-    pins = pinned.index if pinned is not None else np.zeros(0, dtype=np.int64)
-    _, first, count = np.unique(f.index, return_index=True, return_counts=True)
-    single = np.zeros(len(f.index), dtype=bool)
-    single[first[count == 1]] = True
-    alone = single & ~np.isin(f.index, pins)
+    again = f.index[1:] == f.index[:-1]
+    alone = ~(np.append(again, False) | np.append(False, again))
+    if pinned is not None:
+        alone &= ~np.isin(f.index, pinned.index)
     index, projector, target, y = [f.index[alone]], [projectors[alone]], [(f.carried + shifts)[alone]], [shifts[alone]]
     shared = np.unique(f.index[~alone])
     if len(shared):

@@ -10,6 +10,7 @@ vertices of triangles that cross a solid, and are not pinched, are raised slowly
 import numpy as np
 
 from ...system.checkpoint import Checkpointed
+from ..points import among
 from ..step_start import StepStart
 from .pairs import LEAST, PAIR, Pairs, left
 from .query import Nearby, Scanner
@@ -52,11 +53,11 @@ class Penetration(Checkpointed):
         return (self.spared == 0) & ~self.pinched
 
     def inside(self, f: VertexContacts, held: np.ndarray) -> VertexContacts:
-        """Of contacts, those that end inside a solid's thickness and are not among the keys that are held, or are held at
+        """Of contacts, those that end inside a solid's thickness and are not among the keys (sorted) that are held, or held at
         another plane, and are not pinched; as deep as they are, whatever they are raised by."""
         f = f.nearer(-self.raised[f.index])
         moved_on = (f.gap < -self.deep[f.solid]) & (f.gap < f.start_gap - PENETRATION * self.thickness[f.solid])
-        return f.take((f.gap < 0) & (~np.isin(f.key, held) | moved_on) & self.minded[f.index])
+        return f.take((f.gap < 0) & (~among(held, f.key) | moved_on) & self.minded[f.index])
 
     def left(self, near: Nearby, inside: VertexContacts, linearized: Pairs | None) -> tuple[int, bool]:
         """(pairs that are left closer than they should be, whether they or what is inside ended too deep).

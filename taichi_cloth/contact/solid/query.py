@@ -172,9 +172,9 @@ class Scanner:
         if self.surfaces is not None:
             self.surfaces.detect(self.poses, self._slots, self._rows, int(self.vertices is None))
         i = np.flatnonzero(self._slots)
-        pick = np.arange(SLOTS)[None, :] < self._slots[i][:, None]
-        rows = self._rows[i][pick].astype(np.float64)
-        index = np.repeat(i, self._slots[i])
+        count = self._slots[i]
+        index, first = np.repeat(i, count), np.cumsum(count) - count
+        rows = self._rows[index, np.arange(len(index)) - np.repeat(first, count)].astype(np.float64, copy=False)
         solid, triangle = rows[:, 8].astype(np.int64), rows[:, 9].astype(np.int64)
         mu = self.friction[solid]
         if self.tree is not None:

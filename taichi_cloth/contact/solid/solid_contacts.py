@@ -19,7 +19,7 @@ from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.place import Place
 from ...system.state import ParticleState
-from ..points import Points, rows_of
+from ..points import Points, among, length, rows_of
 from ..step_start import StepStart
 from .active_set import ActiveSet, States, hold_together
 from .firmness import Firmness
@@ -150,9 +150,9 @@ class SolidContacts(Checkpointed):
         where = rows_of(old.key, f.key)
         known = where >= 0
         active = known | (f.gap < 0)
-        again = np.isin(f.key, self.released)
-        active &= ~again | (f.gap < -PENETRATION * self.thickness[f.solid])
-        if start.together:  # solves go on from each other: what had to be held again stays held
+        if len(self.released):
+            active &= ~np.isin(f.key, self.released) | (f.gap < -PENETRATION * self.thickness[f.solid])
+        if start.together and len(self.released):  # solves go on from each other: what had to be held again stays held
             self.released = np.setdiff1d(self.released, f.key[active])
         f, slip, known, where = f.take(active), self.near.slip[active], known[active], where[active]
         k, mu, mass = len(f.index), f.friction, self.model.mass[f.index]
@@ -166,7 +166,7 @@ class SolidContacts(Checkpointed):
             arrive = start.base_v[f.index[new]] - (f.carried[new] - start.x[f.index[new]]) / start.h
             force[new] = mass[new] * np.maximum(0, -np.einsum("ki,ki->k", n, arrive) / c
                                                 - n @ self.gravity)
-            stick[new] = np.linalg.norm(slip[new], axis=1) * mass[new] <= mu[new] * force[new] * c
+            stick[new] = length(slip[new]) * mass[new] <= mu[new] * force[new] * c
         stick &= mu > 0
         nearing = np.einsum("ki,ki->k", f.normal, f.carried - start.coasting[f.index])
         down = 2 * np.maximum(nearing, 0) + FALL * start.share * self.thickness[f.solid]  # no further than its own way leads
@@ -181,7 +181,7 @@ class SolidContacts(Checkpointed):
         """Friction of what slides, and pairs, for a solve that begins at base: positions and velocities, each (n, 3)."""
         a, mass, start = self.active, self.model.mass, self.start
         self.sliding = slide(a.contacts, a.states, a.slip, a.contacts.friction, mass, start, base[1],
-                             np.isin(a.states.key, self.accepted.key[self.accepted.stick]))
+                             among(self.accepted.key[self.accepted.stick], a.states.key))
         rubbing = [self.sliding.points, self.pinches.rub(start, self.near.there, base[1])]
         if self.near.pairs is None:
             return rubbing
@@ -223,7 +223,7 @@ class SolidContacts(Checkpointed):
         self.look()
         F, normal = self.record_forces(reaction, base)
         tangent = F - normal[:, None] * f.normal
-        shear = np.linalg.norm(tangent, axis=1)
+        shear = length(tangent)
         mu = f.friction
         pulls = normal < -PULL * np.maximum(self.model.mass[f.index] * weight,
                                             np.mean(np.abs(normal)) if len(normal) else 0.0)
@@ -232,7 +232,7 @@ class SolidContacts(Checkpointed):
         breaks = s.stick & ~pulls & (shear > mu * np.maximum(normal, 0) * (1 + CONE))
         here = rows_of(self.near.vertices.key, f.key)
         slip_now = np.where((here >= 0)[:, None], self.near.slip[here] if len(self.near.slip) else 0.0, 0.0)
-        speed = np.linalg.norm(slip_now, axis=1)
+        speed = length(slip_now)
         slides = self.sliding.rows
         turns = slides & ~pulls & (self.sliding.lag <= SLOW) & (speed < WEAK * SLOW)
         force = np.maximum(normal, 0)
