@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ...options import USUAL
-from ..points import EYE, Points, length, rows_of, sym_outer, sym_times, tangential
+from ..points import EYE, Points, rows_of, sym_outer, sym_times, tangential
 
 PAIR = 0.5  # of the thickness (beyond the core's radius): what edges and faces of cloth keep
 PRESS = 100.0  # stiffness of a pair over mass / h^2, h the largest step
@@ -126,7 +126,7 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
         firm = np.where(np.minimum(p.distance, began) < HELD * r, firm, 0.0)
         f0 += firm * (limit - p.distance + ahead)
         k = k + firm
-    slip = length(tangential((p.point - p.carried) / h, p.normal))
+    slip = np.linalg.norm(tangential((p.point - p.carried) / h, p.normal), axis=1)
     drag = c * friction * f / np.maximum(slip, DRAG_SLIP)
     normal = sym_outer(p.normal)
     block = drag[:, None] * (EYE - normal)

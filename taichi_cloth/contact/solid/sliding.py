@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..points import EYE, Points, length, sym_outer, sym_times
+from ..points import EYE, Points, sym_outer, sym_times
 from ..step_start import StepStart
 from .active_set import States
 from .vertices import VertexContacts
@@ -44,7 +44,7 @@ def slide(f: VertexContacts, states: States, slip: np.ndarray, friction: np.ndar
     """
     rows = ~states.stick & (friction * states.force > 0)
     f, size, u, push = f.take(rows), friction[rows] * states.force[rows], slip[rows], states.push[rows]
-    fresh, speed = push.any(axis=1), length(u)
+    fresh, speed = push.any(axis=1), np.linalg.norm(u, axis=1)
     c = np.where(begins[rows], start.h, start.c)
     stopped = size * c / mass[f.index]  # slip that friction would stop in a step
     fast = ~fresh & (speed > stopped)

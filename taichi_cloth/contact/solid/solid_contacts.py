@@ -19,7 +19,7 @@ from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.place import Place
 from ...system.state import ParticleState
-from ..points import Points, among, length, rows_of
+from ..points import Points, among, rows_of
 from ..step_start import StepStart
 from .active_set import ActiveSet, States, hold_together
 from .firmness import Firmness
@@ -166,7 +166,7 @@ class SolidContacts(Checkpointed):
             arrive = start.base_v[f.index[new]] - (f.carried[new] - start.x[f.index[new]]) / start.h
             force[new] = mass[new] * np.maximum(0, -np.einsum("ki,ki->k", n, arrive) / c
                                                 - n @ self.gravity)
-            stick[new] = length(slip[new]) * mass[new] <= mu[new] * force[new] * c
+            stick[new] = np.linalg.norm(slip[new], axis=1) * mass[new] <= mu[new] * force[new] * c
         stick &= mu > 0
         nearing = np.einsum("ki,ki->k", f.normal, f.carried - start.coasting[f.index])
         down = 2 * np.maximum(nearing, 0) + FALL * start.share * self.thickness[f.solid]  # no further than its own way leads
@@ -223,7 +223,7 @@ class SolidContacts(Checkpointed):
         self.look()
         F, normal = self.record_forces(reaction, base)
         tangent = F - normal[:, None] * f.normal
-        shear = length(tangent)
+        shear = np.linalg.norm(tangent, axis=1)
         mu = f.friction
         pulls = normal < -PULL * np.maximum(self.model.mass[f.index] * weight,
                                             np.mean(np.abs(normal)) if len(normal) else 0.0)
@@ -232,7 +232,7 @@ class SolidContacts(Checkpointed):
         breaks = s.stick & ~pulls & (shear > mu * np.maximum(normal, 0) * (1 + CONE))
         here = rows_of(self.near.vertices.key, f.key)
         slip_now = np.where((here >= 0)[:, None], self.near.slip[here] if len(self.near.slip) else 0.0, 0.0)
-        speed = length(slip_now)
+        speed = np.linalg.norm(slip_now, axis=1)
         slides = self.sliding.rows
         turns = slides & ~pulls & (self.sliding.lag <= SLOW) & (speed < WEAK * SLOW)
         force = np.maximum(normal, 0)
