@@ -6,6 +6,7 @@ FORCES = f"{CONTACT}::test_what_solids_give_is_what_cloth_gets " \
 RESUME = f"{CONTACT}::test_a_run_is_resumed_in_contact_bit_for_bit"
 BEGINS = f"{CONTACT}::test_what_begins_to_slide_is_dragged_along"
 STICKS = f"{CONTACT}::test_what_sticks_goes_where_the_solid_goes"
+PINS = f"{CONTACT}::test_solids_hold_nothing_where_pins_do"
 FRICTION = "tests/physics/test_friction.py"
 SHAPES = "tests/unit/test_solids.py"
 LED_BY_HAND = f"{SHAPES}::test_a_body_that_is_moved_by_hand_is_where_it_then_is"
@@ -109,7 +110,10 @@ MUTATIONS = (
      "fast cloth is not stopped at the surface", SWEPT),
     (RESPONSE, "PUSH * self.scan.edge * start.share", "0 * self.scan.edge * start.share",
      "what is inside is not pushed out", f"{HARD}::test_cloth_that_starts_inside_is_pushed_out_and_counted"),
-    (RESPONSE, "active = known | (f.gap < 0)", "active = known & (f.gap < 0)", "new contacts are not taken up"),
+    (RESPONSE, "active = (known | (f.gap < 0))", "active = (known & (f.gap < 0))", "new contacts are not taken up"),
+    (RESPONSE, " & ~self.pinned[f.index]", "", "solids are said to hold what pins hold", PINS),
+    (RESPONSE, "np.union1d(mine, by_pins) if len(by_pins) else mine", "mine",
+     "pins inside a thickness ask for further solves", PINS),
     # states from step to step, and resumed
     (RESPONSE, "self.accepted, self.penetration.before = self.trial,", "self.accepted, self.penetration.before = States(),",
      "states are lost from step to step",

@@ -215,3 +215,26 @@ def test_after_two_solves_with_layers_a_few_may_end_deeper(together, solves, dep
     contacts.solids.round = solves - 1
     verdict = contacts.judge(np.tile([0.0, impulse, 0.0], (len(held.index), 1)))  # N s, each; the one needs far less than 1
     assert (verdict.changes > 0) == goes_on and verdict.deepest == pytest.approx(depth, rel=1e-6)
+
+
+def test_solids_hold_nothing_where_pins_do():
+    """A sheet is attached along its top to a bar, inside the bar's thickness: the pins bear all of it, the bar only pushes on
+    the row below, and steps need no further solves for what the pins pull."""
+    scene, mesh = tc.Scene(), tc.grid(0.5, 10, plane="xy")
+    fabric = tc.Fabric(0.2, tc.Stretch(1000, 1.0), tc.Shear(100, 0.1), tc.Bend(1e-5))
+    cloth = scene.add_cloth(mesh, fabric, positions=mesh.x - [0.25, 0.5, 0])
+    bar = scene.add_solid(tc.Box((0.8, 0.1, 0.1)), friction=0.3, thickness=0.01,
+                          position=lambda t: (0.05 * math.sin(t), 0, -0.055))
+    scene.attach(cloth, "top", bar)
+    sim = tc.Simulation(scene, threads=1)
+    for _ in range(60):
+        sim.step()
+    top = mesh.x[:, 1] > 0.499
+    pushed, held = sim.contact_forces(), sim.constraint_forces()
+    assert not pushed[top].any() and not held[~top & ~pushed.any(axis=1)].any()
+    acceleration = 0.05 * math.sin(1.0) * np.array([-1.0, 0, 0])  # as far as the sheet goes with the bar
+    whole = (pushed + held * top[:, None]).sum(axis=0)
+    assert whole == pytest.approx(0.05 * (np.array([0, 9.8, 0]) + acceleration), abs=0.03)
+    assert pushed[:, 1].sum() < 0.1 * whole[1] and all(r.solves == 1 for r in sim.log[20:])
+    assert sum(r.ledger["pins"] for r in sim.log[20:]) != 0 and sum(abs(r.ledger["solids"]) for r in sim.log[20:]) < 1e-3
+    sim.close()

@@ -17,6 +17,20 @@ SHAPES = [tc.Plane((0.3, 1.0, -0.2)), tc.Sphere(0.4), tc.Capsule((-0.2, 0, 0.1),
 CUBE = tc.Box((1.0, 1.0, 1.0)).core()[:2]
 
 
+class Holder:
+    """What goes on with Taichi."""
+
+
+@pytest.fixture(autouse=True)
+def running():
+    """Taichi goes on through a test that evaluates shapes many times."""
+    held = Holder()
+    runtime.start("cpu", "f64")
+    runtime.hold(held)
+    yield
+    runtime.let_go(held)
+
+
 def evaluate(shape, q: np.ndarray) -> np.ndarray:
     """(k, 4) distance and normal at points (k, 3), by the kernel's own function."""
     runtime.start("cpu", "f64")

@@ -27,6 +27,7 @@ from .pairs import PAIR, PRESS, Pairs, Step, inertia, press
 from .penetration import DEEP, PENETRATION, Penetration
 from .pinch import Pinches
 from .query import Nearby, Scanner
+from .room import pinned_particles
 from .sliding import SLOW, Sliding, slide
 from .vertices import VertexContacts
 
@@ -85,6 +86,7 @@ class SolidContacts(Checkpointed):
         reach: how far [m] a particle may close in on a solid in one step.
         accepted: states with which the last accepted step ended; trial: those of the last solve of this attempt.
         released: keys of contacts that were released in this attempt.
+        pinned: (n,) whether all directions of a particle are held anyway: solids hold nothing there.
         near: what was met when last looked; active: what the last solve held; sliding, linearized, pressing: friction, pairs
             and their points as it took them; forces: what they came to.
         round: solves of this attempt; unsettled: contacts that would have changed in one more.
@@ -103,6 +105,7 @@ class SolidContacts(Checkpointed):
         self.trial = self.accepted = States()
         self.released = np.zeros(0, dtype=np.int64)
         self.round = self.unsettled = 0
+        self.pinned = np.zeros(model.n, dtype=bool)
         self.near = Nearby(np.zeros((model.n, 3)), VertexContacts.none(), np.zeros((0, 3)), None)
         self.active = ActiveSet.none()
         self.sliding, self.pressing, self.forces = Sliding(), Points.none(), NO_FORCES
@@ -123,6 +126,7 @@ class SolidContacts(Checkpointed):
         self.penetration.pinched = self.pinches.around
         self.near = self._minded(near)
         self.start = replace(start, pins=self.pinches.with_pins(start.pins))
+        self.pinned = pinned_particles(self.start.pins, self.model.n)
         return self.start
 
     def look(self) -> None:
@@ -149,7 +153,7 @@ class SolidContacts(Checkpointed):
         f, old, start, c = self.near.vertices, self.trial, self.start, self.start.c
         where = rows_of(old.key, f.key)
         known = where >= 0
-        active = known | (f.gap < 0)
+        active = (known | (f.gap < 0)) & ~self.pinned[f.index]
         if len(self.released):
             active &= ~np.isin(f.key, self.released) | (f.gap < -PENETRATION * self.thickness[f.solid])
         if start.together and len(self.released):  # solves go on from each other: what had to be held again stays held
@@ -176,6 +180,13 @@ class SolidContacts(Checkpointed):
             holding = replace(holding, held=self.model.sewn.spread(holding.held, c))
         self.active = ActiveSet(f, States(f.key, stick, force, push), slip, lift, holding)
         return float(np.max(-lift, initial=0.0))
+
+    @property
+    def held_keys(self) -> np.ndarray:
+        """Sorted keys of contacts that were held in the last solve, by pins too."""
+        mine, f = self.active.contacts.key, self.near.vertices
+        by_pins = f.key[self.pinned[f.index]]
+        return np.union1d(mine, by_pins) if len(by_pins) else mine
 
     def take_points(self, base: tuple[np.ndarray, np.ndarray]) -> list[Points]:
         """Friction of what slides, and pairs, for a solve that begins at base: positions and velocities, each (n, 3)."""
@@ -246,7 +257,7 @@ class SolidContacts(Checkpointed):
         keep = ~pulls
         self.released = np.concatenate([self.released, f.key[pulls]])
         self.trial = States(f.key[keep], stick[keep], force[keep], push[keep])
-        inside = self.penetration.inside(self.near.vertices, f.key)
+        inside = self.penetration.inside(self.near.vertices, self.held_keys)
         depth = -inside.gap / self.thickness[inside.solid]
         lacks = -float(np.sum(self.model.mass[inside.index] * inside.gap)) / start.c**2
         little = lacks < AGREED * float(np.sum(force))
@@ -302,13 +313,13 @@ class SolidContacts(Checkpointed):
         `judge`."""
         self.look()
         self.record_forces(reaction, base)
-        inside = self.penetration.inside(self.near.vertices, self.active.contacts.key)
+        inside = self.penetration.inside(self.near.vertices, self.held_keys)
         bad = self.penetration.left(self.near, inside, self.linearized)[1]
         return (bad and self.may_shrink()) or self.went_through()
 
     def may_shrink(self) -> bool:
         """As `Penetration.may_shrink`."""
-        return self.penetration.may_shrink(self.start, self.near, self.active.contacts.key, self.linearized)
+        return self.penetration.may_shrink(self.start, self.near, self.held_keys, self.linearized)
 
     def went_through(self) -> bool:
         """Whether cloth passes through solids where it did not before, in a step that can still be made smaller."""
@@ -331,7 +342,7 @@ class SolidContacts(Checkpointed):
         self.pinches.commit()
         self.penetration.spare(np.flatnonzero(self.pinches.around))
         if self.start.small:
-            self.penetration.spare(self.penetration.wrong(self.near, self.active.contacts.key, self.linearized))
+            self.penetration.spare(self.penetration.wrong(self.near, self.held_keys, self.linearized))
         self.accepted, self.penetration.before = self.trial, self.penetration.crossed
         if self.linearized is not None:
             self.firmness.commit(self.linearized.key, *self._borne(self.linearized), self.start.share)
