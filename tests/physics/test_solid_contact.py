@@ -226,7 +226,7 @@ def test_solids_hold_nothing_where_pins_do():
     bar = scene.add_solid(tc.Box((0.8, 0.1, 0.1)), friction=0.3, thickness=0.01,
                           position=lambda t: (0.05 * math.sin(t), 0, -0.055))
     scene.attach(cloth, "top", bar)
-    sim = tc.Simulation(scene, threads=1)
+    sim = tc.Simulation(scene)
     for _ in range(60):
         sim.step()
     top = mesh.x[:, 1] > 0.499
