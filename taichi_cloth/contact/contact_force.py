@@ -72,7 +72,7 @@ class ContactForce(Force):
             return False
         if len(e) > self.capacity:
             self._grow(len(e))
-        write(self.first, first)
+        write(self.first, first.astype(np.int32))
         write(self.vertices, p.vertices.take(e, axis=0).astype(np.int32))
         for field, numbers in ((self.weights, p.weights), (self.A, p.block), (self.rhs, p.rhs)):
             write(field, numbers.take(e, axis=0).astype(self.exchange, copy=False))
