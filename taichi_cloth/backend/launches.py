@@ -1,7 +1,7 @@
 """Launches of this package's kernels without what Taichi finds out anew at each of them.
 
 Which compiled kernel suits the arguments, and how each is handed over, is the same from launch to launch: a launch of three
-arrays takes 60 us by Taichi's own way, most of it in Python, and 25 by this. What is not plain (a matrix, an array that is not
+arrays takes 50 us by Taichi's own way, most of it in Python, and 20 by this. What is not plain (a matrix, an array that is not
 contiguous, a number of the wrong kind) goes Taichi's way, and so does everything where it differentiates or checks bounds.
 """
 
