@@ -111,16 +111,16 @@ def shirt() -> tc.Garment:
 
 
 def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float, meets: bool = True,
-             dresses: bool = True) -> tc.Scene:
+             dresses: bool = True, led: bool = False) -> tc.Scene:
     """A garment on the body, both with a thickness [m]; the body goes so many times as fast as it was made. Its mouth and eyes
     are filled, so that it has an inside. `meets` as in `tc.dress`; without `dresses` nothing is put on, a checkpoint says
-    where it is.
+    where it is. What has no shoulders is pulled softly to the body, or, `led`, held to it.
     """
     for name in FILES[garment]:
         load(folder, name)
     scene, body = tc.Scene(), tc.load_solid(load(folder, "body_dance.npz"))
     on = scene.add_solid(tc.SolidMesh(body.x, filled(body.faces), fps=body.fps * fast), FRICTION, thickness, name="body")
-    contact = tc.ClothContact(thickness, FRICTION)
+    contact, pull = tc.ClothContact(thickness, FRICTION), {} if led else {"stiffness": BAND[0], "most": BAND[1]}
     if garment == "dress":
         draped = np.load(folder / "dress_draped.npz")["positions"]
         made = tc.load_stitched(*(folder / name for name in PATTERN), positions=draped)
@@ -135,12 +135,12 @@ def scene_of(garment: str, folder: pathlib.Path, fast: float, thickness: float, 
     elif garment == "tube":
         mesh = tube((0.165, 0.19), 0.55, *TUBE)
         cloth = scene.add_cloth(mesh, fabric(), positions=mesh.x + [0, 1.0, -0.02], contact=contact)
-        scene.attach(cloth, "top", on, stiffness=BAND[0], most=BAND[1])
+        scene.attach(cloth, "top", on, **pull)
     else:
         mesh = tc.load(folder / "skirt.obj")
         cloth = scene.add_cloth(mesh, fabric(), positions=mesh.x + SKIRT, contact=contact)
         band = np.flatnonzero(mesh.x[:, 1] > mesh.x[:, 1].max() - 0.034)
-        scene.attach(cloth, band, on, stiffness=BAND[0], most=BAND[1])
+        scene.attach(cloth, band, on, **pull)
     return scene
 
 
@@ -204,7 +204,7 @@ def begin(scene: tc.Scene, args: argparse.Namespace, checkpoint: str | None = No
 
 def sample(garment: str, folder: pathlib.Path, args: argparse.Namespace) -> dict:
     """One row: a frame from each checkpoint, `again` times from places that differ a little."""
-    scene = scene_of(garment, folder, args.fast, args.thickness, args.meets, dresses=False)
+    scene = scene_of(garment, folder, args.fast, args.thickness, args.meets, dresses=False, led=args.led)
     frames, records = [], []
     for checkpoint in args.resume:
         for k in range(args.again):
@@ -223,7 +223,7 @@ def sample(garment: str, folder: pathlib.Path, args: argparse.Namespace) -> dict
 def measure(garment: str, folder: pathlib.Path, args: argparse.Namespace) -> dict:
     """One row: a garment's whole dance."""
     began = time.perf_counter()
-    scene = scene_of(garment, folder, args.fast, args.thickness, args.meets, dresses=not args.resume)
+    scene = scene_of(garment, folder, args.fast, args.thickness, args.meets, dresses=not args.resume, led=args.led)
     sim = begin(scene, args, args.resume[0] if args.resume else None)
     setup, frames, first = time.perf_counter() - began, [], round(sim.time * FPS) + 1
     for note in sim.notes:
@@ -276,6 +276,7 @@ def main() -> int:
     parser.add_argument("--fast", type=float, default=1.0, help="how many times as fast as it was made")
     parser.add_argument("--thickness", type=float, default=0.002, help="m")
     parser.add_argument("--no-meets", action="store_false", dest="meets", help="what is sewn here does not meet itself then")
+    parser.add_argument("--led", action="store_true", help="skirt and tube are held to the body, not pulled softly")
     parser.add_argument("--h", type=float, default=1 / 60)
     parser.add_argument("--cg-tol", type=float, default=1e-3)
     parser.add_argument("--count", type=int, default=1, help="crossings are counted every so many frames")

@@ -28,8 +28,7 @@ class Loop:
 
     @ti.kernel
     def run(self, pieces: int):
-        for _ in range(1):
-            self.dealer.begin()
+        self.dealer.begin()
         for t in range(self.dealer.tasks):
             if t % self.dealer.grain == 0:
                 piece = self.dealer.next()
