@@ -39,12 +39,14 @@ class Solution:
         iterations: over all restarts.
         residual: of the answer, computed afresh, relative to that of Delta v = z; filtered, in the norm of P^-1.
         tolerance: what `residual` was held against; above `cg_tol` only where rounding allows no less.
+        preliminary: whether it only had to say what contacts bear, for a solve after it.
     """
 
     status: str
     iterations: int
     residual: float
     tolerance: float
+    preliminary: bool = False
 
 
 @ti.data_oriented

@@ -69,7 +69,7 @@ class StepRecord:
         h: size [s].
         iterations: CG iterations of all its solves.
         solves: number of linear solves.
-        residual: relative residual of its worst solve.
+        residual: relative residual of its worst solve, preliminary ones apart.
         status: of its worst solve; "EXPLICIT" where there is none; a rejection's name in fixed-step mode.
         rejections: name -> count, of the attempts before it.
         energies: J by term at its end.
@@ -243,7 +243,7 @@ class Stepper(Checkpointed):
             self.h = min(h * _factor(attempt, 0.3, 2.0), self.control.h_max)
         elif self.quiet >= self.control.quiet_steps and self.h < self.control.h_max:
             self.h, self.quiet = min(2 * self.h, self.control.h_max), 0
-        worst = max(attempt.solutions, key=lambda s: s.residual, default=None)
+        worst = max((s for s in attempt.solutions if not s.preliminary), key=lambda s: s.residual, default=None)
         status = rejection or (worst.status if worst else "EXPLICIT")
         if rejection == SOLVER:
             status = attempt.detail

@@ -33,6 +33,30 @@ class Sliding:
     points: Points = field(default_factory=Points.none)
 
 
+def dragged(f: VertexContacts, slides: np.ndarray, begins: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:
+    """(k,) which of the contacts that begin are connected, over edges of the cloth between such, to one that slides on the same
+    solid: cloth is stiff, and takes along what would stick by its own motion.
+
+    Args:
+        slides, begins: (k,) which of the contacts slide, and which begin.
+        faces: (m, 3) particles of the cloth's faces, of n particles.
+    """
+    out = np.zeros(len(begins), dtype=bool)
+    for solid in np.unique(f.solid[begins]).tolist():
+        here = f.solid == solid
+        may, moves = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+        may[f.index[here & begins]], moves[f.index[here & slides]] = True, True
+        beside = faces[may[faces].any(axis=1)]
+        count = -1
+        while count < np.count_nonzero(moves):
+            count = np.count_nonzero(moves)
+            near = np.zeros(n, dtype=bool)
+            near[beside[moves[beside].any(axis=1)]] = True
+            moves |= near & may
+        out |= here & begins & moves[f.index]
+    return out
+
+
 def slide(f: VertexContacts, states: States, slip: np.ndarray, friction: np.ndarray, mass: np.ndarray,
           start: StepStart, v: np.ndarray, begins: np.ndarray) -> Sliding:
     """Friction of what slides.

@@ -28,7 +28,7 @@ from .penetration import DEEP, PENETRATION, Penetration
 from .pinch import Pinches
 from .query import Nearby, Scanner
 from .room import pinned_particles
-from .sliding import SLOW, Sliding, slide
+from .sliding import SLOW, Sliding, dragged, slide
 from .vertices import VertexContacts
 
 TOLERATED = 0.3  # of the thickness: the same after further rounds, and where little would hold it; the next step brings it out
@@ -37,8 +37,10 @@ CONE = 1e-4  # relative excess over mu lambda before a contact slides
 WEAK = 0.5  # of the cone: friction must be below it for what slides slowly to stick
 PATIENCE = 1  # rounds after which states that still change do so in the next step
 RELEASES = 4  # rounds in which contacts are released, where layers of cloth press on each other
-AGREED, AGREED_SHEAR = 3e-3, 3e-2  # part of all normal forces by which contacts may pull, or lack what would hold particles
-# that end inside, and shear beyond the cone, in a step: their states change in the next
+AGREED, AGREED_SHEAR = 1e-2, 1e-1  # part of all normal forces by which contacts may pull, and shear beyond the cone, in a step:
+# their states change in the next
+LITTLE = 3e-3  # part of all normal forces that what would hold the particles that end inside may come to, likewise
+OFTEN = 2  # steps one after the other that took further solves, after which the next one's first solve is a preliminary one
 FALL = 0.5  # of the thickness: from higher than that and than its motion leads, nothing is brought down to a solid
 LAGGED = 0.1  # relative error of the friction forces that a first round may leave
 REACH, PUSH = 4.0, 0.25  # mean edges that a particle may close in on a solid in one step; that it is pushed out in a usual
@@ -90,9 +92,11 @@ class SolidContacts(Checkpointed):
         near: what was met when last looked; active: what the last solve held; sliding, linearized, pressing: friction, pairs
             and their points as it took them; forces: what they came to.
         round: solves of this attempt; unsettled: contacts that would have changed in one more.
+        further: whether what a solve said of contacts asked for another one in this attempt; often: accepted steps, one after
+            the other, in which it did.
     """
 
-    STATE = ("accepted", "penetration", "pinches", "growth", "firmness")
+    STATE = ("accepted", "penetration", "pinches", "growth", "firmness", "often")
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, start: StepStart) -> None:
         self.model, self.gravity, self.start = model, scene.gravity, start
@@ -104,7 +108,8 @@ class SolidContacts(Checkpointed):
         self.reach = REACH * self.scan.edge
         self.trial = self.accepted = States()
         self.released = np.zeros(0, dtype=np.int64)
-        self.round = self.unsettled = 0
+        self.round = self.unsettled = self.often = 0
+        self.further = False
         self.pinned = np.zeros(model.n, dtype=bool)
         self.near = Nearby(np.zeros((model.n, 3)), VertexContacts.none(), np.zeros((0, 3)), None)
         self.active = ActiveSet.none()
@@ -118,7 +123,7 @@ class SolidContacts(Checkpointed):
 
     def begin(self, start: StepStart) -> StepStart:
         """A new attempt; the model is at its predicted end. Returns its start, with what is pinched among the pins."""
-        self.trial, self.released, self.round = self.accepted, np.zeros(0, dtype=np.int64), 0
+        self.trial, self.released, self.round, self.further = self.accepted, np.zeros(0, dtype=np.int64), 0, False
         self.penetration.crossed = self.penetration.before
         self.firmness.begin()
         near = self.scan.look(start.h)
@@ -172,6 +177,7 @@ class SolidContacts(Checkpointed):
                                                 - n @ self.gravity)
             stick[new] = np.linalg.norm(slip[new], axis=1) * mass[new] <= mu[new] * force[new] * c
         stick &= mu > 0
+        stick &= ~dragged(f, known & ~stick, new & stick, self.scan.faces, self.model.n)
         nearing = np.einsum("ki,ki->k", f.normal, f.carried - start.coasting[f.index])
         down = 2 * np.maximum(nearing, 0) + FALL * start.share * self.thickness[f.solid]  # no further than its own way leads
         lift = np.clip(-f.start_gap, -down, PUSH * self.scan.edge * start.share)  # small steps move as fast as large ones
@@ -203,6 +209,11 @@ class SolidContacts(Checkpointed):
         self.pressing = press(near, step, mass, self.scan.kept_by(near), self.scan.friction_of(near),
                               self.firmness.trial.of(near.key))
         return [*rubbing, self.pressing]
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether a step's first solve will hardly be its last: lately what it said of contacts has asked for others."""
+        return self.often >= OFTEN
 
     def holds(self) -> np.ndarray:
         """(n,) whether the last solve held a particle at a solid."""
@@ -260,7 +271,7 @@ class SolidContacts(Checkpointed):
         inside = self.penetration.inside(self.near.vertices, self.held_keys)
         depth = -inside.gap / self.thickness[inside.solid]
         lacks = -float(np.sum(self.model.mass[inside.index] * inside.gap)) / start.c**2
-        little = lacks < AGREED * float(np.sum(force))
+        little = lacks < LITTLE * float(np.sum(force))
         few = self.round > 0 or little
         late = start.together and self.round > PATIENCE and little  # not worth a solve with layers: the next step has one
         entered = int(np.sum(depth > (DEEP if late else TOLERATED if few else PENETRATION)))
@@ -344,6 +355,7 @@ class SolidContacts(Checkpointed):
         if self.start.small:
             self.penetration.spare(self.penetration.wrong(self.near, self.held_keys, self.linearized))
         self.accepted, self.penetration.before = self.trial, self.penetration.crossed
+        self.often = self.often + 1 if self.further else 0
         if self.linearized is not None:
             self.firmness.commit(self.linearized.key, *self._borne(self.linearized), self.start.share)
         self._grow()
@@ -352,6 +364,7 @@ class SolidContacts(Checkpointed):
         """A step without contact was accepted."""
         self.accepted = self.trial = States()
         self.active, self.forces, self.linearized, self.unsettled = ActiveSet.none(), NO_FORCES, None, 0
+        self.often = 0
         self.penetration.pass_time(self.start.h)
         self.firmness.clear()
         self._grow()
@@ -363,7 +376,7 @@ class SolidContacts(Checkpointed):
 
     def clear(self) -> None:
         """Forgets all contacts: the state was changed from outside."""
-        self.accepted, self.near = States(), replace(self.near, vertices=VertexContacts.none())
+        self.accepted, self.near, self.often = States(), replace(self.near, vertices=VertexContacts.none()), 0
         self.penetration.spared[:] = self.penetration.raised[:] = 0
         self.pinches.clear()
         self.firmness.clear()

@@ -10,7 +10,7 @@ Differs from [BW98]: the test and what follows it; the paper accepts every solve
 """
 
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from .energy import LIGHT, EnergyTest
 from .newton import Outcome, StepProblem, minimize, phi
 from .system import System
 
+PRELIMINARY = 0.01  # relative residual of a first solve that is to be followed by others
 FURTHER = 0.03  # relative residual of the further solves that look for it
 PATIENCE = 5  # of them without one that goes all of its way
 BEARABLE = 0.2  # part unaccounted for with which a step is better than a smaller one
@@ -63,8 +64,8 @@ class EulerStep(StepProblem):
         self.solve_linear()
         return self.unsolved()
 
-    def solve_linear(self) -> None:
-        """(18) with what is held; the model ends in what it says."""
+    def solve_linear(self, preliminary: bool = False) -> None:
+        """(18) with what is held; the model ends in what it says. A preliminary solve only has to say what contacts bear."""
         system, h, held = self.system, self.c, self.held
         with self.clock.part("EVAL"):
             self.before = system.linearize_first(h, held)
@@ -72,7 +73,9 @@ class EulerStep(StepProblem):
             warm = len(self.solutions) > 0
             if system.base is not None and warm:
                 system.add_guess(-1.0)
-            self.solutions.append(system.solve(self.cg_tol, held, h, warm=warm, lasting=True))
+            tolerance = max(self.cg_tol, PRELIMINARY) if preliminary else self.cg_tol
+            solution = system.solve(tolerance, held, h, warm=warm, lasting=True, counts=not preliminary)
+            self.solutions.append(replace(solution, preliminary=preliminary))
             if system.base is not None:
                 system.add_guess(1.0)
         with self.clock.part("EVAL"):

@@ -47,8 +47,9 @@ class SolidStep(EulerStep):
     deep, anew = False, 0
 
     def first(self) -> Outcome | None:
-        """(18) with the contacts that agree with it."""
+        """(18) with the contacts that agree with it. Where others are to be expected, the first solve is a preliminary one."""
         contacts = self.system.contacts
+        preliminary = contacts.solids.doubtful
         with self.clock.part("C-S"):
             predict(self.system, self.c, self.held, together=False)
         while True:
@@ -60,13 +61,14 @@ class SolidStep(EulerStep):
                 return self.refuse(CONTACT, f"more than {contacts.force.most} points of contact")
             if closing > contacts.solids.reach:
                 return self.refuse(APPROACH, f"{closing:.3g} m in one step")
-            self.solve_linear()
+            self.solve_linear(preliminary)
             unsolved = self.unsolved()
             if unsolved is not None:
                 return unsolved
             with self.clock.part("C-S"):
                 verdict = contacts.judge(self.system.reaction_rows())
-            if contacts.goes_on(verdict, contacts.solids.round):
+            if contacts.goes_on(verdict, contacts.solids.round) or preliminary:
+                preliminary = False
                 continue
             if verdict.changes and verdict.bad and contacts.solids.may_shrink():
                 return self.refuse(CONTACT, f"{verdict.deepest:.2g} thicknesses inside")

@@ -116,7 +116,7 @@ class System:
 
     def solve(self, tolerance: float, held: Held | None, h: float = 0.0, z: np.ndarray | None = None,
               warm: bool = False, fresh: bool = True, lead: float = 0.0, lasting: bool = False,
-              again: bool = False, least: float = 0.0) -> Solution:
+              again: bool = False, least: float = 0.0, counts: bool = True) -> Solution:
         """Solves the system as linearized; without what of forces may not be semidefinite where it turns out not to be.
 
         Args:
@@ -129,6 +129,7 @@ class System:
             lasting: coarse levels made for an earlier system may do.
             again: whether the model is no longer at the start of the step of size h.
             least: residual norm that the tolerance is relative to where the solve's own is less.
+            counts: whether its iterations say how well levels still do.
             fresh: False keeps all of the preconditioner of the last solve, of a similar system with the same directions held.
         """
         self.held, self._kept, self._kept_tension = held, None, None
@@ -150,8 +151,8 @@ class System:
         if solution.status == BREAKDOWN and self._indefinite and not self._definite:
             self._leave_out(True)
             self.meter.linearize(self.span, self._moves)
-            return self.solve(tolerance, held, h, z, False, fresh, lead, lasting, again, least)
-        if fresh and not warm:
+            return self.solve(tolerance, held, h, z, False, fresh, lead, lasting, again, least, counts)
+        if fresh and counts and not warm:
             self.preconditioner.count_iterations(solution.iterations)
         return solution
 
