@@ -8,6 +8,9 @@ BEGINS = f"{CONTACT}::test_what_begins_to_slide_is_dragged_along"
 STICKS = f"{CONTACT}::test_what_sticks_goes_where_the_solid_goes"
 PINS = f"{CONTACT}::test_solids_hold_nothing_where_pins_do"
 FRICTION = "tests/physics/test_friction.py"
+CONE = f"{FRICTION}::test_cloth_that_drapes_keeps_to_the_cone"
+DRAGGED = f"{CONTACT}::test_what_begins_next_to_what_slides_slides"
+PRELIMINARY = f"{CONTACT}::test_first_solves_are_preliminary_where_others_are_to_be_expected"
 SHAPES = "tests/unit/test_solids.py"
 LED_BY_HAND = f"{SHAPES}::test_a_body_that_is_moved_by_hand_is_where_it_then_is"
 SWEPT = "tests/unit/test_swept_detection.py"
@@ -93,6 +96,18 @@ MUTATIONS = (
     (RESPONSE, "stick &= mu > 0", "stick &= mu >= 0", "smooth solids stick", f"{CONTACT} {FRICTION}"),
     (RESPONSE, "turns = slides & ~pulls", "turns = ~slides & ~pulls",
      "what came to rest never sticks", f"{FRICTION} {CONTACT}"),
+    (RESPONSE, "stick &= ~dragged(f, known & ~stick, new & stick, self.scan.faces, self.model.n)", "pass",
+     "what begins next to what slides sticks", CONE),
+    (SLIDING, "here = f.solid == solid", "here = f.solid >= 0", "on another solid too", DRAGGED),
+    (SLIDING, "near &= may & ~moves", "near &= ~moves", "through what does not touch", DRAGGED),
+    (SLIDING, "grows = bool(near.any())", "grows = False", "only the next ones", DRAGGED),
+    # preliminary solves
+    (RESPONSE, "self.often = self.often + 1 if self.further else 0", "self.often = self.often + 1", "they always are",
+     PRELIMINARY),
+    (RESPONSE, "return self.often >= OFTEN", "return True", "also where nothing was to be expected", PRELIMINARY),
+    (SOLVES, "if goes_on or preliminary:", "if goes_on:", "a preliminary solve is the last one", PRELIMINARY),
+    ("taichi_cloth/step/stepper.py", "(s for s in attempt.solutions if not s.preliminary)", "(s for s in attempt.solutions)",
+     "a record tells of preliminary residuals", PRELIMINARY),
     # holding
     (SOLVES, "ANEW = 3", "ANEW = 0", "what further solves lead too deep makes steps small", BROUGHT_OUT),
     (SOLVES, "self.to_go = self.system.to_go(self.held, self.c)", "pass", "what is held anew is not brought out", BROUGHT_OUT),
@@ -118,7 +133,7 @@ MUTATIONS = (
     (RESPONSE, "self.accepted, self.penetration.before = self.trial,", "self.accepted, self.penetration.before = States(),",
      "states are lost from step to step",
      f"{FRICTION} {CONTACT}"),
-    ("taichi_cloth/contact/solid/solid_contacts.py", 'STATE = ("accepted", "penetration", "pinches", "growth", "firmness")',
+    (RESPONSE, 'STATE = ("accepted", "penetration", "pinches", "growth", "firmness", "often")',
      'STATE = ("penetration", "pinches", "growth", "firmness")', "which way things begin to slide is not resumed", RESUME),
     # starts
     ("taichi_cloth/contact/solid/tree.py", "ti.max(p[d], p[d + 3], q[d], q[d + 3], r[d], r[d + 3]) < low[d]",

@@ -97,9 +97,7 @@ class Contacts(Checkpointed):
         """Whether a step goes on to a further solve after that many. With layers each begins where the last one ended, and a
         step that would be rejected goes on for longer: smaller ones cost more. A small step may be taken all the same."""
         longer = verdict.bad and self.start.together and not self.start.small
-        goes_on = verdict.changes > 0 and solves < (self.MOST if longer else self.ROUNDS)
-        self.solids.further |= goes_on
-        return goes_on
+        return verdict.changes > 0 and solves < (self.MOST if longer else self.ROUNDS)
 
     def went_in(self, reaction: np.ndarray) -> bool:
         """As `SolidContacts.went_in`; `reaction` as in `judge`."""

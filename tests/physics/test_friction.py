@@ -92,3 +92,24 @@ def test_it_falls_freely_until_it_touches():
             fallen = y - G / 60**2 * n**2 / 2
             assert np.abs(sim.positions()[:, 1] - fallen).max() < 1e-12
     assert n == 15  # the first at which 0.295 m are fallen
+
+
+def test_cloth_that_drapes_keeps_to_the_cone():
+    """Of a sheet that falls on a ball and slides over it, what shear is beyond Coulomb's cone is a small part of all normal
+    forces in the steps that touch, by forces and positions; .3 where whatever begins to touch sticks by its own motion."""
+    scene = tc.Scene()
+    mesh, mu = tc.grid(1.0, 20), 0.4
+    fabric = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
+    scene.add_cloth(mesh, fabric, positions=mesh.x + [-0.5, 0.405, 0.5])
+    scene.add_solid(tc.Sphere(0.3), friction=mu, thickness=0.005)
+    sim = tc.Simulation(scene, h=1 / 60, cg_tol=1e-3)
+    beyond = []
+    while sim.time < 0.8:
+        sim.step(1 / 60)
+        up = sim.positions() / np.linalg.norm(sim.positions(), axis=1)[:, None]
+        force = sim.contact_forces()
+        normal = np.einsum("ki,ki->k", force, up)
+        shear = np.linalg.norm(force - normal[:, None] * up, axis=1)
+        if force.any():
+            beyond.append(np.maximum(shear - mu * np.maximum(normal, 0), 0).sum() / np.abs(normal).sum())
+    assert len(beyond) > 38 and np.mean(beyond) < 0.12

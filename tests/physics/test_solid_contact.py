@@ -1,12 +1,15 @@
 """Contact with solids against Newton's laws, Coulomb's and the solids' own motion; and resumed in the middle of it."""
 
 import math
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.contact.solid.sliding import dragged
+from taichi_cloth.contact.solid.vertices import VertexContacts
 
 pytestmark = pytest.mark.slow
 
@@ -102,6 +105,37 @@ def test_what_begins_to_slide_is_dragged_along(integrator):
         v = sim.velocities()
         assert v[:, 0] == pytest.approx(mu * G * max(sim.time - began, 0.0), rel=0.02, abs=1e-6), f"step {k}"
         assert np.abs(v[:, 1:]).max() < 1e-3
+
+
+def test_what_begins_next_to_what_slides_slides():
+    """Vertices of a strip, three rows of eight: the first slides, some begin, one on another solid, some beyond a gap."""
+    mesh = tc.grid((0.7, 0.2), (7, 2))
+    n, row = 24, np.argsort(mesh.x[:, 0], kind="stable").reshape(8, 3)
+    index = np.sort(np.concatenate([row[0], row[1], row[2], row[4], row[5]]))
+    f = replace(VertexContacts.none(), index=index, solid=np.where(index == row[2, 2], 1, 0))
+    slides = np.isin(index, row[0, :1])
+    for begins in (~slides, np.isin(index, row[1])):
+        taken = dragged(f, slides, begins, mesh.faces, n)
+        wanted = {i for i in (*row[0], *row[1], *row[2]) if i not in (row[0, 0], row[2, 2])}
+        assert set(index[taken].tolist()) == wanted & set(index[begins].tolist())
+    assert not dragged(f, np.zeros(len(index), dtype=bool), ~slides, mesh.faces, n).any()
+
+
+def test_first_solves_are_preliminary_where_others_are_to_be_expected():
+    """Not in the first steps that touch, never a step's last, and no residual that a record tells of."""
+    scene, _ = over(12, 0.5, height=0.12)
+    scene.add_solid(tc.Sphere(0.1), friction=0.4, thickness=0.005)
+    sim = tc.Simulation(scene, h=1 / 60, threads=1, integrator="backward_euler", cg_tol=1e-5)
+    made, attempt = [], sim.stepper.integrator.attempt
+    sim.stepper.integrator.attempt = lambda *given: made.append(attempt(*given)) or made[-1]
+    for _ in range(30):
+        sim.step()
+    touching = [[s.preliminary for s in a.solutions] for a in made if a.contacts]
+    assert not any(any(told) for told in touching[:3]) and sum(told[0] for told in touching) > 10
+    assert all(not any(told[1:]) and (len(told) > 1 or not told[0]) for told in touching)
+    rough = [s for a in made for s in a.solutions if s.preliminary]
+    assert max(s.residual for s in rough) > 1e-3 and {s.tolerance for s in rough} == {0.01}
+    assert max(r.residual for r in sim.log) < 2e-5
 
 
 @pytest.mark.parametrize("integrator", ["safe", "bdf2"])

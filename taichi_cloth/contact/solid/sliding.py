@@ -34,8 +34,8 @@ class Sliding:
 
 
 def dragged(f: VertexContacts, slides: np.ndarray, begins: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:
-    """(k,) which of the contacts that begin are connected, over edges of the cloth between such, to one that slides on the same
-    solid: cloth is stiff, and takes along what would stick by its own motion.
+    """(k,) which of the contacts that begin are connected, over edges of the cloth between such, to one that slides on the
+    same solid: cloth is stiff, and takes along what would stick by its own motion.
 
     Args:
         slides, begins: (k,) which of the contacts slide, and which begin.
@@ -46,13 +46,13 @@ def dragged(f: VertexContacts, slides: np.ndarray, begins: np.ndarray, faces: np
         here = f.solid == solid
         may, moves = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
         may[f.index[here & begins]], moves[f.index[here & slides]] = True, True
-        beside = faces[may[faces].any(axis=1)]
-        count = -1
-        while count < np.count_nonzero(moves):
-            count = np.count_nonzero(moves)
+        beside, grows = faces[may[faces].any(axis=1)], True
+        while grows:
             near = np.zeros(n, dtype=bool)
             near[beside[moves[beside].any(axis=1)]] = True
-            moves |= near & may
+            near &= may & ~moves
+            moves |= near
+            grows = bool(near.any())
         out |= here & begins & moves[f.index]
     return out
 

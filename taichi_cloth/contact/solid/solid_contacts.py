@@ -37,8 +37,8 @@ CONE = 1e-4  # relative excess over mu lambda before a contact slides
 WEAK = 0.5  # of the cone: friction must be below it for what slides slowly to stick
 PATIENCE = 1  # rounds after which states that still change do so in the next step
 RELEASES = 4  # rounds in which contacts are released, where layers of cloth press on each other
-AGREED, AGREED_SHEAR = 1e-2, 1e-1  # part of all normal forces by which contacts may pull, and shear beyond the cone, in a step:
-# their states change in the next
+AGREED, AGREED_SHEAR = 1e-2, 1e-1  # part of all normal forces by which contacts may pull, and shear beyond the cone, in a
+# step: their states change in the next
 LITTLE = 3e-3  # part of all normal forces that what would hold the particles that end inside may come to, likewise
 OFTEN = 2  # steps one after the other that took further solves, after which the next one's first solve is a preliminary one
 FALL = 0.5  # of the thickness: from higher than that and than its motion leads, nothing is brought down to a solid

@@ -67,7 +67,9 @@ class SolidStep(EulerStep):
                 return unsolved
             with self.clock.part("C-S"):
                 verdict = contacts.judge(self.system.reaction_rows())
-            if contacts.goes_on(verdict, contacts.solids.round) or preliminary:
+            goes_on = contacts.goes_on(verdict, contacts.solids.round)
+            contacts.solids.further |= goes_on
+            if goes_on or preliminary:
                 preliminary = False
                 continue
             if verdict.changes and verdict.bad and contacts.solids.may_shrink():
