@@ -10,6 +10,7 @@ PINS = f"{CONTACT}::test_solids_hold_nothing_where_pins_do"
 FRICTION = "tests/physics/test_friction.py"
 CONE = f"{FRICTION}::test_cloth_that_drapes_keeps_to_the_cone"
 DRAGGED = f"{CONTACT}::test_what_begins_next_to_what_slides_slides"
+MENDED = f"{CONTACT}::test_rounds_are_rough_where_energy_has_asked_for_more"
 PRELIMINARY = f"{CONTACT}::test_first_solves_are_preliminary_where_others_are_to_be_expected"
 SHAPES = "tests/unit/test_solids.py"
 LED_BY_HAND = f"{SHAPES}::test_a_body_that_is_moved_by_hand_is_where_it_then_is"
@@ -31,6 +32,7 @@ PLATES, PINCHED = f"{HARD}::test_plates_that_close_on_layers[0.0]", "tests/unit/
 TESTS = (CONTACT, SHAPES, DRIVES)
 
 SOLVES = "taichi_cloth/step/nonlinear/solid_contact.py"
+SIGHT = "taichi_cloth/contact/foresight.py"
 FACADE = "taichi_cloth/contact/contacts.py"
 POINTS = "taichi_cloth/contact/points.py"
 STEP = "taichi_cloth/contact/step_start.py"
@@ -102,10 +104,16 @@ MUTATIONS = (
     (SLIDING, "near &= may & ~moves", "near &= ~moves", "through what does not touch", DRAGGED),
     (SLIDING, "grows = bool(near.any())", "grows = False", "only the next ones", DRAGGED),
     # preliminary solves
-    (RESPONSE, "self.often = self.often + 1 if self.further else 0", "self.often = self.often + 1", "they always are",
+    (SIGHT, "self.rounds = self.rounds + 1 if self.asked else 0", "self.rounds = self.rounds + 1", "they always are",
      PRELIMINARY),
-    (RESPONSE, "return self.often >= OFTEN", "return True", "also where nothing was to be expected", PRELIMINARY),
-    (SOLVES, "if goes_on or preliminary:", "if goes_on:", "a preliminary solve is the last one", PRELIMINARY),
+    (SIGHT, "return self.rounds >= OFTEN", "return True", "also where nothing was to be expected", PRELIMINARY),
+    (SIGHT, "return self.mends >= OFTEN", "return False", "none but the first is", MENDED),
+    (SIGHT, "self.mends = self.mends + 1 if self.gained else 0", "self.mends = self.mends + 1", "no end of it", MENDED),
+    (SOLVES, "if goes_on or (preliminary and not rough):", "if goes_on:", "a preliminary solve is the last one", PRELIMINARY),
+    (SOLVES, "if self.solutions[-1].preliminary:", "if False:", "a step ends with a preliminary one", MENDED),
+    (SOLVES, "foresight.gained = self.ended is None", "foresight.gained = True", "energy has always grown", MENDED),
+    ("taichi_cloth/step/nonlinear/euler.py", "mends = self.cg_tol >= CG_TOL and (self.touches", "mends = (self.touches",
+     "further solves are rough whatever is asked for", FORCES),
     ("taichi_cloth/step/stepper.py", "(s for s in attempt.solutions if not s.preliminary)", "(s for s in attempt.solutions)",
      "a record tells of preliminary residuals", PRELIMINARY),
     # holding
@@ -133,10 +141,10 @@ MUTATIONS = (
     (RESPONSE, "self.accepted, self.penetration.before = self.trial,", "self.accepted, self.penetration.before = States(),",
      "states are lost from step to step",
      f"{FRICTION} {CONTACT}"),
-    (RESPONSE, 'STATE = ("accepted", "penetration", "pinches", "growth", "firmness", "often")',
-     'STATE = ("penetration", "pinches", "growth", "firmness", "often")', "which way things begin to slide is not resumed",
+    (RESPONSE, 'STATE = ("accepted", "penetration", "pinches", "growth", "firmness")',
+     'STATE = ("penetration", "pinches", "growth", "firmness")', "which way things begin to slide is not resumed",
      RESUME),
-    (RESPONSE, '"growth", "firmness", "often")', '"growth", "firmness")', "nor that first solves were not the last", RESUME),
+    (FACADE, '"warm", "layers", "foresight")', '"warm", "layers")', "nor that first solves were not the last", RESUME),
     # starts
     ("taichi_cloth/contact/solid/tree.py", "ti.max(p[d], p[d + 3], q[d], q[d + 3], r[d], r[d + 3]) < low[d]",
      "ti.max(p[d], q[d], r[d]) < low[d]", "a triangle is looked at where it starts only",
@@ -151,11 +159,11 @@ MUTATIONS = (
     (GROWTH, "self.part = np.maximum(least, LEAST)", "self.part = np.ones(len(least))",
      "what is left near keeps its whole thickness", GROWS),
     (GROWTH, "FURTHER * there), self.part, 1.0)", "FURTHER * there), self.part, self.part)", "thickness does not grow", GROWS),
-    (RESPONSE, '"pinches", "growth", "firmness", "often")', '"pinches", "firmness", "often")',
+    (RESPONSE, '"pinches", "growth", "firmness")', '"pinches", "firmness")',
      "thickness that grows is not resumed", GROWS),
     ("taichi_cloth/contact/solid/penetration.py", 'STATE = ("before", "spared", "raised")', 'STATE = ("before", "raised")',
      "what is pinched is not resumed", RESUME),
-    ("taichi_cloth/contact/contacts.py", 'STATE = ("solids", "warm", "layers")', 'STATE = ("solids", "layers")',
+    (FACADE, 'STATE = ("solids", "warm", "layers", "foresight")', 'STATE = ("solids", "layers", "foresight")',
      "where cloth was led is not resumed", RESUME),
     ("taichi_cloth/contact/solid/penetration.py", 'STATE = ("before", "spared", "raised")', 'STATE = ("spared", "raised")',
      "crossings that were there are not resumed", RESUME),
@@ -236,7 +244,7 @@ MUTATIONS = (
     (FIRM, "np.minimum(needed, FIRMEST * least)", "needed", "stiffness grows without a bound", EDGES),
     (FIRM, "pulls = (firm > 0) & (load <", "pulls = (firm > 1e9) & (load <", "pairs pull by their stiffness", EDGES),
     (FIRM, "np.minimum(firm, load / (BORNE * reach))", "0.0", "what bears a load that stays forgets it", EDGES),
-    (RESPONSE, '"growth", "firmness", "often")', '"growth", "often")', "stiffness by load is not resumed", EDGES),
+    (RESPONSE, '"growth", "firmness")', '"growth")', "stiffness by load is not resumed", EDGES),
     (RESPONSE, "if self.start.pins is not None:  # what", "if False:  # what", "what scripts squeeze gets ever stiffer",
      "tests/unit/test_soft_attach.py::test_what_is_soft_gives_where_a_solid_presses"),
     (FIRM, "self.missed.get(k, 0) >= TIMES", "self.missed.get(k, 0) >= 1", "impacts stiffen pairs at once", EDGES),

@@ -12,6 +12,7 @@ from ..system.held import Held
 from ..system.place import Place
 from ..system.state import ParticleState
 from .contact_force import ContactForce
+from .foresight import Foresight
 from .points import Points
 from .settle import Moved, move_apart
 from .solid.solid_contacts import SolidContacts, Verdict
@@ -27,12 +28,13 @@ class Contacts(Checkpointed):
         force: what contacts add to the system of a solve.
         start: of the attempt; base: positions and velocities (n, 3) with which its last solve began.
         between: points of layers in that solve.
+        foresight: whether a step's first solves will be followed by others.
         warm: whether the last step ended in contact, so that its change of velocity predicts the next.
         crowded: whether there are more points than there is room for.
     """
 
     ROUNDS, MOST = 6, 11  # solves after which what still changes does so in the next step; of what could not be accepted
-    STATE = ("solids", "warm", "layers")
+    STATE = ("solids", "warm", "layers", "foresight")
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool,
                  tangles: str = "untangle", law: str = "repulsion") -> None:
@@ -48,7 +50,7 @@ class Contacts(Checkpointed):
         self.start, self.base = StepStart(h, h, nowhere, nowhere), (nowhere, nowhere)
         self.solids = SolidContacts(fields, model, scene, self.start)
         self.scan = self.solids.scan
-        self.between = Points.none()
+        self.between, self.foresight = Points.none(), Foresight()
         self.warm = self.crowded = False
 
     @property
@@ -61,6 +63,7 @@ class Contacts(Checkpointed):
         """A new attempt from the saved state (n, 3); the model is at its predicted end. With `together`, layers of cloth are
         part of its problem from the first solve on. base: where the method starts, if not from the saved state."""
         self.warm = False
+        self.foresight.begin()
         size = h if base is None else base.h
         self.start = self.solids.begin(StepStart(size, self.start.h_usual, x, v, pins, together, base))
         if self.layers is not None:
@@ -124,6 +127,7 @@ class Contacts(Checkpointed):
     def commit(self) -> None:
         """The step was accepted: the next begins from its contacts."""
         self.solids.commit()
+        self.foresight.commit()
         self.warm = True
         if self.layers is not None:
             self.layers.commit()
@@ -137,6 +141,7 @@ class Contacts(Checkpointed):
     def pass_by(self) -> None:
         """A step without contact was accepted."""
         self.solids.pass_by()
+        self.foresight.clear()
         self.warm = False
         if self.layers is not None:
             self.layers.pass_by()
@@ -201,6 +206,7 @@ class Contacts(Checkpointed):
         """Forgets all contacts: the state was changed from outside."""
         self.warm = False
         self.solids.clear()
+        self.foresight.clear()
         if self.layers is not None:
             self.layers.clear()
 

@@ -138,6 +138,31 @@ def test_first_solves_are_preliminary_where_others_are_to_be_expected():
     assert max(r.residual for r in sim.log) < 2e-5
 
 
+def test_rounds_are_rough_where_energy_has_asked_for_more():
+    """A sheet lands on a ball: while first Newton steps gain energy and others follow, all rounds are preliminary; the first
+    that gains none is still followed by one that is not, and what has come to rest takes one solve."""
+    mesh, scene = tc.grid(1.0, 20), tc.Scene()
+    scene.add_cloth(mesh, FABRIC, positions=mesh.x + [-0.5, 0.4, 0.5])
+    scene.add_solid(tc.Sphere(0.3), friction=0.4, thickness=0.005)
+    sim = tc.Simulation(scene, h=1 / 60, threads=1, integrator="backward_euler")
+    made, attempt, foresight = [], sim.stepper.integrator.attempt, sim.contacts.foresight
+
+    def watched(*given):
+        before = foresight.mends
+        made.append((attempt(*given), before, foresight.gained))
+        return made[-1][0]
+
+    sim.stepper.integrator.attempt = watched
+    for _ in range(60):
+        sim.step()
+    assert not any(r.rejections for r in sim.log)
+    rough = [sum(s.preliminary for s in a.solutions) for a, *_ in made]
+    assert all(not a.solutions[-1].preliminary for a, *_ in made)
+    assert [count > 1 for count in rough] == [before > 1 for _, before, _ in made] and sum(count > 1 for count in rough) > 5
+    assert any(before > 1 and not gained for _, before, gained in made)
+    assert {len(a.solutions) for a, *_ in made[-20:]} == {1} and not any(rough[-20:])
+
+
 @pytest.mark.parametrize("integrator", ["safe", "bdf2"])
 def test_what_sticks_goes_where_the_solid_goes(integrator):
     """In every step exactly, up, down, sideways and round, as far as the solid's own motion says at that time."""

@@ -40,7 +40,6 @@ RELEASES = 4  # rounds in which contacts are released, where layers of cloth pre
 AGREED, AGREED_SHEAR = 1e-2, 1e-1  # part of all normal forces by which contacts may pull, and shear beyond the cone, in a
 # step: their states change in the next
 LITTLE = 3e-3  # part of all normal forces that what would hold the particles that end inside may come to, likewise
-OFTEN = 2  # steps one after the other that took further solves, after which the next one's first solve is a preliminary one
 FALL = 0.5  # of the thickness: from higher than that and than its motion leads, nothing is brought down to a solid
 LAGGED = 0.1  # relative error of the friction forces that a first round may leave
 REACH, PUSH = 4.0, 0.25  # mean edges that a particle may close in on a solid in one step; that it is pushed out in a usual
@@ -92,11 +91,9 @@ class SolidContacts(Checkpointed):
         near: what was met when last looked; active: what the last solve held; sliding, linearized, pressing: friction, pairs
             and their points as it took them; forces: what they came to.
         round: solves of this attempt; unsettled: contacts that would have changed in one more.
-        further: whether what a solve said of contacts asked for another one in this attempt; often: accepted steps, one after
-            the other, in which it did.
     """
 
-    STATE = ("accepted", "penetration", "pinches", "growth", "firmness", "often")
+    STATE = ("accepted", "penetration", "pinches", "growth", "firmness")
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, start: StepStart) -> None:
         self.model, self.gravity, self.start = model, scene.gravity, start
@@ -108,8 +105,7 @@ class SolidContacts(Checkpointed):
         self.reach = REACH * self.scan.edge
         self.trial = self.accepted = States()
         self.released = np.zeros(0, dtype=np.int64)
-        self.round = self.unsettled = self.often = 0
-        self.further = False
+        self.round = self.unsettled = 0
         self.pinned = np.zeros(model.n, dtype=bool)
         self.near = Nearby(np.zeros((model.n, 3)), VertexContacts.none(), np.zeros((0, 3)), None)
         self.active = ActiveSet.none()
@@ -123,7 +119,7 @@ class SolidContacts(Checkpointed):
 
     def begin(self, start: StepStart) -> StepStart:
         """A new attempt; the model is at its predicted end. Returns its start, with what is pinched among the pins."""
-        self.trial, self.released, self.round, self.further = self.accepted, np.zeros(0, dtype=np.int64), 0, False
+        self.trial, self.released, self.round = self.accepted, np.zeros(0, dtype=np.int64), 0
         self.penetration.crossed = self.penetration.before
         self.firmness.begin()
         near = self.scan.look(start.h)
@@ -209,11 +205,6 @@ class SolidContacts(Checkpointed):
         self.pressing = press(near, step, mass, self.scan.kept_by(near), self.scan.friction_of(near),
                               self.firmness.trial.of(near.key))
         return [*rubbing, self.pressing]
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether a step's first solve will hardly be its last: lately what it said of contacts has asked for others."""
-        return self.often >= OFTEN
 
     def holds(self) -> np.ndarray:
         """(n,) whether the last solve held a particle at a solid."""
@@ -355,7 +346,6 @@ class SolidContacts(Checkpointed):
         if self.start.small:
             self.penetration.spare(self.penetration.wrong(self.near, self.held_keys, self.linearized))
         self.accepted, self.penetration.before = self.trial, self.penetration.crossed
-        self.often = self.often + 1 if self.further else 0
         if self.linearized is not None:
             self.firmness.commit(self.linearized.key, *self._borne(self.linearized), self.start.share)
         self._grow()
@@ -364,7 +354,6 @@ class SolidContacts(Checkpointed):
         """A step without contact was accepted."""
         self.accepted = self.trial = States()
         self.active, self.forces, self.linearized, self.unsettled = ActiveSet.none(), NO_FORCES, None, 0
-        self.often = 0
         self.penetration.pass_time(self.start.h)
         self.firmness.clear()
         self._grow()
@@ -376,7 +365,7 @@ class SolidContacts(Checkpointed):
 
     def clear(self) -> None:
         """Forgets all contacts: the state was changed from outside."""
-        self.accepted, self.near, self.often = States(), replace(self.near, vertices=VertexContacts.none()), 0
+        self.accepted, self.near = States(), replace(self.near, vertices=VertexContacts.none())
         self.penetration.spared[:] = self.penetration.raised[:] = 0
         self.pinches.clear()
         self.firmness.clear()

@@ -28,7 +28,7 @@ from .newton import Outcome, StepProblem, minimize, phi
 from .system import System
 
 PRELIMINARY = 0.01  # relative residual of a first solve that is to be followed by others
-FURTHER = 0.03  # relative residual of the further solves that look for it
+FURTHER = 0.03  # relative residual of further solves that mend energy, where no more is asked for than is usual
 PATIENCE = 5  # of them without one that goes all of its way
 BEARABLE = 0.2  # part unaccounted for with which a step is better than a smaller one
 STILL = 1e-4  # part of its energies that counts as gone through in any step
@@ -42,7 +42,12 @@ class EulerStep(StepProblem):
     Args:
         start: measures there.
         effort: how far Newton's method goes on; None: no further than the first solve's energy asks for.
+
+    Attributes:
+        touches: whether contact is part of it.
     """
+
+    touches = False
 
     def __init__(self, system: System, energy: EnergyTest, effort: Effort | None, h: float, held: Held | None, start: Measures,
                  clock: Clock, solutions: list[Solution]) -> None:
@@ -87,7 +92,7 @@ class EulerStep(StepProblem):
         with self.clock.part("EVAL"):
             self.system.linearize(self.c)
         with self.clock.part("CG"):
-            mends = self.effort is None and self.before.used > 1
+            mends = self.cg_tol >= CG_TOL and (self.touches or self.before.used > 1)
             tolerance = max(self.cg_tol, FURTHER) if mends else self.cg_tol
             if self.effort is not None:
                 tolerance = self.system.options.cg_tol or self.effort.others

@@ -44,12 +44,13 @@ class SolidStep(EulerStep):
         anew: times that contacts were judged anew for that.
     """
 
-    deep, anew = False, 0
+    touches, deep, anew = True, False, 0
 
     def first(self) -> Outcome | None:
-        """(18) with the contacts that agree with it. Where others are to be expected, the first solve is a preliminary one."""
-        contacts = self.system.contacts
-        preliminary = contacts.solids.doubtful
+        """(18) with the contacts that agree with it. Solves that others are likely to follow are preliminary ones."""
+        contacts, foresight = self.system.contacts, self.system.contacts.foresight
+        rough = foresight.more_steps
+        preliminary = rough or foresight.more_rounds
         with self.clock.part("C-S"):
             predict(self.system, self.c, self.held, together=False)
         while True:
@@ -68,9 +69,9 @@ class SolidStep(EulerStep):
             with self.clock.part("C-S"):
                 verdict = contacts.judge(self.system.reaction_rows())
             goes_on = contacts.goes_on(verdict, contacts.solids.round)
-            contacts.solids.further |= goes_on
-            if goes_on or preliminary:
-                preliminary = False
+            foresight.asked |= goes_on
+            if goes_on or (preliminary and not rough):
+                preliminary = rough
                 continue
             if verdict.changes and verdict.bad and contacts.solids.may_shrink():
                 return self.refuse(CONTACT, f"{verdict.deepest:.2g} thicknesses inside")
@@ -96,6 +97,15 @@ class SolidStep(EulerStep):
         if self.deep:
             self.level = math.inf  # what has to be brought out need not go downhill
         return ended
+
+    def acceptable(self, k: int, part: float, measures: Measures) -> bool:
+        """See `EulerStep`. No step ends with a preliminary solve."""
+        passes = super().acceptable(k, part, measures)
+        if k == 0 and part == 1 and self.effort is None:
+            self.system.contacts.foresight.gained = self.ended is None
+            if self.solutions[-1].preliminary:
+                self.ended = None
+        return passes
 
     def potential(self, measures: Measures) -> float:
         """Phi [J] with what friction and pairs add to it."""
