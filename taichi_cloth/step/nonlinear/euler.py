@@ -163,10 +163,15 @@ class EulerStep(StepProblem):
     def accounted(self, ended: tuple[Measures, Ledger] | None) -> tuple[Measures, Ledger] | None:
         """The end of a step, or None where cloth runs into a limit or tears, or gas works on it, and a solve left too much of
         its energy unaccounted for."""
-        if ended is None or (max(self.start.used, ended[0].used) <= 1 and not self.system.fragile):
+        if ended is None or not (self.exacting or ended[0].used > 1):
             return ended
         most = ACCOUNTED if self.system.gave or not self.system.fragile else LOOSE
         return ended if ended[1].braked or self.doubt(ended) <= most else None
+
+    @property
+    def exacting(self) -> bool:
+        """Whether cloth is beyond a limit, may tear, or gas works on it: then what solves leave undone counts."""
+        return self.start.used > 1 or self.system.fragile
 
     @staticmethod
     def doubt(ended: tuple[Measures, Ledger]) -> float:

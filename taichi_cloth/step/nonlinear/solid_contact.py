@@ -49,7 +49,7 @@ class SolidStep(EulerStep):
     def first(self) -> Outcome | None:
         """(18) with the contacts that agree with it. Solves that others are likely to follow are preliminary ones."""
         contacts, foresight = self.system.contacts, self.system.contacts.foresight
-        rough = foresight.more_steps
+        rough = foresight.more_steps and not self.exacting
         preliminary = rough or foresight.more_rounds
         with self.clock.part("C-S"):
             predict(self.system, self.c, self.held, together=False)
@@ -99,7 +99,7 @@ class SolidStep(EulerStep):
         return ended
 
     def acceptable(self, k: int, part: float, measures: Measures) -> bool:
-        """See `EulerStep`. No step ends with a preliminary solve."""
+        """See `EulerStep`. No step ends with a preliminary solve, but where cloth has run into a limit and no further one passes."""
         passes = super().acceptable(k, part, measures)
         if k == 0 and part == 1 and self.effort is None:
             self.system.contacts.foresight.gained = self.ended is None
