@@ -99,7 +99,7 @@ class SolidStep(EulerStep):
         return ended
 
     def acceptable(self, k: int, part: float, measures: Measures) -> bool:
-        """See `EulerStep`. No step ends with a preliminary solve, but where cloth has run into a limit and none after passes."""
+        """See `EulerStep`. No step ends with a preliminary solve, but where cloth runs into a limit and none after passes."""
         passes = super().acceptable(k, part, measures)
         if k == 0 and part == 1 and self.effort is None:
             self.system.contacts.foresight.gained = self.ended is None
