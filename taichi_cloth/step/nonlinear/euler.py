@@ -27,7 +27,7 @@ from .energy import LIGHT, EnergyTest
 from .newton import Outcome, StepProblem, minimize, phi
 from .system import System
 
-PRELIMINARY = 0.01  # relative residual of a first solve that is to be followed by others
+PRELIMINARY = 0.01  # relative residual of solves that others are to follow
 FURTHER = 0.03  # relative residual of further solves that mend energy, where no more is asked for than is usual
 PATIENCE = 5  # of them without one that goes all of its way
 BEARABLE = 0.2  # part unaccounted for with which a step is better than a smaller one
