@@ -3,7 +3,8 @@
 The first Newton step is (18), with the contacts that the last motion leads to; each further one takes contacts, of layers
 and of solids, as they are where it begins. None goes further than its collision-free step size. The step is made when a
 Newton step could be taken whole, its forces are what contacts then have, and its energy has not grown beyond the work put
-in. Intersections that are pulled apart are given energy.
+in. Intersections that are pulled apart are given energy. Where others are likely to follow, the first solve is a preliminary
+one, and the second too, if the first Newton step is cut short.
 """
 
 import math
@@ -26,6 +27,7 @@ from .newton import Outcome, minimize, phi
 from .solid_contact import SolidPolicy, predict
 from .system import System
 
+ROUGH = 0.03  # relative residual of preliminary solves
 BOLD = 4  # Newton steps before the potential has a say in how far they go
 MEMORY = 3  # of the last potentials one must not be passed
 TIMID = 0.2  # part of a Newton step below which it is not shortened for the potential's sake
@@ -38,6 +40,7 @@ class LayerStep(EulerStep):
     """A step with layers of cloth in its problem.
 
     Attributes:
+        preliminary: whether the next solve is one that others will follow.
         reference: residual norm with which the step began: what further solves leave undone is held against no less.
         released: whether pairs that leave no room were released, so that the step is worth another attempt.
     """
@@ -54,7 +57,7 @@ class LayerStep(EulerStep):
         self.stiffened = stored - start.energies.get("contact", 0.0)  # J: pairs got stiffer, or rest no more
         self.levels: list[float] = []  # Phi at the start of each Newton step
         self.leads = True  # whether held directions were still on their way to their targets
-        self.verdict = Verdict(0, 0.0, False)
+        self.verdict, self.preliminary = Verdict(0, 0.0, False), self.contacts.foresight.more_rounds
         self.agreed = self.released = False
         self.part = self.reference = 0.0
 
@@ -90,7 +93,10 @@ class LayerStep(EulerStep):
                 system.linearize(h)
         with self.clock.part("CG"):
             z = system.to_go(held, h) if k else None
-            self.solutions.append(system.solve(self.cg_tol, held, h, z=z, again=k > 0, lasting=True, least=self.reference))
+            tolerance = max(self.cg_tol, ROUGH) if self.preliminary else self.cg_tol
+            solution = system.solve(tolerance, held, h, z=z, again=k > 0, lasting=True, counts=not self.preliminary,
+                                    least=self.reference * self.cg_tol / tolerance)
+            self.solutions.append(replace(solution, preliminary=self.preliminary))
             self.reference = self.reference or system.solver.reference
             if system.base is not None and k == 0:
                 system.add_guess(1.0)
@@ -138,7 +144,9 @@ class LayerStep(EulerStep):
                 contacts.solids.stop_short()
                 self.layers.stop_short()
             again = contacts.goes_on(self.verdict, k)
-            self.agreed = part == 1 and self.layers.settled() and not again
+            settled = part == 1 and self.layers.settled() and not again
+            contacts.foresight.asked |= not settled
+            self.agreed, self.preliminary = settled and not self.preliminary, self.preliminary and k == 0 and part < 1
             self.released = not self.agreed and k >= BOLD and self.layers.release_beside(contacts.solids.holds())
         if self.released:
             return self.refuse(measures)
