@@ -20,6 +20,7 @@ from taichi_cloth.contact.cloth.narrow_phase import PINCHED, LayerDetector
 from taichi_cloth.contact.cloth.pair_kernels import MU, NOW, POTENTIAL, STIFF
 from taichi_cloth.contact.cloth.untangle import Intersections
 from taichi_cloth.contact.contacts import Contacts, Verdict
+from taichi_cloth.contact.foresight import Foresight
 from taichi_cloth.contact.geometry import VERTEX_FACE
 from taichi_cloth.contact.points import Points
 from taichi_cloth.scene.intersections import self_crossings
@@ -120,7 +121,8 @@ def test_only_what_strays_is_looked_for_again(rng, precision):
         way = (far + 0.3 * d.paths.skin[0]) * rng.normal(size=x.shape)
         if k % 5 == 4:
             way = 8 * d.paths.skin[0] * rng.normal(size=x.shape)
-        start, end = x, x + way
+        fall = 0.3 * (k % 3 > 0) * rng.normal(size=3)  # all of it moves by as much, too
+        start, end = x, x + way + fall
         for leg in range(4):
             aside = 0.1 * (rng.uniform(size=(len(x), 1)) < 0.05) * rng.normal(size=x.shape)
             if leg == 3:
@@ -435,7 +437,8 @@ def test_what_beside_a_tangle_ends_too_near_is_released(k, part, settled, asks):
     step.layers = SimpleNamespace(release_beside=lambda held: True, off=0, least=0.2, settled=lambda: settled, ROUNDS=12,
                                   stop_short=lambda: stopped.append("layers"))
     solids = SimpleNamespace(stop_short=lambda: stopped.append("solids"), holds=lambda: None)
-    step.contacts = SimpleNamespace(goes_on=lambda verdict, solves: False, solids=solids)
+    step.contacts = SimpleNamespace(goes_on=lambda verdict, solves: False, solids=solids, foresight=Foresight())
+    step.preliminary = False
     step.clock, step.verdict, step.released = Clock(), SimpleNamespace(changes=0), False
     step.solutions, step.conclude = [], lambda measures: None
     step.accounted = lambda ended: ended

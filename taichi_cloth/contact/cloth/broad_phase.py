@@ -2,7 +2,8 @@
 
 A tree of swept boxes is walked, and what may be near is written down, thread by thread, in lists that grow. They hold every
 pair that comes near on paths within a skin of where the particles were walked for; where some leave it, the pairs of those
-are looked for again, and only theirs.
+are looked for again, and only theirs. Where most move alike, as in a fall, it is left by those that move otherwise: what all
+have in common brings nothing nearer.
 """
 
 import numpy as np
@@ -11,6 +12,7 @@ import taichi as ti
 from ...backend.bvh import BVH, LEAF
 from ...backend.dealing import Dealer
 from ...backend.fields import Fields
+from ...backend.rows import read, write
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.state import ParticleState
@@ -21,6 +23,8 @@ from .collision_mesh import CollisionMesh
 CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
 FACES_A_CHUNK = 8
 ROUNDING = 1e-4  # part by which distances may be off
+MANY = 0.1  # of all particles: if more were, it is looked what most have in common
+SAMPLES = 256  # particles by which that is found
 MOST = 0.5  # of all particles: if more were displaced by more than the skin, all pairs are looked for
 SKIN = 0.4  # of half the thickness, or half the spacing if less: how far paths may lead from where the tree was walked for
 
@@ -34,8 +38,11 @@ class Paths(Checkpointed):
 
     Attributes:
         start: (n, 3) where they begin [m]; left, walked: where those began and ended on which each particle's pairs are known.
+        common: (3, 3) what most particles have in common [m], or 0: of how far their paths begin from the rest of those that
+            are known, of how far they are from `walked`, and begin from there.
         part: of the way from left to walked at which all begin now, as nearly as one number can say; any is safe.
-        displaced_now, displaced: how far [m] particles are from `walked`, and are at most anywhere on their paths.
+        displaced_now, displaced: how far [m] particles are from `walked`, and are at most anywhere on their paths; without what
+            they have in common, as all here.
         strayed: how far [m] the paths lead from the rest of those that are known.
         moved: whether a particle's pairs are looked for.
         skin: [m] that a path may lead from where the tree was walked for.
@@ -48,9 +55,10 @@ class Paths(Checkpointed):
         self.skin = fields.real(1, data=np.array([skin]))
         self.start, self.left, self.walked = (fields.real(model.n, 3) for _ in range(3))
         self.displaced_now, self.displaced, self.strayed = (fields.real(model.n) for _ in range(3))
-        self.part = fields.real(1)
+        self.part, self.common = fields.real(1), fields.real(3, 3)
         self.moved = fields.integer(model.n)
         self._count: np.ndarray = np.zeros(1, dtype=np.int32)
+        self._samples = np.unique(np.linspace(0, model.n - 1, SAMPLES).astype(np.int64))
 
     @ti.kernel
     def begin(self):
@@ -68,8 +76,26 @@ class Paths(Checkpointed):
 
     def strayed_count(self) -> int:
         """How many particles' paths leave those on which candidates are known by more than the skin."""
+        count = self._measured(np.zeros((3, 3)))
+        if count > MANY * self.model.n:
+            common = self._most_common()
+            if self._measured(common) < count:
+                return int(self._count[0])
+            self._measured(np.zeros((3, 3)))
+        return count
+
+    def _measured(self, common: np.ndarray) -> int:
+        """Measures with what is in common; how many have strayed."""
+        write(self.common, common.astype(self.model.exchange))
         self._measure(self._count)
         return int(self._count[0])
+
+    def _most_common(self) -> np.ndarray:
+        """`common`, by medians."""
+        x, start, left, walked = (read(field, self._samples).astype(np.float64)
+                                  for field in (self.model.x, self.start, self.left, self.walked))
+        begins = left + float(self.part[0]) * (walked - left)
+        return np.stack([np.median(way, axis=0) for way in (start - begins, x - walked, start - walked)])
 
     @ti.func
     def walk(self, i, everything):
@@ -77,8 +103,8 @@ class Paths(Checkpointed):
         self.moved[i] = ti.max(everything, ti.cast(self.strayed[i] > self.skin[0], ti.i32))
         if self.moved[i] == 1:
             self.left[i], self.walked[i] = self.start[i], self.model.x[i]
-        else:
-            self.left[i] = self.begins(i)
+        else:  # as what is looked for is: its pairs among others that stay are as they were
+            self.left[i], self.walked[i] = self.begins(i) + self.common[0], self.walked[i] + self.common[1]
 
     @ti.func
     def begins(self, i):
@@ -100,9 +126,10 @@ class Paths(Checkpointed):
                 self.part[0] = ti.max(along / length, 0.0)
             far = 0
             for i in range(self.model.rows()):
-                here, there = (self.model.x[i] - self.walked[i]).norm(), (self.start[i] - self.walked[i]).norm()
+                here = (self.model.x[i] - self.walked[i] - self.common[1]).norm()
+                there = (self.start[i] - self.walked[i] - self.common[2]).norm()
                 self.displaced_now[i], self.displaced[i] = here, ti.max(here, there)
-                self.strayed[i] = ti.max(here, (self.start[i] - self.begins(i)).norm())
+                self.strayed[i] = ti.max(here, (self.start[i] - self.begins(i) - self.common[0]).norm())
                 far += ti.cast(self.strayed[i] > self.skin[0], ti.i32)
             count[0] = far
 

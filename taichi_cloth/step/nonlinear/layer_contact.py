@@ -4,7 +4,7 @@ The first Newton step is (18), with the contacts that the last motion leads to; 
 and of solids, as they are where it begins. None goes further than its collision-free step size. The step is made when a
 Newton step could be taken whole, its forces are what contacts then have, and its energy has not grown beyond the work put
 in. Intersections that are pulled apart are given energy. Where others are likely to follow, the first solve is a preliminary
-one, and the second too, if the first Newton step is cut short.
+one, and the second too, if the first Newton step is cut short; but not where something is pinched or passes through itself.
 """
 
 import math
@@ -57,7 +57,8 @@ class LayerStep(EulerStep):
         self.stiffened = stored - start.energies.get("contact", 0.0)  # J: pairs got stiffer, or rest no more
         self.levels: list[float] = []  # Phi at the start of each Newton step
         self.leads = True  # whether held directions were still on their way to their targets
-        self.verdict, self.preliminary = Verdict(0, 0.0, False), self.contacts.foresight.more_rounds
+        self.verdict = Verdict(0, 0.0, False)
+        self.preliminary = self.contacts.foresight.more_rounds and not self.contacts.hindered
         self.agreed = self.released = False
         self.part = self.reference = 0.0
 
