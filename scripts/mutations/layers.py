@@ -27,6 +27,7 @@ ORDER = "tests/physics/test_layer_order.py::test_the_higher_layer_starts_and_sta
 SPRINGS = PHYSICS + "test_springs_of_the_paper_carry_a_sheet_with_one_solve_a_step " + PHYSICS + (
     "test_springs_let_nothing_through_that_comes_fast")
 NONLINEAR = "taichi_cloth/step/nonlinear/"
+LAYER_STEP, PRELIMINARY = NONLINEAR + "layer_contact.py", PHYSICS + "test_solves_that_others_follow_are_preliminary"
 
 MUTATIONS = (
     (CONTACT + "geometry.py",
@@ -131,8 +132,12 @@ MUTATIONS = (
      "motion left out of what is kept", WAY),
     (CONTACT + "cloth/broad_phase.py", "self.displaced_now[i], self.displaced[i] = here, ti.max(here, there)",
      "self.displaced_now[i], self.displaced[i] = here, here", "being displaced where paths begin", STRAYS + " " + WAY),
-    (CONTACT + "cloth/broad_phase.py", "ti.max(here, (self.start[i] - self.begins(i)).norm())", "here",
+    (CONTACT + "cloth/broad_phase.py", "ti.max(here, (self.start[i] - self.begins(i) - self.common[0]).norm())", "here",
      "straying where paths begin", STRAYS),
+    (CONTACT + "cloth/broad_phase.py", "self.begins(i) + self.common[0], self.walked[i] + self.common[1]",
+     "self.begins(i), self.walked[i]", "what stays is looked for where it was before all moved", STRAYS),
+    (CONTACT + "cloth/broad_phase.py", "if count > MANY * self.model.n:", "if False:", "what moves as one is looked for again",
+     STRAYS),
     (CONTACT + "cloth/broad_phase.py", "self.left[i] + self.part[0] * (self.walked[i] - self.left[i])", "self.walked[i]",
      "what is known of the rest of a path is forgotten", STRAYS),
     (CONTACT + "pair_geometry.py", "(first + last - speed) / 2)", "first)", "what comes near on the way is left out", WAY),
@@ -280,6 +285,13 @@ MUTATIONS = (
     (NONLINEAR + "layer_contact.py", "                return made\n            self.system.start_over()\n",
      "                return made\n", "a step made again from where it ended",
      UNIT + "test_a_step_in_which_layers_turn_out_to_meet_begins_anew"),
+    (LAYER_STEP, "foresight.more_rounds and not self.contacts.hindered", "foresight.more_rounds", "rough among tangles",
+     PRELIMINARY),
+    (LAYER_STEP, "self.preliminary and k == 0 and part < 1", "self.preliminary and part < 1", "rough solves without end",
+     PRELIMINARY),
+    (LAYER_STEP, "settled and not self.preliminary,", "settled,", "a step of layers ends with a preliminary solve",
+     PRELIMINARY),
+    (LAYER_STEP, "contacts.foresight.asked |= not settled", "pass", "others are never expected", PRELIMINARY),
     (NONLINEAR + "spring_contact.py", "if part < 1:", "if part < 0:", "springs let through", SPRINGS),
     (CONTACT + "cloth/springs.py", "ti.max(radius - d, 0.0)", "ti.max(d - radius, 0.0)", "springs pull", SPRINGS),
     (CONTACT + "cloth/springs.py", "STRONG = 25.0", "STRONG = 0.25", "springs a hundred times too soft", SPRINGS),

@@ -111,11 +111,11 @@ def test_all_near_pairs_are_found_once(rng):
 @pytest.mark.slow
 def test_only_what_strays_is_looked_for_again(rng, precision):
     """From step to step, from where a step stopped short on its way to an end near the one that it had, and back to that end
-    from elsewhere."""
+    from elsewhere; also where all of it moves on as one."""
     scene = soup(rng, 150)
     d, anew = detector(scene, precision), detector(scene, precision)
     x = d.model.read_particles()[0]
-    again, on = 0, 0
+    again, on, falls = 0, 0, 0
     for k in range(20):
         far = (rng.uniform(size=(len(x), 1)) < 0.1 * (k % 3)) * 0.1
         way = (far + 0.3 * d.paths.skin[0]) * rng.normal(size=x.shape)
@@ -137,6 +137,7 @@ def test_only_what_strays_is_looked_for_again(rng, precision):
                 each.model.write_particles(end, np.zeros_like(x))
             some = 0 < d.paths.strayed_count() < 0.3 * len(x) and d.fresh
             again += some and not leg
+            falls += some and not leg and k % 3 > 0
             on += some and leg > 0 and k % 5 == 4
             anew.fresh = False
             d.cover()
@@ -148,7 +149,7 @@ def test_only_what_strays_is_looked_for_again(rng, precision):
                 assert (p.key[p.order] == q.key[q.order]).all() and (p.end[p.order] == q.end[q.order]).all()
                 assert len(p.end) > 100
         x = start
-    assert again > 4 and on == 12
+    assert again > 4 and on == 12 and falls > 3
 
 
 def test_what_is_near_at_rest_keeps_half_of_that(rng):

@@ -41,9 +41,9 @@ class Paths(Checkpointed):
         common: (3, 3) what most particles have in common [m], or 0: of how far their paths begin from the rest of those that
             are known, of how far they are from `walked`, and begin from there.
         part: of the way from left to walked at which all begin now, as nearly as one number can say; any is safe.
-        displaced_now, displaced: how far [m] particles are from `walked`, and are at most anywhere on their paths; without what
-            they have in common, as all here.
-        strayed: how far [m] the paths lead from the rest of those that are known.
+        displaced_now, displaced: how far [m] particles are from `walked`, and are at most anywhere on their paths, without
+            what is in common.
+        strayed: how far [m] the paths lead from the rest of those that are known, likewise.
         moved: whether a particle's pairs are looked for.
         skin: [m] that a path may lead from where the tree was walked for.
     """
