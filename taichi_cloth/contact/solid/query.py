@@ -40,6 +40,8 @@ class Nearby:
 
     def without(self, pinched: np.ndarray, around: np.ndarray) -> "Nearby":
         """But contacts of pinched particles (n,), and pairs of any that are around these (n,)."""
+        if not around.any():
+            return self
         keep, pairs = ~pinched[self.vertices.index], self.pairs
         if pairs is not None:
             pairs = pairs.take(~around[pairs.own_vertices].any(axis=1))
