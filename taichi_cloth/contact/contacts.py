@@ -29,7 +29,7 @@ class Contacts(Checkpointed):
         start: of the attempt; base: positions and velocities (n, 3) with which its last solve began.
         between: points of layers in that solve.
         foresight: whether a step's first solves will be followed by others.
-        warm: whether the last step ended in contact, so that its change of velocity predicts the next.
+        warm: whether the last step ended in contact, so that its last solve predicts the next.
         crowded: whether there are more points than there is room for.
     """
 

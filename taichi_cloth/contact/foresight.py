@@ -6,11 +6,11 @@ OFTEN = 2  # steps one after the other that took more solves, after which the ne
 
 
 class Foresight(Checkpointed):
-    """Of the steps in contact with solids.
+    """Of the steps in contact.
 
     Attributes:
-        rounds, mends: accepted steps, one after the other, in which contacts asked for another round; whose first Newton step
-            gained energy, so that others followed.
+        rounds, mends: accepted steps, one after the other, in which contacts asked for another solve; whose first Newton step
+            gained energy, so that others followed, in contact with solids.
         asked, gained: whether that is so in this attempt.
     """
 
@@ -35,7 +35,7 @@ class Foresight(Checkpointed):
 
     @property
     def more_rounds(self) -> bool:
-        """Whether a first round will hardly be the last."""
+        """Whether a first solve will hardly be the last."""
         return self.rounds >= OFTEN
 
     @property

@@ -68,8 +68,8 @@ def falling(cells: int, sheets: int = 3) -> tc.Scene:
 
 
 def test_solves_that_others_follow_are_preliminary(monkeypatch):
-    """After two steps that took more than one, the first; the second, if the first was cut short; never a step's last, and
-    none where something rests since it passed through itself."""
+    """After two steps of which the first Newton step was cut short, the first; the second, if that is; never a step's last,
+    and none where something rests since it passed through itself. Others are to five times as much then, else to `cg_tol`."""
     steps, judge, tangled = [], LayerStep.judge, []
 
     def judged(step, k, part, measures):
@@ -80,23 +80,31 @@ def test_solves_that_others_follow_are_preliminary(monkeypatch):
 
     monkeypatch.setattr(LayerStep, "judge", judged)
     with tc.Simulation(falling(10), h=1 / 60, integrator="backward_euler", cg_tol=1e-4, threads=1) as sim:
-        for frame in range(36):
+        for frame in range(60):
             first = len(steps)
             if frame == 30:
                 sim.contacts.layers.release_around(np.arange(20))
+                free = first
+            if frame >= 30:  # whatever the steps before were
+                sim.contacts.foresight.rounds = 2
             sim.step(1 / 60)
             tangled += [hindered for _, hindered, _, _ in steps[first:] if frame >= 30]
-        worst = max(r.residual for r in sim.log)
     told = [([s.preliminary for s in solutions[len(solutions) - len(parts):]], parts, rounds, hindered)
             for rounds, hindered, solutions, parts in steps]
     for flags, parts, rounds, hindered in told:
         first = rounds >= 2 and not hindered
         assert flags[0] is first and not any(flags[2:]) and not flags[-1]
         assert len(flags) < 2 or flags[1] is (first and parts[0] < 1)
+    cut = [parts[0] < 1 for _, parts, *_ in told]
+    assert all(rounds < 2 or (cut[k - 1] and cut[k - 2]) for k, (*_, rounds, _) in enumerate(told[:free]))
     count = [sum(flags) for flags, *_ in told]
     assert min(count.count(k) for k in (0, 1, 2)) > 2 and sum(tangled) > 2
     rough = [s for _, _, solutions, _ in steps for s in solutions if s.preliminary]
-    assert {s.tolerance for s in rough} == {0.03} and max(s.residual for s in rough) > 5e-3 and worst < 2.1e-4
+    assert {s.tolerance for s in rough} == {0.03} and max(s.residual for s in rough) > 5e-3
+    for (rounds, hindered, solutions, parts), (flags, *_) in zip(steps, told):
+        looser = 5 if rounds >= 2 and not hindered else 1
+        kept = [s for s, flag in zip(solutions[len(solutions) - len(parts):], flags) if not flag]
+        assert all(s.tolerance == pytest.approx(looser * 1e-4) and s.residual < looser * 2.1e-4 for s in kept)
 
 
 @pytest.mark.slow

@@ -448,6 +448,18 @@ def test_what_beside_a_tangle_ends_too_near_is_released(k, part, settled, asks):
     assert stopped == (["solids", "layers"] if part < 1 else [])
 
 
+def test_no_step_of_layers_ends_with_a_preliminary_solve():
+    """Whatever agrees with it: the next one's answer is taken."""
+    step = LayerStep.__new__(LayerStep)
+    step.layers = SimpleNamespace(settled=lambda: True, ROUNDS=12)
+    step.contacts = SimpleNamespace(goes_on=lambda verdict, solves: False, foresight=Foresight())
+    step.clock, step.verdict, step.released, step.preliminary = Clock(), SimpleNamespace(changes=0), False, True
+    step.solutions, step.conclude, step.accounted = [], lambda measures: ("end", None), lambda ended: ended
+    step.finish = lambda *ended: ended
+    assert step.judge(0, 1.0, None) is None and not step.agreed and not step.preliminary
+    assert step.judge(1, 1.0, None) == ("end", None) and step.agreed
+
+
 @pytest.mark.parametrize("changes, bad, together, small, most", [
     (0, True, True, False, 0), (3, False, True, False, Contacts.ROUNDS), (3, True, True, False, Contacts.MOST),
     (3, True, False, False, Contacts.ROUNDS), (3, True, True, True, Contacts.ROUNDS)])

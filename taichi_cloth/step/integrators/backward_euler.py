@@ -36,7 +36,7 @@ class BackwardEuler(Checkpointed):
     def __init__(self, system: System, options: Options, effort: Effort | None = None) -> None:
         self.system, self.options, self.effort = system, options, effort
         self.contacts, self.energy, self.pump = system.contacts, EnergyTest(system), Pump(system.meter)
-        self.dv = system.solver.dv  # the last change of velocity, from which contacts predict the next
+        self.dv = system.solver.dv  # of the last solve, from which contacts predict the next step
         self.policy = self._policy()
 
     def _policy(self) -> EulerPolicy:

@@ -3,8 +3,11 @@
 The first Newton step is (18), with the contacts that the last motion leads to; each further one takes contacts, of layers
 and of solids, as they are where it begins. None goes further than its collision-free step size. The step is made when a
 Newton step could be taken whole, its forces are what contacts then have, and its energy has not grown beyond the work put
-in. Intersections that are pulled apart are given energy. Where others are likely to follow, the first solve is a preliminary
-one, and the second too, if the first Newton step is cut short; but not where something is pinched or passes through itself.
+in. Intersections that are pulled apart are given energy.
+
+Where the first Newton step was cut short in two steps running, it is likely to be so again: then its solve, and the next if it
+is, only have to say which pairs meet, and what solves leave is little beside what pairs do from solve to solve. Not where
+something is pinched or passes through itself.
 """
 
 import math
@@ -28,6 +31,7 @@ from .solid_contact import SolidPolicy, predict
 from .system import System
 
 ROUGH = 0.03  # relative residual of preliminary solves
+LOOSER = 5.0  # times `cg_tol` that others may leave in a rough step, of the first one's residual
 BOLD = 4  # Newton steps before the potential has a say in how far they go
 MEMORY = 3  # of the last potentials one must not be passed
 TIMID = 0.2  # part of a Newton step below which it is not shortened for the potential's sake
@@ -40,7 +44,7 @@ class LayerStep(EulerStep):
     """A step with layers of cloth in its problem.
 
     Attributes:
-        preliminary: whether the next solve is one that others will follow.
+        rough: whether the first Newton step is likely to be cut short; preliminary: whether the next solve's is.
         reference: residual norm with which the step began: what further solves leave undone is held against no less.
         released: whether pairs that leave no room were released, so that the step is worth another attempt.
     """
@@ -58,7 +62,7 @@ class LayerStep(EulerStep):
         self.levels: list[float] = []  # Phi at the start of each Newton step
         self.leads = True  # whether held directions were still on their way to their targets
         self.verdict = Verdict(0, 0.0, False)
-        self.preliminary = self.contacts.foresight.more_rounds and not self.contacts.hindered
+        self.rough = self.preliminary = self.contacts.foresight.more_rounds and not self.contacts.hindered
         self.agreed = self.released = False
         self.part = self.reference = 0.0
 
@@ -94,9 +98,11 @@ class LayerStep(EulerStep):
                 system.linearize(h)
         with self.clock.part("CG"):
             z = system.to_go(held, h) if k else None
-            tolerance = max(self.cg_tol, ROUGH) if self.preliminary else self.cg_tol
-            solution = system.solve(tolerance, held, h, z=z, again=k > 0, lasting=True, counts=not self.preliminary,
-                                    least=self.reference * self.cg_tol / tolerance)
+            tolerance, least = self.cg_tol * (LOOSER if self.rough and k else 1.0), self.reference
+            if self.preliminary and tolerance < ROUGH:
+                tolerance, least = ROUGH, least * tolerance / ROUGH
+            solution = system.solve(tolerance, held, h, z=z, again=k > 0, lasting=True, least=least,
+                                    counts=not self.preliminary)
             self.solutions.append(replace(solution, preliminary=self.preliminary))
             self.reference = self.reference or system.solver.reference
             if system.base is not None and k == 0:
@@ -146,7 +152,7 @@ class LayerStep(EulerStep):
                 self.layers.stop_short()
             again = contacts.goes_on(self.verdict, k)
             settled = part == 1 and self.layers.settled() and not again
-            contacts.foresight.asked |= not settled
+            contacts.foresight.asked |= k == 0 and part < 1
             self.agreed, self.preliminary = settled and not self.preliminary, self.preliminary and k == 0 and part < 1
             self.released = not self.agreed and k >= BOLD and self.layers.release_beside(contacts.solids.holds())
         if self.released:
