@@ -217,7 +217,7 @@ MUTATIONS = (
     ("taichi_cloth/forces/bend.py", "sums[2] += self.rest[e][0] * C *", "sums[2] -= self.rest[e][0] * C *",
      "the rate of bending's energy", ACCOUNTED),
     ("taichi_cloth/forces/external.py", "rate -= weight", "rate += weight", "the rate of gravity's energy", ACCOUNTED),
-    ("taichi_cloth/step/nonlinear/brake.py", "out[mine] = own - arm @ spin.T", "out[mine] = own",
+    ("taichi_cloth/step/nonlinear/brake.py", "out[mine] = own - np.cross(spin, arm)", "out[mine] = own",
      "turning is braked", BRAKE),
     ("taichi_cloth/step/nonlinear/brake.py",
      "part = 2 * energy / (b", "part = energy / (b", "half of it is taken off", BRAKE),

@@ -21,8 +21,7 @@ class Brake:
 
     def __init__(self, model: ParticleState, scene: Scene) -> None:
         self.model = model
-        cloth = np.repeat(np.arange(len(scene.cloths)), [c.mesh.vertex_count for c in scene.cloths])[model.user]
-        self.cloths = [np.flatnonzero(cloth == k) for k in np.unique(cloth)]  # particles of each
+        self.cloth = np.repeat(np.arange(len(scene.cloths)), [c.mesh.vertex_count for c in scene.cloths])[model.user]
 
     def take(self, energy: float, held: Held | None, most: float = MOST) -> bool:
         """Slows the model down until its kinetic energy has fallen by `energy` [J]; False where that is too much."""
@@ -44,16 +43,13 @@ class Brake:
     def _deforming(self, x: np.ndarray, v: np.ndarray) -> np.ndarray:
         """(n, 3) velocities [m/s] without the rigid motion of each cloth."""
         out, mass = v.copy(), self.model.mass
-        for mine in self.cloths:
-            m, arm = mass[mine], x[mine]
-            arm = arm - m @ arm / m.sum()
-            own = v[mine] - m @ v[mine] / m.sum()
-            weighed = arm * m[:, None]
-            moments = weighed.T @ own  # sum m arm own^T
-            turning = np.array([moments[1, 2] - moments[2, 1], moments[2, 0] - moments[0, 2], moments[0, 1] - moments[1, 0]])
-            products = weighed.T @ arm
-            inertia = np.trace(products) * np.eye(3) - products
-            w = np.linalg.pinv(inertia, rcond=1e-9) @ turning
-            spin = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])  # spin arm = w x arm
-            out[mine] = own - arm @ spin.T
+        for k in np.unique(self.cloth):
+            mine = self.cloth == k
+            m, arm = mass[mine, None], x[mine]
+            arm = arm - np.sum(m * arm, axis=0) / np.sum(m)
+            own = v[mine] - np.sum(m * v[mine], axis=0) / np.sum(m)
+            turning = np.sum(m * np.cross(arm, own), axis=0)
+            inertia = np.sum(m * arm**2) * np.eye(3) - (m * arm).T @ arm
+            spin = np.linalg.pinv(inertia, rcond=1e-9) @ turning
+            out[mine] = own - np.cross(spin, arm)
         return out
