@@ -9,8 +9,9 @@ class Foresight(Checkpointed):
     """Of the steps in contact.
 
     Attributes:
-        rounds, mends: accepted steps, one after the other, in which contacts asked for another solve; whose first Newton step
-            gained energy, so that others followed, in contact with solids.
+        rounds: accepted steps, one after the other, in which contacts with solids asked for another solve, or, with layers of
+            cloth in the problem, the first Newton step was cut short.
+        mends: those whose first Newton step gained energy in contact with solids, so that others followed.
         asked, gained: whether that is so in this attempt.
     """
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..backend.rows import read, write
 
-VERSION = 10  # of what checkpoints hold
+VERSION = 11  # of what checkpoints hold
 
 
 class Checkpointed:

@@ -67,6 +67,7 @@ def falling(cells: int, sheets: int = 3) -> tc.Scene:
     return scene
 
 
+@pytest.mark.slow
 def test_solves_that_others_follow_are_preliminary(monkeypatch):
     """After two steps of which the first Newton step was cut short, the first; the second, if that is; never a step's last,
     and none where something rests since it passed through itself. Others are to five times as much then, else to `cg_tol`."""

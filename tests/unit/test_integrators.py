@@ -1,5 +1,7 @@
 """Integrators from inside: what a step is made of, rolling back, line search, going on from a checkpoint bit for bit."""
 
+import zlib
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from taichi_cloth.step.nonlinear.effort import Effort
 from taichi_cloth.step.nonlinear.euler import EulerStep
 from taichi_cloth.step.nonlinear.newton import line_search, minimize, phi
 from taichi_cloth.step.nonlinear.stage import Stage
+from taichi_cloth.system.checkpoint import VERSION
 
 FABRIC = tc.Fabric(0.2, tc.Stretch((900, 700), 0.6), tc.Shear(150, 0.1), tc.Bend(2e-3))
 
@@ -167,6 +170,23 @@ CASES = {
     "newton_euler": {"integrator": "newton_euler", "h": 1 / 60},
     "verlet": {"integrator": "verlet", "h": 1 / 60},
 }
+
+
+def test_what_checkpoints_hold_has_a_version():
+    """Other names, another version: else an older checkpoint would be refused as one of other options, or taken in part."""
+    names = set()
+    for integrator in ("safe", "backward_euler", "bdf2"):
+        mesh, scene = tc.grid(0.3, 4), tc.Scene()
+        scene.add_cloth(mesh, FABRIC, mesh.x + [0, 0.2, 0], contact=tc.ClothContact(0.005, 0.3))
+        scene.add_solid(tc.Box((0.1, 0.1, 0.1)), friction=0.3, thickness=0.005)
+        with tc.Simulation(scene, h=1 / 60, integrator=integrator) as sim:
+            names |= set(sim.checkpoint())
+    for integrator in ("tr_bdf2", "newton_euler", "verlet"):
+        with tc.Simulation(led(), h=1 / 60, integrator=integrator) as sim:
+            names |= set(sim.checkpoint())
+    assert len(names) > 60
+    told = VERSION, zlib.crc32(" ".join(sorted(names)).encode())
+    assert told == (11, 2710027420), "count VERSION up, and write its sum here"
 
 
 @pytest.mark.parametrize("name", CASES)

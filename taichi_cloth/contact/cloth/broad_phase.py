@@ -2,8 +2,8 @@
 
 A tree of swept boxes is walked, and what may be near is written down, thread by thread, in lists that grow. They hold every
 pair that comes near on paths within a skin of where the particles were walked for; where some leave it, the pairs of those
-are looked for again, and only theirs. Where most move alike, as in a fall, it is left by those that move otherwise: what all
-have in common brings nothing nearer.
+are looked for again, and only theirs. A translation that most particles have in common, as in a fall, does not count as
+leaving it: it brings nothing nearer.
 """
 
 import numpy as np
@@ -23,9 +23,9 @@ from .collision_mesh import CollisionMesh
 CHUNKS = 16  # lists of candidates on a CPU; on a GPU one for so many faces:
 FACES_A_CHUNK = 8
 ROUNDING = 1e-4  # part by which distances may be off
-MANY = 0.1  # of all particles: if more were, it is looked what most have in common
-SAMPLES = 256  # particles by which that is found
 MOST = 0.5  # of all particles: if more were displaced by more than the skin, all pairs are looked for
+MANY = 0.1  # of all particles: if more were, the translation that most have in common is looked for
+SAMPLES = 256  # particles among which that is
 SKIN = 0.4  # of half the thickness, or half the spacing if less: how far paths may lead from where the tree was walked for
 
 
@@ -38,8 +38,8 @@ class Paths(Checkpointed):
 
     Attributes:
         start: (n, 3) where they begin [m]; left, walked: where those began and ended on which each particle's pairs are known.
-        common: (3, 3) what most particles have in common [m], or 0: of how far their paths begin from the rest of those that
-            are known, of how far they are from `walked`, and begin from there.
+        common: (3, 3) translations that most particles have in common [m], or 0: from where the rest of the known paths
+            begins to `start`, from `walked` to where the model is, and from `walked` to `start`.
         part: of the way from left to walked at which all begin now, as nearly as one number can say; any is safe.
         displaced_now, displaced: how far [m] particles are from `walked`, and are at most anywhere on their paths, without
             what is in common.
@@ -79,9 +79,8 @@ class Paths(Checkpointed):
         count = self._measured(np.zeros((3, 3)))
         if count > MANY * self.model.n:
             common = self._most_common()
-            if self._measured(common) < count:
-                return int(self._count[0])
-            self._measured(np.zeros((3, 3)))
+            if common.any():
+                count = self._measured(common)
         return count
 
     def _measured(self, common: np.ndarray) -> int:
@@ -91,11 +90,13 @@ class Paths(Checkpointed):
         return int(self._count[0])
 
     def _most_common(self) -> np.ndarray:
-        """`common`, by medians."""
+        """`common`, by medians of some particles; 0 where no fewer of these have strayed by that."""
         x, start, left, walked = (read(field, self._samples).astype(np.float64)
                                   for field in (self.model.x, self.start, self.left, self.walked))
-        begins = left + float(self.part[0]) * (walked - left)
-        return np.stack([np.median(way, axis=0) for way in (start - begins, x - walked, start - walked)])
+        ways = np.stack([start - left - float(self.part[0]) * (walked - left), x - walked, start - walked])
+        common = np.median(ways, axis=1)
+        strayed, still = (np.linalg.norm(w[:2], axis=2).max(axis=0) > self.skin[0] for w in (ways - common[:, None], ways))
+        return common if np.count_nonzero(strayed) < np.count_nonzero(still) else 0 * common
 
     @ti.func
     def walk(self, i, everything):
@@ -103,7 +104,7 @@ class Paths(Checkpointed):
         self.moved[i] = ti.max(everything, ti.cast(self.strayed[i] > self.skin[0], ti.i32))
         if self.moved[i] == 1:
             self.left[i], self.walked[i] = self.start[i], self.model.x[i]
-        else:  # as what is looked for is: its pairs among others that stay are as they were
+        else:  # moves on with the others: distances among those that stay are as they were
             self.left[i], self.walked[i] = self.begins(i) + self.common[0], self.walked[i] + self.common[1]
 
     @ti.func

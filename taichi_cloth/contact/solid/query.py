@@ -39,7 +39,7 @@ class Nearby:
         return self.pairs is not None and len(self.pairs.key) > 0
 
     def without(self, pinched: np.ndarray, around: np.ndarray) -> "Nearby":
-        """But contacts of pinched particles (n,), and pairs of any that are around these (n,)."""
+        """But contacts of pinched particles (n,), and pairs of any that are around these (n,), themselves among them."""
         if not around.any():
             return self
         keep, pairs = ~pinched[self.vertices.index], self.pairs

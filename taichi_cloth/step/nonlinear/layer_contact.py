@@ -5,9 +5,9 @@ and of solids, as they are where it begins. None goes further than its collision
 Newton step could be taken whole, its forces are what contacts then have, and its energy has not grown beyond the work put
 in. Intersections that are pulled apart are given energy.
 
-Where the first Newton step was cut short in two steps running, it is likely to be so again: then its solve, and the next if it
-is, only have to say which pairs meet, and what solves leave is little beside what pairs do from solve to solve. Not where
-something is pinched or passes through itself.
+Where the first Newton step was cut short in two steps running, it is likely to be so again. Its solve then need only say which
+pairs meet, and so need the second if the first was cut short; all others of that step may leave LOOSER times `cg_tol`. None of
+this where something is pinched or passes through itself.
 """
 
 import math
@@ -30,7 +30,7 @@ from .newton import Outcome, minimize, phi
 from .solid_contact import SolidPolicy, predict
 from .system import System
 
-ROUGH = 0.03  # relative residual of preliminary solves
+ROUGH = 0.03  # relative residual of preliminary solves; with solids, whose states they decide, it is less
 LOOSER = 5.0  # times `cg_tol` that others may leave in a rough step, of the first one's residual
 BOLD = 4  # Newton steps before the potential has a say in how far they go
 MEMORY = 3  # of the last potentials one must not be passed
@@ -44,7 +44,8 @@ class LayerStep(EulerStep):
     """A step with layers of cloth in its problem.
 
     Attributes:
-        rough: whether the first Newton step is likely to be cut short; preliminary: whether the next solve's is.
+        rough: whether the first Newton step is likely to be cut short; preliminary: whether the next one is, so that its solve
+            may be rough.
         reference: residual norm with which the step began: what further solves leave undone is held against no less.
         released: whether pairs that leave no room were released, so that the step is worth another attempt.
     """
