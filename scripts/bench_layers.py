@@ -53,7 +53,7 @@ def detection(cells: int, rounds: int) -> dict:
         layers.look()
         times.append(time.perf_counter() - start)
     row = {"vertices": sim.vertex_count, "candidates": len(layers.candidates), "detect_ms": 1e3 * float(np.median(times[1:])),
-           "candidate_mb": sum(a.nbytes for a in (layers.candidates, layers.distances, layers.radii, layers.rows)) / 1e6}
+           "candidate_mb": sum(a.nbytes for a in (layers.candidates, layers.distances, layers.radii, *layers.found.arrays)) / 1e6}
     sim.close()
     return row
 

@@ -14,9 +14,12 @@ no difference to the result.
                 piece = dealer.next()
 """
 
+import numpy as np
 import taichi as ti
 
 from .fields import Fields
+
+GROWTH = 1.5  # times what a piece turned out to write down, where that is more than there was room for
 
 
 @ti.data_oriented
@@ -42,3 +45,36 @@ class Dealer:
     def next(self):
         """A piece that nobody has taken; beyond the last where there is none."""
         return ti.atomic_add(self.taken[0], 1)
+
+
+class Lists:
+    """Rows that each piece of a loop writes down in a list of its own.
+
+    A kernel gets `arrays` and writes how many rows each piece has, or would have if there were room, to `count`.
+
+    Args:
+        pieces: of the loop.
+        room: rows of each to begin with.
+        kinds: widths and types of the columns; a width of 0 is one number a row.
+    """
+
+    def __init__(self, pieces: int, room: int, kinds: list[tuple[int, type]]) -> None:
+        self._kinds = kinds
+        self.count: np.ndarray = np.zeros(pieces, dtype=np.int32)
+        self._make(room)
+
+    def _make(self, room: int) -> None:
+        self.arrays = [np.zeros((len(self.count), room, width) if width else (len(self.count), room), dtype=kind)
+                       for width, kind in self._kinds]
+
+    def grow(self) -> bool:
+        """Makes room for what did not fit; False where all did."""
+        most, room = int(self.count.max(initial=0)), self.arrays[0].shape[1]
+        if most > room:
+            self._make(int(GROWTH * most))
+        return most > room
+
+    def joined(self) -> list[np.ndarray]:
+        """The columns of all pieces, one after the other."""
+        count = self.count.tolist()
+        return [np.concatenate([rows[:k] for rows, k in zip(array, count)]) for array in self.arrays]

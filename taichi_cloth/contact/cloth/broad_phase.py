@@ -10,7 +10,7 @@ import numpy as np
 import taichi as ti
 
 from ...backend.bvh import BVH, LEAF
-from ...backend.dealing import Dealer
+from ...backend.dealing import Dealer, Lists
 from ...backend.fields import Fields
 from ...backend.rows import read, write
 from ...scene.scene import Scene
@@ -167,8 +167,7 @@ class Candidates(Checkpointed):
         self.fresh = False
         self.chunks = CHUNKS if cpu else -(-m // FACES_A_CHUNK)
         self.dealer = Dealer(fields, model.blocks, self.chunks)
-        self.rows: np.ndarray = np.zeros((self.chunks, -(-4 * m // self.chunks), 3), dtype=np.int32)
-        self._found: np.ndarray = np.zeros(self.chunks, dtype=np.int32)
+        self.found = Lists(self.chunks, -(-4 * m // self.chunks), [(3, np.int32)])
 
     def cover(self) -> None:
         """Makes sure that the candidates hold every pair that comes near on the path from `start` to the model, and measures
@@ -182,31 +181,39 @@ class Candidates(Checkpointed):
         radii: np.ndarray = np.empty(len(found), dtype=self.exchange)
         if len(found):
             self._distances(found, apart, radii)
-        if not everything and len(self.candidates):
-            stays: np.ndarray = np.empty(len(self.candidates), dtype=np.int32)
+        if everything or not len(self.candidates):
+            self.candidates, self.distances, self.radii = found, apart, radii
+        else:
+            stays: np.ndarray = np.empty(len(self.candidates), dtype=np.int8)
             self._stays(self.candidates, stays)
-            kept = np.flatnonzero(stays)
-            found = np.concatenate([self.candidates.take(kept, axis=0), found])
-            apart = np.concatenate([self.distances.take(kept), apart])
-            radii = np.concatenate([self.radii.take(kept), radii])
-        self.candidates, self.distances, self.radii, self.fresh = found, apart, radii, True
+            self._replace(stays.view(bool), found, apart, radii)
+        self.fresh = True
         self.paths.strayed_count()
+
+    def _replace(self, stays: np.ndarray, found: np.ndarray, apart: np.ndarray, radii: np.ndarray) -> None:
+        """Rows that were found, with their distances and radii, take the place of candidates that do not stay (k,)."""
+        before, kept = len(stays), int(np.count_nonzero(stays))
+        count = kept + len(found)
+        free = np.concatenate([np.flatnonzero(~stays[:count]), np.arange(before, count)])
+        last = count + np.flatnonzero(stays[count:])  # go where there is room
+        for rows, new in ((self.candidates, found), (self.distances, apart), (self.radii, radii)):
+            new = np.concatenate([new, rows[last]])
+            rows.resize((count, *rows.shape[1:]), refcheck=False)  # the system moves pages instead of copying them
+            rows[free] = new
 
     def _look_for(self, everything: bool) -> np.ndarray:
         """(k, 3) pairs of what is displaced, or all, that may come within reach, and twice the skin, on their paths."""
         self._refit(int(everything))
         while True:
-            self._walk(self.rows, self._found)
-            if self._found.max(initial=0) <= self.rows.shape[1]:
-                break
-            self.rows = np.zeros((self.chunks, int(self._found.max()) * 3 // 2, 3), dtype=np.int32)
-        return np.concatenate([rows[:k] for rows, k in zip(self.rows, self._found.tolist())])
+            self._walk(*self.found.arrays, self.found.count)
+            if not self.found.grow():
+                return self.found.joined()[0]
 
     @ti.kernel
     def _stays(self, rows: ti.types.ndarray(), out: ti.types.ndarray()):
         """Which candidates have no displaced particle."""
         for k in range(rows.shape[0]):
-            out[k] = 1 - self.stirs(self.mesh.corners(rows[k, 0], rows[k, 1], rows[k, 2]))
+            out[k] = ti.cast(1 - self.stirs(self.mesh.corners(rows[k, 0], rows[k, 1], rows[k, 2])), ti.i8)
 
     @ti.kernel
     def _distances(self, rows: ti.types.ndarray(), out: ti.types.ndarray(), radii: ti.types.ndarray()):

@@ -7,6 +7,7 @@ What may be near is known from `broad_phase`; distances and the collision-free s
 import numpy as np
 import taichi as ti
 
+from ...backend.dealing import Lists
 from ...backend.fields import Fields
 from ...backend.rows import write
 from ...scene.scene import Scene
@@ -22,8 +23,7 @@ KEEP = 0.2  # of a pair's distance above its floor that a path must leave
 NEAR_END = 0.05  # of it: a path may end so much before it must
 PINCHED = 1.02  # times its floor: what is so near is pressed by more than forces hold, and has no floor
 TURNED = 0.5  # cosine between a pair's directions when it came near and at the end for the end's to be taken
-COLUMNS = slice(5, 9), 0, 1, slice(2, 5), 9, 10  # of what is found: weights, start, end, normal, factor, radius; and, last,
-WIDTH = 12  # whether it is one at all
+ROOM = 64  # pairs in reach of each piece of the candidates, to begin with
 LED, RESTS = 1, 2  # in `LayerDetector.tangled`
 FAINT = 1e-6  # factor of a pair of edges that is not reckoned with: vertices are as near there
 
@@ -41,6 +41,8 @@ class LayerDetector(Candidates):
         self.floor = floor
         self.tangled = fields.integer(model.n, data=np.zeros(model.n))  # particles whose pairs rest, or that solids lead
         self.resting = False
+        real = fields.exchange
+        self.near = Lists(self.chunks, ROOM, [(3, np.int32), (4, np.int32), (4, real), (3, real), (4, real)])
 
     def let_rest(self, resting: np.ndarray, waived: np.ndarray | None = None) -> None:
         """Particles (n,) whose pairs with other such particles are left alone; and those that are led (n,), of which pairs are
@@ -63,20 +65,15 @@ class LayerDetector(Candidates):
 
     def look(self, swept: bool = False) -> ContactPairs:
         """Pairs that are in reach of each other where the model is; with `swept` also those that went through on the path."""
-        c = self.candidates
-        if len(c):
-            self.paths.strayed_count()
-            flag: np.ndarray = np.empty(len(c), dtype=np.int32)
-            self._reach(c, self.distances, self.radii, int(swept), flag)
-            c = c.take(np.flatnonzero(flag), axis=0)
-        rows: np.ndarray = np.zeros((len(c), WIDTH), dtype=self.exchange)
-        vertices: np.ndarray = np.empty((len(c), 4), dtype=np.int32)
-        if len(c):
-            self._look(c, int(swept), rows, vertices)
-        near = np.flatnonzero(rows[:, 11])
-        c, v, r = (a.take(near, axis=0).astype(kind) for a, kind in ((c, np.int64), (vertices, np.int64), (rows, np.float64)))
-        weights, start, end, normal, factor, radius = (np.ascontiguousarray(r[:, k]) for k in COLUMNS)
-        return ContactPairs(c, v, weights, start, end, normal, factor, radius)
+        self.paths.strayed_count()
+        while True:
+            self._look(self.candidates, self.distances, self.radii, int(swept), *self.near.arrays, self.near.count)
+            if not self.near.grow():
+                break
+        pair, vertices, weights, normal, numbers = self.near.joined()
+        start, end, factor, radius = np.ascontiguousarray(numbers.T, dtype=np.float64)
+        return ContactPairs(pair.astype(np.int64), vertices.astype(np.int64), weights.astype(np.float64),
+                            start, end, normal.astype(np.float64), factor, radius)
 
     def apart(self) -> np.ndarray:
         """(n,) how far [m] particles are, where the model is, from what they were sewn to and are no more, a thickness at
@@ -170,62 +167,75 @@ class LayerDetector(Candidates):
                         ti.atomic_min(out[v[a]], d)
                         ti.atomic_min(out[v[b]], d)
 
-    @ti.kernel
-    def _reach(self, rows: ti.types.ndarray(), distances: ti.types.ndarray(), radii: ti.types.ndarray(), swept: int,
-               flag: ti.types.ndarray()):
-        """Which candidates may be in reach at all."""
-        for k in range(rows.shape[0]):
-            kind = rows[k, 2]
-            v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
-            flag[k] = 0
-            reach = radii[k] + 1e-12
-            if distances[k] - self.slack(kind, v, swept) > (1 + ROUNDING) * reach:
-                continue
+    @ti.func
+    def may_reach(self, kind, v, distance, reach, swept):
+        """Whether a candidate may be in reach at all."""
+        out = False
+        if distance - self.slack(kind, v, swept) <= (1 + ROUNDING) * reach:
             p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
-            speed = closing(kind, dp, dq, dr, ds)
-            if gap(kind, p, q, r, s) < reach + speed and not self.rests(kind, v):
-                difference, w = between(kind, p, q, r, s)
-                flag[k] = ti.cast(difference.norm() < reach + speed, ti.i32)
-                if flag[k] == 1 and speed > 0:
-                    last, w_1 = between(kind, p + dp, q + dq, r + dr, s + ds)
-                    flag[k] = ti.cast(least_between(difference.norm(), last.norm(), speed) < reach, ti.i32)
+            out = gap(kind, p, q, r, s) < reach + closing(kind, dp, dq, dr, ds) and not self.rests(kind, v)
+        return out
 
     @ti.kernel
-    def _look(self, rows: ti.types.ndarray(), swept: int, out: ti.types.ndarray(), vertices: ti.types.ndarray()):
-        for k in range(rows.shape[0]):
-            kind = rows[k, 2]
-            v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
-            p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
-            radius = self.mesh.thickness(v)
-            speed = closing(kind, dp, dq, dr, ds)
-            first, w_0 = between(kind, p, q, r, s)
-            d_0 = first.norm()
-            if d_0 - radius < speed + 1e-12:
-                radius = self.mesh.radius(kind, v)
-                d, difference, w, done = d_0, first, w_0, 0.0
+    def _look(self, rows: ti.types.ndarray(), distances: ti.types.ndarray(), radii: ti.types.ndarray(), swept: int,
+              pair: ti.types.ndarray(), vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normal: ti.types.ndarray(),
+              numbers: ti.types.ndarray(), count: ti.types.ndarray()):
+        """Writes down, piece by piece, the candidates that are in reach."""
+        self.dealer.begin()
+        for t in range(self.dealer.tasks):
+            if t % self.dealer.grain == 0:
+                chunk = self.dealer.next()
+                while chunk < self.chunks:
+                    found = 0
+                    for k in range(rows.shape[0] * chunk // self.chunks, rows.shape[0] * (chunk + 1) // self.chunks):
+                        kind = rows[k, 2]
+                        v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
+                        reach = radii[k] + 1e-12
+                        if self.may_reach(kind, v, distances[k], reach, swept):
+                            near, w, n, start, end, counts, radius = self.in_reach(kind, v, reach, swept)
+                            if near:
+                                if found < pair.shape[1]:
+                                    for c in ti.static(range(3)):
+                                        pair[chunk, found, c] = rows[k, c]
+                                        normal[chunk, found, c] = n[c]
+                                    for c in ti.static(range(4)):
+                                        vertices[chunk, found, c] = v[c]
+                                        weights[chunk, found, c] = w[c]
+                                    for c, number in ti.static(enumerate((start, end, counts, radius))):
+                                        numbers[chunk, found, c] = number
+                                found += 1
+                    count[chunk] = found
+                    chunk = self.dealer.next()
+
+    @ti.func
+    def in_reach(self, kind, v, reach, swept):
+        """Whether a pair is in reach, its weights and its direction; its distance where the path begins and, along that
+        direction, where it ends; the part that it counts, and what it should keep."""
+        p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
+        speed, radius = closing(kind, dp, dq, dr, ds), self.mesh.thickness(v)
+        first, w = between(kind, p, q, r, s)
+        start = first.norm()
+        end, counts, n = 0.0, 0.0, first / ti.max(start, 1e-20)
+        near = start < reach + speed and start - radius < speed + 1e-12
+        last, w_1 = first, w
+        if near and swept == 1:
+            last, w_1 = between(kind, p + dp, q + dq, r + dr, s + ds)
+            near = least_between(start, last.norm(), speed) < reach or speed == 0
+        if near:
+            radius = self.mesh.radius(kind, v)
+            if swept == 1:
+                d, difference, done = start, first, 0.0
+                for _ in range(STRIDES):
+                    if d > radius * 1.001 and done < 1:
+                        done = ti.min(done + ti.max(d - radius, 1e-3 * radius) / speed, 1.0)
+                        difference, w = between(kind, p + done * dp, q + done * dq, r + done * dr, s + done * ds)
+                        d = difference.norm()
                 n = difference / ti.max(d, 1e-20)
-                if swept == 1:
-                    for _ in range(STRIDES):
-                        if d > radius * 1.001 and done < 1:
-                            done = ti.min(done + ti.max(d - radius, 1e-3 * radius) / speed, 1.0)
-                            difference, w = between(kind, p + done * dp, q + done * dq, r + done * dr, s + done * ds)
-                            d = difference.norm()
-                    n = difference / ti.max(d, 1e-20)
-                    last, w_1 = between(kind, p + dp, q + dq, r + dr, s + ds)
-                    d_1 = last.norm()
-                    n_1 = last / ti.max(d_1, 1e-20)
-                    if n_1.dot(n) > TURNED or done >= 1:
-                        n, w = n_1, w_1
-                here = w[0] * (p + dp) + w[1] * (q + dq) + w[2] * (r + dr) + w[3] * (s + ds)
-                end = n.dot(here)
-                counts = fading(kind, w, p + dp, q + dq, r + dr, s + ds)
-                if end < radius and radius >= 0 and counts > FAINT:
-                    out[k, 0], out[k, 1] = d_0, end
-                    for c in ti.static(range(3)):
-                        out[k, 2 + c] = n[c]
-                    for c in ti.static(range(4)):
-                        out[k, 5 + c] = w[c]
-                        vertices[k, c] = v[c]
-                    out[k, 9] = counts
-                    out[k, 10] = radius
-                    out[k, 11] = 1.0
+                n_1 = last / ti.max(last.norm(), 1e-20)
+                if n_1.dot(n) > TURNED or done >= 1:
+                    n, w = n_1, w_1
+            here = w[0] * (p + dp) + w[1] * (q + dq) + w[2] * (r + dr) + w[3] * (s + ds)
+            end = n.dot(here)
+            counts = fading(kind, w, p + dp, q + dq, r + dr, s + ds)
+            near = end < radius and radius >= 0 and counts > FAINT
+        return near, w, n, start, end, counts, radius
