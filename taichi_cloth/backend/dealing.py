@@ -55,7 +55,7 @@ class Lists:
     Args:
         pieces: of the loop.
         room: rows of each to begin with.
-        kinds: widths and types of the columns; a width of 0 is one number a row.
+        kinds: widths and types of its columns.
     """
 
     def __init__(self, pieces: int, room: int, kinds: list[tuple[int, type]]) -> None:
@@ -64,8 +64,8 @@ class Lists:
         self._make(room)
 
     def _make(self, room: int) -> None:
-        self.arrays = [np.zeros((len(self.count), room, width) if width else (len(self.count), room), dtype=kind)
-                       for width, kind in self._kinds]
+        shape = len(self.count), room
+        self.arrays: list[np.ndarray] = [np.zeros((*shape, width), dtype=kind) for width, kind in self._kinds]
 
     def grow(self) -> bool:
         """Makes room for what did not fit; False where all did."""

@@ -42,7 +42,7 @@ class LayerDetector(Candidates):
         self.tangled = fields.integer(model.n, data=np.zeros(model.n))  # particles whose pairs rest, or that solids lead
         self.resting = False
         real = fields.exchange
-        self.near = Lists(self.chunks, ROOM, [(3, np.int32), (4, np.int32), (4, real), (3, real), (4, real)])
+        self.reached = Lists(self.chunks, ROOM, [(3, np.int32), (4, np.int32), (4, real), (3, real), (4, real)])
 
     def let_rest(self, resting: np.ndarray, waived: np.ndarray | None = None) -> None:
         """Particles (n,) whose pairs with other such particles are left alone; and those that are led (n,), of which pairs are
@@ -65,12 +65,15 @@ class LayerDetector(Candidates):
 
     def look(self, swept: bool = False) -> ContactPairs:
         """Pairs that are in reach of each other where the model is; with `swept` also those that went through on the path."""
+        if not len(self.candidates):
+            return ContactPairs.none()
         self.paths.strayed_count()
         while True:
-            self._look(self.candidates, self.distances, self.radii, int(swept), *self.near.arrays, self.near.count)
-            if not self.near.grow():
+            self._look(self.candidates, self.distances, self.radii, int(swept), *self.reached.arrays,
+                       self.reached.count)
+            if not self.reached.grow():
                 break
-        pair, vertices, weights, normal, numbers = self.near.joined()
+        pair, vertices, weights, normal, numbers = self.reached.joined()
         start, end, factor, radius = np.ascontiguousarray(numbers.T, dtype=np.float64)
         return ContactPairs(pair.astype(np.int64), vertices.astype(np.int64), weights.astype(np.float64),
                             start, end, normal.astype(np.float64), factor, radius)
@@ -212,11 +215,11 @@ class LayerDetector(Candidates):
         """Whether a pair is in reach, its weights and its direction; its distance where the path begins and, along that
         direction, where it ends; the part that it counts, and what it should keep."""
         p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
-        speed, radius = closing(kind, dp, dq, dr, ds), self.mesh.thickness(v)
+        speed, radius = closing(kind, dp, dq, dr, ds), -1.0
         first, w = between(kind, p, q, r, s)
         start = first.norm()
         end, counts, n = 0.0, 0.0, first / ti.max(start, 1e-20)
-        near = start < reach + speed and start - radius < speed + 1e-12
+        near = start < reach + speed
         last, w_1 = first, w
         if near and swept == 1:
             last, w_1 = between(kind, p + dp, q + dq, r + dr, s + ds)
