@@ -53,7 +53,7 @@ MUTATIONS = (
      BOOKED),
     ("taichi_cloth/step/nonlinear/energy.py", "taken = self.meter.measure().rate", "taken = 0.0",
      "alterations of position cost nothing", ALTERS),
-    ("taichi_cloth/step/nonlinear/energy.py", "return taken + between, between", "return taken, between",
+    ("taichi_cloth/step/nonlinear/energy.py", "return taken + stored, stored", "return taken, stored",
      "bringing cloth out against its own layers costs nothing", LAYERED),
     ("taichi_cloth/step/nonlinear/energy.py", "motion[index] = y", "motion[index] = -y",
      "alterations of position give what they cost", ALTERS),

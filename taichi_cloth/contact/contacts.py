@@ -106,16 +106,18 @@ class Contacts(Checkpointed):
         """As `SolidContacts.went_in`; `reaction` as in `judge`."""
         return self.solids.went_in(reaction, self.base[0])
 
-    def works(self, x: np.ndarray, v: np.ndarray) -> tuple[float, float, float]:
+    def works(self, x: np.ndarray, v: np.ndarray) -> tuple[float, float]:
         """Work on the motion of the step [J], which ends at x with v (n, 3): of friction that slides on solids, of edges and
-        corners of solids, of cloth on cloth."""
+        corners of solids."""
         h, moved, solids = self.start.c, x - self.base[0], self.solids
-        return (solids.rubbing.work(moved, h, h * v), solids.pressing.work(moved, h, h * v),
-                self.between.work(moved, h, h * v) if self.layered else 0.0)
+        return solids.rubbing.work(moved, h, h * v), solids.pressing.work(moved, h, h * v)
 
-    def against_layers(self, x: np.ndarray, y: np.ndarray) -> float:
-        """What altering positions x by y (n, 3) takes [J] against the forces of cloth on cloth in the last solve."""
-        return -self.between.work(x - self.base[0], self.start.c, y) if self.layered else 0.0
+    def between_layers(self, x: np.ndarray) -> np.ndarray:
+        """(n, 3) [N] of cloth on cloth on each particle in the last solve, which ended at x (n, 3)."""
+        out = np.zeros_like(x)
+        if self.layered:
+            self.between.spread(self.between.forces(x - self.base[0], self.start.c), out)
+        return out
 
     def lagged(self, h: float) -> float:
         """What friction, pairs and layers add to the incremental potential [J] where the model now is, as the last solve took

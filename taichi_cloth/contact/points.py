@@ -33,7 +33,7 @@ class Points:
 
     def of(self, rows: np.ndarray) -> np.ndarray:
         """(k, 3) how the points move where the particles move by rows (n, 3)."""
-        mine = rows[self.vertices]
+        mine = rows.take(self.vertices, axis=0)
         out = np.einsum("ka,kai->ki", self.weights, mine)
         if self.turns is None or self.normal is None:
             return out
@@ -44,7 +44,8 @@ class Points:
         push = self.weights[:, :, None] * forces[:, None, :]
         if self.turns is not None and self.normal is not None:
             push += np.einsum("kai,ki->ka", self.turns, forces)[:, :, None] * self.normal[:, None, :]
-        np.add.at(to, self.vertices, push)
+        for c in range(3):  # a fifth of the time of np.add.at
+            to[:, c] += np.bincount(self.vertices.ravel(), push[:, :, c].ravel(), len(to))
 
     def forces(self, moved: np.ndarray, h: float) -> np.ndarray:
         """(k, 3) [N] on the points, where particles moved by (n, 3) [m] in a solve of a step of h [s]: (r - A J dv)/h."""

@@ -23,7 +23,7 @@ KEEP = 0.2  # of a pair's distance above its floor that a path must leave
 NEAR_END = 0.05  # of it: a path may end so much before it must
 PINCHED = 1.02  # times its floor: what is so near is pressed by more than forces hold, and has no floor
 TURNED = 0.5  # cosine between a pair's directions when it came near and at the end for the end's to be taken
-ROOM = 64  # pairs in reach of each piece of the candidates, to begin with
+ROOM = 16  # pairs in reach of each piece of the candidates, to begin with
 LED, RESTS = 1, 2  # in `LayerDetector.tangled`
 FAINT = 1e-6  # factor of a pair of edges that is not reckoned with: vertices are as near there
 

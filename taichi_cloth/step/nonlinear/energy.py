@@ -66,6 +66,7 @@ class EnergyTest:
         """What was put in by what holds, touches and alters positions, as the last solve took it."""
         x, v = self.model.read_particles()
         by_pins = by_solids = lifted = lowered = friction = edges = layers = 0.0
+        between = self.contacts.between_layers(x) if self.contacts is not None else np.zeros_like(x)
         if held is not None and held.moving and len(held.index):
             reaction = self.system.reaction_rows()  # J
             motion, y = self.system.motion_rows(held, h)
@@ -74,7 +75,7 @@ class EnergyTest:
             if self.contacts is not None:
                 solids, up = self.contacts.solids.rows_held(len(power))
             by_pins, by_solids = float(power[~solids].sum()), float(power[solids].sum())
-            (lifted, above), (lowered, below) = (self._altering(x, held.index[k], y[k]) for k in (up, ~up))
+            (lifted, above), (lowered, below) = (self._altering(x, held.index[k], y[k], between) for k in (up, ~up))
             self.model.write_particles(x, v)
             layers = -above - below  # y stores it, and not the motion
         if self.model.sewn is not None and self.model.sewn.led:
@@ -82,13 +83,14 @@ class EnergyTest:
         if self.contacts is not None:
             if self.contacts.start.small:  # what no smaller step can do better is let be
                 lifted, lowered = lifted + lowered, 0.0
-            friction, edges, between = self.contacts.works(x, v)
-            layers += between + measures.energies.get("contact", 0.0) - start.energies.get("contact", 0.0)
+            friction, edges = self.contacts.works(x, v)
+            gained = measures.energies.get("contact", 0.0) - start.energies.get("contact", 0.0)
+            layers += gained + self.contacts.start.c * float(np.sum(between * v))
         return Work(pins=by_pins, solids=by_solids + edges, lifted=lifted, lowered=lowered, friction=friction, layers=layers)
 
-    def _altering(self, x: np.ndarray, index: np.ndarray, y: np.ndarray) -> tuple[float, float]:
+    def _altering(self, x: np.ndarray, index: np.ndarray, y: np.ndarray, between: np.ndarray) -> tuple[float, float]:
         """(what it takes to alter positions x (n, 3) of particles index (k,) by y (k, 3), the part of it that is stored
-        between layers) [J]: dE . y, with the cloth's energy here and the repulsion of the last solve.
+        between layers) [J]: dE . y, with the cloth's energy here and layers' forces between (n, 3) in the last solve.
 
         The model is left with y as its velocities.
         """
@@ -98,5 +100,5 @@ class EnergyTest:
         motion[index] = y
         self.model.write_particles(x, motion)
         taken = self.meter.measure().rate
-        between = self.contacts.against_layers(x, motion) if self.contacts is not None else 0.0
-        return taken + between, between
+        stored = -float(np.sum(between * motion))
+        return taken + stored, stored
