@@ -46,6 +46,11 @@ class Dealer:
         """A piece that nobody has taken; beyond the last where there is none."""
         return ti.atomic_add(self.taken[0], 1)
 
+    @ti.func
+    def first(self, piece, pieces, rows):
+        """The first of a piece's rows, where rows are cut into pieces; all numbers on the way stay below rows + 2 pieces."""
+        return ti.min(piece * ((rows + pieces - 1) // pieces), rows)
+
 
 class Lists:
     """Rows that each piece of a loop writes down in a list of its own.

@@ -41,6 +41,12 @@ class Loop:
                     piece = self.dealer.next()
 
 
+    @ti.kernel
+    def cut(self, pieces: int, rows: int, out: ti.types.ndarray()):
+        for k in range(pieces + 1):
+            out[k] = self.dealer.first(k, pieces, rows)
+
+
 def expected(piece: int, cost: int) -> int:
     total = piece
     for k in range(cost):
@@ -57,4 +63,15 @@ def test_every_piece_once_in_every_run(threads, grain):
         assert (loop.times.to_numpy()[:PIECES] == runs * (np.arange(PIECES) < PIECES - 3)).all()
     sums = loop.sums.to_numpy()
     assert [int(sums[k]) for k in (1, 50, 30_000)] == [expected(1, 1), expected(50, 1), expected(30_000, 200_000)]
+    loop.fields.free()
+
+
+@pytest.mark.parametrize("pieces, rows", [(16, 0), (16, 7), (16, 1000), (60_000, 2_000_000_000)])
+def test_pieces_hold_all_rows_and_none_twice(pieces, rows):
+    """Also where rows times pieces is no 32-bit integer."""
+    runtime.start(threads=2)
+    loop, first = Loop(2, 512), np.zeros(pieces + 1, dtype=np.int32)
+    loop.cut(pieces, rows, first)
+    sizes = np.diff(first)
+    assert first[0] == 0 and first[-1] == rows and sizes.min() >= 0 and sizes.max() == -(-rows // pieces)
     loop.fields.free()

@@ -294,7 +294,7 @@ class Candidates(Checkpointed):
     def of_chunk(self, chunk, rows: ti.template()):
         """The leaves of a chunk against those behind them, and themselves; returns how many candidates these are."""
         count, leaves = 0, (self.mesh.size[0] + LEAF - 1) // LEAF
-        for leaf in range(chunk * leaves // self.chunks, (chunk + 1) * leaves // self.chunks):
+        for leaf in range(self.dealer.first(chunk, self.chunks, leaves), self.dealer.first(chunk + 1, self.chunks, leaves)):
             node = self.boxes.first_leaf + leaf  # leaves before it have met this one already
             low, high, changed = self.boxes.low[node], self.boxes.high[node], self.changed[node]
             while True:

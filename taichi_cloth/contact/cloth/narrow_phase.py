@@ -23,7 +23,7 @@ KEEP = 0.2  # of a pair's distance above its floor that a path must leave
 NEAR_END = 0.05  # of it: a path may end so much before it must
 PINCHED = 1.02  # times its floor: what is so near is pressed by more than forces hold, and has no floor
 TURNED = 0.5  # cosine between a pair's directions when it came near and at the end for the end's to be taken
-ROOM = 16  # pairs in reach of each piece of the candidates, to begin with
+PIECES, ROOM = 2048, 16  # of the candidates at most; pairs in reach of each, to begin with
 LED, RESTS = 1, 2  # in `LayerDetector.tangled`
 FAINT = 1e-6  # factor of a pair of edges that is not reckoned with: vertices are as near there
 
@@ -42,7 +42,8 @@ class LayerDetector(Candidates):
         self.tangled = fields.integer(model.n, data=np.zeros(model.n))  # particles whose pairs rest, or that solids lead
         self.resting = False
         real = fields.exchange
-        self.reached = Lists(self.chunks, ROOM, [(3, np.int32), (4, np.int32), (4, real), (3, real), (4, real)])
+        kinds = [(3, np.int32), (4, np.int32), (4, real), (3, real), (4, real)]
+        self.reached = Lists(min(self.chunks, PIECES), ROOM, kinds)
 
     def let_rest(self, resting: np.ndarray, waived: np.ndarray | None = None) -> None:
         """Particles (n,) whose pairs with other such particles are left alone; and those that are led (n,), of which pairs are
@@ -69,8 +70,7 @@ class LayerDetector(Candidates):
             return ContactPairs.none()
         self.paths.strayed_count()
         while True:
-            self._look(self.candidates, self.distances, self.radii, int(swept), *self.reached.arrays,
-                       self.reached.count)
+            self._look(self.candidates, self.distances, self.radii, int(swept), *self.reached.arrays, self.reached.count)
             if not self.reached.grow():
                 break
         pair, vertices, weights, normal, numbers = self.reached.joined()
@@ -170,15 +170,6 @@ class LayerDetector(Candidates):
                         ti.atomic_min(out[v[a]], d)
                         ti.atomic_min(out[v[b]], d)
 
-    @ti.func
-    def may_reach(self, kind, v, distance, reach, swept):
-        """Whether a candidate may be in reach at all."""
-        out = False
-        if distance - self.slack(kind, v, swept) <= (1 + ROUNDING) * reach:
-            p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
-            out = gap(kind, p, q, r, s) < reach + closing(kind, dp, dq, dr, ds) and not self.rests(kind, v)
-        return out
-
     @ti.kernel
     def _look(self, rows: ti.types.ndarray(), distances: ti.types.ndarray(), radii: ti.types.ndarray(), swept: int,
               pair: ti.types.ndarray(), vertices: ti.types.ndarray(), weights: ti.types.ndarray(), normal: ti.types.ndarray(),
@@ -187,58 +178,64 @@ class LayerDetector(Candidates):
         self.dealer.begin()
         for t in range(self.dealer.tasks):
             if t % self.dealer.grain == 0:
-                chunk = self.dealer.next()
-                while chunk < self.chunks:
+                piece, pieces, all_rows = self.dealer.next(), count.shape[0], rows.shape[0]
+                while piece < pieces:
                     found = 0
-                    for k in range(rows.shape[0] * chunk // self.chunks, rows.shape[0] * (chunk + 1) // self.chunks):
-                        kind = rows[k, 2]
-                        v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
-                        reach = radii[k] + 1e-12
-                        if self.may_reach(kind, v, distances[k], reach, swept):
-                            near, w, n, start, end, counts, radius = self.in_reach(kind, v, reach, swept)
-                            if near:
-                                if found < pair.shape[1]:
-                                    for c in ti.static(range(3)):
-                                        pair[chunk, found, c] = rows[k, c]
-                                        normal[chunk, found, c] = n[c]
-                                    for c in ti.static(range(4)):
-                                        vertices[chunk, found, c] = v[c]
-                                        weights[chunk, found, c] = w[c]
-                                    for c, number in ti.static(enumerate((start, end, counts, radius))):
-                                        numbers[chunk, found, c] = number
-                                found += 1
-                    count[chunk] = found
-                    chunk = self.dealer.next()
+                    for k in range(self.dealer.first(piece, pieces, all_rows), self.dealer.first(piece + 1, pieces, all_rows)):
+                        v = self.mesh.corners(rows[k, 0], rows[k, 1], rows[k, 2])
+                        near, w, n, others = self.in_reach(rows[k, 2], v, distances[k], radii[k] + 1e-12, swept)
+                        if near and found < pair.shape[1]:
+                            for c in ti.static(range(3)):
+                                pair[piece, found, c] = rows[k, c]
+                                normal[piece, found, c] = n[c]
+                            for c in ti.static(range(4)):
+                                vertices[piece, found, c] = v[c]
+                                weights[piece, found, c] = w[c]
+                                numbers[piece, found, c] = others[c]
+                        found += ti.cast(near, ti.i32)
+                    count[piece] = found
+                    piece = self.dealer.next()
 
     @ti.func
-    def in_reach(self, kind, v, reach, swept):
-        """Whether a pair is in reach, its weights and its direction; its distance where the path begins and, along that
-        direction, where it ends; the part that it counts, and what it should keep."""
-        p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
-        speed, radius = closing(kind, dp, dq, dr, ds), -1.0
-        first, w = between(kind, p, q, r, s)
-        start = first.norm()
-        end, counts, n = 0.0, 0.0, first / ti.max(start, 1e-20)
-        near = start < reach + speed
-        last, w_1 = first, w
-        if near and swept == 1:
-            last, w_1 = between(kind, p + dp, q + dq, r + dr, s + ds)
-            near = least_between(start, last.norm(), speed) < reach or speed == 0
+    def in_reach(self, kind, v, distance, reach, swept):
+        """Whether a candidate is in reach, its weights and its direction; and its distance where the path begins and, along
+        that direction, where it ends, the part that it counts, and what it should keep."""
+        start, end, counts, radius = 0.0, 0.0, 0.0, -1.0
+        n, w = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0, 0.0])
+        near = self.may_reach(kind, v, distance, reach, swept)
         if near:
-            radius = self.mesh.radius(kind, v)
-            if swept == 1:
-                d, difference, done = start, first, 0.0
-                for _ in range(STRIDES):
-                    if d > radius * 1.001 and done < 1:
-                        done = ti.min(done + ti.max(d - radius, 1e-3 * radius) / speed, 1.0)
-                        difference, w = between(kind, p + done * dp, q + done * dq, r + done * dr, s + done * ds)
-                        d = difference.norm()
-                n = difference / ti.max(d, 1e-20)
-                n_1 = last / ti.max(last.norm(), 1e-20)
-                if n_1.dot(n) > TURNED or done >= 1:
-                    n, w = n_1, w_1
-            here = w[0] * (p + dp) + w[1] * (q + dq) + w[2] * (r + dr) + w[3] * (s + ds)
-            end = n.dot(here)
-            counts = fading(kind, w, p + dp, q + dq, r + dr, s + ds)
-            near = end < radius and radius >= 0 and counts > FAINT
-        return near, w, n, start, end, counts, radius
+            p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
+            speed = closing(kind, dp, dq, dr, ds)
+            first, w_0 = between(kind, p, q, r, s)
+            start = first.norm()
+            near = start < reach + speed
+            last, w_1 = first, w_0
+            if near and swept == 1:
+                last, w_1 = between(kind, p + dp, q + dq, r + dr, s + ds)
+                near = least_between(start, last.norm(), speed) < reach or speed == 0
+            if near:
+                radius, n, w = self.mesh.radius(kind, v), first / ti.max(start, 1e-20), w_0
+                if swept == 1:
+                    d, difference, done = start, first, 0.0
+                    for _ in range(STRIDES):
+                        if d > radius * 1.001 and done < 1:
+                            done = ti.min(done + ti.max(d - radius, 1e-3 * radius) / speed, 1.0)
+                            difference, w = between(kind, p + done * dp, q + done * dq, r + done * dr, s + done * ds)
+                            d = difference.norm()
+                    n = difference / ti.max(d, 1e-20)
+                    n_1 = last / ti.max(last.norm(), 1e-20)
+                    if n_1.dot(n) > TURNED or done >= 1:
+                        n, w = n_1, w_1
+                end = n.dot(w[0] * (p + dp) + w[1] * (q + dq) + w[2] * (r + dr) + w[3] * (s + ds))
+                counts = fading(kind, w, p + dp, q + dq, r + dr, s + ds)
+                near = end < radius and radius >= 0 and counts > FAINT
+        return near, w, n, ti.Vector([start, end, counts, radius])
+
+    @ti.func
+    def may_reach(self, kind, v, distance, reach, swept):
+        """Whether a candidate may be in reach at all: quicker."""
+        out = False
+        if distance - self.slack(kind, v, swept) <= (1 + ROUNDING) * reach:
+            p, q, r, s, dp, dq, dr, ds = self.path(v, swept)
+            out = gap(kind, p, q, r, s) < reach + closing(kind, dp, dq, dr, ds) and not self.rests(kind, v)
+        return out

@@ -84,8 +84,8 @@ class EnergyTest:
             if self.contacts.start.small:  # what no smaller step can do better is let be
                 lifted, lowered = lifted + lowered, 0.0
             friction, edges = self.contacts.works(x, v)
-            gained = measures.energies.get("contact", 0.0) - start.energies.get("contact", 0.0)
-            layers += gained + self.contacts.start.c * float(np.sum(between * v))
+            stored = measures.energies.get("contact", 0.0) - start.energies.get("contact", 0.0)
+            layers += stored + self.contacts.start.c * float(np.sum(between * v))
         return Work(pins=by_pins, solids=by_solids + edges, lifted=lifted, lowered=lowered, friction=friction, layers=layers)
 
     def _altering(self, x: np.ndarray, index: np.ndarray, y: np.ndarray, between: np.ndarray) -> tuple[float, float]:
