@@ -40,7 +40,6 @@ class Loop:
                     self.times[piece] += 1
                     piece = self.dealer.next()
 
-
     @ti.kernel
     def cut(self, pieces: int, rows: int, out: ti.types.ndarray()):
         for k in range(pieces + 1):

@@ -144,7 +144,7 @@ class Candidates(Checkpointed):
         start: (n, 3) where the path that is looked at begins; it ends where the model is.
         left, walked: (n, 3) where the paths began and ended that pairs were looked for on.
         candidates: (k, 3) pairs that may be near, see `ContactPairs.pair`; distances: (k,) of them at `walked` [m].
-        radii: (k,) the largest distances that they may have to keep [m].
+        radii: (k,) the largest distances that they may have to keep [m]. These three change in place: nobody keeps a view.
         fresh: whether they cover paths near that.
     """
 
