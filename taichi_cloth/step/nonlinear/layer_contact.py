@@ -5,9 +5,9 @@ and of solids, as they are where it begins. None goes further than its collision
 Newton step could be taken whole, its forces are what contacts then have, and its energy has not grown beyond the work put
 in. Intersections that are pulled apart are given energy.
 
-Where in two steps running the first Newton step did not settle all contacts, the next one's is not likely to either. Its solve
-then need only say which pairs meet, and so need the second if the first was cut short; all others of that step may leave LOOSER
-times `cg_tol`. None of this where something is pinched or passes through itself.
+Where in two steps running a Newton step did not settle all contacts, the next step's first one is not likely to either. Its
+solve then need only say which pairs meet, and so need the second if the first was cut short; all others of that step may leave
+LOOSER times `cg_tol`. None of this where something is pinched or passes through itself.
 """
 
 import math
@@ -153,7 +153,7 @@ class LayerStep(EulerStep):
                 self.layers.stop_short()
             again = contacts.goes_on(self.verdict, k)
             settled = part == 1 and self.layers.settled() and not again
-            contacts.foresight.asked |= k == 0 and not settled
+            contacts.foresight.asked |= not settled
             self.agreed, self.preliminary = settled and not self.preliminary, self.preliminary and k == 0 and part < 1
             self.released = not self.agreed and k >= BOLD and self.layers.release_beside(contacts.solids.holds())
         if self.released:
