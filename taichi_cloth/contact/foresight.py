@@ -10,7 +10,7 @@ class Foresight(Checkpointed):
 
     Attributes:
         rounds: accepted steps, one after the other, in which contacts with solids asked for another solve, or, with layers of
-            cloth in the problem, a Newton step did not settle all contacts.
+            cloth in the problem, a Newton step was cut short, or changed many of them.
         mends: those whose first Newton step gained energy in contact with solids, so that others followed.
         asked, gained: whether that is so in this attempt.
     """

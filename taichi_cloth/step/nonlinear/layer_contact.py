@@ -5,9 +5,9 @@ and of solids, as they are where it begins. None goes further than its collision
 Newton step could be taken whole, its forces are what contacts then have, and its energy has not grown beyond the work put
 in. Intersections that are pulled apart are given energy.
 
-Where in two steps running a Newton step did not settle all contacts, the next step's first one is not likely to either. Its
-solve then need only say which pairs meet, and so need the second if the first was cut short; all others of that step may leave
-LOOSER times `cg_tol`. None of this where something is pinched or passes through itself.
+Where in two steps running a Newton step was cut short, or changed many contacts with solids, the next step's first one is not
+likely to be its last. Its solve then need only say which pairs meet, and so need the second if the first was cut short; all
+others of that step may leave LOOSER times `cg_tol`. None of this where something is pinched or passes through itself.
 """
 
 import math
@@ -32,6 +32,7 @@ from .system import System
 
 ROUGH = 0.03  # relative residual of preliminary solves; with solids, whose states they decide, it is less
 LOOSER = 5.0  # times `cg_tol` that others may leave in a rough step, of the first one's residual
+MANY = 0.1  # of the contacts with solids: where a Newton step changes more, others follow, and so in the next step
 BOLD = 4  # Newton steps before the potential has a say in how far they go
 MEMORY = 3  # of the last potentials one must not be passed
 TIMID = 0.2  # part of a Newton step below which it is not shortened for the potential's sake
@@ -44,8 +45,8 @@ class LayerStep(EulerStep):
     """A step with layers of cloth in its problem.
 
     Attributes:
-        rough: whether the first Newton step is unlikely to settle contacts; preliminary: whether the next one is, so that its
-            solve may be rough.
+        rough: whether the first Newton step is unlikely to be the last; preliminary: whether the next one is, and its solve
+            may be rough.
         reference: residual norm with which the step began: what further solves leave undone is held against no less.
         released: whether pairs that leave no room were released, so that the step is worth another attempt.
     """
@@ -153,7 +154,7 @@ class LayerStep(EulerStep):
                 self.layers.stop_short()
             again = contacts.goes_on(self.verdict, k)
             settled = part == 1 and self.layers.settled() and not again
-            contacts.foresight.asked |= not settled
+            contacts.foresight.asked |= part < 1 or self.verdict.changes > MANY * contacts.count
             self.agreed, self.preliminary = settled and not self.preliminary, self.preliminary and k == 0 and part < 1
             self.released = not self.agreed and k >= BOLD and self.layers.release_beside(contacts.solids.holds())
         if self.released:
