@@ -438,7 +438,7 @@ def test_what_beside_a_tangle_ends_too_near_is_released(k, part, settled, asks):
     step.layers = SimpleNamespace(release_beside=lambda held: True, off=0, least=0.2, settled=lambda: settled, ROUNDS=12,
                                   stop_short=lambda: stopped.append("layers"))
     solids = SimpleNamespace(stop_short=lambda: stopped.append("solids"), holds=lambda: None)
-    step.contacts = SimpleNamespace(goes_on=lambda verdict, solves: False, solids=solids, foresight=Foresight())
+    step.contacts = SimpleNamespace(count=0, goes_on=lambda verdict, solves: False, solids=solids, foresight=Foresight())
     step.preliminary = False
     step.clock, step.verdict, step.released = Clock(), SimpleNamespace(changes=0), False
     step.solutions, step.conclude = [], lambda measures: None
@@ -452,7 +452,7 @@ def test_no_step_of_layers_ends_with_a_preliminary_solve():
     """Whatever agrees with it: the next one's answer is taken."""
     step = LayerStep.__new__(LayerStep)
     step.layers = SimpleNamespace(settled=lambda: True, ROUNDS=12)
-    step.contacts = SimpleNamespace(goes_on=lambda verdict, solves: False, foresight=Foresight())
+    step.contacts = SimpleNamespace(count=0, goes_on=lambda verdict, solves: False, foresight=Foresight())
     step.clock, step.verdict, step.released, step.preliminary = Clock(), SimpleNamespace(changes=0), False, True
     step.solutions, step.conclude, step.accounted = [], lambda measures: ("end", None), lambda ended: ended
     step.finish = lambda *ended: ended
