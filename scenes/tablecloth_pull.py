@@ -22,7 +22,7 @@ def build(cells: int = 50, friction: float = 0.25, acceleration: float = 8.0) ->
     upper = tc.grid(0.3, 3 * cells // 8)
     cloth = scene.add_cloth(lower, fabric, positions=lower.x + [0, 0, 0.3], color=(0.5, 0.08, 0.07), name="lower",
                             contact=tc.ClothContact(THICKNESS, friction))
-    scene.add_cloth(upper, fabric, positions=upper.x + [0.25, THICKNESS, 0.15], color=(0.75, 0.72, 0.62), name="upper",
+    scene.add_cloth(upper, fabric, positions=upper.x + [0.42, THICKNESS, 0.15], color=(0.75, 0.72, 0.62), name="upper",
                     contact=tc.ClothContact(THICKNESS, friction))
     scene.add_solid(tc.Plane(), friction=0.1, thickness=0.005, name="table", position=(0, -0.005, 0))
     scene.move(cloth, "right", pull, relative=True)

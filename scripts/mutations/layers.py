@@ -22,6 +22,7 @@ RESUMED = UNIT + "test_a_run_resumed_in_contact_goes_on_bit_for_bit"
 CROSSED = UNIT + "test_what_starts_crossed_is_counted_named_and_pulled_apart"
 HITS = UNIT + "test_what_hits_does_not_pass[f64] tests/hard/test_hard_layers.py"
 TANGLES = "tests/physics/test_tangles.py::test_"
+DRAWN = PHYSICS + "test_a_sheet_is_drawn_along_by_no_more_than_friction"
 LEDGER = PHYSICS + "test_no_step_of_layers_leaves_much_of_its_energy_unaccounted_for"
 ORDER = "tests/physics/test_layer_order.py::test_the_higher_layer_starts_and_stays_outside"
 SPRINGS = PHYSICS + "test_springs_of_the_paper_carry_a_sheet_with_one_solve_a_step " + PHYSICS + (
@@ -221,6 +222,8 @@ MUTATIONS = (
     (NONLINEAR + "layer_contact.py", "self.layers.stop_short()", "pass",
      "what stops a step short is as soft in the next solve", THROWN),
     (CONTACT + "cloth/layers.py", "& (compared.rows >= 0) &", "&", "what stops a step short at once stiff", GAPS),
+    (CONTACT + "cloth/layers.py", "PATIENCE = 8 ", "PATIENCE = 3 ", "friction by forces of three solves before", DRAWN),
+    (NONLINEAR + "layer_contact.py", "if self.agreed:", "if False:", "steps whose energy alone is off get smaller", DRAWN),
     (CONTACT + "cloth/layers.py", "late = lag > LAGGED * rubs_as and self.round <= PATIENCE", "late = False",
      "friction that lags is taken",
      SETTLED),

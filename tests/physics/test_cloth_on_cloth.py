@@ -1,15 +1,18 @@
 """Layers of cloth against closed forms: lifting, gliding, falling, resting and sliding under friction."""
 
 import math
+import pathlib
 
 import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.app import scenefile
 from taichi_cloth.step.nonlinear.layer_contact import LayerStep
 
 FABRIC = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
 THICKNESS = 0.005
+REST, SPEED = 0.3, 1.5  # s, m/s of scenes/tablecloth_pull.py
 
 
 def sheet_on_sheet(friction: float, gravity, gap: float = THICKNESS, v=(0.0, 0.0, 0.0),
@@ -236,4 +239,26 @@ def test_a_strip_between_plates_slips_at_the_force_of_both(mu):
     on_strip, on_plate = mean[: strip.vertex_count, 0].sum(), mean[strip.vertex_count:, 0].sum()
     assert on_plate == pytest.approx(mu * weight[1], rel=0.05)
     assert -on_strip == pytest.approx(mu * (weight[0] + 2 * weight[1]), rel=0.05)
+    sim.close()
+
+
+@pytest.mark.parametrize("cells", [16, 22])
+@pytest.mark.slow
+def test_a_sheet_is_drawn_along_by_no_more_than_friction(cells):
+    """A cloth is jerked from under another (`scenes/tablecloth_pull.py`): by its velocities the upper one gains mu g a second
+    while it slips, within 10 % on the mean and half in any frame; then both go on as one, in whole steps."""
+    pull = scenefile.read(str(pathlib.Path(__file__).parents[2] / "scenes" / "tablecloth_pull.py"))
+    scene = pull.make({"cells": cells})
+    sim = tc.Simulation(scene, h=1 / 60, cg_tol=1e-3, integrator="backward_euler")
+    mine, most, before, gained = scene.cloths[0].mesh.vertex_count, scene.cloths[0].contact.friction * 9.81, 0.0, []
+    while sim.time < REST + 0.8:
+        sim.step(1 / 60)
+        v = sim.velocities()[:, 0]
+        if v[:mine].mean() - v[mine:].mean() > 0.05 and sim.time > REST + 0.05:
+            gained.append((v[mine:].mean() - before) * 60)
+        before = v[mine:].mean()
+    assert len(gained) > 25
+    assert np.mean(gained) == pytest.approx(most, rel=0.1) and max(gained) < 1.8 * most
+    assert before == pytest.approx(SPEED, rel=0.02)
+    assert not any(r.rejections for r in sim.log)
     sim.close()

@@ -32,8 +32,8 @@ from .firmness import CLOSE, Firmness
 from .narrow_phase import LayerDetector
 from .untangle import Intersections
 
-PATIENCE = 3  # solves after which normal forces that friction goes by, and that still change, do so in the next step
-LAGGED = 0.1  # relative error of all friction that a first solve may leave
+PATIENCE = 8  # solves after which normal forces that friction goes by, and that still change, do so in the next step
+LAGGED = 0.1  # part by which all that friction can be may be off what it is by the same solve's normal forces
 AGREED = 0.1  # part of all forces of pairs by which what solves take them to be may be off
 RUBBED = 0.05  # the same of friction beyond its cone
 LOOSE = 2.0  # of gravity: what the forces of pairs may be off by, over the mass they act on
@@ -203,7 +203,7 @@ class Layers(Checkpointed):
         wrong = np.where(np.abs(force) > allowed, np.abs(force), 0.0)
         self.off = int(np.sum(wrong > 0)) if np.sum(wrong) > AGREED * total else 0
         rubs_as = float(np.sum(bears))
-        lag = abs(float(np.sum(weighed[pair_kernels.COULOMB])) - rubs_as)
+        lag = abs(float(np.sum(q.weighed[pair_kernels.MU] * np.maximum(taken, 0.0))) - rubs_as)
         late = lag > LAGGED * rubs_as and self.round <= PATIENCE
         beyond = np.maximum(compared.measured[pair_kernels.RUBBED] - pair_kernels.CONE * bears, 0)
         over = float(np.sum(beyond + compared.measured[pair_kernels.BACK] * bears))

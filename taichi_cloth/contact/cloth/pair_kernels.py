@@ -22,8 +22,8 @@ CREEP = 2e-5  # slip [m/s] below which friction between layers is viscous
 CONE = 1.02  # times the most that friction can be, above which what it damps slides
 
 # of a pair as it is: the mass that its distance has [kg], its stiffness [N/m], its distance where the step began, along its
-# normal [m], its force [N], the most that friction can be by that [N], its potential [J], its friction over its force
-OWN, STIFF, BEGAN, NOW, COULOMB, POTENTIAL, MU, WEIGHED = range(8)
+# normal [m], its force [N], its potential [J], the most that its friction can be over its force
+OWN, STIFF, BEGAN, NOW, POTENTIAL, MU, WEIGHED = range(7)
 # as a solve takes it: force [N] and slope [N/m] at a distance [m]; the most that friction can be [N], friction over slip
 # [N s/m], and, from WAY on, the direction of the slip of what slides, 0 for what sticks
 FORCE, SLOPE, AT, BEARS, DRAG, WAY, TAKEN = 0, 1, 2, 3, 4, 5, 8
@@ -62,7 +62,6 @@ class PairKernels:
             force, slope = self.pull(end[k], radius[k], began, stiff, own, factor[k], h)
             out[OWN, k], out[STIFF, k], out[BEGAN, k], out[NOW, k] = own, stiff, began, force
             out[MU, k] = self.friction[vertices[k, 0]] * self.friction[vertices[k, 3]] * counts
-            out[COULOMB, k] = out[MU, k] * force
             out[POTENTIAL, k] = stiff * potential(end[k], radius[k])
 
     @ti.kernel
