@@ -1,4 +1,4 @@
-"""A cloth is pulled from under another that lies on it: friction drags the upper one along, and lets it go."""
+"""A cloth is jerked away under another: friction draws the upper one along until it goes as fast."""
 
 import numpy as np
 

@@ -16,6 +16,7 @@ SHAPES = "tests/unit/test_solids.py"
 LED_BY_HAND = f"{SHAPES}::test_a_body_that_is_moved_by_hand_is_where_it_then_is"
 SWEPT = "tests/unit/test_swept_detection.py"
 HARD = "tests/hard/test_hard_contact.py"
+LET_OUT = "tests/hard/test_hard_starts.py::test_what_starts_inside_a_ball_comes_out"
 EDGES = "tests/hard/test_loaded_edges.py"
 DRIVES = "tests/hard/test_drives.py"
 PARTS = "tests/physics/test_body_parts.py"
@@ -65,6 +66,7 @@ GROWS = f"{STARTS}::test_what_was_left_near_grows_to_its_thickness_and_is_resume
 MUTATIONS = (
     # forces that are told
     (RESPONSE, "late = start.together and", "late =", "without layers too", DEEPER),
+    (FACADE, "self.solids.let_out(*self.scan.inside)", "pass", "what starts inside blocks steps", LET_OUT),
     (RESPONSE, "self.round > PATIENCE and little", "self.round > PATIENCE", "whatever would hold them", DEEPER),
     (RESPONSE, "self.round > PATIENCE and little", "little", "from the first solve on", DEEPER),
     (RESPONSE, "DEEP if late else TOLERATED", "TOLERATED", "every solve minds as little depth", DEEPER),

@@ -196,12 +196,13 @@ class Contacts(Checkpointed):
 
     def settle(self, fixed: np.ndarray) -> Moved:
         """Moves cloth apart that starts nearer to solids, or to itself, than it can go on from, but for particles (k,) that
-        are fixed."""
+        are fixed. What starts inside solids is let out over the first steps."""
         moved = move_apart(self.scan, self.model, self.layers, fixed)
         if len(moved.near):
             self.clear()
             if self.layers is not None:
                 self.layers.release_nearest()
+        self.solids.let_out(*self.scan.inside)
         return moved
 
     def clear(self) -> None:

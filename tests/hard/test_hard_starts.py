@@ -107,3 +107,21 @@ def test_cloth_without_a_width_is_named(precision):
     named = [note for note in sim.notes if note.startswith("sheet")]
     assert len(named) == 1 and "1 of 32" in named[0]
     sim.close()
+
+
+@pytest.mark.parametrize("cells, height", [(16, 0.26), (24, 0.2)])
+@pytest.mark.slow
+def test_what_starts_inside_a_ball_comes_out(cells, height):
+    """A sheet starts 4 and 10 cm deep in a ball: the first steps pass, and after half a second no point of it is inside."""
+    scene, mesh = tc.Scene(), tc.grid(1.0, cells)
+    scene.add_cloth(mesh, FABRIC, positions=mesh.x - mesh.x.mean(axis=0) + [0, height, 0])
+    scene.add_solid(tc.Sphere(0.3), friction=0.3, thickness=0.005)
+    sim = tc.Simulation(scene, h=1 / 60)
+    for _ in range(30):
+        sim.step()
+    assert not any(r.rejections for r in sim.log[:5])
+    corners = sim.positions()[mesh.faces]
+    within = [w for w in np.ndindex(6, 6, 6) if sum(w) == 5]
+    points = np.einsum("pk,fki->pfi", np.array(within) / 5, corners)
+    assert np.linalg.norm(points, axis=2).min() > 0.3 and np.abs(corners).max() < 1.0
+    sim.close()

@@ -126,6 +126,10 @@ class Penetration(Checkpointed):
         """Particles are pinched between solids."""
         self.spared[particles] = SPARED
 
+    def let_out(self, particles: np.ndarray, seconds: np.ndarray) -> None:
+        """Particles (k,) start inside solids, and are out after so many seconds (k,): until then it does not matter."""
+        np.maximum.at(self.spared, particles, seconds + SPARED)
+
     def _minded_pairs(self, pairs: Pairs) -> np.ndarray:
         """(k,) whether none of a pair's own particles is pinched."""
         return self.minded[pairs.own_vertices].all(axis=1)

@@ -130,6 +130,10 @@ class SolidContacts(Checkpointed):
         self.pinned = pinned_particles(self.start.pins, self.model.n)
         return self.start
 
+    def let_out(self, particles: np.ndarray, depth: np.ndarray) -> None:
+        """Particles (k,) start as deep [m] inside solids."""
+        self.penetration.let_out(particles, self.start.h_usual * depth / (PUSH * self.scan.edge))
+
     def look(self) -> None:
         """What cloth meets on its way to where it now is, and how fast it slips there."""
         self.near = self._minded(self.scan.look(self.start.h))

@@ -47,6 +47,8 @@ WEIGHT = math.sqrt(2) / 4  # of the beginning and of the first stage in a step; 
 WORK = 0.05  # part of the constraints' work in a step by which the quadrature may be off
 SHARE = 0.1  # of the error allowed in a step that Newton's method may leave
 HORIZON = 0.5  # s: time in which a run may gather the error asked for
+LOSS = 0.01  # part of the motion's energy that solves may take from a step
+CLOSER = 0.01  # times their tolerances, where they took more
 FILTER = 0.01  # relative residual of the solve that filters the error estimate
 
 NO_PINS: tuple[np.ndarray, ...] = np.zeros(0, dtype=np.int32), np.zeros((0, 3, 3)), np.zeros((0, 3))
@@ -75,10 +77,22 @@ class TRBDF2(Checkpointed):
         self.weight = float(np.linalg.norm(gravity) * self.model.mass.sum())  # [N]
 
     def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
-        """One step; see the package."""
+        """One step; see the package. Where what its solves left undone takes energy, they are done again, more exactly."""
+        effort = self._effort(h)
+        made = self._attempt(h, held_at, start, effort)
+        if made.ledger is None or made.rejection is not None or self.options.cg_tol is not None:
+            return made
+        lost = -made.ledger.unaccounted
+        if not lost > LOSS * self.motion_1 + self.system.rounding(h, start, made.measures):
+            return made
+        self.model.restore()
+        closer = replace(effort, first=CLOSER * effort.first, others=CLOSER * effort.others)
+        return self._attempt(h, held_at, start, closer).instead_of(made, "")
+
+    def _attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures, effort: Effort) -> Attempt:
+        """The same with solves of so much effort."""
         clock, c, system = Clock(), C * h, self.system
         solutions: list[Solution] = []
-        effort = self._effort(h)
         with clock.part("EVAL"):
             pumped = self.pump.around(held_at, h, start)
         pins = held_at(0.0)
