@@ -80,7 +80,7 @@ class TRBDF2(Checkpointed):
         """One step; see the package. Where what its solves left undone takes energy, they are done again, more exactly."""
         effort = self._effort(h)
         made = self._attempt(h, held_at, start, effort)
-        if made.ledger is None or made.rejection is not None or self.options.cg_tol is not None:
+        if made.ledger is None or made.measures is None or made.rejection is not None or self.options.cg_tol is not None:
             return made
         lost = -made.ledger.unaccounted
         if not lost > LOSS * self.motion_1 + self.system.rounding(h, start, made.measures):
