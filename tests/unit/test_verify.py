@@ -97,6 +97,15 @@ def test_what_falls_is_weighed_with_its_point_masses():
     assert good, figure
 
 
+def test_what_may_tear_falls_and_is_solved_as_it_was_handed_in():
+    scene = tc.Scene()
+    cloth = scene.add_cloth(tc.grid(1.0, 4), FULL, contact=tc.ClothContact(0.01, 0.3), tear=tc.Tear(300.0))
+    (_, figure, good), = verify._fall(scene, OneThread)
+    assert good, figure
+    name, figure, good = verify._against_direct(cloth, cloth.whole.x, OneThread)
+    assert name == WORDS[-1] and good, figure
+
+
 class Springs:
     """A linear system with an exact answer, as `verify` asks for it."""
 
