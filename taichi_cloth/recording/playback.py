@@ -60,7 +60,7 @@ def render(recording: Recording, folder: pathlib.Path, size: tuple[int, int], lo
     """Draws frames of a recorded run into `folder`; the files that were written.
 
     Raises:
-        OutputError: a film that cannot be written, or cannot be transparent; nothing is drawn then.
+        OutputError: a film that cannot be written, or cannot be transparent, or no folder; nothing is drawn then.
     """
     if films.mp4:
         encoder()
@@ -68,7 +68,10 @@ def render(recording: Recording, folder: pathlib.Path, size: tuple[int, int], lo
     if films.mp4 and artist.renderer.transparent:
         raise OutputError("a film (mp4) cannot be transparent: choose another background, or an animated PNG (apng)")
     files, images = [], []
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot write to {folder}: {error.strerror or error}") from None
     picked = set(spread(numbers, films.sheet)) if films.sheet else set()
     for k in numbers:
         image, parts = files_of(artist, recording.frame(k), k, extras)

@@ -114,6 +114,16 @@ def test_a_film_that_cannot_be_written_costs_no_pictures(fallen, tmp_path, capsy
     assert "taichi-cloth[film]" in capsys.readouterr().err and not (tmp_path / "none").exists()
 
 
+def test_a_folder_that_cannot_be_made_is_named(fallen, tmp_path, capsys):
+    (tmp_path / "file").write_text("kept")
+    for folder in (tmp_path / "file", tmp_path / "file" / "x"):
+        assert cli.main(["render", str(fallen), "--to", str(folder), *SMALL]) == 2
+        assert f"error: cannot write to {folder}: " in capsys.readouterr().err
+        with pytest.raises(tc.OutputError, match=f"cannot write to {folder}: "):
+            tc.render_frames(tc.Recording(fallen), folder, size=SIZE)
+    assert (tmp_path / "file").read_text() == "kept"
+
+
 @pytest.mark.parametrize("flags, what", [
     (["--frames", "40:50"], "frames = '40:50': none of them is there; there are 0 to 9"),
     (["--color", "cloht=red"], "did you mean 'cloth'"),
