@@ -32,8 +32,9 @@ class Contents:
 
     def __init__(self, gravity: ArrayLike | None = (0.0, -9.81, 0.0), air: Air | None = None,
                  view: View | None = None) -> None:
-        self.gravity = checks.vector("gravity", np.zeros(3) if gravity is None else gravity, "m/s^2")
-        self.air: Air | None = checks.maybe(air, checks.instance, "air", Air)
+        self.script, self._running = Script(), False
+        self.followers: weakref.WeakSet = weakref.WeakSet()  # simulations of it that are open
+        self.gravity, self.air = gravity, air
         self.view = View() if view is None else checks.instance("view", view, View)
         self.cloths: list[Cloth] = []
         self.solids: list[Solid] = []
@@ -45,8 +46,28 @@ class Contents:
         self.creases: list[Crease] = []
         self.scores: list[Score] = []  # of cloth that may tear
         self.pieces: list[Inflation] = []  # the first inflation of each piece that has one
-        self.script, self._running = Script(), False
-        self.followers: weakref.WeakSet = weakref.WeakSet()  # simulations of it that are open
+
+    @property
+    def gravity(self) -> np.ndarray:
+        """(3,) [m/s^2]; zeros where None was given."""
+        return self._gravity
+
+    @gravity.setter
+    def gravity(self, gravity: ArrayLike | None) -> None:
+        new = checks.vector("gravity", np.zeros(3) if gravity is None else gravity, "m/s^2")
+        self._refuse_followed("gravity")
+        self._gravity = new
+
+    @property
+    def air(self) -> Air | None:
+        """Drag and wind, or None."""
+        return self._air
+
+    @air.setter
+    def air(self, air: Air | None) -> None:
+        new = checks.maybe(air, checks.instance, "air", Air)
+        self._refuse_followed("air")
+        self._air = new
 
     def __repr__(self) -> str:
         cloths = ", ".join(f"{c.name} ({c.mesh.vertex_count:,} vertices)" for c in self.cloths) or "no cloth"

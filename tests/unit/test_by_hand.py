@@ -84,10 +84,11 @@ def test_a_scene_that_runs_is_not_changed(simulations):
         "add_cloth": lambda: scene.add_cloth(cloth.mesh, cloth.fabric), "add_mass": lambda: scene.add_mass(cloth, 12, 1.0),
         "add_solid": lambda: scene.add_solid(tc.Sphere(1.0), 0.1, 0.01), "sew": lambda: scene.sew(cloth, [0], [12]),
         "stitch": lambda: scene.stitch(cloth, 0, 12), "crease": lambda: scene.crease(cloth, 1.0, edges=[[7, 8]]),
-        "add_force": lambda: scene.add_force(lambda fields, model, scene, K: None)}
-    before = repr((scene, scene.script, scene.masses, scene.creases, scene.forces))
+        "add_force": lambda: scene.add_force(lambda fields, model, scene, K: None),
+        "gravity": lambda: setattr(scene, "gravity", None), "air": lambda: setattr(scene, "air", tc.Air(1.0))}
+    before = repr((scene, scene.script, scene.masses, scene.creases, scene.forces, scene.gravity, scene.air))
     built = [name for name in changes if not hasattr(sim, name) and name != "at"]
-    assert len(built) == 7
+    assert len(built) == 9
     for name, change in changes.items():
         with pytest.raises(tc.SceneError, match=rf"^{name}: a simulation of this scene has begun.*close it") as error:
             change()
@@ -95,7 +96,7 @@ def test_a_scene_that_runs_is_not_changed(simulations):
         if name in built:
             with pytest.raises(tc.SceneError, match="has begun"), scene.running(sim.prescribed.script):
                 change()
-    assert repr((scene, scene.script, scene.masses, scene.creases, scene.forces)) == before
+    assert repr((scene, scene.script, scene.masses, scene.creases, scene.forces, scene.gravity, scene.air)) == before
     with pytest.raises(tc.SceneError, match="no such vertex"):
         sim.unpin(cloth, 11)
 

@@ -27,6 +27,8 @@ def sheet(n=4, **kwargs):
     (lambda: tc.Bend(1, rest="round"), "unknown bend rest 'round'"),
     (lambda: tc.Fabric(1, stretch=tc.Shear(1)), "fabric stretch = Shear.*: must be a Stretch"),
     (lambda: tc.Scene(gravity=(0, 1)), "gravity"),
+    (lambda: setattr(tc.Scene(), "gravity", (0, 1)), "gravity"),
+    (lambda: setattr(tc.Scene(), "air", "x"), "air = 'x': must be"),
     (lambda: tc.Air(normal=-1), "air normal = -1"),
     (lambda: tc.Air(normal=1, wind=lambda t: (1, np.nan, 0)), "wind at t = 0"),
     (lambda: tc.Camera((0, 0, 0), (0, 0, 0)), "same point"),
@@ -182,3 +184,15 @@ def test_point_masses_pull():
     before = tc.Simulation(scene).forces()[12, 1]
     scene.add_mass(cloth, [12], 0.5)
     assert tc.Simulation(scene).forces()[12, 1] == pytest.approx(before - 9.81 * 0.5)
+
+
+def test_gravity_and_air_are_assigned_as_they_are_given():
+    scene = tc.Scene()
+    for gravity in ((0, 0, 0), None):
+        scene.gravity = gravity
+        assert isinstance(scene.gravity, np.ndarray) and not scene.gravity.any()
+    air = tc.Air(1.0)
+    scene.gravity, scene.air = [0, -1.6, 0], air
+    assert scene.gravity.tolist() == [0, -1.6, 0] and scene.air is air
+    scene.air = None
+    assert scene.air is None
