@@ -4,6 +4,7 @@ Heavy imports happen inside the commands, so that --help is instant.
 """
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -18,12 +19,12 @@ from .look_flags import frame_flags, look_flags, look_of, passes_of
 from .recorded import size_of
 
 DURATION, FPS = 2.0, 30.0  # s, frames a second, where neither flags nor the scene say
-OK, FAILED, BAD_USAGE, GAVE_UP, OWN_CODE, INTERRUPTED = 0, 1, 2, 3, 4, 130
+OK, FAILED, BAD_USAGE, GAVE_UP, OWN_CODE, INTERRUPTED, UNREAD = 0, 1, 2, 3, 4, 130, 141
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs a command; returns the exit code: 0 ok, 1 check failed, 2 bad scene or usage, 3 gave up, 4 an exception of the
-    scene's own code, 130 interrupted."""
+    scene's own code, 130 interrupted, 141 nobody reads what it prints."""
     return _guard(lambda: _dispatch(_parser().parse_args(argv)))
 
 
@@ -85,7 +86,10 @@ def _guard(work: Callable[[], int]) -> int:
 
     try:
         with raised():
-            return work()
+            try:
+                return work()
+            finally:
+                sys.stdout.flush()  # here, not at exit, a pipe that was closed is met
     except ClothError as error:
         if isinstance(error, ScriptError):
             print(own_lines(error.__cause__ or error), end="", file=sys.stderr)
@@ -94,6 +98,9 @@ def _guard(work: Callable[[], int]) -> int:
     except KeyboardInterrupt:
         print("interrupted: every finished frame is whole", file=sys.stderr)
         return INTERRUPTED
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for the flush at exit
+        return UNREAD
 
 
 def _run(args: argparse.Namespace, scene) -> int:

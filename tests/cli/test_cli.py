@@ -43,6 +43,14 @@ def read_png(path: pathlib.Path) -> np.ndarray:
     return np.cumsum(rows[:, 1:].reshape(height, width, 3), axis=1, dtype=np.uint8)
 
 
+@pytest.mark.parametrize("what, unbuffered", [("fabrics", ""), ("fabrics", "1"), ("--help", "")])
+def test_a_pipe_that_nobody_reads_ends_quietly(what, unbuffered):
+    with subprocess.Popen([sys.executable, "-m", "taichi_cloth", what], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                          cwd=ROOT, text=True, env={**os.environ, "PYTHONUNBUFFERED": unbuffered}) as process:
+        process.stdout.close()
+        assert (process.stderr.read(), process.wait(300)) == ("", 141)
+
+
 @pytest.fixture(scope="module")
 def out(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run") / "hang"
