@@ -162,13 +162,14 @@ def color(what: str, value: object, error: Error = SceneError) -> tuple[float, f
     return red, green, blue
 
 
-def array(what: str, value: object, *shapes: Sequence[int | str], row: str = "row", hint: str = "",
-          error: Error = SceneError) -> np.ndarray:
+def array(what: str, value: object, *shapes: Sequence[int | str], row: str = "row", of: np.ndarray | None = None,
+          hint: str = "", error: Error = SceneError) -> np.ndarray:
     """Finite numbers of one of some shapes, a copy in float64.
 
     Args:
-        shapes: lengths; a letter stands for any.
-        row: what an index along the first axis is; hint: what to do about a wrong shape; for the messages.
+        shapes: lengths; a letter stands for any. What has fewer than the longest is one value for all rows.
+        row: what an index along the first axis is; of: by which number each is known, its own where None; hint: what to do
+            about a wrong shape; for the messages.
 
     Raises:
         error: no array of numbers, another shape, or a number that is not finite.
@@ -181,9 +182,11 @@ def array(what: str, value: object, *shapes: Sequence[int | str], row: str = "ro
     bad = np.argwhere(~_usable(out))
     if len(bad):
         k, rows = bad[0][0], len(np.unique(bad[:, 0]))
-        where = f"{row} {k}" + (f" ({rows} such)" if rows > 1 else "")
-        why = f"beyond {LARGEST:g}" if np.isfinite(out[k]).all() else "not finite"
-        raise error(f"{what}: {where} is {why}: {shown(out[k].tolist())}")
+        where, values = "", out
+        if out.ndim == max(map(len, shapes)):
+            where, values = f"{row} {k if of is None else of[k]} " + (f"({rows} such) " if rows > 1 else ""), out[k]
+        why = f"beyond {LARGEST:g}" if np.isfinite(values).all() else "not finite"
+        raise error(f"{what}: {where}is {why}: {shown(values.tolist())}")
     return out
 
 

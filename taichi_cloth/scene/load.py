@@ -34,7 +34,8 @@ class Load:
         """
         k = len(self.vertices)
         what = f"the load on {k} vertices of {self.cloth.name!r}, at t = {t:g} s"
-        return checks.array(what, self.force(t) if callable(self.force) else self.force, (3,), (k, 3), row="vertex")
+        force = self.force(t) if callable(self.force) else self.force
+        return checks.array(what, force, (3,), (k, 3), row="vertex", of=self.vertices)
 
 
 def make(cloth: Cloth, vertices: object, force: object) -> Load:
@@ -49,7 +50,7 @@ def make(cloth: Cloth, vertices: object, force: object) -> Load:
     if callable(force):
         checks.function("add_load: force", force, "time")
     else:
-        force = checks.array("add_load: force", force, (3,), (len(index), 3), row="vertex")
+        force = checks.array("add_load: force", force, (3,), (len(index), 3), row="vertex", of=index)
     load = Load(cloth, index, force)  # type: ignore[arg-type]
     load.at(0.0)
     return load

@@ -128,3 +128,16 @@ def test_what_cannot_be_is_refused():
         assert sim.velocities()[:, 0].max() > 1e-3
     with tc.Simulation(scene, integrator="backward_euler") as sim, pytest.raises(tc.SceneError, match="the same everywhere"):
         sim.set_wind(lambda x, t: x)
+
+
+@pytest.mark.parametrize("force, words", [
+    ((0, 0, np.nan), r"is not finite: \[0.0, 0.0, nan\]"), ((0, 1e31, 0), r"is beyond 1e\+30: \[0.0, 1e\+31, 0.0\]"),
+    ([(0, 0, 0), (0, np.inf, 0)], r"vertex 7 is not finite: \[0.0, inf, 0.0\]"),
+    ([(0, np.nan, 0)] * 2, r"vertex 9 \(2 such\) is not finite: \[0.0, nan, 0.0\]")])
+def test_what_is_not_finite_is_named_by_the_vertices_of_the_cloth(force, words):
+    scene, cloth = sheet()
+    with pytest.raises(tc.SceneError, match=f"^add_load: force: {words}$"):
+        scene.add_load(cloth, [9, 7], force)
+    load = scene.add_load(cloth, [9, 7], lambda t: force if t > 0.1 else (0, 0, 0))
+    with pytest.raises(tc.SceneError, match=f"^the load on 2 vertices of 'cloth0', at t = 0.2 s: {words}$"):
+        load.at(0.2)

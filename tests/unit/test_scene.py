@@ -118,7 +118,7 @@ def test_path_that_goes_bad_later_is_named():
     scene, cloth = sheet()
     scene.move(cloth, "left", lambda t: (0, 0, 0) if t < 0.05 else (0, np.inf, 0), relative=True)
     sim = tc.Simulation(scene)
-    with pytest.raises(tc.SceneError, match="moves 5 vertices of 'cloth0', at t = 0.05 s: .* is not finite: inf"):
+    with pytest.raises(tc.SceneError, match="moves 5 vertices of 'cloth0', at t = 0.05 s: is not finite: .*inf"):
         sim.run(1, 20)
 
 
