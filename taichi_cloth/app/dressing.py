@@ -28,7 +28,6 @@ def add_parser(commands) -> None:
 def run(args: argparse.Namespace) -> int:
     """Dresses; returns the exit code."""
     from .. import checks
-    from ..errors import SceneError
     from ..garment import load_pattern
     from ..garment.dressing import dress
     from ..io.solid import load_solid
@@ -37,9 +36,7 @@ def run(args: argparse.Namespace) -> int:
     from ..scene.scene import Scene
 
     name = checks.choice("--fabric", args.fabric, tuple(fabrics))
-    out = Path(args.out)
-    if out.suffix != ".npz" or not out.parent.is_dir():
-        raise SceneError(f"--out {args.out}: must be a .npz in a folder that is there")
+    out = _checked_out(args.out)
     garment = load_pattern(args.pattern, args.side).mesh(args.spacing)
     print(f"{len(garment.seams)} seams, {garment.mesh.vertex_count} vertices, {garment.mesh.face_count} triangles")
     body = Scene()
@@ -49,3 +46,20 @@ def run(args: argparse.Namespace) -> int:
     made.garment.save(out)
     print(f"{made.report()}\nwritten to {out}")
     return 0
+
+
+def _checked_out(name: str) -> Path:
+    """Where the garment is to go; that it can be written is found out before anything is computed."""
+    from .. import checks
+    from ..errors import SceneError
+
+    out = checks.path("--out", name)
+    if out.suffix != ".npz" or out.is_dir() or not out.parent.is_dir():
+        raise SceneError(f"--out {name}: must be a .npz in a folder that is there")
+    try:
+        part = out.with_name(out.name + ".part")  # as `Garment.save` writes it
+        part.touch()
+        part.unlink()
+    except OSError as error:
+        raise SceneError(f"{out}: cannot be written: {error.strerror or error}") from None
+    return out

@@ -433,6 +433,18 @@ def test_a_body_through_a_panel_between_its_vertices_is_refused(tmp_path):
         tc.dress(garment, tc.Fabric(0.2, tc.Stretch(300)), body)
 
 
+@pytest.mark.parametrize("name, words", [
+    ("folder.npz", "must be a .npz in a folder"), ("no/a.npz", "must be a .npz in a folder"), ("a.obj", "must be a .npz"),
+    ("a" * 250 + ".npz", "cannot be written: "), ("a.npz", "No such file")])
+def test_a_garment_that_cannot_be_written_is_said_before_anything_is_read(tmp_path, capsys, name, words):
+    from taichi_cloth.app import cli
+
+    (tmp_path / "folder.npz").mkdir()
+    assert cli.main(["dress", "no.json", "--body", "nobody.obj", "--out", str(tmp_path / name)]) == 2
+    said = capsys.readouterr().err
+    assert words in said and (name in said) == (name != "a.npz") and len(list(tmp_path.iterdir())) == 1
+
+
 @pytest.mark.slow
 def test_the_command_dresses(tmp_path, capsys):
     """A skirt on a body that its file has in centimetres; without their scale the body is refused by its size."""
