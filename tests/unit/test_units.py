@@ -8,8 +8,14 @@ import pytest
 import taichi_cloth as tc
 
 
+def plain(size, cells):
+    """A grid without material coordinates."""
+    return tc.TriMesh(tc.grid(size, cells).x, tc.grid(size, cells).faces)
+
+
 @pytest.mark.parametrize("mesh, fabric, more, words", [
     (tc.grid(1000.0, 2), tc.Fabric(0.15), {}, "size = 1,000 m"), (tc.grid(1e-3, 2), tc.Fabric(0.15), {}, "size = 0.001 m"),
+    (plain(600.0, 30), tc.Fabric(0.15), {}, "size = 600 m"), (plain(1000.0, 10), tc.Fabric(0.15), {}, "size = 1,000 m"),
     (tc.grid(1.0, 2), tc.Fabric(150.0), {}, r"density = 150 kg/m\^2"),
     (tc.grid(1.0, 2), tc.Fabric(0.15, bend=tc.Bend(20.0)), {}, "D = 20 N m"),
     (tc.grid(1.0, 2), tc.Fabric(0.15), {"contact": tc.ClothContact(0.5)}, "thickness = 0.5 m")])
@@ -48,4 +54,5 @@ def test_usual_cloth_is_not_doubted():
             scene.add_cloth(tc.grid(size, 2), fabric, contact=tc.ClothContact(5e-4))
         for fabric in tc.fabrics.values():
             scene.add_cloth(tc.grid((0.5, 2.0), 2), fabric)
-    assert np.isclose(scene.vertex_count, 9 * (3 + len(tc.fabrics)))
+        scene.add_cloth(plain(0.1, 50), fabric)  # triangles of 2 mm
+    assert np.isclose(scene.vertex_count, 9 * (3 + len(tc.fabrics)) + 51**2)
