@@ -39,18 +39,31 @@ def summary(sim: Simulation) -> dict:
 
 def _seams(sim: Simulation) -> str:
     """What is not sewn together yet, or no longer."""
-    seams, gaps, given = sim.scene.seams, sim.seam_gaps(), sim.stitches_open()
+    seams = sim.scene.seams
+    sewn = [k for k, seam in enumerate(seams) if not seam.tears]
+    if not sewn:
+        return ""
+    gaps, opened = np.where([seam.tears for seam in seams], 0.0, sim.seam_gaps()), sim.stitches_open()
+    given = [opened[k] for k in sewn]
     count = sum(int(o.sum()) for o in given)
     if count:
         return f"seams: {count} of {sum(map(len, given))} stitches have opened, at most {gaps.max():.3g} m\n"
     if not (gaps > 0).any():
-        return f"seams: all {len(seams)} are closed\n" if seams else ""
+        return f"seams: all {len(sewn)} are closed\n"
     k = int(np.argmax(gaps))
     names = seams[k].cloth.mesh.groups
     joined = [next((n for n, g in names.items() if np.isin(row, g).all()), f"vertices {row[0]} to {row[-1]}")
               for row in (seams[k].a, seams[k].b)]
-    return (f"seams: {int((gaps > 0).sum())} of {len(seams)} are open, at most {gaps[k]:.3g} m: seam {k} of "
+    return (f"seams: {int((gaps > 0).sum())} of {len(sewn)} are open, at most {gaps[k]:.3g} m: seam {k} of "
             f"{seams[k].cloth.name!r}, {joined[0]} to {joined[1]}\n")
+
+
+def _tears(sim: Simulation) -> str:
+    """How much of what may tear has."""
+    edges = [(seam.cloth.split.edge, opened)  # type: ignore[union-attr]
+             for seam, opened in zip(sim.scene.seams, sim.stitches_open()) if seam.tears]
+    torn, all_of = (sum(len(np.unique(e)) for e in part) for part in ([e[o] for e, o in edges], [e for e, _ in edges]))
+    return f"tears: {torn} of {all_of} edges are torn or cut\n" if edges else ""
 
 
 def describe(sim: Simulation, wall: float, start: float = 0.0) -> str:
@@ -70,7 +83,7 @@ def describe(sim: Simulation, wall: float, start: float = 0.0) -> str:
         counted = "not counted" if s["intersections"] is None else s["intersections"]
         layers = (f"layers: at most {s['layers']} pairs of cloth in contact, smallest gap {s['least_gap']:.2f} thicknesses; "
                   f"intersections {counted}, tangled at most {s['tangled']}, pinched {s['pinched']}\n")
-    return (f"model: {model}\n{layers}{_seams(sim)}"
+    return (f"model: {model}\n{layers}{_seams(sim)}{_tears(sim)}"
             f"trouble: rejected steps: {bad}; taken by backward Euler instead: {s['fell_back']}; smallest h "
             f"{s['smallest_h'] * 1e3:.3g} ms, worst residual {s['worst_residual']:.1g}, "
             f"crossings {s['crossings']}, largest stretch {s['largest_stretch']:.3f}\n"

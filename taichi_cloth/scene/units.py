@@ -24,7 +24,8 @@ def doubts(cloth: Cloth, gravity: np.ndarray) -> list[str]:
 
     mesh = cloth.mesh
     places = mesh.x if mesh.flattened else mesh.corner_uv.reshape(-1, 2)  # flattened, it has no pattern
-    look("size", float(np.ptp(places, axis=0).max()), "m", SIZE, "lengths are in metres (a file in mm: tc.load(path, scale=1e-3))")
+    size = float(np.ptp(places, axis=0).max())
+    look("size", size, "m", SIZE, "lengths are in metres (a file in mm: tc.load(path, scale=1e-3))")
     look("density", cloth.fabric.density, "kg/m^2", DENSITY, "150 g/m^2 are .15")
     if cloth.fabric.bend is not None:
         look("bend D", max(pair(cloth.fabric.bend.D)), "N m", RIGIDITY, "20 uN m are 2e-5")

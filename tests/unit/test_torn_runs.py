@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.app.summary import describe
 from taichi_cloth.output.export import export
 from taichi_cloth.output.look import Look
 from taichi_cloth.output.picture import Artist
@@ -53,6 +54,22 @@ def bent():
     cloth = scene.add_cloth(whole, tc.Fabric(0.2, tc.Stretch(K), bend=tc.Bend(1e-3)), rolled,
                             tear=tc.Tear(1e6, where=np.flatnonzero(uv[:, 0] > 0.1 + 1e-9)))
     return scene, scene.sew(cloth, edge, other[edge])
+
+
+def test_the_closing_lines_say_which_are_tears_and_which_are_seams():
+    scene, seam = bent()
+    with tc.Simulation(scene, h=1e-6, integrator="backward_euler") as sim:
+        sim.unsew(seam, [seam.a[0]])
+        sim.step()
+        assert "seams: 1 of 5 stitches have opened, at most " in describe(sim, 1.0)
+        assert "tears: 0 of 40 edges are torn or cut\n" in describe(sim, 1.0)
+    scene = tc.Scene()
+    cloth = scene.add_cloth(tc.grid((0.12, 0.04), (6, 2)), tc.Fabric(0.2, tc.Stretch(K)), tear=tc.Tear(STRENGTH, length=0.03))
+    scene.score(cloth, [(0.04, 0), (0.04, 0.04)], 0.0)
+    with tc.Simulation(scene, h=1e-6, integrator="backward_euler") as sim:
+        sim.step()
+        said = describe(sim, 1.0)
+        assert "tears: 2 of 28 edges are torn or cut\n" in said and "seams" not in said  # 44 less the border's 16
 
 
 @pytest.fixture
