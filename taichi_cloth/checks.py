@@ -232,6 +232,14 @@ def path(what: str, value: object, error: Error = SceneError) -> pathlib.Path:
     return out
 
 
+def png(what: str, value: object, error: Error = SceneError) -> pathlib.Path:
+    """A path of a PNG, which its name ends with."""
+    out = path(what, value, error)
+    if out.suffix.lower() != ".png":
+        raise error(f"{what} = {str(out)!r}: must end with .png: pictures are written as PNG only")
+    return out
+
+
 def _real(value: object) -> float:
     """A number as a float; NaN where it is none, infinity where it is too large for one."""
     if isinstance(value, np.ndarray) and value.ndim == 0:

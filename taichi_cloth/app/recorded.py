@@ -72,13 +72,15 @@ def _render(args: argparse.Namespace) -> int:
 
 def _compare(args: argparse.Namespace) -> int:
     from .. import checks
+    from ..errors import OutputError
     from ..output.recording import Recording
     from ..recording.playback import compare
 
     _check_to(args)
     checks.integer("--frames", args.frames)
+    to = checks.maybe(args.to, checks.png, "--to", OutputError)
     first, second = map(Recording, args.runs)
-    file = pathlib.Path(args.to) if args.to else first.path / "compare.png"
+    file = to or first.path / "compare.png"
     print(f"{compare(first, second, file, args.size, args.frames, _look(args, first))}; written to {file}")
     return 0
 

@@ -66,7 +66,7 @@ def render(what: Drawable, path: str | Path | None = None, frame: int | None = N
         SceneError: an impossible value or an unknown name.
         OutputError: no such frame, or a file that cannot be written.
     """
-    path = None if path is None else checks.path("render: path", path, OutputError)
+    path = None if path is None else checks.png("render: path", path, OutputError)
     artist, arrays, number = _artist("render", what, frame, size, heat, limits, quality=quality, camera=camera, wire=wire,
                                      caption=caption, orbit=orbit, follow=follow, background=background, floor=floor,
                                      light=light, appearance=appearance, smooth=smooth, bits=bits)

@@ -1,6 +1,7 @@
 """Pictures by the command line and from Python, of a run whose cloth falls further than its scene foresees."""
 
 import json
+import re
 import sys
 
 import numpy as np
@@ -122,6 +123,15 @@ def test_a_folder_that_cannot_be_made_is_named(fallen, tmp_path, capsys):
         with pytest.raises(tc.OutputError, match=f"cannot write to {folder}: "):
             tc.render_frames(tc.Recording(fallen), folder, size=SIZE)
     assert (tmp_path / "file").read_text() == "kept"
+
+
+@pytest.mark.parametrize("name", ["x.jpg", "x"])
+def test_pictures_are_png_by_name_too(fallen, tmp_path, capsys, name):
+    assert cli.main(["compare", str(fallen), str(fallen), "--to", str(tmp_path / name), *SMALL]) == 2
+    assert re.search(f"--to = '.*{name}': must end with .png", capsys.readouterr().err)
+    with pytest.raises(tc.OutputError, match=f"render: path = '.*{name}': must end with .png"):
+        tc.render(tc.Recording(fallen), tmp_path / name, frame=4, size=SIZE)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("flags, what", [
