@@ -89,7 +89,7 @@ def _guard(work: Callable[[], int]) -> int:
             try:
                 return work()
             finally:
-                sys.stdout.flush()  # here, not at exit, a pipe that was closed is met
+                print(end="", flush=True)  # here, not at exit, a pipe that was closed is met
     except ClothError as error:
         if isinstance(error, ScriptError):
             print(own_lines(error.__cause__ or error), end="", file=sys.stderr)
