@@ -224,7 +224,7 @@ MUTATIONS = (
     (CONTACT + "cloth/layers.py", "& (compared.rows >= 0) &", "&", "what stops a step short at once stiff", GAPS),
     (CONTACT + "cloth/layers.py", "PATIENCE = 8 ", "PATIENCE = 3 ", "friction by forces of three solves before", DRAWN),
     (NONLINEAR + "layer_contact.py", "if self.agreed:", "if False:", "steps whose energy alone is off get smaller", DRAWN),
-    (CONTACT + "cloth/layers.py", "late = lag > LAGGED * rubs_as and self.round <= PATIENCE", "late = False",
+    (CONTACT + "cloth/layers.py", "late = lag > LAGGED * rubs_as and", "late = False and",
      "friction that lags is taken",
      SETTLED),
     (CONTACT + "cloth/layers.py", "return not (near or self.off or rubs or late)", "return not (near or rubs or late)",

@@ -32,7 +32,8 @@ from .firmness import CLOSE, Firmness
 from .narrow_phase import LayerDetector
 from .untangle import Intersections
 
-PATIENCE = 8  # solves after which normal forces that friction goes by, and that still change, do so in the next step
+PATIENCE = 8  # solves after which normal forces that friction goes by, and that still change, do so in the next step,
+SOONER = 3  # and where something is pinched or passes through itself
 LAGGED = 0.1  # part by which all that friction can be may be off what it is by the same solve's normal forces
 AGREED = 0.1  # part of all forces of pairs by which what solves take them to be may be off
 RUBBED = 0.05  # the same of friction beyond its cone
@@ -204,7 +205,8 @@ class Layers(Checkpointed):
         self.off = int(np.sum(wrong > 0)) if np.sum(wrong) > AGREED * total else 0
         rubs_as = float(np.sum(bears))
         lag = abs(float(np.sum(q.weighed[pair_kernels.MU] * np.maximum(taken, 0.0))) - rubs_as)
-        late = lag > LAGGED * rubs_as and self.round <= PATIENCE
+        hindered = self.intersections.active or self.waived.any()
+        late = lag > LAGGED * rubs_as and self.round <= (SOONER if hindered else PATIENCE)
         beyond = np.maximum(compared.measured[pair_kernels.RUBBED] - pair_kernels.CONE * bears, 0)
         over = float(np.sum(beyond + compared.measured[pair_kernels.BACK] * bears))
         rubs = over > RUBBED * rubs_as and self.round == 1  # what it still is then, it is in the next step
