@@ -167,7 +167,7 @@ def array(what: str, value: object, *shapes: Sequence[int | str], row: str = "ro
     """Finite numbers of one of some shapes, a copy in float64.
 
     Args:
-        shapes: lengths; a letter stands for any. What has fewer than the longest is one value for all rows.
+        shapes: lengths; a letter stands for any. What has the longest's but the first is one value for all rows.
         row: what an index along the first axis is; of: by which number each is known, its own where None; hint: what to do
             about a wrong shape; for the messages.
 
@@ -183,7 +183,7 @@ def array(what: str, value: object, *shapes: Sequence[int | str], row: str = "ro
     if len(bad):
         k, rows = bad[0][0], len(np.unique(bad[:, 0]))
         where, values = "", out
-        if out.ndim == max(map(len, shapes)):
+        if out.shape != tuple(max(shapes, key=len)[1:]):
             where, values = f"{row} {k if of is None else of[k]} " + (f"({rows} such) " if rows > 1 else ""), out[k]
         why = f"beyond {LARGEST:g}" if np.isfinite(values).all() else "not finite"
         raise error(f"{what}: {where}is {why}: {shown(values.tolist())}")

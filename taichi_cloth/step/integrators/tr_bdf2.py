@@ -82,8 +82,9 @@ class TRBDF2(Checkpointed):
         made = self._attempt(h, held_at, start, effort)
         if made.ledger is None or made.measures is None or made.rejection is not None or self.options.cg_tol is not None:
             return made
-        lost = -made.ledger.unaccounted
-        if not lost > LOSS * self.motion_1 + self.system.rounding(h, start, made.measures):
+        ledger = made.ledger
+        spare = WORK * (abs(ledger.pins) + abs(ledger.wind)) + self.system.rounding(h, start, made.measures)
+        if not -ledger.unaccounted > LOSS * self.motion_1 + spare:
             return made
         self.model.restore()
         closer = replace(effort, first=CLOSER * effort.first, others=CLOSER * effort.others)
