@@ -72,24 +72,25 @@ class PCG(Recurrences):
         self.rms = 0.0  # of the last solve's dv over the particles [m/s]
 
     def solve(self, tolerance: float, free: bool = False, warm: bool = False, zero: bool = False,
-              least: float = 0.0) -> Solution:
+              least: float = 0.0, loose: bool = False) -> Solution:
         """From dv = z (already in place) to dv; A dv is left in As.
 
         Args:
             tolerance: on the filtered residual, relative to that of dv = z.
-            free: nothing is held: start from the translation that has all of b's momentum, which is the answer
+            free: nothing is held, or being sewn: start from the translation that has all of b's momentum, which is the answer
                 where cloth falls freely.
             warm: dv is not z but what a solve of nearly the same system gave, and its reference is that solve's.
             zero: starts from dv = 0, whatever is in place.
             least: residual norm that the tolerance is relative to where its own is less.
+            loose: nothing is held, though it may be sewn.
         """
         solve = self._together if self.together else self._apart
         ended = solve(tolerance, self.reference if warm else 0.0, least, int(zero), 0 if free else self.max_iterations)
         if free and float(ended[3]) > 0:
             self._translate()
             ended = solve(tolerance, float(ended[3]), least, 0, self.max_iterations)
-            if self.balanced:
-                self._balance()
+        if loose and self.balanced:
+            self._balance()
         state, done = int(ended[0]), int(ended[1])
         norm, first, size, square = (float(ended[k]) for k in range(2, 6))
         self.last, self.reference = done, first

@@ -96,6 +96,26 @@ def test_it_hangs_where_forces_balance():
     sim.close()
 
 
+@pytest.mark.slow
+def test_what_hangs_by_springs_alone_takes_no_more_iterations():
+    """Springs to a prop: their solves need no more iterations than with a ball far below, which only says that forces from
+    outside may be there, and the cloth hangs where exact solves have it."""
+    flat, took, low = tc.grid(0.5, 10), [], []
+    for ball, cg_tol in ((False, 1e-4), (True, 1e-4), (False, 1e-9)):
+        scene = tc.Scene()
+        cloth = scene.add_cloth(flat, FABRIC)
+        scene.attach(cloth, "top", scene.add_prop(tc.Box((0.5, 0.01, 0.01)), position=(0.25, 0.5, 0)), stiffness=2000.0)
+        if ball:
+            scene.add_solid(tc.Sphere(0.1), 0.3, 0.01, position=(0, -5, 0))
+        sim = tc.Simulation(scene, h=1 / 60, integrator="backward_euler", cg_tol=cg_tol)
+        for _ in range(20):
+            sim.step()
+        took.append(sum(r.iterations for r in sim.log))
+        low.append(sim.positions()[:, 1].min())
+        sim.close()
+    assert took[0] < 1.2 * took[1] and abs(low[0] - low[2]) < 1e-3
+
+
 @pytest.mark.parametrize("integrator", ["newton_euler", "tr_bdf2"])
 @pytest.mark.slow
 def test_all_of_their_work_is_accounted_for(integrator):

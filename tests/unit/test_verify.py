@@ -97,6 +97,18 @@ def test_what_falls_is_weighed_with_its_point_masses():
     assert good, figure
 
 
+def test_what_is_being_sewn_falls_as_fast():
+    """Its first steps are backward Euler's, which go further: their speed is right."""
+    scene, one = tc.Scene(), tc.grid(1.0, 4)
+    k = one.vertex_count
+    mesh = tc.TriMesh(np.concatenate([one.x, one.x + [1.01, 0, 0]]), np.concatenate([one.faces, one.faces + k]),
+                      np.concatenate([one.uv, one.uv + [1.0, 0]]))
+    cloth = scene.add_cloth(mesh, FULL)
+    scene.sew(cloth, np.flatnonzero(one.uv[:, 0] > 1 - 1e-9), k + np.flatnonzero(one.uv[:, 0] < 1e-9))
+    (_, figure, good), = verify._fall(scene, OneThread)
+    assert good, figure
+
+
 def test_what_may_tear_falls_and_is_solved_as_it_was_handed_in():
     scene = tc.Scene()
     cloth = scene.add_cloth(tc.grid(1.0, 4), FULL, contact=tc.ClothContact(0.01, 0.3), tear=tc.Tear(300.0))

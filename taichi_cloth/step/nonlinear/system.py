@@ -33,6 +33,7 @@ class System:
         span: c [s] that it was linearized with.
         leads: whether the last solve led something: pins that move, solids, seams that close.
         gave: whether stitches gave in this step, which is tried again without them.
+        pulled: whether something may be attached softly.
         fragile: whether single solves can be far off: something may rip or tear, or is blown up.
         resolution: what positions are rounded to [m].
         floor: energy [J] that this rounding amounts to.
@@ -44,7 +45,8 @@ class System:
         self.model, self.operator, self.meter, self.options, self.contacts = model, operator, meter, options, contacts
         self.scene = scene
         self.preconditioner = build_preconditioner(options.preconditioner, fields, self.operator, scene)
-        alone = len(scene.cloths) == 1 and not scene.solids and scene.air is None
+        self.pulled = any(force.attached is not None for force in forces)
+        alone = len(scene.cloths) == 1 and not scene.solids and scene.air is None and not self.pulled
         self.solver = PCG(fields, self.operator, self.preconditioner, runtime, options.cg_max_iterations, alone)
         self.filter = Filter(fields, model, self.solver.dv)
         self.held: Held | None = None
@@ -147,7 +149,8 @@ class System:
             self.filter.lead(held.index, held.projector, held.target, lead)
         if fresh:
             self.preconditioner.make(self.span, held, lasting)
-        solution = self.solver.solve(tolerance, held is None and not warm and sewn is None, warm, zero, least)
+        falls = held is None and not warm and sewn is None and not self.pulled
+        solution = self.solver.solve(tolerance, falls, warm, zero, least, held is None)
         if solution.status == BREAKDOWN and self._indefinite and not self._definite:
             self._leave_out(True)
             self.meter.linearize(self.span, self._moves)
