@@ -63,7 +63,8 @@ MUTATIONS = (
      "steps into a limit end with their first solve", LEDGER),
     (EULER, "STILL = 1e-4", "STILL = 0.0", "what hardly moves is solved to its last digit", BLOWN),
     ("taichi_cloth/step/nonlinear/system.py", "scene.air is None and not self.pulled", "scene.air is None",
-     "springs to a prop hold nothing", "tests/unit/test_soft_attach.py::test_what_hangs_by_springs_alone_takes_no_more_iterations"),
+     "springs to a prop hold nothing",
+     "tests/unit/test_soft_attach.py::test_what_hangs_by_springs_alone_takes_no_more_iterations"),
     ("taichi_cloth/step/nonlinear/system.py", "False, any(force.driven for force in forces)", "False, False",
      "what blows up ends with its first solve", BLOWN),
     # stretch and shear
