@@ -39,6 +39,9 @@ class Wrong(OneThread):
     def positions(self):
         return super().positions() + [0, 0, 1e-3 * self.time]
 
+    def velocities(self):
+        return super().velocities() + [0, 0, 2e-3]
+
     def run(self, *args, **kwargs):
         super().run(*args, **kwargs)
         self.log[len(self.log) // 2].status = "MAX_ITERATIONS"
