@@ -82,7 +82,7 @@ class PCG(Recurrences):
             warm: dv is not z but what a solve of nearly the same system gave, and its reference is that solve's.
             zero: starts from dv = 0, whatever is in place.
             least: residual norm that the tolerance is relative to where its own is less.
-            loose: nothing is held, though it may be sewn.
+            loose: nothing is held, though seams may be closing: the total momentum is made exact, where `balanced`.
         """
         solve = self._together if self.together else self._apart
         ended = solve(tolerance, self.reference if warm else 0.0, least, int(zero), 0 if free else self.max_iterations)

@@ -34,7 +34,7 @@ from .untangle import Intersections
 
 PATIENCE = 8  # solves after which normal forces that friction goes by, and that still change, do so in the next step,
 SOONER = 3  # and where something is pinched or passes through itself
-LAGGED = 0.1  # part by which all that friction can be may be off what it is by the same solve's normal forces
+LAGGED = 0.1  # relative error of the sum of friction's bounds, against what the same solve's normal forces give
 AGREED = 0.1  # part of all forces of pairs by which what solves take them to be may be off
 RUBBED = 0.05  # the same of friction beyond its cone
 LOOSE = 2.0  # of gravity: what the forces of pairs may be off by, over the mass they act on
