@@ -49,9 +49,16 @@ class Queries(Parts):
         self._live().model.save()
         return self.meter.measure().energies
 
-    def forces(self) -> np.ndarray:
-        """(n, 3) [N] internal plus external, at the current state."""
-        self._live().prescribed.set_time(self.time)
+    def forces(self, renew: bool = True) -> np.ndarray:
+        """(n, 3) [N] internal plus external, at the current state.
+
+        Args:
+            renew: False keeps what a step takes from its start, as it was last set: loads, the wind, and the coefficients
+                of a plate in air. The linear system's matrix is the derivative of these forces.
+        """
+        self._live()
+        if checks.flag("forces: renew", renew):
+            self.prescribed.set_time(self.time)
         if self._force_field is None:
             self._force_field = self._later(ForceField)
         self._force_field.compute()

@@ -49,8 +49,8 @@ class Wrong(OneThread):
     def energy(self):
         return {name: (1 + 1e-4) * value for name, value in super().energy().items()}
 
-    def forces(self):
-        f, v = super().forces(), self.velocities()
+    def forces(self, renew=True):
+        f, v = super().forces(renew), self.velocities()
         return f + 10 * v + 1e-9 * np.abs(f).max() * np.array([0.3, 1, 0.2])  # driven by its motion, and pushed
 
     def product(self, p, h):
@@ -75,6 +75,17 @@ def test_each_fails_where_what_it_checks_is_wrong():
     assert len(found) == len(WORDS)
     for (name, figure, good), words in zip(found, WORDS):
         assert words in name and not good, (name, figure)
+
+
+@pytest.mark.parametrize("kind, good", [(OneThread, True), (Wrong, False)])
+def test_plates_in_a_wind_that_varies_are_damped_by_what_a_step_begins_with(kind, good):
+    """Coefficients go by the square of the speed, and a step keeps those of its start."""
+    scene, rng = tc.Scene(air=tc.Air(wind=tc.Gusts((1, 0, -2), 1.0), drag=1.2, lift=0.8)), np.random.default_rng(20_261_128)
+    cloth = scene.add_cloth(tc.grid(1.0, 4), FULL)
+    found = {name: (figure, holds) for name, figure, holds in
+             verify._forces(scene, cloth.positions, rng.normal(size=cloth.positions.shape), kind)}
+    figure, holds = found["damping product against differences of the force"]
+    assert holds is good, figure
 
 
 class Rough(OneThread):
