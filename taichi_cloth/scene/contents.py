@@ -35,7 +35,7 @@ class Contents:
         self.script, self._running = Script(), False
         self.followers: weakref.WeakSet = weakref.WeakSet()  # simulations of it that are open
         self.gravity, self.air = gravity, air
-        self.view = View() if view is None else checks.instance("view", view, View)
+        self.view = view
         self.cloths: list[Cloth] = []
         self.solids: list[Solid] = []
         self.props: list[Prop] = []
@@ -49,13 +49,14 @@ class Contents:
 
     @property
     def gravity(self) -> np.ndarray:
-        """(3,) [m/s^2]; zeros where None was given."""
+        """(3,) [m/s^2], to be read, and assigned as a whole; zeros where None was given."""
         return self._gravity
 
     @gravity.setter
     def gravity(self, gravity: ArrayLike | None) -> None:
         new = checks.vector("gravity", np.zeros(3) if gravity is None else gravity, "m/s^2")
         self._refuse_followed("gravity")
+        new.setflags(write=False)
         self._gravity = new
 
     @property
@@ -68,6 +69,15 @@ class Contents:
         new = checks.maybe(air, checks.instance, "air", Air)
         self._refuse_followed("air")
         self._air = new
+
+    @property
+    def view(self) -> View:
+        """How to draw it."""
+        return self._view
+
+    @view.setter
+    def view(self, view: View | None) -> None:
+        self._view = View() if view is None else checks.instance("view", view, View)
 
     def __repr__(self) -> str:
         cloths = ", ".join(f"{c.name} ({c.mesh.vertex_count:,} vertices)" for c in self.cloths) or "no cloth"

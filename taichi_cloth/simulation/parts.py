@@ -16,7 +16,7 @@ from ..backend.fields import Fields
 from ..backend.ordering import components
 from ..errors import BackendError, SceneError
 from ..forces import build_forces
-from ..options import EXPLICIT, H_MIN_FACTOR, MACHINE, Options, usual
+from ..options import BY_NAME, EXPLICIT, H_MIN_FACTOR, MACHINE, Options, usual
 from ..scene.cloth import Cloth
 from ..scene.mesh import borders_of, open_note
 from ..scene.scene import Scene
@@ -32,6 +32,7 @@ from ..system.operator import ForceField, Operator, Probe
 from ..system.quantities import collapsed, deformation
 from ..system.state import ParticleState
 
+OF_SCENE = ("gravity", "air")
 H, H_EXPLICIT = 1 / 60, 0.1  # s, where none is given; explicit methods need it only to look at what they did
 
 
@@ -79,6 +80,15 @@ class Parts:
         self._force_field: ForceField | None = None
         self._probe: Probe | None = None
         self.solution: Solution | None = None
+        self._made = True
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Refuses what would change nothing: options of a simulation that is made, and what is its scene's."""
+        if "_made" in self.__dict__ and (name in BY_NAME or name in OF_SCENE):
+            where = f"scene.{name} = ..." if name in OF_SCENE else f"tc.Simulation(scene, {name}=...)"
+            later = {"h": ", or step(h)", "air": ", or set_wind(...)"}.get(name, "")
+            raise SceneError(f"{name}: is decided before a simulation is made: {where}{later}")
+        super().__setattr__(name, value)
 
     def _build(self, scene: Scene, h: float) -> None:
         """Everything that lives in fields."""

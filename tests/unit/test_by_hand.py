@@ -121,3 +121,15 @@ def test_a_scene_is_free_again_when_its_simulations_are_over():
             scene.pin(cloth, 14)
     assert not ended.is_open  # by the one of another precision
     scene.pin(cloth, 14)
+
+
+def test_what_would_change_nothing_is_refused():
+    """Options are read where a simulation is made, gravity and air from its scene."""
+    scene = tc.Scene()
+    scene.add_cloth(tc.grid(0.5, 5), tc.Fabric(0.2, tc.Stretch(100)))
+    with tc.Simulation(scene, h=1 / 60, integrator="verlet") as sim:
+        for name, words in (("h", r"tc.Simulation\(scene, h=...\), or step\(h\)"), ("tolerance", "tolerance=..."),
+                            ("integrator", "integrator=..."), ("gravity", "scene.gravity = ..."), ("air", "or set_wind")):
+            with pytest.raises(tc.SceneError, match=words):
+                setattr(sim, name, 0.1)
+        assert sim.step().h == pytest.approx(1 / 60)

@@ -29,6 +29,7 @@ def sheet(n=4, **kwargs):
     (lambda: tc.Scene(gravity=(0, 1)), "gravity"),
     (lambda: setattr(tc.Scene(), "gravity", (0, 1)), "gravity"),
     (lambda: setattr(tc.Scene(), "air", "x"), "air = 'x': must be"),
+    (lambda: setattr(tc.Scene(), "view", "x"), "view = 'x': must be"),
     (lambda: tc.Air(normal=-1), "air normal = -1"),
     (lambda: tc.Air(normal=1, wind=lambda t: (1, np.nan, 0)), "wind at t = 0"),
     (lambda: tc.Camera((0, 0, 0), (0, 0, 0)), "same point"),
@@ -196,3 +197,5 @@ def test_gravity_and_air_are_assigned_as_they_are_given():
     assert scene.gravity.tolist() == [0, -1.6, 0] and scene.air is air
     scene.air = None
     assert scene.air is None
+    with pytest.raises(ValueError, match="read-only"):
+        scene.gravity[1] = -9.81
