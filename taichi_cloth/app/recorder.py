@@ -41,6 +41,6 @@ def record(sim: Simulation, out: str | os.PathLike, duration: float, fps: float 
     options = RunOptions(str(folder_path), duration, fps, overwrite=checks.flag("record: overwrite", overwrite),
                          checkpoint_every=checks.integer("record: checkpoint_every", checkpoint_every, least=0))
     manifest = {**described(sim, duration, fps, None), "scene": checks.name("record: name", name), "path": None,
-                "source": None, "settings": {}}
+                "source": None, "settings": {}, "begins": sim.time}
     run(sim, options, RunFolder(folder_path, options.overwrite), manifest, on_frame)
     return Recording(folder_path)

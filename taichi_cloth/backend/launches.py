@@ -5,11 +5,14 @@ arrays takes 50 us by Taichi's own way, most of it in Python, and 20 by this. Wh
 contiguous, a number of the wrong kind) goes Taichi's way, and so does everything where it differentiates or checks bounds.
 """
 
+import time
 from typing import Any
 
 import numpy as np
 from taichi.lang import impl, kernel_impl
 from taichi.types import ndarray_type, primitive_types
+
+from .timing import compiling
 
 LARGEST = np.iinfo(np.int32).max  # numbers of an array that Taichi can tell apart
 REALS, INTEGERS = (float, int, np.floating, np.integer), (int, np.integer)
@@ -49,8 +52,10 @@ class Launcher:
             self.forget()
         known = self._known.get(features)
         if known is None:
+            began = time.perf_counter()
             out = slow(kernel, *args)
             self._learn(features, args)
+            compiling.seconds += time.perf_counter() - began
             return out
         made, data = known
         context = made.make_launch_context()

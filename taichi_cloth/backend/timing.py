@@ -29,6 +29,9 @@ class Stopwatch:
         self.seconds, self.runs = 0.0, False
 
 
+compiling = Stopwatch()  # first launches of kernels: they compile, or read what was compiled before
+
+
 def timed(method):
     """Adds a method's wall time to the `watch` of its object; those it calls in turn are not counted again."""
 

@@ -67,6 +67,15 @@ class Recording:
                               "--from-frame simulates from an earlier one again")
         return numbers
 
+    def time(self, frame: int) -> float:
+        """Of a frame [s]: frame 0 is where recording began."""
+        return float(self.manifest.get("begins", 0.0)) + frame / self.fps
+
+    @property
+    def fps(self) -> float:
+        """Frames a second."""
+        return float(self.manifest.get("fps", 24))
+
     def frame(self, number: int) -> dict[str, np.ndarray]:
         """What moves, at a frame; see `record.frame`."""
         return self._arrays(numbered(FRAMES, number))

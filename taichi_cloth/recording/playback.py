@@ -81,7 +81,7 @@ def render(recording: Recording, folder: pathlib.Path, size: tuple[int, int], lo
         if k in picked or films.apng or films.mp4:
             images.append((k, image))
     every = (numbers[-1] - numbers[0]) / max(len(numbers) - 1, 1) or 1.0
-    fps = float(recording.manifest.get("fps", 24)) / every
+    fps = recording.fps / every
     if films.sheet:
         chosen = [image for k, image in images if k in picked]
         files.append(folder / "sheet.png")
@@ -156,17 +156,16 @@ def apart_in_all(apart: dict[int, np.ndarray], of: np.ndarray | None) -> str:
 def parting(a: Recording, b: Recording, tolerance: float) -> list[str]:
     """Sentences on where the motion of two runs parts, and on how far they are apart at the end."""
     apart, of = distances(a, b), weights(a, b)
-    fps = float(a.manifest.get("fps", 24))
     last, size = max(apart), float(np.linalg.norm(np.ptp(a.frame(max(apart))["x"], axis=0))) or 1.0
     off = _rms([apart[last]], of)
     counts = len(apart[last]), len(b.geometry["x"])
     where = "" if of is None else f" of {counts[0]:,} vertices against {counts[1]:,}, by material coordinates"
-    end = f"at the end, t = {last / fps:.4g} s{where}: RMS {off:.3g} m, {off / size:.2%} of the size {size:.3g} m"
+    end = f"at the end, t = {a.time(last):.4g} s{where}: RMS {off:.3g} m, {off / size:.2%} of the size {size:.3g} m"
     for k, d in apart.items():
         rms = _rms([d], of)
         if rms > tolerance:
             worst = int(np.argmax(d))
-            return [f"the motion parts at frame {k} (t = {k / fps:.4g} s): RMS {rms:.3g} m, "
+            return [f"the motion parts at frame {k} (t = {a.time(k):.4g} s): RMS {rms:.3g} m, "
                     f"vertex {worst} by {d[worst]:.3g} m", end, apart_in_all(apart, of)]
     largest = max(float(d.max()) for d in apart.values())
     return [f"the motion agrees in all {len(apart)} frames: no vertex is further apart than {largest:.3g} m"]
@@ -182,10 +181,9 @@ def _same_times(a: Recording, b: Recording) -> list[tuple[int, int]]:
     Raises:
         OutputError: there are none.
     """
-    rate_a, rate_b = (float(r.manifest.get("fps", 24)) for r in (a, b))
     frames = set(b.frames())
-    pairs = [(k, round(k / rate_a * rate_b)) for k in a.frames()]
-    common = [(k, j) for k, j in pairs if j in frames and abs(k / rate_a - j / rate_b) < 1e-9]
+    pairs = [(k, round((a.time(k) - b.time(0)) * b.fps)) for k in a.frames()]
+    common = [(k, j) for k, j in pairs if j in frames and abs(a.time(k) - b.time(j)) < 1e-9]
     if not common:
         raise OutputError(f"{a.path} and {b.path} have no time in common at which both have a frame")
     return common

@@ -165,7 +165,7 @@ def _playback(recording: Recording, budget: float) -> tuple[dict, str]:
             "faces": indices(g.get("corners", g["faces"])), "solidFaces": indices(g["solid_faces"]),
             "frames": [packed(f["x"]) for f in frames],
             "solidFrames": [packed(x) for x in solids], "low": low.tolist(), "span": span.tolist(), "numbers": kept,
-            "times": [float(f["t"]) for f in frames], "fps": float(recording.manifest.get("fps", 24)) / every}
+            "times": [float(f["t"]) for f in frames], "fps": recording.fps / every}
     return data, f"Every {every}th frame, to keep the page small." if every > 1 else ""
 
 

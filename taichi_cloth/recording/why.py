@@ -25,9 +25,10 @@ def costliest(recording: Recording, count: int = 10) -> str:
     names: list[str] = []
     for k in chosen:
         r = log[k]
+        compiling = r["seconds"].get("compiling", 0.0)
         lines.append(f"step {k} to t = {r['t']:.4g} s: {1e3 * cost[k]:.0f} ms, h = {1e3 * r['h']:.3g} ms, "
                      f"{r['solves']} solves, {r['iterations']} CG iterations"
-                     + ("; the first step compiles kernels" if k == 0 else ""))
+                     + (f"; {1e3 * compiling:.0f} ms of it to compile kernels, or to load them" if compiling else ""))
         for trouble in (Trouble(**t) for t in r.get("troubles", [])):
             names += [trouble.name] * (trouble.name in ADVICE)
             what = f"{trouble.name} at h = {1e3 * trouble.h:.3g} ms" if trouble.name else "slow to solve"

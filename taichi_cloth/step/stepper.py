@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 
 from .. import checks
+from ..backend.timing import compiling
 from ..errors import SceneError, SimulationError
 from ..options import LONGEST, SHORTEST
 from ..system.assembler import Assembler, Measures
@@ -74,7 +75,8 @@ class StepRecord:
         rejections: name -> count, of the attempts before it.
         energies: J by term at its end.
         stretch: largest |w|/b.
-        seconds: wall time by part: EVAL, CG, C-C, C-S, and total, rejected attempts included.
+        seconds: wall time by part: EVAL, CG, C-C, C-S, and total, rejected attempts included; compiling: what of all this
+            were first launches of kernels.
         contacts: number of contacts with solids at its end.
         unsettled: how many of them had not agreed on sticking, sliding or releasing when it was accepted, and how
             many pairs of cloth not on their forces.
@@ -154,7 +156,7 @@ class Stepper(Checkpointed):
         rejections: dict[str, int] = {}
         troubles: list[Trouble] = []
         seconds = dict.fromkeys(PARTS, 0.0)
-        began = time.perf_counter()
+        began, compiled = time.perf_counter(), compiling.seconds
         while True:
             self.model.save()
             if self.start is None:
@@ -171,7 +173,7 @@ class Stepper(Checkpointed):
                 self.start = self._measured(t)  # from the start of the step again, with what gave open
                 continue
             if passes:
-                seconds["total"] = time.perf_counter() - began
+                seconds |= {"total": time.perf_counter() - began, "compiling": compiling.seconds - compiled}
                 return self._accept(t, h, attempt, rejection, rejections, seconds, troubles)
             assert rejection is not None
             self.model.restore()

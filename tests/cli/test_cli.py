@@ -72,7 +72,7 @@ def test_run_writes_what_it_says(out):
     records = [json.loads(line) for line in (folder / "telemetry.jsonl").read_text().splitlines()]
     assert [r["t"] for r in records] == pytest.approx([0.1 * k / 6 for k in range(1, 7)])
     assert all(r["status"] == "CONVERGED" and r["iterations"] > 0 and r["residual"] < 1 for r in records)
-    assert set(records[0]["seconds"]) == {"EVAL", "CG", "C-C", "C-S", "total"}
+    assert set(records[0]["seconds"]) == {"EVAL", "CG", "C-C", "C-S", "total", "compiling"}
     assert "0.1 s simulated" in done.stdout and "frame 2/2" in done.stderr
 
 

@@ -7,6 +7,7 @@ import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.output.recording import Recording as Folder
+from taichi_cloth.recording import playback
 
 pytestmark = pytest.mark.slow
 
@@ -36,6 +37,9 @@ def test_a_recorded_simulation_is_what_it_was(sim, tmp_path, capsys):
     again = tc.record(sim, tmp_path / "on", 0.1, 20)  # goes on from where it is
     assert [float(again.frame(k)["t"]) for k in again.frames()] == pytest.approx([begun, begun + 0.05, begun + 0.1])
     assert (again.frame(0)["x"] == recording.frame(4)["x"]).all()
+    assert [again.time(k) for k in again.frames()] == pytest.approx([begun, begun + 0.05, begun + 0.1])
+    assert playback._same_times(recording, again) == [(4, 0)] and playback._same_times(again, recording) == [(0, 4)]
+    assert "agrees in all 1 frames" in playback.parting(recording, again, 1e-9)[0]
     number, state = again.last_checkpoint()
     sim.resume(state)
     assert number == 0 and sim.time == begun and (sim.positions() == seen[-1][2]).all()

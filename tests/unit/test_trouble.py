@@ -73,4 +73,8 @@ def test_why_names_the_costliest_steps(tmp_path):
     heads = [line for line in text.splitlines() if line.startswith("step ")]
     assert [int(line.split()[1]) for line in heads] == dearest
     assert all(f"{log[k]['solves']} solves" in line for k, line in zip(dearest, heads))
+    told = {k: f"{1e3 * log[k]['seconds']['compiling']:.0f} ms of it to compile" in line for k, line in zip(dearest, heads)}
+    assert told == {k: log[k]["seconds"]["compiling"] > 0 for k in dearest} and dearest[0] == 0 and told[0]
+    assert 0.5 < log[0]["seconds"]["compiling"] / log[0]["seconds"]["total"] < 1
+    assert not any(r["seconds"]["compiling"] for r in log[-5:])
     assert cli.main(["why", str(folder), "--steps", "0"]) == 2
