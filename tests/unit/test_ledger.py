@@ -55,6 +55,21 @@ def test_all_of_a_converged_step_is_accounted_for(integrator):
 
 
 @pytest.mark.slow
+def test_what_begins_to_be_held_as_it_flies_is_accounted_for():
+    """TR-BDF2's first stage throws it back, x_g = x_0 + c (v_0 + v_g), and its pin works; also where the step is tried again."""
+    scene = tc.Scene(gravity=None)
+    cloth = scene.add_cloth(tc.grid(0.6, 4), fabric(), velocities=(0, 0, 20.0))
+    scene.at(1 / 60, lambda sim: sim.pin(cloth, "top_left"))
+    sim = tc.Simulation(scene, h=1 / 60, integrator="tr_bdf2", **CONVERGED | {"newton_tol": 1e-9})
+    sim.run(1 / 30, 60)
+    before, first = sim.log[0], sim.log[1]
+    assert before.t == pytest.approx(1 / 60) and first.rejections and first.ledger["pins"] > 0.1, first
+    scale = first.ledger["pins"] + first.ledger["damping"] + abs(first.ledger["method"])
+    assert abs(first.ledger["unaccounted"]) < 2e-7 * scale, first.ledger
+    sim.close()
+
+
+@pytest.mark.slow
 def test_each_term_of_a_backward_euler_step_is_what_forces_do():
     """Work of pins, wind and damping from forces and velocities at the end of the step, the method's own from its formula."""
     calm, windy = (tc.Simulation(led(air), h=1 / 60, integrator="backward_euler", stretch_limit=9.0)

@@ -187,8 +187,8 @@ class TRBDF2(Checkpointed):
         return Attempt(stage.rejection, f"{which}: {stage.detail}", stage.measures, tuple(solutions), clock.seconds)
 
     def _reaction_power(self, held: Held | None, c: float) -> float:
-        """Power [W] of the constraints at the end of a stage."""
-        if held is None or not held.moving:
+        """Power [W] of the constraints at the end of a stage; what begins to be held as it moves goes back in the first."""
+        if held is None or not (held.moving or self.rate is not None):
             return 0.0
         v = self.model.read_particles()[1][held.index]
         return float(np.sum(self.system.reaction_rows() * v)) / c
