@@ -56,7 +56,7 @@ def test_all_of_a_converged_step_is_accounted_for(integrator):
 
 @pytest.mark.slow
 def test_what_begins_to_be_held_as_it_flies_is_accounted_for():
-    """TR-BDF2's first stage throws it back, x_g = x_0 + c (v_0 + v_g), and its pin works; also where the step is tried again."""
+    """TR-BDF2's first stage throws it back, x_g = x_0 + c (v_0 + v_g), and its pin works; in a step that is tried again."""
     scene = tc.Scene(gravity=None)
     cloth = scene.add_cloth(tc.grid(0.6, 4), fabric(), velocities=(0, 0, 20.0))
     scene.at(1 / 60, lambda sim: sim.pin(cloth, "top_left"))

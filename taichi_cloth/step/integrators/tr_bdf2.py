@@ -47,8 +47,8 @@ WEIGHT = math.sqrt(2) / 4  # of the beginning and of the first stage in a step; 
 WORK = 0.05  # part of the constraints' work in a step by which the quadrature may be off
 SHARE = 0.1  # of the error allowed in a step that Newton's method may leave
 HORIZON = 0.5  # s: time in which a run may gather the error asked for
-LOSS = 0.01  # part of the motion's energy that solves may take from a step
-CLOSER = 0.01  # times their tolerances, where they took more
+LEFT = 0.01  # part of the motion's energy that what solves leave undone may put into a step, or take from it
+CLOSER, FURTHER = 0.01, 0.1  # where it did more: times residuals of solves, and times what Newton's method may leave
 FILTER = 0.01  # relative residual of the solve that filters the error estimate
 
 NO_PINS: tuple[np.ndarray, ...] = np.zeros(0, dtype=np.int32), np.zeros((0, 3, 3)), np.zeros((0, 3))
@@ -77,17 +77,18 @@ class TRBDF2(Checkpointed):
         self.weight = float(np.linalg.norm(gravity) * self.model.mass.sum())  # [N]
 
     def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
-        """One step; see the package. Where what its solves left undone takes energy, they are done again, more exactly."""
+        """One step; see the package. Where what its solves left undone puts energy in or takes it, they are done again, more
+        exactly."""
         effort = self._effort(h)
         made = self._attempt(h, held_at, start, effort)
-        if made.ledger is None or made.measures is None or made.rejection is not None or self.options.cg_tol is not None:
+        ledger, measures = made.ledger, made.measures
+        if ledger is None or measures is None or made.rejection not in (None, ENERGY) or self.options.cg_tol is not None:
             return made
-        ledger = made.ledger
-        spare = WORK * (abs(ledger.pins) + abs(ledger.wind)) + self.system.rounding(h, start, made.measures)
-        if not -ledger.unaccounted > LOSS * self.motion_1 + spare:
+        spare = WORK * (abs(ledger.pins) + abs(ledger.wind)) + self.system.rounding(h, start, measures)
+        if not abs(ledger.unaccounted) > LEFT * self.motion_1 + spare:
             return made
         self.model.restore()
-        closer = replace(effort, first=CLOSER * effort.first, others=CLOSER * effort.others)
+        closer = replace(effort, first=CLOSER * effort.first, others=CLOSER * effort.others, part=FURTHER * effort.part)
         return self._attempt(h, held_at, start, closer).instead_of(made, "")
 
     def _attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures, effort: Effort) -> Attempt:
