@@ -14,7 +14,7 @@ def build(mesh: str = "", scale: float = 1.0, uv: str = "auto", pins: int = 0, d
 
     pins: how many of the highest vertices of each piece are held (0: the top 3 % of its height); up: y or z.
     """
-    shape = tc.load(mesh, scale, uv) if mesh else tc.cylinder(0.25, 0.8, (cells, cells))
+    shape = tc.load(mesh, scale, uv) if mesh else tc.cylinder(0.25 * scale, 0.8 * scale, (cells, cells))
     x = shape.x if up == "y" else shape.x[:, [0, 2, 1]] * [1, 1, -1]
     used = np.unique(shape.faces)
     held = np.concatenate([highest(x, piece, pins) for piece in pieces(shape)])

@@ -87,7 +87,7 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
 
     Raises:
         SceneError: a body without solids, or of a size that shows another unit; panels that start inside the body, or seams
-            that do not close, by name.
+            that do not close, by name; a garment that falls off the body.
     """
     checks.instance("dress: garment", garment, Garment)
     checks.instance("dress: body", body, Scene)
@@ -114,6 +114,9 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
         while sim.time < longest and (speed > SLOW or sim.time < SHORTEST or _part(crossed)):
             _advance(sim, tell, "settling" + (f", {speed:.2g} m/s" if np.isfinite(speed) else ""))
             speed = float(np.sqrt(np.mean(np.sum(sim.velocities() ** 2, axis=1))))
+            if _below(sim.positions(), still, body.gravity):
+                raise SceneError("dress: the garment slid off the body and fell: is the body too small for it, or in another "
+                                 "unit (--scale)?")
             if contact is not None:
                 crossed.append(sim.intersections())
         made = replace(garment, positions=sim.positions())
@@ -149,6 +152,12 @@ def _sewn(garment: Garment, fabric: Fabric, solids: list[Solid], h: float, pull:
         return sim.positions(), sim.time
     finally:
         sim.close()
+
+
+def _below(x: np.ndarray, solids: list[Solid], gravity: np.ndarray) -> bool:
+    """Whether cloth at x (n, 3) [m] has fallen past all solids."""
+    lowest = max(float((solid.surface_at(0.0) @ gravity).max()) for solid in solids)
+    return bool(gravity.any() and (x @ gravity).min() > lowest)
 
 
 def _part(crossed: list[int]) -> bool:

@@ -396,9 +396,9 @@ def test_dressing(tmp_path):
     garment = replace(garment, seams=(weak, *garment.seams[1:]))
     fabric = tc.Fabric(0.2, tc.Stretch(300, 0.3), tc.Shear(40, 0.04), tc.Bend(1e-5, 1e-7))
 
-    def body(radius: float) -> tc.Scene:
+    def body(radius: float, low: float = 0.4) -> tc.Scene:
         scene = tc.Scene()
-        scene.add_solid(tc.Capsule((0, 0.4, 0), (0, 1.6, 0), radius), friction=0.8, thickness=0.004, name="trunk")
+        scene.add_solid(tc.Capsule((0, low, 0), (0, 1.6, 0), radius), friction=0.8, thickness=0.004, name="trunk")
         return scene
 
     with pytest.raises(tc.SceneError, match="without solids"):
@@ -409,6 +409,8 @@ def test_dressing(tmp_path):
     assert np.hypot(*made.garment.positions[:, [0, 2]].T).min() > 0.125
     with pytest.raises(tc.SceneError, match="'(front|back)' in 'trunk'"):
         tc.dress(garment, fabric, body(0.17))
+    with pytest.raises(tc.SceneError, match="fell: is the body too small"):
+        tc.dress(garment, fabric, body(0.03, 1.3))
 
 
 def tube(radius: float, low: float, high: float, around: int = 24) -> tuple[np.ndarray, np.ndarray]:
