@@ -106,7 +106,8 @@ def _diff(args: argparse.Namespace) -> int:
     from ..recording.resuming import differences
 
     first, second = map(Recording, args.runs)
-    skip = ("started", "wall_s", "output_seconds", "simulated_s", "frames")
+    skip = ["started", "wall_s", "output_seconds", "simulated_s", "frames"]
+    skip += ["path"] * (first.manifest.get("source") == second.manifest.get("source"))  # of one scene, named in another way
     lines = differences({k: v for k, v in first.manifest.items() if k not in skip},
                         {k: v for k, v in second.manifest.items() if k not in skip})
     for line in [x for x in lines if ".seconds." not in x] + parting(first, second, args.tolerance):
