@@ -11,6 +11,7 @@ import pytest
 
 import taichi_cloth as tc
 
+os.environ.setdefault("TI_OPT_LEVEL", "0")  # a quarter less to compile; bits are the same, as test_second_simulation.py holds
 LONGEST = 600  # s that a test may take
 NONE = SimpleNamespace(params={})  # of a test without parameters
 
