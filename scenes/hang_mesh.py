@@ -44,7 +44,10 @@ def highest(x: np.ndarray, piece: np.ndarray, pins: int) -> np.ndarray:
     height = x[piece, 1]
     if pins:
         return piece[np.argsort(-height, kind="stable")[:pins]]
-    return piece[height >= height.max() - 0.03 * np.ptp(height)]
+    held = piece[height >= height.max() - 0.03 * np.ptp(height)]
+    if len(held) == len(piece):
+        raise tc.SceneError("the mesh lies flat, so that all of it would be held: say up=z, or pins=2 for two of its vertices")
+    return held
 
 
 def check(sim: tc.Simulation):

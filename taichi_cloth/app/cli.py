@@ -180,7 +180,8 @@ def _options(args: argparse.Namespace, scene):
     given = {"duration": DURATION, "fps": FPS, **scene.run}
     unknown = [name for name in given if name not in ("duration", "fps", *BY_NAME)]
     if unknown:
-        raise SceneError(f"scene {scene.name}: RUN has no {unknown[0]!r}; {did_you_mean(unknown[0], BY_NAME)}")
+        known = ("duration", "fps", *BY_NAME)
+        raise SceneError(f"scene {scene.name}: RUN has no {unknown[0]!r}; {did_you_mean(unknown[0], known)}")
     flags = {name: getattr(args, name, None) for name in ("duration", "fps", *BY_NAME)}
     values = {**given, **{name: value for name, value in flags.items() if value is not None}}
     settings = {}

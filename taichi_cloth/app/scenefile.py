@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from types import ModuleType
 
-from ..errors import ClothError, SceneError, ScriptError, did_you_mean, near
+from ..errors import ClothError, SceneError, ScriptError, did_you_mean, near, shown
 
 OWN = pathlib.Path("scenes")  # where scenes of one's own are looked for by name
 
@@ -87,7 +87,10 @@ class SceneFile:
 def said(error: Exception, file: str) -> str:
     """An exception of a scene's own code in one line: what, and where in the scene's file."""
     places = traceback.extract_tb(error.__traceback__)
-    where = next((p for p in reversed(places) if p.filename == file), places[-1])
+    where = next((p for p in reversed(places) if p.filename == file), None)
+    if where is None and places[-1].filename == __file__:
+        return f"{type(error).__name__}: {error} ({file})"
+    where = where or places[-1]
     return f"{type(error).__name__}: {error} ({where.filename}, line {where.lineno})"
 
 
@@ -157,6 +160,8 @@ def read(scene: str) -> SceneFile:
         raise SceneError(f"{path} is no Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
+    if (folder := str(path.parent.resolve())) not in sys.path:
+        sys.path.append(folder)  # for modules beside it, as where Python runs it
     try:
         spec.loader.exec_module(module)
     except ClothError:
@@ -193,10 +198,20 @@ def run_check(scene: SceneFile, sim) -> Iterable[tuple[str, bool]]:
 
     Raises:
         SceneError: it has none.
-        ScriptError: it ends with an exception of its own.
+        ScriptError: it ends with an exception of its own, or does not yield a sentence and True or False.
     """
+    import numpy as np
+
+    count = 0
     try:
-        yield from checked(scene).check(sim)  # type: ignore[misc]
+        for pair in checked(scene).check(sim):  # type: ignore[misc]
+            sentence, good = pair if isinstance(pair, (tuple, list)) and len(pair) == 2 else (None, None)
+            if not isinstance(sentence, str) or not isinstance(good, (bool, np.bool_)):
+                raise TypeError(f"it yielded {shown(pair)}, not a sentence and True or False")
+            count += 1
+            yield sentence, bool(good)
+        if not count:
+            raise TypeError("it yielded nothing: yield a sentence and True or False for what is checked")
     except ClothError:
         raise
     except Exception as error:

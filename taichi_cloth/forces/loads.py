@@ -34,7 +34,8 @@ class Loads(DeadLoad):
         """The loads as they are at t [s]."""
         now = np.zeros((self.model.n, 3))
         for load in self.script.loads:
-            now[self.model.particle[load.vertices + load.cloth.start]] += load.at(t)
+            share = load.cloth.shares(load.vertices)[:, None]
+            now[self.model.particle[load.vertices + load.cloth.start]] += share * load.at(t)
         if not np.array_equal(now, self.now):
             self.now = now
             write(self.load, now.astype(self.model.exchange))

@@ -75,6 +75,8 @@ def numbers_in(text: str, there: Iterable[int]) -> list[int]:
             raise SceneError(f"frames = {shown(text)}: the step must be at least 1")
         low = numbers[0] if first is None else first
         high = low if len(pieces) == 1 else numbers[-1] if last is None else last
+        if len(pieces) == 1 and low not in numbers:
+            raise SceneError(f"frames = {shown(text)}: {low} is not there; there are {numbers[0]} to {numbers[-1]}")
         out += range(low, high + 1, step or 1)
     found = sorted(set(out) & set(numbers))
     if not found:

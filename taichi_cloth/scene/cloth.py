@@ -75,6 +75,11 @@ class Cloth:
         """All that it is made of, the cloth's own first."""
         return self.fabric, *(fabric for _, fabric in self.panels)
 
+    def shares(self, vertices: np.ndarray) -> np.ndarray:
+        """(k,) parts of what is put on each of vertices (k,): where cloth may tear, corners at one vertex share it."""
+        of = np.asarray(vertices) if self.split is None else self.split.of[vertices]
+        return 1 / np.bincount(of)[of]
+
     @property
     def whole(self) -> TriMesh:
         """Its mesh as it was handed in."""

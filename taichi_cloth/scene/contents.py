@@ -40,7 +40,7 @@ class Contents:
         self.solids: list[Solid] = []
         self.props: list[Prop] = []
         self.apart: list[tuple[Cloth, Cloth]] = []  # pairs that pass through each other
-        self.masses: list[tuple[Cloth, np.ndarray, float]] = []
+        self.masses: list[tuple[Cloth, np.ndarray, np.ndarray]] = []
         self.forces: list[Callable] = []
         self.seams: list[Seam] = []
         self.creases: list[Crease] = []
@@ -163,11 +163,11 @@ class Contents:
                 raise SceneError(f"there is a {one.WHAT} named {name!r} already")
 
     def add_mass(self, cloth: Cloth, vertices: object, mass: float) -> None:
-        """Adds a point mass [kg] to each of the vertices."""
+        """Adds a point mass [kg] to each of the vertices; corners at one vertex of cloth that may tear share it."""
         self._own(cloth)
         mass, index = checks.number("point mass", mass, "kg", positive=True), used_vertices(cloth, vertices)
         self._refuse_followed("add_mass")
-        self.masses.append((cloth, index, mass))
+        self.masses.append((cloth, index, mass * cloth.shares(index)))
 
     def add_force(self, make: Callable) -> None:
         """Adds a force of your own.

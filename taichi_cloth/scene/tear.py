@@ -108,6 +108,7 @@ def split(name: str, mesh: TriMesh, tear: Tear) -> Split:
     n, m = mesh.vertex_count, mesh.face_count
     may = np.zeros(n, dtype=bool)
     may[np.arange(n) if tear.where is None else mesh.select(tear.where)] = True
+    _refuse_coarse(name, mesh, may, tear.length)
     corner = mesh.faces.ravel()
     first = np.zeros(3 * m, dtype=bool)
     first[np.unique(corner, return_index=True)[1]] = True
@@ -127,6 +128,19 @@ def split(name: str, mesh: TriMesh, tear: Tear) -> Split:
         raise SceneError(f"tear of {name!r}: no edge between two triangles is where it may tear")
     a, b = (np.stack([end[side] for end in ends], axis=1)[edge, at] for side in (0, 1))
     return Split(mesh, made, of, edges, sides, a, b, edge, at)
+
+
+def _refuse_coarse(name: str, mesh: TriMesh, may: np.ndarray, length: float) -> None:
+    """Refuses a length within which no vertex has a point of its triangles that stands for a third of one."""
+    corners = mesh.uv[mesh.faces]
+    nearest = np.full(mesh.vertex_count, np.inf)
+    for k in range(3):
+        away = corners[:, (k + 1) % 3] + corners[:, (k + 2) % 3] - 2 * corners[:, k]
+        np.minimum.at(nearest, mesh.faces[:, k], np.linalg.norm(away, axis=1) / 6)
+    mine = nearest[may & np.isfinite(nearest)]
+    if len(mine) and mine.min() >= length:
+        raise SceneError(f"tear of {name!r}: length = {length:g} m is shorter than its triangles resolve: give it "
+                         f"{2 * mine.min():.2g} m at least, or smaller triangles where it may tear")
 
 
 def _inner(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray]:

@@ -9,6 +9,8 @@ an orthogonal projector: S A S is the matrix of the welded cloth, on the panels'
 closes the gap, at most `CLOSING`.
 """
 
+import warnings
+
 import numpy as np
 import taichi as ti
 
@@ -23,6 +25,7 @@ CLOSING = 0.5  # m/s at most at which a seam closes
 TOGETHER = 1e-7  # m within which what is sewn is put into one place
 RESTING = 1e-6  # m/s within which it then moves as one
 SPANNED = 1e-9  # part of the largest below which a direction of what holds a cluster is none
+APART = 1e-4  # m by which what holds two members may disagree without a word
 
 
 @ti.data_oriented
@@ -49,6 +52,7 @@ class Clusters:
         self.members = fields.integer(len(self.member), data=self.member)
         self._apart: np.ndarray = np.zeros(2, dtype=model.exchange)
         self.led = self.pulled = False  # pulled: whether some stitches are drawn together by a force, and hold nothing yet
+        self._cloths, self._warned = scene.cloths, False
 
     def _gather(self, whole: np.ndarray) -> None:
         """Clusters by the stitches (k,) that are whole."""
@@ -191,7 +195,8 @@ class Clusters:
             self._settle(max(TOGETHER, 8 * resolution), RESTING)
 
     def spread(self, held: Held | None, h: float) -> Held | None:
-        """What holds a member holds its cluster: rows for all members, behind those that are there.
+        """What holds a member holds its cluster: rows for all members, behind those that are there. Members that are held at
+        several places are led to the middle between these, of which a warning tells.
 
         Args:
             h: step [s] in which members that are apart come nearer.
@@ -210,6 +215,8 @@ class Clusters:
         spans = values > SPANNED * values[:, -1:]
         inverse = np.einsum("gij,gj,gkj->gik", vectors, np.where(spans, 1 / np.where(spans, values, 1), 0), vectors)
         projector = np.einsum("gij,gj,gkj->gik", vectors, spans.astype(float), vectors)
+        if not self._warned and (np.bincount(group) > 1).any():
+            self._tell(held.index[mine], P, held.target[mine], group, inverse)
         target, y = (np.einsum("gij,gj->gi", inverse, b) for b in (asked, y))
         whole = spans.all(axis=1)
         projector[whole] = np.eye(3)
@@ -224,6 +231,20 @@ class Clusters:
         new = (projector[of], target[of] + left[index[at]], y[of])
         P, goal, y = (_replaced(old, at, value, len(index)) for old, value in zip((held.projector, held.target, held.y), new))
         return Held(kernel_array(index, np.int32), P, goal, held.moving or self.open, y)
+
+    def _tell(self, index: np.ndarray, P: np.ndarray, target: np.ndarray, group: np.ndarray, inverse: np.ndarray) -> None:
+        """Warns where members, index (k,) of groups (k,), are held at places that are not one."""
+        asked = np.zeros((len(inverse), 3))
+        np.add.at(asked, group, np.einsum("kij,kj->ki", P, target))
+        off = np.einsum("kij,kj->ki", P, np.einsum("gij,gj->gi", inverse, asked)[group] - target)
+        far = np.linalg.norm(off, axis=1)
+        if far.max() > APART:
+            worst = int(far.argmax())
+            vertex = int(self.model.user[index[worst]])
+            cloth = next(c for c in reversed(self._cloths) if c.start <= vertex)
+            self._warned = True
+            warnings.warn(f"vertex {vertex - cloth.start} of {cloth.name!r} is held, and sewn to what is held elsewhere: both "
+                          f"are led to one place, it by {far[worst]:.2g} m; unpin one, or give the seam a pull", stacklevel=2)
 
     def _left(self, h: float) -> np.ndarray:
         """(n, 3) where particles will be against the mean of their clusters after a step of h [s]."""

@@ -62,7 +62,7 @@ def test_the_force_from_a_slit_does_not_depend_on_the_mesh():
 
 def test_it_is_the_whole_sheet_until_it_tears():
     ends = []
-    for tear in (None, tc.Tear(1e6)):
+    for tear in (None, tc.Tear(1e6, length=0.05)):
         scene = tc.Scene()
         cloth = scene.add_cloth(tc.grid(0.5, 6), tc.Fabric(0.2, tc.Stretch(1000, 1), tc.Shear(100, 0.1), tc.Bend(1e-3, 1e-5)),
                                 tear=tear)
@@ -73,6 +73,33 @@ def test_it_is_the_whole_sheet_until_it_tears():
             ends.append(sim.positions()[:49])
             assert (sim.faces() == cloth.whole.faces).all() and sim.energy()["bend"] > 1e-7
     assert np.abs(ends[0] - ends[1]).max() < 1e-8 < 0.1 < np.abs(ends[0] - tc.grid(0.5, 6).x).max()
+
+
+def test_a_length_that_triangles_do_not_resolve_is_refused():
+    """No vertex would have a stress to judge, and nothing would tear, whatever the load."""
+    with pytest.raises(tc.SceneError, match=r"length = 0.01 m is shorter than its triangles resolve: give it 0.024 m at least"):
+        tc.Scene().add_cloth(tc.grid(1.0, 20), tc.Fabric(0.2, tc.Stretch(1000)), tear=tc.Tear(50.0))
+
+
+def test_what_is_put_on_a_group_is_the_same_where_cloth_may_tear():
+    """Corners at one vertex share its load, its mass and its spring."""
+    found = []
+    for tear in (None, tc.Tear(1e6, length=0.05)):
+        scene = tc.Scene(gravity=None)
+        cloth = scene.add_cloth(tc.grid((0.3, 0.1), (6, 2)), tc.Fabric(0.2, tc.Stretch(1000, 1), tc.Shear(100)), tear=tear)
+        scene.pin(cloth, "left")
+        scene.add_load(cloth, "right", (0.2, 0, 0))
+        scene.add_mass(cloth, "right", 0.01)
+        prop = scene.add_prop(tc.Sphere(0.1), position=lambda t: (0, 0, -0.1 * t))
+        scene.attach(cloth, "right", prop, stiffness=20.0)
+        with tc.Simulation(scene, h=1 / 100, cg_tol=1e-8, newton_tol=1e-9) as sim:
+            assert sim.model.mass.sum() == pytest.approx(0.3 * 0.1 * 0.2 + 3 * 0.01)
+            for _ in range(10):
+                sim.step()
+            held = sim.attachment_forces()[:, 0].sum()
+            assert sim.forces()[:, 0].sum() == pytest.approx(3 * 0.2 + held, rel=1e-9) and -0.2 < held < -0.05
+            found.append(sim.positions()[:21])
+    assert found[0] == pytest.approx(found[1], abs=1e-9)
 
 
 def test_momentum_energy_and_layers_through_a_tear():
