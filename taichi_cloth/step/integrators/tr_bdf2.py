@@ -108,7 +108,7 @@ class TRBDF2(Checkpointed):
         first = minimize(Stage(system, c, middle, effort, True, clock, solutions), max(self.options.newton_max, 1))
         if first.rejection:
             return replace(self._failed(first, "first stage", solutions, clock), measures=None)  # not at the step's end
-        power = self._reaction_power(middle, c)
+        power, extra = self._reaction_power(middle, c, pins, GAMMA * h)
         with clock.part("EVAL"):
             self._base(1, c, 0.0, 0)
         held = held_at(h)
@@ -116,13 +116,15 @@ class TRBDF2(Checkpointed):
         if stage.rejection:
             return self._failed(stage, "second stage", solutions, clock)
         with clock.part("EVAL"):
-            self.power_1 = self._reaction_power(held, c)
+            power_1, extra_1 = self._reaction_power(held, c, pins, h)
+            self.power_1 = power_1 + extra_1
             weights = (WEIGHT * h, WEIGHT * h, c)
             before = 0.0 if self.rate is not None else self.power  # what a_0 implies; where it is f(x_0, v_0)/M nothing holds
             start, led = self.system.meter.led(start, 0.5)
-            work = Work(pins=sum(w * p for w, p in zip(weights, (before, power, self.power_1))),
+            work = Work(pins=sum(w * p for w, p in zip(weights, (before, power, power_1))),
                         gas=self.pump.mean(held_at, h, stage.measures, pumped))
-            ledger = three_stages(weights, (start, first.measures, stage.measures), work, h * self._lag(c))
+            lag = h * self._lag(c) - weights[1] * extra - weights[2] * extra_1
+            ledger = three_stages(weights, (start, first.measures, stage.measures), work, lag)
             self.system.settle(held)
         measures = stage.measures
         ledger = with_attachments(ledger, led)
@@ -187,12 +189,18 @@ class TRBDF2(Checkpointed):
     def _failed(self, stage: Outcome, which: str, solutions: list[Solution], clock: Clock) -> Attempt:
         return Attempt(stage.rejection, f"{which}: {stage.detail}", stage.measures, tuple(solutions), clock.seconds)
 
-    def _reaction_power(self, held: Held | None, c: float) -> float:
-        """Power [W] of the constraints at the end of a stage; what begins to be held as it moves goes back in the first."""
+    def _reaction_power(self, held: Held | None, c: float, before: Held | None, t: float) -> tuple[float, float]:
+        """(power [W] of the constraints at the end of a stage, t [s] after the step's start; what the stage's velocities make
+        of it beyond). What begins to be held as it moves is thrown back in the first stage: a constraint's own velocity is
+        that of its targets, `before` at the start."""
         if held is None or not (held.moving or self.rate is not None):
-            return 0.0
-        v = self.model.read_particles()[1][held.index]
-        return float(np.sum(self.system.reaction_rows() * v)) / c
+            return 0.0, 0.0
+        v, R = self.model.read_particles()[1][held.index], self.system.reaction_rows()
+        power = float(np.sum(R * v)) / c
+        if self.rate is None or before is None or not np.array_equal(before.index, held.index):
+            return power, 0.0
+        led = float(np.sum(R * (held.target - before.target))) / (c * t)
+        return led, power - led
 
     def _error(self, h: float, held: Held | None, clock: Clock, solutions: list[Solution]) -> float:
         """RMS of the step's estimated error of positions [m]."""
