@@ -9,8 +9,10 @@ import numpy as np
 
 from .. import __version__
 from ..simulation import Simulation
+from ..step.integrators.safe import TOUCH
 from ..step.ledger import Work, totals
 
+FELL_BACK = 0.3  # part of the steps that may be redone so without a word
 
 def summary(sim: Simulation) -> dict:
     """Steps, rejections by name, smallest step, worst residual, iterations and seconds by part of a run."""
@@ -66,6 +68,15 @@ def _tears(sim: Simulation) -> str:
     return f"tears: {torn} of {all_of} edges are torn or cut\n" if edges else ""
 
 
+def _damps(sim: Simulation) -> str:
+    """A line on free steps that were to be of second order and are not."""
+    count = sum(r.fell_back not in ("", TOUCH) for r in sim.log)
+    if count <= FELL_BACK * len(sim.log):
+        return ""
+    return (f"note: {count} of {len(sim.log)} steps were too large for their motion, and taken by backward Euler, which "
+            "damps it: a smaller h follows it\n")
+
+
 def describe(sim: Simulation, wall: float, start: float = 0.0) -> str:
     """The closing lines of a run: how complex it was, how often it went wrong, what it cost.
 
@@ -88,6 +99,7 @@ def describe(sim: Simulation, wall: float, start: float = 0.0) -> str:
             f"{s['smallest_h'] * 1e3:.3g} ms, worst residual {s['worst_residual']:.1g}, "
             f"crossings {s['crossings']}, largest stretch {s['largest_stretch']:.3f}\n"
             f"energy: {_energy(s['energy'])}\n"
+            f"{_damps(sim)}"
             f"cost: {sim.time - start:.4g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}{since}: "
             f"{s['steps']} steps, {s['cg_iterations']} CG iterations; {parts}")
 

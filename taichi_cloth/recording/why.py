@@ -34,5 +34,7 @@ def costliest(recording: Recording, count: int = 10) -> str:
             what = f"{trouble.name} at h = {1e3 * trouble.h:.3g} ms" if trouble.name else "slow to solve"
             detail = f" ({trouble.detail})" if trouble.detail else ""
             lines.append(f"    {what}{detail}: {trouble}")
+    if (status := str(recording.manifest.get("status", ""))).startswith("gave up"):
+        lines.append(f"then it {status}")
     lines += [f"{name}: {ADVICE[name]}" for name in sorted(set(names), key=names.index)]
     return "\n".join(lines)

@@ -28,11 +28,13 @@ from ..step.prescribed import Prescribed
 from ..step.stepper import Control, Stepper, StepRecord
 from ..step.trouble import Locator
 from ..system.assembler import Assembler
+from ..system.elements import lumped_mass
 from ..system.operator import ForceField, Operator, Probe
 from ..system.quantities import collapsed, deformation
 from ..system.state import ParticleState
 
 OF_SCENE = ("gravity", "air")
+ROUNDED = 100.0  # times a vertex's weight, from which rounding in f32 is told of
 H, H_EXPLICIT = 1 / 60, 0.1  # s, where none is given; explicit methods need it only to look at what they did
 
 
@@ -69,6 +71,9 @@ class Parts:
             if asked.adaptive and not bound and not self.integrator.gusty:
                 self.control = replace(self.control, h_max=H_EXPLICIT)
         self.notes += [f"{c.name}: {note}" for c in scene.cloths for note in notes_of(c, scene.seams)]
+        if self.runtime.precision == "f32":
+            g = float(np.linalg.norm(scene.gravity))
+            self.notes += [f"{c.name}: {note}" for c in scene.cloths for note in rounded(c, g)]
         self._note_collapsed(self.model.start_positions)
         self.giving = self._giving()
         self.locator = Locator(self.model, scene.cloths, scene.solids)
@@ -207,6 +212,18 @@ def notes_of(cloth: Cloth, seams: Iterable[Seam]) -> tuple[str, ...]:
     unsewn = open_note(whole.x, borders_of(whole.faces))
     joined = components(mesh.vertex_count, *(np.concatenate([getattr(s, side) for s in seams]) for side in "ab"))
     return (*(note for note in mesh.notes if note not in unsewn), *open_note(mesh.x, borders_of(mesh.faces), joined))
+
+
+def rounded(cloth: Cloth, g: float) -> tuple[str, ...]:
+    """What to say of a cloth whose stretch, as f32 rounds it, pulls by many times its vertices' weight at g [m/s^2]."""
+    stiffness = [f.stretch.k for f in cloth.fabrics if f.stretch is not None and f.stretch.k is not None]
+    k = max((float(np.max(k)) for k in stiffness), default=0.0)
+    noise = k * float(np.ptp(cloth.positions, axis=0).max(initial=0.0)) * float(np.finfo(np.float32).eps)  # N
+    weight = g * float(np.median(lumped_mass(cloth.mesh, cloth.density)))
+    if noise <= ROUNDED * weight or not weight:
+        return ()
+    return (f"f32 rounds its stretch by forces of {noise:.2g} N, and a vertex weighs {weight:.2g} N: it may hang in the air; "
+            "use f64",)
 
 
 def _contacts(fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool, options: Options):

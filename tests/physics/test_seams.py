@@ -1,5 +1,7 @@
 """Seams: sewn cloth is as cloth that was never cut; what seams carry, how they bend, gather and close."""
 
+import warnings
+
 import numpy as np
 import pytest
 from reference.geometry import against_solids, cloth_crossings
@@ -466,3 +468,16 @@ def test_a_band_round_a_cylinder():
     assert pressed.sum() == pytest.approx(2 * np.pi * k * (stretch - 1) * width, rel=0.03)
     assert np.linalg.norm(force - pressed[:, None] * out, axis=1).max() < 0.02 * pressed.max()
     sim.close()
+
+
+def test_what_is_sewn_and_held_at_two_places_is_told():
+    scene = tc.Scene()
+    cloth = scene.add_cloth(tc.grid(0.3, 4), tc.Fabric(0.2, tc.Stretch(1000, 1)))
+    scene.sew(cloth, [0], [24])
+    scene.pin(cloth, 0)
+    with tc.Simulation(scene) as sim, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sim.step()
+    scene.pin(cloth, 24)
+    with tc.Simulation(scene) as sim, pytest.warns(UserWarning, match="vertex 0 of 'cloth0' is held.* by 0.21 m"):
+        sim.step()

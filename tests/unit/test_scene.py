@@ -199,3 +199,12 @@ def test_gravity_and_air_are_assigned_as_they_are_given():
     assert scene.air is None
     with pytest.raises(ValueError, match="read-only"):
         scene.gravity[1] = -9.81
+
+
+@pytest.mark.restarts
+@pytest.mark.parametrize("density, told", [(0.001, True), (0.2, False)])
+def test_f32_says_where_rounding_outweighs_cloth(density, told):
+    scene = tc.Scene()
+    scene.add_cloth(tc.grid(0.01, 8), tc.Fabric(density, tc.Stretch(1e5, 100)))
+    with tc.Simulation(scene, precision="f32") as sim:
+        assert any("it may hang in the air; use f64" in note for note in sim.notes) == told

@@ -1,9 +1,12 @@
 """Scene files: found, read, their options typed."""
 
+import sys
+
+import numpy as np
 import pytest
 
 from taichi_cloth.app import cli, runner, scenefile
-from taichi_cloth.errors import SceneError
+from taichi_cloth.errors import SceneError, ScriptError
 
 TEXT = '''"""What it shows.
 
@@ -77,3 +80,30 @@ def test_scene_files_that_do_not_work_are_named(tmp_path):
         (tmp_path / "odd.py").write_text(text)
         with pytest.raises(SceneError, match=words):
             scenefile.read(str(tmp_path / "odd.py")).make({})
+
+
+def test_modules_beside_a_scene_are_found(tmp_path, monkeypatch):
+    (tmp_path / "beside_a_scene.py").write_text("SIZE = 0.25")
+    (tmp_path / "mine.py").write_text("import taichi_cloth as tc\n\n\ndef build():\n    from beside_a_scene import SIZE\n"
+                                      "    scene = tc.Scene()\n    scene.add_cloth(tc.grid(SIZE, 2), tc.Fabric(0.2))\n"
+                                      "    return scene\n")
+    monkeypatch.setattr(sys, "path", sys.path.copy())
+    assert np.ptp(scenefile.read(str(tmp_path / "mine.py")).make({}).cloths[0].positions[:, 0]) == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("line, words", [
+    ("yield 'a', float('nan')", "yielded .'a', nan., not a sentence and True or False"),
+    ("yield True", "yielded True, not a sentence"), ("yield 'a', np.array([True, False])", "not a sentence and True or False"),
+    ("return; yield", "it yielded nothing"), ("return True", "not iterable")])
+def test_checks_yield_sentences_and_truth(tmp_path, line, words):
+    (tmp_path / "mine.py").write_text("import numpy as np\n\n\ndef build():\n    pass\n\n\n"
+                                      f"def check(sim):\n    {line}\n")
+    with pytest.raises(ScriptError, match=words) as caught:
+        list(scenefile.run_check(scenefile.read(str(tmp_path / "mine.py")), None))
+    assert "scenefile.py" not in str(caught.value) and "mine.py" in str(caught.value)
+
+
+def test_a_flat_mesh_is_not_hung_by_all_of_it(tmp_path):
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 3 2\n")
+    with pytest.raises(SceneError, match="lies flat.*pins=2"):
+        scenefile.read("hang_mesh").make({"mesh": str(tmp_path / "flat.obj")})
