@@ -49,7 +49,7 @@ tc.Air(1.0) tc.View() {"a":1} {"a":[0]} {1:[0]} {"a":["x"]} {"a":[99]} {"":[0]} 
 MESH, FABRIC = "tc.grid(1.0, 2)", "tc.Fabric(0.2, tc.Stretch(100))"
 SCENE = f"scene = tc.Scene(); cloth = scene.add_cloth({MESH}, {FABRIC})"
 BENT = SCENE.replace("tc.Stretch(100)", "tc.Stretch(100), bend=tc.Bend(1e-5)")
-TORN = BENT.replace("tc.Bend(1e-5))", "tc.Bend(1e-5)), tear=tc.Tear(50.0)")
+TORN = BENT.replace("tc.Bend(1e-5))", "tc.Bend(1e-5)), tear=tc.Tear(50.0, length=0.5)")
 HELD = f"{SCENE}; ball = scene.add_solid(tc.Sphere(0.1), 0.3, 0.01); scene.attach(cloth, [0, 1], ball)"
 CLOSED = "tc.TriMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]], [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])"
 FULL = f"scene = tc.Scene(); cloth = scene.add_cloth({CLOSED}, {FABRIC}); scene.inflate(cloth, 5.0)"
@@ -180,6 +180,7 @@ MAY_BE_NONE = ("h", "cg_tol", "h_min", "threads", "newton_tol", "tolerance", "su
 RUNNING: list[tuple[str, str, dict[str, str]]] = [
     (SCENE, "tc.Simulation", {"scene": "scene", **OPTIONS}),
     (STARTED, "sim.set_state", {"x": "sim.positions()", "v": "sim.velocities()"}),
+    (STARTED, "sim.forces", {"renew": "True"}),
     (STARTED, "sim.product", {"p": "sim.positions()", "h": "1/60"}),
     (STARTED, "sim.right_hand_side", {"h": "1/60"}),
     (STARTED, "sim.solve", {"h": "1/60", "constraints": "[tc.Constraint(0)]"}),

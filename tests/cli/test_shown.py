@@ -78,7 +78,8 @@ def test_a_scene_that_cannot_be_drawn_is_named(scene):
 
 def test_objects_say_what_they_are_in_a_short_line(scene):
     bent = tc.Scene()
-    cloth = bent.add_cloth(tc.grid(0.5, 4), tc.Fabric(0.2, tc.Stretch(100), bend=tc.Bend(1e-5)), tear=tc.Tear(50.0))
+    fabric = tc.Fabric(0.2, tc.Stretch(100), bend=tc.Bend(1e-5))
+    cloth = bent.add_cloth(tc.grid(0.5, 4), fabric, tear=tc.Tear(50.0, length=0.2))
     score = bent.score(cloth, [(0, 0.25), (0.5, 0.25)], 0.5)
     mesh = tc.grid(0.5, 4)
     ironed = bent.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(100), bend=tc.Bend(1e-5)))

@@ -166,7 +166,7 @@ def test_what_is_sewn_is_not_noted_as_open():
                       np.concatenate([panel.faces + k * n for k in rows]), np.concatenate([panel.uv + [k, 0] for k in rows]))
     left, right = (np.sort(panel.select(side)) for side in ("left", "right"))
     assert (mesh.x[right] != mesh.x[left + n]).any() and "in 4 pairs of edges, with 6 vertices" in mesh.notes[0]
-    for tear in (None, tc.Tear(100.0)):
+    for tear in (None, tc.Tear(100.0, length=0.1)):
         scene = tc.Scene()
         cloth = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(100.0)), tear=tear)
         assert notes_of(cloth, scene.seams) == mesh.notes

@@ -98,7 +98,9 @@ def test_frames_are_named_by_text():
     there = range(61)
     assert numbers_in("10:60:5", there) == list(range(10, 61, 5)) and numbers_in("7", there) == [7]
     assert numbers_in("58:", there) == [58, 59, 60] and numbers_in(":2", there) == [0, 1, 2]
-    assert numbers_in("3,1:5:2,99", there) == [1, 3, 5]
+    assert numbers_in("3,1:5:2,58:99", there) == [1, 3, 5, 58, 59, 60]
+    with pytest.raises(tc.SceneError, match="99 is not there; there are 0 to 60"):
+        numbers_in("3,1:5:2,99", there)
 
 
 def test_a_camera_goes_through_its_keys():

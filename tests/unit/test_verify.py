@@ -125,7 +125,7 @@ def test_what_is_being_sewn_falls_as_fast():
 
 def test_what_may_tear_falls_and_is_solved_as_it_was_handed_in():
     scene = tc.Scene()
-    cloth = scene.add_cloth(tc.grid(1.0, 4), FULL, contact=tc.ClothContact(0.01, 0.3), tear=tc.Tear(300.0))
+    cloth = scene.add_cloth(tc.grid(1.0, 4), FULL, contact=tc.ClothContact(0.01, 0.3), tear=tc.Tear(300.0, length=0.3))
     (_, figure, good), = verify._fall(scene, OneThread)
     assert good, figure
     name, figure, good = verify._against_direct(cloth, cloth.whole.x, OneThread)

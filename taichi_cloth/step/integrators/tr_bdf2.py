@@ -74,21 +74,24 @@ class TRBDF2(Checkpointed):
         self.power_1 = 0.0
         self.debt = self.debt_1 = 0.0  # energy [J] that steps gained and have not lost again; after the attempt
         self.motion = self.motion_1 = 0.0  # largest kinetic energy [J] of late; after the attempt
+        self.abrupt = any(force.abrupt for force in system.meter.forces)
         self.weight = float(np.linalg.norm(gravity) * self.model.mass.sum())  # [N]
 
     def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
         """One step; see the package. Where what its solves left undone puts energy in or takes it, they are done again, more
-        exactly."""
+        exactly. Where stiffness is abrupt, neither does Newton's method go further nor does it count what is put in."""
         effort = self._effort(h)
         made = self._attempt(h, held_at, start, effort)
         ledger, measures = made.ledger, made.measures
         if ledger is None or measures is None or made.rejection not in (None, ENERGY) or self.options.cg_tol is not None:
             return made
         spare = WORK * (abs(ledger.pins) + abs(ledger.wind)) + self.system.rounding(h, start, measures)
-        if not abs(ledger.unaccounted) > LEFT * self.motion_1 + spare:
+        gives = not self.abrupt and ledger.unaccounted > LEFT * self._counting(h) + spare
+        if not (gives or (made.rejection is None and -ledger.unaccounted > LEFT * self.motion_1 + spare)):
             return made
         self.model.restore()
-        closer = replace(effort, first=CLOSER * effort.first, others=CLOSER * effort.others, part=FURTHER * effort.part)
+        part = effort.part if self.abrupt else FURTHER * effort.part
+        closer = replace(effort, first=CLOSER * effort.first, others=CLOSER * effort.others, part=part)
         return self._attempt(h, held_at, start, closer).instead_of(made, "")
 
     def _attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures, effort: Effort) -> Attempt:
@@ -159,8 +162,12 @@ class TRBDF2(Checkpointed):
         self.system.loosen()
 
     def _scale(self, h: float, start: Measures, end: Measures) -> float:
-        """Energy [J] that counts in a step: of the motion, now or a while ago, and of a slow fall."""
+        """Energy [J] that counts in an attempt: of the motion, now or a while ago, and of a slow fall."""
         self.motion_1 = max(start.energies["kinetic"], end.energies["kinetic"], self.motion * math.exp(-h / LAPSE))
+        return self._counting(h)
+
+    def _counting(self, h: float) -> float:
+        """The same where the attempt has been looked at."""
         return self.motion_1 + self.weight * FALL * h
 
     def _effort(self, h: float) -> Effort:
