@@ -14,6 +14,7 @@ from ..step.ledger import Work, totals
 
 FELL_BACK = 0.3  # part of the steps that may be redone so without a word
 
+
 def summary(sim: Simulation) -> dict:
     """Steps, rejections by name, smallest step, worst residual, iterations and seconds by part of a run."""
     rejections: Counter[str] = Counter()

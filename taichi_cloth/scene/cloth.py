@@ -77,8 +77,9 @@ class Cloth:
 
     def shares(self, vertices: np.ndarray) -> np.ndarray:
         """(k,) parts of what is put on each of vertices (k,): where cloth may tear, corners at one vertex share it."""
-        of = np.asarray(vertices) if self.split is None else self.split.of[vertices]
-        return 1 / np.bincount(of)[of]
+        if self.split is None:
+            return np.ones(len(vertices))
+        return 1 / np.bincount(self.split.of[np.unique(vertices)])[self.split.of[vertices]]
 
     @property
     def whole(self) -> TriMesh:

@@ -183,7 +183,7 @@ def test_events_end_steps_and_leave_the_scene_as_it_was():
 def test_point_masses_pull():
     scene, cloth = sheet()
     before = tc.Simulation(scene).forces()[12, 1]
-    scene.add_mass(cloth, [12], 0.5)
+    scene.add_mass(cloth, [12, 12], 0.5)  # named twice it is there once
     assert tc.Simulation(scene).forces()[12, 1] == pytest.approx(before - 9.81 * 0.5)
 
 

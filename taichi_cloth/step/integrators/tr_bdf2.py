@@ -79,7 +79,7 @@ class TRBDF2(Checkpointed):
 
     def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
         """One step; see the package. Where what its solves left undone puts energy in or takes it, they are done again, more
-        exactly. Where stiffness is abrupt, neither does Newton's method go further nor does it count what is put in."""
+        exactly. Where stiffness is abrupt only what it takes counts, and Newton's method goes no further."""
         effort = self._effort(h)
         made = self._attempt(h, held_at, start, effort)
         ledger, measures = made.ledger, made.measures
@@ -167,7 +167,7 @@ class TRBDF2(Checkpointed):
         return self._counting(h)
 
     def _counting(self, h: float) -> float:
-        """The same where the attempt has been looked at."""
+        """The same of the attempt that `_scale` looked at last."""
         return self.motion_1 + self.weight * FALL * h
 
     def _effort(self, h: float) -> Effort:
