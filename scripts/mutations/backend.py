@@ -2,6 +2,7 @@
 
 SECOND = "tests/unit/test_second_simulation.py"
 SHARED = f"{SECOND}::test_kernels_are_shared_where_they_read_the_same_and_only_there"
+OPEN = f"{SECOND}::test_simulations_that_are_open_at_a_time_compile_once_and_go_as_alone"
 MEMORY = "tests/unit/test_memory.py"
 PLACED, DEALT, LAUNCHED = (f"tests/unit/test_{name}.py" for name in ("placement", "dealing", "launches"))
 TESTS = (SECOND, MEMORY, PLACED, DEALT, LAUNCHED)
@@ -12,15 +13,18 @@ FILLED = f"{SECOND}::test_memory_is_filled_as_kernels_fill_it"
 
 MUTATIONS = (
     (KERNELS, "return type(value), value", "return type(value), 0", "numbers are not compared", SHARED),
-    (KERNELS, "return Field, weakref.ref(value)", "return Field, type(value)", "fields are not compared", SHARED),
+    (KERNELS, 'weakref.ref(value.share.slot if hasattr(value, "share") else value)', "type(value)", "fields are not compared", SHARED),
     (KERNELS, "self.same[path] = self._paths[id(value)]", "pass", "two names of an object are not", SHARED),
     (KERNELS, "if not known and not _of_taichi(function) and any(", "if False and any(",
      "what plain Python reads does not count", SHARED),
     (KERNELS, "if token is None:\n            self.whole = False", "if token is None:\n            self.whole = True",
      "what cannot be compared does not count", SHARED),
-    (POOL, "slot.memory[:] = 0", "pass", "fields come again with what they held",
+    (POOL, "share.slot.numbers[...] = 0", "pass", "fields come again with what they held",
      f"{SECOND}::test_fields_come_again_and_are_zero"),
-    (POOL, "known.used = True", "pass", "two simulations share fields", SECOND),
+    (POOL, "            holder.swapped_out, lease.swapped_out = kept, True\n", "", "numbers of an open simulation are lost", OPEN),
+    (LAUNCHES, "        swap_in(shares)\n        context", "        context", "a known launch takes the numbers that are there", OPEN),
+    (KERNELS, "        reads.beside += _shares(_enclosed(self.func))\n", "", "fields of a closure are not swapped in",
+     f"{SECOND}::test_kernels_of_users_see_the_numbers_of_their_own_simulation"),
     (POOL, "oldest = min(", "oldest = max(", "the newest goes first", f"{SECOND}::test_the_pool_is_bounded"),
     (POOL, "self.tree.address + _scalar(self.field).snode.ptr.parent.offset_bytes_in_parent_cell", "self.tree.address",
      "the first field is set to zero instead",

@@ -1,9 +1,12 @@
 """Fields that closed simulations leave for the next, so that kernels need not be compiled again.
 
 Taichi compiles a kernel for the fields it reads, by identity. A field is known by where it was declared (the lines of code
-that led there, and how often they did before), by its type, its width and its room. A new simulation gets for each field one
-that was declared alike and that nobody uses, and a new one where there is none. So it compiles what reads fields that others
-did not have, whatever else differs. Of two simulations at a time, each has fields of its own.
+that led there, and how often they did before), by its type, its width and its room. A new simulation gets for each field the
+one that was declared alike before, and a new one where there is none. So it compiles only kernels of fields that no other had.
+
+Simulations that are open at a time share their fields, each with numbers of its own: those of one of them lie in the fields,
+those of the others are swapped out to arrays. A launch, or a look at a field's memory, swaps in the numbers of the simulation
+that it is for (`Lease.swap_in`). Two simulations that take turns copy their fields at each turn, some .2 ms for a megabyte.
 
 Fields are handed out zero, as new ones are. The pool is bounded: beyond that, trees of fields that nobody uses are given back
 to the system, those used longest ago first.
@@ -12,6 +15,7 @@ to the system, those used longest ago first.
 from . import taichi_patches  # noqa: F401  (before Taichi)
 
 # isort: split
+import copy
 import ctypes
 import itertools
 import math
@@ -26,27 +30,47 @@ import taichi as ti
 from taichi.lang.snode import get_addr
 from taichi.lang.util import to_numpy_type
 
+from . import launches
+
 MOST_BYTES = 256 << 20  # that are kept where nobody uses them; a sheet of 10,000 vertices with contact has some 250 MB
 MOST_TREES = 200  # of Taichi's fields; it has room for 512
+ROWS = 1 << 14  # that are exchanged at a time
 
 
 @dataclass(eq=False)
 class Slot:
-    """A field that is handed out.
+    """A field's place in memory.
 
     Attributes:
-        key: what it is known by.
-        used: by a simulation.
+        key: the declaration that it is known by.
+        shares: of simulations, each for one at a time; the first has the field as it was declared.
+        holder: the share whose numbers lie in the field; None where nobody needs them.
         tree: in which it was allocated.
     """
 
     key: Hashable
     field: Any
-    used: bool = True
+    shares: list["Share"] = field(default_factory=list)
+    holder: "Share | None" = None
     tree: "Tree | None" = None
 
+    @property
+    def used(self) -> bool:
+        """Whether a simulation has a share of it."""
+        return any(share.lease is not None for share in self.shares)
+
+    def share(self, lease: "Lease") -> "Share":
+        """A share that nobody has, for a lease."""
+        free = next((share for share in self.shares if share.lease is None), None)
+        if free is None:
+            free = Share(self, copy.copy(self.field) if self.shares else self.field)
+            free.field.share = free
+            self.shares.append(free)
+        free.lease, free.swapped_out = lease, None
+        return free
+
     @cached_property
-    def memory(self) -> np.ndarray:
+    def numbers(self) -> np.ndarray:
         """Its numbers (rows,), or vectors (rows, width), where they lie: on the CPU, where those of a row are side by side."""
         assert self.tree is not None
         shape = self.field.shape + ((self.field.n,) if isinstance(self.field, ti.MatrixField) else ())
@@ -54,6 +78,52 @@ class Slot:
         dtype = np.dtype(to_numpy_type(self.field.dtype))
         there = (ctypes.c_char * (math.prod(shape) * dtype.itemsize)).from_address(place)
         return np.frombuffer(there, dtype).reshape(shape)
+
+
+@dataclass(eq=False)
+class Share:
+    """A simulation's share of a slot: a field object of its own, and its numbers while those of another lie in the slot.
+
+    Attributes:
+        lease: that has it, or None.
+        swapped_out: its numbers, like `Slot.numbers`, where they do not lie in the slot.
+    """
+
+    slot: Slot
+    field: Any
+    lease: "Lease | None" = None
+    swapped_out: np.ndarray | None = None
+
+    @property
+    def memory(self) -> np.ndarray:
+        """Its numbers where they lie, swapped in: see `Slot.numbers`."""
+        if self.lease is not None and self.lease.swapped_out:
+            self.lease.swap_in()
+        return self.slot.numbers
+
+    def swap_in(self) -> None:
+        """Its numbers lie in the slot from now on; those of the holder go where these were."""
+        holder, numbers, kept = self.slot.holder, self.slot.numbers, self.swapped_out
+        lease = None if holder is None else holder.lease
+        if holder is not None and lease is not None:
+            if kept is None:
+                kept = numbers.copy()
+            else:
+                exchange(numbers, kept)
+            holder.swapped_out, lease.swapped_out = kept, True
+            launches.SWAPS[0] += 1
+        elif kept is not None:
+            numbers[...] = kept
+        self.slot.holder, self.swapped_out = self, None
+
+
+def exchange(a: np.ndarray, b: np.ndarray) -> None:
+    """Exchanges the numbers of two arrays of the same shape, some at a time."""
+    for first in range(0, len(a), ROWS):
+        part = slice(first, first + ROWS)
+        held = a[part].copy()
+        a[part] = b[part]
+        b[part] = held
 
 
 @dataclass(eq=False)
@@ -87,7 +157,7 @@ class Tree:
         return self._address
 
 
-_slots: dict[Hashable, list[Slot]] = {}  # in the order in which they were made
+_slots: dict[Hashable, Slot] = {}  # in the order in which they were made
 _trees: list[Tree] = []
 _dropped: list[Tree] = []  # that nobody has or may have
 _starts = [0]  # how often Taichi was started
@@ -99,16 +169,18 @@ class Lease:
     """The fields of one simulation.
 
     Args:
-        pooled: whether it may take what others had, and leaves what it had.
+        pooled: whether it may take fields that others had, and leaves its own to others.
 
     Attributes:
         trees: that it made.
+        swapped_out: whether the numbers of one of its fields are.
     """
 
     pooled: bool
     trees: list[Tree] = field(default_factory=list)
+    swapped_out: bool = False
     _start: int = field(default_factory=lambda: _starts[0])
-    _taken: list[Slot] = field(default_factory=list)
+    _taken: list[Share] = field(default_factory=list)
     _new: list[Slot] = field(default_factory=list)
     _met: Counter[Hashable] = field(default_factory=Counter)
 
@@ -116,40 +188,47 @@ class Lease:
         """A field that was `declared` like this before, or the one that `make` does."""
         key = declared, self._met[declared]
         self._met[declared] += 1
-        known = next((slot for slot in _slots.get(key, ()) if not slot.used), None) if self.pooled else None
-        if known is None:
+        known = _slots.get(key) if self.pooled else None
+        if known is None or (known.used and not taichi_patches.WANTED):  # without patches no launch swaps
             self._new.append(Slot(key, make()))
-            return self._new[-1].field
-        known.used = True
-        self._taken.append(known)
-        return known.field
+            return self._new[-1].share(self).field
+        self._taken.append(known.share(self))
+        return self._taken[-1].field
 
     def planted(self, handle: Any, alone: bool = False) -> None:
-        """What was declared since the last time is in a tree of Taichi's; with `alone` the last of it only."""
+        """All fields declared since the last time are in a tree of Taichi's; with `alone` the last of them only."""
         slots = self._new[-1:] if alone else self._new
         self._new = self._new[:-1] if alone else []
         self.trees.append(Tree(handle, slots))
         for slot in slots:
-            slot.tree, slot.field.slot = self.trees[-1], slot
+            slot.tree, slot.holder = self.trees[-1], slot.shares[0]
 
     def keep(self) -> None:
-        """All of it is allocated: what others had is zero, and what is new is in the pool from now on, in use."""
-        for slot in self._taken:
-            slot.memory[:] = 0
+        """All of it is allocated: fields that others had are zero, and new ones are in the pool from now on, in use."""
+        for share in self._taken:
+            share.swap_in()
+            share.slot.numbers[...] = 0
         if self.pooled:
             for tree in self.trees:
                 _trees.append(tree)
                 for slot in tree.slots:
-                    _slots.setdefault(slot.key, []).append(slot)
-                    self._taken.append(slot)
+                    _slots.setdefault(slot.key, slot)
+                    self._taken.append(slot.shares[0])
             self.trees = []
+
+    def swap_in(self) -> None:
+        """All of its numbers lie in its fields."""
+        for share in self._taken:
+            if share.slot.holder is not share:
+                share.swap_in()
+        self.swapped_out = False
 
     def leave(self) -> None:
         """Others may have the fields; those that no other may have go when there is time, in `trim`. The garbage collector may
         call it in the middle of anything."""
-        for slot in self._taken:
-            assert slot.tree is not None
-            slot.used, slot.tree.last = False, next(_clock)
+        for share in self._taken:
+            assert share.slot.tree is not None
+            share.lease, share.swapped_out, share.slot.tree.last = None, None, next(_clock)
         self._taken = []
         if self._start == _starts[0]:
             _dropped.extend(self.trees)
@@ -172,7 +251,8 @@ def trim(most: int = MOST_BYTES, trees: int = MOST_TREES) -> None:
         oldest = min(free, key=lambda tree: tree.last)
         _trees.remove(oldest)
         for slot in oldest.slots:
-            _slots[slot.key].remove(slot)
+            if _slots.get(slot.key) is slot:
+                del _slots[slot.key]
         oldest.handle.destroy()
 
 

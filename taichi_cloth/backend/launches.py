@@ -6,6 +6,7 @@ contiguous, a number of the wrong kind) goes Taichi's way, and so does everythin
 """
 
 import time
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from taichi.types import ndarray_type, primitive_types
 from .timing import compiling
 
 LARGEST = np.iinfo(np.int32).max  # numbers of an array that Taichi can tell apart
+SWAPS = [0]  # how often numbers of a simulation were swapped out of its fields: see field_pool.py
 REALS, INTEGERS = (float, int, np.floating, np.integer), (int, np.integer)
 
 
@@ -42,10 +44,13 @@ class Launcher:
     def launch(self, args: tuple, slow) -> Any:
         """Launches it; `slow` does it Taichi's way."""
         kernel, runtime = self.kernel, self.kernel.runtime
-        if not self.plain or runtime.target_tape or runtime.fwd_mode_manager or len(args) != len(kernel.arguments):
-            return slow(kernel, *args)
-        features = self._features(args)
+        if len(args) != len(kernel.arguments):
+            return slow(kernel, *args)  # which says so
+        plain = self.plain and not runtime.target_tape and not runtime.fwd_mode_manager
+        features = self._features(args) if plain else None
         if features is None:
+            if SWAPS[0]:
+                self.swap_in(args)
             return slow(kernel, *args)
         if self._compiled is not kernel.compiled_kernels:
             self._compiled = kernel.compiled_kernels
@@ -53,11 +58,13 @@ class Launcher:
         known = self._known.get(features)
         if known is None:
             began = time.perf_counter()
+            shares = self.swap_in(args)
             out = slow(kernel, *args)
-            self._learn(features, args)
+            self._learn(features, args, shares)
             compiling.seconds += time.perf_counter() - began
             return out
-        made, data = known
+        made, data, shares = known
+        swap_in(shares)
         context = made.make_launch_context()
         for k, slot, kind in self._handed:
             arg = args[k]
@@ -89,12 +96,20 @@ class Launcher:
                 return None
         return tuple(out)
 
-    def _learn(self, features: tuple, args: tuple) -> None:
+    def swap_in(self, args: tuple) -> list:
+        """The numbers of all fields that a launch needs lie in them; one share of each simulation that it is for."""
+        key = self.kernel.ensure_compiled(*args)
+        reads = getattr(self.kernel, "reads_by_key", {}).get(key)  # none where it was compiled before this package was there
+        shares = {} if reads is None else {id(share.lease): share for share in reads.shares(args)}
+        swap_in(shares.values())
+        return list(shares.values())
+
+    def _learn(self, features: tuple, args: tuple, shares: list) -> None:
         """What was launched just now is launched again for the same."""
         kernel, prog = self.kernel, self.kernel.runtime.prog
         if not kernel.has_print and not impl.current_cfg().debug:
             made = kernel.compiled_kernels[kernel.ensure_compiled(*args)]
-            self._known[features] = made, prog.compile_kernel(prog.config(), prog.get_device_caps(), made)
+            self._known[features] = made, prog.compile_kernel(prog.config(), prog.get_device_caps(), made), shares
 
 
 def _kind(annotation) -> str:
@@ -104,6 +119,13 @@ def _kind(annotation) -> str:
     if id(annotation) in primitive_types.real_type_ids:
         return "real"
     return "integer" if annotation in (int, primitive_types.i32) else ""
+
+
+def swap_in(shares: Iterable) -> None:
+    """The numbers of the simulations that have these shares of fields lie in their fields: see `field_pool.py`."""
+    for share in shares:
+        if share.lease is not None and share.lease.swapped_out:
+            share.lease.swap_in()
 
 
 def of(kernel) -> Launcher:

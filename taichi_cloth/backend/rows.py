@@ -24,14 +24,14 @@ def capacity(n: int) -> int:
 
 def read(field, which: np.ndarray | None = None) -> np.ndarray:
     """A copy of the rows of a field that `Fields` made, or of those that `which` (k,) names."""
-    rows = field.slot.memory if runtime.on_cpu() else field.to_numpy()
+    rows = field.share.memory if runtime.on_cpu() else field.to_numpy()
     return rows[: field.rows].copy() if which is None else rows.take(which, axis=0)
 
 
 def write(field, data: np.ndarray) -> None:
     """Sets the first rows of a field, as many as there are in data."""
     if runtime.on_cpu():
-        rows = field.slot.memory[: len(data)]
+        rows = field.share.memory[: len(data)]
         rows[...] = data.reshape(rows.shape)
     else:
         _put(field, getattr(field, "n", 1), np.ascontiguousarray(data).reshape(-1))

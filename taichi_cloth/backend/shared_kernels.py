@@ -5,12 +5,13 @@ arguments while it is compiled: fields, numbers, functions. Each read is written
 (`self.blocks.count` is 2). An object of which all of them read the same gets the kernel that was compiled then. Where one
 reads what cannot be written so, such as a numpy array, it is compiled for each object as before.
 
-Only the package's kernels are shared. A later simulation has the same fields where they come from the pool (`field_pool.py`).
+Only the package's kernels are shared. Another simulation has the same fields where they come from the pool (`field_pool.py`);
+the same paths tell of which fields a launch needs the numbers (`shares`).
 """
 
 import contextlib
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,7 +43,7 @@ def _token(value: Any) -> tuple | None:
     if isinstance(value, PLAIN):
         return type(value), value
     if isinstance(value, Field):
-        return Field, weakref.ref(value)
+        return Field, weakref.ref(value.share.slot if hasattr(value, "share") else value)
     if isinstance(value, (list, tuple)):
         return type(value), len(value)
     if isinstance(value, dict):
@@ -66,12 +67,14 @@ class Reads:
     Attributes:
         tokens: of each path that was read; same: paths that led to what another path had led to.
         whole: whether all of it could be written down.
+        beside: shares of fields to which no path leads, of the object that it was compiled for.
     """
 
     def __init__(self, args: Sequence, roots: Sequence[int]) -> None:
         self.tokens: dict[Path, tuple] = {}
         self.same: dict[Path, Path] = {}
         self.whole = True
+        self.beside: list = []
         self._paths: dict[int, Path] = {}  # of objects, by their identity
         self._objects: list = []  # which live as long
         for k in roots:
@@ -83,6 +86,9 @@ class Reads:
         self.whole &= not (isinstance(owner, Field) and name == "rows")  # which a field from the pool has others of
         if path is not None and path + (name,) not in self.tokens:
             self._note(path + (name,), value)
+        elif path is None:
+            self.beside += _shares(value.values() if isinstance(value, dict) else
+                                   value if isinstance(value, (list, tuple)) else [value])
 
     def call(self, function: Any, args: Sequence) -> None:
         """A function was called. What plain Python reads of an object is not seen; Taichi's functions see none."""
@@ -97,6 +103,10 @@ class Reads:
                     and all(_follow(args, path) is _follow(args, other) for path, other in self.same.items()))
         except (AttributeError, LookupError, TypeError):
             return False
+
+    def shares(self, args: Sequence) -> list:
+        """Of the fields that a launch with these arguments reads or writes, those that come from the pool."""
+        return _shares(_follow(args, path) for path, token in self.tokens.items() if token[0] is Field) + self.beside
 
     def end(self) -> None:
         """The kernel is compiled: what was read need not live on."""
@@ -167,23 +177,29 @@ def _build_call(original):
 
 
 def _materialize(original):
-    """`Kernel.materialize`, which looks for a kernel that was compiled for another object first."""
+    """`Kernel.materialize`, which looks for a kernel that was compiled for another object first.
+
+    A kernel that is not the package's own, such as one of a user's force, is not shared; its reads are kept too.
+    """
 
     def materialize(self, key=None, args=None, arg_features=None):
-        if key is None or key in self.compiled_kernels or not _shareable(self):
+        if key is None or key in self.compiled_kernels:
             return original(self, key, args, arg_features)
         _kernels.add(self)
+        self.reads_by_key = getattr(self, "reads_by_key", {})
         roots = self.template_slot_locations
         self.runtime.materialize()
         features = tuple(f for k, f in enumerate(arg_features) if k not in roots)
         for variant in [k for k in self.compiled_kernels if isinstance(k, Variant)]:
             if variant.features == features and variant.reads.match(args):
-                self.compiled_kernels[key] = self.compiled_kernels[variant]
+                self.compiled_kernels[key], self.reads_by_key[key] = self.compiled_kernels[variant], variant.reads
                 return None
         reads = Reads(args, roots)
+        reads.beside += _shares(_enclosed(self.func))
         with _watched(reads):
             original(self, key, args, arg_features)
-        if reads.whole:
+        self.reads_by_key[key] = reads
+        if reads.whole and _shareable(self):
             self.compiled_kernels[Variant(reads, features)] = self.compiled_kernels[key]
         return None
 
@@ -200,6 +216,17 @@ def look_again() -> None:
 
 def _shareable(kernel) -> bool:
     return kernel.func.__module__.split(".")[0] == PACKAGE and not kernel.func.__closure__
+
+
+def _shares(values: Iterable) -> list:
+    """Of those values that are fields from the pool."""
+    return [value.share for value in values if isinstance(value, Field) and hasattr(value, "share")]
+
+
+def _enclosed(function) -> list:
+    """Values that a function finds outside of itself: in those around it, and in its module."""
+    cells = [cell.cell_contents for cell in function.__closure__ or ()]
+    return cells + [function.__globals__[name] for name in function.__code__.co_names if name in function.__globals__]
 
 
 def apply() -> None:

@@ -23,6 +23,7 @@ try:  # it would go through all modules for the source of each of its own kernel
     import taichi as ti
     from taichi.lang import impl, kernel_impl
     from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+    from taichi.lang.field import Field
 finally:
     inspect.getmodule = _getmodule
 
@@ -123,14 +124,29 @@ def _data_oriented(original):
 
 
 def _call(original):
-    """A kernel's launch."""
+    """A kernel's launch, with the numbers of its simulation in the fields."""
 
     def call(self, *args, **kwargs):
-        if kwargs or not _own(self.func.__module__):
-            return original(self, *args, **kwargs)
-        return launches.of(self).launch(args, original)
+        if kwargs:
+            args = tuple(kernel_impl._process_args(self, args, kwargs))
+        if _own(self.func.__module__):
+            return launches.of(self).launch(args, original)
+        if launches.SWAPS[0]:
+            launches.of(self).swap_in(args)
+        return original(self, *args)
 
     return call
+
+
+def _host_accessors(original):
+    """A look at, or a change of, one row of a field from Python: the numbers of its simulation are in it."""
+
+    def initialize(self) -> None:
+        if hasattr(self, "share"):
+            launches.swap_in([self.share])
+        original(self)
+
+    return initialize
 
 
 def _lines(_original):
@@ -144,7 +160,7 @@ def _apply() -> None:
             (ASTTransformerContext, "get_pos_info", _get_pos_info), (kernel_impl, "_inside_class", _inside_class),
             (kernel_impl, "getsourcelines", _cached), (kernel_impl, "getsourcefile", _cached),
             (kernel_impl, "textwrap", _lines), (ti, "data_oriented", _data_oriented), (impl, "get_traceback", _get_traceback),
-            (kernel_impl.Kernel, "__call__", _call)):
+            (kernel_impl.Kernel, "__call__", _call), (Field, "_initialize_host_accessors", _host_accessors)):
         if hasattr(owner, name):
             setattr(owner, name, faster(getattr(owner, name)))
     shared_kernels.apply()
