@@ -52,12 +52,13 @@ def shared() -> pathlib.Path:
 @pytest.fixture(scope="session", autouse=True)
 def many_blocks() -> None:
     """Small meshes in as many blocks as there are threads, as large ones are; one thread where a test asks for no more, as
-    workers of pytest-xdist would wait for each other's cores; fields of one size for all meshes of tests, so that less is
-    compiled."""
+    workers of pytest-xdist would wait for each other's cores; fields of one size for all meshes of tests, and a kernel for
+    each force, so that less is compiled."""
     from taichi_cloth.backend import rows, runtime
+    from taichi_cloth.system import assembler
     from taichi_cloth.system import state as model
 
-    model.ROWS, rows.SMALL = 1, rows.MIDDLE
+    model.ROWS, rows.SMALL, assembler.FUSED = 1, rows.MIDDLE, False
     if "PYTEST_XDIST_WORKER" in os.environ:
         runtime.cores = lambda: 1
 

@@ -13,7 +13,8 @@ FILLED = f"{SECOND}::test_memory_is_filled_as_kernels_fill_it"
 
 MUTATIONS = (
     (KERNELS, "return type(value), value", "return type(value), 0", "numbers are not compared", SHARED),
-    (KERNELS, 'weakref.ref(value.share.slot if hasattr(value, "share") else value)', "type(value)", "fields are not compared", SHARED),
+    (KERNELS, 'weakref.ref(value.share.slot if hasattr(value, "share") else value)', "type(value)",
+     "fields are not compared", SHARED),
     (KERNELS, "self.same[path] = self._paths[id(value)]", "pass", "two names of an object are not", SHARED),
     (KERNELS, "if not known and not _of_taichi(function) and any(", "if False and any(",
      "what plain Python reads does not count", SHARED),
@@ -21,8 +22,10 @@ MUTATIONS = (
      "what cannot be compared does not count", SHARED),
     (POOL, "share.slot.numbers[...] = 0", "pass", "fields come again with what they held",
      f"{SECOND}::test_fields_come_again_and_are_zero"),
-    (POOL, "            holder.swapped_out, lease.swapped_out = kept, True\n", "", "numbers of an open simulation are lost", OPEN),
-    (LAUNCHES, "        swap_in(shares)\n        context", "        context", "a known launch takes the numbers that are there", OPEN),
+    (POOL, "            holder.swapped_out, lease.swapped_out = kept, True\n", "",
+     "numbers of an open simulation are lost", OPEN),
+    (LAUNCHES, "        swap_in(shares)\n        context", "        context",
+     "a known launch takes the numbers that are there", OPEN),
     (KERNELS, "        reads.beside += _shares(_enclosed(self.func))\n", "", "fields of a closure are not swapped in",
      f"{SECOND}::test_kernels_of_users_see_the_numbers_of_their_own_simulation"),
     (POOL, "oldest = min(", "oldest = max(", "the newest goes first", f"{SECOND}::test_the_pool_is_bounded"),

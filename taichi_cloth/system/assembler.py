@@ -10,6 +10,8 @@ from ..backend.runtime import Runtime
 from .operator import Operator
 from .state import ParticleState
 
+FUSED = True  # one launch for all forces; apart, a force is compiled once for all scenes, which pays where they are many
+
 
 @dataclass(frozen=True)
 class Measures:
@@ -70,7 +72,8 @@ class Assembler:
         self._prepared = [force for force in forces if force.does("prepare")]
         self.operator = operator  # type: ignore[assignment]
         self.sum_type = ti.f32 if runtime.sums == "f32" else ti.f64
-        self.linear = operator is not None
+        self._rows = Rows(model, operator, self.sum_type)
+        self._each = [OneForce(force, model, operator, self.sum_type) for force in forces]
         self.base, column = [], 0
         self.extremes: list[int] = []  # columns of the largest stretch, each before that of its change
         self.used: list[int] = []  # columns of what is used of limits
@@ -140,17 +143,41 @@ class Assembler:
         used = max((float(peaks[k]) for k in self.used), default=0.0)
         return Measures(energies, dissipation, float(sums[n + 1]), stretch, stretch_change, finite, damped, rate, wind, used)
 
+    def _evaluate(self, linearizes: int, moves: int, c: float, report: np.ndarray) -> None:
+        """The model's rows, then each force, into columns of the report."""
+        if FUSED:
+            self._evaluate_all(linearizes, moves, c, report)
+            return
+        self._rows.evaluate(linearizes, self.column, report)
+        for one, base in zip(self._each, self.base):
+            one.evaluate(linearizes, moves, c, base, report)
+
     @ti.kernel
-    def _evaluate(self, linearizes: int, moves: int, c: float, report: ti.types.ndarray()):
+    def _evaluate_all(self, linearizes: int, moves: int, c: float, report: ti.types.ndarray()):
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
                 block = t // self.blocks.grain
-                self.evaluate_rows(block, linearizes, report)
+                self._rows.evaluate_block(block, linearizes, self.column, report)
                 for k in ti.static(range(len(self.forces))):
                     self.forces[k].evaluate(block, linearizes, moves, c, self.operator, self.base[k], report, self.sum_type)
 
+
+@ti.data_oriented
+class Rows:
+    """The particles' own part of an evaluation."""
+
+    def __init__(self, model: ParticleState, operator: Operator | None, sum_type) -> None:
+        self.model, self.operator, self.blocks, self.sum_type = model, operator, model.blocks, sum_type
+        self.linear = operator is not None
+
+    @ti.kernel
+    def evaluate(self, linearizes: int, column: int, report: ti.types.ndarray()):
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                self.evaluate_block(t // self.blocks.grain, linearizes, column, report)
+
     @ti.func
-    def evaluate_rows(self, block, linearizes, report: ti.template()):
+    def evaluate_block(self, block, linearizes, column, report: ti.template()):
         """Kinetic energy, change, and a sum that is finite if x and v are; the masses' part of the linear system."""
         kinetic, change = ti.cast(0, self.sum_type), ti.cast(0, self.sum_type)
         total = ti.cast(0, self.sum_type)
@@ -164,6 +191,20 @@ class Assembler:
                 if linearizes == 1:
                     self.operator.b[i] = m * lag
                     self.operator.P[i] = ti.Vector([m, 0.0, 0.0, m, 0.0, m])
-        report[block, self.column] = kinetic
-        report[block, self.column + 1] = change
-        report[block, self.column + 2] = total
+        report[block, column] = kinetic
+        report[block, column + 1] = change
+        report[block, column + 2] = total
+
+
+@ti.data_oriented
+class OneForce:
+    """One force's part of an evaluation, as a kernel of its own."""
+
+    def __init__(self, force, model: ParticleState, operator: Operator | None, sum_type) -> None:
+        self.force, self.operator, self.blocks, self.sum_type = force, operator, model.blocks, sum_type
+
+    @ti.kernel
+    def evaluate(self, linearizes: int, moves: int, c: float, base: int, report: ti.types.ndarray()):
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                self.force.evaluate(t // self.blocks.grain, linearizes, moves, c, self.operator, base, report, self.sum_type)
