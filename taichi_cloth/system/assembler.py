@@ -166,8 +166,11 @@ class Assembler:
 class Rows:
     """The particles' own part of an evaluation."""
 
+    operator: Operator
+
     def __init__(self, model: ParticleState, operator: Operator | None, sum_type) -> None:
-        self.model, self.operator, self.blocks, self.sum_type = model, operator, model.blocks, sum_type
+        self.model, self.blocks, self.sum_type = model, model.blocks, sum_type
+        self.operator = operator  # type: ignore[assignment]
         self.linear = operator is not None
 
     @ti.kernel

@@ -76,6 +76,7 @@ def test_run_writes_what_it_says(out):
     assert "0.1 s simulated" in done.stdout and "frame 2/2" in done.stderr
 
 
+@pytest.mark.slow
 def test_pictures_show_cloth_on_a_ground(out):
     images = [read_png(p) for p in sorted((out[0] / "images").iterdir())]
     first, last = images[0].astype(int), images[-1].astype(int)

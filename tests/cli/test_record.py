@@ -54,6 +54,7 @@ def test_frames_are_at_their_times_with_positions_and_velocities(run):
     assert (run.frames[0]["x"] == run.g["x"].astype(np.float32)).all()
 
 
+@pytest.mark.slow
 def test_contact_forces_carry_the_sheet(run):
     """They act on the cloth: upwards, and as large as its weight; on what touches nothing there are none."""
     force = run.frames[-1]["contact"]

@@ -99,6 +99,7 @@ def test_checkpoints_hold_everything_that_decides(name, integrator):
     assert all(np.array_equal(one, other) for one, other in zip(*ended))
 
 
+@pytest.mark.slow
 def test_exports_hold_what_was_simulated(whole, tmp_path):
     import meshio
 

@@ -76,6 +76,7 @@ def test_every_rejection_is_explained():
                            if line.startswith("| ")}
 
 
+@pytest.mark.slow
 def test_site_is_built_from_what_is_here(tmp_path):
     for package in ("mkdocs", "material", "mkdocstrings", "latex2mathml"):
         pytest.importorskip(package)

@@ -62,6 +62,7 @@ def test_nor_does_it_come_nearer_than_a_fifth_of_the_thickness(thrown):
     assert min(least) >= 0.2 * (1 - 1e-6) * THICKNESS
 
 
+@pytest.mark.slow
 def test_a_pair_gets_the_stiffness_that_its_load_needs_within_a_step():
     """A sheet pressed onto a held one by 10 N a vertex, 12,000 times its weight: it comes to rest above the floor, in few
     steps (130 of them, at .09 thicknesses, where pairs stiffened from step to step alone)."""

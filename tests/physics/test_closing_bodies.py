@@ -191,6 +191,7 @@ def test_a_wall_pushes_cloth_along_a_floor():
     sim.close()
 
 
+@pytest.mark.slow
 def test_surfaces_by_where_they_face(rng):
     """The nearest triangle that faces a direction, its height, normal, motion and friction, against a search of all."""
     scene = figure("one_mesh", 1, False, cells=6, parts={"arm": 0.7})

@@ -111,6 +111,7 @@ def test_it_goes_on_from_a_checkpoint():
         assert one.keys() == other.keys() and all(np.array_equal(one[k], other[k]) for k in one)
 
 
+@pytest.mark.slow
 def test_layers_that_meet_are_of_less_error_too():
     """A sheet falls on one that is held at two sides: at 1/120 the error is at most two thirds of backward Euler's."""
     def scene() -> tc.Scene:

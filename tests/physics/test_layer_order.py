@@ -33,6 +33,7 @@ def two_tubes(layers: tuple[int, int], solid: bool = True, clockwise: bool = Fal
     return scene
 
 
+@pytest.mark.slow
 def test_far_from_the_origin_with_a_vertex_of_no_face_and_a_seam():
     """The wavy tube is cut open and sewn; what belongs to it goes with it, and nothing else."""
     far, scene = np.array([400.0, 0, -300.0]), tc.Scene()
@@ -73,6 +74,7 @@ def least_room(sim: tc.Simulation) -> float:
     return float((np.hypot(q[:, 0], q[:, 2]) - np.hypot(*p[near][:, [0, 2]].T))[beside].min())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layers, clockwise", [((0, 1), False), ((2, 5), True)])
 def test_the_higher_layer_starts_and_stays_outside(layers, clockwise):
     """However its triangles turn, on a body."""
@@ -90,6 +92,7 @@ def test_the_higher_layer_starts_and_stays_outside(layers, clockwise):
         assert least_room(sim) > 0.1 * THICKNESS and np.linalg.norm(sim.velocities(), axis=1).max() < 2
 
 
+@pytest.mark.slow
 def test_without_solids_outside_is_where_triangles_face():
     with tc.Simulation(two_tubes((0, 1), solid=False), h=1 / 60) as sim:
         assert cloth_crossings(sim) == 0 and least_room(sim) > 0.5 * THICKNESS

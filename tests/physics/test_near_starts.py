@@ -93,6 +93,7 @@ def test_what_was_left_near_grows_to_its_thickness_and_is_resumed_bit_for_bit():
         assert (again.positions() == x).all()
 
 
+@pytest.mark.slow
 def test_panels_that_lie_apart_are_as_near_as_their_seam_is_long():
     """Sewn sheets with edges shorter than their thickness: no layers where they lie flat, wherever their pattern lies."""
     mesh = tc.grid((0.02, 0.01), (8, 4))

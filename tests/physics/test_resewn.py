@@ -23,6 +23,7 @@ def opened(**how):
     return scene, cloth, seam
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contact", [None, tc.ClothContact(THICKNESS, 0.2)])
 def test_it_comes_together_and_is_as_before(contact):
     """At half a metre a second at most, to one place bit for bit, without a crossing; the strip then lies as it did."""

@@ -55,6 +55,7 @@ def test_what_went_through_comes_out(kind):
         assert np.abs(sim.velocities()).max() < 1
 
 
+@pytest.mark.slow
 def test_what_a_load_holds_through_comes_out():
     """A vertex of a sheet is pressed 4 mm through another by .15 N, more than a crossing is led with at first: a small tangle
     that lasts is led more firmly from step to step, until nothing crosses. Then one rests on the other."""

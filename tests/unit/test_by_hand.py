@@ -73,6 +73,7 @@ def test_going_on_needs_the_same_changes(simulations):
         assert (again.positions() == end).all()
 
 
+@pytest.mark.slow
 def test_a_scene_that_runs_is_not_changed(simulations):
     """Neither by hand nor, where simulations have it as it was built, in an event; nothing of a change is left."""
     sim, _, cloth, ball = simulations

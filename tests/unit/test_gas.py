@@ -243,6 +243,7 @@ def test_a_seam_that_is_opened_lets_the_gas_out():
         assert record.gas["cloth0"][1] == 0.0 and record.energies["gas"] == 0.0 and not record.rejections
 
 
+@pytest.mark.slow
 def test_explicit_steps_know_constant_pressure_alone():
     """The same volume as by solves after .05 s, 4e-3; other gas is refused by name."""
     ends = []

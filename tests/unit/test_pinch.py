@@ -163,6 +163,7 @@ def test_no_step_is_cut_for_the_stretch_of_what_solids_lead():
         assert max(np.diff([np.hypot(1, 40 * max(t - 0.1, 0)) for t in np.arange(0, 0.151, H)])) > 0.1  # of |w| in a step
 
 
+@pytest.mark.slow
 def test_an_edge_that_is_left_across_a_solid_comes_out():
     """A sheet whose vertices are all outside a box, and whose edges pass through its edge: it is raised until they do not,
     no faster than it may, then let down again; and what is pinched there stays."""

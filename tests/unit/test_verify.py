@@ -77,6 +77,7 @@ def test_each_fails_where_what_it_checks_is_wrong():
         assert words in name and not good, (name, figure)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind, good", [(OneThread, True), (Wrong, False)])
 def test_plates_in_a_wind_that_varies_are_damped_by_what_a_step_begins_with(kind, good):
     """Coefficients go by the square of the speed, and a step keeps those of its start."""
