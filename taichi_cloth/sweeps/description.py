@@ -62,7 +62,7 @@ def functions_of_time(scene: Scene) -> Iterator[tuple[str, object]]:
     if air is not None and air.varies_in_space:
         x = np.concatenate([cloth.positions for cloth in scene.cloths] or [np.zeros((1, 3))])
         x = x[:: max(1, len(x) // PLACES)]
-        yield "wind", lambda t: air.wind(x, t)
+        yield "wind", lambda t: air.wind_at(t, x)
     elif air is not None:
         yield "wind", air.wind
 

@@ -4,6 +4,7 @@ Numbers count exactly, dicts and sets in no order, objects by their class and st
 one) counts by its name and version; code of one's own is followed wherever it is called. Formatting and comments are no code.
 """
 
+import copyreg
 import dis
 import functools
 import hashlib
@@ -125,7 +126,8 @@ class Digest:
         if is_dataclass(value) and type(value).__module__.startswith(__name__.split(".")[0] + "."):
             return combined("data", [kind, *(self.of(getattr(value, f.name), f.name) for f in fields(value))])
         try:
-            made = value.__reduce_ex__(4)
+            reduce = copyreg.dispatch_table.get(type(value))
+            made = value.__reduce_ex__(4) if reduce is None else reduce(value)
         except Exception:  # pickle's way to say that there is more to it than can be told
             raise Unknown(f"{self._where()}, {_article(type(value).__name__)}") from None
         if isinstance(made, str):

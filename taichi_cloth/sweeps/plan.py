@@ -66,7 +66,8 @@ def runs_of(build: Callable, grid: Mapping[str, Iterable], options: Mapping[str,
         settings = {name: value for name, value in varied.items() if _of_scene(name, parameters)}
         chosen = {**options, **{name: value for name, value in varied.items() if name not in settings}}
         full = Options.named({**vars(Options()), **chosen})
-        manifest = {"taichi_cloth": __version__, "format": FORMAT, **about, "settings": {n: plain(v) for n, v in settings.items()},
+        manifest = {"taichi_cloth": __version__, "format": FORMAT, **about,
+                    "settings": {n: plain(v) for n, v in settings.items()},
                     "simulation": {n: plain(v) for n, v in vars(full).items() if n not in ("quiet", "debug")}}
         out.append(Run(settings, chosen, varied, manifest, key_of(manifest)))
     return out

@@ -13,7 +13,7 @@ from ..io.jsonfile import parse_json
 from ..output.folder import write_whole
 from ..output.lock import Lock
 from .plan import Run
-from .task import LOST, Outcome
+from .task import Outcome
 
 RUNS, TABLE, PARQUET = "runs", "sweep.csv", "sweep.parquet"
 
@@ -59,8 +59,8 @@ class Store:
         return out
 
     def put(self, run: Run, outcome: Outcome) -> None:
-        """Keeps what came of a run, but for one that was lost, or whose scene cannot be known again."""
-        if outcome.scene and outcome.status != LOST:
+        """Keeps what came of a run, but for one that cannot be known again: its worker was lost, or its scene is unknown."""
+        if outcome.scene:
             text = json.dumps({"manifest": run.manifest, "outcome": asdict(outcome)}, indent=1)
             write_whole(self.path / RUNS / f"{name_of(run, outcome)}.json", (text + "\n").encode())
 
