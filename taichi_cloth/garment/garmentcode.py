@@ -49,7 +49,7 @@ def read_garmentcode(path: Path) -> Pattern:
         return pattern
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         raise SceneError(f"{path}: is no pattern in GarmentCode's format: {type(error).__name__}: {error}") from None
 
 

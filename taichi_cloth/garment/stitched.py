@@ -71,7 +71,8 @@ def load_stitched(path: str | Path, stitches: str | Path | None = None, scale: f
         raise SceneError(f"{path}: has no texture coordinates; they are a garment's pattern")
     found = _in_obj(path) if stitches is None else _in_csv(checks.path("stitches", stitches, SceneError))
     if not found:
-        raise SceneError(f"{path}: has no stitches: lines 'stitch v a b t' or 'l v w', or a .csv beside it")
+        raise SceneError(f"{path if stitches is None else stitches}: has no stitches: lines 'stitch v a b t' or 'l v w' of "
+                         "the OBJ, or rows of a .csv")
     hint = f": {path.name} has {len(x):,} vertices"
     draped = None if positions is None else scale * checks.array("positions", positions, (len(x), 3), row="vertex", hint=hint)
     work = _Panels(x * scale, faces, corner_uv * scale, groups, draped)

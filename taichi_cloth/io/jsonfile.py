@@ -5,35 +5,23 @@ import math
 from typing import Any
 
 
-def parse_json(data: bytes | str, finite: bool = True) -> Any:
+def parse_json(data: bytes | str) -> Any:
     """What JSON holds; a byte order mark is skipped.
 
-    Args:
-        finite: whether NaN and infinity, which Python writes beyond the format, are refused.
+    Numbers that no float can hold are infinite, and NaN and Infinity, which Python writes beyond the format, are read: the
+    checks of what a number is for refuse them by its name.
 
     Raises:
-        ValueError: it is no JSON, or no UTF-8: with the place; a number that no float can hold; nested too deeply.
+        ValueError: it is no JSON, or no UTF-8: with the place; nested too deeply.
     """
     try:
-        text = data if isinstance(data, str) else data.decode("utf-8-sig")
-        return json.loads(text, parse_constant=_refused if finite else float, parse_float=_float, parse_int=_int)
+        return json.loads(data if isinstance(data, str) else data.decode("utf-8-sig"), parse_int=_int)
     except UnicodeDecodeError as error:
         raise ValueError(f"byte {error.start}, {error.object[error.start]:#04x}, is no text in UTF-8") from None
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
 
 
-def _refused(text: str) -> float:
-    raise ValueError(f"{text} is no number of JSON")
-
-
-def _float(text: str) -> float:
-    out = float(text)
-    if not math.isfinite(out):
-        raise ValueError(f"a number of {len(text)} characters, {text[:16]}, is too large")
-    return out
-
-
-def _int(text: str) -> int:
-    _float(text)
-    return int(text)
+def _int(text: str) -> int | float:
+    value = float(text)
+    return int(text) if math.isfinite(value) else value

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from ..errors import SceneError, near
 
 DELIMITERS = ";\t,"  # the first of these that is in the line of names
+LONGEST = 60  # characters of a name, as messages have room for
 
 
 def read_table(path: pathlib.Path, most: int) -> tuple[dict[str, list[float]], list[int]]:
@@ -27,8 +28,9 @@ def read_table(path: pathlib.Path, most: int) -> tuple[dict[str, list[float]], l
         if not names:
             delimiter = next((d for d in DELIMITERS if d in line), ",")
             names = [cell.strip() for cell in _cells(path, number, line, delimiter)]
-            if len(set(names)) < len(names) or not all(names):
-                raise SceneError(f"{path}, line {number}: needs a name for each column, each once, not {line.strip()[:60]!r}")
+            if len(set(names)) < len(names) or not all(0 < len(name) <= LONGEST for name in names):
+                raise SceneError(f"{path}, line {number}: needs a name for each column, each once and of at most {LONGEST} "
+                                 f"characters, not {line.strip()[:LONGEST]!r}")
             columns = {name: [] for name in names}
             continue
         cells = _cells(path, number, line, delimiter)

@@ -30,7 +30,7 @@ class Recording:
         if not file.is_file():
             raise OutputError(f"{self.path} is no run's folder: it has no {MANIFEST}{near(self.path)}")
         try:
-            self.manifest: dict = parse_json(file.read_bytes(), finite=False)
+            self.manifest: dict = parse_json(file.read_bytes())
             if self.manifest.pop("checksum", "") != manifest_sum(self.manifest):
                 raise ValueError("its checksum is not that of its content")
         except (OSError, ValueError, AttributeError, TypeError) as error:
