@@ -52,7 +52,7 @@ class Store:
             try:
                 kept = parse_json(file.read_bytes())
                 outcome = Outcome(**kept["outcome"])
-                if kept["manifest"] == run.manifest and name_of(run, outcome) == file.stem:
+                if kept["manifest"] == run.manifest:
                     out[outcome.scene] = outcome
             except (OSError, ValueError, KeyError, TypeError):  # damaged: it is run again
                 continue
