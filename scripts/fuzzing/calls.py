@@ -191,7 +191,7 @@ RUNNING: list[tuple[str, str, dict[str, str]]] = [
                                        "meets": "True"}),
     ("", "tc.sweep", {"build": "lambda k, seed: None", "grid": '{"k": [1.0]}', "metrics": "lambda sim: 1.0", "seeds": "2",
                       "duration": "0.1", "fps": "10.0", "out": "None", "workers": "0", "scheduler": "None", "slurm": "None",
-                      "say": "print"}),
+                      "tls": "None", "dashboard": "None", "say": "print"}),
     ("", "tc.fit", {"kind": '"strip"', "data": '{"strain": [0.01, 0.02, 0.03], "force": [1.0, 2.1, 2.9]}', "density": "None",
                     "width": "0.05", "length": "None", "D": "1e-5", "k": "1000.0", "find": '"k"', "range_": "None",
                     "confidence": "0.95", "rings": "15", "cells": "12", "h": "1/240", "workers": "0", "out": "None",

@@ -1,4 +1,4 @@
-"""One-line bugs in `verify` and `study`, and the tests that are to notice them."""
+"""One-line bugs in `verify`, `study` and `sweep`, and the tests that are to notice them."""
 
 VERIFY, STUDY = "tests/unit/test_verify.py", "tests/unit/test_study_errors.py"
 TESTS = (VERIFY, STUDY)
@@ -9,7 +9,29 @@ JUDGED = " ".join(f"{STUDY}::test_{name}" for name in (
     "a_row_is_judged_at_the_last_predictable_sample", "an_error_that_the_reference_cannot_tell_is_doubted",
     "positions_are_compared_while_the_references_agree", "the_front_is_what_nothing_beats"))
 AFRESH = STUDY + "::test_errors_are_those_of_positions_computed_afresh"
+SWEEPS, SWEEP, KNOWN = "taichi_cloth/sweeps/", "tests/unit/test_sweep.py::test_", "tests/unit/test_sweep_known.py"
+GOES_ON, LOST = SWEEP + "a_sweep_goes_on_where_it_ended", SWEEP + "rows_of_a_worker_that_was_lost_are_tried_again"
+GONE = SWEEP + "what_becomes_of_tasks_whose_worker_is_gone"
 MUTATIONS = (
+    (SWEEPS + "store.py", "        if outcome.scene:\n", "        if True:\n", "rows of lost workers are kept", LOST),
+    (SWEEPS + "engine.py", 'return Outcome(LOST, "WORKER"', 'return Outcome("failed", "WORKER"', "a lost run failed", GONE),
+    (SWEEPS + "engine.py", "return Outcome(LOST, type(error)", 'return Outcome("ok", type(error)', "a lost run is well", GONE),
+    (SWEEPS + "engine.py", "except distributed.CancelledError:", "except ZeroDivisionError:", "a scheduler that goes is a row",
+     GONE),
+    (SWEEPS + "store.py", 'if kept["manifest"] == run.manifest:', "if True:", "another manifest's run is taken", GOES_ON),
+    (SWEEPS + "task.py", "if scene in task.kept:", "if False:", "what is done is done again", GOES_ON),
+    (SWEEPS + "task.py", "if scene in task.kept:", "if task.kept:", "another material's run is taken",
+     SWEEP + "what_was_changed_outside_of_build_is_run_again"),
+    (SWEEPS + "sweep.py", "                store.put(runs[k], done)\n", "                pass\n", "nothing is kept", GOES_ON),
+    (SWEEPS + "digest.py", "parts += [self._read(cells, names)]", "parts += []", "values of closures do not count", KNOWN),
+    (SWEEPS + "digest.py", "read |= _imports(code, globals_)", "read |= {}", "what functions import does not count", KNOWN),
+    (SWEEPS + "digest.py", "if n in globals_ and not n.startswith(\"__\")}", "if n in {}}", "constants do not count", KNOWN),
+    (SWEEPS + "digest.py", "shape, little.tobytes()])", "shape])", "contents of arrays do not count", KNOWN),
+    (SWEEPS + "digest.py", "n in names if names is not None", "n if names is not None", "all of a module counts", KNOWN),
+    (SWEEPS + "digest.py", 'return combined("set", sorted(', 'return combined("set", list(', "sets have an order", KNOWN),
+    (SWEEPS + "description.py", "            if callable(function):", "            if False:",
+     "functions of time do not count by their values", KNOWN),
+    (SWEEPS + "description.py", 'digest.of(metrics, "the metrics")]', "]", "the metrics' code does not count", KNOWN),
     ("taichi_cloth/studies/verify.py", "DERIVATIVE, EXACT, DRIFT, SOLVED = 1e-5,", "DERIVATIVE, EXACT, DRIFT, SOLVED = 1e-2,",
      "derivatives may be off by a hundredth", WRONG),
     ("taichi_cloth/studies/verify.py", "SOLVED = 1e-5, 1e-11, 1e-12, 1e-7", "SOLVED = 1e-5, 1e-7, 1e-12, 1e-7",

@@ -4,6 +4,7 @@ import argparse
 import inspect
 import os
 import sys
+from collections.abc import Callable
 from typing import Any
 
 from . import scenefile
@@ -13,23 +14,17 @@ FAILED = 1  # exit code where some rows are not ok
 
 
 class FromFile:
-    """A scene file's build, and its metrics, as a worker reads them again from the file.
-
-    Attributes:
-        source: a hash of the file's text.
-    """
+    """A scene file's build, and its metrics, as a worker reads them again from the file."""
 
     def __init__(self, path: str) -> None:
-        from ..output.folder import hash_of_file
-
-        self.path, self.source = os.path.abspath(path), hash_of_file(path)
+        self.path = os.path.abspath(path)
         self._read: scenefile.SceneFile | None = None
 
     def __getstate__(self) -> dict[str, str]:
-        return {"path": self.path, "source": self.source}
+        return {"path": self.path}
 
     def __setstate__(self, state: dict[str, str]) -> None:
-        self.path, self.source, self._read = state["path"], state["source"], None
+        self.path, self._read = state["path"], None
 
     @property
     def file(self) -> scenefile.SceneFile:
@@ -50,13 +45,17 @@ class MetricsOfFile(FromFile):
     """A scene file's metrics(sim)."""
 
     @property
-    def __signature__(self) -> inspect.Signature:
+    def of_file(self) -> Callable:
+        """The function itself, by which runs are known again."""
         assert self.file.metrics is not None
-        return inspect.signature(self.file.metrics)
+        return self.file.metrics
+
+    @property
+    def __signature__(self) -> inspect.Signature:
+        return inspect.signature(self.of_file)
 
     def __call__(self, sim):  # type: ignore[override]
-        assert self.file.metrics is not None
-        return self.file.metrics(sim)
+        return self.of_file(sim)
 
 
 def add_parser(commands, simulation_flags) -> None:
@@ -69,6 +68,8 @@ def add_parser(commands, simulation_flags) -> None:
     add("--workers", type=int, metavar="N", help="processes; one a core (GPU) where not given; 0: one run after the other")
     add("--scheduler", metavar="ADDRESS", help="of a Dask scheduler that runs, such as tcp://host:8786")
     add("--slurm", metavar="NAME=VALUE,...", help='arguments of a Slurm job, such as "queue=cpu,walltime=01:00:00,memory=4GB"')
+    add("--tls", metavar="NAME=FILE,...", help='PEM files that connections need: "ca=ca.pem,cert=own.pem,key=own.key"')
+    add("--dashboard", metavar="ADDRESS", help="where Dask shows its pages, such as 127.0.0.1:8787 (needs bokeh)")
     add("--small", action="store_true", help="with the scene's quick options")
     simulation_flags(parser)
 
@@ -87,7 +88,10 @@ def run(args: argparse.Namespace, duration: float, fps: float, simulation: dict[
     grid |= grid_of(args.set, scene)
     result = sweep(build, grid, MetricsOfFile(scene.path) if scene.metrics else None, seeds=seeds_of(args.seeds),
                    duration=duration, fps=fps, out=args.out, workers=args.workers, scheduler=args.scheduler,
-                   slurm=slurm_of(args.slurm), say=_say, **simulation)
+                   slurm=slurm_of(args.slurm), tls=_pairs("--tls", args.tls, "ca=ca.pem,cert=own.pem,key=own.key"),
+                   dashboard=args.dashboard, say=_say, **simulation)
+    for note in result.notes:
+        _say(f"note: {note}")
     print(f"{result.summary()}\nwritten to {os.path.join(args.out, TABLE)} and {os.path.join(args.out, PAGE)}")
     return FAILED if result.failed else 0
 
@@ -144,14 +148,20 @@ def slurm_of(text: str | None) -> dict[str, Any] | None:
     Raises:
         SceneError: not names and values.
     """
+    given = _pairs("--slurm", text, "queue=cpu,walltime=01:00:00")
+    return None if given is None else {name: int(value) if value.isdigit() else value for name, value in given.items()}
+
+
+def _pairs(flag: str, text: str | None, such: str) -> dict[str, str] | None:
+    """Names and values of "name=value,name=value"."""
     from ..errors import SceneError
 
     if text is None:
         return None
     pairs = [part.partition("=") for part in text.split(",") if part]
     if not pairs or not all(name and equals for name, equals, _ in pairs):
-        raise SceneError(f"--slurm {text!r}: needs names and values, such as queue=cpu,walltime=01:00:00")
-    return {name: int(value) if value.isdigit() else value for name, _, value in pairs}
+        raise SceneError(f"{flag} {text!r}: needs names and values, such as {such}")
+    return {name: value for name, _, value in pairs}
 
 
 def _option(name: str, text: str) -> Any:

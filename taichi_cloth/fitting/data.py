@@ -1,13 +1,12 @@
 """Measurements: columns of numbers by name, from a CSV file or given as arrays."""
 
-import csv
-import pathlib
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from .. import checks
-from ..errors import SceneError, did_you_mean, near
+from ..errors import SceneError, did_you_mean
+from ..io.table import read_table
 
 SIGMA = "sigma"  # standard deviation of each measurement, where it is known
 MOST = 1_000_000  # rows
@@ -24,7 +23,11 @@ def read(source: object, needed: Sequence[str], either: Sequence[str] = (),
     Raises:
         SceneError: a column that is missing, unknown or of another length, or a value that is no finite number, by its line.
     """
-    columns, where = _of_file(source) if not isinstance(source, Mapping) else (dict(source), "data")
+    if isinstance(source, Mapping):
+        columns, where = dict(source), "data"
+    else:
+        path = checks.path("fit: data", source)
+        columns, where = read_table(path, MOST)[0], str(path)  # type: ignore[assignment]
     known = [*needed, *either, *optional, SIGMA]
     for name in needed:
         if name not in columns:
@@ -54,36 +57,3 @@ def within(columns: Mapping[str, np.ndarray], name: str, where: str, low: float,
     if len(bad):
         what = f"more than {low:g}" + ("" if np.isinf(high) else f" and less than {high:g}")
         raise SceneError(f"{where}: {name} of row {bad[0]} is {columns[name][bad[0]]:g}: must be {what}{hint}")
-
-
-def _of_file(source: object) -> tuple[dict[str, list[float]], str]:
-    path = checks.path("fit: data", source)
-    try:
-        text = pathlib.Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, ValueError) as error:
-        raise SceneError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}{near(path)}") from None
-    lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and not line.lstrip().startswith("#")]
-    if not lines:
-        raise SceneError(f"{path} is empty: needs names of columns, and a line a measurement")
-    delimiter = ";" if ";" in lines[0][1] else "\t" if "\t" in lines[0][1] else ","
-    names = [cell.strip() for cell in next(csv.reader([lines[0][1]], delimiter=delimiter))]
-    if len(set(names)) < len(names) or not all(names):
-        raise SceneError(f"{path}, line {lines[0][0]}: needs a name for each column, each once, not {lines[0][1]!r}")
-    columns: dict[str, list[float]] = {name: [] for name in names}
-    for number, line in lines[1:]:
-        cells = next(csv.reader([line], delimiter=delimiter))
-        if len(cells) != len(names):
-            raise SceneError(f"{path}, line {number}: has {len(cells)} values, not {len(names)}")
-        for name, cell in zip(names, cells):
-            columns[name].append(_number(cell, f"{path}, line {number}: {name}"))
-    return columns, str(path)
-
-
-def _number(cell: str, what: str) -> float:
-    try:
-        value = float(cell)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise SceneError(f"{what} = {cell.strip()!r}: must be a number")
-    return value

@@ -8,7 +8,6 @@ Beyond the format: a panel may be bent, as a sleeve round an arm, by `around`, t
 seam is like, {"rest": degrees, "flat" or "given", "stiffness": factor, "strength": N/m}, as in `Scene.sew`.
 """
 
-import json
 import math
 from pathlib import Path
 
@@ -16,6 +15,7 @@ import numpy as np
 
 from .. import checks
 from ..errors import SceneError, near
+from ..io.jsonfile import parse_json
 from .curves import Curve
 from .pattern import Panel, Pattern, Stitch
 
@@ -30,7 +30,7 @@ def read_garmentcode(path: Path) -> Pattern:
         SceneError: a file that cannot be read, or in which something is missing or wrong, by name.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = parse_json(path.read_bytes())
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}{near(path)}") from None
     except ValueError as error:
@@ -49,7 +49,7 @@ def read_garmentcode(path: Path) -> Pattern:
         return pattern
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         raise SceneError(f"{path}: is no pattern in GarmentCode's format: {type(error).__name__}: {error}") from None
 
 

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..errors import SceneError
 from ..io import read_surface
+from ..io.table import read_table
 from ..scene.garment import Garment, SewnRows
 from ..scene.mesh import TriMesh
 from .remesh import remesh
@@ -24,6 +25,9 @@ AT_END = 0.02  # of an edge within which a place on it is its end
 NEAR_END = 0.25  # the same where no triangle is lost by it: what is split off would be a sliver, which is stiff and takes long
 LONGER = 1.25  # times as long as an edge is, at most, a side whose sewn vertices split it: not round the fold of a pleat
 LONGEST = 6  # vertices on one side of a seam between two that are sewn to the ends of one edge
+
+COLUMNS = ("vertex", "edge_a", "edge_b", "t")
+MOST = 1_000_000  # stitches
 
 Stitch = tuple[int, int, int, float]
 
@@ -67,7 +71,8 @@ def load_stitched(path: str | Path, stitches: str | Path | None = None, scale: f
         raise SceneError(f"{path}: has no texture coordinates; they are a garment's pattern")
     found = _in_obj(path) if stitches is None else _in_csv(checks.path("stitches", stitches, SceneError))
     if not found:
-        raise SceneError(f"{path}: has no stitches: lines 'stitch v a b t' or 'l v w', or a .csv beside it")
+        raise SceneError(f"{path if stitches is None else stitches}: has no stitches: lines 'stitch v a b t' or 'l v w' of "
+                         "the OBJ, or rows of a .csv")
     hint = f": {path.name} has {len(x):,} vertices"
     draped = None if positions is None else scale * checks.array("positions", positions, (len(x), 3), row="vertex", hint=hint)
     work = _Panels(x * scale, faces, corner_uv * scale, groups, draped)
@@ -95,13 +100,13 @@ def _in_obj(path: Path) -> list[Stitch]:
 
 
 def _in_csv(path: Path) -> list[Stitch]:
-    try:
-        rows = np.genfromtxt(path, delimiter=",", skip_header=1, ndmin=2)
-    except (OSError, ValueError) as error:
-        raise SceneError(f"{path}: cannot be read: {error}") from None
-    if rows.size and (rows.shape[1] != 4 or not np.isfinite(rows).all()):
-        raise SceneError(f"{path}: needs four columns of numbers: vertex, edge_a, edge_b, t")
-    return [(int(v), int(a), int(b), float(t)) for v, a, b, t in rows.tolist()] if rows.size else []
+    columns, lines = read_table(path, MOST)
+    if set(columns) != set(COLUMNS):
+        raise SceneError(f"{path}: needs four columns, {', '.join(COLUMNS)}, by these names; there are: {', '.join(columns)}")
+    for name in COLUMNS[:3]:
+        for line, value in zip(lines, columns[name]):
+            checks.integer(f"{path}, line {line}: {name}", value, least=0)
+    return [(int(v), int(a), int(b), t) for v, a, b, t in zip(*(columns[name] for name in COLUMNS))]
 
 
 class _Panels:

@@ -1,6 +1,5 @@
 """A finished, or interrupted, run's folder, read back; what is damaged is said, and never used."""
 
-import json
 import os
 import pathlib
 
@@ -9,6 +8,7 @@ import numpy as np
 from .. import checks
 from ..errors import OutputError, near
 from ..io import npz
+from ..io.jsonfile import parse_json
 from .folder import CHECKPOINTS, FORMAT, FRAMES, GEOMETRY, MANIFEST, TELEMETRY, manifest_sum, numbered, read_line
 
 
@@ -30,10 +30,10 @@ class Recording:
         if not file.is_file():
             raise OutputError(f"{self.path} is no run's folder: it has no {MANIFEST}{near(self.path)}")
         try:
-            self.manifest: dict = json.loads(file.read_bytes())
+            self.manifest: dict = parse_json(file.read_bytes())
             if self.manifest.pop("checksum", "") != manifest_sum(self.manifest):
                 raise ValueError("its checksum is not that of its content")
-        except (OSError, ValueError, AttributeError, TypeError, RecursionError) as error:
+        except (OSError, ValueError, AttributeError, TypeError) as error:
             raise OutputError(f"{file} is damaged: {error}") from None
         self._geometry: dict[str, np.ndarray] | None = None
 

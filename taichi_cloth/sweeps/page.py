@@ -21,18 +21,18 @@ td, th { padding: .2em .6em; border: 1px solid #dde1e5; text-align: right; } .ba
 Row = dict[str, Any]
 
 
-def page(varied: Sequence[str], rows: Sequence[Row], summary: str) -> str:
+def page(varied: Sequence[str], rows: Sequence[Row], summary: str, notes: Sequence[str] = ()) -> str:
     """A page of its own."""
     return (f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>Sweep</title><style>{STYLE}</style></head>'
-            f"<body><h1>Sweep over {html.escape(', '.join(varied)) or 'nothing'}</h1>{body(varied, rows, summary)}"
+            f"<body><h1>Sweep over {html.escape(', '.join(varied)) or 'nothing'}</h1>{body(varied, rows, summary, notes)}"
             "</body></html>\n")
 
 
-def body(varied: Sequence[str], rows: Sequence[Row], summary: str) -> str:
+def body(varied: Sequence[str], rows: Sequence[Row], summary: str, notes: Sequence[str] = ()) -> str:
     """Plots and table, for a page or a notebook."""
     axis, series, facets = axes(varied, rows)
     figures = numbers(varied, rows)
-    parts = [f"<p>{html.escape(summary)}</p>"]
+    parts = [f"<p>{html.escape(text)}</p>" for text in (summary, *notes)]
     if axis:
         columns = [dict(zip(facets, values)) for values in dict.fromkeys(tuple(r[f] for f in facets) for r in rows)]
         parts.append(f'<div class="multiples" style="display:grid;grid-template-columns:repeat({max(len(columns), 2)},'

@@ -1,4 +1,4 @@
-"""From a grid of settings to runs: each combination with its manifest, and the hash by which its row is found again."""
+"""From a grid of settings to runs: each combination with its manifest, and the hash of that."""
 
 import hashlib
 import inspect
@@ -18,6 +18,7 @@ from ..options import BY_NAME, Options
 
 SEED = "seed"
 MOST = 1_000_000  # runs of a sweep
+FORMAT = 2  # of what decides a run, and of its file
 ADDRESS = re.compile(r"\b0x[0-9a-fA-F]{6,}")
 
 
@@ -28,7 +29,7 @@ class Run:
     Attributes:
         settings: arguments of the scene's build; options: of `Simulation`.
         varied: those of both that the grid names, as they stand in the table.
-        manifest: what decides the run's figures; key: its hash.
+        manifest: what is asked for; key: its hash. The run's figures are decided by these and by what build makes of them.
     """
 
     settings: dict[str, Any]
@@ -44,7 +45,7 @@ def runs_of(build: Callable, grid: Mapping[str, Iterable], options: Mapping[str,
     Args:
         build: makes the scene; its parameters may be named by the grid, and so may `Options`.
         options: of every `Simulation`, where the grid does not name them.
-        about: what else decides the figures: duration, fps, the source of the scene and of the metrics.
+        about: what else is asked for: duration, fps.
 
     Raises:
         SceneError: an unknown name, no value, a value twice, or one without a text of its own.
@@ -65,7 +66,8 @@ def runs_of(build: Callable, grid: Mapping[str, Iterable], options: Mapping[str,
         settings = {name: value for name, value in varied.items() if _of_scene(name, parameters)}
         chosen = {**options, **{name: value for name, value in varied.items() if name not in settings}}
         full = Options.named({**vars(Options()), **chosen})
-        manifest = {"taichi_cloth": __version__, **about, "settings": {n: plain(v) for n, v in settings.items()},
+        manifest = {"taichi_cloth": __version__, "format": FORMAT, **about,
+                    "settings": {n: plain(v) for n, v in settings.items()},
                     "simulation": {n: plain(v) for n, v in vars(full).items() if n not in ("quiet", "debug")}}
         out.append(Run(settings, chosen, varied, manifest, key_of(manifest)))
     return out
@@ -90,21 +92,6 @@ def plain(value: object) -> object:
         return repr(value)
     except Exception:  # another's code
         return shown(value)
-
-
-def source_of(function: object) -> str:
-    """A hash of a function's own text, or its name where Python does not have the text."""
-    if isinstance(function, Mapping):
-        return hashlib.sha256("".join(f"{n}{source_of(f)}" for n, f in function.items()).encode()).hexdigest()[:16]
-    told = getattr(function, "source", None)  # a scene file knows its own
-    if isinstance(told, str):
-        return told
-    inner, bound = getattr(function, "func", function), getattr(function, "keywords", "")  # functools.partial
-    try:
-        text = inspect.getsource(inner)  # type: ignore[arg-type]
-    except (OSError, TypeError):
-        text = f"{getattr(inner, '__module__', '')}.{getattr(inner, '__qualname__', type(inner).__name__)}"
-    return hashlib.sha256(f"{text}{bound}".encode()).hexdigest()[:16]
 
 
 def _parameters(build: Callable) -> dict[str, inspect.Parameter]:

@@ -9,10 +9,11 @@ from dataclasses import asdict
 from typing import Any
 
 from ..errors import OutputError
+from ..io.jsonfile import parse_json
 from ..output.folder import write_whole
 from ..output.lock import Lock
 from .plan import Run
-from .task import LOST, Outcome
+from .task import Outcome
 
 RUNS, TABLE, PARQUET = "runs", "sweep.csv", "sweep.parquet"
 
@@ -33,24 +34,35 @@ class Store:
             raise
         except (OSError, ValueError) as error:
             raise OutputError(f"cannot write to {folder}: {getattr(error, 'strerror', None) or error}") from None
+        self._files: dict[str, list[pathlib.Path]] = {}
+        self.others = 0  # files of versions that knew runs otherwise
+        for file in sorted((folder / RUNS).glob("*.json")):
+            key, dash, _ = file.stem.partition("-")
+            self._files.setdefault(key, []).append(file)
+            self.others += not dash
 
     def close(self) -> None:
         """Lets others write there."""
         self._lock.release()
 
-    def get(self, run: Run) -> Outcome | None:
-        """What came of a run before, where its file is whole and of the same manifest; runs that were lost are none."""
-        try:
-            kept = json.loads((self.path / RUNS / f"{run.key}.json").read_text())
-            outcome = Outcome(**kept["outcome"])
-            return outcome if kept["manifest"] == run.manifest and outcome.status != LOST else None
-        except (OSError, ValueError, KeyError, TypeError):
-            return None
+    def kept(self, run: Run) -> dict[str, Outcome]:
+        """What came of it before, by what its scene was then, where the file is whole and of the same manifest."""
+        out = {}
+        for file in self._files.get(run.key, ()):
+            try:
+                kept = parse_json(file.read_bytes())
+                outcome = Outcome(**kept["outcome"])
+                if kept["manifest"] == run.manifest:
+                    out[outcome.scene] = outcome
+            except (OSError, ValueError, KeyError, TypeError):  # damaged: it is run again
+                continue
+        return out
 
     def put(self, run: Run, outcome: Outcome) -> None:
-        """Keeps what came of a run."""
-        text = json.dumps({"manifest": run.manifest, "outcome": asdict(outcome)}, indent=1)
-        write_whole(self.path / RUNS / f"{run.key}.json", (text + "\n").encode())
+        """Keeps what came of a run, but for one that cannot be known again: its worker was lost, or its scene is unknown."""
+        if outcome.scene:
+            text = json.dumps({"manifest": run.manifest, "outcome": asdict(outcome)}, indent=1)
+            write_whole(self.path / RUNS / f"{name_of(run, outcome)}.json", (text + "\n").encode())
 
     def write(self, name: str, text: str) -> None:
         """A file of the folder."""
@@ -69,6 +81,11 @@ class Store:
         pyarrow.parquet.write_table(table, buffer)
         write_whole(self.path / PARQUET, buffer.getvalue())
         return True
+
+
+def name_of(run: Run, outcome: Outcome) -> str:
+    """By what a row is found again: what was asked for, and what its scene was."""
+    return f"{run.key}-{outcome.scene}" if outcome.scene else run.key
 
 
 def columns(rows: Sequence[dict[str, Any]]) -> list[str]:

@@ -7,7 +7,7 @@ import time
 import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -15,10 +15,14 @@ from ..errors import ClothError, SceneError, SimulationError, shown
 from ..scene.scene import Scene
 from ..simulation import Simulation
 from ..step.ledger import totals
+from .description import described, of_failure
 
 OK, GAVE_UP, FAILED, LOST = "ok", "gave up", "failed", "lost"
+KEPT = "kept"  # the status of a run that was done before
 SCRIPT = "ScriptError"  # the reason where a scene's or a metric's own code ends with an exception
 Metrics = Callable[[Simulation], Any] | Mapping[str, Callable[[Simulation], float]]
+Failure = tuple[str, str, str]  # status, reason and message
+T = TypeVar("T")
 
 _one_at_a_time = threading.Lock()  # Taichi runs once in a process
 
@@ -30,6 +34,7 @@ class Task:
     Attributes:
         build: makes the scene of `settings`.
         metrics: of the simulation at its end: a function that returns a number or numbers by name, or functions by name.
+        kept: what scenes were of which there are rows already; such a one is not simulated again.
     """
 
     build: Callable[..., Scene]
@@ -38,6 +43,7 @@ class Task:
     duration: float
     fps: float
     metrics: Metrics | None = None
+    kept: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -49,6 +55,7 @@ class Outcome:
         reason: a rejection's name, or an error's class; message: what it says.
         figures: by name; what the run was stopped before has none.
         wall: time it took [s].
+        scene: by what the run is known again besides what was asked for; "" where it is not, and `unknown` says why.
     """
 
     status: str
@@ -56,37 +63,59 @@ class Outcome:
     message: str
     figures: dict[str, Any]
     wall: float
+    scene: str = ""
+    unknown: str = ""
 
 
 def perform(task: Task) -> Outcome:
-    """Runs it; never raises for what the scene, its code or the simulation does."""
-    begun, figures = time.perf_counter(), {}
-    status, reason, message, sim = OK, "", "", None
+    """Runs it, unless it is one that was done before; never raises for what the scene, its code or the simulation does."""
+    begun = time.perf_counter()
     with _one_at_a_time:
-        try:
-            sim = _simulated(task)
-            sim.run(task.duration, task.fps)
-            figures = {**outcome(sim), **_measured(task, sim)}
-        except SimulationError as error:
-            status, reason, message = GAVE_UP, error.reason or type(error).__name__, str(error)
-            figures = outcome(sim) if sim is not None and sim.log else {}
-        except ClothError as error:
-            status, reason, message = FAILED, type(error).__name__, str(error)
-        except Exception as error:  # a user's
-            place = traceback.extract_tb(error.__traceback__)[-1]
-            status, reason = FAILED, SCRIPT
-            message = f"{type(error).__name__}: {error} ({place.filename}, line {place.lineno})"
-        finally:
-            if sim is not None:
-                sim.close()
-    return Outcome(status, reason, message, figures, time.perf_counter() - begun)
+        made, failure = _attempt(lambda: _built(task))
+        scene, unknown = of_failure(*failure[1:]) if made is None else described(
+            made, getattr(task.metrics, "of_file", task.metrics), task.duration, task.fps)
+        if scene in task.kept:
+            return Outcome(KEPT, "", "", {}, 0.0, scene)
+        figures: dict[str, Any] = {}
+        if made is not None:
+            figures, failure = _simulated(made, task)
+    return Outcome(*failure, figures, time.perf_counter() - begun, scene, unknown)
 
 
-def _simulated(task: Task) -> Simulation:
+def _simulated(scene: Scene, task: Task) -> tuple[dict[str, Any], Failure]:
+    """(figures, what became of it)"""
+    sim, failure = _attempt(lambda: Simulation(scene, **task.options))
+    if sim is None:
+        return {}, failure
+    with sim:
+        figures, failure = _attempt(lambda: _figures(sim, task))
+        return figures or (outcome(sim) if failure[0] == GAVE_UP and sim.log else {}), failure
+
+
+def _figures(sim: Simulation, task: Task) -> dict[str, Any]:
+    """Of a run, from its start to its end."""
+    sim.run(task.duration, task.fps)
+    return {**outcome(sim), **_measured(task, sim)}
+
+
+def _attempt(what: Callable[[], T]) -> tuple[T | None, Failure]:
+    """(what it returns, ("ok", "", "")), or (None, why there is none)."""
+    try:
+        return what(), (OK, "", "")
+    except SimulationError as error:
+        return None, (GAVE_UP, error.reason or type(error).__name__, str(error))
+    except ClothError as error:
+        return None, (FAILED, type(error).__name__, str(error))
+    except Exception as error:  # a user's
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        return None, (FAILED, SCRIPT, f"{type(error).__name__}: {error} ({place.filename}, line {place.lineno})")
+
+
+def _built(task: Task) -> Scene:
     scene = task.build(**task.settings)
     if not isinstance(scene, Scene):
         raise SceneError(f"sweep: build returned {shown(scene)}, not a Scene")
-    return Simulation(scene, **task.options)
+    return scene
 
 
 def outcome(sim: Simulation) -> dict[str, Any]:

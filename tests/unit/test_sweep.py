@@ -1,17 +1,23 @@
 """Sweeps: every combination has its row, wherever it was run and whatever happened there."""
 
 import csv
-import json
 import os
 import pathlib
+import shutil
 import signal
+import subprocess
 import sys
+import threading
+import urllib.error
+import urllib.request
 
 import numpy as np
 import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.app.cli import main
+from taichi_cloth.sweeps import engine
+from taichi_cloth.sweeps.task import Outcome
 
 sys.path.insert(0, str(pathlib.Path(__file__).parents[1] / "cli"))
 from test_cli import call  # noqa: E402
@@ -23,13 +29,15 @@ NOT_FIGURES = ("wall_s", "key")
 def hung(cells: int, k: float, seed: int, traces: str, kills: bool = False) -> tc.Scene:
     """A sheet that hangs by a corner; one run kills its own process in the middle, the first time that it is run."""
     folder = pathlib.Path(traces)
-    with open(folder / "begun", "a") as file:
-        file.write(f"{os.getpid()}\n")
     scene = tc.Scene()
     mesh = tc.grid(1.0, cells)
     noise = 1e-3 * np.random.default_rng(seed).normal(size=mesh.x.shape)
     cloth = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(k)), positions=mesh.x + noise)
     scene.pin(cloth, "top_left")
+
+    def begun() -> None:
+        with open(folder / "begun", "a") as file:
+            file.write(f"{os.getpid()}\n")
 
     def kill() -> None:
         flag = folder / "killed"
@@ -37,6 +45,7 @@ def hung(cells: int, k: float, seed: int, traces: str, kills: bool = False) -> t
             flag.write_text(str(os.getpid()))
             os.kill(os.getpid(), signal.SIGKILL)
 
+    scene.at(0.0, begun)
     if kills and (cells, k, seed) == (4, 300.0, 12):
         scene.at(0.05, kill)
     return scene
@@ -46,11 +55,8 @@ def sag(sim) -> float:
     return float(-sim.positions()[:, 1].min())
 
 
-def fails(kind: str, number: int = 1, traces: str = "") -> tc.Scene:
+def fails(kind: str, number: int = 1) -> tc.Scene:
     """Does what cannot be simulated, at once."""
-    if traces:
-        with open(traces, "a") as file:
-            file.write(f"{kind}{number}\n")
     if kind == "fabric":
         tc.Fabric(-1.0)
     if kind == "nothing":
@@ -90,8 +96,7 @@ def test_24_runs_on_two_workers_with_one_killed_are_those_of_one_process(tmp_pat
 
 
 def test_failures_are_rows_with_their_reasons(tmp_path):
-    traces = tmp_path / "begun"
-    grid = {"kind": ["fabric", "nothing", "own"], "number": [1, 2], "traces": [str(traces)]}
+    grid = {"kind": ["fabric", "nothing", "own"], "number": [1, 2]}
     made = tc.sweep(fails, grid, workers=0, out=tmp_path / "out")
     assert [(r["status"], r["reason"]) for r in made.rows] == [("failed", "SceneError")] * 4 + [("failed", "ScriptError")] * 2
     assert "fabric density = -1" in made.rows[0]["message"] and "not a Scene" in made.rows[2]["message"]
@@ -103,28 +108,27 @@ def test_failures_are_rows_with_their_reasons(tmp_path):
 
 
 def test_a_sweep_goes_on_where_it_ended(tmp_path):
-    traces = tmp_path / "begun"
-
     def run(**more):
-        traces.write_text("")
-        made = tc.sweep(fails, {"kind": ["fabric"], "number": [1, 2, 3], "traces": [str(traces)], **more}, workers=0,
-                        out=tmp_path / "out", fps=more.pop("fps", 30))
-        return made.again, traces.read_text().split()
+        told: list[str] = []
+        made = tc.sweep(fails, {"kind": ["fabric"], "number": [1, 2, 3], **more}, workers=0, out=tmp_path / "out",
+                        say=told.append)
+        assert [row["status"] for row in made.rows] == ["failed"] * len(made.rows)
+        return made.again, [line.split("number=")[1].split(":")[0].split()[0] for line in told]
 
-    assert run() == (0, ["fabric1", "fabric2", "fabric3"])
+    assert run() == (0, ["1", "2", "3"])
     assert run() == (3, [])
-    assert run(number=[2, 4]) == (1, ["fabric4"])
+    assert run(number=[2, 4]) == (1, ["4"])
     files = sorted((tmp_path / "out" / "runs").iterdir())
     assert len(files) == 4
-    for file, text in zip(files, ("", "{}", json.dumps({"manifest": {}, "outcome": {}}))):
-        file.write_text(text)  # damaged: run again
+    for file, text in zip(files, ("", '{"manifest": {}, "outcome": {}}', files[3].read_text())):
+        file.write_text(text)  # damaged, or another's: run again
     again, begun = run(number=[1, 2, 3, 4])
     assert again == 1 and len(begun) == 3
     assert run(h=[1 / 60, 1 / 30])[0] == 0  # another step is another run
 
 
 def test_interrupted_it_keeps_what_is_done(tmp_path):
-    grid = {"kind": ["fabric"], "number": range(5), "traces": [str(tmp_path / "begun")]}
+    grid = {"kind": ["fabric"], "number": range(5)}
     told: list[str] = []
 
     def say(text):
@@ -246,3 +250,132 @@ def test_what_a_command_asks_for_is_checked_before_anything_runs(scene_file, tmp
         code = main(["sweep", str(scene_file), "--out", str(tmp_path / "no"), *args])
         said = capsys.readouterr().err
         assert code == 2 and words in said and not (tmp_path / "no" / "runs" / "x").exists(), (args, said)
+
+
+SPEED, NO_CLOTH = 1.0, "a simulation needs a Scene with at least one cloth"
+
+
+def odd(number: int) -> tc.Scene:
+    """Refused when it is to be simulated, since nothing can move in it; there is a motion."""
+    scene = tc.Scene()
+    scene.add_prop(tc.Sphere(0.1), position=lambda t: (number * SPEED * t, 0, 0))
+    return scene
+
+
+def test_what_was_changed_outside_of_build_is_run_again(tmp_path, monkeypatch):
+    def run(metrics=sag):
+        made = tc.sweep(odd, {"number": [1, 2]}, metrics, workers=0, out=tmp_path / "out")
+        assert [row["message"] for row in made.rows] == [NO_CLOTH] * 2
+        return made.again, [row["key"] for row in made.rows]
+
+    first = run()[1]
+    assert run() == (2, first)
+    monkeypatch.setattr(sys.modules[__name__], "SPEED", 1.5)
+    again, second = run()
+    assert again == 0 and not {*first} & {*second}
+    assert run(lambda sim: 1.0)[0] == 0  # other figures
+    assert run() == (2, second)
+    monkeypatch.setattr(sys.modules[__name__], "SPEED", 1.0)
+    assert run() == (2, first)  # both materials' rows are there
+
+
+def test_rows_of_an_earlier_version_are_left_and_said(tmp_path):
+    (tmp_path / "runs").mkdir()
+    old = tmp_path / "runs" / "0123456789abcdef.json"
+    old.write_text("{}")
+    made = tc.sweep(odd, {"number": [1]}, workers=0, out=tmp_path)
+    assert made.again == 0 and old.read_text() == "{}"
+    assert "1 files" in made.notes[0] and "earlier version" in made.notes[0] and "earlier version" in (
+        tmp_path / "sweep.html").read_text()
+
+
+def test_runs_that_cannot_be_known_again_are_said_and_not_kept(tmp_path):
+    lock = threading.Lock()
+
+    def measured(sim):
+        return lock.locked()
+
+    for _ in range(2):
+        made = tc.sweep(odd, {"number": [1, 2]}, measured, workers=0, out=tmp_path)
+        assert made.again == 0 and "2 rows cannot be known again" in made.notes[0] and "lock" in made.notes[0]
+    assert not any((tmp_path / "runs").iterdir())
+
+
+def test_rows_of_a_worker_that_was_lost_are_tried_again(tmp_path, monkeypatch):
+    def run():
+        made = tc.sweep(odd, {"number": [1, 2]}, workers=0, out=tmp_path)
+        return made.again, [row["status"] for row in made.rows]
+
+    def dies(tasks):
+        yield from ((k, Outcome("lost", "WORKER", "its worker died", {}, 0.0)) for k in range(len(tasks)))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(engine, "serially", dies)
+        assert run() == (0, ["lost"] * 2)
+        assert run() == (0, ["lost"] * 2)
+    assert not any((tmp_path / "runs").iterdir())
+    assert run() == (0, ["failed"] * 2)
+    assert run() == (2, ["failed"] * 2)
+
+
+def test_what_becomes_of_tasks_whose_worker_is_gone():
+    distributed = pytest.importorskip("distributed")
+
+    class Future:
+        def __init__(self, error):
+            self.error = error
+
+        def result(self):
+            raise self.error
+
+    died = engine._result(Future(distributed.KilledWorker("task", "worker", engine.TRIES)), distributed)
+    assert (died.status, died.reason, died.scene) == ("lost", "WORKER", "") and "died 4 times" in died.message
+    away = engine._result(Future(ModuleNotFoundError("no module named 'own'")), distributed)
+    assert (away.status, away.reason) == ("lost", "ModuleNotFoundError") and "'own'" in away.message
+    with pytest.raises(tc.BackendError, match="scheduler went away"):
+        engine._result(Future(distributed.CancelledError("task")), distributed)
+
+
+def test_that_no_parquet_is_written_is_said(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    (tmp_path / "sweep.parquet").write_text("old")
+    made = tc.sweep(odd, {"number": [1]}, workers=0, out=tmp_path)
+    assert made.notes == ["no sweep.parquet was written: pyarrow is not installed (pip install pyarrow)"]
+    assert not (tmp_path / "sweep.parquet").exists() and "pip install pyarrow" in (tmp_path / "sweep.html").read_text()
+
+
+def test_dashboards_and_certificates_are_checked_before_anything_runs(tmp_path, monkeypatch):
+    ca = tmp_path / "ca.pem"
+    ca.write_text("")
+    monkeypatch.setitem(sys.modules, "bokeh", None)
+    for more, error, words in (
+            ({"tls": {"ca": ca}}, tc.SceneError, "needs cert"), ({"tls": {"kay": ca}}, tc.SceneError, "'key'"),
+            ({"tls": {"ca": ca, "cert": tmp_path / "cb.pem"}}, tc.SceneError, "did you mean .*ca.pem"),
+            ({"dashboard": ":1", "workers": 0}, tc.SceneError, "leave it out"),
+            ({"dashboard": ":1", "scheduler": "tcp://x:1"}, tc.SceneError, "leave it out"),
+            ({"dashboard": ":1"}, tc.BackendError, "pip install bokeh")):
+        with pytest.raises(error, match=words):
+            tc.sweep(odd, {"number": [1]}, **more)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="needs openssl to make certificates")
+def test_with_certificates_nothing_goes_unencrypted_and_there_are_no_pages(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    files = {"ca": tmp_path / "cert.pem", "cert": tmp_path / "cert.pem", "key": tmp_path / "key.pem"}
+    subprocess.run(["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=sweep", "-keyout",
+                    files["key"], "-out", files["cert"]], check=True, capture_output=True)
+    seen: list[str] = []
+
+    def look(text):
+        client = distributed.default_client()
+        about = client.scheduler_info(n_workers=-1)
+        seen.append(client.scheduler.address)
+        for server in (about, *about["workers"].values()):
+            for page in ("status", "health", "info/main/workers.html", "metrics", "json/counts.json"):
+                with pytest.raises(urllib.error.HTTPError, match="404"):
+                    urllib.request.urlopen(f"http://127.0.0.1:{server['services']['dashboard']}/{page}", timeout=10)
+
+    made = tc.sweep(odd, {"number": [1]}, workers=1, tls=files, say=look)
+    assert [row["message"] for row in made.rows] == [NO_CLOTH]
+    assert len(seen) == 1 and seen[0].startswith("tls://127.0.0.1:")
