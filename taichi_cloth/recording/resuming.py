@@ -41,7 +41,10 @@ def resume(sim: Simulation, old: Recording, manifest: dict, last: int, from_fram
         _check_frames(old, frame)
     for note in old.notes:
         print(f"note: {note}", file=sys.stderr)
-    sim.resume(state)
+    known = len(sim.notes)
+    sim.resume(state, edited=lenient)
+    for said in sim.notes[known:]:
+        print(f"note: {said}", file=sys.stderr)
     sim.log[:] = [StepRecord(**r) for r in records[: int(state["records"])]]
     print(f"going on from frame {frame}, t = {sim.time:g} s", file=sys.stderr)
     return frame

@@ -62,6 +62,8 @@ class Ledger(Work):
         plastic: what the cloth's shape at rest took as it changed after the step: fibres that slid, creases; what pulled
             stitches that hold since.
         torn: what hinges over stitches that gave in the step had stored.
+        edited: what came between steps: another material where a run goes on with an edited scene, other pressures, a state
+            that was set by hand.
         braked: part of `method`: what was taken off velocities because the step would else have gained energy.
         unaccounted: change that none of these explains.
     """
@@ -73,6 +75,7 @@ class Ledger(Work):
     method: float = 0.0
     plastic: float = 0.0
     torn: float = 0.0
+    edited: float = 0.0
     braked: float = 0.0
 
     @property
@@ -83,7 +86,8 @@ class Ledger(Work):
     @property
     def unaccounted(self) -> float:
         """See above."""
-        return self.change - self.total - self.wind + self.damping + self.method + self.plastic + self.torn
+        given = self.total + self.wind + self.edited
+        return self.change - given + self.damping + self.method + self.plastic + self.torn
 
     def record(self) -> dict[str, float]:
         """By name, as telemetry has it."""
