@@ -47,7 +47,8 @@ class Simulation(Queries):
 
     Attributes:
         time: simulated time [s].
-        log: one `StepRecord` a step.
+        log: one `StepRecord` a step, of the steps that the option `log` keeps.
+        tally: what all steps add up to, a `Tally`.
         runtime: what runs.
         notes: what was found out about the meshes and solids, and done about it.
     """
@@ -224,7 +225,7 @@ class Simulation(Queries):
     def checkpoint(self) -> dict[str, np.ndarray]:
         """Everything that decides how the simulation goes on, as arrays by name; see `resume`."""
         self._live()
-        out = {"version": np.array(VERSION), "time": np.array(self.time), "records": np.array(len(self.log)),
+        out = {"version": np.array(VERSION), "time": np.array(self.time), "records": np.array(self.tally.steps),
                "integrator": np.array(self.integrator_name), "felt": np.array(self._felt())}
         for name, part in self._parts().items():
             out |= {f"{name}.{key}": array for key, array in part.checkpoint().items()}
@@ -306,7 +307,7 @@ class Simulation(Queries):
 
     def __repr__(self) -> str:
         names = ", ".join(f"{c.name} ({c.mesh.vertex_count:,} vertices)" for c in self.scene.cloths)
-        state = f"t = {self.time:g} s, {len(self.log)} steps" if self._open else "closed"
+        state = f"t = {self.time:g} s, {self.tally.steps} steps" if self._open else "closed"
         return f"<Simulation of {names}; {self.integrator_name}, {self.runtime.arch} {self.runtime.precision}; {state}>"
 
     def _check_length(self, name: str, time: float) -> None:
@@ -331,7 +332,7 @@ class Simulation(Queries):
             record.t = self.time
             if self.options.count_intersections:
                 record.intersections = self.intersections()
-            self.log.append(record)
+            self._made_step(record)
         self._fire_events()
         return record
 

@@ -99,6 +99,18 @@ def with_attachments(ledger: Ledger, work: float) -> Ledger:
     return replace(ledger, attachments=work, potential=ledger.potential + work) if work else ledger
 
 
+STILL = 1e-4  # part of its energies that counts as moved in any case: below, all is rounding
+
+
+def moved(ledger: dict[str, float]) -> float:
+    """Energy [J] that moved in a step: what left one account and came to another, each joule once.
+
+    Accounts are kinetic and potential energy, works, losses, and what is unaccounted for; all of them add up to nothing, so
+    that half the sum of their sizes is what moved.
+    """
+    return sum(abs(ledger.get(name, 0.0)) for name in TERMS if name != "braked") / 2
+
+
 TERMS = (*(f.name for f in fields(Ledger)), "unaccounted")
 
 

@@ -61,7 +61,7 @@ class Control:
         checks.flag("adaptive", self.adaptive)
 
 
-@dataclass
+@dataclass(slots=True)
 class StepRecord:
     """One accepted step, for the log and for telemetry.
 

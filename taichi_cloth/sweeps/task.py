@@ -69,7 +69,7 @@ def perform(task: Task) -> Outcome:
             figures = {**outcome(sim), **_measured(task, sim)}
         except SimulationError as error:
             status, reason, message = GAVE_UP, error.reason or type(error).__name__, str(error)
-            figures = outcome(sim) if sim is not None and sim.log else {}
+            figures = outcome(sim) if sim is not None and sim.last else {}
         except ClothError as error:
             status, reason, message = FAILED, type(error).__name__, str(error)
         except Exception as error:  # a user's
@@ -91,15 +91,13 @@ def _simulated(task: Task) -> Simulation:
 
 def outcome(sim: Simulation) -> dict[str, Any]:
     """What every row has: effort, trouble, energies [J], the lowest vertex [m], and a digest of the state, bit for bit."""
-    log, x, v = sim.log, sim.positions(), sim.velocities()
-    ledger, energies = totals([r.ledger for r in log]), log[-1].energies
+    t, x, v = sim.tally, sim.positions(), sim.velocities()
+    energies = sim.last.energies
     kinetic = energies.get("kinetic", 0.0)
-    return {"time_s": sim.time, "steps": len(log), "solves": sum(r.solves for r in log),
-            "iterations": sum(r.iterations for r in log), "evaluations": sum(r.evaluations for r in log),
-            "rejected": sum(sum(r.rejections.values()) for r in log), "fell_back": sum(bool(r.fell_back) for r in log),
-            "contacts": max(r.contacts for r in log), "largest_stretch": max(r.stretch for r in log),
-            "kinetic_J": kinetic, "potential_J": sum(energies.values()) - kinetic,
-            "unaccounted_J": ledger.get("unaccounted", 0.0), "lowest_m": float(x[:, 1].min()),
+    return {"time_s": sim.time, "steps": t.steps, "solves": t.solves, "iterations": t.iterations, "evaluations": t.evaluations,
+            "rejected": t.rejections.total(), "fell_back": t.fell_back.total(), "contacts": t.contacts,
+            "largest_stretch": t.stretch, "kinetic_J": kinetic, "potential_J": sum(energies.values()) - kinetic,
+            "unaccounted_J": t.ledger["unaccounted"], "lowest_m": float(x[:, 1].min()),
             "digest": hashlib.sha256(x.tobytes() + v.tobytes()).hexdigest()[:16]}
 
 
