@@ -1,9 +1,9 @@
 """Recorded runs in notebooks: what `play()` and a recording's own picture hold, read back from the page."""
 
-import pathlib
 import base64
 import html
 import json
+import pathlib
 import re
 
 import numpy as np
@@ -11,7 +11,7 @@ import pytest
 from test_export import FPS, make
 
 import taichi_cloth as tc
-from taichi_cloth.recording import play
+from taichi_cloth.recording.play import READ, _pages
 
 
 @pytest.fixture
@@ -58,13 +58,13 @@ def test_pages_that_were_shown_go_with_the_process(made, monkeypatch):
     waited = []
     monkeypatch.setattr("webbrowser.open", lambda url: True)
     monkeypatch.setattr("time.sleep", waited.append)
-    pages = play._pages()
+    playback, pages = tc.Recording(made.recording.path).play(), _pages()
     folder = pathlib.Path(pages.folder.name)
-    assert made.play().show() == made.play().show() and [f.parent for f in folder.iterdir()] == [folder]
+    assert playback.show() == playback.show() and [f.parent for f in folder.iterdir()] == [folder]
     pages.close()
-    assert not folder.exists() and 0 < waited[0] <= play.READ
-    play._pages.cache_clear()
-    assert made.play().show().exists()
+    assert not folder.exists() and 0 < waited[0] <= READ
+    _pages.cache_clear()
+    assert playback.show().exists()
 
 
 def test_what_cannot_be_played_is_said_in_the_notebook(made):
