@@ -80,8 +80,9 @@ def run(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest
         before: steps that were made before; those of the log where None.
     """
     frames = max(1, round(options.duration * options.fps))
-    with (_kept(sim, options, folder, manifest, resumed, first, time.perf_counter() if began is None else began,
-                said or _said, sim.log if before is None else before) as keep, progress(frames) as show, after_this_frame() as interrupted):
+    began, before = time.perf_counter() if began is None else began, sim.log if before is None else before
+    with (_kept(sim, options, folder, manifest, resumed, first, began, said or _said, before) as keep,
+          progress(frames) as show, after_this_frame() as interrupted):
         def each(sim: Simulation, frame: int) -> None:
             if on_frame is not None:
                 on_frame(sim, frame)

@@ -76,7 +76,7 @@ def _complexity(recording: Recording, log: list[dict]) -> str:
 def _trouble(t: Tally) -> str:
     rejected = ", ".join(f"{name} {count}" for name, count in t.rejections.items()) or "none"
     rows = [("steps", f"{t.steps:,}"), ("rejected", rejected),
-            ("smallest and largest h", f"{1e3 * t.smallest_h:.3g} ms, {1e3 * t.largest_h:.3g} ms"),
+            ("smallest and largest h", f"{1e3 * (t.smallest_h or 0.0):.3g} ms, {1e3 * (t.largest_h or 0.0):.3g} ms"),
             ("worst residual of a solve", f"{t.residual:.2g}"), ("solves not converged", str(t.not_converged)),
             ("crossings with solids, most in a step", str(t.crossings)),
             ("pairs of cloth in contact, most in a step", str(t.layers)),

@@ -81,9 +81,9 @@ class Inflation:
         if p is None or abs(p - asked) <= FAR * self.ambient:
             return ""
         way = f"a suction of {-p:.3g} Pa" if p < 0 else f"{p:.3g} Pa"
-        return (f"{room!r} encloses {now:.4g} m^3 where its gas begins, and volume = {self.volume_at(t):.4g} m^3: it begins with "
-                f"{way} and not with the {asked:.3g} Pa that are asked for, which pulls or throws the cloth; volume=None takes "
-                "what is there, a function of time goes on from it")
+        return (f"{room!r} encloses {now:.4g} m^3 where its gas begins, and volume = {self.volume_at(t):.4g} m^3: it begins "
+                f"with {way} and not with the {asked:.3g} Pa that are asked for, which pulls or throws the cloth; volume=None "
+                "takes what is there, a function of time goes on from it")
 
 
 def make(cloth: Cloth, pressure: object, gas: object, volume: object, part: object, ambient: object, bulk: object,

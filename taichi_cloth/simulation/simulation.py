@@ -297,7 +297,8 @@ class Simulation(Queries):
             raise SceneError(f"the checkpoint is of the integrator {was!r}, and this simulation's is {self.integrator_name!r}")
         more = unknown(state, parts, ("version", "time", "records", "integrator", "felt", *others))
         if more and not edited:
-            raise SceneError(f"the checkpoint has {', '.join(more[:3])}, of which this scene has nothing: it is of another scene")
+            raise SceneError(f"the checkpoint has {', '.join(more[:3])}, of which this scene has nothing: it is of "
+                             "another scene")
         if others:
             self.notes.append(f"the integrator was {was!r} and is {self.integrator_name!r}: it begins anew")
         if more:

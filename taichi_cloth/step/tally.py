@@ -78,8 +78,8 @@ class Tally:
         """What is to be said, and done, where too much is unaccounted for; "" where it is not."""
         if self.share <= DOUBTFUL:
             return ""
-        return (f"{self.share:.0%} of the energy that moved is unaccounted for: {self.astray:.2g} of {self.moved:.2g} J, summed "
-                f"over steps; {ADVICE}")
+        return (f"{self.share:.0%} of the energy that moved is unaccounted for: {self.astray:.2g} of {self.moved:.2g} J, "
+                f"summed over steps; {ADVICE}")
 
 
 def _larger(a, b):

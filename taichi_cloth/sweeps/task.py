@@ -14,7 +14,6 @@ import numpy as np
 from ..errors import ClothError, SceneError, SimulationError, shown
 from ..scene.scene import Scene
 from ..simulation import Simulation
-from ..step.ledger import totals
 
 OK, GAVE_UP, FAILED, LOST = "ok", "gave up", "failed", "lost"
 SCRIPT = "ScriptError"  # the reason where a scene's or a metric's own code ends with an exception
@@ -92,7 +91,7 @@ def _simulated(task: Task) -> Simulation:
 def outcome(sim: Simulation) -> dict[str, Any]:
     """What every row has: effort, trouble, energies [J], the lowest vertex [m], and a digest of the state, bit for bit."""
     t, x, v = sim.tally, sim.positions(), sim.velocities()
-    energies = sim.last.energies
+    energies = sim.last.energies if sim.last is not None else sim.energy()
     kinetic = energies.get("kinetic", 0.0)
     return {"time_s": sim.time, "steps": t.steps, "solves": t.solves, "iterations": t.iterations, "evaluations": t.evaluations,
             "rejected": t.rejections.total(), "fell_back": t.fell_back.total(), "contacts": t.contacts,

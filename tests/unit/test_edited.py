@@ -1,4 +1,4 @@
-"""A run that goes on with an edited scene: it goes on, and its ledger has what the edit put in, beside a count from positions."""
+"""A run that goes on with an edited scene: its ledger has what the edit put in, beside a count from positions."""
 
 import json
 

@@ -105,7 +105,7 @@ def test_each_force_keeps_a_state_of_its_own():
         with pytest.raises(tc.SceneError, match="state of one force only, and this scene has 3"):
             sim.resume({**old, "version": np.array(11)})
     with counting(Counter) as sim:
-        with pytest.raises(tc.SceneError, match="has force.Other.0.count, force.Counter.1.count, of which this scene has noth"):
+        with pytest.raises(tc.SceneError, match="has force.Other.0.count, force.Counter.1.count, of which this scene"):
             sim.resume(state)
         sim.resume({**old, "version": np.array(11)})
         assert sim.force_terms[-1].count == 3
