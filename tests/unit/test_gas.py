@@ -330,9 +330,10 @@ def test_gas_that_begins_far_from_what_is_asked_for_is_told_of_before_the_run():
     """With the figure: (p + p_a) V_0 / V - p_a, or B (1 - V / V_0)."""
     a, b, c = ball().x[ball().faces].transpose(1, 0, 2)
     V = float(np.einsum("mi,mi->", a, np.cross(b, c)) / 6)
-    for args, said in (((0.0, "isothermal", V / 2), "suction of 5.07e+04 Pa"), ((0.0, "isothermal", 2 * V), "with 1.01e+05 Pa"),
+    for args, said in (((0.0, "isothermal", V / 2), "suction of 5.07e+04 Pa"), ((0.0, "isothermal", 2 * V), "with 1.01e+05"),
                        ((None, "volume", V / 1.05), "suction of 5e+04 Pa"), ((None, "volume", 2 * V), "with 5e+05 Pa"),
-                       ((-5e4, "isothermal"), ""), ((0.0, "isothermal", V), ""), ((None, "volume", lambda t: V * (1 + t)), ""),
+                       ((-5e4, "isothermal"), ""), ((0.0, "isothermal", V), ""),
+                       ((None, "volume", lambda t: V * (1 + t)), ""),
                        ((-5e4, "isothermal", 1.001 * V), "")):
         scene = tc.Scene()
         made = scene.inflate(scene.add_cloth(ball(), FABRIC, name="ball"), *args)
