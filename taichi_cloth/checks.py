@@ -75,6 +75,19 @@ def integer(what: str, value: object, least: int = 1, most: int = MOST, error: E
     return int(out)
 
 
+def kept(what: str, value: object, error: Error = SceneError) -> int | str:
+    """How many of the last are kept: "all", or a number, of which "none" is 0.
+
+    Raises:
+        error: it is neither.
+    """
+    if isinstance(value, str):
+        value = 0 if value == "none" else int(value) if value.isdecimal() and value.isascii() else value
+    if isinstance(value, str) and value != "all":
+        raise error(f"{what} = {shown(value)}: must be \"all\", \"none\", or how many of the last steps are kept")
+    return "all" if value == "all" else integer(what, value, least=0)
+
+
 def flag(what: str, value: object, error: Error = SceneError) -> bool:
     """True or False."""
     if not isinstance(value, (bool, np.bool_)):

@@ -18,7 +18,8 @@ USUAL = 1 / 60  # s: where steps are larger, contact is as stiff, and tried in a
 H_MIN_FACTOR = 4096.0  # h_min is `usual(h)` over this, where it is not given
 ARCHS, PRECISIONS = ("cpu", "cuda", "vulkan", "metal"), ("f32", "f64")
 MACHINE = ("arch", "precision", "threads", "quiet", "debug")  # what Taichi is started with, and recorded as what runs
-APART = (*MACHINE, "h", "h_min", "count_intersections")  # a record has steps as control keeps them; counting decides nothing
+APART = (*MACHINE, "h", "h_min", "count_intersections", "log")  # a record has steps as control keeps them; the last two
+# decide nothing
 
 
 def usual(h: float) -> float:
@@ -96,6 +97,9 @@ class Options:
     count_intersections: bool = _option(
         False, "flag", "whether places where cloth passes through cloth are counted exactly after every step, for the log",
         "--count-intersections")
+    log: int | str = _option(
+        "all", "kept", 'which steps `sim.log` keeps: "all" (2 kB each), so many of the last, or "none"; what is summed up, '
+        "and a folder's telemetry, have all", "--log")
     substep: float | None = _option(
         None, "number", 'of "verlet" [s]; where None as large as is stable. Triangles too stiff for a larger one give up as '
         "much of their stretch and shear stiffness, and damping, as it takes; `notes` say how many and how much", "--substep",

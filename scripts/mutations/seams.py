@@ -214,6 +214,6 @@ MUTATIONS = (
     ("taichi_cloth/system/stitches.py", 'STATE = ("whole", "pulled", "firm")', 'STATE = ("whole", "pulled")',
      "a run resumed forgets how firmly it pulls", FIRMER),
     ("taichi_cloth/system/stitches.py", "self.firm * self.pulled", "self.pulled", "firmer pulls are not", FIRMER),
-    ("taichi_cloth/step/stepper.py", "self.giving.pull_firmer(factor)\n            self.start = None",
+    ("taichi_cloth/step/stepper.py", "self.giving.pull_firmer(factor)\n            self.forget()",
      "self.giving.pull_firmer(factor)", "a step gains what firmer pulls store", FIRMER),
 )

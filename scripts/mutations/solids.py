@@ -327,6 +327,7 @@ MUTATIONS = (
     (SIDES, "normal.dot(way) > cosine and", "normal.dot(way) > -cosine and", "surfaces that face elsewhere are found", FACING),
     (SIDES, "motion = self.tree.point(t, w, 1.0) - self.tree.point(t, w, 0.0)", "motion = 0 * p",
      "the surface beside cloth stands still", FACING),
+    (SIDES, "ti.abs(up) >= sure * d", "True", "surfaces are found past their border", FACING),
     (SIDES, "info[0] != but and", "", "surfaces of a solid that is left out are found", FACING),
     (SIDES, "(only < 0 or info[0] == only)", "True", "surfaces of other solids are found", FACING),
     (PINCH, "np.where(scan.yields[a.solid], -1, a.solid)", "a.solid", "a body does not close on itself", MESH_ARM),

@@ -34,6 +34,9 @@ FLAT, SLOPE = (f"{ORDER}::{name}" for name in (
 BOOKED, GOES_ON = (f"{ORDER}::{name}" for name in ("test_its_energy_is_accounted_for", "test_it_goes_on_from_a_checkpoint"))
 BDF2 = "taichi_cloth/step/integrators/bdf2.py"
 SLIDES = "tests/physics/test_solid_contact.py::test_what_begins_to_slide_is_dragged_along"
+EDITED, BETWEEN = (f"tests/unit/test_edited.py::{name}" for name in (
+    "test_cloth_of_another_material_goes_on", "test_what_is_changed_by_hand_between_steps_is_booked"))
+TALLY = "tests/unit/test_tally.py"
 MUTATIONS = (
     # steps that go on from the one before, in contact
     (BDF2, "k * moved, v + k * faster", "0 * moved, v + k * faster", "positions do not go on", f"{FLAT} {SLOPE}"),
@@ -91,6 +94,8 @@ MUTATIONS = (
      "energy of a slider jumps where it gives", CREASES),
     (HYSTERESIS, "ti.min(ti.max(self.positions.now[i][j], low), high)", "ti.max(self.positions.now[i][j], low)",
      "sliders follow one way", CREASES),
+    (HYSTERESIS, "= side * self.positions.now[i][j]", "= self.positions.now[i][j]",
+     "a fold that passes through itself keeps its sliders", "tests/unit/test_sliders.py"),
     (HYSTERESIS, "if (C - q) * q < 0 and ti.abs(q) > stays:", "if ti.abs(q) > stays:", "creases recover while they are held",
      CREASES),
     (HYSTERESIS, "sign * ti.max(sign * back, stays)", "back", "all of a crease goes", CREASES),
@@ -151,8 +156,24 @@ MUTATIONS = (
     ("taichi_cloth/step/stepper.py",
      "_factor(attempt, 0.3, 2.0)", "_factor(attempt, 0.3, 20.0)", "accurate steps grow twentyfold",
      CONTROL),
-    ("taichi_cloth/step/stepper.py", 'STATE = ("h", "quiet", "measured")', 'STATE = ("h", "measured")',
+    ("taichi_cloth/step/stepper.py", 'STATE = ("h", "quiet", "measured", "last", "dropped")',
+     'STATE = ("h", "measured", "last", "dropped")',
      "quiet steps are forgotten on resume", CONTROL),
+    # what comes between steps
+    ("taichi_cloth/simulation/simulation.py", 'if str(state["felt"]) not in ("", self._felt()):', "if False:",
+     "another material begins with the energies of the last", EDITED),
+    ("taichi_cloth/step/stepper.py", "self.edited = kinetic, now.potential", "_ = kinetic, now.potential",
+     "what came between steps is in no ledger", BETWEEN),
+    ("taichi_cloth/system/checkpoint.py", "        count[name] += 1\n", "", "the last of two forces takes the state of both",
+     "tests/unit/test_own_force.py::test_each_force_keeps_a_state_of_its_own"),
+    ("taichi_cloth/step/ledger.py", 'for name in TERMS if name != "braked") / 2', "for name in TERMS) / 2",
+     "what was braked moved twice", TALLY),
+    ("taichi_cloth/step/tally.py", "lost = abs(r.ledger", "lost = (r.ledger",
+     "what one step loses another makes up for", TALLY),
+    ("taichi_cloth/simulation/queries.py", "return energies | stored", "return energies", "energies without that of layers",
+     "tests/unit/test_contact_reference.py::test_energy_has_that_of_repulsion_as_the_log_has_it"),
+    ("taichi_cloth/backend/field_pool.py", "        tree.handle = None\n", "        pass\n", "starts of Taichi leave threads",
+     "tests/unit/test_memory.py::test_another_precision_leaves_no_threads_and_no_memory"),
     # rollback
     ("taichi_cloth/system/state.py", "            self.v_base[i] = self.v_saved[i]\n", "", "rollback leaves v_base", RESTORE),
     ("taichi_cloth/system/state.py", "            self.v[i] = self.v_saved[i]\n", "", "rollback leaves v", RESTORE),
@@ -222,7 +243,7 @@ MUTATIONS = (
     ("taichi_cloth/step/ledger.py", "damping=2 * damped", "damping=damped", "half of damping, of TR-BDF2", ACCOUNTED),
     ("taichi_cloth/step/ledger.py", "method = end.change + h * end.rate", "method = end.change - h * end.rate",
      "the method's own", TERMS),
-    ("taichi_cloth/step/ledger.py", "self.total - self.wind + self.damping", "self.total + self.wind + self.damping",
+    ("taichi_cloth/step/ledger.py", "self.total + self.wind + self.edited", "self.total - self.wind + self.edited",
      "wind with the wrong sign", ACCOUNTED),
     ("taichi_cloth/system/assembler.py", "wind -= float(sums[after + 1])", "wind += float(sums[after + 1])",
      "wind with the wrong sign", TERMS),

@@ -68,8 +68,7 @@ def _line(sim: Simulation, frame: int, frames: int) -> None:
 
 
 def _state(sim: Simulation) -> str:
-    if not sim.log:
+    if not sim.last:
         return "compiling"
-    last = sim.log[-1]
-    rejected = sum(sum(r.rejections.values()) for r in sim.log)
+    last, rejected = sim.last, sim.tally.rejections.total()
     return f"t {sim.time:.3f} s  h {last.h * 1e3:.2f} ms  CG {last.iterations}  rejected {rejected}"

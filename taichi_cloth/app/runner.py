@@ -28,13 +28,14 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> tuple[Simulation, fl
     manifest = _manifest(scene_file, sim, options)
     old = Recording(options.out) if options.resume and options.out else None
     last = round(options.duration * options.fps)
-    resumed = resume(sim, old, manifest, last, options.from_frame, options.force) if old else None
+    resumed, before = resume(sim, old, manifest, last, options.from_frame, options.force) if old else (None, None)
     start = sim.time
     first = kept_from(old, resumed, options.frames)
     # only now, when nothing in the request is wrong any more, may an earlier run's files go
     folder = RunFolder(options.out, options.overwrite, resumed, INSTEAD) if options.out else None
     try:
-        run(sim, options, folder, manifest, None, resumed, first, began, lambda error: said(error, scene_file.path))
+        run(sim, options, folder, manifest, None, resumed, first, began, lambda error: said(error, scene_file.path),
+            before)
     except ClothError:
         raise
     except Exception as error:

@@ -4,7 +4,7 @@ import contextlib
 import functools
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
@@ -15,6 +15,7 @@ from ..recording import record
 from ..recording.resuming import run_of
 from ..scene.scene import Scene
 from ..simulation import Simulation
+from ..step.stepper import StepRecord
 from .interrupts import after_this_frame
 from .progress import progress
 from .summary import summary
@@ -66,7 +67,8 @@ class RunOptions:
 
 def run(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest: dict,
         on_frame: Callable[[Simulation, int], None] | None = None, resumed: int | None = None, first: int | None = 0,
-        began: float | None = None, said: Callable[[Exception], str] | None = None) -> None:
+        began: float | None = None, said: Callable[[Exception], str] | None = None,
+        before: Sequence[StepRecord] | None = None) -> None:
     """Runs a simulation and keeps its frames; whatever ends it, they are whole and the manifest says what it was.
 
     Args:
@@ -75,10 +77,12 @@ def run(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest
         resumed: as in `Simulation.run`; first: frame that the folder has, None where it keeps none.
         began: when it did, by `time.perf_counter`; now where None.
         said: an exception of the user's code in words.
+        before: steps that were made before; those of the log where None.
     """
     frames = max(1, round(options.duration * options.fps))
-    with (_kept(sim, options, folder, manifest, resumed, first, time.perf_counter() if began is None else began,
-                said or _said) as keep, progress(frames) as show, after_this_frame() as interrupted):
+    began, before = time.perf_counter() if began is None else began, sim.log if before is None else before
+    with (_kept(sim, options, folder, manifest, resumed, first, began, said or _said, before) as keep,
+          progress(frames) as show, after_this_frame() as interrupted):
         def each(sim: Simulation, frame: int) -> None:
             if on_frame is not None:
                 on_frame(sim, frame)
@@ -92,7 +96,8 @@ def run(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest
 
 @contextlib.contextmanager
 def _kept(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest: dict, resumed: int | None,
-          first: int | None, began: float, said: Callable[[Exception], str]) -> Iterator[Callable[[int], None]]:
+          first: int | None, began: float, said: Callable[[Exception], str], before: Sequence[StepRecord]
+          ) -> Iterator[Callable[[int], None]]:
     """A function that keeps a frame; the folder's manifest says what becomes of the run."""
     if folder is None:
         yield lambda frame: None
@@ -100,7 +105,7 @@ def _kept(sim: Simulation, options: RunOptions, folder: RunFolder | None, manife
     outcome, writer = "interrupted", None
     try:
         folder.write_manifest({**manifest, "status": "running", "frames": None if first is None else [first, None]})
-        writer = Writer(folder, sim, options, resumed, first, run_of(manifest))
+        writer = Writer(folder, sim, options, resumed, first, run_of(manifest), before)
         yield writer.write
         writer.check()
         outcome = "finished"
@@ -113,6 +118,7 @@ def _kept(sim: Simulation, options: RunOptions, folder: RunFolder | None, manife
                                           else contextlib.nullcontext()):
             if writer:
                 writer.finish()
+                sim.watchers.remove(writer.steps.append)
             folder.write_manifest({**manifest, "status": outcome, "frames": writer.kept if writer else None,
                                    "simulated_s": sim.time, "wall_s": round(time.perf_counter() - began, 3),
                                    "summary": summary(sim), "output_seconds": writer.seconds if writer else {}})
@@ -130,16 +136,17 @@ class Writer:
     """
 
     def __init__(self, folder: RunFolder, sim: Simulation, options: RunOptions, resumed: int | None, first: int | None,
-                 run: str) -> None:
+                 run: str, before: Iterable[StepRecord]) -> None:
         self.folder, self.sim, self.options, self.run = folder, sim, options, run
         self.first, self.last = first, resumed
         self.seconds = {"draw": 0.0, "write": 0.0}
-        self.written = len(sim.log)
+        self.steps: list[StepRecord] = []  # that are not written yet
         self.geometry = record.geometry(sim)
-        folder.write_telemetry([asdict(r) for r in sim.log])
+        folder.write_telemetry([asdict(r) for r in before])
         folder.write_geometry(self.geometry)
         self.artist = _artist(self.geometry, options, sim.scene) if options.size else None
         self.cut = 0  # frames in which cloth is not all in the picture
+        sim.watchers.append(self.steps.append)
 
     def write(self, frame: int) -> None:
         """The frame at which the simulation now is."""
@@ -171,8 +178,8 @@ class Writer:
 
     def flush(self) -> None:
         """Telemetry of the steps since the last time."""
-        self.folder.append_telemetry([asdict(r) for r in self.sim.log[self.written:]])
-        self.written = len(self.sim.log)
+        self.folder.append_telemetry([asdict(r) for r in self.steps])
+        self.steps.clear()
 
     @property
     def kept(self) -> list[int] | None:

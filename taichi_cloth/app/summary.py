@@ -2,7 +2,6 @@
 
 import datetime
 import platform
-from collections import Counter
 from dataclasses import asdict, fields
 
 import numpy as np
@@ -10,34 +9,20 @@ import numpy as np
 from .. import __version__
 from ..simulation import Simulation
 from ..step.integrators.safe import TOUCH
-from ..step.ledger import Work, totals
+from ..step.ledger import Work
 
 FELL_BACK = 0.3  # part of the steps that may be redone so without a word
 
 
 def summary(sim: Simulation) -> dict:
     """Steps, rejections by name, smallest step, worst residual, iterations and seconds by part of a run."""
-    rejections: Counter[str] = Counter()
-    seconds: dict[str, float] = {}
-    for r in sim.log:
-        rejections.update(r.rejections)
-        for name, value in r.seconds.items():
-            seconds[name] = seconds.get(name, 0.0) + value
-    return {"steps": len(sim.log), "rejections": dict(rejections),
-            "smallest_h": min((r.h for r in sim.log), default=None),
-            "worst_residual": max((r.residual for r in sim.log), default=None),
-            "not_converged": sum(r.status not in ("CONVERGED", "EXPLICIT") for r in sim.log),
-            "cg_iterations": sum(r.iterations for r in sim.log), "solves": sum(r.solves for r in sim.log),
-            "fell_back": sum(bool(r.fell_back) for r in sim.log),
-            "contacts": max((r.contacts for r in sim.log), default=0),
-            "crossings": max((r.crossings for r in sim.log), default=0),
-            "layers": max((r.layers for r in sim.log), default=0),
-            "least_gap": min((r.least for r in sim.log), default=1.0),
-            "tangled": max((r.tangled for r in sim.log), default=0), "pinched": max((r.pinched for r in sim.log), default=0),
-            "intersections": max((r.intersections for r in sim.log if r.intersections is not None), default=None),
-            "largest_stretch": max((r.stretch for r in sim.log), default=None),
-            "energy": totals([r.ledger for r in sim.log]),
-            "seconds": {k: round(v, 4) for k, v in seconds.items()}}
+    t = sim.tally
+    return {"steps": t.steps, "rejections": dict(t.rejections), "smallest_h": t.smallest_h, "worst_residual": t.residual,
+            "not_converged": t.not_converged, "cg_iterations": t.iterations, "solves": t.solves,
+            "fell_back": t.fell_back.total(), "contacts": t.contacts, "crossings": t.crossings, "layers": t.layers,
+            "least_gap": t.least, "tangled": t.tangled, "pinched": t.pinched, "intersections": t.intersections,
+            "largest_stretch": t.stretch, "energy": {**t.ledger, "moved": t.moved, "astray": t.astray},
+            "seconds": {k: round(v, 4) for k, v in t.seconds.items()}}
 
 
 def _seams(sim: Simulation) -> str:
@@ -71,11 +56,17 @@ def _tears(sim: Simulation) -> str:
 
 def _damps(sim: Simulation) -> str:
     """A line on free steps that were to be of second order and are not."""
-    count = sum(r.fell_back not in ("", TOUCH) for r in sim.log)
-    if count <= FELL_BACK * len(sim.log):
+    count, steps = sim.tally.fell_back.total() - sim.tally.fell_back[TOUCH], sim.tally.steps
+    if count <= FELL_BACK * steps:
         return ""
-    return (f"note: {count} of {len(sim.log)} steps were too large for their motion, and taken by backward Euler, which "
+    return (f"note: {count} of {steps} steps were too large for their motion, and taken by backward Euler, which "
             "damps it: a smaller h follows it\n")
+
+
+def _doubt(sim: Simulation) -> str:
+    """A line on a run of which too much energy is unaccounted for."""
+    said = sim.tally.doubt()
+    return f"note: {said}\n" if said else ""
 
 
 def describe(sim: Simulation, wall: float, start: float = 0.0) -> str:
@@ -100,14 +91,14 @@ def describe(sim: Simulation, wall: float, start: float = 0.0) -> str:
             f"{s['smallest_h'] * 1e3:.3g} ms, worst residual {s['worst_residual']:.1g}, "
             f"crossings {s['crossings']}, largest stretch {s['largest_stretch']:.3f}\n"
             f"energy: {_energy(s['energy'])}\n"
-            f"{_damps(sim)}"
+            f"{_doubt(sim)}{_damps(sim)}"
             f"cost: {sim.time - start:.4g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}{since}: "
             f"{s['steps']} steps, {s['cg_iterations']} CG iterations; {parts}")
 
 
 def _energy(total: dict[str, float]) -> str:
     """What put energy in, what took it, and what is unaccounted for, in a sentence."""
-    given = [f.name for f in fields(Work)] + ["wind"]
+    given = [f.name for f in fields(Work)] + ["wind", "edited"]
     taken = ("damping", "plastic", "torn", "method")
     terms = (f"{name} {-value if name in taken else value:+.3g}" for name, value in total.items()
              if value and name in (*given, *taken))

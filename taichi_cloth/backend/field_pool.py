@@ -257,7 +257,10 @@ def trim(most: int = MOST_BYTES, trees: int = MOST_TREES) -> None:
 
 
 def forget() -> None:
-    """Taichi was started anew: all fields are dead."""
+    """Taichi was started anew: all fields are dead. Kernels may still have them; what they are of, its threads and its memory,
+    goes."""
+    for tree in (*_trees, *_dropped):
+        tree.handle = None
     _slots.clear()
     _trees.clear()
     _dropped.clear()

@@ -17,6 +17,8 @@ of it. Of constant pressure it is taken whole, and left out where conjugate grad
 not 0 it is left out, since p goes elsewhere within the solve.
 """
 
+import warnings
+
 import numpy as np
 import taichi as ti
 
@@ -56,6 +58,8 @@ class Gas(Force, Checkpointed):
         self.model, self.script, self._fields = model, scene.script, fields
         self.rooms = enclosures(scene)
         self.known: dict[str, np.ndarray] = {}
+        begun = (room.inflation.check_begin(room.name, room.volume) for room in self.rooms)
+        self.notes = [said for said in begun if said]
         self.sum_type = ti.f64 if model.exchange is np.float64 else ti.f32
         self.sews = model.sewn is not None
         blocks, of = model.blocks.count, Corners(model, self.rooms)
@@ -152,6 +156,8 @@ class Gas(Force, Checkpointed):
                     raise SceneError(f"inflate: {room.name!r} encloses {volume:.3g} m^3 where its gas begins: give it "
                                      "a positive volume, by `volume` or by positions that are not flat")
             else:
+                if now is not room.inflation and (said := now.check_begin(room.name, float(volume))):
+                    warnings.warn(said, stacklevel=2)
                 volume = now.volume_at(0.0)
             self.known[key] = np.array([volume, pressure])
         volume, pressure = self.known[key]

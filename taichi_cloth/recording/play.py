@@ -1,9 +1,12 @@
 """A recorded run that plays in a notebook or in a browser: the playback of the report's page."""
 
+import atexit
+import functools
 import html
 import os
 import pathlib
 import tempfile
+import time
 import webbrowser
 
 from .. import checks
@@ -13,6 +16,28 @@ from ..output.recording import Recording
 
 INLINE = 4e6  # bytes of positions that go into a notebook
 HEIGHT = 700  # pixels
+READ = 5.0  # s that a browser gets to read a page before the process may end, and the page with it
+
+
+class Pages:
+    """The pages that this process shows, in one folder for temporary files.
+
+    Attributes:
+        opened: when the last of them was [s].
+    """
+
+    def __init__(self) -> None:
+        self.folder = tempfile.TemporaryDirectory(prefix="taichi-cloth-", ignore_cleanup_errors=True)
+        self.opened = time.monotonic()
+        atexit.register(self.close)
+
+    def close(self) -> None:
+        """They go, but not before a browser has read them."""
+        time.sleep(max(0.0, self.opened + READ - time.monotonic()))
+        self.folder.cleanup()
+
+
+_pages = functools.cache(Pages)
 
 
 class Playback:
@@ -44,8 +69,10 @@ class Playback:
         return file
 
     def show(self) -> pathlib.Path:
-        """Opens the page in a browser, from a folder for temporary files; its path."""
-        file = self.save(pathlib.Path(tempfile.mkdtemp(prefix="taichi-cloth-")) / "playback.html")
+        """Opens the page in a browser; its path, in a folder that goes when the process ends. `save` keeps it."""
+        pages = _pages()
+        file = self.save(pathlib.Path(pages.folder.name) / f"{self.recording.path.absolute().name}.html")
+        pages.opened = time.monotonic()
         webbrowser.open(file.as_uri())
         return file
 

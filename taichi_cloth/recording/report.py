@@ -16,7 +16,8 @@ from ..output.picture import Artist, contact_sheet, surfaces
 from ..output.plot import line_plot
 from ..output.png import encode_png
 from ..output.recording import Recording
-from ..step.ledger import totals
+from ..step.stepper import StepRecord
+from ..step.tally import Tally
 from .drawing import frames_of
 from .playback import spread
 from .why import costliest
@@ -37,7 +38,8 @@ def write_report(recording: Recording, file: pathlib.Path) -> None:
     if not log:
         raise OutputError(f"{recording.path} has no telemetry: nothing was simulated")
     m = recording.manifest
-    parts = [_complexity(recording, log), _trouble(log), _energy(log), _cost(m, log), _most(recording), _plots(log),
+    tally = Tally.of(StepRecord(**r) for r in log)
+    parts = [_complexity(recording, log), _trouble(tally), _energy(tally), _cost(m, log), _most(recording), _plots(log),
              _pictures(recording)]
     ran = m["runtime"]
     subtitle = (f"{m['simulation']['integrator']}, {ran['arch']} {ran['precision']}, {ran['threads']} threads, "
@@ -71,28 +73,23 @@ def _complexity(recording: Recording, log: list[dict]) -> str:
     return "<h2>How complex is it?</h2>" + _table([("model", ""), *rows]) + (f"<ul>{notes}</ul>" if notes else "")
 
 
-def _trouble(log: list[dict]) -> str:
-    rejected: dict[str, int] = {}
-    for r in log:
-        for name, count in r["rejections"].items():
-            rejected[name] = rejected.get(name, 0) + count
-    rows = [("steps", f"{len(log):,}"),
-            ("rejected", ", ".join(f"{name} {count}" for name, count in rejected.items()) or "none"),
-            ("smallest and largest h", f"{min(r['h'] for r in log) * 1e3:.3g} ms, {max(r['h'] for r in log) * 1e3:.3g} ms"),
-            ("worst residual of a solve", f"{max(r['residual'] for r in log):.2g}"),
-            ("solves not converged", str(sum(r["status"] not in ("CONVERGED", "EXPLICIT") for r in log))),
-            ("crossings with solids, most in a step", str(max(r.get("crossings", 0) for r in log))),
-            ("pairs of cloth in contact, most in a step", str(max(r.get("layers", 0) for r in log))),
-            ("smallest gap between layers [thicknesses]", f"{min(r.get('least', 1.0) for r in log):.2f}"),
-            ("largest stretch", f"{max(r['stretch'] for r in log):.4f}")]
+def _trouble(t: Tally) -> str:
+    rejected = ", ".join(f"{name} {count}" for name, count in t.rejections.items()) or "none"
+    rows = [("steps", f"{t.steps:,}"), ("rejected", rejected),
+            ("smallest and largest h", f"{1e3 * (t.smallest_h or 0.0):.3g} ms, {1e3 * (t.largest_h or 0.0):.3g} ms"),
+            ("worst residual of a solve", f"{t.residual:.2g}"), ("solves not converged", str(t.not_converged)),
+            ("crossings with solids, most in a step", str(t.crossings)),
+            ("pairs of cloth in contact, most in a step", str(t.layers)),
+            ("smallest gap between layers [thicknesses]", f"{t.least:.2f}"), ("largest stretch", f"{t.stretch:.4f}")]
     return "<h2>How often did it go wrong?</h2>" + _table([("step control", ""), *rows])
 
 
-def _energy(log: list[dict]) -> str:
-    sums = totals([r.get("ledger", {}) for r in log])
-    worst = max((abs(r.get("ledger", {}).get("unaccounted", 0.0)) for r in log), default=0.0)
-    rows = [(name, f"{value:.4g}") for name, value in sums.items()] + [("unaccounted, most in a step", f"{worst:.4g}")]
-    return "<h2>Where did the energy go?</h2>" + _table([("sum over all steps", "J"), *rows])
+def _energy(t: Tally) -> str:
+    rows = [(name, f"{value:.4g}") for name, value in t.ledger.items()]
+    rows += [("unaccounted, most in a step", f"{t.worst:.4g}"), ("moved", f"{t.moved:.4g}")]
+    said = t.doubt()
+    note = f"<p>{html.escape(said)}</p>" if said else ""
+    return "<h2>Where did the energy go?</h2>" + _table([("sum over all steps", "J"), *rows]) + note
 
 
 def _cost(manifest: dict, log: list[dict]) -> str:

@@ -12,8 +12,9 @@ from ..step.stepper import StepRecord
 DECIDES = ("taichi_cloth", "scene", "source", "settings", "fps", "simulation", "runtime")
 
 
-def resume(sim: Simulation, old: Recording, manifest: dict, last: int, from_frame: int | None, force: bool) -> int:
-    """Puts a new simulation where an earlier run's checkpoint was; the frame of that.
+def resume(sim: Simulation, old: Recording, manifest: dict, last: int, from_frame: int | None, force: bool
+           ) -> tuple[int, list[StepRecord]]:
+    """Puts a new simulation where an earlier run's checkpoint was; the frame of that, and the steps up to it.
 
     Args:
         manifest: of the run that is to go on.
@@ -41,10 +42,14 @@ def resume(sim: Simulation, old: Recording, manifest: dict, last: int, from_fram
         _check_frames(old, frame)
     for note in old.notes:
         print(f"note: {note}", file=sys.stderr)
-    sim.resume(state)
-    sim.log[:] = [StepRecord(**r) for r in records[: int(state["records"])]]
+    known = len(sim.notes)
+    sim.resume(state, edited=lenient)
+    for said in sim.notes[known:]:
+        print(f"note: {said}", file=sys.stderr)
+    steps = [StepRecord(**r) for r in records[: int(state["records"])]]
+    sim.recall(steps)
     print(f"going on from frame {frame}, t = {sim.time:g} s", file=sys.stderr)
-    return frame
+    return frame, steps
 
 
 def kept_from(old: Recording | None, resumed: int | None, keeps: bool) -> int | None:

@@ -40,7 +40,7 @@ def _picture(what: Scene | Simulation) -> str:
 
 
 def _state(sim: Simulation) -> str:
-    rejected = sum(sum(record.rejections.values()) for record in sim.log)
+    rejected = sim.tally.rejections.total()
     tries = f"; {rejected} attempts rejected" if rejected else ""
     return _line(f"{sim!r}{tries}")
 

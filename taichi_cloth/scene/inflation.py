@@ -11,6 +11,7 @@ from .cloth import Cloth
 
 GASES = ("constant", "isothermal", "volume")
 ATMOSPHERE = 101_325.0  # Pa
+FAR = 0.01  # part of the pressure outside, about 1 kPa: cloth that gas starts with so much more or less of is thrown
 Drive = float | Callable[[float], float]
 
 
@@ -60,6 +61,29 @@ class Inflation:
     def volume_at(self, t: float) -> float | None:
         """[m^3] at time t [s], checked."""
         return _at(f"volume of {self.name!r}", self.volume, t, "m^3", positive=True)
+
+
+    def begins_at(self, now: float, t: float) -> float | None:
+        """Pressure [Pa] over that outside with which a gas whose volume is given begins at t [s] in `now` m^3; None where it
+        takes what is there."""
+        if self.gas == "constant" or self.volume is None:
+            return None
+        volume = self.volume_at(t)
+        assert volume is not None
+        if self.gas == "volume":
+            return self.bulk * (1 - now / volume)
+        return ((self.pressure_at(t) or 0.0) + self.ambient) * volume / now - self.ambient if now > 0 else np.inf
+
+    def check_begin(self, room: str, now: float, t: float = 0.0) -> str:
+        """What to say of a gas that begins far from the pressure that is asked for, since its room has `now` m^3 at t [s]; ""
+        of others."""
+        p, asked = self.begins_at(now, t), 0.0 if self.gas == "volume" else self.pressure_at(t) or 0.0
+        if p is None or abs(p - asked) <= FAR * self.ambient:
+            return ""
+        way = f"a suction of {-p:.3g} Pa" if p < 0 else f"{p:.3g} Pa"
+        return (f"{room!r} encloses {now:.4g} m^3 where its gas begins, and volume = {self.volume_at(t):.4g} m^3: it begins "
+                f"with {way} and not with the {asked:.3g} Pa that are asked for, which pulls or throws the cloth; volume=None "
+                "takes what is there, a function of time goes on from it")
 
 
 def make(cloth: Cloth, pressure: object, gas: object, volume: object, part: object, ambient: object, bulk: object,

@@ -3,7 +3,8 @@
 from ..backend import taichi_patches  # noqa: F401  (before Taichi)
 
 # isort: split
-from collections.abc import Iterable
+from collections import deque
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any, Self
 
@@ -26,6 +27,7 @@ from ..step import integrators
 from ..step.choice import SAFETY, choose
 from ..step.prescribed import Prescribed
 from ..step.stepper import Control, Stepper, StepRecord
+from ..step.tally import Tally
 from ..step.trouble import Locator
 from ..system.assembler import Assembler
 from ..system.elements import lumped_mass
@@ -56,7 +58,10 @@ class Parts:
             asked = replace(asked, preconditioner="block_jacobi")
         self.options = asked
         self.scene, self.time, self._h = scene, 0.0, h
-        self.log: list[StepRecord] = []
+        kept = asked.log
+        self.log: Any = [] if isinstance(kept, str) else deque(maxlen=kept)
+        self.watchers: list[Callable[[StepRecord], object]] = []  # are told of every step
+        self.recall(())
         self.runtime = runtime.start(*(getattr(asked, name) for name in MACHINE))
         self._generation, self._open = runtime.generation(), True
         self.integrator_name = asked.integrator
@@ -176,6 +181,22 @@ class Parts:
     def is_open(self) -> bool:
         """Whether it can go on: it was not closed, nor ended by one of another arch, precision or number of threads."""
         return self._open and self._generation == runtime.generation()
+
+    def recall(self, records: Iterable[StepRecord]) -> None:
+        """The log, and what steps add up to, are those of earlier steps that this simulation goes on from."""
+        records = list(records)
+        self.log.clear()
+        self.log.extend(records)
+        self.tally = Tally.of(records)
+        self.last = records[-1] if records else None
+
+    def _made_step(self, record: StepRecord) -> None:
+        """A step was made."""
+        self.log.append(record)
+        self.tally.add(record)
+        self.last = record
+        for watcher in self.watchers:
+            watcher(record)
 
     def _later(self, kind, *args):
         """An object with fields of its own, for what most runs never ask for."""

@@ -45,9 +45,12 @@ class Queries(Parts):
         return self._live().model.read()[1]
 
     def energy(self) -> dict[str, float]:
-        """J by term: stretch_u, stretch_v, shear, bend, gravity, attachments (those there are) and kinetic."""
+        """J by term, as in the log: stretch_u, stretch_v, shear, bend, gravity, attachments, gas, contact (repulsion between
+        layers of cloth, after a step in which they met), those that there are, and kinetic."""
         self._live().model.save()
-        return self.meter.measure().energies
+        energies, ended = self.meter.measure().energies, self.stepper.ended
+        stored = {} if ended is None else {name: e for name, e in ended.energies.items() if name == "contact"}
+        return energies | stored
 
     def forces(self, renew: bool = True) -> np.ndarray:
         """(n, 3) [N] internal plus external, at the current state.

@@ -24,7 +24,7 @@ from ..scene.scene import Scene
 from ..scene.sewing import Seam
 from ..scene.solids import Prop, Solid
 from ..step.stepper import StepRecord
-from ..system.checkpoint import VERSION, Checkpointed, below
+from ..system.checkpoint import VERSION, Checkpointed, below, numbered, understood, unknown
 from .queries import Queries
 
 ROUND_TIME = 1e-9  # part of a step below which two times are the same
@@ -47,7 +47,8 @@ class Simulation(Queries):
 
     Attributes:
         time: simulated time [s].
-        log: one `StepRecord` a step.
+        log: one `StepRecord` a step, of the steps that the option `log` keeps.
+        tally: what all steps add up to, a `Tally`.
         runtime: what runs.
         notes: what was found out about the meshes and solids, and done about it.
     """
@@ -115,7 +116,7 @@ class Simulation(Queries):
                 for name, value in (("positions", x), ("velocities", v)))
         self._live().model.write(x, v)
         self._note_collapsed(x)
-        self.stepper.start = None
+        self.stepper.forget(contacts=False)
         self.integrator.reset()
         if self.contacts is not None:
             self.contacts.clear()
@@ -167,7 +168,7 @@ class Simulation(Queries):
             first = dict(zip(self.scene.seams, self.giving.stitches.first.tolist()))
             for seam, rows, holds in stitched:
                 if self.giving.set_by_hand(first[seam] + rows, holds):
-                    self.stepper.start = None
+                    self.stepper.forget()
             stitched.clear()
 
     def inflate(self, cloth: Cloth, pressure: Drive | None = None, gas: str = "constant", volume: Drive | None = None,
@@ -218,13 +219,14 @@ class Simulation(Queries):
         now = self.prescribed.script.drives()
         if len(before) != len(now) or any(was is not what for was, what in zip(before, now)):
             self.prescribed.set_time(self.time)
-            self.stepper.start = None
+            self.stepper.forget()
             self.integrator.reset()
 
     def checkpoint(self) -> dict[str, np.ndarray]:
         """Everything that decides how the simulation goes on, as arrays by name; see `resume`."""
         self._live()
-        out = {"version": np.array(VERSION), "time": np.array(self.time), "records": np.array(len(self.log))}
+        out = {"version": np.array(VERSION), "time": np.array(self.time), "records": np.array(self.tally.steps),
+               "integrator": np.array(self.integrator_name), "felt": np.array(self._felt())}
         for name, part in self._parts().items():
             out |= {f"{name}.{key}": array for key, array in part.checkpoint().items()}
         return out
@@ -238,39 +240,75 @@ class Simulation(Queries):
             parts["stitches"] = self.giving.stitches
         if self.contacts is not None:
             parts["contacts"] = self.contacts
-        for force in self.force_terms:
-            if isinstance(force, Checkpointed):
-                parts["gas"] = force
-        return parts | {"script": self.prescribed}
+        return parts | self._remembering() | {"script": self.prescribed}
 
-    def resume(self, state: dict[str, np.ndarray]) -> None:
+    def _remembering(self) -> dict[str, Any]:
+        """Forces with a state of their own, by name."""
+        forces = numbered(force for force in self.force_terms if isinstance(force, Checkpointed))
+        return {f"force.{name}": force for name, force in forces.items()}
+
+    def _felt(self) -> str:
+        """What forces make of the state now."""
+        self.prescribed.set_time(self.time)
+        self.model.save()
+        return self.meter.felt()
+
+    def resume(self, state: dict[str, np.ndarray], edited: bool = False) -> None:
         """Goes on where `checkpoint` was taken, bit for bit on the same machine, threads and precision.
 
-        Events of the scene up to then are fired again; the simulation must be new.
+        Events of the scene up to then are fired again; the simulation must be new. Where cloth is of another material the
+        next step begins with energies as they now are, and nothing of the last step goes on; its ledger has the difference
+        as `edited`.
+
+        Args:
+            edited: the scene may have been edited since: another integrator begins anew, and what the scene no longer has is
+                left out; `notes` say so.
 
         Raises:
-            SceneError: the state is of another mesh, of a scene without what this one has, or of another version.
+            SceneError: the state is of another mesh, of a scene without what this one has or, unless it was edited, with
+                more, or of another version.
         """
         self._live()
         checks.instance("resume: state", state, dict)
-        version = int(state.get("version", 0))
-        if version != VERSION:
-            raise SceneError(f"the checkpoint is of version {version}, and this taichi_cloth goes on from version {VERSION}")
+        checks.flag("resume: edited", edited)
+        state = understood(state, self.integrator_name, (name.removeprefix("force.") for name in self._remembering()))
         for name, value in state.items():
             if (name in ("time", "step.h") or name.startswith("script.")) and not np.isfinite(value).all():
                 raise SceneError(f"the checkpoint's {name} is not finite")
         try:
             self.time = float(state["time"])
-            for name, part in self._parts().items():
+            for name, part in self._going_on(state, edited).items():
                 part.resume(below(name, state))
         except KeyError as missing:
             raise SceneError(f"the checkpoint has no {missing}: it is of a run with other options") from None
         self._fire_events(again=True)
         self.prescribed.resume(below("script", state))  # attachments that events began, began where they did
+        if str(state["felt"]) not in ("", self._felt()):
+            self.stepper.forget()
+            self.integrator.reset()
+            if self.integrator.system is not None:
+                self.integrator.system.loosen()
+
+    def _going_on(self, state: dict[str, np.ndarray], edited: bool) -> dict[str, Any]:
+        """The parts that go on from a checkpoint; all of them, unless the scene was edited."""
+        parts, was = self._parts(), str(state["integrator"])
+        others = () if was == self.integrator_name else ("integrator", "preconditioner")
+        if others and not edited:
+            raise SceneError(f"the checkpoint is of the integrator {was!r}, and this simulation's is {self.integrator_name!r}")
+        more = unknown(state, parts, ("version", "time", "records", "integrator", "felt", *others))
+        if more and not edited:
+            raise SceneError(f"the checkpoint has {', '.join(more[:3])}, of which this scene has nothing: it is of "
+                             "another scene")
+        if others:
+            self.notes.append(f"the integrator was {was!r} and is {self.integrator_name!r}: it begins anew")
+        if more:
+            self.notes.append(f"the scene no longer has what the checkpoint calls {', '.join(more[:3])}: left out")
+        return {name: part for name, part in parts.items()
+                if name not in others and not (edited and part.STATE and not below(name, state))}
 
     def __repr__(self) -> str:
         names = ", ".join(f"{c.name} ({c.mesh.vertex_count:,} vertices)" for c in self.scene.cloths)
-        state = f"t = {self.time:g} s, {len(self.log)} steps" if self._open else "closed"
+        state = f"t = {self.time:g} s, {self.tally.steps} steps" if self._open else "closed"
         return f"<Simulation of {names}; {self.integrator_name}, {self.runtime.arch} {self.runtime.precision}; {state}>"
 
     def _check_length(self, name: str, time: float) -> None:
@@ -295,7 +333,7 @@ class Simulation(Queries):
             record.t = self.time
             if self.options.count_intersections:
                 record.intersections = self.intersections()
-            self.log.append(record)
+            self._made_step(record)
         self._fire_events()
         return record
 

@@ -62,6 +62,8 @@ class Ledger(Work):
         plastic: what the cloth's shape at rest took as it changed after the step: fibres that slid, creases; what pulled
             stitches that hold since.
         torn: what hinges over stitches that gave in the step had stored.
+        edited: what came between steps: another material where a run goes on with an edited scene, other pressures, a state
+            that was set by hand.
         braked: part of `method`: what was taken off velocities because the step would else have gained energy.
         unaccounted: change that none of these explains.
     """
@@ -73,6 +75,7 @@ class Ledger(Work):
     method: float = 0.0
     plastic: float = 0.0
     torn: float = 0.0
+    edited: float = 0.0
     braked: float = 0.0
 
     @property
@@ -83,7 +86,8 @@ class Ledger(Work):
     @property
     def unaccounted(self) -> float:
         """See above."""
-        return self.change - self.total - self.wind + self.damping + self.method + self.plastic + self.torn
+        given = self.total + self.wind + self.edited
+        return self.change - given + self.damping + self.method + self.plastic + self.torn
 
     def record(self) -> dict[str, float]:
         """By name, as telemetry has it."""
@@ -93,6 +97,18 @@ class Ledger(Work):
 def with_attachments(ledger: Ledger, work: float) -> Ledger:
     """Of a step whose start was taken with what leads attachments where that is at its end, which took so much work [J]."""
     return replace(ledger, attachments=work, potential=ledger.potential + work) if work else ledger
+
+
+STILL = 1e-4  # part of its energies that counts as moved in any case: below, all is rounding
+
+
+def moved(ledger: dict[str, float]) -> float:
+    """Energy [J] that moved in a step: what left one account and came to another, each joule once.
+
+    Accounts are kinetic and potential energy, works, losses, and what is unaccounted for; all of them add up to nothing, so
+    that half the sum of their sizes is what moved.
+    """
+    return sum(abs(ledger.get(name, 0.0)) for name in TERMS if name != "braked") / 2
 
 
 TERMS = (*(f.name for f in fields(Ledger)), "unaccounted")

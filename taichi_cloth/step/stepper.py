@@ -61,7 +61,7 @@ class Control:
         checks.flag("adaptive", self.adaptive)
 
 
-@dataclass
+@dataclass(slots=True)
 class StepRecord:
     """One accepted step, for the log and for telemetry.
 
@@ -125,7 +125,7 @@ class StepRecord:
 class Stepper(Checkpointed):
     """Takes steps with an integrator, smaller ones where they go bad."""
 
-    STATE = ("h", "quiet", "measured")
+    STATE = ("h", "quiet", "measured", "last", "dropped")
 
     def __init__(self, model: ParticleState, integrator, meter: Assembler, control: Control,
                  locator: Locator | None = None, giving=None) -> None:
@@ -134,13 +134,28 @@ class Stepper(Checkpointed):
         self.giving = giving  # a `giving.Giving` where anything is sewn
         self.h = control.h_max
         self.quiet = 0
-        self.start: Measures | None = None  # measures of the current state; None where it was changed by hand
+        self.start: Measures | None = None  # measures of the current state; None where it was changed between steps
+        self.ended: Measures | None = None  # of the end of the last step
+        self.dropped = 0.0  # energy [J] of contacts that were taken away since
+        self.edited = 0.0, 0.0  # kinetic and potential energy [J] that came between the last step and the next
 
     def pull_firmer(self, factor: float) -> None:
         """Seams that are pulled together are pulled by so many times as much from now on; where nothing is sewn, none are."""
         if self.giving is not None:
             self.giving.pull_firmer(factor)
-            self.start = None
+            self.forget()
+
+    def forget(self, contacts: bool = True) -> None:
+        """The state, or what acts on it, was changed between steps: what comes next begins with energies as they now are.
+
+        Args:
+            contacts: whether those of the last step still are.
+        """
+        self.start = None
+        if not contacts and self.ended is not None:
+            energies = dict(self.ended.energies)
+            self.dropped += energies.pop("contact", 0.0)
+            self.ended = replace(self.ended, energies=energies)
 
     def step(self, t: float, h_wanted: float, held_at) -> StepRecord:
         """One accepted step from time t, of `h_wanted` or of the control's h where that is less.
@@ -160,7 +175,8 @@ class Stepper(Checkpointed):
         while True:
             self.model.save()
             if self.start is None:
-                self.start = self._measured(t)
+                self._begin(t)
+            assert self.start is not None
             attempt = self.integrator.attempt(h, partial(held_at, t), self.start)
             for name, value in attempt.seconds.items():
                 seconds[name] += value
@@ -186,6 +202,14 @@ class Stepper(Checkpointed):
             h = self.h = max(h * smaller, control.h_min)
             self.quiet = 0
 
+    def _begin(self, t: float) -> None:
+        """Measures the state that was changed between steps, or is a run's first; what that took or gave is not the step's."""
+        now, before = self._measured(t), self.ended
+        if before is not None:
+            kinetic = now.energies["kinetic"] - before.energies["kinetic"]
+            self.edited = kinetic, now.potential - before.potential - self.dropped
+        self.start, self.dropped = now, 0.0
+
     def _measured(self, t: float) -> Measures:
         """Of the state at the start of a step, at t [s]; between layers is stored what was before.
 
@@ -194,7 +218,7 @@ class Stepper(Checkpointed):
         """
         for force in self.meter.forces:
             force.set_time(t)
-        made, before = self.meter.measure(), self.start
+        made, before = self.meter.measure(), self.start or self.ended
         if not made.finite:
             raise SimulationError(f"the state at t = {t:g} s is not finite", NOT_FINITE, t)
         if before is not None and "contact" in before.energies:
@@ -204,12 +228,20 @@ class Stepper(Checkpointed):
     @property
     def measured(self) -> str:
         """`start`, as it was computed."""
-        return json.dumps(None if self.start is None else asdict(self.start))
+        return _told(self.start)
 
     @measured.setter
     def measured(self, text: str) -> None:
-        start = json.loads(text)
-        self.start = None if start is None else Measures(**start)
+        self.start = _understood(text)
+
+    @property
+    def last(self) -> str:
+        """`ended`, as it was computed."""
+        return _told(self.ended)
+
+    @last.setter
+    def last(self, text: str) -> None:
+        self.ended = _understood(text)
 
     def judge(self, attempt: Attempt) -> str | None:
         """The name of what is wrong with an attempt, or None."""
@@ -239,7 +271,11 @@ class Stepper(Checkpointed):
             if ledger is not None:
                 ledger = replace(ledger, potential=ledger.potential - taken, plastic=taken)
         self.integrator.commit(taken)
-        self.start = measures
+        if ledger is not None and any(self.edited):
+            kinetic, potential = self.edited
+            ledger = replace(ledger, kinetic=ledger.kinetic + kinetic, potential=ledger.potential + potential,
+                             edited=kinetic + potential)
+        self.start, self.ended, self.edited = measures, measures, (0.0, 0.0)
         self.quiet += 1
         if attempt.error is not None:
             self.h = min(h * _factor(attempt, 0.3, 2.0), self.control.h_max)
@@ -266,6 +302,15 @@ class Stepper(Checkpointed):
         counts = ", ".join(f"{name} {count}" for name, count in rejections.items())
         return (f"gave up at t = {t:g} s: no step of at least h_min = {self.control.h_min:g} s passes; last rejection "
                 f"{rejection}{detail} at h = {h:g} s, in all {counts}. {ADVICE[rejection]}")
+
+
+def _told(measures: Measures | None) -> str:
+    return json.dumps(None if measures is None else asdict(measures))
+
+
+def _understood(text: str) -> Measures | None:
+    made = json.loads(text)
+    return None if made is None else Measures(**made)
 
 
 def _factor(attempt: Attempt, least: float, most: float) -> float:

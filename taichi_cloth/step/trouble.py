@@ -14,7 +14,7 @@ from ..system.state import ParticleState
 SQUEEZED = "held hard where it is pressed: unpin it, or attach it with a stiffness and a largest force"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Trouble:
     """Where an attempt at a step went worst.
 

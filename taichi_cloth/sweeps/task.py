@@ -14,7 +14,6 @@ import numpy as np
 from ..errors import ClothError, SceneError, SimulationError, shown
 from ..scene.scene import Scene
 from ..simulation import Simulation
-from ..step.ledger import totals
 from .description import described, of_failure
 
 OK, GAVE_UP, FAILED, LOST = "ok", "gave up", "failed", "lost"
@@ -89,7 +88,7 @@ def _simulated(scene: Scene, task: Task) -> tuple[dict[str, Any], Failure]:
         return {}, failure
     with sim:
         figures, failure = _attempt(lambda: _figures(sim, task))
-        return figures or (outcome(sim) if failure[0] == GAVE_UP and sim.log else {}), failure
+        return figures or (outcome(sim) if failure[0] == GAVE_UP and sim.last else {}), failure
 
 
 def _figures(sim: Simulation, task: Task) -> dict[str, Any]:
@@ -120,15 +119,13 @@ def _built(task: Task) -> Scene:
 
 def outcome(sim: Simulation) -> dict[str, Any]:
     """What every row has: effort, trouble, energies [J], the lowest vertex [m], and a digest of the state, bit for bit."""
-    log, x, v = sim.log, sim.positions(), sim.velocities()
-    ledger, energies = totals([r.ledger for r in log]), log[-1].energies
+    t, x, v = sim.tally, sim.positions(), sim.velocities()
+    energies = sim.last.energies if sim.last is not None else sim.energy()
     kinetic = energies.get("kinetic", 0.0)
-    return {"time_s": sim.time, "steps": len(log), "solves": sum(r.solves for r in log),
-            "iterations": sum(r.iterations for r in log), "evaluations": sum(r.evaluations for r in log),
-            "rejected": sum(sum(r.rejections.values()) for r in log), "fell_back": sum(bool(r.fell_back) for r in log),
-            "contacts": max(r.contacts for r in log), "largest_stretch": max(r.stretch for r in log),
-            "kinetic_J": kinetic, "potential_J": sum(energies.values()) - kinetic,
-            "unaccounted_J": ledger.get("unaccounted", 0.0), "lowest_m": float(x[:, 1].min()),
+    return {"time_s": sim.time, "steps": t.steps, "solves": t.solves, "iterations": t.iterations, "evaluations": t.evaluations,
+            "rejected": t.rejections.total(), "fell_back": t.fell_back.total(), "contacts": t.contacts,
+            "largest_stretch": t.stretch, "kinetic_J": kinetic, "potential_J": sum(energies.values()) - kinetic,
+            "unaccounted_J": t.ledger["unaccounted"], "lowest_m": float(x[:, 1].min()),
             "digest": hashlib.sha256(x.tobytes() + v.tobytes()).hexdigest()[:16]}
 
 

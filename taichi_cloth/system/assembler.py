@@ -1,12 +1,14 @@
 """One pass over the state: energies by term, the incremental potential, largest stretch, finiteness, and where it is
 wanted the linear system there."""
 
+import json
 from dataclasses import dataclass, replace
 
 import numpy as np
 import taichi as ti
 
 from ..backend.runtime import Runtime
+from .checkpoint import numbered
 from .operator import Operator
 from .state import ParticleState
 
@@ -88,6 +90,16 @@ class Assembler:
     def measure(self) -> Measures:
         """The model's current state, against its saved one."""
         return self._look(0, 0, 0.0)
+
+    def felt(self) -> str:
+        """What forces make of the state, number by number, those of contact apart; kinetic energy as well. Scenes for which it
+        is the same have the same material, as far as the state shows it."""
+        self.measure()
+        sums = self._report.sum(axis=0, dtype=np.float64).tolist()
+        bases = {id(force): base for force, base in zip(self.forces, self.base)}
+        made = {name: sums[bases[id(force)]: bases[id(force)] + len(force.energies) + 2]
+                for name, force in numbered(force for force in self.forces if not force.of_contact).items()}
+        return json.dumps({**made, "kinetic": sums[self.column]})
 
     @property
     def attached(self) -> np.ndarray:

@@ -11,15 +11,18 @@ Particles and what forces add to them are declared with `ParticleState.remember`
 here changes only when a step is accepted.
 """
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import fields, is_dataclass
 from typing import Any
 
 import numpy as np
 
 from ..backend.rows import read, write
+from ..errors import SceneError
 
-VERSION = 11  # of what checkpoints hold
+VERSION = 12  # of what checkpoints hold
+BEFORE = 11  # the oldest that is understood: it named neither the integrator nor forces, nor what they had stored
 
 
 class Checkpointed:
@@ -46,6 +49,49 @@ class Checkpointed:
 
     def resumed(self) -> None:
         """Works out what follows from the state."""
+
+
+def numbered(objects: Iterable[Any]) -> dict[str, Any]:
+    """By the names of their classes, and how many of that name came before."""
+    count: Counter[str] = Counter()
+    out = {}
+    for one in objects:
+        name = type(one).__name__
+        out[f"{name}.{count[name]}"] = one
+        count[name] += 1
+    return out
+
+
+def understood(state: dict[str, np.ndarray], integrator: str, forces: Iterable[str]) -> dict[str, np.ndarray]:
+    """A checkpoint as this version writes it.
+
+    Args:
+        integrator: that of the simulation that is to go on; forces: names of those of its forces that have a state.
+
+    Raises:
+        SceneError: it is of a version that is not understood, or does not say which force's a state is.
+    """
+    version, known = int(state.get("version", 0)), list(forces)
+    if version == VERSION:
+        return state
+    if version != BEFORE:
+        raise SceneError(f"the checkpoint is of version {version}, and this taichi_cloth goes on from versions {BEFORE} and "
+                         f"{VERSION}")
+    of_force = below("gas", state)
+    if of_force and len(known) > 1:
+        raise SceneError(f"the checkpoint is of version {BEFORE}, which kept the state of one force only, and this scene has "
+                         f"{len(known)} with one: {', '.join(known)}")
+    out = {key: array for key, array in state.items() if not key.startswith("gas.")}
+    out |= {f"force.{known[0] if known else 'Gas.0'}.{key}": array for key, array in of_force.items()}
+    ended = state.get("step.measured", np.array("null"))
+    return {**out, "version": np.array(VERSION), "integrator": np.array(integrator), "felt": np.array(""),
+            "step.last": ended, "step.dropped": np.array(0.0)}
+
+
+def unknown(state: dict[str, np.ndarray], parts: dict[str, Any], besides: Iterable[str]) -> list[str]:
+    """Names in a checkpoint that stand for nothing that these parts remember, nor for one of `besides`."""
+    roots = [f"{name}.{attribute}" for name, part in parts.items() for attribute in part.STATE] + list(besides)
+    return [key for key in state if not any(key == root or key.startswith(root + ".") for root in roots)]
 
 
 def _arrays(name: str, value: Any) -> Iterator[tuple[str, Any]]:

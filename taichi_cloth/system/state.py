@@ -163,6 +163,11 @@ class ParticleState:
         for part in self.remembered.values():
             part.restore()
 
+    @property
+    def STATE(self) -> tuple[str, ...]:
+        """Names of what `checkpoint` gives."""
+        return "x", "v", *(f"state_{name}" for name in self.remembered)
+
     def checkpoint(self) -> dict[str, np.ndarray]:
         """All of the state, as arrays by name."""
         x, v = self.read_particles()

@@ -9,6 +9,7 @@ import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.app.progress import progress
+from taichi_cloth.step.tally import Tally
 
 
 class ZMQInteractiveShell:
@@ -42,7 +43,8 @@ def test_a_notebook_shows_a_bar(notebook, tmp_path, capsys):
 
 
 def test_elsewhere_there_are_lines(capsys):
-    sim = SimpleNamespace(time=0.5, log=[SimpleNamespace(h=0.01, iterations=3, rejections={"ENERGY": 2})])
+    sim = SimpleNamespace(time=0.5, last=SimpleNamespace(h=0.01, iterations=3), tally=Tally())
+    sim.tally.rejections["ENERGY"] = 2
     with progress(40) as show:
         for frame in range(41):
             show(sim, frame)

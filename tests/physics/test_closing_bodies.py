@@ -210,6 +210,7 @@ def test_surfaces_by_where_they_face(rng):
     for only, but, which in ((every, 0 * every, -1), (1 + 0 * every, every, -1), (0 * every, 1 + 0 * every, found.solid)):
         asked = surfaces.find(at, way, 0.5, np.full(60, 0.05), np.full(60, -np.inf), only, but, sure=0.0)
         assert (asked.solid == which).all()
+    sure, left_out = surfaces.find(at, way, 0.5, np.full(60, 0.05), np.full(60, -np.inf), every, every), 0
     corner = x[faces] - sim.model.origin
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -218,7 +219,10 @@ def test_surfaces_by_where_they_face(rng):
         facing = np.flatnonzero(normal @ way[k] > 0.5)
         w = np.array([closest(at[k], *corner[t]) for t in facing])
         gone = at[k] - np.einsum("ta,tai->ti", w, corner[facing])
-        far = np.linalg.norm(gone, axis=1)
+        far, up = np.linalg.norm(gone, axis=1), np.abs(np.einsum("ti,ti->t", gone, normal[facing]))
+        above = far[(up >= 0.5 * far) & (far < 0.05)]  # else it is seen past its border
+        assert (sure.solid[k] == 0) == (len(above) > 0)
+        left_out += len(above) == 0 and far.min() < 0.05
         best = int(np.argmin(far))
         if far[best] > 0.05:
             assert found.solid[k] == -1
@@ -232,7 +236,7 @@ def test_surfaces_by_where_they_face(rng):
         assert np.abs(w[same[int(np.argmin(np.abs(heights - found.height[k])))]] @ motion - found.motion[k]).max() < 1e-9
         assert np.abs(normal[t] - found.normal[k]).max() < 1e-9
         assert found.friction[k] == body.face_friction()[t]
-    assert hits > 20 and set(found.friction[found.solid >= 0]) == {0.4, 0.7}
+    assert left_out and hits > 20 and set(found.friction[found.solid >= 0]) == {0.4, 0.7}
     sim.close()
 
 

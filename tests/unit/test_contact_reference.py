@@ -255,6 +255,30 @@ def reference_pairs(sim, p, at, x_0, boost) -> dict:
 
 
 @pytest.mark.slow
+def test_energy_has_that_of_repulsion_as_the_log_has_it():
+    """Of a sheet that falls on another, and its pairs' energy worked out from positions."""
+    scene, mesh = tc.Scene(gravity=None), tc.grid(0.3, 8)
+    for friction, up in ((0.2, 0.0), (0.7, 0.02)):
+        scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(500), tc.Shear(50)), mesh.x + [0.003, up, 0.002],
+                        [0.0, -up / 0.02, 0.0], contact=tc.ClothContact(0.005, friction))
+    with tc.Simulation(scene, h=H, integrator="backward_euler") as sim:
+        layers, met = sim.contacts.layers, 0
+        for _ in range(6):
+            boost = layers.firmness.boost.copy()
+            record = sim.step()
+            assert sim.energy() == pytest.approx(record.energies, rel=1e-12, abs=1e-15)
+            if record.layers and not layers.stiffened:
+                x, x_0 = sim.model.read_particles()[0], sim.model.read_saved()[0]
+                pairs = reference_pairs(sim, layers.near, x, x_0, boost).values()
+                stored = sum(q.stiff * ref.repulsion(float(np.linalg.norm(q.w @ q.x)), q.r)[0] for q in pairs)
+                assert sim.energy()["contact"] == pytest.approx(stored, rel=1e-6) and stored > 0
+                met += 1
+        assert met
+        sim.set_state(sim.positions() + [[0.0, 1.0, 0.0]] * (len(mesh.x) * 2), sim.velocities())
+        assert "contact" not in sim.energy()  # nothing is known to be near until a step has looked
+
+
+@pytest.mark.slow
 @pytest.mark.restarts
 def test_solves_are_told_what_the_reference_says(rng):
     """Three solves of a step half as large as usual: stiffness, force, slope, stop, turns, friction as damping and as sliding;

@@ -327,6 +327,38 @@ def test_what_cannot_be_filled_is_refused_by_name():
         tc.Simulation(scene).step()
 
 
+def test_gas_that_begins_far_from_what_is_asked_for_is_told_of_before_the_run():
+    """With the figure: (p + p_a) V_0 / V - p_a, or B (1 - V / V_0)."""
+    a, b, c = ball().x[ball().faces].transpose(1, 0, 2)
+    V = float(np.einsum("mi,mi->", a, np.cross(b, c)) / 6)
+    for args, said in (((0.0, "isothermal", V / 2), "suction of 5.07e+04 Pa"), ((0.0, "isothermal", 2 * V), "with 1.01e+05"),
+                       ((None, "volume", V / 1.05), "suction of 5e+04 Pa"), ((None, "volume", 2 * V), "with 5e+05 Pa"),
+                       ((-5e4, "isothermal"), ""), ((0.0, "isothermal", V), ""),
+                       ((None, "volume", lambda t: V * (1 + t)), ""),
+                       ((-5e4, "isothermal", 1.001 * V), "")):
+        scene = tc.Scene()
+        made = scene.inflate(scene.add_cloth(ball(), FABRIC, name="ball"), *args)
+        assert said in made.check_begin("ball", V) and bool(made.check_begin("ball", V)) == bool(said)
+    scene = tc.Scene()
+    scene.inflate(scene.add_cloth(ball(), FABRIC, name="ball"), 0.0, "isothermal", V / 2)
+    with tc.Simulation(scene) as sim:
+        assert any("'ball' encloses" in note and "suction of 5.07e+04 Pa" in note for note in sim.notes)
+        assert sim.gas()["ball"] == pytest.approx((V, -101_325.0 / 2))
+        with pytest.warns(UserWarning, match="suction of 4.76e\\+04 Pa"):  # and what is filled anew
+            sim.inflate(scene.cloths[0], gas="volume", volume=V / 1.05, bulk=1e6 / 1.05)
+
+
+def test_gas_that_is_shut_in_has_the_pressure_that_there_was():
+    """Where none is given: p = (p_0 + p_a) V_0 / V - p_a with what the gas before had, whatever the cloth does then."""
+    with filled("constant", fabric=FABRIC, crumple=0.0) as sim:
+        sim.inflate(sim.scene.cloths[0], 1400.0)
+        (V, p), x = sim.gas()["cloth0"], sim.positions()
+        sim.inflate(sim.scene.cloths[0], gas="isothermal")
+        assert sim.gas()["cloth0"] == pytest.approx((V, 1400.0)) and p == 1400.0
+        sim.set_state(1.1 * x, 0 * x)
+        assert sim.gas()["cloth0"] == pytest.approx((1.331 * V, (1400.0 + 101_325.0) / 1.331 - 101_325.0), rel=1e-9)
+
+
 def test_nothing_of_it_where_nothing_is_inflated():
     """Not imported, and no sums for a product."""
     code = ("import sys, taichi_cloth as tc\ns = tc.Scene()\n"

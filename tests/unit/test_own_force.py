@@ -11,6 +11,7 @@ from taichi_cloth.backend.rows import read, write
 from taichi_cloth.forces.bend import Bend
 from taichi_cloth.forces.force import Force
 from taichi_cloth.step.ledger import totals
+from taichi_cloth.system.checkpoint import Checkpointed
 
 FABRIC = tc.Fabric(0.2, tc.Stretch(500.0, k_d=0.5), tc.Shear(50.0), tc.Bend(3e-3))
 CREEP = 3.0  # 1/s, at which a hinge's rest angle goes to the angle that it has
@@ -40,6 +41,74 @@ class CreepingHinges(Bend):
         """The rest angle follows."""
         self.creep(1 - math.exp(-CREEP * h))
         return True
+
+
+@ti.data_oriented
+class Counter(Force, Checkpointed):
+    """Does nothing, with a state of its own."""
+
+    STATE = ("count",)
+
+    def __init__(self, fields, model, scene, mode) -> None:
+        self.count = 0
+
+    def rounding_energy(self, d):
+        return 0.0
+
+    def build_stiffness(self):
+        self.stiff = True
+
+    @ti.func
+    def add_force(self, block, f: ti.template()):
+        pass
+
+    @ti.func
+    def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
+                 dtype: ti.template()):
+        report[block, base] = 0
+        report[block, base + 1] = 0
+
+    @ti.func
+    def add_product(self, block, p: ti.template(), q: ti.template()):
+        pass
+
+    def build_levels(self, levels):
+        pass
+
+    @ti.func
+    def add_level_block(self, n, c, D, levels: ti.template()):
+        return D
+
+
+class Other(Counter):
+    """Another kind of the same."""
+
+
+def counting(*kinds) -> tc.Simulation:
+    scene = tc.Scene()
+    scene.add_cloth(tc.grid(0.3, 2), tc.Fabric(FABRIC.density, FABRIC.stretch))
+    for kind in kinds:
+        scene.add_force(kind)
+    return tc.Simulation(scene, 1 / 60, integrator="verlet")
+
+
+def test_each_force_keeps_a_state_of_its_own():
+    """By its name and its place among those of the same: none takes the place of another, and none is lost."""
+    with counting(Counter, Other, Counter) as sim:
+        for force, count in zip(sim.force_terms[-3:], (3, 13, 23)):
+            force.count = count
+        state = {name: np.array(array) for name, array in sim.checkpoint().items()}
+    with counting(Counter, Other, Counter) as sim:
+        sim.resume(state)
+        assert [force.count for force in sim.force_terms[-3:]] == [3, 13, 23]
+        old = {k: a for k, a in state.items() if not k.startswith("force.")} | {"gas.count": np.array(3)}
+        with pytest.raises(tc.SceneError, match="state of one force only, and this scene has 3"):
+            sim.resume({**old, "version": np.array(11)})
+    with counting(Counter) as sim:
+        with pytest.raises(tc.SceneError, match="has force.Other.0.count, force.Counter.1.count, of which this scene"):
+            sim.resume(state)
+        sim.resume({**old, "version": np.array(11)})
+        assert sim.force_terms[-1].count == 3
 
 
 def make(**options) -> tc.Simulation:

@@ -3,6 +3,7 @@
 import base64
 import html
 import json
+import pathlib
 import re
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from test_export import FPS, make
 
 import taichi_cloth as tc
+from taichi_cloth.recording.play import READ, _pages
 
 
 @pytest.fixture
@@ -49,6 +51,20 @@ def test_a_browser_is_shown_the_page(made, tmp_path, monkeypatch):
     assert "3 frames" in repr(play)
     with pytest.raises(tc.OutputError, match="is no path|must be a path"):
         play.save(3)
+
+
+def test_pages_that_were_shown_go_with_the_process(made, monkeypatch):
+    """All of them are in one folder, which a browser has had time to read; another run's page takes the place of none."""
+    waited = []
+    monkeypatch.setattr("webbrowser.open", lambda url: True)
+    monkeypatch.setattr("time.sleep", waited.append)
+    playback, pages = tc.Recording(made.recording.path).play(), _pages()
+    folder = pathlib.Path(pages.folder.name)
+    assert playback.show() == playback.show() and [f.parent for f in folder.iterdir()] == [folder]
+    pages.close()
+    assert not folder.exists() and 0 < waited[0] <= READ
+    _pages.cache_clear()
+    assert playback.show().exists()
 
 
 def test_what_cannot_be_played_is_said_in_the_notebook(made):

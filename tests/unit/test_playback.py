@@ -101,3 +101,13 @@ def test_points_are_found_in_their_triangles(rng):
     inside = np.linalg.norm(points - centre, axis=1) < 0.49
     assert inside.sum() > 150 and np.abs(here - points)[inside].max() < 1e-6 and (off[inside] == 0).all()
     assert off[~inside].max() > 0.05
+
+
+def test_points_past_a_border_are_given_the_nearest_triangle(rng):
+    """Not the one whose centre is nearest: a long triangle lies beside them, a small one further off."""
+    long = [[[0.0, 0.0], [9.0, 0.0], [9.0, 1.0]], [[0.0, 0.0], [9.0, 1.0], [0.0, 1.0]]]
+    small = [[[x, 1.5], [x + 0.5, 1.5], [x, 2.0]] for x in np.arange(0.0, 9.0, 0.5)]
+    triangles = np.array(long + small)
+    edge = np.sqrt(2 * (2 * 4.5 + len(small) * 0.125) / len(triangles))  # of what they are in the mean
+    points = np.column_stack([rng.uniform(0.5, 8.5, 200), rng.uniform(-0.9 * edge, -0.01, 200)])  # a cell is 2 edges wide
+    assert (locate(points, triangles)[0] < len(long)).all()

@@ -20,7 +20,7 @@ from ...solver.pcg import Solution
 from ...system.assembler import Measures
 from ...system.held import Held
 from ..attempt import ENERGY, NEWTON
-from ..ledger import Ledger
+from ..ledger import STILL, Ledger
 from .brake import MOST
 from .effort import Changes, Effort
 from .energy import LIGHT, EnergyTest
@@ -31,7 +31,6 @@ PRELIMINARY = 0.01  # relative residual of solves that others are to follow
 FURTHER = 0.03  # relative residual of further solves that mend energy, where no more is asked for than is usual
 PATIENCE = 5  # of them without one that goes all of its way
 BEARABLE = 0.2  # part unaccounted for with which a step is better than a smaller one
-STILL = 1e-4  # part of its energies that counts as gone through in any step
 LOOSE = 0.1  # part of what a step's energy went through that may be unaccounted for where something may rip, or gas works,
 ACCOUNTED = 0.02  # and where cloth is beyond a limit, or in which something does
 

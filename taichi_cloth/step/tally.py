@@ -1,0 +1,86 @@
+"""What the steps of a run add up to, counted as they are made: the log may be shorter than the run."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+
+from .ledger import STILL, moved, totals
+from .stepper import StepRecord
+
+DOUBTFUL = 0.1  # part of the energy that moved from which on what is unaccounted for is told of
+ADVICE = "a smaller h (--h), a tolerance (--tolerance) or the integrator newton_euler accounts for more of it"
+
+
+class Tally:
+    """Sums, largest and smallest values over steps.
+
+    Attributes:
+        steps, solves, iterations, evaluations, not_converged: numbers of them in all.
+        rejections: number of attempts by name; fell_back: of steps by why another method redid them.
+        seconds: [s] by part.
+        ledger: J by name, in all.
+        moved: energy [J] that moved, see `ledger.moved`; astray: sizes of what each step has unaccounted for [J].
+        worst: largest of these.
+        size: largest sum of the sizes of energies [J] at the end of a step.
+        smallest_h, largest_h: [s]; residual, stretch, contacts, crossings, layers, least, tangled, pinched, intersections:
+            the worst of any step, None where there is none.
+    """
+
+    def __init__(self) -> None:
+        self.steps = self.solves = self.iterations = self.evaluations = self.not_converged = 0
+        self.rejections: Counter[str] = Counter()
+        self.fell_back: Counter[str] = Counter()
+        self.seconds: Counter[str] = Counter()
+        self.ledger = totals([])
+        self.moved = self.astray = self.worst = self.size = 0.0
+        self.contacts = self.crossings = self.layers = self.tangled = self.pinched = 0
+        self.least = 1.0
+        self.smallest_h: float | None = None
+        self.largest_h: float | None = None
+        self.residual: float | None = None
+        self.stretch: float | None = None
+        self.intersections: int | None = None
+
+    @classmethod
+    def of(cls, records: Iterable[StepRecord]) -> Tally:
+        """Of steps that were made before."""
+        out = cls()
+        for record in records:
+            out.add(record)
+        return out
+
+    def add(self, r: StepRecord) -> None:
+        """One more step."""
+        self.steps += 1
+        for name in ("solves", "iterations", "evaluations"):
+            setattr(self, name, getattr(self, name) + getattr(r, name))
+        self.not_converged += r.status not in ("CONVERGED", "EXPLICIT")
+        self.rejections.update(r.rejections)
+        self.fell_back.update([r.fell_back] if r.fell_back else [])
+        self.seconds.update(r.seconds)
+        self.ledger = totals([self.ledger, r.ledger])
+        lost = abs(r.ledger.get("unaccounted", 0.0))
+        self.moved, self.astray, self.worst = self.moved + moved(r.ledger), self.astray + lost, max(self.worst, lost)
+        self.size = max(self.size, sum(abs(e) for e in r.energies.values()))
+        for name in ("residual", "stretch", "contacts", "crossings", "layers", "tangled", "pinched", "intersections"):
+            setattr(self, name, _larger(getattr(self, name), getattr(r, name)))
+        self.least = min(self.least, r.least)
+        self.smallest_h = r.h if self.smallest_h is None else min(self.smallest_h, r.h)
+        self.largest_h = _larger(self.largest_h, r.h)
+
+    @property
+    def share(self) -> float:
+        """Part of the energy that moved that is unaccounted for, step by step; of a run in which as good as none moved 0."""
+        return self.astray / (self.moved + STILL * self.size) if self.astray else 0.0
+
+    def doubt(self) -> str:
+        """What is to be said, and done, where too much is unaccounted for; "" where it is not."""
+        if self.share <= DOUBTFUL:
+            return ""
+        return (f"{self.share:.0%} of the energy that moved is unaccounted for: {self.astray:.2g} of {self.moved:.2g} J, "
+                f"summed over steps; {ADVICE}")
+
+
+def _larger(a, b):
+    return b if a is None else a if b is None else max(a, b)

@@ -1,0 +1,96 @@
+"""What steps add up to, and logs that are shorter than a run. Most of it without a simulation."""
+
+import json
+
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth.app import cli
+from taichi_cloth.app.summary import describe, summary
+from taichi_cloth.recording.report import _energy, _trouble
+from taichi_cloth.step.ledger import Ledger
+from taichi_cloth.step.stepper import StepRecord
+from taichi_cloth.step.tally import Tally
+
+
+def step(unaccounted: float = 0.0, **ledger: float) -> StepRecord:
+    """One in which 2 J fell, 1.5 of them became motion and .5 were damped, but for what nobody knows of."""
+    made = Ledger(**{"kinetic": 1.5 + unaccounted, "potential": -2.0, "damping": 0.5, **ledger})
+    return StepRecord(0.1, 0.1, 7, 2, 1e-5, "CONVERGED", {"ENERGY": 1}, {"gravity": -2.0, "kinetic": 1.5}, 1.01, {"CG": 0.5},
+                      contacts=3, least=0.8, fell_back="TOUCH", ledger=made.record())
+
+
+def test_what_moved_is_what_left_one_account_for_another():
+    """Each joule once, whichever way it went; `braked` is part of `method`, and no account of its own."""
+    assert Tally.of([step()]).moved == pytest.approx(2.0)
+    assert Tally.of([step(), step()]).moved == pytest.approx(4.0)
+    assert Tally.of([step(pins=1.0, potential=-1.0)]).moved == pytest.approx(2.0)
+    assert Tally.of([step(potential=-1.5, braked=0.5, damping=0.0)]).moved == pytest.approx(1.5)
+    assert Tally.of([step(0.5)]).moved == pytest.approx(2.5)  # 2 J that fell, and .5 from nowhere
+
+
+@pytest.mark.parametrize("lost, told", [((0.1, -0.1), False), ((0.3, -0.3), True), ((0.0, 0.5), True), ((-1.0, 0.0), True)])
+def test_more_than_a_tenth_of_it_unaccounted_for_is_said_with_what_helps(lost, told):
+    """Of both signs: what one step loses another does not make up for."""
+    tally = Tally.of([step(part) for part in lost])
+    share = sum(map(abs, lost)) / sum(abs(1.5 + part) / 2 + 1.25 + abs(part) / 2 for part in lost)
+    assert tally.share == pytest.approx(share, rel=1e-3) and bool(tally.doubt()) == told
+    if told:
+        assert f"{share:.0%} of the energy that moved is unaccounted for" in tally.doubt()
+        assert all(way in tally.doubt() for way in ("smaller h", "--tolerance", "newton_euler"))
+    assert ("of the energy that moved" in _energy(tally)) == told
+
+
+def test_cloth_that_lies_still_is_not_doubted():
+    still = StepRecord(0.1, 0.1, 1, 1, 1e-5, "CONVERGED", {}, {"gravity": -2.0}, 1.0,
+                       ledger=Ledger(kinetic=1e-12, potential=1e-12).record())
+    assert not Tally.of([still] * 100).doubt() and Tally().share == 0
+
+
+@pytest.fixture(scope="module")
+def simulations():
+    """The same run three times, with all of its log, the last two steps, and none."""
+    made = []
+    for kept in ("all", 2, "none"):
+        scene = tc.Scene()
+        cloth = scene.add_cloth(tc.grid(0.5, 3), tc.Fabric(0.2, tc.Stretch(500)))
+        scene.pin(cloth, "top_left")
+        made.append(tc.Simulation(scene, h=1 / 60, integrator="backward_euler", log=kept))
+    yield made
+    for sim in made:
+        sim.close()
+
+
+@pytest.mark.slow
+def test_a_log_is_as_long_as_was_asked_for_and_sums_are_of_all(simulations, tmp_path):
+    runs = [tc.record(sim, tmp_path / str(k), 0.2, 10) for k, sim in enumerate(simulations)]
+    every, last, none = simulations
+    assert [len(sim.log) for sim in simulations] == [every.tally.steps, 2, 0] and every.tally.steps > 2
+    assert [r.t for r in last.log] == [r.t for r in every.log[-2:]] and none.last.t == every.last.t
+    apart = [{k: v for k, v in summary(sim).items() if k != "seconds"} for sim in simulations]
+    assert apart[0] == apart[1] == apart[2] and apart[0] == json.loads(json.dumps(apart[0]))
+    assert [len(run.telemetry()) for run in runs] == [every.tally.steps] * 3
+    said = [describe(sim, 1.0).split("cost:")[0] for sim in simulations]
+    assert said[0] == said[1] == said[2]
+    assert [sim.checkpoint()["records"] for sim in simulations] == [every.tally.steps] * 3
+    assert f"{every.tally.steps} steps" in repr(none)
+    # what the log says, added up here
+    total = {name: sum(r.ledger[name] for r in every.log) for name in every.log[0].ledger}
+    assert {k: v for k, v in summary(none)["energy"].items() if k in total} == pytest.approx(total, abs=1e-15)
+    assert none.tally.iterations == sum(r.iterations for r in every.log)
+    assert none.tally.residual == max(r.residual for r in every.log)
+    # a page says the same of the folder as the last lines of the run
+    page = Tally.of(StepRecord(**r) for r in runs[2].telemetry())
+    assert _energy(page) == _energy(none.tally) and _trouble(page) == _trouble(none.tally)
+
+
+def test_what_a_log_cannot_keep_is_refused():
+    for kept in (-1, 1.5, "some", "-2", None, True):
+        with pytest.raises(tc.SceneError, match="^log = "):
+            tc.Options(log=kept)
+    assert [tc.Options(log=kept).log for kept in ("all", "12", 3, "none", 0)] == ["all", 12, 3, 0, 0]
+
+
+def test_the_command_takes_it_too(tmp_path):
+    args = cli._parser().parse_args(["run", "hang", "--log", "5"])
+    assert tc.Options(log=args.log).log == 5 and "log" not in tc.Options(log=5).record()
