@@ -82,7 +82,7 @@ def test_another_mesh_and_other_numbers_compile_nothing_and_go_as_alone(monkeypa
     assert not compiled.new()
     sim.close()
     with here["run"](8, 0.9, bend=False):  # of another make: what it has not in common is compiled
-        assert "evaluate" in (new := compiled.new()) and len(new) < 10
+        assert "_together" in (new := compiled.new()) and len(new) < 5
     with here["run"](9, 1.0, meets=False), here["run"](9, 1.0, bend=False, meets=False):
         assert compiled.new()
     with here["run"](9, 1.0, bend=False, meets=False), here["run"](9, 1.0, meets=False):
