@@ -27,6 +27,7 @@ from ..points import Points, rows_of
 from ..step_start import StepStart
 from . import pair_kernels
 from .barrier import FLOOR, room
+from .broad_phase import ROUNDING
 from .contact_pairs import Comparison, ContactPairs, LinearizedPairs
 from .firmness import CLOSE, Firmness
 from .narrow_phase import LayerDetector
@@ -227,10 +228,11 @@ class Layers(Checkpointed):
             self._stiffen()
 
     def _too_near(self) -> np.ndarray:
-        """(k,) which pairs end nearer than a step may leave them, and have not parted: what rests no more may begin nearer."""
+        """(k,) which pairs end nearer than a step may leave them, and came nearer: what rests no more may begin nearer, and
+        pinned rows stay as near as they begin."""
         p, was = self.near, float(room(np.array([self.was]), np.ones(1))[0])
         allowed = FLOOR + (1 - FLOOR) * min(CLOSE / 3, was / 2, 2 * was)
-        return (p.end <= allowed * p.radius) & (p.end <= self._evaluate(p)[0][pair_kernels.BEGAN])
+        return (p.end <= allowed * p.radius) & (p.end < (1 - ROUNDING) * self._evaluate(p)[0][pair_kernels.BEGAN])
 
     def _stiffen(self) -> None:
         """Pairs with little room left get stiffer within the step; what that stores is `stiffened`."""
@@ -330,6 +332,7 @@ class Layers(Checkpointed):
         """Deactivates for a while the pairs that start so near that they are as good as tangled."""
         self._release_stuck(np.ones(self.model.n, dtype=bool))
         self.look()
+        self.was = self.least
 
     def _release_stuck(self, which: np.ndarray) -> None:
         """Deactivates for a while those pairs with any of particles (n,) that are as good as tangled where the model is: of
@@ -381,6 +384,7 @@ class Layers(Checkpointed):
         self.detector.paths.begin()
         self.detector.cover()
         self.look()
+        self.was = self.least
 
     def resumed(self) -> None:
         """See `Checkpointed`."""
