@@ -52,9 +52,8 @@ def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, m
     scale, up = checks.number("scale", scale, positive=True), checks.choice("up", up, UP)
     fps = checks.maybe(fps, checks.number, "fps", positive=True)
     start = checks.maybe(start, checks.number, "start", "s")
-    mesh = checks.maybe(mesh, checks.path, "mesh", MeshError)
     path = str(checks.path("path", path, MeshError))
-    read = _read(path, mesh)
+    read = _read(path, checks.maybe(mesh, checks.path, "mesh", MeshError))
     fps = read.fps if fps is None else fps
     if fps is not None and not (math.isfinite(fps) and fps > 0):
         raise SceneError(f"{path}: fps = {fps!r}: must be positive")

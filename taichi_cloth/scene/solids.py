@@ -130,11 +130,10 @@ def _of_frames(x: np.ndarray, start: float) -> list[str]:
         notes.append(f"the solid mesh stands still until its first frame, at {start:g} s")
     moves = np.array([np.linalg.norm(b - a, axis=1).max() for a, b in zip(x, x[1:])])
     some = moves[moves > STILL * np.ptp(x[0], axis=0).max()]
-    if len(some):
-        notes += [f"the solid mesh jumps by {moves[k]:.3g} m from frame {k} to {k + 1} (counted from 0), {moves[k] / np.median(some):.0f} times as far as "
-                  "from frame to frame else: are its frames whole, and in order?"
-                  for k in np.flatnonzero(moves > JUMP * np.median(some))]
-    return notes
+    usual = float(np.median(some)) if len(some) else np.inf
+    return notes + [f"the solid mesh jumps from frame {k} to {k + 1} (counted from 0) by {moves[k]:.3g} m, "
+                    f"{moves[k] / usual:.0f} times as far as it usually moves: are its frames whole, and in order?"
+                    for k in np.flatnonzero(moves > JUMP * usual)]
 
 
 Shape = Plane | Sphere | Capsule | Box | Cylinder | SolidMesh

@@ -112,8 +112,8 @@ def test_panels_that_lie_apart_are_as_near_as_their_seam_is_long():
         assert np.abs(sim.positions() - x).max() < 1e-9
 
 
-@pytest.mark.parametrize("gaps", [(0.2,), pytest.param((0.0, 0.05, 0.1, 0.12, 0.15, 0.18, 0.22, 0.25, 0.27, 0.3, 0.5, 0.7, 1.0),
-                                                       marks=pytest.mark.slow)])
+@pytest.mark.parametrize("gaps", [(0.2,), pytest.param(
+    (0.0, 0.05, 0.1, 0.12, 0.15, 0.18, 0.22, 0.25, 0.27, 0.3, 0.5, 0.7, 1.0), marks=pytest.mark.slow)])
 def test_rows_that_are_pinned_near_each_other_throw_nothing(gaps):
     """Two sheets hang by rows at parts of their thickness: by positions never faster, nor with more energy, than after a tenth
     of a second's fall; from starts that differ by a nanometre, which cross where the gap is 0."""
