@@ -67,7 +67,7 @@ MUTATIONS = (
      "the file's rate wins over the one asked for", IO),
     (PACKAGE + "io/solid.py", "fps / read.every", "fps * read.every", "a cache of few positions is too fast", FRAMES),
     (PACKAGE + "io/sequence.py", "found.sort(key=natural)", "found.sort()", "frame 10 comes before frame 2", FRAMES),
-    (PACKAGE + "io/sequence.py", "glob.escape(str(path.parent))", "str(path.parent)", "brackets of a folder are a pattern", FRAMES),
+    (PACKAGE + "io/sequence.py", "glob.escape(str(path.parent))", "str(path.parent)", "brackets are a pattern", FRAMES),
     (PACKAGE + "io/__init__.py", "x[..., 2], -x[..., 1]]", "x[..., 2], x[..., 1]]", "what points up in z is mirrored", FRAMES),
     (PACKAGE + "io/solid.py", "math.isfinite(fps) and fps > 0", "fps > 0", "an infinite rate passes", IO),
     (PACKAGE + "io/pattern.py", "factor = scale if as_is else ratio", "factor = ratio",

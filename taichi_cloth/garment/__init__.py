@@ -24,12 +24,13 @@ def load_pattern(path: str | Path, side: str | Path | None = None, scale: float 
         SceneError: a missing or unreadable file, or a pattern that cannot be sewn, with the panel or stitch that is wrong.
     """
     path = checks.path("path", path, SceneError)
+    scale, up = checks.number("scale", scale, positive=True), checks.choice("up", up, UP)
     if path.suffix.lower() == ".svg":
         from .svg import read_svg
 
         return read_svg(path, None if side is None else checks.path("side", side, SceneError))
     if path.suffix.lower() == ".obj":
-        return StitchedPattern(path, side, checks.number("scale", scale, positive=True), checks.choice("up", up, UP))
+        return StitchedPattern(path, side, scale, up)
     if (scale, up) != (1.0, "y"):
         raise SceneError(f"{path}: has its units and its axes itself: only an OBJ has a scale and an axis up")
     if path.suffix.lower() != ".json":

@@ -283,10 +283,12 @@ class Layers(Checkpointed):
 
     @timed
     def part(self, whole: np.ndarray) -> None:
-        """After a step, with the stitches (k,) that are whole: sides of open ones keep what they have come apart by."""
+        """After a step, with the stitches (k,) that are whole: sides of open ones keep what they have come apart by. Sides that
+        were in one place may pass through each other: that counts as tangled, and is left to come apart by itself."""
         self.detector.fresh &= not self.lips.part(whole)
         if self.lips.growing:
             self.lips.grow(self.detector.apart())
+            self.intersections.look(self.model.read_particles()[0], None if self.intersections.active else self.lips.short)
 
     def join(self, whole: np.ndarray) -> None:
         """Between steps, with the stitches (k,) that hold or are drawn together: their sides are one surface."""
