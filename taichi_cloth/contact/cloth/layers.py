@@ -283,8 +283,8 @@ class Layers(Checkpointed):
 
     @timed
     def part(self, whole: np.ndarray) -> None:
-        """After a step, with the stitches (k,) that are whole: sides of open ones keep what they have come apart by. Sides that
-        were in one place may pass through each other: that counts as tangled, and is left to come apart by itself."""
+        """After a step, with the stitches (k,) that are whole: sides of open ones keep what they have come apart by. Those
+        that were in one place may pass through each other: that counts as tangled, and is left to come apart by itself."""
         self.detector.fresh &= not self.lips.part(whole)
         if self.lips.growing:
             self.lips.grow(self.detector.apart())
