@@ -116,10 +116,10 @@ def test_panels_that_lie_apart_are_as_near_as_their_seam_is_long():
     (0.0, 0.05, 0.1, 0.12, 0.15, 0.18, 0.22, 0.25, 0.27, 0.3, 0.5, 0.7, 1.0), marks=pytest.mark.slow)])
 def test_rows_that_are_pinned_near_each_other_throw_nothing(gaps):
     """Two sheets hang by rows at parts of their thickness: by positions never faster, nor with more energy, than after a tenth
-    of a second's fall; from starts that differ by a nanometre, which cross where the gap is 0."""
+    of a second's fall; from starts that differ by a nanometre."""
     mesh, thickness, rng = tc.grid(0.3, 6, plane="xy"), 0.006, np.random.default_rng(1)
     for gap in gaps:
-        for noise in (0.0, 1e-9, 1e-9):
+        for noise in (0.0, 1e-9, 1e-9) if gap else (0.0,):  # else they would start crossed
             scene = tc.Scene()
             for k in range(2):
                 x = mesh.x + [0, 0, k * gap * thickness] + noise * rng.normal(size=mesh.x.shape)
@@ -134,7 +134,7 @@ def test_rows_that_are_pinned_near_each_other_throw_nothing(gaps):
                     energy = mass @ ((v**2).sum(axis=1) / 2 + 9.81 * (x - start)[:, 1])
                     assert np.linalg.norm(v, axis=1).max() < 9.81 / 10, (gap, noise)
                     assert energy < mass.sum() * (9.81 / 10) ** 2 / 2, (gap, noise)
-                assert (gap == 0 or cloth_crossings(sim) == 0) and len(sim.log) < 20
+                assert cloth_crossings(sim) == 0 and len(sim.log) < 20
 
 
 def _shares(mesh: tc.TriMesh, density: float) -> np.ndarray:
