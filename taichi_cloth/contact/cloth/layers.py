@@ -211,7 +211,8 @@ class Layers(Checkpointed):
         beyond = np.maximum(compared.measured[pair_kernels.RUBBED] - pair_kernels.CONE * bears, 0)
         over = float(np.sum(beyond + compared.measured[pair_kernels.BACK] * bears))
         rubs = over > RUBBED * rubs_as and self.round == 1  # what it still is then, it is in the next step
-        near = self._too_near().any()
+        nearer = p.end < (1 - ROUNDING) * weighed[pair_kernels.BEGAN]  # rows that are pinned stay as near as they are
+        near = (self._too_near() & nearer).any()
         if near and not (self.off or rubs or late):
             self._stiffen()
         return not (near or self.off or rubs or late)
@@ -228,11 +229,10 @@ class Layers(Checkpointed):
             self._stiffen()
 
     def _too_near(self) -> np.ndarray:
-        """(k,) which pairs end nearer than a step may leave them, and came nearer: what rests no more may begin nearer, and
-        pinned rows stay as near as they begin."""
+        """(k,) which pairs end nearer than a step may leave them, and have not parted: what rests no more may begin nearer."""
         p, was = self.near, float(room(np.array([self.was]), np.ones(1))[0])
         allowed = FLOOR + (1 - FLOOR) * min(CLOSE / 3, was / 2, 2 * was)
-        return (p.end <= allowed * p.radius) & (p.end < (1 - ROUNDING) * self._evaluate(p)[0][pair_kernels.BEGAN])
+        return (p.end <= allowed * p.radius) & (p.end <= self._evaluate(p)[0][pair_kernels.BEGAN])
 
     def _stiffen(self) -> None:
         """Pairs with little room left get stiffer within the step; what that stores is `stiffened`."""
