@@ -1,6 +1,6 @@
 """One-line bugs in readers, recorded runs, exports and counts of crossings, and the tests that are to notice them."""
 
-IO = "tests/unit/test_io.py"
+IO, FRAMES = "tests/unit/test_io.py", "tests/unit/test_frames.py"
 EXPORT = "tests/unit/test_export.py"
 SCENE_EXPORT = "tests/unit/test_export_scenes.py"
 PRINTED = "tests/unit/test_export_printed.py"
@@ -63,7 +63,12 @@ MUTATIONS = (
     (PACKAGE + "io/solid.py", "if min(count, frames) < 1 or", "if", "negative counts of a point cache that multiply up", IO),
     (PACKAGE + "io/solid.py", ".reshape(frames, count, 3)", ".reshape(count, frames, 3).transpose(1, 0, 2)",
      "frames and points exchanged", "tests/unit/test_solids.py " + IO),
-    (PACKAGE + "io/solid.py", "if fps is None and", "if", "the file's rate wins over the one asked for", IO),
+    (PACKAGE + "io/solid.py", "fps = read.fps if fps is None else fps", "fps = read.fps or fps",
+     "the file's rate wins over the one asked for", IO),
+    (PACKAGE + "io/solid.py", "fps / read.every", "fps * read.every", "a cache of few positions is too fast", FRAMES),
+    (PACKAGE + "io/sequence.py", "found.sort(key=natural)", "found.sort()", "frame 10 comes before frame 2", FRAMES),
+    (PACKAGE + "io/sequence.py", "glob.escape(str(path.parent))", "str(path.parent)", "brackets are a pattern", FRAMES),
+    (PACKAGE + "io/__init__.py", "x[..., 2], -x[..., 1]]", "x[..., 2], x[..., 1]]", "what points up in z is mirrored", FRAMES),
     (PACKAGE + "io/solid.py", "math.isfinite(fps) and fps > 0", "fps > 0", "an infinite rate passes", IO),
     (PACKAGE + "io/pattern.py", "factor = scale if as_is else ratio", "factor = ratio",
      "a pattern in metres is scaled all the same", IO),

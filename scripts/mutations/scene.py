@@ -102,7 +102,7 @@ MUTATIONS = (
      DESCRIPTION),
     ("taichi_cloth/scene/solids.py", "return local @ R.T + p", "return local @ R + p", "solids are drawn turned the wrong way",
      DESCRIPTION),
-    ("taichi_cloth/scene/solids.py", "frame = min(max(t * float(self.fps), 0.0)", "frame = min(max(t / float(self.fps), 0.0)",
+    ("taichi_cloth/scene/solids.py", "(t - self.start) * float(self.fps)", "(t - self.start) / float(self.fps)",
      "frames of a solid at the wrong times", "tests/unit/test_solids.py::test_a_sequence_is_interpolated"),
     ("taichi_cloth/scene/solids.py", "faces = np.where(turned[:, None], faces[:, [0, 2, 1]], faces)",
      "faces = np.where(turned[:, None], faces, faces)",

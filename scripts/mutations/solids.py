@@ -293,7 +293,7 @@ MUTATIONS = (
      f"{FORCES} {DRIVES}"),
     (ROWS, "return rows - np.einsum", "return rows + np.einsum", "slip has a part along the normal",
      f"{FRICTION} {CONTACT}"),
-    (SOLIDS, "frame = min(max(t * float(self.fps), 0.0)", "frame = min(max(t / float(self.fps), 0.0)",
+    (SOLIDS, "(t - self.start) * float(self.fps)", "(t - self.start) / float(self.fps)",
      "sequences run at the wrong speed", SHAPES),
     (SOLIDS, "elif volume < 0:", "elif volume > 0:", "meshes are turned inside out", SHAPES),
     (SOLIDS, "return local @ R.T + p", "return local @ R + p", "surfaces turn the wrong way",

@@ -15,6 +15,7 @@ def add_parser(commands) -> None:
         "of an OBJ, a .csv of stitches (its own)")
     add("--body", required=True, metavar="MESH", help="the body: .obj, .ply, .stl or .npz; the first frame of a sequence")
     add("--scale", type=number_of, default=1.0, metavar="M", help="metres per unit of the body's file (1)")
+    add("--up", choices=("y", "z"), default="y", help="axis of the body's file that points up (y)")
     add("--out", required=True, metavar="FILE", help="the garment, a .npz for tc.load_garment")
     add("--fabric", default="shirting", help="one of those that `fabrics` prints (shirting)")
     add("--spacing", type=number_of, default=0.02, metavar="M", help="edge length of the cloth's triangles (0.02)")
@@ -39,8 +40,8 @@ def run(args: argparse.Namespace) -> int:
     out = _checked_out(args.out)
     garment = load_pattern(args.pattern, args.side).mesh(args.spacing)
     print(f"{len(garment.seams)} seams, {garment.mesh.vertex_count} vertices, {garment.mesh.face_count} triangles")
-    body = Scene()
-    body.add_solid(load_solid(args.body, args.scale), friction=args.friction, thickness=args.thickness, name="body")
+    body, shape = Scene(), load_solid(args.body, args.scale, up=args.up)
+    body.add_solid(shape, friction=args.friction, thickness=args.thickness, name="body")
     made = dress(garment, fabrics[name], body, ClothContact(args.thickness, args.friction), args.longest, tell=print,
                  pull=args.pull, meets=args.meets)
     made.garment.save(out)

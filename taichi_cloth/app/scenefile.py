@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from types import ModuleType
 
 from ..errors import ClothError, SceneError, ScriptError, did_you_mean, near, shown
+from ..io.sequence import natural
 
 OWN = pathlib.Path("scenes")  # where scenes of one's own are looked for by name
 
@@ -129,10 +130,10 @@ def available() -> dict[str, pathlib.Path]:
     """Scenes by name; the first folder that has one wins."""
     found: dict[str, pathlib.Path] = {}
     for folder in folders():
-        for path in sorted(folder.glob("*.py")):
+        for path in folder.glob("*.py"):
             if not path.name.startswith("_"):
                 found.setdefault(path.stem, path)
-    return dict(sorted(found.items()))
+    return {name: found[name] for name in sorted(found, key=natural)}
 
 
 def own(scene: str) -> str:

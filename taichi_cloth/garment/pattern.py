@@ -12,12 +12,12 @@ from .. import checks
 from ..errors import SceneError, shown
 from ..scene.garment import Garment, SewnRows, seam_angle, seam_strength
 from ..scene.mesh import TriMesh
+from ..scene.units import TYPICAL
 from .curves import Curve
 from .mesher import crossing, mesh_polygon
 
 MOST_RATIO = 3.0  # of the lengths of two edges that are sewn to each other
 LEAST, MOST = 0.02, 10.0  # m that a pattern may be wide or tall where it hangs
-TYPICAL = 1.5  # m
 UNITS = {10: ("millimetres", "centimetres"), 100: ("centimetres", "metres"), 1000: ("millimetres", "metres")}  # by their ratio
 PIECES = 48  # of a curve, where panels are looked at for crossings
 

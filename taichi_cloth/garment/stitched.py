@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..errors import SceneError
-from ..io import read_surface
+from ..io import UP, read_surface, upright
 from ..io.table import read_table
 from ..scene.garment import Garment, SewnRows
 from ..scene.mesh import TriMesh
@@ -37,28 +37,31 @@ class StitchedPattern:
     """What `load_pattern` makes of an OBJ.
 
     Attributes:
-        path, stitches: as in `load_stitched`.
+        path, stitches, scale, up: as in `load_stitched`.
     """
 
     path: str | Path
     stitches: str | Path | None = None
+    scale: float = 1.0
+    up: str = "y"
 
     def mesh(self, spacing: float | None = None) -> Garment:
         """Its panels, with triangles whose edges are about `spacing` [m] long, or with its own; as `load_stitched`."""
-        return load_stitched(self.path, self.stitches, spacing=spacing)
+        return load_stitched(self.path, self.stitches, self.scale, spacing=spacing, up=self.up)
 
 
 def load_stitched(path: str | Path, stitches: str | Path | None = None, scale: float = 1.0,
-                  positions: ArrayLike | None = None, spacing: float | None = None) -> Garment:
+                  positions: ArrayLike | None = None, spacing: float | None = None, up: str = "y") -> Garment:
     """A garment from an OBJ with panels, texture coordinates as its pattern, and stitches.
 
     Args:
         stitches: a .csv with columns vertex, edge_a, edge_b, t (vertices from 0); where None, the file's own lines
             `stitch v a b t` (from 0), or edges without a face, `l v w` (from 1).
         scale: metres per unit of the file.
-        positions: (n, 3) where the file's vertices are in the garment, as another program draped it, in the file's units;
-            where an edge is split, the new vertex is as far along it there.
+        positions: (n, 3) where the file's vertices are in the garment, as another program draped it, in the file's units and
+            with its axis up; where an edge is split, the new vertex is as far along it there.
         spacing: length of edges [m] with which panels are meshed anew, as `remesh` does; None keeps the file's triangles.
+        up: the file's axis that points up, "y" or "z": of the latter (x, y, z) is (x, z, -y) here.
 
     Raises:
         SceneError: a missing file, no stitches, or one that names no edge; positions of another shape, or not finite; panels
@@ -66,6 +69,7 @@ def load_stitched(path: str | Path, stitches: str | Path | None = None, scale: f
         MeshError: a mesh that cannot be read.
     """
     path, scale = checks.path("path", path, SceneError), checks.number("scale", scale, positive=True)
+    up = checks.choice("up", up, UP)
     x, faces, corner_uv, groups = read_surface(path)
     if corner_uv is None:
         raise SceneError(f"{path}: has no texture coordinates; they are a garment's pattern")
@@ -74,8 +78,9 @@ def load_stitched(path: str | Path, stitches: str | Path | None = None, scale: f
         raise SceneError(f"{path if stitches is None else stitches}: has no stitches: lines 'stitch v a b t' or 'l v w' of "
                          "the OBJ, or rows of a .csv")
     hint = f": {path.name} has {len(x):,} vertices"
-    draped = None if positions is None else scale * checks.array("positions", positions, (len(x), 3), row="vertex", hint=hint)
-    work = _Panels(x * scale, faces, corner_uv * scale, groups, draped)
+    if positions is not None:
+        positions = scale * upright(checks.array("positions", positions, (len(x), 3), row="vertex", hint=hint), up)
+    work = _Panels(upright(x, up) * scale, faces, corner_uv * scale, groups, positions)
     try:
         garment = work.sewn(found)
         return garment if spacing is None else remesh(garment, spacing)

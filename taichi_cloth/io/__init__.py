@@ -14,10 +14,11 @@ from .ply import read_ply
 from .stl import read_stl
 from .vtk import read_vtk
 
+UP = ("y", "z")
 OTHER = {".ply": read_ply, ".stl": read_stl, ".vtk": read_vtk, ".vtu": read_vtk, ".off": read_off}
 
 
-def load(path: str | Path, scale: float = 1.0, uv: str = "auto") -> TriMesh:
+def load(path: str | Path, scale: float = 1.0, uv: str = "auto", up: str = "y") -> TriMesh:
     """A mesh from a file.
 
     Args:
@@ -26,6 +27,7 @@ def load(path: str | Path, scale: float = 1.0, uv: str = "auto") -> TriMesh:
         uv: "auto" takes the file's texture coordinates as the pattern where they are one in metres, scales them
             to the mesh's area where they are not, and flattens each triangle where there are none; "pattern"
             takes them as they are (times `scale`); "flatten" ignores them.
+        up: the file's axis that points up, "y" or "z": of the latter (x, y, z) is (x, z, -y) here.
 
     Returns:
         The mesh, with groups of the file and notes that say what was done with its texture coordinates.
@@ -35,9 +37,10 @@ def load(path: str | Path, scale: float = 1.0, uv: str = "auto") -> TriMesh:
     """
     path = checks.path("path", path, MeshError)
     checks.choice("uv", uv, ("auto", "pattern", "flatten"))
-    scale = checks.number("scale", scale, positive=True)
+    scale, up = checks.number("scale", scale, positive=True), checks.choice("up", up, UP)
     try:
         x, faces, corner_uv, groups = read_surface(path)
+        x = upright(x, up)
         notes: tuple[str, ...] = ()
         TriMesh(x, faces)  # positions and topology are checked first: the pattern is measured on them
         if uv == "flatten" or corner_uv is None:
@@ -51,6 +54,11 @@ def load(path: str | Path, scale: float = 1.0, uv: str = "auto") -> TriMesh:
     except MeshError as error:
         message = str(error)
         raise MeshError(message if str(path) in message else f"{path}: {message}") from None
+
+
+def upright(x: np.ndarray, up: str) -> np.ndarray:
+    """Positions (..., 3) of a file whose axis `up` points up, turned so that y does."""
+    return x if up == "y" else np.stack([x[..., 0], x[..., 2], -x[..., 1]], axis=-1)
 
 
 def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dict[str, np.ndarray]]:

@@ -26,6 +26,7 @@ import numpy as np
 
 from ..errors import OutputError
 from ..io.npz import pack
+from ..io.sequence import natural
 from .lock import Lock
 
 MANIFEST, TELEMETRY, GEOMETRY = "manifest.json", "telemetry.jsonl", "geometry.npz"
@@ -81,7 +82,8 @@ class RunFolder:
 
     def of_frames(self) -> list[pathlib.Path]:
         """Those of single frames."""
-        return [f for kind in (IMAGES, FRAMES, CHECKPOINTS) for f in sorted((self.path / kind).glob("*"))
+        return [f for kind in (IMAGES, FRAMES, CHECKPOINTS)
+                for f in sorted((self.path / kind).glob("*"), key=lambda file: natural(file.name))
                 if NUMBERED.match(f.name) and f.is_file()]
 
     def write_manifest(self, content: dict) -> None:

@@ -16,6 +16,8 @@ from .mesh import face_edges, face_indices, facing
 from .primitives import Box, Capsule, Core, Cylinder, Plane, Sphere
 
 MESH = 5  # a shape's kind, after those of `primitives`
+JUMP = 10.0  # times the median of how far a sequence moves from frame to frame, where it moves: more is said
+STILL = 1e-6  # of a mesh's size: what moves less from frame to frame stands still
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +30,7 @@ class SolidMesh:
         fps: frames a second of a sequence; positions between frames are interpolated linearly, before the first
             and after the last they stay.
         groups: named groups of vertices, name -> indices, for `Scene.add_solid(parts=...)`.
+        start: time of the first frame [s].
 
     Attributes:
         closed: whether every edge has two triangles.
@@ -42,6 +45,7 @@ class SolidMesh:
     faces: np.ndarray
     fps: float | None = None
     groups: dict[str, np.ndarray] = field(default_factory=dict)
+    start: float = 0.0
     closed: bool = field(init=False)
     notes: tuple[str, ...] = field(init=False)
     kind = MESH
@@ -52,13 +56,14 @@ class SolidMesh:
         if not x.size:
             raise SceneError(f"solid mesh: has no {'vertices' if len(x) else 'frames'}")
         object.__setattr__(self, "fps", checks.maybe(self.fps, checks.number, "solid mesh fps", positive=True))
+        object.__setattr__(self, "start", checks.number("solid mesh start", self.start, "s"))
         if len(x) > 1 and self.fps is None:
             raise SceneError(f"solid mesh: a sequence of {len(x)} frames needs fps")
         faces = face_indices(self.faces, x.shape[1], SceneError)
         groups = checks.instance("solid mesh: groups", self.groups, dict)
         object.__setattr__(self, "groups", {checks.name("group name", name): checks.indices(
             f"solid mesh: group {name!r}", index, x.shape[1]) for name, index in groups.items()})
-        notes = []
+        notes = _of_frames(x, self.start)
         edges = face_edges(faces)
         code, back, count = np.unique(np.sort(edges, axis=1) @ np.array([x.shape[1], 1]), return_inverse=True,
                                       return_counts=True)
@@ -105,7 +110,7 @@ class SolidMesh:
         t = checks.number("t", t, "s")
         if len(self.x) == 1:
             return self.x[0]
-        frame = min(max(t * float(self.fps), 0.0), len(self.x) - 1.0)  # type: ignore[arg-type]
+        frame = min(max((t - self.start) * float(self.fps), 0.0), len(self.x) - 1.0)  # type: ignore[arg-type]
         k = min(int(frame), len(self.x) - 2)
         return self.x[k] + (frame - k) * (self.x[k + 1] - self.x[k])
 
@@ -116,6 +121,19 @@ class SolidMesh:
     def core(self) -> Core:
         """All of it."""
         return self.x[0], self.faces, 0.0
+
+
+def _of_frames(x: np.ndarray, start: float) -> list[str]:
+    """Sentences on a sequence (frames, n, 3) that waits, or that jumps."""
+    notes = []
+    if len(x) > 1 and start > 0:
+        notes.append(f"the solid mesh stands still until its first frame, at {start:g} s")
+    moves = np.array([np.linalg.norm(b - a, axis=1).max() for a, b in zip(x, x[1:])])
+    some = moves[moves > STILL * np.ptp(x[0], axis=0).max()]
+    usual = float(np.median(some)) if len(some) else np.inf
+    return notes + [f"the solid mesh jumps from frame {k} to {k + 1} (counted from 0) by {moves[k]:.3g} m, "
+                    f"{moves[k] / usual:.0f} times as far as it usually moves: are its frames whole, and in order?"
+                    for k in np.flatnonzero(moves > JUMP * usual)]
 
 
 Shape = Plane | Sphere | Capsule | Box | Cylinder | SolidMesh

@@ -1,5 +1,6 @@
 """Numbers that look like another unit's: said once, not refused. numpy only."""
 
+import math
 import warnings
 
 import numpy as np
@@ -9,8 +10,11 @@ from .fabric import pair
 from .solids import Solid, SolidMesh
 
 # (least, largest) that cloth has; what is outside is seldom meant
-SIZE, DENSITY, RIGIDITY, THICKNESS, GRAVITY = (0.005, 100.0), (0.003, 10.0), (1e-10, 0.1), (1e-6, 0.2), (0.0, 100.0)
-BODY = (0.003, 50.0)  # m, of a closed mesh
+SIZE, DENSITY, RIGIDITY, THICKNESS, GRAVITY = (0.005, 50.0), (0.003, 10.0), (1e-10, 0.1), (1e-6, 0.2), (0.0, 100.0)
+BODY = (0.003, 50.0)  # m, of a closed mesh, or of one that deforms
+TYPICAL = 1.5  # m, of a garment and of a body
+UNITS = {1e-3: "millimetres", 1e-2: "centimetres", 0.0254: "inches"}  # by their metres
+FITS = 3.0  # times the typical size, and a part of it, that what is in a unit is taken to be
 
 
 def doubts(cloth: Cloth, gravity: np.ndarray) -> list[str]:
@@ -25,7 +29,7 @@ def doubts(cloth: Cloth, gravity: np.ndarray) -> list[str]:
     mesh = cloth.mesh
     places = mesh.x if mesh.flattened else mesh.corner_uv.reshape(-1, 2)  # flattened, it has no pattern
     size = float(np.ptp(places, axis=0).max())
-    look("size", size, "m", SIZE, "lengths are in metres (a file in mm: tc.load(path, scale=1e-3))")
+    look("size", size, "m", SIZE, f"lengths are in metres; {fitting(size, 'tc.load')}")
     look("density", cloth.fabric.density, "kg/m^2", DENSITY, "150 g/m^2 are .15")
     if cloth.fabric.bend is not None:
         look("bend D", max(pair(cloth.fabric.bend.D)), "N m", RIGIDITY, "20 uN m are 2e-5")
@@ -38,14 +42,28 @@ def doubts(cloth: Cloth, gravity: np.ndarray) -> list[str]:
 
 
 def doubts_of_solid(solid: Solid) -> list[str]:
-    """A sentence on a body of a mesh that is too large, or too small, to wear cloth; hills are larger than bodies."""
-    if not isinstance(solid.shape, SolidMesh) or not solid.shape.closed:
+    """A sentence on a body of a mesh that is too large, or too small, to wear cloth; open meshes that stay as they are may be
+    hills, which are larger than bodies."""
+    if not isinstance(solid.shape, SolidMesh) or not (solid.shape.closed or solid.deforms):
         return []
     size = float(np.ptp(solid.shape.x[0], axis=0).max())
     if BODY[0] <= size <= BODY[1]:
         return []
-    return [f"{solid.name}: size = {size:,.4g} m looks like another unit: a closed mesh usually has {BODY[0]:g} to "
-            f"{BODY[1]:g} m; lengths are in metres (a file in cm: tc.load_solid(path, scale=0.01))"]
+    return [f"{solid.name}: size = {size:,.4g} m looks like another unit: a body usually has {BODY[0]:g} to {BODY[1]:g} m; "
+            f"lengths are in metres; {fitting(size, 'tc.load_solid')}"]
+
+
+def fitting(size: float, reader: str) -> str:
+    """With which `scale` a reader makes something of a usual size of what is so large [m] by mistake: in units of which it
+    has one, the likeliest first; else by the power of ten that comes nearest."""
+    def off(scale: float) -> float:
+        return abs(math.log(size * scale / TYPICAL))
+
+    fits = sorted((scale for scale in UNITS if off(scale) < math.log(FITS)), key=off)
+    if not fits:
+        return f"{reader}(path, scale={10.0 ** round(math.log10(TYPICAL / size)):g}) makes it a usual size"
+    first, *others = (f"if those are {UNITS[scale]} ({size * scale:.3g} m)" for scale in fits)
+    return f"{reader}(path, scale={fits[0]:g}) {first}" + "".join(f", scale={s:g} {o}" for s, o in zip(fits[1:], others))
 
 
 def say(sentences: list[str]) -> None:

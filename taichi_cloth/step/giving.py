@@ -57,13 +57,15 @@ class Giving:
         self.torn, self.tries, self.integrator.system.gave = 0.0, 0, False
         return changed
 
-    def commit(self) -> tuple[float, int]:
-        """The step was accepted: (energy [J] that went with what gave, stitches that are open)."""
-        torn = self.torn
+    def commit(self) -> tuple[float, int, int]:
+        """The step was accepted: (energy [J] that went with what gave, stitches that are open, crossings of cloth with cloth,
+        the sides of what has opened among them)."""
+        torn, tangled = self.torn, 0
         self.torn, self.tries, self.integrator.system.gave = 0.0, 0, False
         if self.contacts is not None and self.contacts.layers is not None:
             self.contacts.layers.part(self.stitches.whole | self.stitches.pulled)
-        return torn, self.stitches.open
+            tangled = self.contacts.layers.intersections.count
+        return torn, self.stitches.open, tangled
 
     def join(self) -> bool:
         """After a step that was accepted: what was pulled together and has come near holds. Whether anything does."""

@@ -259,7 +259,7 @@ class Stepper(Checkpointed):
         measures = attempt.measures
         assert measures is not None
         ledger, taken = attempt.ledger, 0.0
-        torn, opened = (0.0, 0) if self.giving is None else self.giving.commit()
+        torn, opened, tangled = (0.0, 0, attempt.tangled) if self.giving is None else self.giving.commit()
         if torn and ledger is not None:
             ledger = replace(ledger, potential=ledger.potential - torn, torn=torn)
         changed = [force.accept(h) for force in self._accepting]  # each is asked
@@ -288,7 +288,7 @@ class Stepper(Checkpointed):
         return StepRecord(t + h, h, sum(s.iterations for s in attempt.solutions), len(attempt.solutions),
                           worst.residual if worst else 0.0, status, rejections, measures.energies, measures.stretch,
                           seconds, attempt.contacts, attempt.unsettled, attempt.crossings, attempt.evaluations,
-                          attempt.error or 0.0, attempt.fell_back, attempt.layers, attempt.least, attempt.tangled,
+                          attempt.error or 0.0, attempt.fell_back, attempt.layers, attempt.least, tangled,
                           attempt.pinched, opened=opened, ledger={} if ledger is None else ledger.record(),
                           gas={k: v for force in self._recording for k, v in force.record().items()},
                           troubles=tuple(troubles))

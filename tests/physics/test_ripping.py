@@ -160,6 +160,27 @@ def test_sides_keep_what_they_have_come_apart_by():
         assert met > 10 and 0.0005 < least < 0.0025
 
 
+def test_sides_that_pass_through_each_other_are_counted():
+    """Opened and thrown against each other from one place, nothing parts them: each step's record has the exact count."""
+    scene, cloth, seam = sewn(contact=tc.ClothContact(0.006, 0.2))
+    u, rng = cloth.mesh.uv[:, 0], np.random.default_rng(0)
+    scene.pin(cloth, np.flatnonzero(u < 0.16))
+    scene.move(cloth, np.flatnonzero(u > 0.24), lambda t: (-0.05 * t, 0, 0), relative=True)
+    with tc.Simulation(scene, h=1 / 60, integrator="backward_euler") as sim:
+        sim.step()
+        sim.unsew(seam)
+        v, push = sim.velocities(), 0.5 * rng.normal(size=(len(seam.b), 3))
+        push[:, 0] = -np.abs(push[:, 0])
+        v[seam.b] += push
+        v[seam.a] -= push
+        sim.set_state(sim.positions(), v)
+        counts = []
+        for _ in range(8):
+            sim.step()
+            counts.append((sim.log[-1].tangled, cloth_crossings(sim)))
+    assert all(said == exact for said, exact in counts) and counts[0][1] > 0 and counts[-1][1] == 0, counts
+
+
 def test_a_run_goes_on_bit_for_bit_through_a_rip():
     def made():
         scene, cloth, _ = sewn(STRENGTH, gravity=(0, -9.81, 0), contact=tc.ClothContact(0.004, 0.2))

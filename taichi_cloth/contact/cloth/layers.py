@@ -27,6 +27,7 @@ from ..points import Points, rows_of
 from ..step_start import StepStart
 from . import pair_kernels
 from .barrier import FLOOR, room
+from .broad_phase import ROUNDING
 from .contact_pairs import Comparison, ContactPairs, LinearizedPairs
 from .firmness import CLOSE, Firmness
 from .narrow_phase import LayerDetector
@@ -210,7 +211,8 @@ class Layers(Checkpointed):
         beyond = np.maximum(compared.measured[pair_kernels.RUBBED] - pair_kernels.CONE * bears, 0)
         over = float(np.sum(beyond + compared.measured[pair_kernels.BACK] * bears))
         rubs = over > RUBBED * rubs_as and self.round == 1  # what it still is then, it is in the next step
-        near = self._too_near().any()
+        nearer = p.end < (1 - ROUNDING) * weighed[pair_kernels.BEGAN]  # rows that are pinned stay as near as they are
+        near = (self._too_near() & nearer).any()
         if near and not (self.off or rubs or late):
             self._stiffen()
         return not (near or self.off or rubs or late)
@@ -281,10 +283,12 @@ class Layers(Checkpointed):
 
     @timed
     def part(self, whole: np.ndarray) -> None:
-        """After a step, with the stitches (k,) that are whole: sides of open ones keep what they have come apart by."""
+        """After a step, with the stitches (k,) that are whole: sides of open ones keep what they have come apart by. Those
+        that were in one place may pass through each other: that counts as tangled, and is left to come apart by itself."""
         self.detector.fresh &= not self.lips.part(whole)
         if self.lips.growing:
             self.lips.grow(self.detector.apart())
+            self.intersections.look(self.model.read_particles()[0], None if self.intersections.active else self.lips.short)
 
     def join(self, whole: np.ndarray) -> None:
         """Between steps, with the stitches (k,) that hold or are drawn together: their sides are one surface."""
@@ -330,6 +334,7 @@ class Layers(Checkpointed):
         """Deactivates for a while the pairs that start so near that they are as good as tangled."""
         self._release_stuck(np.ones(self.model.n, dtype=bool))
         self.look()
+        self.was = self.least
 
     def _release_stuck(self, which: np.ndarray) -> None:
         """Deactivates for a while those pairs with any of particles (n,) that are as good as tangled where the model is: of
@@ -381,6 +386,7 @@ class Layers(Checkpointed):
         self.detector.paths.begin()
         self.detector.cover()
         self.look()
+        self.was = self.least
 
     def resumed(self) -> None:
         """See `Checkpointed`."""

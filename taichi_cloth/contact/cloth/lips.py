@@ -31,9 +31,14 @@ class Lips(Checkpointed):
         self.grown = 2 * mesh.half_thickness
 
     @property
+    def short(self) -> np.ndarray:
+        """(n,) which particles keep less than a thickness."""
+        return self.grown < 2 * self.mesh.half_thickness
+
+    @property
     def growing(self) -> bool:
         """Whether anything keeps less than a thickness."""
-        return bool((self.grown < 2 * self.mesh.half_thickness).any())
+        return bool(self.short.any())
 
     def part(self, whole: np.ndarray) -> bool:
         """Sides of stitches that are not whole (k,) are two from now on. Whether any were one."""
@@ -59,7 +64,7 @@ class Lips(Checkpointed):
         """Particles are so far (n,) [m] from what they were sewn to. Sides that cross, from when they were in one place, are
         one surface until they do not."""
         knots, most = self.mesh.knots, 2 * self.mesh.half_thickness
-        faces = self.mesh.faces[(self.grown < most)[self.mesh.faces].any(axis=1)]
+        faces = self.mesh.faces[self.short[self.mesh.faces].any(axis=1)]
         edges, rows = self_crossings(self.model.read_particles()[0], faces)
         self.grown = np.minimum(np.maximum(self.grown, apart), most)
         if len(rows):
@@ -67,7 +72,7 @@ class Lips(Checkpointed):
             near[knots[edges]], near[knots[faces[rows]]] = True, True
             for _ in range(RINGS):
                 near[knots[faces[near[knots[faces]].any(axis=1)]]] = True
-            self.grown = np.where(near[knots] & (self.grown < most), 0.0, self.grown)
+            self.grown = np.where(near[knots] & self.short, 0.0, self.grown)
         self.mesh.set_grown(self.grown)
 
     def resumed(self) -> None:
