@@ -20,7 +20,7 @@ def load_pattern(path: str | Path, side: str | Path | None = None) -> Pattern | 
         SceneError: a missing or unreadable file, or a pattern that cannot be sewn, with the panel or stitch that is wrong.
     """
     path = checks.path("path", path, SceneError)
-    if path.suffix.lower() == ".svg":
+    if path.suffix.lower() in (".svg", ".svgz"):
         from .svg import read_svg
 
         return read_svg(path, None if side is None else checks.path("side", side, SceneError))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -123,12 +124,16 @@ class Stitch:
 class Pattern:
     """Panels and stitches.
 
+    Attributes:
+        notes: what a reader has to say of the file, one sentence each; meshes repeat them.
+
     Raises:
         SceneError: a stitch that names no edge, an edge that is sewn twice, or edges whose lengths do not fit.
     """
 
     panels: tuple[Panel, ...]
     stitches: tuple[Stitch, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name, kind in (("panels", Panel), ("stitches", Stitch)):
@@ -140,7 +145,8 @@ class Pattern:
             raise SceneError("pattern: has no panels")
         by_name = {p.name: p for p in self.panels}
         if len(by_name) < len(self.panels):
-            raise SceneError("pattern: two panels have one name")
+            twice = next(name for name, many in Counter(p.name for p in self.panels).items() if many > 1)
+            raise SceneError(f"pattern: two panels have one name, {twice!r}")
         seen: dict[tuple[str, int], int] = {}
         for k, stitch in enumerate(self.stitches):
             if stitch.a == stitch.b:
@@ -261,7 +267,7 @@ class Pattern:
             start += len(points)
         seams = tuple(SewnRows(rows[s.a], rows[s.b] if s.together else rows[s.b][::-1], s.rest, s.stiffness, s.strength)
                       for s in self.stitches)
-        mesh = TriMesh(np.concatenate(x), np.concatenate(faces), np.concatenate(uv), groups)
+        mesh = TriMesh(np.concatenate(x), np.concatenate(faces), np.concatenate(uv), groups, self.notes)
         return Garment(mesh, seams)
 
 
