@@ -76,6 +76,8 @@ class Curve:
 
     def length(self, corners: np.ndarray) -> float:
         """[m]"""
+        if self.kind == "line":
+            return math.dist(corners[self.start], corners[self.end])
         return float(np.linalg.norm(np.diff(self.points(corners, np.linspace(0, 1, FINE + 1)), axis=0), axis=1).sum())
 
     def divided(self, corners: np.ndarray, count: int) -> np.ndarray:

@@ -18,7 +18,7 @@ from .xmlfile import LINE
 SVG, LABEL = "http://www.w3.org/2000/svg}", "http://www.inkscape.org/namespaces/inkscape}label"
 HREF = ("href", "http://www.w3.org/1999/xlink}href")
 GROUPS = ("svg", "g", "a", "switch")
-MOST_USED, DEEPEST = 100_000, 100  # elements that are drawn through `use`; uses within uses
+MOST_USED, DEEPEST = 20_000, 100  # elements that are drawn through `use`; uses within uses
 
 
 class Shape(NamedTuple):
@@ -167,7 +167,10 @@ def _transformed(what: str, to: np.ndarray, node: Element, style: dict[str, str]
     """(2, 2) from the coordinates within an element."""
     if style.get("transform", "none") != "none":
         raise SceneError(f"{what}: a transform in a style is not read: write it as the attribute transform")
-    out = to @ linear_part(what, node.get("transform", ""))
+    text = node.get("transform")
+    if not text:
+        return to
+    out = to @ linear_part(what, text)
     if not np.isfinite(out).all():
         raise SceneError(f"{what}: its transforms are too large")
     return out

@@ -73,7 +73,7 @@ class Outline(NamedTuple):
 def outlines_of(subpaths: list[Subpath], to_metres: np.ndarray) -> tuple[list[Outline], int]:
     """(closed outlines, how many subpaths are none: their ends do not meet, or they enclose no area)."""
     closed = []
-    for subpath in subpaths:
+    for subpath in subpaths if np.linalg.det(to_metres) != 0 else ():
         segments, meets = _cleaned(subpath)
         if meets and not _is_flat(segments):
             closed.append(Outline(segments, to_metres))
@@ -84,7 +84,8 @@ def _cleaned(subpath: Subpath) -> tuple[list[Segment], bool]:
     """(segments without those that are a point, whether the last ends where the first begins)."""
     points = np.array([p for s in subpath.segments for p in s.points])
     size = float(max(np.ptp(points.real), np.ptp(points.imag)))
-    out = [s for s in subpath.segments if max(abs(p - s.points[0]) for p in s.points[1:]) > SAME * size]
+    out = [part for s in subpath.segments if max(abs(p - s.points[0]) for p in s.points[1:]) > SAME * size
+           for part in (_halves(s) if abs(s.points[-1] - s.points[0]) <= SAME * size else (s,))]
     if not out:
         return out, False
     if subpath.closed and out[-1].kind == "L" and abs(out[-1].points[1] - out[-1].points[0]) <= MEETS * size:
@@ -92,6 +93,15 @@ def _cleaned(subpath: Subpath) -> tuple[list[Segment], bool]:
     elif not subpath.closed and abs(out[-1].points[-1] - out[0].points[0]) > MEETS * size:
         return out, False
     return out, len(out) > 1
+
+
+def _halves(loop: Segment) -> tuple[Segment, Segment]:
+    """A Bezier curve that ends where it begins, cut in two by de Casteljau's construction."""
+    points, first, last = loop.points, [loop.points[0]], [loop.points[-1]]
+    while len(points) > 1:
+        points = tuple((p + q) / 2 for p, q in zip(points, points[1:]))
+        first, last = [*first, points[0]], [points[-1], *last]
+    return Segment(loop.kind, tuple(first)), Segment(loop.kind, tuple(last))
 
 
 def _is_flat(segments: list[Segment]) -> bool:

@@ -45,12 +45,12 @@ def number(what: str, text: str) -> float:
     """A decimal number.
 
     Raises:
-        SceneError: something else, or too large.
+        SceneError: one that is too large.
     """
-    match = NUMBER.fullmatch(text.strip())
-    if match is None:
-        raise SceneError(f"{what} = {shown(text)}: is no number")
-    return _bounded(what, match[1])
+    value = float(text)
+    if not abs(value) <= checks.LARGEST:
+        raise SceneError(f"{what}: the number {shown(text)} is too large")
+    return value
 
 
 def numbers(what: str, text: str) -> list[float]:
@@ -64,7 +64,7 @@ def numbers(what: str, text: str) -> list[float]:
         match = NUMBER.match(text, at)
         if match is None:
             raise SceneError(f"{what}: {shown(text[at:at + 20])} is no number")
-        out.append(_bounded(what, match[1]))
+        out.append(number(what, match[1]))
         at = match.end()
     return out
 
@@ -146,7 +146,7 @@ def _commands(what: str, d: str) -> list[tuple[str, list[float]]]:
                 match = (FLAG if len(n) in flags else NUMBER).match(d, at)
                 if match is None:
                     raise SceneError(f"{what}: its path has {len(n)} of {takes} numbers after {command}, at character {at + 1}")
-                n.append(_bounded(f"{what}: its path", match[1]))
+                n.append(number(f"{what}: its path", match[1]))
                 at = match.end()
             out.append((command, n))
             if not takes or not NUMBER.match(d, at):
@@ -176,10 +176,3 @@ def arc(start: complex, end: complex, rx: float, ry: float, tilt: float = 0.0, l
     if not (rx and ry):
         return Segment("L", (start, end))
     return Segment("A", (start, end), (abs(rx), abs(ry), tilt, large, grows))
-
-
-def _bounded(what: str, text: str) -> float:
-    value = float(text)
-    if not abs(value) <= checks.LARGEST:
-        raise SceneError(f"{what}: the number {shown(text)} is too large")
-    return value

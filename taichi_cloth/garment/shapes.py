@@ -5,7 +5,7 @@ from collections.abc import Callable
 from xml.etree.ElementTree import Element
 
 from ..errors import SceneError, shown
-from .pathdata import Segment, Subpath, arc, number, numbers, subpaths
+from .pathdata import NUMBER, Segment, Subpath, arc, number, numbers, subpaths
 
 PIXEL = 0.0254 / 96  # m
 UNITS = {"": PIXEL, "px": PIXEL, "pt": 0.0254 / 72, "pc": 0.0254 / 6, "in": 0.0254, "mm": 1e-3, "cm": 1e-2, "Q": 0.25e-3}  # m
@@ -20,12 +20,13 @@ def length(what: str, text: str, whole: float = 0.0) -> float:
     Raises:
         SceneError: no number, or another unit.
     """
-    text = text.strip()
-    unit = "%" if text.endswith("%") else text[len(text.rstrip("abcdefghijklmnopqrstuvwxyzQ")):]
-    value = number(what, text[:len(text) - len(unit)])
+    match = NUMBER.match(text)
+    if match is None:
+        raise SceneError(f"{what} = {shown(text)}: is no length")
+    value, unit = number(what, match[1]), text[match.end():].strip()
+    if unit == "%" and not whole > 0:
+        raise SceneError(f"{what} = {shown(text)}: is a part of a size that is not given: give the drawing a width and a height")
     if unit == "%":
-        if not whole > 0:
-            raise SceneError(f"{what} = {shown(text)}: the drawing has no size of which it is a part: give it a width and a height")
         return value / 100 * whole
     if unit not in UNITS:
         raise SceneError(f"{what} = {shown(text)}: the unit {unit!r} is not read: write it in {', '.join(filter(None, UNITS))}")
