@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from queue import Empty
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-KINDS = ("scenes", "drives", "files", "calls", "damage")
+KINDS = ("scenes", "drives", "files", "drawings", "calls", "damage")
 OK, GAVE_UP, FAILED = "ok", "gave up", "failed"
 
 

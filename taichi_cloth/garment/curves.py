@@ -20,8 +20,8 @@ class Curve:
         start, end: numbers of the corners.
         kind: "line", "quadratic", "cubic", "circle" or "ellipse".
         parameters: of the Bezier curves control points (1 or 2, 2) against the edge, along it and to its left, in parts of its
-            length; of the circle (radius, whether it is the large arc, whether it bends to the right); of the ellipse (one radius,
-            the other, angle of the first to the panel's u axis [rad], large, right).
+            length; of the circle (radius, whether it is the large arc, whether it bends to the right); of the ellipse (radius,
+            other radius, angle of the first to the panel's u axis [rad], large, right).
         label: what the file calls it, or "".
     """
 
@@ -43,7 +43,7 @@ class Curve:
         if self.kind == "line" and len(self.parameters):
             raise SceneError("curve: a line has no parameters")
         if self.kind in ("circle", "ellipse"):
-            names = ("radius", "large", "right") if self.kind == "circle" else ("radius", "other radius", "angle", "large", "right")
+            names = ("radius", *(("other radius", "angle") if self.kind == "ellipse" else ()), "large", "right")
             if len(self.parameters) != len(names):
                 raise SceneError(f"curve: a {self.kind} has the parameters {', '.join(names)}")
             set_(self, "parameters", tuple(
@@ -66,7 +66,8 @@ class Curve:
             long, short, angle, large, right = self.parameters
             c, s = math.cos(angle), math.sin(angle)
             stretch = np.array([[c * long, -s * short], [s * long, c * short]])  # of the circle of radius 1
-            return _arc(*np.linalg.solve(stretch, np.array([a, b]).T).T, t, 1.0, large, right) @ stretch.T
+            start, end = np.linalg.solve(stretch, np.array([a, b]).T).T
+            return _arc(start, end, t, 1.0, large, right) @ stretch.T
         along = b - a
         left = np.array([-along[1], along[0]])
         control = [a + p[0] * along + p[1] * left for p in self.parameters]

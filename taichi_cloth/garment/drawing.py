@@ -9,6 +9,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from .. import checks
 from ..errors import SceneError, shown
 from .pathdata import Subpath, linear_part, numbers
 from .shapes import PIXEL, SHAPES, length, subpaths_of
@@ -176,14 +177,22 @@ def _transformed(what: str, to: np.ndarray, node: Element, style: dict[str, str]
     return out
 
 
-def _viewport(what: str, node: Element, w: float, h: float) -> tuple[np.ndarray, tuple[float, float]]:
-    """The scale (2, 2) of a `viewBox` that fills width w and height h, and its size."""
+def _box(what: str, node: Element) -> list[float]:
+    """Of a `viewBox`: x, y, width, height."""
     box = numbers(f"{what}: viewBox", node.get("viewBox", ""))
     if len(box) != 4 or min(box[2:]) <= 0:
         raise SceneError(f"{what}: viewBox = {shown(node.get('viewBox'))}: must be x, y, width and height, both positive")
+    return box
+
+
+def _viewport(what: str, node: Element, w: float, h: float) -> tuple[np.ndarray, tuple[float, float]]:
+    """The scale (2, 2) of a `viewBox` that fills width w and height h, and its size."""
+    box = _box(what, node)
     if min(w, h) <= 0:
         raise SceneError(f"{what}: its width and height must be positive")
     x, y = w / box[2], h / box[3]
+    if not max(x, y) <= checks.LARGEST:
+        raise SceneError(f"{what}: viewBox = {shown(node.get('viewBox'))}: is too small")
     fit = node.get("preserveAspectRatio", "").split()
     if "none" not in fit:
         x = y = max(x, y) if "slice" in fit else min(x, y)
@@ -201,9 +210,8 @@ def _page(root: Element) -> tuple[np.ndarray, tuple[float, float], bool]:
         return to, (sides.get("width", 0.0), sides.get("height", 0.0)), scaled
     if not sides:
         raise SceneError("how large it is, is not said: give the drawing a width in mm, cm or in")
-    box = numbers("the drawing's viewBox", root.get("viewBox", ""))
-    if len(sides) == 1 and len(box) == 4 and min(box[2:]) > 0:
-        ratio = box[2] / box[3]
-        sides = {"width": sides.get("width", 0.0) or sides["height"] * ratio, "height": sides.get("height", 0.0) or sides["width"] / ratio}
-    scale, size = _viewport("the drawing", root, sides["width"], sides["height"])
+    box = _box("the drawing", root)
+    w, h = sides.get("width"), sides.get("height")
+    w, h = (h or 0.0) * box[2] / box[3] if w is None else w, (w or 0.0) * box[3] / box[2] if h is None else h
+    scale, size = _viewport("the drawing", root, w, h)
     return to @ scale, size, scaled

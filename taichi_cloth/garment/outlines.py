@@ -1,6 +1,7 @@
 """Closed outlines of subpaths, as panels with one edge a segment. numpy only."""
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -110,10 +111,10 @@ def _is_flat(segments: list[Segment]) -> bool:
         return False
     p = _xy(s.points[0] for s in segments)
     p -= p[0]
-    q = np.roll(p, -1, axis=0)
-    return bool(abs((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum()) <= SAME * np.ptp(p, axis=0).max() ** 2)
+    far = p[np.abs(p).sum(axis=1).argmax()]
+    return bool(np.abs(p[:, 0] * far[1] - p[:, 1] * far[0]).max() <= SAME * (far @ far))
 
 
-def _xy(points: object) -> np.ndarray:
+def _xy(points: Iterable[complex]) -> np.ndarray:
     """(n, 2) of complex numbers."""
-    return np.array(list(points), dtype=complex).view(float).reshape(-1, 2)  # type: ignore[call-overload]
+    return np.fromiter(points, dtype=np.complex128).view(np.float64).reshape(-1, 2)

@@ -17,7 +17,7 @@ FLAG = re.compile(r"\s*,?\s*([01])")
 COMMAND = re.compile(r"\s*([MmLlHhVvCcSsQqTtAaZz])")
 FUNCTION = re.compile(r"[\s,]*([A-Za-z]+)\s*\(([^()]*)\)")
 TAKES = {"M": 2, "L": 2, "H": 1, "V": 1, "C": 6, "S": 4, "Q": 4, "T": 2, "A": 7, "Z": 0}  # numbers of a command
-FUNCTIONS = {"matrix": (6,), "translate": (1, 2), "scale": (1, 2), "rotate": (1, 3), "skewX": (1,), "skewY": (1,)}  # of a function
+FUNCTIONS = {"matrix": (6,), "translate": (1, 2), "scale": (1, 2), "rotate": (1, 3), "skewX": (1,), "skewY": (1,)}  # numbers
 
 
 class Segment(NamedTuple):
@@ -63,7 +63,7 @@ def numbers(what: str, text: str) -> list[float]:
     while at < len(text):
         match = NUMBER.match(text, at)
         if match is None:
-            raise SceneError(f"{what}: {shown(text[at:at + 20])} is no number")
+            raise SceneError(f"{what}: {shown(text[at:at + 20].strip())} is no number")
         out.append(number(what, match[1]))
         at = match.end()
     return out
@@ -135,7 +135,8 @@ def _commands(what: str, d: str) -> list[tuple[str, list[float]]]:
     while at < end:
         match = COMMAND.match(d, at)
         if match is None or not out and match[1] not in "Mm":
-            raise SceneError(f"{what}: its path has {shown(d[at:at + 20].strip())} at character {at + 1}, "
+            rest = d[at:].lstrip()
+            raise SceneError(f"{what}: its path has {shown(rest[:20].strip())} at character {len(d) - len(rest) + 1}, "
                              f"{'which is no command' if match is None else 'and does not begin with M'}")
         command, at = match[1], match.end()
         takes = TAKES[command.upper()]
@@ -145,7 +146,8 @@ def _commands(what: str, d: str) -> list[tuple[str, list[float]]]:
             while len(n) < takes:
                 match = (FLAG if len(n) in flags else NUMBER).match(d, at)
                 if match is None:
-                    raise SceneError(f"{what}: its path has {len(n)} of {takes} numbers after {command}, at character {at + 1}")
+                    raise SceneError(f"{what}: its path has {len(n)} of {takes} numbers after {command}, at character "
+                                     f"{at + 1}")
                 n.append(number(f"{what}: its path", match[1]))
                 at = match.end()
             out.append((command, n))

@@ -56,7 +56,7 @@ def remesh(garment: Garment, spacing: float) -> Garment:
 
     Raises:
         SceneError: a panel with a hole, or panels that share vertices.
-        MeshError: SciPy is missing, or the spacing is too large for the shape of a panel, or so small that vertices are too many.
+        MeshError: SciPy is missing, or the spacing is too large for the shape of a panel, or makes too many vertices.
     """
     checks.instance("remesh: garment", garment, Garment)
     spacing = checks.number("remesh: spacing", spacing, "m", positive=True)

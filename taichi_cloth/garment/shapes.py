@@ -25,11 +25,11 @@ def length(what: str, text: str, whole: float = 0.0) -> float:
         raise SceneError(f"{what} = {shown(text)}: is no length")
     value, unit = number(what, match[1]), text[match.end():].strip()
     if unit == "%" and not whole > 0:
-        raise SceneError(f"{what} = {shown(text)}: is a part of a size that is not given: give the drawing a width and a height")
+        raise SceneError(f"{what} = {shown(text)}: a part of a size that is not given: give the drawing a width and a height")
     if unit == "%":
         return value / 100 * whole
     if unit not in UNITS:
-        raise SceneError(f"{what} = {shown(text)}: the unit {unit!r} is not read: write it in {', '.join(filter(None, UNITS))}")
+        raise SceneError(f"{what} = {shown(text)}: the unit {unit!r} is not read: known are {', '.join(filter(None, UNITS))}")
     return value * UNITS[unit] / PIXEL
 
 

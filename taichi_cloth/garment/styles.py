@@ -1,4 +1,4 @@
-"""Declarations of SVG styles: attributes, `style`, and rules whose selector is a tag, a class, an id, or a tag with one of these.
+"""Declarations of SVG styles: attributes, `style`, and rules whose selector is a tag, a class, an id, or a tag with one.
 
 Standard library only. Rules within others, such as `@media`, and longer selectors are passed over.
 """

@@ -132,7 +132,8 @@ def _labelled(panels: dict[str, Panel], labels: dict) -> tuple[Panel, ...]:
     for label, ends in labels.items():
         for end in ends:
             panel = _known(panels, str(end["panel"]), f"label {label!r}")
-            k = checks.integer(f"label {label!r}: edge of panel {panel.name!r}", end["edge"], least=0, most=len(panel.edges) - 1)
+            k = checks.integer(f"label {label!r}: edge of panel {panel.name!r}", end["edge"], least=0,
+                               most=len(panel.edges) - 1)
             own = edges.setdefault(panel.name, list(panel.edges))
             own[k] = replace(own[k], label=label)
     return tuple(replace(p, edges=tuple(edges[p.name])) if p.name in edges else p for p in panels.values())

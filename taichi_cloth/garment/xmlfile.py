@@ -31,7 +31,8 @@ def parse(path: Path) -> Element:
 
     def entity(name: str, parameter: int, value: str | None, *_: object) -> None:
         if parameter or value is None or "&" in value or len(value) > LONGEST_ENTITY:
-            raise SceneError(f"{path}: declares the entity {shown(name)}, which refers to others or is too long: write out its text")
+            raise SceneError(f"{path}: declares the entity {shown(name)}, which refers to others or is too long: "
+                             "write out its text")
 
     parser.StartElementHandler, parser.EndElementHandler = start, builder.end
     parser.CharacterDataHandler, parser.EntityDeclHandler = builder.data, entity
