@@ -1,4 +1,4 @@
-"""Random trials: odd scenes, drives, files, calls and damaged runs, judged from outside.
+"""Random trials: odd scenes, drives, files, drawings, calls and damaged runs, judged from outside.
 
     python scripts/fuzz.py scenes --seeds 1000:1300
     python scripts/fuzz.py drives --seeds 1000:1100 --precision f32

@@ -31,13 +31,14 @@ def refuse_too_many(what: str, spacing: float, area: float, border: float, corne
     Raises:
         MeshError: with the number of vertices, and the spacing that fits.
     """
-    vertices = area / (CELL * spacing**2) + border / spacing + corners
+    half = border / 2  # those inside are area / CELL less the other half [Pick's theorem]
+    vertices = area / (CELL * spacing**2) + half / spacing + corners
     if vertices <= MOST_VERTICES:
         return
     inside = MOST_VERTICES - corners
     if inside <= 0:
         raise MeshError(f"{what}: borders with {corners:,} corners; {MOST_VERTICES:,} vertices are allowed: draw them simpler")
-    least = (border + math.sqrt(border**2 + 4 * inside * area / CELL)) / (2 * inside)
+    least = (half + math.sqrt(half**2 + 4 * inside * area / CELL)) / (2 * inside)
     step = 10.0 ** (math.floor(math.log10(least)) - 1)
     raise MeshError(f"{what}: spacing = {spacing:g} m makes about {vertices:.2g} vertices; {MOST_VERTICES:,} are allowed: "
                     f"take {math.ceil(least / step) * step:.2g} m or more")
