@@ -142,7 +142,7 @@ MUTATIONS = (
     (PATTERN, "t = np.linspace(0, 1, PIECES + 1)", "t = np.linspace(0, 1, 2)", "curves that cross other edges", PATTERNS),
     (PATTERN, "key=lambda r: abs(", "key=lambda r: -abs(", "the least likely unit is named", PATTERNS),
     (MESHER, "(j - i > 1) & (j - i < n - 1)", "(j - i > 1) & (j < n - 1)", "the last edge may cross others",
-     PATTERNS),
+     f"{MESHED}::test_crossings_of_random_lines"),
     (MESHER, "b[j]) <= 0)", "b[j]) < 0)", "a corner on another edge", PATTERNS),
     (MESHER, "if vertices <= MOST_VERTICES:", "if True:", "any number of vertices", MESHED),
     (MESHER, "if count.sum() <= SWEPT * len(order):", "if True:", "pieces of a side are compared with each other",

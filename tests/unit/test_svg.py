@@ -230,7 +230,7 @@ def test_visible_shapes_stay(tmp_path, body):
 
 def test_open_lines_are_no_panels(tmp_path):
     """Grain lines, notches, lines to and fro, a point; but an end that misses the start by a rounding is closed."""
-    lines = ('<path id="grain" d="M 50,10 L 50,40"/><line id="notch" x2="5"/><polyline points="0 0 5 5 9 0"/>'
+    lines = ('<path id="grain" d="M 50,10 L 50,40"/><line id="notch" x2="5"/><polyline points="0 0 50 50 90 0 95 9"/>'
              '<path id="fold" d="M0 0 V 50 V 0 Z"/><path id="dot" d="M3 3"/><path id="none" d=""/><rect id="flat" width="5"/>')
     almost = '<path id="almost" d="M0,0 H 100 V 50 L 0.004,0.003"/>'
     pattern = drawn(tmp_path, SQUARE + lines + almost)
