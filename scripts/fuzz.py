@@ -1,4 +1,4 @@
-"""Random trials: odd scenes, drives, files, tables, calls and damaged runs, judged from outside.
+"""Random trials: odd scenes, drives, files, drawings, tables, calls and damaged runs, judged from outside.
 
     python scripts/fuzz.py scenes --seeds 1000:1300
     python scripts/fuzz.py drives --seeds 1000:1100 --precision f32
@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from queue import Empty
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-KINDS = ("scenes", "drives", "files", "tables", "calls", "damage")
+KINDS = ("scenes", "drives", "files", "drawings", "tables", "calls", "damage")
 OK, GAVE_UP, FAILED = "ok", "gave up", "failed"
 
 

@@ -25,7 +25,10 @@ BEND, PULLS = "taichi_cloth/forces/bend.py", "taichi_cloth/forces/pulls.py"
 SPRINGS = "tests/unit/test_soft_attach.py::test_"
 SOFT, WORKED = SPRINGS + "derivatives", SPRINGS + "all_of_their_work_is_accounted_for"
 CURVES, PATTERN = "taichi_cloth/garment/curves.py", "taichi_cloth/garment/pattern.py"
-MESHER = "taichi_cloth/garment/mesher.py"
+MESHER, MESHED = "taichi_cloth/garment/mesher.py", "tests/unit/test_mesher.py"
+PATHS, DRAWING, OUTLINES = (f"taichi_cloth/garment/{name}.py" for name in ("pathdata", "drawing", "outlines"))
+SVG = "tests/unit/test_svg.py"
+COMMANDS = f"{SVG}::test_path_commands"
 FILE, GARMENT = "taichi_cloth/garment/garmentcode.py", "taichi_cloth/scene/garment.py"
 QUERIES = "taichi_cloth/simulation/queries.py"
 REMESH, REMESHED = "taichi_cloth/garment/remesh.py", "tests/unit/test_remesh.py"
@@ -138,11 +141,32 @@ MUTATIONS = (
     (PATTERN, "if stitch.a == stitch.b:", "if False:", "an edge is sewn to itself", PATTERNS),
     (PATTERN, "one.end == other.start or other.end == one.start", "False", "a corner is sewn to both its edges' other ends",
      PATTERNS),
-    (PATTERN, "else PIECES", "else 1", "curves that cross other edges", PATTERNS),
+    (PATTERN, "t = np.linspace(0, 1, PIECES + 1)", "t = np.linspace(0, 1, 2)", "curves that cross other edges", PATTERNS),
     (PATTERN, "key=lambda r: abs(", "key=lambda r: -abs(", "the least likely unit is named", PATTERNS),
-    (MESHER, "j = np.arange(i + 2, n if i else n - 1)", "j = np.arange(i + 2, n - 1)", "the last edge may cross others",
-     PATTERNS),
+    (MESHER, "(j - i > 1) & (j - i < n - 1)", "(j - i > 1) & (j < n - 1)", "the last edge may cross others",
+     f"{MESHED}::test_crossings_of_random_lines"),
     (MESHER, "b[j]) <= 0)", "b[j]) < 0)", "a corner on another edge", PATTERNS),
+    (MESHER, "if vertices <= MOST_VERTICES:", "if True:", "any number of vertices", MESHED),
+    (MESHER, "if count.sum() <= SWEPT * len(order):", "if True:", "pieces of a side are compared with each other",
+     f"{MESHED}::test_long_outlines_are_looked_at_in_proportion_to_their_length[square]"),
+    (PATHS, "if before and before.kind == kind else at", "if before else at", "S and T mirror what is no control point",
+     COMMANDS),
+    (PATHS, '{"M": "L", "m": "l"}.get(command, command)', "command", "pairs after M are moves", COMMANDS),
+    (PATHS, "at, segments = first, []", "segments = []", "Z leaves the point where the line ended", COMMANDS),
+    (PATHS, "complex(at.real, base.imag + n[0])", "complex(at.real, n[0])", "v is taken for V", COMMANDS),
+    (PATHS, "(FLAG if len(n) in flags else NUMBER)", "NUMBER", "flags of arcs need spaces",
+     f"{SVG}::test_arcs_as_files_write_them"),
+    (OUTLINES, "elif not subpath.closed and abs(", "elif False and abs(", "open lines are panels",
+     f"{SVG}::test_open_lines_are_no_panels"),
+    (OUTLINES, "math.atan2(axes[1, 0], axes[0, 0])", "0.0", "ellipses are not turned", f"{SVG}::test_arcs_of_ellipses"),
+    (DRAWING, 'if style.get("display") == "none":', "if False:", "hidden layers are panels",
+     f"{SVG}::test_hidden_shapes_are_left_out"),
+    (DRAWING, "if id_ in visit.used or target", "if target", "a use that draws itself",
+     f"{SVG}::test_what_is_wrong_with_a_drawing_is_named"),
+    ("taichi_cloth/garment/freesewing.py", "cloth = all(", "cloth = True or all(", "seam allowances are panels",
+     f"{SVG}::test_freesewing_parts"),
+    ("taichi_cloth/garment/xmlfile.py", """ or "&" in value""", "", "entities grow without bound",
+     f"{SVG}::test_files_that_are_no_drawings"),
     (FILE, "return z @ y @ x", "return x @ y @ z", "turned about the axes in another order", PATTERNS),
     (FILE, "math.radians(turn))", "0.0)", "a bent panel is not turned",
      f"{PATTERNS}::test_a_bent_panel_is_turned_round_its_axis"),

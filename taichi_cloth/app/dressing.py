@@ -1,6 +1,7 @@
 """The command `dress`: a pattern and a body become a garment in a file."""
 
 import argparse
+import sys
 from pathlib import Path
 
 from .flags import number_of
@@ -40,6 +41,8 @@ def run(args: argparse.Namespace) -> int:
     out = _checked_out(args.out)
     garment = load_pattern(args.pattern, args.side).mesh(args.spacing)
     print(f"{len(garment.seams)} seams, {garment.mesh.vertex_count} vertices, {garment.mesh.face_count} triangles")
+    for note in garment.mesh.notes:
+        print(f"note: {note}", file=sys.stderr)
     body, shape = Scene(), load_solid(args.body, args.scale, up=args.up)
     body.add_solid(shape, friction=args.friction, thickness=args.thickness, name="body")
     made = dress(garment, fabrics[name], body, ClothContact(args.thickness, args.friction), args.longest, tell=print,

@@ -25,14 +25,14 @@ def load_pattern(path: str | Path, side: str | Path | None = None, scale: float 
     """
     path = checks.path("path", path, SceneError)
     scale, up = checks.number("scale", scale, positive=True), checks.choice("up", up, UP)
-    if path.suffix.lower() == ".svg":
+    if (scale, up) != (1.0, "y") and path.suffix.lower() in (".svg", ".svgz", ".json"):
+        raise SceneError(f"{path}: has its units and its axes itself: only an OBJ has a scale and an axis up")
+    if path.suffix.lower() in (".svg", ".svgz"):
         from .svg import read_svg
 
         return read_svg(path, None if side is None else checks.path("side", side, SceneError))
     if path.suffix.lower() == ".obj":
         return StitchedPattern(path, side, scale, up)
-    if (scale, up) != (1.0, "y"):
-        raise SceneError(f"{path}: has its units and its axes itself: only an OBJ has a scale and an axis up")
     if path.suffix.lower() != ".json":
         raise SceneError(f"{path}: patterns are read from .json files in GarmentCode's format, from .svg and from .obj files")
     if side is not None:

@@ -1,4 +1,4 @@
-"""Edges of a panel: straight, Bezier and circular, and points at equal arc length on them. numpy only."""
+"""Edges of a panel: straight, Bezier, circular and elliptic, and points at equal arc length on them. numpy only."""
 
 import math
 from dataclasses import dataclass
@@ -18,9 +18,10 @@ class Curve:
 
     Attributes:
         start, end: numbers of the corners.
-        kind: "line", "quadratic", "cubic" or "circle".
+        kind: "line", "quadratic", "cubic", "circle" or "ellipse".
         parameters: of the Bezier curves control points (1 or 2, 2) against the edge, along it and to its left, in parts of its
-            length; of the circle (radius, whether it is the large arc, whether it bends to the right).
+            length; of the circle (radius, whether it is the large arc, whether it bends to the right); of the ellipse (radius,
+            other radius, angle of the first to the panel's u axis [rad], large, right).
         label: what the file calls it, or "".
     """
 
@@ -34,19 +35,21 @@ class Curve:
         set_ = object.__setattr__
         for name in ("start", "end"):
             set_(self, name, checks.integer(f"curve: {name}", getattr(self, name), least=0))
-        checks.choice("curve: kind", self.kind, ("line", *CONTROLS, "circle"))
+        checks.choice("curve: kind", self.kind, ("line", *CONTROLS, "circle", "ellipse"))
         if not (isinstance(self.label, str) and not self.label):
             set_(self, "label", checks.name("curve: label", self.label))
         if not isinstance(self.parameters, (list, tuple)):
             raise SceneError(f"curve: parameters = {shown(self.parameters)}: must be a tuple")
         if self.kind == "line" and len(self.parameters):
             raise SceneError("curve: a line has no parameters")
-        if self.kind == "circle":
-            if len(self.parameters) != 3:
-                raise SceneError("curve: a circle has the parameters radius, large, right")
-            radius, large, right = self.parameters
-            set_(self, "parameters", (checks.number("curve: radius", radius, "m", positive=True),
-                                      checks.flag("curve: large", large), checks.flag("curve: right", right)))
+        if self.kind in ("circle", "ellipse"):
+            names = ("radius", *(("other radius", "angle") if self.kind == "ellipse" else ()), "large", "right")
+            if len(self.parameters) != len(names):
+                raise SceneError(f"curve: a {self.kind} has the parameters {', '.join(names)}")
+            set_(self, "parameters", tuple(
+                checks.flag(f"curve: {name}", value) if name in ("large", "right") else
+                checks.number(f"curve: {name}", value, "rad" if name == "angle" else "m", positive=name != "angle")
+                for name, value in zip(names, self.parameters)))
         elif self.kind != "line":
             points = checks.array("curve: control points", self.parameters, (CONTROLS[self.kind], 2), row="point")
             set_(self, "parameters", tuple(map(tuple, points.tolist())))
@@ -58,7 +61,13 @@ class Curve:
         if self.kind == "line":
             return (1 - t) * a + t * b
         if self.kind == "circle":
-            return self._arc(a, b, t)
+            return _arc(a, b, t, *self.parameters)
+        if self.kind == "ellipse":
+            long, short, angle, large, right = self.parameters
+            c, s = math.cos(angle), math.sin(angle)
+            stretch = np.array([[c * long, -s * short], [s * long, c * short]])  # of the circle of radius 1
+            start, end = np.linalg.solve(stretch, np.array([a, b]).T).T
+            return _arc(start, end, t, 1.0, large, right) @ stretch.T
         along = b - a
         left = np.array([-along[1], along[0]])
         control = [a + p[0] * along + p[1] * left for p in self.parameters]
@@ -66,21 +75,10 @@ class Curve:
             return (1 - t) ** 2 * a + 2 * t * (1 - t) * control[0] + t**2 * b
         return (1 - t) ** 3 * a + 3 * t * (1 - t) ** 2 * control[0] + 3 * t**2 * (1 - t) * control[1] + t**3 * b
 
-    def _arc(self, a: np.ndarray, b: np.ndarray, t: np.ndarray) -> np.ndarray:
-        radius, large, right = self.parameters
-        along = b - a
-        chord = float(np.linalg.norm(along))
-        left = np.array([-along[1], along[0]]) / chord
-        height = math.sqrt(max(radius**2 - chord**2 / 4, 0.0))
-        middle = (a + b) / 2 + left * height * (1 if bool(large) != bool(right) else -1)
-        begin, finish = (math.atan2(*(p - middle)[::-1]) for p in (a, b))
-        turn = (finish - begin) % (2 * math.pi)
-        turn = turn if right else turn - 2 * math.pi  # with y up, a positive turn bends to the right of its chord
-        angle = begin + t * turn
-        return middle + radius * np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
-
     def length(self, corners: np.ndarray) -> float:
         """[m]"""
+        if self.kind == "line":
+            return math.dist(corners[self.start], corners[self.end])
         return float(np.linalg.norm(np.diff(self.points(corners, np.linspace(0, 1, FINE + 1)), axis=0), axis=1).sum())
 
     def divided(self, corners: np.ndarray, count: int) -> np.ndarray:
@@ -92,3 +90,17 @@ class Curve:
         out = self.points(corners, np.interp(np.linspace(0, way[-1], count + 1), way, t))
         out[0], out[-1] = corners[self.start], corners[self.end]
         return out
+
+
+def _arc(a: np.ndarray, b: np.ndarray, t: np.ndarray, radius: float, large: bool, right: bool) -> np.ndarray:
+    """(k, 2) points of an arc from a to b; where its radius does not reach so far, of half a circle."""
+    along = b - a
+    chord = float(np.linalg.norm(along))
+    left, radius = np.array([-along[1], along[0]]) / chord, max(radius, chord / 2)
+    height = math.sqrt(max(radius**2 - chord**2 / 4, 0.0))
+    middle = (a + b) / 2 + left * height * (1 if bool(large) != bool(right) else -1)
+    begin, finish = (math.atan2(*(p - middle)[::-1]) for p in (a, b))
+    turn = (finish - begin) % (2 * math.pi)
+    turn = turn if right else turn - 2 * math.pi  # with y up, a positive turn bends to the right of its chord
+    angle = begin + t * turn
+    return middle + radius * np.concatenate([np.cos(angle), np.sin(angle)], axis=1)

@@ -1,13 +1,47 @@
-"""Triangles in a closed line: a hexagonal lattice inside, the line's own points on the border, Delaunay, smoothed."""
+"""Triangles in a closed line: a hexagonal lattice inside, the line's own points on the border, Delaunay, smoothed.
+
+Time and memory grow about as the number of vertices.
+"""
+
+import math
+from collections.abc import Iterator
 
 import numpy as np
 
 from ..errors import MeshError
+from ..scene.boxes import near
 
 CLEAR = 0.62  # of the spacing that lattice points keep from the border
 SMOOTHED = 12  # passes
 FLAT = 1e-6  # of the spacing squared: less area is no triangle
-CHUNK = 1 << 22  # numbers looked at together
+CHUNK = 1 << 20  # points, or pairs of a point and a piece of the border, looked at together
+CELL = math.sqrt(3) / 2  # of the spacing squared: area of the lattice for each vertex
+MOST_VERTICES = 2_000_000  # of all panels together: some 4 GB while they are meshed
+SWEPT = 32  # pairs of pieces for each, of which as many are found by sorting along an axis
+
+
+def refuse_too_many(what: str, spacing: float, area: float, border: float, corners: int) -> None:
+    """Refuses a spacing [m] at which panels have more vertices than `MOST_VERTICES`.
+
+    Args:
+        area: of the panels [m^2].
+        border: length of their borders [m].
+        corners: at which there are vertices at any spacing.
+
+    Raises:
+        MeshError: with the number of vertices, and the spacing that fits.
+    """
+    half = border / 2  # those inside are area / CELL less the other half [Pick's theorem]
+    vertices = area / (CELL * spacing**2) + half / spacing + corners
+    if vertices <= MOST_VERTICES:
+        return
+    inside = MOST_VERTICES - corners
+    if inside <= 0:
+        raise MeshError(f"{what}: borders with {corners:,} corners; {MOST_VERTICES:,} vertices are allowed: draw them simpler")
+    least = (half + math.sqrt(half**2 + 4 * inside * area / CELL)) / (2 * inside)
+    step = 10.0 ** (math.floor(math.log10(least)) - 1)
+    raise MeshError(f"{what}: spacing = {spacing:g} m makes about {vertices:.2g} vertices; {MOST_VERTICES:,} are allowed: "
+                    f"take {math.ceil(least / step) * step:.2g} m or more")
 
 
 def mesh_polygon(border: np.ndarray, spacing: float, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -22,7 +56,7 @@ def mesh_polygon(border: np.ndarray, spacing: float, name: str) -> tuple[np.ndar
         MeshError: SciPy is missing, the line crosses itself, or the spacing is too large for its shape.
     """
     try:
-        from scipy.spatial import Delaunay
+        from scipy.spatial import Delaunay, QhullError
     except ImportError:
         raise MeshError("meshing patterns needs SciPy: pip install 'taichi_cloth[garment]'") from None
     crossed = crossing(border)
@@ -31,13 +65,16 @@ def mesh_polygon(border: np.ndarray, spacing: float, name: str) -> tuple[np.ndar
     k = len(border)
     points = np.concatenate([border, _lattice(border, spacing)])
     for again in range(SMOOTHED + 1):
-        faces = _inside(points, Delaunay(points).simplices, border, spacing)
+        try:
+            faces = Delaunay(points).simplices
+        except QhullError:
+            raise MeshError(f"panel {name!r}: has no triangles: its points lie on a line") from None
+        faces = _inside(points, faces, border, spacing)
         if again < SMOOTHED and len(points) > k:
             points[k:] = _smoothed(points, faces, k)
     used = np.unique(faces)
-    edges = {frozenset(e) for f in faces.tolist() for e in ((f[0], f[1]), (f[1], f[2]), (f[2], f[0]))}
-    lost = [i for i in range(k) if frozenset((i, (i + 1) % k)) not in edges]
-    if lost:
+    lost = _lost(faces, k)
+    if len(lost):
         raise MeshError(f"panel {name!r}: its border is lost near {border[lost[0]].round(4).tolist()} m: "
                         "take a smaller spacing")
     keep = np.union1d(used, np.arange(k))
@@ -46,44 +83,86 @@ def mesh_polygon(border: np.ndarray, spacing: float, name: str) -> tuple[np.ndar
     return points[keep], new[faces]
 
 
+def _lost(faces: np.ndarray, k: int) -> np.ndarray:
+    """Those of k pieces of the border that are no edge of a triangle."""
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges = np.sort(edges[(edges < k).all(axis=1)], axis=1)
+    pieces = np.sort(np.column_stack([np.arange(k), (np.arange(k) + 1) % k]), axis=1)
+    return np.flatnonzero(~np.isin(pieces @ [k, 1], edges @ [k, 1]))
+
+
 def _lattice(border: np.ndarray, spacing: float) -> np.ndarray:
     """(j, 2) lattice points inside that keep clear of the border."""
     low, high = border.min(axis=0), border.max(axis=0)
-    rows = np.arange(low[1], high[1], spacing * np.sqrt(3) / 2)
-    out = [np.column_stack([np.arange(low[0] + (r % 2) * spacing / 2, high[0], spacing),
-                            np.full(len(np.arange(low[0] + (r % 2) * spacing / 2, high[0], spacing)), y)])
-           for r, y in enumerate(rows)]
-    points = np.concatenate(out) if out else np.zeros((0, 2))
-    if not len(points):
-        return points
-    points = points[contains(border, points)]
-    return points[_distance(border, points) > CLEAR * spacing]
+    out, some, many = [np.zeros((0, 2))], [], 0
+    rows = np.arange(low[1], high[1], spacing * CELL)
+    for r, y in enumerate(rows):
+        x = np.arange(low[0] + (r % 2) * spacing / 2, high[0], spacing)
+        some.append(np.column_stack([x, np.full(len(x), y)]))
+        many += len(x)
+        if many > CHUNK or r == len(rows) - 1:
+            points = np.concatenate(some)
+            out.append(points[contains(border, points)])
+            some, many = [], 0
+    points = np.concatenate(out)
+    return points[~_near(border, points, CLEAR * spacing)]
 
 
 def contains(border: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(j,) whether points (j, 2) are inside a closed line (k, 2)."""
+    """(j,) whether points (j, 2) are inside a closed line (k, 2): a ray to the right crosses it an odd number of times."""
     a, b = border, np.roll(border, -1, axis=0)
+    order = np.argsort(points[:, 1], kind="stable")
+    x, y = points[order].T
+    first = np.searchsorted(y, np.minimum(a[:, 1], b[:, 1]))
+    count = np.searchsorted(y, np.maximum(a[:, 1], b[:, 1])) - first
+    times = np.zeros(len(points), dtype=np.int64)
+    for piece, p in _ranges(first, count):
+        rise = b[piece, 1] - a[piece, 1]
+        right = x[p] < a[piece, 0] + (y[p] - a[piece, 1]) / rise * (b[piece, 0] - a[piece, 0])
+        times += np.bincount(p[right], minlength=len(points))
+    out = np.empty(len(points), dtype=bool)
+    out[order] = times % 2 == 1
+    return out
+
+
+def _ranges(first: np.ndarray, count: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Rows (i, j) with j in first[i], ..., first[i] + count[i] - 1, in parts of about `CHUNK`."""
+    ends = np.cumsum(count)
+    start = 0
+    while start < len(count) and ends[-1] > 0:
+        before = ends[start] - count[start]
+        stop = max(start + 1, int(np.searchsorted(ends, before + CHUNK, "right")))
+        n = count[start:stop]
+        i = np.repeat(np.arange(start, stop), n)
+        yield i, first[i] + np.arange(len(i)) - (ends[i] - count[i] - before)
+        start = stop
+
+
+def _near(border: np.ndarray, points: np.ndarray, reach: float) -> np.ndarray:
+    """(j,) whether points are as near to the line [m]."""
     out = np.zeros(len(points), dtype=bool)
-    step = max(1, CHUNK // len(border))
-    for first in range(0, len(points), step):
-        p = points[first:first + step, None]
-        spans = (a[None, :, 1] > p[:, :, 1]) != (b[None, :, 1] > p[:, :, 1])
-        rise = np.where(b[:, 1] == a[:, 1], 1.0, b[:, 1] - a[:, 1])
-        at = a[:, 0] + (p[:, :, 1] - a[:, 1]) / rise * (b[:, 0] - a[:, 0])
-        out[first:first + step] = (spans & (p[:, :, 0] < at)).sum(axis=1) % 2 == 1
+    way = np.roll(border, -1, axis=0) - border
+    for i, k in near(_flat(points[:, None] + np.array([[-reach, -reach], [reach, reach]])), _flat(_pieces(border))):
+        t = np.clip(((points[i] - border[k]) * way[k]).sum(axis=1) / np.maximum((way[k]**2).sum(axis=1), 1e-300), 0, 1)
+        out[i[np.linalg.norm(points[i] - border[k] - t[:, None] * way[k], axis=1) <= reach]] = True
     return out
 
 
-def _distance(border: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(j,) [m] of points from the line."""
-    a, way = border, np.roll(border, -1, axis=0) - border
-    out = np.empty(len(points))
-    step = max(1, CHUNK // len(border))
-    for first in range(0, len(points), step):
-        p = points[first:first + step, None]
-        t = np.clip(((p - a) * way).sum(axis=2) / np.maximum((way**2).sum(axis=1), 1e-300), 0, 1)
-        out[first:first + step] = np.linalg.norm(p - a - t[:, :, None] * way, axis=2).min(axis=1)
-    return out
+def _pieces(border: np.ndarray) -> np.ndarray:
+    """(k, 2, 2) the ends of each."""
+    return np.stack([border, np.roll(border, -1, axis=0)], axis=1)
+
+
+def _flat(points: np.ndarray) -> np.ndarray:
+    """(..., 3) of (..., 2), at height 0."""
+    return np.concatenate([points, np.zeros((*points.shape[:-1], 1))], axis=-1)
+
+
+def signed_area(border: np.ndarray) -> float:
+    """[m^2] in a closed line (k, 2); positive where it goes round to the left."""
+    p = border - border[0]
+    q = np.roll(p, -1, axis=0)
+    return float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum() / 2)
 
 
 def _inside(points: np.ndarray, faces: np.ndarray, border: np.ndarray, spacing: float) -> np.ndarray:
@@ -108,7 +187,7 @@ def _smoothed(points: np.ndarray, faces: np.ndarray, k: int) -> np.ndarray:
 
 
 def crossing(border: np.ndarray) -> tuple[int, int] | None:
-    """The first two pieces of a closed line (k, 2) that cross or touch, beside neighbours at their common point; or None.
+    """Two pieces of a closed line (k, 2) that cross or touch, beside neighbours at their common point; or None.
 
     Piece i goes from point i to the next.
     """
@@ -116,14 +195,30 @@ def crossing(border: np.ndarray) -> tuple[int, int] | None:
     n = len(a)
 
     def side(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
-        return (q[..., 0] - p[..., 0]) * (r[..., 1] - p[..., 1]) - (q[..., 1] - p[..., 1]) * (r[..., 0] - p[..., 0])
+        return (q[:, 0] - p[:, 0]) * (r[:, 1] - p[:, 1]) - (q[:, 1] - p[:, 1]) * (r[:, 0] - p[:, 0])
 
-    for i in range(n):
-        j = np.arange(i + 2, n if i else n - 1)
-        apart = np.any(np.maximum(a[i], b[i]) < np.minimum(a[j], b[j]), axis=1)
-        apart |= np.any(np.maximum(a[j], b[j]) < np.minimum(a[i], b[i]), axis=1)
+    for i, j in _meeting(_pieces(border)):
+        i, j = np.minimum(i, j), np.maximum(i, j)
+        apart = (j - i > 1) & (j - i < n - 1)
+        i, j = i[apart], j[apart]
         hit = ((side(a[i], b[i], a[j]) * side(a[i], b[i], b[j]) <= 0)
-               & (side(a[j], b[j], a[i]) * side(a[j], b[j], b[i]) <= 0) & ~apart)
+               & (side(a[j], b[j], a[i]) * side(a[j], b[j], b[i]) <= 0))
         if hit.any():
-            return i, int(j[np.argmax(hit)])
+            return min(zip(i[hit].tolist(), j[hit].tolist()))
     return None
+
+
+def _meeting(pieces: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Rows (i, j) of all pieces (k, 2, 2) whose boxes meet, in parts."""
+    low, high = pieces.min(axis=1), pieces.max(axis=1)
+    for axis in (0, 1):
+        order = np.argsort(low[:, axis], kind="stable")
+        first = np.arange(1, len(order) + 1)
+        count = np.searchsorted(low[order, axis], high[order, axis], "right") - first
+        if count.sum() <= SWEPT * len(order):
+            for i, j in _ranges(first, count):
+                i, j = order[i], order[j]
+                meet = (low[i] <= high[j]).all(axis=1) & (low[j] <= high[i]).all(axis=1)
+                yield i[meet], j[meet]
+            return
+    yield from near(_flat(pieces), _flat(pieces))

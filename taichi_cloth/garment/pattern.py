@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,11 +15,12 @@ from ..scene.garment import Garment, SewnRows, seam_angle, seam_strength
 from ..scene.mesh import TriMesh
 from ..scene.units import TYPICAL
 from .curves import Curve
-from .mesher import crossing, mesh_polygon
+from .mesher import crossing, mesh_polygon, refuse_too_many, signed_area
 
 MOST_RATIO = 3.0  # of the lengths of two edges that are sewn to each other
 LEAST, MOST = 0.02, 10.0  # m that a pattern may be wide or tall where it hangs
 UNITS = {10: ("millimetres", "centimetres"), 100: ("centimetres", "metres"), 1000: ("millimetres", "metres")}  # by their ratio
+NO_AREA = 1e-9  # of the square of a panel's size
 PIECES = 48  # of a curve, where panels are looked at for crossings
 
 
@@ -68,7 +70,8 @@ class Panel:
 
     def outline(self) -> tuple[np.ndarray, np.ndarray]:
         """(k, 2) [m] points of the border as it is drawn, and (k,) which edge goes on from each."""
-        lines = [e.points(self.corners, np.linspace(0, 1, 1 + (1 if e.kind == "line" else PIECES)))[:-1] for e in self.edges]
+        t = np.linspace(0, 1, PIECES + 1)
+        lines = [self.corners[e.start][None] if e.kind == "line" else e.points(self.corners, t)[:-1] for e in self.edges]
         return np.concatenate(lines), np.repeat(np.arange(len(lines)), [len(line) for line in lines])
 
     def _refuse_crossings(self) -> None:
@@ -79,6 +82,8 @@ class Panel:
             what = f"edge {one} crosses itself" if one == other else f"edges {one} and {other} cross or touch"
             raise SceneError(f"panel {self.name!r}: {what} near {points[crossed[0]].round(4).tolist()} m: the border must "
                              "not meet itself")
+        if abs(signed_area(points)) <= NO_AREA * float(np.ptp(points, axis=0).max()) ** 2:
+            raise SceneError(f"panel {self.name!r}: its border encloses no area")
 
     def placed(self, uv: np.ndarray) -> np.ndarray:
         """(n, 3) [m] of pattern coordinates (n, 2)."""
@@ -123,12 +128,16 @@ class Stitch:
 class Pattern:
     """Panels and stitches.
 
+    Attributes:
+        notes: what a reader has to say of the file, one sentence each; meshes repeat them.
+
     Raises:
         SceneError: a stitch that names no edge, an edge that is sewn twice, or edges whose lengths do not fit.
     """
 
     panels: tuple[Panel, ...]
     stitches: tuple[Stitch, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name, kind in (("panels", Panel), ("stitches", Stitch)):
@@ -140,7 +149,8 @@ class Pattern:
             raise SceneError("pattern: has no panels")
         by_name = {p.name: p for p in self.panels}
         if len(by_name) < len(self.panels):
-            raise SceneError("pattern: two panels have one name")
+            twice = next(name for name, many in Counter(p.name for p in self.panels).items() if many > 1)
+            raise SceneError(f"pattern: two panels have one name, {twice!r}")
         seen: dict[tuple[str, int], int] = {}
         for k, stitch in enumerate(self.stitches):
             if stitch.a == stitch.b:
@@ -233,14 +243,17 @@ class Pattern:
         """Triangles with edges about `spacing` [m] long; edges that are sewn to each other have as many points.
 
         Raises:
-            MeshError: a panel that crosses itself, or has no triangles of that size.
+            MeshError: a panel that crosses itself, or has no triangles of that size; a spacing that makes too many.
         """
         spacing = checks.number("spacing", spacing, "m", positive=True)
-        count = {(p.name, k): max(1, math.ceil(e.length(p.corners) / spacing - 1e-6))
-                 for p in self.panels for k, e in enumerate(p.edges)}
+        length = {(p.name, k): e.length(p.corners) for p in self.panels for k, e in enumerate(p.edges)}
+        area = sum(abs(signed_area(p.outline()[0])) for p in self.panels)
+        refuse_too_many("the pattern", spacing, area, sum(length.values()), len(length))
+        count = {edge: max(1, math.ceil(long / spacing - 1e-6)) for edge, long in length.items()}
         for stitch in self.stitches:
             count[stitch.a] = count[stitch.b] = max(count[stitch.a], count[stitch.b])
         x, uv, faces, start = [], [], [], 0
+        labels: dict[str, list[np.ndarray]] = {}
         groups: dict[str, np.ndarray] = {}
         rows: dict[tuple[str, int], np.ndarray] = {}
         for panel in self.panels:
@@ -253,15 +266,17 @@ class Pattern:
                 rows[panel.name, k] = row
                 at += len(line) - 1
                 if edge.label:
-                    groups[edge.label] = np.union1d(groups.get(edge.label, np.zeros(0, dtype=int)), row)
+                    labels.setdefault(edge.label, []).append(row)
             groups[panel.name] = start + np.arange(len(points))
             uv.append(points)
             x.append(panel.placed(points))
             faces.append(triangles + start)
             start += len(points)
+        for label, index in labels.items():
+            groups[label] = np.unique(np.concatenate([*index, groups.get(label, index[0])]))
         seams = tuple(SewnRows(rows[s.a], rows[s.b] if s.together else rows[s.b][::-1], s.rest, s.stiffness, s.strength)
                       for s in self.stitches)
-        mesh = TriMesh(np.concatenate(x), np.concatenate(faces), np.concatenate(uv), groups)
+        mesh = TriMesh(np.concatenate(x), np.concatenate(faces), np.concatenate(uv), groups, self.notes)
         return Garment(mesh, seams)
 
 

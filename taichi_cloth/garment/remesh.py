@@ -19,7 +19,7 @@ from ..errors import MeshError, SceneError
 from ..scene.boxes import near
 from ..scene.garment import Garment, SewnRows
 from ..scene.mesh import TriMesh, face_edges
-from .mesher import mesh_polygon
+from .mesher import mesh_polygon, refuse_too_many
 
 TURN = math.radians(20)  # by which a border turns at a corner, at least
 TRIES = 8  # in which parts are added where a seam would close a triangle
@@ -56,7 +56,7 @@ def remesh(garment: Garment, spacing: float) -> Garment:
 
     Raises:
         SceneError: a panel with a hole, or panels that share vertices.
-        MeshError: SciPy is missing, or the spacing is too large for the shape of a panel.
+        MeshError: SciPy is missing, or the spacing is too large for the shape of a panel, or makes too many vertices.
     """
     checks.instance("remesh: garment", garment, Garment)
     spacing = checks.number("remesh: spacing", spacing, "m", positive=True)
@@ -88,6 +88,8 @@ class _Remeshed:
         between them is flipped; where it cannot be, what lies between them on the border gets more parts."""
         corners = self._corners()
         segments = [self._segments(loop, corners) for loop in self.loops]
+        border = sum(float(self._lengths(s.way).sum()) for some in segments for s in some)
+        refuse_too_many("remesh", spacing, float(self.mesh.material_areas.sum()), border, sum(map(len, segments)))
         count: dict[tuple | int, int] = {}
         for segment in (s for some in segments for s in some):
             parts = math.ceil(float(self._lengths(segment.way).sum()) / spacing - 1e-6)

@@ -138,6 +138,9 @@ def test_what_cannot_be_meshed_anew_is_named():
         tc.remesh(tc.Garment(tube, ()), 0.05)
     with pytest.raises(tc.SceneError, match="spacing"):
         tc.remesh(tc.Garment(mesh, ()), 0.0)
+    for spacing in (2e-5, 1e-9, 1e-30):
+        with pytest.raises(tc.MeshError, match="remesh: spacing = .* vertices; 2,000,000 are allowed: take 0.00023 m or more"):
+            tc.remesh(tc.Garment(mesh, ()), spacing)
     turned = mesh.faces.copy()
     turned[40:] = turned[40:, ::-1]
     with pytest.raises(tc.SceneError, match="panel 'front' (are turned to both sides|touches itself)"):
