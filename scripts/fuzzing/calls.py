@@ -64,7 +64,7 @@ OPTIONS = {"h": "1/60", "arch": '"cpu"', "precision": "PRECISION", "integrator":
            "preconditioner": '"auto"', "cg_max_iterations": "1000", "threads": "1", "quiet": "True", "debug": "False",
            "newton_tol": "1e-4", "tolerance": "None", "tangles": '"untangle"', "contact": '"repulsion"',
            "count_intersections": "False",
-           "substep": "None"}
+           "substep": "None", "log": '"all"'}
 CALLS: list[tuple[str, str, dict[str, str]]] = [
     ("", "tc.TriMesh", {"x": "np.eye(3)", "faces": "[[0, 1, 2]]", "uv": "[[0.0, 0], [1, 0], [0, 1]]", "groups": '{"a": [0]}',
                         "notes": '("a note",)'}),
@@ -93,7 +93,8 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
                       "rotation": "np.eye(3)", "round_radius": "0.0"}),
     ("", "tc.Stitch", {"a": '("a", 0)', "b": '("a", 1)', "together": "True", "rest": "0.5",
                        "stiffness": "2.0", "strength": "30.0"}),
-    ("", "tc.Pattern", {"panels": f'(tc.Panel("a", {CORNERS}, {EDGES}),)', "stitches": '(tc.Stitch(("a", 0), ("a", 1)),)'}),
+    ("", "tc.Pattern", {"panels": f'(tc.Panel("a", {CORNERS}, {EDGES}),)', "stitches": '(tc.Stitch(("a", 0), ("a", 1)),)',
+                       "notes": '("a note",)'}),
     ("", "tc.Garment", {"mesh": MESH, "seams": '(([0, 1], [7, 6], "flat"),)', "positions": f"{MESH}.x"}),
     ("", "tc.load_pattern", {"path": '"none.json"', "side": "None", "scale": "1.0", "up": '"y"'}),
     ("", "tc.load_garment", {"path": '"none.npz"'}),
@@ -201,7 +202,8 @@ RUNNING: list[tuple[str, str, dict[str, str]]] = [
     (STARTED, "tc.record", {"sim": "sim", "out": "tempfile.mkdtemp()", "duration": "0.02", "fps": "60",
                             "on_frame": "lambda sim, frame: None", "overwrite": "False", "checkpoint_every": "10",
                             "name": '"sheet"'}),
-    (STARTED, "sim.resume", {"state": "sim.checkpoint()"}),
+    (STARTED, "sim.resume", {"state": "sim.checkpoint()", "edited": "False"}),
+    (STARTED, "sim.recall", {"records": "list(sim.log)"}),
     (LOADED + SIMULATED, "sim.add_load", {"cloth": "cloth", "vertices": "[0, 1]", "force": "(0.0, 1.0, 0.0)"}),
     (LOADED + SIMULATED, "sim.remove_load", {"load": "load"}),
     (BLOWN + SIMULATED, "sim.set_wind", {"wind": "(1.0, 0.0, 0.0)"}),

@@ -140,7 +140,7 @@ class Pattern:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for name, kind in (("panels", Panel), ("stitches", Stitch)):
+        for name, kind in (("panels", Panel), ("stitches", Stitch), ("notes", str)):
             several = getattr(self, name)
             if not isinstance(several, (list, tuple)):
                 raise SceneError(f"pattern: {name} = {shown(several)}: must be {kind.__name__} objects in a tuple")

@@ -4,7 +4,7 @@ from ..backend import taichi_patches  # noqa: F401  (before Taichi)
 
 # isort: split
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any, Self
 
@@ -182,9 +182,10 @@ class Parts:
         """Whether it can go on: it was not closed, nor ended by one of another arch, precision or number of threads."""
         return self._open and self._generation == runtime.generation()
 
-    def recall(self, records: Iterable[StepRecord]) -> None:
+    def recall(self, records: Sequence[StepRecord]) -> None:
         """The log, and what steps add up to, are those of earlier steps that this simulation goes on from."""
-        records = list(records)
+        records = [checks.instance("recall: record", record, StepRecord)
+                   for record in (records if checks.is_sequence(records) else [records])]
         self.log.clear()
         self.log.extend(records)
         self.tally = Tally.of(records)
