@@ -82,9 +82,9 @@ def read_obj(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dic
 class _Wrong(ValueError):
     """What is wrong with a row of a kind of lines."""
 
-    def __init__(self, kind: str, row: int, text: object) -> None:
+    def __init__(self, kind: str, row: int | np.integer, text: object) -> None:
         super().__init__(str(text))
-        self.kind, self.row = kind, row
+        self.kind, self.row = kind, int(row)
 
 
 def _joined(text: str) -> tuple[list[str], np.ndarray]:

@@ -5,7 +5,7 @@ import numpy as np
 from ..scene.ownshape import flatten, stretches, twice_area
 
 SAME = 0.03  # lengths on pattern and mesh that differ by no more are the same; cloth may hang a little stretched
-MOST = 0.5  # part of a pattern in metres that has the mesh's lengths; panels that are not sewn yet are joined by wide triangles
+MOST = 0.5  # part of a pattern that has the mesh's lengths at least: wide triangles may join panels that are not sewn yet
 UNITS = {1.0: "metres", 0.01: "centimetres", 0.001: "millimetres"}
 
 
@@ -22,7 +22,8 @@ def fit_pattern(x: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, scale: 
         thing of their own besides; and a sentence on it (empty where they are the pattern, in the file's unit).
     """
     own = flatten(x, faces)
-    shape = "the mesh's own shape is the rest shape, and they stay for images and exports; uv='pattern' takes them as the pattern"
+    shape = ("the mesh's own shape is the rest shape, and they stay for images and exports; uv='pattern' takes them as the "
+             "pattern")
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         area, area_uv = np.abs(twice_area(own)), np.abs(twice_area(corner_uv))
         if not area_uv.all():
@@ -37,17 +38,18 @@ def fit_pattern(x: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, scale: 
         misfit = _misfit(lengths / ratio, area)
     if misfit <= SAME:
         return corner_uv * ratio, True, (f"texture coordinates scaled by {ratio:.4g} are the pattern, as they have the mesh's "
-                                         "lengths then; uv='pattern' takes them as they are, uv='flatten' the mesh's own shape")
+                                         "lengths then; uv='pattern' takes them as they are, uv='flatten' the mesh's own "
+                                         "shape")
     return None, True, (f"the file's texture coordinates are no pattern: scaled to the mesh's area, their lengths differ from "
-                        f"the mesh's by {misfit:.0%} (RMS): {shape}, and uv='flatten' says without this note that they are none")
+                        f"the mesh's by {misfit:.0%} (RMS): {shape}, uv='flatten' never does")
 
 
 def _said(unit: float, scale: float, share: float) -> str:
     """What is to be known of coordinates that are a pattern; share: part of it that has the mesh's lengths."""
     where = f", in {UNITS[unit]}" if unit != scale else ""
     if share < 1:
-        return (f"the file's texture coordinates are the pattern{where}: {share:.0%} of it has the mesh's lengths, the rest is "
-                "placed stretched or squeezed; uv='flatten' takes the mesh's own shape")
+        return (f"the file's texture coordinates are the pattern{where}: {share:.0%} of it has the mesh's lengths, the rest "
+                "is placed stretched or squeezed; uv='flatten' takes the mesh's own shape")
     return f"the file's texture coordinates are the pattern{where}" if where else ""
 
 

@@ -28,7 +28,8 @@ def cut(x: np.ndarray, corners: np.ndarray, counts: np.ndarray) -> tuple[np.ndar
         raise ValueError(f"face {few[0]}: a face needs at least 3 corners, not {counts[few[0]]}")
     here, counts = _without_repeats(corners, counts)
     first = np.cumsum(counts) - counts
-    out = [(here[first[of := np.flatnonzero(counts == 3), None] + np.arange(3)], of)]
+    threes = np.flatnonzero(counts == 3)
+    out = [(here[first[threes, None] + np.arange(3)], threes)]
     quads, many = np.flatnonzero(counts == 4), np.flatnonzero(counts > 4)
     if len(quads) or len(many):
         following = np.arange(1, len(here) + 1)
@@ -124,7 +125,9 @@ def _ears(p: np.ndarray, names: list[int], taken: set[int], n: int) -> list[tupl
         taken: codes of edges that have triangles enough, which come last; those of the diagonals are added.
     """
     flat = _Flat(p)
-    last, out, queue = [0] * len(p), [], []  # last: the newest entry of each corner in the queue
+    last = [0] * len(p)  # the newest entry of each corner in the queue
+    queue: list[tuple[bool, bool, float, int, int]] = []
+    out: list[tuple[int, int, int]] = []
     waiting: dict[int, list[int]] = {}  # corners that are no ears for the corner in their way
 
     def enter(k: int) -> None:
@@ -162,7 +165,9 @@ class _Flat:
         e = np.linalg.svd(normal[None])[2]  # orthonormal, the first along the normal
         turn = np.sign(e[0] @ normal) * np.sign(np.linalg.det(e))
         self.points = p @ e[1:].T * [1, turn or 1]
-        self.p, self.x, self.y = p.tolist(), *self.points.T.tolist()
+        self.p: list[list[float]] = p.tolist()
+        self.x: list[float] = self.points[:, 0].tolist()
+        self.y: list[float] = self.points[:, 1].tolist()
         self.before, self.after = [len(p) - 1, *range(len(p) - 1)], [*range(1, len(p)), 0]
         self.hollow = np.array([self._turn(self.before[k], k, self.after[k]) <= 0 for k in range(len(p))])
         self.hollows = int(self.hollow.sum())

@@ -65,11 +65,12 @@ class TriMesh:
         x = checks.array("positions", x, ("n", 3), row="vertex", error=MeshError)
         faces = face_indices(faces, len(x), MeshError)
         notes = _sentences(notes)
-        texture = checks.maybe(texture, checks.array, "texture coordinates", (len(faces), 3, 2), row="face", error=MeshError)
+        image: np.ndarray | None = checks.maybe(texture, checks.array, "texture coordinates", (len(faces), 3, 2), row="face",
+                                                error=MeshError)
         own = uv is None
         if uv is None:
-            uv = own_shape(x, faces, texture)
-            notes += (_own_note(uv, texture),)
+            uv = own_shape(x, faces, image)
+            notes += (_own_note(uv, image),)
         else:
             uv = checks.array("material coordinates", uv, (len(x), 2), (len(faces), 3, 2), row="vertex or face",
                               error=MeshError)
@@ -81,8 +82,10 @@ class TriMesh:
             warnings.warn(note, stacklevel=2)
             notes += (note,)
         notes += open_note(x, borders) + _flips(faces)
-        for name, value in (("x", x), ("faces", faces), ("uv", uv), ("texture", texture)):
-            object.__setattr__(self, name, None if value is None else _fixed(value))
+        for name, value in (("x", x), ("faces", faces), ("uv", uv), ("texture", image)):
+            if value is not None:
+                value.setflags(write=False)
+            object.__setattr__(self, name, value)
         object.__setattr__(self, "flattened", own and uv.ndim == 3)
         object.__setattr__(self, "groups", _groups(groups, len(x)))
         object.__setattr__(self, "notes", notes)
@@ -241,7 +244,8 @@ def _own_note(uv: np.ndarray, texture: np.ndarray | None) -> str:
         return ("no material coordinates: the mesh is flat and its own plane is its pattern, with the warp along the texture "
                 "coordinates' u")
     warp = "warp and weft have no common direction" if texture is None else "the warp runs along the texture coordinates' u"
-    return f"no material coordinates: each triangle is flattened into its own frame, so the given shape is the rest shape and {warp}"
+    return ("no material coordinates: each triangle is flattened into its own frame, so the given shape is the rest shape and "
+            f"{warp}")
 
 
 def _flips(faces: np.ndarray) -> tuple[str, ...]:
