@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from types import ModuleType
 
 from ..errors import ClothError, SceneError, ScriptError, did_you_mean, near, shown
+from .waiting import waiting
 
 OWN = pathlib.Path("scenes")  # where scenes of one's own are looked for by name
 
@@ -51,7 +52,8 @@ class SceneFile:
             SceneError: an unknown option, or a value that is not of its type.
         """
         try:
-            scene = self.build(**self.typed(settings))
+            with waiting(" ".join([f"building {self.name}", *(f"{name}={value}" for name, value in settings.items())])):
+                scene = self.build(**self.typed(settings))
         except ClothError:
             raise
         except Exception as error:

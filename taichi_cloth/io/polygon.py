@@ -37,9 +37,9 @@ def cut(x: np.ndarray, corners: np.ndarray, counts: np.ndarray) -> tuple[np.ndar
         edges = _codes(corners[here], corners[here[following]], len(x))
         taken = set(edges.tolist()) if len(many) else set()
         for face in many:
-            places = here[first[face]: first[face] + counts[face]]
-            made = _ears(x[corners[places]], corners[places].tolist(), taken, len(x))
-            out.append((places[made], np.full(len(made), face)))
+            mine = here[first[face]: first[face] + counts[face]]
+            made = _ears(x[corners[mine]], corners[mine].tolist(), taken, len(x))
+            out.append((mine[np.array(made)], np.full(len(made), face)))
         places = here[first[quads, None] + np.arange(4)]
         edges = np.array([*taken], dtype=np.int64) if len(many) else edges
         out.append((_halves(x, corners, places, edges), np.repeat(quads, 2)))

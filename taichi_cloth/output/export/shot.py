@@ -29,7 +29,7 @@ class Surface(NamedTuple):
 
     Attributes:
         faces: (m, 3) int32 vertices.
-        uv: (m, 3, 2) of corners, the pattern's [m], the mesh's own, or across what is printed on it; None where there are none.
+        uv: (m, 3, 2) of corners, the pattern's [m], the mesh's own, or across what is printed on it; None of what has none.
         normal_of: (m, 3) number of each corner's normal: corners round a sharp edge have different ones.
     """
 
