@@ -7,7 +7,7 @@ PICTURES = "tests/unit/test_quantities.py"
 TORN = "tests/unit/test_torn_runs.py"
 MUTATIONS = (
     ("taichi_cloth/scene/mesh.py",
-     "return _fixed(np.abs(_twice_area(self.corner_uv)) / 2)", "return _fixed(np.abs(_twice_area(self.corner_uv)))",
+     "return _fixed(np.abs(twice_area(self.corner_uv)) / 2)", "return _fixed(np.abs(twice_area(self.corner_uv)))",
      "areas are doubled", DESCRIPTION),
     ("taichi_cloth/scene/mesh.py",
      "return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]", "return a[:, 0] * b[:, 1] + a[:, 1] * b[:, 0]",

@@ -22,8 +22,8 @@ def fit_pattern(x: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, scale: 
         thing of their own besides; and a sentence on it (empty where they are the pattern, in the file's unit).
     """
     own = flatten(x, faces)
-    shape = ("the mesh's own shape is the rest shape, as with uv='flatten', and they stay for images and exports; uv='pattern' "
-             "takes them as the pattern")
+    shape = ("the mesh's own shape is the rest shape, as with uv='flatten', and they stay for images and exports; "
+             "uv='pattern' takes them as the pattern")
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         area, area_uv = np.abs(twice_area(own)), np.abs(twice_area(corner_uv))
         if not area_uv.all():

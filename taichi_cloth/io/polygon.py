@@ -36,10 +36,10 @@ def cut(x: np.ndarray, corners: np.ndarray, counts: np.ndarray) -> tuple[np.ndar
         following[first + counts - 1] = first
         edges = _codes(corners[here], corners[here[following]], len(x))
         taken = set(edges.tolist()) if len(many) else set()
-        for face in many:
-            mine = here[first[face]: first[face] + counts[face]]
+        for k in many:
+            mine = here[first[k]: first[k] + counts[k]]
             made = _ears(x[corners[mine]], corners[mine].tolist(), taken, len(x))
-            out.append((mine[np.array(made)], np.full(len(made), face)))
+            out.append((mine[np.array(made)], np.full(len(made), k)))
         places = here[first[quads, None] + np.arange(4)]
         edges = np.array([*taken], dtype=np.int64) if len(many) else edges
         out.append((_halves(x, corners, places, edges), np.repeat(quads, 2)))
