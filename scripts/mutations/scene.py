@@ -9,7 +9,7 @@ MUTATIONS = (
     ("taichi_cloth/scene/mesh.py",
      "return _fixed(np.abs(twice_area(self.corner_uv)) / 2)", "return _fixed(np.abs(twice_area(self.corner_uv)))",
      "areas are doubled", DESCRIPTION),
-    ("taichi_cloth/scene/mesh.py",
+    ("taichi_cloth/scene/ownshape.py",
      "return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]", "return a[:, 0] * b[:, 1] + a[:, 1] * b[:, 0]",
      "areas have the wrong sign inside", DESCRIPTION),
     ("taichi_cloth/scene/mesh.py", "<= FLAT * longest)", "<= 0 * longest)", "flat triangles are taken", DESCRIPTION),
