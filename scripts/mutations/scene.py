@@ -30,7 +30,7 @@ MUTATIONS = (
      "most of a piece is called turned, not the few", CHECKS),
     ("taichi_cloth/scene/mesh.py", "elif colour[j] != colour[i] ^ other:", "elif colour[j] != colour[i] ^ other and False:",
      "one-sided surfaces are not seen", CHECKS),
-    ("taichi_cloth/scene/mesh.py", "across = np.linalg.norm(b - along[:, None] * unit, axis=1)",
+    ("taichi_cloth/scene/ownshape.py", "across = np.linalg.norm(b - along[:, None] * unit, axis=1)",
      "across = np.linalg.norm(b, axis=1)", "flattened triangles are sheared", DESCRIPTION),
     ("taichi_cloth/scene/mesh.py", "            return np.flatnonzero(mask)", "            return np.flatnonzero(~mask)",
      "a mask selects what it leaves out", "tests/unit/test_mesh.py"),
