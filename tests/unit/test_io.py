@@ -224,16 +224,18 @@ def test_quads_are_cut_along_their_short_diagonals_and_stay_manifold(tmp_path):
 
 def test_polygons_of_many_corners(tmp_path):
     rng = np.random.default_rng(3011)
-    for n in (5, 8, 300, 1500):
+    for n in (5, 8, 300, 1500, 0):
         angle = np.sort(rng.uniform(0, 2 * np.pi, n))
         p = np.column_stack([np.cos(angle), np.sin(angle)]) * rng.uniform(0.3, 1.0, (n, 1))
         p = p if n % 8 else p[::-1]
+        if n == 0:  # a needle reaches into the corner whose diagonal is the shortest
+            p = np.array([[0, 0], [1, 0], [10, 0], [10, 9], [0.3, 0.3], [9, 10], [0, 10], [0, 1]])
         area = 0.5 * float(np.sum(p[:, 0] * np.roll(p[:, 1], -1) - np.roll(p[:, 0], -1) * p[:, 1]))
-        text = "".join(f"v {a!r} 0.5 {b!r}\n" for a, b in p.tolist()) + "f " + " ".join(map(str, range(1, n + 1))) + "\n"
+        text = "".join(f"v {a!r} 0.5 {b!r}\n" for a, b in p.tolist()) + "f " + " ".join(map(str, range(1, len(p) + 1))) + "\n"
         faces = read_surface(write(tmp_path, text))[1]
         a, b, c = (p[faces[:, k]] for k in range(3))
         areas = ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2 * np.sign(area)
-        assert len(faces) == n - 2 and (areas > 0).all() and areas.sum() == pytest.approx(abs(area))  # none over another
+        assert len(faces) == len(p) - 2 and (areas > 0).all() and areas.sum() == pytest.approx(abs(area))  # none over another
         assert most_at_an_edge(faces) <= 2
 
 
