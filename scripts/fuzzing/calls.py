@@ -67,7 +67,7 @@ OPTIONS = {"h": "1/60", "arch": '"cpu"', "precision": "PRECISION", "integrator":
            "substep": "None", "log": '"all"'}
 CALLS: list[tuple[str, str, dict[str, str]]] = [
     ("", "tc.TriMesh", {"x": "np.eye(3)", "faces": "[[0, 1, 2]]", "uv": "[[0.0, 0], [1, 0], [0, 1]]", "groups": '{"a": [0]}',
-                        "notes": '("a note",)'}),
+                        "notes": '("a note",)', "texture": "[[[0.0, 0], [1, 0], [0, 1]]]"}),
     ("", "tc.grid", {"size": "(1.0, 2.0)", "cells": "(2, 3)", "diagonals": '"cross"', "plane": '"xy"',
                      "centred": "True"}),
     ("", "tc.strip", {"length": "2.0", "width": "1.0", "cells": "4", "diagonals": '"cross"', "plane": '"xy"',
@@ -75,7 +75,7 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
     ("", "tc.equilateral_strip", {"length": "2.0", "rows_across": "2", "cells_along": "4", "plane": '"xy"'}),
     ("", "tc.disk", {"radius": "1.0", "rings": "2", "plane": '"xy"'}),
     ("", "tc.cylinder", {"radius": "1.0", "height": "2.0", "cells": "(5, 2)"}),
-    ("", "tc.load", {"path": "OBJ", "scale": "2.0", "uv": '"flatten"', "up": '"z"'}),
+    ("", "tc.load", {"path": "OBJ", "scale": "2.0", "uv": '"flatten"', "up": '"z"', "groups": '"inside"'}),
     ("", "tc.load_solid", {"path": "OBJ", "scale": "2.0", "fps": "24.0", "mesh": "None", "up": '"z"', "start": "0.5"}),
     ("", "tc.Stretch", {"k": "(100.0, 80.0)", "k_d": "0.1", "b": "1.0", "limit": "1.1", "curve": "None"}),
     ("", "tc.Shear", {"k": "100.0", "k_d": "0.1", "limit": "0.3"}),
@@ -340,7 +340,8 @@ def _alike(value: object, model: object, name: str) -> bool:
         return True
     if value is None:  # arguments that may be left out
         return name in ("uv", "groups", "fps", "rest", "stretch", "shear", "bend", "air", "view", "color", "contact", "camera",
-                        "ground", "mesh", "heat", "directions", "limit", "curve", "yield_", "tear", "split", *MAY_BE_NONE)
+                        "ground", "mesh", "heat", "directions", "limit", "curve", "yield_", "tear", "split", "texture",
+                        *MAY_BE_NONE)
     if name == "where":  # vertices, by whatever names them
         return value is None or isinstance(value, str) or _finite(value)
     if name == "rest" and isinstance(value, tuple):  # angles of edges

@@ -7,9 +7,9 @@ PICTURES = "tests/unit/test_quantities.py"
 TORN = "tests/unit/test_torn_runs.py"
 MUTATIONS = (
     ("taichi_cloth/scene/mesh.py",
-     "return _fixed(np.abs(_twice_area(self.corner_uv)) / 2)", "return _fixed(np.abs(_twice_area(self.corner_uv)))",
+     "return _fixed(np.abs(twice_area(self.corner_uv)) / 2)", "return _fixed(np.abs(twice_area(self.corner_uv)))",
      "areas are doubled", DESCRIPTION),
-    ("taichi_cloth/scene/mesh.py",
+    ("taichi_cloth/scene/ownshape.py",
      "return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]", "return a[:, 0] * b[:, 1] + a[:, 1] * b[:, 0]",
      "areas have the wrong sign inside", DESCRIPTION),
     ("taichi_cloth/scene/mesh.py", "<= FLAT * longest)", "<= 0 * longest)", "flat triangles are taken", DESCRIPTION),
@@ -30,7 +30,7 @@ MUTATIONS = (
      "most of a piece is called turned, not the few", CHECKS),
     ("taichi_cloth/scene/mesh.py", "elif colour[j] != colour[i] ^ other:", "elif colour[j] != colour[i] ^ other and False:",
      "one-sided surfaces are not seen", CHECKS),
-    ("taichi_cloth/scene/mesh.py", "across = np.linalg.norm(b - along[:, None] * unit, axis=1)",
+    ("taichi_cloth/scene/ownshape.py", "across = np.linalg.norm(b - along[:, None] * unit, axis=1)",
      "across = np.linalg.norm(b, axis=1)", "flattened triangles are sheared", DESCRIPTION),
     ("taichi_cloth/scene/mesh.py", "            return np.flatnonzero(mask)", "            return np.flatnonzero(~mask)",
      "a mask selects what it leaves out", "tests/unit/test_mesh.py"),

@@ -36,15 +36,19 @@ def run(args: argparse.Namespace) -> int:
     from ..scene.fabric import ClothContact
     from ..scene.fabrics import fabrics
     from ..scene.scene import Scene
+    from .waiting import waiting
 
     name = checks.choice("--fabric", args.fabric, tuple(fabrics))
     out = _checked_out(args.out)
-    garment = load_pattern(args.pattern, args.side).mesh(args.spacing)
+    with waiting(f"loading {args.pattern}"):
+        garment = load_pattern(args.pattern, args.side).mesh(args.spacing)
     print(f"{len(garment.seams)} seams, {garment.mesh.vertex_count} vertices, {garment.mesh.face_count} triangles")
     for note in garment.mesh.notes:
         print(f"note: {note}", file=sys.stderr)
-    body, shape = Scene(), load_solid(args.body, args.scale, up=args.up)
-    body.add_solid(shape, friction=args.friction, thickness=args.thickness, name="body")
+    body = Scene()
+    with waiting(f"loading {args.body}"):
+        solid = load_solid(args.body, args.scale, up=args.up)
+    body.add_solid(solid, friction=args.friction, thickness=args.thickness, name="body")
     made = dress(garment, fabrics[name], body, ClothContact(args.thickness, args.friction), args.longest, tell=print,
                  pull=args.pull, meets=args.meets)
     made.garment.save(out)

@@ -17,6 +17,7 @@ from types import ModuleType
 
 from ..errors import ClothError, SceneError, ScriptError, did_you_mean, near, shown
 from ..io.sequence import natural
+from .waiting import waiting
 
 OWN = pathlib.Path("scenes")  # where scenes of one's own are looked for by name
 
@@ -52,7 +53,8 @@ class SceneFile:
             SceneError: an unknown option, or a value that is not of its type.
         """
         try:
-            scene = self.build(**self.typed(settings))
+            with waiting(" ".join([f"building {self.name}", *(f"{name}={value}" for name, value in settings.items())])):
+                scene = self.build(**self.typed(settings))
         except ClothError:
             raise
         except Exception as error:

@@ -17,6 +17,7 @@ from .. import checks
 from ..errors import SceneError
 from ..io import UP, read_surface, upright
 from ..io.table import read_table
+from ..io.text import text_of
 from ..scene.garment import Garment, SewnRows
 from ..scene.mesh import TriMesh
 from .remesh import remesh
@@ -90,7 +91,7 @@ def load_stitched(path: str | Path, stitches: str | Path | None = None, scale: f
 
 def _in_obj(path: Path) -> list[Stitch]:
     out: list[Stitch] = []
-    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1):
+    for number, line in enumerate(text_of(path.read_bytes()).splitlines(), 1):
         word, *rest = line.split() or [""]
         try:
             if word == "stitch":

@@ -1,12 +1,15 @@
 """Reading meshes: a reader a format; sizes that a file claims are held against its own before anything is made of them."""
 
+import warnings
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from .. import checks
 from ..errors import MeshError, near
 from ..scene.mesh import TriMesh
+from ..scene.ownshape import twice_area
 from .obj import read_obj
 from .off import read_off
 from .pattern import fit_pattern
@@ -18,16 +21,37 @@ UP = ("y", "z")
 OTHER = {".ply": read_ply, ".stl": read_stl, ".vtk": read_vtk, ".vtu": read_vtk, ".off": read_off}
 
 
-def load(path: str | Path, scale: float = 1.0, uv: str = "auto", up: str = "y") -> TriMesh:
+class Surface(NamedTuple):
+    """What a mesh file says, in its own units.
+
+    Attributes:
+        x: (n, 3) positions; faces: (m, 3).
+        corner_uv: (m, 3, 2) texture coordinates, or None where some face has none.
+        groups: vertices by the names of groups.
+        notes: what was left out.
+    """
+
+    x: np.ndarray
+    faces: np.ndarray
+    corner_uv: np.ndarray | None
+    groups: dict[str, np.ndarray]
+    notes: tuple[str, ...]
+
+
+def load(path: str | Path, scale: float = 1.0, uv: str = "auto", up: str = "y",
+         groups: str = "touched") -> TriMesh:
     """A mesh from a file.
 
     Args:
-        path: .obj (v, vt, f, g, o; polygons, negative indices, seams) or .ply, .stl, .vtk, .vtu, .off.
+        path: .obj (v, vt, f, g, o, usemtl; polygons, negative indices, seams) or .ply, .stl, .vtk, .vtu, .off.
         scale: metres per unit of the file.
-        uv: "auto" takes the file's texture coordinates as the pattern where they are one in metres, scales them
-            to the mesh's area where they are not, and flattens each triangle where there are none; "pattern"
-            takes them as they are (times `scale`); "flatten" ignores them.
+        uv: "auto" takes the file's texture coordinates as the pattern where they have the mesh's lengths to 3 %, in the
+            file's unit, metres, centimetres or millimetres, or all scaled alike; else the mesh's own shape is at rest, and
+            they stay as `TriMesh.texture`, for images and exports. "pattern" takes them as the pattern as they are (times
+            `scale`); "flatten" takes the mesh's own shape.
         up: the file's axis that points up, "y" or "z": of the latter (x, y, z) is (x, z, -y) here.
+        groups: a file has groups of faces. "touched" makes of each the vertices of its faces; "inside" only those all of
+            whose faces are in it, as a program's group of vertices comes back that it wrote as the faces it touches.
 
     Returns:
         The mesh, with groups of the file and notes that say what was done with its texture coordinates.
@@ -37,20 +61,11 @@ def load(path: str | Path, scale: float = 1.0, uv: str = "auto", up: str = "y") 
     """
     path = checks.path("path", path, MeshError)
     checks.choice("uv", uv, ("auto", "pattern", "flatten"))
+    checks.choice("groups", groups, ("touched", "inside"))
     scale, up = checks.number("scale", scale, positive=True), checks.choice("up", up, UP)
     try:
-        x, faces, corner_uv, groups = read_surface(path)
-        x = upright(x, up)
-        notes: tuple[str, ...] = ()
-        TriMesh(x, faces)  # positions and topology are checked first: the pattern is measured on them
-        if uv == "flatten" or corner_uv is None:
-            material = None
-        elif uv == "pattern":
-            material = corner_uv * scale
-        else:
-            material, note = fit_pattern(x * scale, faces, corner_uv, scale)
-            notes = (note,) if note else ()
-        return TriMesh(x * scale, faces, material, groups, notes)
+        surface = read(path, groups == "inside")
+        return _mesh(surface._replace(x=upright(surface.x, up)), scale, uv)
     except MeshError as error:
         message = str(error)
         raise MeshError(message if str(path) in message else f"{path}: {message}") from None
@@ -61,12 +76,64 @@ def upright(x: np.ndarray, up: str) -> np.ndarray:
     return x if up == "y" else np.stack([x[..., 0], x[..., 2], -x[..., 1]], axis=-1)
 
 
+def _mesh(surface: Surface, scale: float, uv: str) -> TriMesh:
+    """A mesh with a rest shape and, where the texture coordinates are not that, with these besides."""
+    x = checks.array("positions", surface.x, ("n", 3), row="vertex", error=MeshError) * scale
+    faces, corner_uv, groups, notes = surface[1:]
+    if corner_uv is not None and uv != "pattern":
+        checks.array("texture coordinates", corner_uv, (len(faces), 3, 2), row="face", error=MeshError)
+        if not twice_area(corner_uv).any():
+            corner_uv, notes = None, (*notes, "the file's texture coordinates have no area and are ignored")
+    if corner_uv is None or uv == "flatten":
+        return TriMesh(x, faces, None, groups, notes, corner_uv)
+    if uv == "pattern":
+        return TriMesh(x, faces, corner_uv * scale, groups, notes)
+    material, apart, note = fit_pattern(x, faces, corner_uv, scale)
+    return TriMesh(x, faces, material, groups, (*notes, note) if note else notes, corner_uv if apart else None)
+
+
 def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dict[str, np.ndarray]]:
-    """Positions, triangles, texture corners or None, and groups of a mesh file, as they are.
+    """Positions, triangles, texture corners or None, and groups of a mesh file, as they are; warns of what was left out.
 
     Raises:
         MeshError: a missing, unknown or unreadable file.
     """
+    surface = read(path)
+    for note in surface.notes:
+        warnings.warn(f"{path}: {note}", stacklevel=3)
+    return surface[:4]
+
+
+def read(path: Path, inside: bool = False) -> Surface:
+    """A mesh file, without faces that name a vertex twice; inside: groups have no vertices that other faces have too.
+
+    Raises:
+        MeshError: a missing, unknown or unreadable file.
+    """
+    x, faces, corner_uv, parts = _triangles(path)
+    whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    if not whole.any():
+        raise MeshError(f"{path}: the mesh has no faces{' with three vertices' if len(whole) else ''}")
+    groups = {name: _vertices(faces, rows[whole[rows]], whole, inside) for name, rows in parts.items()}
+    groups = {name: index for name, index in groups.items() if len(index)}
+    if whole.all():
+        return Surface(x, faces, corner_uv, groups, ())
+    note = f"triangles that name a vertex twice were left out: {int((~whole).sum())}, the first is {int(np.argmin(whole))}"
+    return Surface(x, faces[whole], None if corner_uv is None else corner_uv[whole], groups, (note,))
+
+
+def _vertices(faces: np.ndarray, rows: np.ndarray, whole: np.ndarray, inside: bool) -> np.ndarray:
+    """Vertices of a group of triangles; inside: without those of others."""
+    mine = np.unique(faces[rows])
+    if not inside:
+        return mine
+    others = whole.copy()
+    others[rows] = False
+    return np.setdiff1d(mine, faces[others])
+
+
+def _triangles(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dict[str, np.ndarray]]:
+    """Positions, triangles, texture corners or None, and rows of triangles by the names of groups."""
     if not path.is_file():
         raise MeshError(f"no such mesh file: {path}{near(path)}")
     suffix = path.suffix.lower()

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from .polygon import triangles_of
+from .text import text_of
 
 
 def read_off(path: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -13,7 +14,7 @@ def read_off(path: Path) -> tuple[np.ndarray, np.ndarray]:
     Raises:
         ValueError: what is wrong with the file.
     """
-    text = path.read_text(encoding="utf-8", errors="replace")
+    text = text_of(path.read_bytes())
     rows = [words for words in (line.split("#", 1)[0].split() for line in text.splitlines()) if words]
     if not rows or rows[0][0] != "OFF":
         raise ValueError("is no OFF file: its first word is not OFF")

@@ -1,56 +1,58 @@
-"""Are a file's texture coordinates the pattern that the cloth was cut from?"""
+"""Are a file's texture coordinates the pattern that the cloth was cut from, or only where images go?"""
 
 import numpy as np
 
-from ..errors import MeshError
-from ..scene.mesh import flatten
+from ..scene.ownshape import flatten, stretches, twice_area
 
-AS_IS = 1.2  # lengths of pattern and mesh that agree to this factor are taken to be the same metres
-BAD_STRETCH = 2.0  # a triangle stretched or squeezed by more than this, after scaling, is badly mapped
-BAD_SHARE = 0.1  # share of the area that may be so
+SAME = 0.03  # lengths on pattern and mesh that differ by no more are the same; cloth may hang a little stretched
+MOST = 0.5  # part of a pattern that has the mesh's lengths at least: wide triangles may join panels that are not sewn yet
+UNITS = {1.0: "metres", 0.01: "centimetres", 0.001: "millimetres"}
 
 
-def fit_pattern(x: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray,
-                scale: float) -> tuple[np.ndarray | None, str]:
-    """Material coordinates from texture coordinates.
+def fit_pattern(x: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, scale: float) -> tuple[np.ndarray | None, bool, str]:
+    """Material coordinates from texture coordinates, where these have the mesh's own lengths.
 
     Args:
         x: (n, 3) positions [m], already scaled.
-        corner_uv: (m, 3, 2) as in the file.
+        corner_uv: (m, 3, 2) as in the file, some triangle with area.
         scale: metres per unit of the file.
 
     Returns:
-        (m, 3, 2) material coordinates [m], or None where the file's have no area or are distorted beyond sense,
-        and a sentence that says what was done (empty where they were taken as they are).
-
-    Raises:
-        MeshError: a triangle without area in coordinates that make sense elsewhere.
+        (m, 3, 2) material coordinates [m], or None where lengths are others; whether the texture coordinates are a
+        thing of their own besides; and a sentence on it (empty where they are the pattern, in the file's unit).
     """
-    rest, uv = _edges(flatten(x, faces)), _edges(corner_uv)
-    area, area_uv = np.abs(np.linalg.det(rest)) / 2, np.abs(np.linalg.det(uv)) / 2
-    if not (area_uv > 0).any():
-        return None, "the file's texture coordinates have no area and are ignored"
-    ratio = np.sqrt(area.sum() / area_uv.sum())
-    as_is = 1 / AS_IS <= ratio / scale <= AS_IS
-    factor = scale if as_is else ratio
-    missing = np.flatnonzero(area_uv <= 1e-12 * area_uv.max())
-    there = np.setdiff1d(np.arange(len(faces)), missing)
-    stretch = np.linalg.svd(rest[there] @ np.linalg.inv(uv[there] * factor), compute_uv=False)
-    bad = (stretch[:, 0] > BAD_STRETCH) | (stretch[:, 1] < 1 / BAD_STRETCH)
-    share = (area[there][bad].sum() + area[missing].sum()) / area.sum()
-    if share > BAD_SHARE:
-        return None, (f"the file's texture coordinates are refused, they are no pattern: scaled to the mesh's area they "
-                      f"misfit {share:.0%} of it by more than {BAD_STRETCH:g} times (worst: triangle "
-                      f"{there[np.argmax(stretch[:, 0])]})")
-    if len(missing):
-        raise MeshError(f"triangle {missing[0]} has no area in the texture coordinates ({len(missing)} such triangles);"
-                        " repair them, or uv='flatten' ignores them all")
-    if as_is:
-        return corner_uv * factor, ""
-    return corner_uv * factor, (f"texture coordinates scaled by {factor:.4g} to the mesh's area: pattern and given shape "
-                                f"differ by {np.sqrt(np.mean((stretch - 1) ** 2)):.0%} in length (RMS)")
+    own = flatten(x, faces)
+    shape = ("the mesh's own shape is the rest shape, as with uv='flatten', and they stay for images and exports; "
+             "uv='pattern' takes them as the pattern")
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        area, area_uv = np.abs(twice_area(own)), np.abs(twice_area(corner_uv))
+        if not area_uv.all():
+            return None, True, (f"the file's texture coordinates are no pattern: triangle {np.argmin(area_uv)} has no area in "
+                                f"them ({int((area_uv == 0).sum())} such triangles): {shape}")
+        lengths, ratio = stretches(corner_uv, own), float(np.sqrt(area.sum() / area_uv.sum()))
+        for unit in dict.fromkeys((scale, *UNITS)):
+            same = (np.abs(lengths / unit - 1) <= SAME).all(axis=1)
+            share = float(area_uv[same].sum() / area_uv.sum())
+            if share >= MOST:
+                return corner_uv * unit, False, _said(unit, scale, share if _misfit(lengths / unit, area) > SAME else 1.0)
+        misfit = _misfit(lengths / ratio, area)
+    if misfit <= SAME:
+        return corner_uv * ratio, True, (f"texture coordinates scaled by {ratio:.4g} are the pattern, as they have the mesh's "
+                                         "lengths then; uv='pattern' takes them as they are, uv='flatten' the mesh's own "
+                                         "shape")
+    return None, True, (f"the file's texture coordinates are no pattern: scaled to the mesh's area, their lengths differ from "
+                        f"the mesh's by {misfit:.0%} (RMS): {shape}")
 
 
-def _edges(corners: np.ndarray) -> np.ndarray:
-    """(m, 2, 2) with the edges 0-1 and 0-2 as columns."""
-    return np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
+def _said(unit: float, scale: float, share: float) -> str:
+    """What is to be known of coordinates that are a pattern; share: part of it that has the mesh's lengths."""
+    where = f", in {UNITS[unit]}" if unit != scale else ""
+    if share < 1:
+        return (f"the file's texture coordinates are the pattern{where}: {share:.0%} of it has the mesh's lengths, the rest "
+                "is placed stretched or squeezed; uv='flatten' takes the mesh's own shape")
+    return f"the file's texture coordinates are the pattern{where}" if where else ""
+
+
+def _misfit(lengths: np.ndarray, area: np.ndarray) -> float:
+    """Root of the mean square, over the area, of by how much stretches (m, 2) differ from 1."""
+    return float(np.sqrt(((lengths - 1) ** 2).mean(axis=1) @ area / area.sum()))

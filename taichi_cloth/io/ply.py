@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from .polygon import triangles_of
+from .text import unmarked
 
 KINDS = {"char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
          "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "int64": "i8", "uint64": "u8",
@@ -29,7 +30,7 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
     Raises:
         ValueError: what is wrong with the file.
     """
-    data = path.read_bytes()
+    data = unmarked(path)
     order, elements, body = _header(data)
     tables = dict(_text(elements, body) if order == "" else _binary(elements, body, order))
     vertex, face = tables.get("vertex", {}), tables.get("face", {})

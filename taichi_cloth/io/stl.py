@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from .text import unmarked
+
 HEADER, TRIANGLE = 84, 50  # bytes
 
 
@@ -14,7 +16,7 @@ def read_stl(path: Path) -> tuple[np.ndarray, np.ndarray]:
     Raises:
         ValueError: what is wrong with the file.
     """
-    data = path.read_bytes()
+    data = unmarked(path)
     count = struct.unpack("<I", data[80:84])[0] if len(data) >= HEADER else 0
     if data.lstrip()[:5] == b"solid" and len(data) != HEADER + TRIANGLE * count:
         corners = _text(data)

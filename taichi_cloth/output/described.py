@@ -55,6 +55,30 @@ def of_appearances(looks: Sequence[Appearance]) -> dict[str, np.ndarray]:
     return out
 
 
+def image_uv(g: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Where images go, and how large they are there.
+
+    Returns:
+        (m, 3, 2) texture coordinates of faces' corners: the pattern's [m] where their cloth has no others; (c,) what one of
+        them is on each cloth [m], in the mean over its area: NaN where they are the pattern's.
+    """
+    uv, units = g["uv"], np.full(len(g["cloth_names"]), np.nan)
+    if "image_uv" not in g:
+        return uv, units
+    own = g["image_uv"]
+    for k, (first, last) in enumerate(zip(g["cloth_faces"][:-1], g["cloth_faces"][1:])):
+        pattern, image = (_area(a[first:last].astype(np.float64)) for a in (uv, own))
+        if image > 0:
+            units[k] = np.sqrt(pattern / image)
+    return np.where(np.isnan(own), uv, own), units
+
+
+def _area(corner: np.ndarray) -> float:
+    """Of triangles (m, 3, 2) together."""
+    (a, b), (c, d) = np.moveaxis(corner[:, 1:] - corner[:, :1], 0, 2)
+    return float(np.abs(a * d - b * c).sum() / 2)
+
+
 def appearances_of(g: dict[str, np.ndarray]) -> list[Appearance]:
     """The appearances that `of_appearances` gave."""
     count = len(g["cloth_names"])

@@ -68,14 +68,14 @@ def _halved(light: np.ndarray) -> np.ndarray:
     return (light[::2] + light[1::2]) / 2
 
 
-def object_row(look: Appearance, uv: np.ndarray, textures: Textures) -> np.ndarray:
-    """(COLUMNS,) f32 of a cloth whose faces have the corners uv (m, 3, 2) [m]."""
+def object_row(look: Appearance, uv: np.ndarray, textures: Textures, unit: float = np.nan) -> np.ndarray:
+    """(COLUMNS,) f32 of a cloth whose faces have the corners uv (m, 3, 2) [m]; unit: as in `Texture.place`."""
     row = np.zeros(COLUMNS, dtype=np.float32)
     row[CHECK] = DARKER if look.has_squares else 0.0
     if look.texture is not None:
         t = look.texture
         row[TEXTURE] = 1 if t.repeat else 2
-        row[ORIGIN: ORIGIN + 2], row[SIZE: SIZE + 2] = t.place(uv)
+        row[ORIGIN: ORIGIN + 2], row[SIZE: SIZE + 2] = t.place(uv, unit)
         row[FIRST], row[LEVELS] = textures.add(t.image)
         row[BOTH] = look.back is None
     if look.weave is not None:

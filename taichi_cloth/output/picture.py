@@ -11,7 +11,7 @@ from ..scene.appearance import Appearance
 from ..scene.view import Camera, CameraKeys, View, camera_at
 from .camera import ground_height
 from .colors import PALETTE, STONE, draw_bar, heat_colors
-from .described import appearances_of, view_of
+from .described import appearances_of, image_uv, view_of
 from .finish import COLUMNS, Textures, object_row
 from .framing import fit_all, fit_round
 from .look import Look
@@ -156,8 +156,9 @@ class Artist:
 
 def surfaces(geometry: Frame, look: Look, smooth: Smooth | None) -> Surfaces:
     """What is drawn of a geometry: cloths one after the other, then solids."""
-    faces, corner_uv, solid_faces = geometry["faces"], geometry["uv"], geometry["solid_faces"]
+    faces, (corner_uv, units), solid_faces = geometry["faces"], image_uv(geometry), geometry["solid_faces"]
     starts, names = geometry["cloth_faces"], [str(name) for name in geometry["cloth_names"]]
+    corner_uv = corner_uv * np.repeat(np.where(np.isnan(units), 1.0, units), np.diff(starts))[:, None, None].astype(np.float32)
     textures = Textures()
     colors, backs, rows = [], [], []
     for k, (name, own) in enumerate(zip(names, appearances_of(geometry))):
@@ -169,7 +170,7 @@ def surfaces(geometry: Frame, look: Look, smooth: Smooth | None) -> Surfaces:
             mine = np.where(np.isnan(panels), mine, panels)
         colors.append(mine)
         backs.append(back_of(mine) if one.back is None else np.tile(one.back, (len(mine), 1)))
-        rows.append(object_row(one, corner_uv[starts[k]: starts[k + 1]], textures))
+        rows.append(object_row(one, corner_uv[starts[k]: starts[k + 1]], textures, units[k]))
     owner = np.repeat(np.arange(len(names)), np.diff(starts))
     n = len(geometry["x"])
     if smooth is not None:

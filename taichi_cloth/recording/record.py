@@ -46,6 +46,7 @@ def as_built(scene: Scene) -> dict[str, np.ndarray]:
     return {
         "faces": np.concatenate([c.whole.faces + c.start for c in cloths]).astype(np.int32),
         "uv": np.concatenate([c.mesh.corner_uv for c in cloths]).astype(np.float32),
+        **_image_uv(cloths),
         "cloth_start": np.array([c.start for c in cloths] + [scene.vertex_count]),
         "cloth_faces": np.cumsum([0] + [c.mesh.face_count for c in cloths]),
         "cloth_names": np.array([c.name for c in cloths]),
@@ -59,6 +60,15 @@ def as_built(scene: Scene) -> dict[str, np.ndarray]:
         "solid_x": _concatenate([s.surface_at(0.0) for s in solids], (0, 3)),
         **described.of_view(scene.view, ground),
     }
+
+
+def _image_uv(cloths: list[Cloth]) -> dict[str, np.ndarray]:
+    """`image_uv` (m, 3, 2), NaN where it is the pattern, where meshes have texture coordinates of their own."""
+    own = [c.mesh.texture for c in cloths]
+    if all(texture is None for texture in own):
+        return {}
+    return {"image_uv": np.concatenate([np.full((c.mesh.face_count, 3, 2), np.nan) if texture is None else texture
+                                        for c, texture in zip(cloths, own)]).astype(np.float32)}
 
 
 def _face_colors(cloths: list[Cloth]) -> dict[str, np.ndarray]:

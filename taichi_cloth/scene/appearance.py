@@ -17,6 +17,9 @@ WEAVES = ("plain", "twill")
 class Texture:
     """An image on the pattern: its lower left corner at `origin`, its width along u, its height along v.
 
+    On a mesh with texture coordinates of its own (`TriMesh.texture`) it goes by these: one image from 0 to 1, or a metre as
+    long as it is in the mean over the mesh, with its origin at 0.
+
     Args:
         image: a file (PNG, JPEG ...; needs the extra `texture`), or (h, w, 3 or 4) uint8, first row on top, sRGB.
         size: (width, height) [m] of one image on the pattern, or its width; None spreads it over the whole pattern.
@@ -49,8 +52,15 @@ class Texture:
         object.__setattr__(self, "origin", origin)
         object.__setattr__(self, "repeat", checks.flag("texture repeat", self.repeat))
 
-    def place(self, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(2,) lower left corner and (2,) size [m] of one image on a pattern whose faces have the corners uv (m, 3, 2) [m]."""
+    def place(self, uv: np.ndarray, unit: float = np.nan) -> tuple[np.ndarray, np.ndarray]:
+        """(2,) lower left corner and (2,) size [m] of one image.
+
+        Args:
+            uv: (m, 3, 2) corners of the pattern's faces [m].
+            unit: what 1 is in texture coordinates that are not the pattern's [m]; NaN where they are.
+        """
+        if not np.isnan(unit):
+            return np.array(self.origin or (0.0, 0.0)), np.array(self.size or (unit, unit))
         low, high = (f(uv.reshape(-1, 2), axis=0) if len(uv) else np.zeros(2) for f in (np.min, np.max))
         origin = low if self.origin is None else np.array(self.origin)
         return origin, np.maximum(high - origin, 1e-9) if self.size is None else np.array(self.size)

@@ -132,6 +132,7 @@ class Garment:
         path = checks.path("path", path, SceneError)
         mesh, part = self.mesh, path.with_name(path.name + ".part")
         arrays = {"x": mesh.x, "faces": mesh.faces, "corner_uv": mesh.corner_uv, "positions": self.positions,
+                  **({} if mesh.texture is None else {"texture": mesh.texture}),
                   **{f"group_{name}": index for name, index in mesh.groups.items()},
                   **{f"seam_{k}": np.stack([a, b]) for k, (a, b, *_) in enumerate(self.seams)},
                   "rest": np.array([str(seam.rest) for seam in self.seams]),
@@ -186,7 +187,7 @@ def load_garment(path: str | Path) -> Garment:
         with np.load(path, allow_pickle=False) as file:
             data = {name: file[name] for name in file.files}
         groups = {name[6:]: index for name, index in data.items() if name.startswith("group_")}
-        mesh = TriMesh(data["x"], data["faces"], data["corner_uv"], groups)
+        mesh = TriMesh(data["x"], data["faces"], data["corner_uv"], groups, texture=data.get("texture"))
         rests = [rest if rest == "given" else float(rest) for rest in data["rest"].tolist()]
         stiffness, strength = (np.broadcast_to(data.get(name, usual), len(rests)).tolist()  # older files have none
                                for name, usual in (("stiffness", 1.0), ("strength", np.inf)))

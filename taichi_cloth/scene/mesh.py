@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..errors import ClothError, MeshError, did_you_mean, shown
+from .ownshape import own_shape, twice_area
 
 # A triangle whose height is less than this part of its longest edge, in the material plane, has no area.
 FLAT = 1e-9
@@ -29,13 +30,15 @@ class TriMesh:
         x: (n, 3) positions [m]; the given shape, from which rest angles can be taken.
         faces: (m, 3) vertex indices.
         uv: material coordinates [m], (n, 2) per vertex or, where a seam cuts the pattern, (m, 3, 2) per
-            corner; None flattens each triangle into a frame of its own, so that the given shape is at rest.
+            corner; None takes the given shape: each triangle is flattened into a frame of its own.
         groups: named vertex groups, name -> indices.
         notes: what a reader did to the data, one sentence each; a run repeats them. Borders that lie on each other and
             triangles that face opposite ways are added here.
+        texture: (m, 3, 2) texture coordinates of corners, where images go, 0 to 1 across one; None: they are the material
+            coordinates. Where uv is None the warp runs along their u, and a flat mesh has its own plane as its pattern.
 
     Attributes:
-        flattened: whether the material coordinates were made by flattening (uv was None).
+        flattened: whether each triangle is in a frame of its own.
 
     Raises:
         MeshError: wrong shapes, no faces, an index out of range, a repeated vertex in a face, coordinates
@@ -47,6 +50,7 @@ class TriMesh:
     uv: np.ndarray
     groups: Mapping[str, np.ndarray] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    texture: np.ndarray | None = None
     flattened: bool = False
 
     def __init__(
@@ -56,15 +60,17 @@ class TriMesh:
         uv: ArrayLike | None = None,
         groups: Mapping[str, ArrayLike] | None = None,
         notes: tuple[str, ...] = (),
+        texture: ArrayLike | None = None,
     ) -> None:
         x = checks.array("positions", x, ("n", 3), row="vertex", error=MeshError)
         faces = face_indices(faces, len(x), MeshError)
         notes = _sentences(notes)
-        object.__setattr__(self, "flattened", uv is None)
+        image: np.ndarray | None = checks.maybe(texture, checks.array, "texture coordinates", (len(faces), 3, 2), row="face",
+                                                error=MeshError)
+        own = uv is None
         if uv is None:
-            uv = flatten(x, faces)
-            notes += ("no material coordinates: each triangle is flattened into its own frame, so the given "
-                      "shape is the rest shape and warp and weft have no common direction",)
+            uv = own_shape(x, faces, image)
+            notes += (_own_note(uv, image),)
         else:
             uv = checks.array("material coordinates", uv, (len(x), 2), (len(faces), 3, 2), row="vertex or face",
                               error=MeshError)
@@ -76,9 +82,11 @@ class TriMesh:
             warnings.warn(note, stacklevel=2)
             notes += (note,)
         notes += open_note(x, borders) + _flips(faces)
-        for name, value in (("x", x), ("faces", faces), ("uv", uv)):
-            value.setflags(write=False)
+        for name, value in (("x", x), ("faces", faces), ("uv", uv), ("texture", image)):
+            if value is not None:
+                value.setflags(write=False)
             object.__setattr__(self, name, value)
+        object.__setattr__(self, "flattened", own and uv.ndim == 3)
         object.__setattr__(self, "groups", _groups(groups, len(x)))
         object.__setattr__(self, "notes", notes)
 
@@ -105,7 +113,7 @@ class TriMesh:
     @cached_property
     def material_areas(self) -> np.ndarray:
         """(m,) areas in the material plane [m^2]."""
-        return _fixed(np.abs(_twice_area(self.corner_uv)) / 2)
+        return _fixed(np.abs(twice_area(self.corner_uv)) / 2)
 
     @cached_property
     def border_edges(self) -> dict[tuple[int, int], int]:
@@ -147,17 +155,6 @@ class TriMesh:
         return checks.indices("vertices", [vertices] if one else vertices, len(self.x), error=MeshError)
 
 
-def flatten(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(m, 3, 2) coordinates [m] of each triangle in a frame of its own: corner 0 at the origin, edge 0-1 along u."""
-    a, b = x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]]
-    length = np.linalg.norm(a, axis=1)
-    unit = a / np.where(length > 0, length, 1)[:, None]
-    along = np.einsum("ij,ij->i", b, unit)
-    across = np.linalg.norm(b - along[:, None] * unit, axis=1)
-    zero = np.zeros(len(faces))
-    return np.stack([np.stack([zero, zero], 1), np.stack([length, zero], 1), np.stack([along, across], 1)], 1)
-
-
 def face_indices(faces: ArrayLike, count: int, error: type[ClothError]) -> np.ndarray:
     """(m, 3) vertex indices of triangles, at least one, each of three different vertices of `count`.
 
@@ -174,16 +171,10 @@ def face_indices(faces: ArrayLike, count: int, error: type[ClothError]) -> np.nd
     return out
 
 
-def _twice_area(corner_uv: np.ndarray) -> np.ndarray:
-    """(m,) signed."""
-    a, b = corner_uv[:, 1] - corner_uv[:, 0], corner_uv[:, 2] - corner_uv[:, 0]
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-
-
 def _check_area(uv: np.ndarray, faces: np.ndarray) -> None:
     corner = uv if uv.ndim == 3 else uv[faces]
     longest = np.max([np.sum((corner[:, i] - corner[:, i - 1]) ** 2, axis=1) for i in range(3)], axis=0)
-    flat = np.flatnonzero(np.abs(_twice_area(corner)) <= FLAT * longest)
+    flat = np.flatnonzero(np.abs(twice_area(corner)) <= FLAT * longest)
     if len(flat):
         raise MeshError(f"triangle {flat[0]} (vertices {faces[flat[0]].tolist()}) has no area in the material "
                         f"plane ({len(flat)} such triangles): remove it or give it material coordinates")
@@ -245,6 +236,16 @@ def _places(x: np.ndarray) -> np.ndarray:
         order = np.argsort(values)
         of[order[1:], d] = np.cumsum(np.diff(values[order]) > close)
     return np.unique(of, axis=0, return_inverse=True)[1].reshape(-1)
+
+
+def _own_note(uv: np.ndarray, texture: np.ndarray | None) -> str:
+    """How the given shape became the rest shape."""
+    if uv.ndim == 2:
+        return ("no material coordinates: the mesh is flat and its own plane is its pattern, with the warp along the texture "
+                "coordinates' u")
+    warp = "warp and weft have no common direction" if texture is None else "the warp runs along the texture coordinates' u"
+    return ("no material coordinates: each triangle is flattened into its own frame, so the given shape is the rest shape and "
+            f"{warp}")
 
 
 def _flips(faces: np.ndarray) -> tuple[str, ...]:

@@ -62,6 +62,25 @@ def check(made, cloth, uv, image, repeats):
     assert np.abs(got - encoded(linear(rgba[:, :3]) * alpha + color * (1 - alpha))).max() <= 1
 
 
+def test_texture_coordinates_of_a_meshs_own_are_exported_and_placed_by(tmp_path, rng):
+    own = np.full((5, 3, 2), np.nan, dtype=np.float32)
+    own[:2] = rng.random((2, 3, 2))
+    nothing = [np.nan, np.nan]
+    for k, more in enumerate(({}, {"texture_0": AGAIN, "texture_place_0": np.array([*nothing, *nothing, True])})):
+        made = make(tmp_path / f"run{k}", rng, image_uv=own, **more)
+        files = export(made.recording, "obj", tmp_path / f"o{k}")
+        a, b = list(read_obj(next(f for f in files if f.suffix == ".obj")).values())[:2]
+        assert a.uv == pytest.approx(own[:2], abs=1e-6) and (b.uv == made.geometry["uv"][2:]).all()
+    corner, image = made.geometry["uv"][:2].astype(float), own[:2].astype(float)
+    areas = [np.abs(np.linalg.det(c[:, 1:] - c[:, :1])).sum() for c in (corner, image)]
+    metre = np.sqrt(areas[1] / areas[0])  # of the pattern, in texture coordinates
+    made = make(tmp_path / "sized", rng, image_uv=own, uv=made.geometry["uv"], texture_0=AGAIN,
+                texture_place_0=np.array([0.5, 0.25, 0.1, 0.2, True]))
+    files = export(made.recording, "obj", tmp_path / "sized_o")
+    a = next(iter(read_obj(next(f for f in files if f.suffix == ".obj")).values()))
+    assert a.uv == pytest.approx((image / metre - [0.1, 0.2]) / [0.5, 0.25], abs=1e-5)
+
+
 def test_obj_has_them_in_its_materials(made, tmp_path):
     mtl, *files = export(made.recording, "obj", tmp_path / "o")
     blocks = {words[0]: words for words in (block.split() for block in mtl.read_text().split("newmtl ")[1:])}

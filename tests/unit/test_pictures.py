@@ -11,6 +11,7 @@ import taichi_cloth as tc
 from taichi_cloth import colornames
 from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
+from taichi_cloth.output import finish
 from taichi_cloth.output.camera import frame
 from taichi_cloth.output.described import appearances_of, of_appearances, of_view, view_of
 from taichi_cloth.output.exr import encode_exr
@@ -255,6 +256,21 @@ def test_a_texture_lies_as_the_pattern_says(sim):
 
 
 @pytest.mark.slow
+def test_images_go_by_texture_coordinates_of_a_meshs_own():
+    flat, fabric = tc.grid((1.5, 1.0), 3), tc.Fabric(0.2, tc.Stretch(100))
+    own = flat.corner_uv / [1.5, 1.0]
+    image = tc.Texture(np.full((2, 3, 3), 99, dtype=np.uint8))
+    scene = tc.Scene()
+    scene.add_cloth(tc.grid(1.0, 2), fabric)
+    scene.add_cloth(tc.TriMesh(flat.x, flat.faces, texture=own), fabric, color=tc.Appearance(texture=image),
+                    tear=tc.Tear(100.0, length=1.0))
+    drawn, metres = surfaces(record.as_built(scene), Look(), None), np.sqrt(1.5)  # of area 1.5 m^2, 1 in the texture
+    assert (drawn.corner_uv[:8] == scene.cloths[0].mesh.corner_uv.astype(np.float32)).all()
+    assert drawn.corner_uv[8:] == pytest.approx(own * metres, rel=1e-6)
+    assert drawn.objects[1, finish.ORIGIN: finish.ORIGIN + 2].tolist() == [0, 0]
+    assert drawn.objects[1, finish.SIZE: finish.SIZE + 2] == pytest.approx([metres, metres])
+
+
 def test_small_textures_in_the_distance_are_their_mean(sim):
     dots = np.zeros((64, 64, 3), dtype=np.uint8)
     dots[::2, ::2] = dots[1::2, 1::2] = 255

@@ -1,11 +1,12 @@
 """Scene files: found, read, their options typed."""
 
 import sys
+import time
 
 import numpy as np
 import pytest
 
-from taichi_cloth.app import cli, runner, scenefile
+from taichi_cloth.app import cli, runner, scenefile, waiting
 from taichi_cloth.errors import SceneError, ScriptError
 
 TEXT = '''"""What it shows.
@@ -107,3 +108,14 @@ def test_a_flat_mesh_is_not_hung_by_all_of_it(tmp_path):
     (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 3 2\n")
     with pytest.raises(SceneError, match="lies flat.*pins=2"):
         scenefile.read("hang_mesh").make({"mesh": str(tmp_path / "flat.obj")})
+
+
+def test_what_takes_long_is_said(monkeypatch, capsys):
+    monkeypatch.setattr(waiting, "PATIENCE", 0.02)
+    with waiting.waiting("loading dress.obj"):
+        time.sleep(0.3)
+    with waiting.waiting("loading quick.obj"):
+        pass
+    time.sleep(0.1)
+    said = capsys.readouterr()
+    assert said.err == "loading dress.obj ...\n" and said.out == ""

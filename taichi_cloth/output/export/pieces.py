@@ -1,8 +1,8 @@
 """What a run's meshes are cut into for other tools: a mesh a cloth, a mesh a panel, or what is sewn welded to one.
 
 Recorded garments are panels whose sewn vertices are in one place; they say which belong together (`sewn`) and which face is
-of which panel (`panel`, `panel_names`). Texture coordinates stay the pattern's. A frame may have faces of its own: then it
-has all of `FACES` that the run's geometry has.
+of which panel (`panel`, `panel_names`). Texture coordinates stay the pattern's, or the mesh's own. A frame may have faces of
+its own: then it has all of `FACES` that the run's geometry has.
 """
 
 from collections.abc import Iterator
@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 
 from ...errors import OutputError
+from ..described import image_uv
 from ..recording import Recording
 
 PARTS = ("cloths", "panels", "welded")
-FACES = ("faces", "uv", "cloth_start", "cloth_faces", "sewn", "panel", "panel_names")  # what changes where cloth tears
+FACES = ("faces", "uv", "image_uv", "cloth_start", "cloth_faces", "sewn", "panel", "panel_names")  # what tearing changes
 Arrays = dict[str, np.ndarray]
 
 
@@ -99,10 +100,10 @@ def at(geometry: Arrays, frame: Arrays) -> Arrays:
 
 
 def first_uv(frame: Frame) -> np.ndarray:
-    """(n, 2) float32 pattern coordinates [m] of each vertex's first corner, for formats that have one a vertex."""
+    """(n, 2) float32 texture coordinates of each vertex's first corner, for formats that have one a vertex."""
     faces = frame.geometry["faces"]
     uv = np.zeros((len(frame["x"]), 2), dtype=np.float32)
-    uv[faces[::-1].ravel()] = frame.geometry["uv"][::-1].reshape(-1, 2)
+    uv[faces[::-1].ravel()] = image_uv(frame.geometry)[0][::-1].reshape(-1, 2)
     return uv
 
 
@@ -144,7 +145,7 @@ def _welded(g: Arrays) -> tuple[np.ndarray, Arrays]:
 
 def _made(g: Arrays, takes: list, faces: list, rows: list, names: np.ndarray) -> tuple[np.ndarray, Arrays]:
     owner = [int(np.searchsorted(g["cloth_start"], take[0], side="right")) - 1 for take in takes]
-    of_faces = {name: g[name][np.concatenate(rows)] for name in ("uv", "face_colors") if name in g}
+    of_faces = {name: g[name][np.concatenate(rows)] for name in ("uv", "image_uv", "face_colors") if name in g}
     return np.concatenate(takes), g | of_faces | {
         "faces": np.concatenate(faces).astype(np.int32), "cloth_names": names,
         "cloth_colors": g["cloth_colors"][owner], "piece_cloth": np.array(owner),

@@ -17,21 +17,23 @@ class Print(NamedTuple):
         image: (h, w, 3) uint8 sRGB, first row on top: over the cloth's own colour where it lets that through.
         repeats: whether it goes on beyond its edges; else these have the cloth's colour, and go on for ever.
         origin, size: (2,) where its lower left corner is on the pattern, and how large it is [m].
+        unit: what 1 is in the cloth's texture coordinates [m].
     """
 
     image: np.ndarray
     repeats: bool
     origin: np.ndarray
     size: np.ndarray
+    unit: float = 1.0
 
     def coordinates(self, uv: np.ndarray) -> np.ndarray:
-        """(m, 3, 2) float32, (0, 0) in the image's lower left corner and (1, 1) in the other, of the pattern's [m]."""
-        return ((uv.astype(np.float64) - self.origin) / self.size).astype(np.float32)
+        """(m, 3, 2) float32, (0, 0) in the image's lower left corner and (1, 1) in the other, of the cloth's own."""
+        return ((uv.astype(np.float64) * self.unit - self.origin) / self.size).astype(np.float32)
 
 
-def printed(texture: Texture, color: np.ndarray, uv: np.ndarray) -> Print:
-    """A texture on cloth of a linear colour (3,) whose faces have the corners uv (m, 3, 2) [m]."""
-    origin, size = texture.place(uv)
+def printed(texture: Texture, color: np.ndarray, uv: np.ndarray, unit: float) -> Print:
+    """A texture on cloth of a linear colour (3,) whose faces have the corners uv (m, 3, 2) [m]; unit: of `Texture.place`."""
+    origin, size = texture.place(uv, unit)
     rgba = texture.image / 255
     part = rgba[..., 3:]
     image = (255 * to_srgb(from_srgb(rgba[..., :3]) * part + color * (1 - part)) + 0.5).astype(np.uint8)
@@ -41,7 +43,7 @@ def printed(texture: Texture, color: np.ndarray, uv: np.ndarray) -> Print:
         whole = np.tile(rim, (image.shape[0] + 2, image.shape[1] + 2, 1))
         whole[1:-1, 1:-1] = image
         image, origin, size = whole, origin - pixel, size + 2 * pixel
-    return Print(image, texture.repeat, origin, size)
+    return Print(image, texture.repeat, origin, size, 1.0 if np.isnan(unit) else unit)
 
 
 def palette(colors: np.ndarray) -> Print:

@@ -15,7 +15,7 @@ from ...errors import OutputError
 from ...scene.view import Camera, CameraKeys
 from ..camera import frame as axes_of
 from ..colors import GROUND, PALETTE, STONE
-from ..described import appearances_of, view_of
+from ..described import appearances_of, image_uv, view_of
 from ..framing import fit_all
 from .pieces import Arrays, Cut, Frame
 from .printed import Print, in_palette, palette, printed
@@ -29,7 +29,7 @@ class Surface(NamedTuple):
 
     Attributes:
         faces: (m, 3) int32 vertices.
-        uv: (m, 3, 2) of corners, the pattern [m], or those of what is printed on it; None for what has no pattern.
+        uv: (m, 3, 2) of corners, the pattern's [m], the mesh's own, or across what is printed on it; None of what has none.
         normal_of: (m, 3) number of each corner's normal: corners round a sharp edge have different ones.
     """
 
@@ -177,9 +177,10 @@ def bounds(meshes: list[Mesh]) -> tuple[np.ndarray, np.ndarray]:
 def _prints(g: Arrays) -> list[Print | None]:
     """What is printed on each cloth of a run's own geometry."""
     out: list[Print | None] = []
+    units = image_uv(g)[1]
     for k, (look, first, last) in enumerate(zip(appearances_of(g), g["cloth_faces"][:-1], g["cloth_faces"][1:])):
         color = _color(g["cloth_colors"][k], PALETTE[k % len(PALETTE)])
-        out.append(None if look.texture is None else printed(look.texture, color, g["uv"][first:last]))
+        out.append(None if look.texture is None else printed(look.texture, color, g["uv"][first:last], units[k]))
     return out
 
 
@@ -203,7 +204,8 @@ def _cloth(k: int, frames: list[Frame], prints: list[Print | None]) -> Mesh:
             if prints[owner] is None and on is not None:
                 uv = in_palette(_of_faces(g, rows, color), colors)
             else:
-                uv = g["uv"][rows] if on is None else on.coordinates(g["uv"][rows])
+                uv = image_uv(g)[0][rows]
+                uv = uv if on is None else on.coordinates(uv)
             surface = Surface((g["faces"][rows] - first).astype(np.int32), uv, numbers)
             surfaces.append(surfaces[-1] if surfaces and surface.equals(surfaces[-1]) else surface)
         else:
