@@ -27,6 +27,7 @@ SOFT, WORKED = SPRINGS + "derivatives", SPRINGS + "all_of_their_work_is_accounte
 CURVES, PATTERN = "taichi_cloth/garment/curves.py", "taichi_cloth/garment/pattern.py"
 MESHER = "taichi_cloth/garment/mesher.py"
 FILE, GARMENT = "taichi_cloth/garment/garmentcode.py", "taichi_cloth/scene/garment.py"
+LOADED = "taichi_cloth/io/garment.py"
 QUERIES = "taichi_cloth/simulation/queries.py"
 REMESH, REMESHED = "taichi_cloth/garment/remesh.py", "tests/unit/test_remesh.py"
 DRESSING, PLACED = "taichi_cloth/garment/dressing.py", "tests/unit/test_placed_panels.py"
@@ -160,7 +161,7 @@ MUTATIONS = (
     (STITCHED, "while before < len(self.x):", "while before < 0:", "what has been divided divides nothing",
      "tests/cli/test_scripts.py::test_flat_panels_hang_clear_of_the_body_and_of_each_other"),
     (FILE, 'together="right_wrong" in stitch[2:]', "together=False", "right_wrong is not read", PATTERNS),
-    (GARMENT, "rest, k, bears if np.isfinite(bears) else None)", "rest, k, None)", "a file forgets what seams bear",
+    (LOADED, "rest, k, bears if np.isfinite(bears) else None)", "rest, k, None)", "a file forgets what seams bear",
      f"{PATTERNS}::test_what_a_seam_is_like_is_in_the_file_and_in_the_scene"),
     (REMESH, "if (self._turns(u, v, w) or", "if (", "corners of panels are cut off", REMESHED),
     (REMESH, "if ways[0] == ways[1] else other.rows[::-1]", "", "seams of panels meshed anew run the wrong way", REMESHED),
@@ -179,7 +180,7 @@ MUTATIONS = (
      f"{PATTERNS}::test_the_command_dresses"),
     (DRESSING, "for e, f in zip(edges[:, 0]", "for e, f in zip(edges[:1, 0]", "crossings are named in part", PLACED),
     (QUERIES, '"closing" if gap > 0 else', "", "what closes is closed", "tests/physics/test_resewn.py"),
-    (GARMENT, 'Garment(mesh, seams, data["positions"])', "Garment(mesh, seams)",
+    (LOADED, 'Garment(_mesh(data), _seams(data), data["positions"])', "Garment(_mesh(data), _seams(data))",
      "where a dressed garment is, is lost", PATTERNS),
     (PULLS, "ratio = most / d", "ratio = k", "springs pull with any force", SOFT),
     (PULLS, "if not bounded:", "if False:", "the bound for the derivative", SOFT),

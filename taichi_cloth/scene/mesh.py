@@ -103,6 +103,21 @@ class TriMesh:
         return _fixed(self.uv if self.uv.ndim == 3 else self.uv[self.faces])
 
     @cached_property
+    def vertex_uv(self) -> np.ndarray | None:
+        """(n, 2) material coordinates of the vertices [m]; None where one has several, or where flattening made them."""
+        if self.flattened or self.uv.ndim == 2:
+            return None if self.flattened else self.uv
+        first = _fixed(self.first_uv)
+        return first if (first[self.faces] == self.uv).all() else None
+
+    @property
+    def first_uv(self) -> np.ndarray:
+        """(n, 2) material coordinates [m] of the first corner at each vertex; 0 where there is none."""
+        out = np.zeros((self.vertex_count, 2))
+        out[self.faces[::-1].ravel()] = self.corner_uv[::-1].reshape(-1, 2)
+        return out
+
+    @cached_property
     def material_areas(self) -> np.ndarray:
         """(m,) areas in the material plane [m^2]."""
         return _fixed(np.abs(_twice_area(self.corner_uv)) / 2)

@@ -12,7 +12,7 @@ from taichi_cloth.app import cli
 from taichi_cloth.backend.rows import write
 from taichi_cloth.garment import dressing
 from taichi_cloth.garment.mesher import mesh_polygon
-from taichi_cloth.scene.garment import load_garment
+from taichi_cloth.io.garment import load_garment
 from taichi_cloth.scene.intersections import count_crossings, count_self_crossings
 
 pytest.importorskip("scipy", reason="meshing patterns needs the extra `garment`")
