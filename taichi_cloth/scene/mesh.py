@@ -275,12 +275,13 @@ def facing(faces: np.ndarray) -> np.ndarray | None:
     """(m,) whether a triangle is turned against most of its piece; None for a surface that has one side only.
 
     Args:
-        faces: (m, 3), at most two at an edge.
+        faces: (m, 3); those at an edge of more than two are no neighbours there.
     """
     m, ends = len(faces), face_edges(faces)
     order = np.lexsort(np.sort(ends, axis=1).T)
     same = (np.sort(ends[order[1:]], axis=1) == np.sort(ends[order[:-1]], axis=1)).all(axis=1)
-    a, b = order[:-1][same], order[1:][same]
+    two = same & ~np.append(False, same[:-1]) & ~np.append(same[1:], False)
+    a, b = order[:-1][two], order[1:][two]
     against = ends[a, 0] == ends[b, 0]  # neighbours that agree run along their edge in opposite ways
     turned = np.zeros(m, dtype=bool)
     if not against.any():
