@@ -66,8 +66,9 @@ def edge_gradients(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
     """
     m, corner = mesh.face_count, mesh.corner_uv
     ids, second, twin, turn = _fits(mesh)
-    slope = np.linalg.inv(np.concatenate([corner, np.ones((m, 3, 1))], axis=2))[:, :2]  # of barycentric coordinates
-    flat = slope @ _quadratics(corner - corner[:, :1])  # of the planes through u^2/2, u v, v^2/2 at the corners
+    local = corner - corner[:, :1]
+    slope = np.linalg.inv(np.concatenate([local, np.ones((m, 3, 1))], axis=2))[:, :2]  # of barycentric coordinates
+    flat = slope @ _quadratics(local)  # of the planes through u^2/2, u v, v^2/2 at the corners
     out = []
     for k in range(3):
         p = (corner[:, k] + corner[:, (k + 1) % 3]) / 2 - corner[:, 0]
@@ -148,8 +149,9 @@ def _frame(along: np.ndarray, hand: np.ndarray) -> np.ndarray:
 
 def _shares(corner: np.ndarray, place: np.ndarray) -> np.ndarray:
     """(m, j, 3) values at places (m, j, 2) of the linear functions that are 1 at one corner (m, 3, 2)."""
-    inverse = np.linalg.inv(np.concatenate([corner, np.ones((len(corner), 3, 1))], axis=2))
-    return np.concatenate([place, np.ones((*place.shape[:2], 1))], axis=2) @ inverse
+    origin = corner[:, :1]
+    inverse = np.linalg.inv(np.concatenate([corner - origin, np.ones((len(corner), 3, 1))], axis=2))
+    return np.concatenate([place - origin, np.ones((*place.shape[:2], 1))], axis=2) @ inverse
 
 
 def _excess(corner: np.ndarray, place: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..errors import MeshError
+from ..scene.shapes import MOST_TRIANGLES
 
 CLEAR = 0.62  # of the spacing that lattice points keep from the border
 SMOOTHED = 12  # passes
@@ -22,7 +23,7 @@ def mesh_polygon(border: np.ndarray, spacing: float, name: str) -> tuple[np.ndar
         MeshError: SciPy is missing, the line crosses itself, or the spacing is too large for its shape.
     """
     try:
-        from scipy.spatial import Delaunay
+        from scipy.spatial import Delaunay, QhullError
     except ImportError:
         raise MeshError("meshing patterns needs SciPy: pip install 'taichi_cloth[garment]'") from None
     crossed = crossing(border)
@@ -31,7 +32,10 @@ def mesh_polygon(border: np.ndarray, spacing: float, name: str) -> tuple[np.ndar
     k = len(border)
     points = np.concatenate([border, _lattice(border, spacing)])
     for again in range(SMOOTHED + 1):
-        faces = _inside(points, Delaunay(points).simplices, border, spacing)
+        try:
+            faces = _inside(points, Delaunay(points).simplices, border, spacing)
+        except QhullError:
+            raise MeshError(f"panel {name!r}: its border of {k} points has no area: take a smaller spacing") from None
         if again < SMOOTHED and len(points) > k:
             points[k:] = _smoothed(points, faces, k)
     used = np.unique(faces)
@@ -44,6 +48,17 @@ def mesh_polygon(border: np.ndarray, spacing: float, name: str) -> tuple[np.ndar
     new = np.full(len(points), -1)
     new[keep] = np.arange(len(keep))
     return points[keep], new[faces]
+
+
+def refuse_fine(area: float, border: float, spacing: float) -> None:
+    """Refuses a spacing [m] with which panels of an area [m^2] and borders [m] would have too many triangles.
+
+    Raises:
+        MeshError: it is so small.
+    """
+    count = area / (np.sqrt(3) / 4 * spacing**2) + border / spacing if spacing**2 > 0 else np.inf
+    if not count <= MOST_TRIANGLES:
+        raise MeshError(f"spacing = {spacing:g} m makes {count:.3g} triangles: at most {MOST_TRIANGLES:,}")
 
 
 def _lattice(border: np.ndarray, spacing: float) -> np.ndarray:

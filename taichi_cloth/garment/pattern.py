@@ -13,7 +13,7 @@ from ..errors import SceneError, shown
 from ..scene.garment import Garment, SewnRows, seam_angle, seam_strength
 from ..scene.mesh import TriMesh
 from .curves import Curve
-from .mesher import crossing, mesh_polygon
+from .mesher import crossing, mesh_polygon, refuse_fine
 
 MOST_RATIO = 3.0  # of the lengths of two edges that are sewn to each other
 LEAST, MOST = 0.02, 10.0  # m that a pattern may be wide or tall where it hangs
@@ -233,9 +233,12 @@ class Pattern:
         """Triangles with edges about `spacing` [m] long; edges that are sewn to each other have as many points.
 
         Raises:
-            MeshError: a panel that crosses itself, or has no triangles of that size.
+            MeshError: a panel that crosses itself, or has no triangles of that size; or more than fit into memory.
         """
         spacing = checks.number("spacing", spacing, "m", positive=True)
+        outlines = [p.outline()[0] for p in self.panels]
+        area = sum(abs(float(np.linalg.det(np.stack([x, np.roll(x, -1, axis=0)], axis=1)).sum())) / 2 for x in outlines)
+        refuse_fine(area, sum(e.length(p.corners) for p in self.panels for e in p.edges), spacing)
         count = {(p.name, k): max(1, math.ceil(e.length(p.corners) / spacing - 1e-6))
                  for p in self.panels for k, e in enumerate(p.edges)}
         for stitch in self.stitches:
@@ -269,8 +272,10 @@ def axis_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """(lower end (3,), upper end (3,), largest distance from it) of the axis along which points (n, 3) [m] lie.
 
     Raises:
-        SceneError: points that are all in one place.
+        SceneError: no points, or all in one place.
     """
+    if not len(points):
+        raise SceneError("wrap: the part of the body has no points")
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     v = np.linalg.svd(points - points.mean(axis=0))[2][0]
     v = v if v[1] >= 0 else -v

@@ -19,7 +19,7 @@ from ..errors import MeshError, SceneError
 from ..scene.boxes import near
 from ..scene.garment import Garment, SewnRows
 from ..scene.mesh import TriMesh, face_edges
-from .mesher import mesh_polygon
+from .mesher import mesh_polygon, refuse_fine
 
 TURN = math.radians(20)  # by which a border turns at a corner, at least
 TRIES = 8  # in which parts are added where a seam would close a triangle
@@ -87,6 +87,8 @@ class _Remeshed:
     def made(self, spacing: float) -> Garment:
         """The garment. Where two corners of a triangle are sewn to each other, which would close it to a line, the edge
         between them is flipped; where it cannot be, what lies between them on the border gets more parts."""
+        border = sum(float(self._lengths([*loop, loop[0]]).sum()) for loop in self.loops)
+        refuse_fine(float(self.mesh.material_areas.sum()), border, spacing)
         corners = self._corners()
         segments = [self._segments(loop, corners) for loop in self.loops]
         count: dict[tuple | int, int] = {}

@@ -45,6 +45,7 @@ def load(path: str | Path, scale: float = 1.0, uv: str = "auto") -> TriMesh:
         elif uv == "pattern":
             material = corner_uv * scale
         else:
+            checks.array("texture coordinates", corner_uv, (len(faces), 3, 2), row="face", error=MeshError)
             material, note = fit_pattern(x * scale, faces, corner_uv, scale)
             notes = (note,) if note else ()
         return TriMesh(x * scale, faces, material, groups, notes)

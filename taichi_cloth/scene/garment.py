@@ -90,10 +90,12 @@ class Garment:
             radius: [m] at which it is bent.
 
         Raises:
-            SceneError: no such group, no axis, a panel that is not flat, stands across the axis or has its middle on it, or is
-                wider than the way round.
+            SceneError: no such group, one of fewer than three vertices, no axis, a panel that is not flat, stands across the
+                axis or has its middle on it, or is wider than the way round.
         """
         rows, what = self._rows("bent", panel), f"bent: panel {panel!r}"
+        if len(rows) < 3:
+            raise SceneError(f"{what} has {len(rows)} vertices: no plane goes through them")
         low, high = checks.array("bent: around", around, (2, 3), row="end")
         r, x = checks.number("bent: radius", radius, "m", positive=True), self.positions[rows]
         middle = (x.min(axis=0) + x.max(axis=0)) / 2
