@@ -112,18 +112,19 @@ class Coarse(Checkpointed):
 
         Hats depend on each other where they meet nothing but one seam, or lie across a flat panel: Q^T A_0 Q may be singular,
         and gets a little on its diagonal. Should it not be positive definite even so, what has no eigenvalue beyond that is
-        left to the other levels; and all of it where it is not finite.
+        left to the other levels.
         """
         A, index = self.matrix, np.flatnonzero(self.pressed[:, [0, 3, 5]].any(axis=1))
         least, loads = self._least * np.trace(A) / len(A), self.hats.summed(index, self.pressed[index]).reshape(A.shape)
         try:
             return inverted(A + least * np.eye(len(A)) + loads)
         except np.linalg.LinAlgError:
-            out, left = np.zeros(A.shape), len(A)
+            pass
         try:
             out, left = inverted_in_part(A + loads, least)
-        except np.linalg.LinAlgError:
-            pass
+        except np.linalg.LinAlgError:  # not finite, as the whole system: its solve says so
+            self.span = 0.0
+            return np.zeros(A.shape)
         if not self._told:
             self._tell(f"preconditioner: {left} of {len(A)} directions of its coarsest level cannot be solved for, and are left to "
                        "the finer ones: solves may take longer")

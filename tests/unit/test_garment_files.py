@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.backend.rows import read
 from taichi_cloth.io import npz
 from taichi_cloth.solver.lattice import coordinates
 
@@ -102,7 +103,7 @@ def test_lattices_lie_in_the_pattern():
 
 @pytest.mark.slow
 def test_a_loaded_garment_moves_as_the_one_that_was_saved(tmp_path):
-    """Bit for bit, with levels, whose coarsest is solved exactly; an old file's too."""
+    """Bit for bit, with levels, whose coarsest is solved exactly; an old file's too. What is not finite of it is found anew."""
     garment = panels(17)
     garment.save(tmp_path / "new.npz")
     as_before(garment, tmp_path / "old.npz")
@@ -116,6 +117,11 @@ def test_a_loaded_garment_moves_as_the_one_that_was_saved(tmp_path):
                 sim.step()
             ways.append((sim.positions(), [r.iterations for r in sim.log]))
             assert not any("preconditioner" in note for note in sim.notes)
+            coarsest = sim.integrator.system.preconditioner.coarsest
+            coarsest.matrix = np.nan * coarsest.matrix  # as what overflows leaves it
+            for _ in range(2):
+                assert sim.step(1 / 100).rejections == {}
+            assert np.isfinite(coarsest.matrix).all() and np.isfinite(read(coarsest.inverse)).all()
     assert all((x == ways[0][0]).all() and count == ways[0][1] for x, count in ways[1:])
 
 
@@ -136,7 +142,25 @@ def test_hats_that_say_nothing_are_left_out_with_a_note():
             assert len(said) == (preconditioner == "multilevel") and sim.notes == before, sim.notes
             assert sim.log[-1].rejections == {}
             ends.append(sim.positions())
+            sim.set_state(1e29 * ends[-1], sim.velocities())
+            with pytest.raises(tc.SimulationError, match="no step"):
+                sim.step()
+            sim.set_state(ends[-1], np.zeros_like(ends[-1]))  # nothing of what overflowed is left
+            assert sim.step().rejections == {}
     assert np.abs(ends[0] - ends[1]).max() < 1e-6 * np.abs(ends[1]).max()
+
+
+@pytest.mark.slow
+def test_cloth_that_no_lattice_goes_over_has_the_particles_own_blocks():
+    """A triangle 1e13 m away from a sheet with edges of 3 cm: with a note, and it falls."""
+    sheet, far = tc.grid(0.5, 17), 1e13 * np.eye(3)[0] + [[0, 0, 0], [0, 0, 1], [1, 0, 0]]
+    mesh = tc.TriMesh(np.concatenate([sheet.x, far]), [*sheet.faces, [324, 325, 326]], [*sheet.uv, *far[:, [0, 2]]])
+    scene = tc.Scene()
+    scene.add_cloth(mesh, FABRIC)
+    with tc.Simulation(scene, h=1 / 60, preconditioner="multilevel", integrator="backward_euler") as sim:
+        assert [note for note in sim.notes if "times as long as its edges are, so that it is block_jacobi" in note]
+        sim.step()
+        assert sim.velocities()[:324, 1] == pytest.approx(-9.81 / 60, rel=1e-6)
 
 
 def bomb(path, expands: int) -> None:

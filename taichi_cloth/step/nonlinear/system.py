@@ -11,7 +11,7 @@ from ...backend.rows import read
 from ...backend.runtime import Runtime
 from ...options import Options
 from ...scene.scene import Scene
-from ...solver.pcg import BREAKDOWN, PCG, Solution
+from ...solver.pcg import BREAKDOWN, NOT_FINITE, PCG, Solution
 from ...solver.preconditioner import build_preconditioner
 from ...system.assembler import Assembler, Measures
 from ...system.base import Base
@@ -158,6 +158,8 @@ class System:
             self.preconditioner.make(self.span, held, lasting)
         falls = held is None and not warm and sewn is None and not self.pulled
         solution = self.solver.solve(tolerance, falls, warm, zero, least, held is None)
+        if solution.status == NOT_FINITE:
+            self.forget()
         if solution.status == BREAKDOWN and self._indefinite and not self._definite:
             self._leave_out(True)
             self.meter.linearize(self.span, self._moves)
@@ -196,6 +198,11 @@ class System:
     def loosen(self) -> None:
         """Something that was sewn together has opened: what was made for the system before does no more."""
         self.preconditioner.forget()
+
+    def forget(self) -> None:
+        """Nothing of the last solve goes on: the state is another, or it was not finite."""
+        self.preconditioner.forget()
+        self.solver.dv.fill(0)
 
     def motion_rows(self, held: Held, h: float) -> tuple[np.ndarray, np.ndarray]:
         """(v [m/s], x - x_0 - h v [m]), each (k, 3), of the held particles."""
