@@ -93,8 +93,8 @@ def _refuse_sizes(entries: list[zipfile.ZipInfo], size: int) -> None:
             raise DamagedError(f"{entry.filename} says {entry.file_size} bytes, and the file has {size}")
     total = sum(entry.file_size for entry in entries)
     if total > max(EXPANDS * size, SMALL):
-        raise DamagedError(f"it has {size:,} bytes, and its arrays are {total:,}: no data are packed as tightly; where these are, "
-                           "save them with numpy.savez")
+        raise DamagedError(f"it has {size:,} bytes, and its arrays are {total:,}: no data are packed as tightly; where "
+                           "these are, save them with numpy.savez")
     if total > _memory():
         raise DamagedError(f"its arrays are {total:,} bytes, more than this machine has")
 

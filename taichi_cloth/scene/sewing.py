@@ -135,8 +135,8 @@ def lengths(cloth: Cloth, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _ways(mesh: TriMesh, pairs: np.ndarray) -> np.ndarray:
-    """(k,) distances [m] in the material between pairs (k, 2) of vertices; where these have several places there, along the edge
-    between them, and without one in the given shape."""
+    """(k,) distances [m] in the material between pairs (k, 2) of vertices; where these have several places there, along the
+    edge between them, and without one in the given shape."""
     places = mesh.x if mesh.vertex_uv is None else mesh.vertex_uv
     out = np.linalg.norm(places[pairs[:, 1]] - places[pairs[:, 0]], axis=1)
     if mesh.vertex_uv is None:

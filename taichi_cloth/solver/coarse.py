@@ -126,8 +126,8 @@ class Coarse(Checkpointed):
             self.span = 0.0
             return np.zeros(A.shape)
         if not self._told:
-            self._tell(f"preconditioner: {left} of {len(A)} directions of its coarsest level cannot be solved for, and are left to "
-                       "the finer ones: solves may take longer")
+            self._tell(f"preconditioner: {left} of {len(A)} directions of its coarsest level cannot be solved for, and are "
+                       "left to the finer ones: solves may take longer")
         self._told = True
         return out
 

@@ -58,8 +58,8 @@ class Level:
 
 
 def coordinates(mesh: TriMesh) -> np.ndarray:
-    """(n, 2) places of the vertices in the pattern, of those on a cut the first; (n, 3) the given positions [m] where it is cut
-    at most corners, so that it does not say what lies beside what."""
+    """(n, 2) places of the vertices in the pattern, of those on a cut the first; (n, 3) the given positions [m] where it is
+    cut at most corners, so that it does not say what lies beside what."""
     if mesh.flattened:
         return mesh.x
     places = mesh.uv if mesh.uv.ndim == 2 else mesh.first_uv

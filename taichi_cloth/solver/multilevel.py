@@ -52,8 +52,8 @@ class Multilevel(Checkpointed):
         made = levels(*_material(scene, model), float(np.median(edges)), _links(scene, model), most)
         if self.exact and made[-1].count > MOST_EXACT:
             self.exact = False
-            tell(f"preconditioner: its coarsest level has {made[-1].count:,} nodes, too many to be solved exactly, for as many "
-                 "pieces of cloth: solves may take longer")
+            tell(f"preconditioner: its coarsest level has {made[-1].count:,} nodes, too many to be solved exactly, for as "
+                 "many pieces of cloth: solves may take longer")
         self.jacobi, self.operator = Pointwise(fields, operator), operator
         self.hats = Hierarchy(fields, made, model.n)
         self.dealer = Dealer(fields, model.blocks, self.hats.start[-1])

@@ -268,8 +268,9 @@ def both_ways(folder, rng):
     faces = np.concatenate([(up[:, ::-1] if k in (1, 2) else up) + 4 * k for k in range(4)]).astype(np.int32)
     sewn = np.arange(16)
     sewn[[4, 6, 8, 10, 12, 14]] = [1, 3, 5, 7, 9, 11]
-    return make(folder, rng, own={k: {"x": x, "v": 0 * x, "contact": 0 * x} for k in range(FIRST, FIRST + 3)}, faces=faces, x=x,
-                uv=rng.random((8, 3, 2)).astype(np.float32), cloth_start=np.array([0, 16]), cloth_faces=np.array([0, 8]),
+    own = {k: {"x": x, "v": 0 * x, "contact": 0 * x} for k in range(FIRST, FIRST + 3)}
+    return make(folder, rng, own=own, faces=faces, x=x, uv=rng.random((8, 3, 2)).astype(np.float32),
+                cloth_start=np.array([0, 16]), cloth_faces=np.array([0, 8]),
                 cloth_names=np.array(["strip"]), cloth_colors=np.full((1, 3), 0.5), sewn=sewn,
                 panel=np.repeat(np.arange(4), 2), panel_names=np.array(list("abcd")))
 
@@ -281,8 +282,8 @@ def runs_once_each_way(faces) -> bool:
 
 
 def test_what_is_welded_faces_one_side(tmp_path, rng):
-    """Every triangle is there, those of the panels that face down turned with their texture, and it is said; of cloths that are
-    not welded none is turned, and no normal is shared by triangles that face opposite ways."""
+    """Every triangle is there, those of the panels that face down turned with their texture, and it is said; of cloths that
+    are not welded none is turned, and no normal is shared by triangles that face opposite ways."""
     made = both_ways(tmp_path / "run", rng)
     faces, uv = made.geometry["faces"], made.geometry["uv"]
     for parts in ("cloths", "welded"):

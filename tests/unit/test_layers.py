@@ -12,8 +12,8 @@ NUMPY_ONLY = {"colornames", "errors", "checks", "options", "scene", "io", "backe
               "backend.placement", "system.elements", "system.quantities", "step.ledger", "app.scenefile", "app.recorded",
               "app.studies", "app.flags", "app.look_flags", "app.cli", "app.dressing", "app.fitting", "app.sweeping",
               "app.interrupts", "garment.curves", "garment.pattern", "garment.garmentcode", "garment.svg"}
-OUTPUT_MAY = {"colornames", "errors", "checks", "io.npz", "scene.mesh", "scene.view", "scene.appearance", "backend.runtime", "backend.bvh",
-              "backend.placement", "backend.fields", "backend.rows", "backend.ordering", "system.quantities"}
+OUTPUT_MAY = {"colornames", "errors", "checks", "io.npz", "scene.mesh", "scene.view", "scene.appearance", "backend.runtime",
+              "backend.bvh", "backend.placement", "backend.fields", "backend.rows", "backend.ordering", "system.quantities"}
 
 
 def name_of(path: pathlib.Path) -> str:

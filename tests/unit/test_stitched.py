@@ -121,8 +121,8 @@ def test_a_place_near_the_end_of_an_edge_is_its_end(tmp_path):
 
 @pytest.mark.parametrize("t, new", [(0.0, 0), (0.015, 0), (0.2, 0), (0.4, 1), (0.6, 1), (0.8, 0), (0.985, 0), (1.0, 0)])
 def test_a_stitch_may_name_its_edge_from_either_end(tmp_path, t, new):
-    """(v, a, b, t) and (v, b, a, 1 - t) are one place, on edges that run either way in their triangle, in the OBJ or beside it: at
-    (1 - t) a + t b, or, near an end, at that end; in the pattern, in space, and where another program has draped it."""
+    """(v, a, b, t) and (v, b, a, 1 - t) are one place, on edges that run either way in their triangle, in the OBJ or beside
+    it: at (1 - t) a + t b, or, near an end, at that end; in the pattern, in space, and where another program has draped it."""
     path, meshes, (left, right) = write_panels(tmp_path)
     x, uv = (np.concatenate([getattr(m, what) + [0.35 * k, 0, 0][:size] for k, m in enumerate(meshes)])
              for what, size in (("x", 3), ("uv", 2)))

@@ -216,7 +216,7 @@ def _cloth(k: int, frames: list[Frame], prints: list[Print | None]) -> Mesh:
 
 
 def _smooth(faces: np.ndarray, sewn: np.ndarray) -> np.ndarray:
-    """(m, 3) numbers of corners' normals: the same round what is sewn together (n,), but for triangles that face other ways."""
+    """(m, 3) numbers of corners' normals: the same round what is sewn together (n,), but where triangles face other ways."""
     corners = sewn[faces]
     against = turned(corners, np.array([0, len(corners)]))
     return np.unique(2 * corners + against[:, None], return_inverse=True)[1].reshape(-1, 3)
