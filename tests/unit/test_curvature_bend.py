@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.forces.curvature_fit import curvatures
+from taichi_cloth.forces.curvature_fit import curvatures, edge_gradients
 
 
 def jittered(rng, n=8, seam=False):
@@ -91,3 +91,12 @@ def test_a_given_rest_shape_is_refused():
     scene.add_cloth(tc.grid(1.0, 3), tc.Fabric(0.2, bend=tc.Bend(1e-3, rest="given", model="curvature")), name="dress")
     with pytest.raises(tc.SceneError, match="dress.*flat rest shape.*hinge"):
         tc.Simulation(scene)
+
+
+def test_a_pattern_far_from_its_origin_bends_alike():
+    """Fits of curvature are the same a million metres away, where u and v have six digits less."""
+    mesh = tc.grid(1.0, 3)
+    far = tc.TriMesh(mesh.x, mesh.faces, mesh.uv + 2.0**20)
+    (ids, near, *_), (others, there, *_) = edge_gradients(mesh), edge_gradients(far)
+    same = np.tile((ids == others).all(axis=1), 3)  # at borders one of several may stand in
+    assert same.mean() > 0.7 and np.abs(there[same] - near[same]).max() < 1e-7 * np.abs(near).max()

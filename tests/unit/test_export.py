@@ -11,6 +11,7 @@ import pytest
 from taichi_cloth.errors import OutputError
 from taichi_cloth.output.export import export
 from taichi_cloth.output.export.pc2 import read_pc2
+from taichi_cloth.output.export.pieces import turned
 from taichi_cloth.output.folder import RunFolder
 from taichi_cloth.output.recording import Recording
 
@@ -308,6 +309,20 @@ def test_what_is_welded_faces_one_side(tmp_path, rng):
             rows = re.findall(r"faceVertexIndices = \[(.*?)\]", file.read_text())
             mine = np.array(rows[0].split(","), dtype=int).reshape(-1, 3)
         assert len(mine) == 8 and runs_once_each_way(mine) and not runs_once_each_way(made.geometry["sewn"][faces])
+
+
+def test_what_has_one_side_or_three_layers_is_not_turned():
+    """A Moebius strip stays as it is; at an edge of three triangles none is another's neighbour, and elsewhere they are."""
+    ring = np.array([[2 * k, 2 * k + 1, 2 * k + 2, 2 * k + 3] for k in range(6)])
+    ring[-1, 2:] = [1, 0]
+    strip = np.concatenate([ring[:, [0, 1, 2]], ring[:, [2, 1, 3]]])
+    fan = np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4], [1, 4, 5]])  # the last is turned against the one before
+    other = np.array([[10, 11, 12], [12, 11, 13], [12, 13, 14], [14, 13, 15], [14, 15, 15]])
+    other[1] = other[1, ::-1]
+    faces = np.concatenate([strip, fan, other])
+    out = turned(faces, np.array([0, 12, 16, 21]))
+    assert not out[:12].any() and out[12:16].tolist() == [False, False, False, True]
+    assert out[16:].tolist() == [False, True, False, False, False]
 
 
 @pytest.mark.slow

@@ -308,6 +308,21 @@ def test_units_and_files(tmp_path):
         tc.load_pattern(tmp_path / "missing.json")
 
 
+def test_spacings_that_no_panel_has_triangles_of_are_refused():
+    """So wide that a border of two edges has two points; so narrow that no memory holds them."""
+    edges = tc.Curve(0, 1), tc.Curve(1, 0, "quadratic", ((0.5, 0.3),))
+    pattern = tc.Pattern((tc.Panel("lens", [[0, 0], [0.4, 0.0]], edges),))
+    with pytest.raises(tc.MeshError, match="'lens': its border of 2 points has no area: take a smaller spacing"):
+        pattern.mesh(10.0)
+    for tiny in (1e-6, 1e-30):
+        with pytest.raises(tc.MeshError, match=f"spacing = {tiny:g} m makes .* triangles: at most 20,000,000"):
+            pattern.mesh(tiny)
+    with pytest.raises(tc.MeshError, match="spacing = 1e-06 m makes"):
+        tc.remesh(pattern.mesh(0.05), 1e-6)
+    with pytest.raises(tc.SceneError, match="wrap: the part of the body has no points"):
+        pattern.wrap("lens", np.zeros((0, 3)))
+
+
 def test_a_line_that_crosses_itself_is_refused():
     with pytest.raises(tc.MeshError, match="'bow': its border crosses itself"):
         mesh_polygon(np.array([[0.0, 0], [1, 1], [1, 0], [0, 1]]), 0.1, "bow")
