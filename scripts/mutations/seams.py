@@ -177,8 +177,6 @@ MUTATIONS = (
      FILES + "lattices_lie_in_the_pattern"),
     ("taichi_cloth/step/nonlinear/system.py", "        self.solver.dv.fill(0)\n", "        pass\n",
      "a solve begins with what has overflowed", FILES + "what_cannot_be_made_of_levels_is_left_out_with_a_note"),
-    ("taichi_cloth/garment/mesher.py", "    if not count <= MOST_TRIANGLES:", "    if False:", "panels of billions of triangles",
-     f"{PATTERNS}::test_spacings_that_no_panel_has_triangles_of_are_refused"),
     (DENSE, "some = values > least", "some = values < np.inf", "what cannot be solved for is",
      "tests/unit/test_dense.py::test_what_is_singular_is_inverted_where_it_is_not"),
     (SEWN_SHAPE, "joins = knots[np.linalg.norm(rest - rest[knots], axis=1) > APART]", "joins = knots[:0]",

@@ -156,11 +156,12 @@ def test_what_cannot_be_made_of_levels_is_left_out_with_a_note(monkeypatch):
             assert len(said) == bool(words) and all(words in note for note in said) and sim.notes == before, sim.notes
             assert sim.log[-1].rejections == {}
             ends.append(sim.positions())
-            sim.set_state(1e29 * ends[-1], sim.velocities())
-            with pytest.raises(tc.SimulationError, match="no step"):
-                sim.step()
-            sim.set_state(ends[-1], np.zeros_like(ends[-1]))  # nothing of what overflowed is left
-            assert sim.step().rejections == {}
+            if len(ends) == 1:
+                sim.set_state(1e29 * ends[0], sim.velocities())
+                with pytest.raises(tc.SimulationError, match="no step"):
+                    sim.step()
+                sim.set_state(ends[0], np.zeros_like(ends[0]))  # nothing of what overflowed is left
+                assert sim.step().rejections == {}
     assert all(np.abs(x - ends[2]).max() < 1e-6 * np.abs(ends[2]).max() for x in ends[:2])
 
 
