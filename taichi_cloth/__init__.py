@@ -17,7 +17,7 @@ _NAMES = {
     "io.solid": "load_solid",
     "scene.fabric": "Stretch Shear Bend Fabric ClothContact",
     "scene.fabrics": "fabrics bends",
-    "scene.garment": "Garment load_garment",
+    "scene.garment": "Garment", "io.garment": "load_garment",
     "garment": "load_pattern",
     "garment.stitched": "load_stitched",
     "garment.remesh": "remesh",

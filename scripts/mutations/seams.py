@@ -30,10 +30,14 @@ PATHS, DRAWING, OUTLINES = (f"taichi_cloth/garment/{name}.py" for name in ("path
 SVG = "tests/unit/test_svg.py"
 COMMANDS = f"{SVG}::test_path_commands"
 FILE, GARMENT = "taichi_cloth/garment/garmentcode.py", "taichi_cloth/scene/garment.py"
+LOADED = "taichi_cloth/io/garment.py"
 QUERIES = "taichi_cloth/simulation/queries.py"
 REMESH, REMESHED = "taichi_cloth/garment/remesh.py", "tests/unit/test_remesh.py"
 DRESSING, PLACED = "taichi_cloth/garment/dressing.py", "tests/unit/test_placed_panels.py"
 STITCHED, SEWN_SHAPE = "taichi_cloth/garment/stitched.py", "taichi_cloth/contact/cloth/sewn_shape.py"
+EITHER_END = "tests/unit/test_stitched.py::test_a_stitch_may_name_its_edge_from_either_end"
+IN_ORDER = "tests/unit/test_stitched.py::test_places_on_an_edge_are_in_order_from_whichever_end_they_are_named"
+FILES = "tests/unit/test_garment_files.py::test_"
 OVER_SEAMS = "tests/physics/test_near_starts.py::test_panels_that_lie_apart_are_as_near_as_their_seam_is_long"
 
 RIPPING, STITCHES = "tests/physics/test_ripping.py", "taichi_cloth/system/stitches.py"
@@ -175,6 +179,32 @@ MUTATIONS = (
     (STITCHED, "return any(_key(i, j) in self.of for", "return any(False for",
      "triangles are lost where stitches are near ends of edges",
      "tests/unit/test_stitched.py::test_a_place_near_the_end_of_an_edge_is_its_end"),
+    (STITCHED, "if a < b else (v, b, a, 1 - t))", "if a < b else (v, b, a, t))", "a stitch named from the edge's other end",
+     EITHER_END),
+    (STITCHED, "b if a != b and t > 0.5 else a))", "a))", "a stitch at an edge's far end is sewn to its near one", EITHER_END),
+    (STITCHED, "end = a if t < 0.5 else b", "end = a", "so is one that is near the far end", EITHER_END),
+    (STITCHED, "(new if forward else new[::-1])", "new", "new vertices of an edge that runs backwards come in the wrong order",
+     IN_ORDER),
+    (STITCHED, "key=lambda s: min(s[3], 1 - s[3])", "key=lambda s: s[3]", "ends of edges go to whom names them first",
+     "tests/unit/test_stitched.py::test_of_two_neighbours_near_the_end_of_edges_the_nearer_is_sewn_to_it"),
+    (STITCHED, "t <= AT_END or t >= 1 - AT_END", "t <= AT_END", "an edge is split at its very end",
+     "tests/unit/test_stitched.py::test_a_place_at_the_end_of_an_edge_is_that_end_whatever_is_lost_by_it"),
+    ("taichi_cloth/scene/sewing.py", "np.isin(self.a, index) | np.isin(self.b, index)", "np.isin(self.a, index)",
+     "stitches are named from one side only",
+     "tests/unit/test_stitched.py::test_stitches_are_named_by_vertices_of_either_side"),
+    ("taichi_cloth/scene/sewing.py", "if mesh.vertex_uv is None:\n        by", "if False:\n        by",
+     "seams over a cut of the pattern are as long as in space",
+     FILES + "seams_over_a_cut_of_the_pattern_are_as_long_as_their_cloth"),
+    (GARMENT, '"uv": mesh.uv,', '"uv": mesh.corner_uv,', "a saved garment has a place for each corner",
+     FILES + "what_is_loaded_is_what_was_saved"),
+    (LOADED, 'data["uv" if "uv" in data else "corner_uv"]', 'data["uv"]', "older files are no garments",
+     FILES + "what_is_done_with_garments_is_done_with_loaded_ones"),
+    (SOLVER + "lattice.py", "places if whole.mean() > 0.5 else mesh.x", "mesh.x", "lattices over cut patterns lie in space",
+     FILES + "lattices_lie_in_the_pattern"),
+    ("taichi_cloth/step/nonlinear/system.py", "        self.solver.dv.fill(0)\n", "        pass\n",
+     "a solve begins with what has overflowed", FILES + "what_cannot_be_made_of_levels_is_left_out_with_a_note"),
+    (DENSE, "some = values > least", "some = values < np.inf", "what cannot be solved for is",
+     "tests/unit/test_dense.py::test_what_is_singular_is_inverted_where_it_is_not"),
     (SEWN_SHAPE, "joins = knots[np.linalg.norm(rest - rest[knots], axis=1) > APART]", "joins = knots[:0]",
      "panels that lie apart push each other off at their seam", OVER_SEAMS),
     ("taichi_cloth/contact/cloth/collision_mesh.py", "ti.min(out, self.sewn_distance[k])", "self.sewn_distance[k] + 1",
@@ -186,7 +216,7 @@ MUTATIONS = (
     (STITCHED, "while before < len(self.x):", "while before < 0:", "what has been divided divides nothing",
      "tests/cli/test_scripts.py::test_flat_panels_hang_clear_of_the_body_and_of_each_other"),
     (FILE, 'together="right_wrong" in stitch[2:]', "together=False", "right_wrong is not read", PATTERNS),
-    (GARMENT, "rest, k, bears if np.isfinite(bears) else None)", "rest, k, None)", "a file forgets what seams bear",
+    (LOADED, "rest, k, bears if np.isfinite(bears) else None)", "rest, k, None)", "a file forgets what seams bear",
      f"{PATTERNS}::test_what_a_seam_is_like_is_in_the_file_and_in_the_scene"),
     (REMESH, "if (self._turns(u, v, w) or", "if (", "corners of panels are cut off", REMESHED),
     (REMESH, "if ways[0] == ways[1] else other.rows[::-1]", "", "seams of panels meshed anew run the wrong way", REMESHED),
@@ -205,7 +235,7 @@ MUTATIONS = (
      f"{PATTERNS}::test_the_command_dresses"),
     (DRESSING, "for e, f in zip(edges[:, 0]", "for e, f in zip(edges[:1, 0]", "crossings are named in part", PLACED),
     (QUERIES, '"closing" if gap > 0 else', "", "what closes is closed", "tests/physics/test_resewn.py"),
-    (GARMENT, 'Garment(mesh, seams, data["positions"])', "Garment(mesh, seams)",
+    (LOADED, 'Garment(_mesh(data), _seams(data), data["positions"])', "Garment(_mesh(data), _seams(data))",
      "where a dressed garment is, is lost", PATTERNS),
     (PULLS, "ratio = most / d", "ratio = k", "springs pull with any force", SOFT),
     (PULLS, "if not bounded:", "if False:", "the bound for the derivative", SOFT),

@@ -90,7 +90,10 @@ def _export(args: argparse.Namespace, format: str | None = None) -> int:
     from ..output.recording import Recording
 
     _check_to(args)
-    files = export(Recording(args.run), format or args.format, args.to, args.parts or "cloths")
+    recording = Recording(args.run)
+    files = export(recording, format or args.format, args.to, args.parts or "cloths")
+    for note in recording.notes:
+        print(f"note: {note}")
     names = ", ".join(f.name for f in files[:3]) + (" ..." if len(files) > 3 else "")
     print(f"{len(files)} files in {files[0].parent}/: {names}" if len(files) > 1 else f"written to {files[0]}")
     return 0

@@ -23,14 +23,14 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> tuple[Simulation, fl
     """
     scene, began = scene_file.make(options.settings), time.perf_counter()
     sim = Simulation(scene, **options.simulation)
-    for note in sim.notes:
-        print(f"note: {note}", file=sys.stderr)
+    _print(sim.notes)
     manifest = _manifest(scene_file, sim, options)
     old = Recording(options.out) if options.resume and options.out else None
     last = round(options.duration * options.fps)
     resumed, before = resume(sim, old, manifest, last, options.from_frame, options.force) if old else (None, None)
     start = sim.time
     first = kept_from(old, resumed, options.frames)
+    told = len(sim.notes)
     # only now, when nothing in the request is wrong any more, may an earlier run's files go
     folder = RunFolder(options.out, options.overwrite, resumed, INSTEAD) if options.out else None
     try:
@@ -40,7 +40,14 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> tuple[Simulation, fl
         raise
     except Exception as error:
         raise ScriptError(f"scene {scene_file.name}: {said(error, scene_file.path)}") from error
+    finally:
+        _print(sim.notes[told:])
     return sim, start
+
+
+def _print(notes: list[str]) -> None:
+    for note in notes:
+        print(f"note: {note}", file=sys.stderr)
 
 
 def _manifest(scene_file: SceneFile, sim: Simulation, options: RunOptions) -> dict:

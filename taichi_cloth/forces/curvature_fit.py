@@ -16,7 +16,7 @@ def curvatures(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         (m, k) vertices, (m, 3, k) their weights for uu, uv, vv in the triangle's material plane [1/m^2], 0 for those
         that only fill a row up; (m,) areas [m^2].
     """
-    m, area, corner = mesh.face_count, mesh.material_areas, mesh.corner_uv
+    m, area, corner = mesh.face_count, mesh.material_areas, _corners(mesh)
     ids, gradients, twin, turn = edge_gradients(mesh)
     B, vertices = np.zeros((m, 3, 24)), np.repeat(mesh.faces[:, :1], 24, axis=1)
     vertices[:, :6] = ids
@@ -64,7 +64,7 @@ def edge_gradients(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
         (m, 6) vertices of each fit; (3m, 2, 6) weights of the gradient at edge r // m of triangle r % m, in its material
         plane [1/m]; the neighbour's row of the same edge or -1; turns from the neighbour's plane, as `_unfold`.
     """
-    m, corner = mesh.face_count, mesh.corner_uv
+    m, corner = mesh.face_count, _corners(mesh)
     ids, second, twin, turn = _fits(mesh)
     slope = np.linalg.inv(np.concatenate([corner, np.ones((m, 3, 1))], axis=2))[:, :2]  # of barycentric coordinates
     flat = slope @ _quadratics(corner - corner[:, :1])  # of the planes through u^2/2, u v, v^2/2 at the corners
@@ -81,7 +81,7 @@ def edge_gradients(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, n
 
 def _fits(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """(m, 6) vertices, (m, 3, 6) weights of the quadratic's second derivatives; twin and turn of `_unfold`."""
-    faces, m, corner = mesh.faces, mesh.face_count, mesh.corner_uv
+    faces, m, corner = mesh.faces, mesh.face_count, _corners(mesh)
     twin, turn, shift = _unfold(mesh)
     across, there = twin.reshape(3, m).T, (twin >= 0).reshape(3, m).T  # by triangle and edge: row of the neighbour's edge
     tip = np.where(there, faces[across % m, (across // m + 2) % 3], faces[:, :1])
@@ -117,7 +117,7 @@ def _fits(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray
 def _unfold(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """For row r, edge r // m of triangle r % m: the same edge's row in the neighbour or -1, and the rigid motion
     (turn (3m, 2, 2), shift (3m, 2)) of the neighbour's material plane that lays it beside the triangle."""
-    faces, m, corner = mesh.faces, mesh.face_count, mesh.corner_uv
+    faces, m, corner = mesh.faces, mesh.face_count, _corners(mesh)
     edges = face_edges(faces)
     order = np.lexsort((edges.max(axis=1), edges.min(axis=1)))
     s = np.sort(edges, axis=1)[order]
@@ -138,6 +138,12 @@ def _unfold(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def _corners(mesh: TriMesh) -> np.ndarray:
+    """(m, 3, 2) material coordinates [m] from the mesh's first corner: what is fitted knows no origin, and far from it loses
+    digits."""
+    return mesh.corner_uv - mesh.corner_uv[0, 0]
 
 
 def _frame(along: np.ndarray, hand: np.ndarray) -> np.ndarray:

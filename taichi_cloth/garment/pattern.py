@@ -284,8 +284,10 @@ def axis_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """(lower end (3,), upper end (3,), largest distance from it) of the axis along which points (n, 3) [m] lie.
 
     Raises:
-        SceneError: points that are all in one place.
+        SceneError: no points, or all in one place.
     """
+    if not len(points):
+        raise SceneError("wrap: the part of the body has no points")
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
     v = np.linalg.svd(points - points.mean(axis=0))[2][0]
     v = v if v[1] >= 0 else -v

@@ -68,9 +68,10 @@ class _Remeshed:
 
     def __init__(self, garment: Garment) -> None:
         self.garment, self.mesh = garment, garment.mesh
-        if self.mesh.uv.ndim != 2:
+        uv, faces = self.mesh.vertex_uv, self.mesh.faces
+        if uv is None:
             raise SceneError("remesh: vertices have several places in the pattern: panels must not share vertices")
-        self.uv, faces = self.mesh.uv, self.mesh.faces
+        self.uv = uv
         n = self.mesh.vertex_count
         self.panel = _panels(self.mesh)
         self.cluster = _joined(n, garment.seams)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import zipfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import checks
-from ..errors import SceneError, near, shown
+from ..errors import SceneError, shown
 from .mesh import TriMesh
 
 FLAT = 1e-2  # of its width by which a flat panel's vertices may be off its plane
@@ -91,10 +90,12 @@ class Garment:
             radius: [m] at which it is bent.
 
         Raises:
-            SceneError: no such group, no axis, a panel that is not flat, stands across the axis or has its middle on it, or is
-                wider than the way round.
+            SceneError: no such group, one of fewer than three vertices, no axis, a panel that is not flat, stands across the
+                axis or has its middle on it, or is wider than the way round.
         """
         rows, what = self._rows("bent", panel), f"bent: panel {panel!r}"
+        if len(rows) < 3:
+            raise SceneError(f"{what} has {len(rows)} vertices: no plane goes through them")
         low, high = checks.array("bent: around", around, (2, 3), row="end")
         r, x = checks.number("bent: radius", radius, "m", positive=True), self.positions[rows]
         middle = (x.min(axis=0) + x.max(axis=0)) / 2
@@ -131,7 +132,8 @@ class Garment:
         """
         path = checks.path("path", path, SceneError)
         mesh, part = self.mesh, path.with_name(path.name + ".part")
-        arrays = {"x": mesh.x, "faces": mesh.faces, "corner_uv": mesh.corner_uv, "positions": self.positions,
+        arrays = {"x": mesh.x, "faces": mesh.faces, "uv": mesh.uv, "flattened": np.array(mesh.flattened),
+                  "notes": np.array(mesh.notes, dtype=str), "positions": self.positions,
                   **({} if mesh.texture is None else {"texture": mesh.texture}),
                   **{f"group_{name}": index for name, index in mesh.groups.items()},
                   **{f"seam_{k}": np.stack([a, b]) for k, (a, b, *_) in enumerate(self.seams)},
@@ -174,28 +176,3 @@ def _seam(k: int, seam: object, n: int) -> SewnRows:
         raise SceneError(f"garment: seam {k}: a single stitch has no strength, which is a force a length")
     return SewnRows(rows[0], rows[1], seam_angle(f"garment: rest of seam {k}", rest),
                     checks.number(f"garment: stiffness of seam {k}", stiffness, least=0.0), strength)
-
-
-def load_garment(path: str | Path) -> Garment:
-    """A garment that `Garment.save` wrote.
-
-    Raises:
-        SceneError: a file that is missing, damaged or no garment.
-    """
-    path = checks.path("path", path, SceneError)
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            data = {name: file[name] for name in file.files}
-        groups = {name[6:]: index for name, index in data.items() if name.startswith("group_")}
-        mesh = TriMesh(data["x"], data["faces"], data["corner_uv"], groups, texture=data.get("texture"))
-        rests = [rest if rest == "given" else float(rest) for rest in data["rest"].tolist()]
-        stiffness, strength = (np.broadcast_to(data.get(name, usual), len(rests)).tolist()  # older files have none
-                               for name, usual in (("stiffness", 1.0), ("strength", np.inf)))
-        rows = [data[f"seam_{k}"] for k in range(len(rests))]
-        seams = tuple(SewnRows(a, b, rest, k, bears if np.isfinite(bears) else None)
-                      for (a, b), rest, k, bears in zip(rows, rests, stiffness, strength))
-        return Garment(mesh, seams, data["positions"])
-    except OSError as error:
-        raise SceneError(f"{path}: cannot be read: {error.strerror or error}{near(path)}") from None
-    except (KeyError, ValueError, EOFError, TypeError, zipfile.BadZipFile, MemoryError, NotImplementedError) as error:
-        raise SceneError(f"{path}: is no garment: {type(error).__name__}: {error}") from None

@@ -111,6 +111,21 @@ class TriMesh:
         return _fixed(self.uv if self.uv.ndim == 3 else self.uv[self.faces])
 
     @cached_property
+    def vertex_uv(self) -> np.ndarray | None:
+        """(n, 2) material coordinates of the vertices [m]; None where one has several, or where flattening made them."""
+        if self.flattened or self.uv.ndim == 2:
+            return None if self.flattened else self.uv
+        first = _fixed(self.first_uv)
+        return first if (first[self.faces] == self.uv).all() else None
+
+    @property
+    def first_uv(self) -> np.ndarray:
+        """(n, 2) material coordinates [m] of the first corner at each vertex; 0 where there is none."""
+        out = np.zeros((self.vertex_count, 2))
+        out[self.faces[::-1].ravel()] = self.corner_uv[::-1].reshape(-1, 2)
+        return out
+
+    @cached_property
     def material_areas(self) -> np.ndarray:
         """(m,) areas in the material plane [m^2]."""
         return _fixed(np.abs(twice_area(self.corner_uv)) / 2)
@@ -261,12 +276,13 @@ def facing(faces: np.ndarray) -> np.ndarray | None:
     """(m,) whether a triangle is turned against most of its piece; None for a surface that has one side only.
 
     Args:
-        faces: (m, 3), at most two at an edge.
+        faces: (m, 3); those at an edge of more than two are no neighbours there.
     """
     m, ends = len(faces), face_edges(faces)
     order = np.lexsort(np.sort(ends, axis=1).T)
     same = (np.sort(ends[order[1:]], axis=1) == np.sort(ends[order[:-1]], axis=1)).all(axis=1)
-    a, b = order[:-1][same], order[1:][same]
+    two = same & ~np.append(False, same[:-1]) & ~np.append(same[1:], False)
+    a, b = order[:-1][two], order[1:][two]
     against = ends[a, 0] == ends[b, 0]  # neighbours that agree run along their edge in opposite ways
     turned = np.zeros(m, dtype=bool)
     if not against.any():

@@ -8,7 +8,7 @@ from .. import checks
 from ..errors import SceneError, shown
 from .cloth import Cloth, used_vertices
 from .garment import seam_angle
-from .mesh import distinct, face_edges
+from .mesh import TriMesh, distinct, face_edges
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,9 +116,8 @@ def lengths(cloth: Cloth, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     within the cloth, the mean length of its edges."""
     out = np.zeros(len(a))
     mesh = cloth.mesh
-    places = mesh.uv if mesh.uv.ndim == 2 else mesh.x
     for row in (a, b):
-        way = np.linalg.norm(np.diff(places[row], axis=0), axis=1)
+        way = _ways(mesh, np.stack([row[:-1], row[1:]], axis=1))
         out[:-1] += way / 4
         out[1:] += way / 4
     if len(a) > 2 and a[0] == a[-1]:  # round a hole: the last is the first
@@ -130,6 +129,22 @@ def lengths(cloth: Cloth, a: np.ndarray, b: np.ndarray) -> np.ndarray:
             if not len(beside):
                 edges = distinct(face_edges(mesh.faces))[0]
                 beside = edges[(edges == v).any(axis=1)]
-            way = np.linalg.norm(np.diff(places[beside], axis=1), axis=2)
+            way = _ways(mesh, beside)
             out += way.sum() / 4 if v in borders else way.mean() / 2
+    return out
+
+
+def _ways(mesh: TriMesh, pairs: np.ndarray) -> np.ndarray:
+    """(k,) distances [m] in the material between pairs (k, 2) of vertices; where these have several places there, along the
+    edge between them, and without one in the given shape."""
+    places = mesh.x if mesh.vertex_uv is None else mesh.vertex_uv
+    out = np.linalg.norm(places[pairs[:, 1]] - places[pairs[:, 0]], axis=1)
+    if mesh.vertex_uv is None:
+        by = np.array([mesh.vertex_count, 1])
+        codes, first = np.unique(np.sort(face_edges(mesh.faces), axis=1) @ by, return_index=True)
+        wanted = np.sort(pairs, axis=1) @ by
+        at = np.minimum(np.searchsorted(codes, wanted), len(codes) - 1)
+        ends = face_edges(np.arange(3 * mesh.face_count).reshape(-1, 3))[first[at]]  # corners
+        corner = mesh.corner_uv.reshape(-1, 2)[ends]
+        out = np.where(codes[at] == wanted, np.linalg.norm(corner[:, 1] - corner[:, 0], axis=1), out)
     return out

@@ -103,7 +103,8 @@ def split(name: str, mesh: TriMesh, tear: Tear) -> Split:
     Raises:
         SceneError: a mesh without a pattern of one coordinate a vertex, or nothing that may tear.
     """
-    if mesh.flattened or mesh.uv.ndim != 2:
+    uv = mesh.vertex_uv
+    if uv is None:
         raise SceneError(f"tear of {name!r}: its mesh needs a pattern, with one material coordinate a vertex")
     n, m = mesh.vertex_count, mesh.face_count
     may = np.zeros(n, dtype=bool)
@@ -117,7 +118,7 @@ def split(name: str, mesh: TriMesh, tear: Tear) -> Split:
     faces[new] = n + np.arange(new.sum())
     of = np.concatenate([np.arange(n), corner[new]])
     groups = {key: np.concatenate([index, n + np.flatnonzero(np.isin(of[n:], index))]) for key, index in mesh.groups.items()}
-    made = TriMesh(mesh.x[of], faces.reshape(m, 3), mesh.uv[of], groups, texture=mesh.texture)
+    made = TriMesh(mesh.x[of], faces.reshape(m, 3), uv[of], groups, texture=mesh.texture)
     object.__setattr__(made, "notes", mesh.notes)
     edges, sides = _inner(mesh)
     out = Split(mesh, made, of, edges, sides, *(np.zeros(0, dtype=np.int64),) * 4)
@@ -132,7 +133,7 @@ def split(name: str, mesh: TriMesh, tear: Tear) -> Split:
 
 def _refuse_coarse(name: str, mesh: TriMesh, may: np.ndarray, length: float) -> None:
     """Refuses a length within which no vertex has a point of its triangles that stands for a third of one."""
-    corners = mesh.uv[mesh.faces]
+    corners = mesh.corner_uv
     nearest = np.full(mesh.vertex_count, np.inf)
     for k in range(3):
         away = corners[:, (k + 1) % 3] + corners[:, (k + 2) % 3] - 2 * corners[:, k]

@@ -120,6 +120,9 @@ class Parts:
         self.meter = Assembler(self.model, forces, self.runtime, operator)
         self.integrator = integrators.build(self.integrator_name, fields, self.model, self.force_terms, self.meter,
                                             self.options, self.runtime, scene, self.contacts)
+        if self.integrator.system is not None:
+            self.notes += self.integrator.system.notes
+            self.integrator.system.notes = self.notes  # what is noted on the way is among them
         fields.allocate()
 
     def _settle(self) -> None:

@@ -118,6 +118,8 @@ class Simulation(Queries):
         self._note_collapsed(x)
         self.stepper.forget(contacts=False)
         self.integrator.reset()
+        if self.integrator.system is not None:
+            self.integrator.system.forget()
         if self.contacts is not None:
             self.contacts.clear()
         self.prescribed.begin_anew()

@@ -9,6 +9,8 @@ meets two of them. Both parts are made anew where they have aged; in between the
 be.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import taichi as ti
 
@@ -18,7 +20,7 @@ from ..forces.conditions import sym_scaled_identity
 from ..system.checkpoint import Checkpointed
 from ..system.operator import Operator
 from .age import Drift
-from .dense import inverted
+from .dense import inverted, inverted_in_part
 from .galerkin import Hats, colored, coupled
 from .lattice import Level
 from .pointwise import Pointwise
@@ -36,12 +38,14 @@ class Coarse(Checkpointed):
     Args:
         faces: (m, 3) of the cloths.
         first: number of the level's first node.
+        tell: is told, in a sentence, of what cannot be made.
     """
 
     STATE = ("matrix", "inverse", "span", "pressed", "drift")
 
     def __init__(self, fields: Fields, operator: Operator, jacobi: Pointwise, level: Level, first: int,
-                 faces: np.ndarray) -> None:
+                 faces: np.ndarray, tell: Callable[[str], None]) -> None:
+        self._tell, self._told = tell, False
         self.operator, self.jacobi, self.blocks = operator, jacobi, operator.blocks
         self.forces = [force for force in operator.forces if not force.of_contact]
         self.count, self.width = level.count, level.node.shape[1]
@@ -106,16 +110,26 @@ class Coarse(Checkpointed):
     def _inverted(self) -> np.ndarray:
         """(3 count, 3 count) inverse of A_c.
 
-        Hats depend on each other where they meet nothing but one seam: Q^T A_0 Q may be singular, and gets a little on its
-        diagonal. Should it not be positive definite even so, its low eigenvalues are raised as far.
+        Hats depend on each other where they meet nothing but one seam, or lie across a flat panel: Q^T A_0 Q may be singular,
+        and gets a little on its diagonal. Should it not be positive definite even so, what has no eigenvalue beyond that is
+        left to the other levels.
         """
         A, index = self.matrix, np.flatnonzero(self.pressed[:, [0, 3, 5]].any(axis=1))
         least, loads = self._least * np.trace(A) / len(A), self.hats.summed(index, self.pressed[index]).reshape(A.shape)
         try:
             return inverted(A + least * np.eye(len(A)) + loads)
         except np.linalg.LinAlgError:
-            values, vectors = np.linalg.eigh(A)
-            return inverted((vectors * np.maximum(values, least)) @ vectors.T + loads)
+            pass
+        try:
+            out, left = inverted_in_part(A + loads, least)
+        except np.linalg.LinAlgError:  # not finite, as the whole system: its solve says so
+            self.span = 0.0
+            return np.zeros(A.shape)
+        if not self._told:
+            self._tell(f"preconditioner: {left} of {len(A)} directions of its coarsest level cannot be solved for, and are "
+                       "left to the finer ones: solves may take longer")
+        self._told = True
+        return out
 
     def _masses(self) -> np.ndarray:
         """(3 count, 3 count) Q^T M Q"""

@@ -28,3 +28,16 @@ def inverted(A: np.ndarray) -> np.ndarray:
         tiles[p] = row
     out = tiles.transpose(0, 2, 1, 3).reshape(whole.shape)[:n, :n]
     return (out + out.T) / 2
+
+
+def inverted_in_part(A: np.ndarray, least: float) -> tuple[np.ndarray, int]:
+    """(inverse (n, n) of a symmetric matrix on the space of its eigenvalues above `least` and 0 beyond, how many are beyond).
+
+    Raises:
+        numpy.linalg.LinAlgError: it is not finite.
+    """
+    if not np.isfinite(A).all():
+        raise np.linalg.LinAlgError("not finite")
+    values, vectors = np.linalg.eigh(A)
+    some = values > least
+    return (vectors[:, some] / values[some]) @ vectors[:, some].T, int((~some).sum())

@@ -18,6 +18,11 @@ SMALLEST = 12  # nodes of a level below which there is no coarser one
 DEEPEST = 12
 SNAP = 1e-3  # of a lattice's spacing
 PART = 1 << 13  # elements, or points, that are looked at together
+WIDEST = 2.0**31  # nodes along an axis, whose numbers are exact in products with those of points
+
+
+class LatticeError(ValueError):
+    """Points that no lattice goes over; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +58,13 @@ class Level:
 
 
 def coordinates(mesh: TriMesh) -> np.ndarray:
-    """(n, 2) material coordinates where each vertex has its own, else (n, 3) the given positions [m]."""
-    return mesh.uv if mesh.uv is not None and mesh.uv.ndim == 2 and not mesh.flattened else mesh.x
+    """(n, 2) places of the vertices in the pattern, of those on a cut the first; (n, 3) the given positions [m] where it is
+    cut at most corners, so that it does not say what lies beside what."""
+    if mesh.flattened:
+        return mesh.x
+    places = mesh.uv if mesh.uv.ndim == 2 else mesh.first_uv
+    whole = (places[mesh.faces] == mesh.corner_uv).all(axis=2)
+    return places if whole.mean() > 0.5 else mesh.x
 
 
 def levels(points: np.ndarray, piece: np.ndarray, spacing: float, links: np.ndarray, most: int = 0) -> list[Level]:
@@ -63,13 +73,20 @@ def levels(points: np.ndarray, piece: np.ndarray, spacing: float, links: np.ndar
     Args:
         links: (e, 2) pairs of points that are connected, the mesh's edges.
         most: nodes of a level that may be the coarsest; SMALLEST a piece where that is more.
+
+    Raises:
+        LatticeError: points that are too far apart for the spacing.
     """
     out: list[Level] = []
     low = np.stack([points[piece == p].min(axis=0) for p in range(piece.max() + 1)])[piece]
     where, owner = (points - low) / (2 * spacing), piece
+    if not where.max() < WIDEST:
+        raise LatticeError(f"the cloth is {2 * where.max():.1g} times as long as its edges are")
     for _ in range(DEEPEST):
         node, weight, keys = _around(where, owner)
         node, keys = _split(node, weight, keys, links)
+        if out and len(keys) >= out[-1].count:  # as many pieces: wider hats say no more
+            break
         if out:
             fine = out[-1]
             out[-1] = Level(fine.count, fine.node, fine.weight, node, weight)

@@ -12,6 +12,8 @@ Differs from Bramble, Pasciak and Xu: the factors c_l, in scenes with contact. L
 or pressed, moves less well with a hat the wider it is.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 import taichi as ti
 
@@ -31,6 +33,7 @@ from .pointwise import Pointwise
 
 COUNTS, FADE = 0.6, 0.85  # c of the finest level, and of each over that of the one below; what is solved exactly counts whole
 ALIKE = 0.02, 0.1  # parts of all particles, and of those then held, that others may be held of, where contact holds them
+MOST_EXACT = 1000  # nodes of a level that is solved exactly: what it takes grows with their cube, here to seconds
 NOTHING = 1e-24  # trace [kg] of a node's block below which it says nothing
 
 
@@ -41,13 +44,17 @@ class Multilevel(Checkpointed):
     pointwise = False
     STATE = ("inverse_l", "summed", "age", "coarsest")
 
-    def __init__(self, fields: Fields, operator: Operator, scene: Scene) -> None:
-        self.jacobi, self.operator = Pointwise(fields, operator), operator
+    def __init__(self, fields: Fields, operator: Operator, scene: Scene, tell: Callable[[str], None]) -> None:
         model = operator.model
         edges = np.concatenate([np.linalg.norm(np.diff(c.mesh.corner_uv, axis=1), axis=2).ravel() for c in scene.cloths])
         self.exact = model.sewn is not None
         most = most_nodes(model.n) if self.exact else 0
         made = levels(*_material(scene, model), float(np.median(edges)), _links(scene, model), most)
+        if self.exact and made[-1].count > MOST_EXACT:
+            self.exact = False
+            tell(f"preconditioner: its coarsest level has {made[-1].count:,} nodes, too many to be solved exactly, for as "
+                 "many pieces of cloth: solves may take longer")
+        self.jacobi, self.operator = Pointwise(fields, operator), operator
         self.hats = Hierarchy(fields, made, model.n)
         self.dealer = Dealer(fields, model.blocks, self.hats.start[-1])
         self.blocks = model.blocks.count
@@ -67,7 +74,7 @@ class Multilevel(Checkpointed):
         self.coarsest: Coarse | None = None
         if self.exact:
             faces = np.concatenate([model.particle[c.mesh.faces + c.start] for c in scene.cloths])
-            self.coarsest = Coarse(fields, operator, self.jacobi, made[-1], self.hats.start[-2], faces)
+            self.coarsest = Coarse(fields, operator, self.jacobi, made[-1], self.hats.start[-2], faces, tell)
 
     def make(self, span: float, held: Held | None, lasting: bool = False) -> None:
         """For a system as linearized with c = span [s]; the levels, if they are lasting, not before they have aged."""
@@ -155,7 +162,7 @@ class Multilevel(Checkpointed):
     def element_block(self, n, c):
         """The elements' part of a node's block."""
         D = ti.Vector.zero(float, 6)
-        if ti.static(self.exact):
+        if ti.static(self.jacobi.sews):
             for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
                 i = self.hats.particles.source[k]
                 if self.jacobi.sewn.of[i] >= 0:

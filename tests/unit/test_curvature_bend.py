@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.forces.curvature_fit import curvatures
+from taichi_cloth.forces.curvature_fit import curvatures, edge_gradients
 
 
 def jittered(rng, n=8, seam=False):
@@ -91,3 +91,11 @@ def test_a_given_rest_shape_is_refused():
     scene.add_cloth(tc.grid(1.0, 3), tc.Fabric(0.2, bend=tc.Bend(1e-3, rest="given", model="curvature")), name="dress")
     with pytest.raises(tc.SceneError, match="dress.*flat rest shape.*hinge"):
         tc.Simulation(scene)
+
+
+def test_a_pattern_far_from_its_origin_bends_alike():
+    """Fits of curvature are the same where u and v are larger by a binary number that costs them no digit."""
+    mesh = tc.grid(1.0, 4)
+    far = tc.TriMesh(mesh.x, mesh.faces, mesh.uv + 2.0**40)
+    for near, there in zip(edge_gradients(mesh), edge_gradients(far)):
+        assert there == pytest.approx(near, abs=1e-12)

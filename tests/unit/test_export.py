@@ -11,6 +11,7 @@ import pytest
 from taichi_cloth.errors import OutputError
 from taichi_cloth.output.export import export
 from taichi_cloth.output.export.pc2 import read_pc2
+from taichi_cloth.output.export.pieces import turned
 from taichi_cloth.output.folder import RunFolder
 from taichi_cloth.output.recording import Recording
 
@@ -258,6 +259,70 @@ def test_panels_and_welded_meshes(tmp_path, rng):
     take = np.array([0, 1, 2, 3, 1, 3, 4, 7, 8])
     file = export(made.recording, "ply", tmp_path / "w", "welded", FIELDS)[0]
     assert meshio.read(file).point_data["speed"] == pytest.approx(np.linalg.norm(made.frames[0]["v"], axis=1)[take], rel=1e-6)
+
+
+def both_ways(folder, rng):
+    """Four panels of two triangles in a row, in one plane, sewn to each other; the second and third face down."""
+    one = np.array([[0, 0, 0], [1, 0, 0], [0, 0, -1], [1, 0, -1]], dtype=np.float32)
+    x = np.concatenate([one + [k, 0, 0] for k in range(4)]).astype(np.float32)
+    up = np.array([[0, 1, 2], [2, 1, 3]])
+    faces = np.concatenate([(up[:, ::-1] if k in (1, 2) else up) + 4 * k for k in range(4)]).astype(np.int32)
+    sewn = np.arange(16)
+    sewn[[4, 6, 8, 10, 12, 14]] = [1, 3, 5, 7, 9, 11]
+    own = {k: {"x": x, "v": 0 * x, "contact": 0 * x} for k in range(FIRST, FIRST + 3)}
+    return make(folder, rng, own=own, faces=faces, x=x, uv=rng.random((8, 3, 2)).astype(np.float32),
+                cloth_start=np.array([0, 16]), cloth_faces=np.array([0, 8]),
+                cloth_names=np.array(["strip"]), cloth_colors=np.full((1, 3), 0.5), sewn=sewn,
+                panel=np.repeat(np.arange(4), 2), panel_names=np.array(list("abcd")))
+
+
+def runs_once_each_way(faces) -> bool:
+    """Whether every edge between two triangles is gone through in both directions."""
+    ends = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    return len(np.unique(ends, axis=0)) == len(ends)
+
+
+def test_what_is_welded_faces_one_side(tmp_path, rng):
+    """Every triangle is there, those of the panels that face down turned with their texture, and it is said; of cloths that
+    are not welded none is turned, and no normal is shared by triangles that face opposite ways."""
+    made = both_ways(tmp_path / "run", rng)
+    faces, uv = made.geometry["faces"], made.geometry["uv"]
+    for parts in ("cloths", "welded"):
+        made.recording.notes.clear()
+        strip = read_obj(export(made.recording, "obj", tmp_path / parts, parts)[1])["strip"]
+        corners = strip.x[strip.faces]
+        assert (face_normals(strip.x, strip.faces)[:, 1] > 0).tolist() == [True, True, *[parts == "welded"] * 4, True, True]
+        flip = [not (c == made.geometry["x"][f]).all() for c, f in zip(corners, faces)]
+        assert sum(flip) == (4 if parts == "welded" else 0)
+        assert all((c[::-1 if turn else 1] == made.geometry["x"][f]).all() and (st[::-1 if turn else 1] == own).all()
+                   for c, st, f, own, turn in zip(corners, strip.uv, faces, uv, flip))
+        assert np.einsum("mcd,md->mc", strip.normals, face_normals(strip.x, strip.faces)) == pytest.approx(1)
+        assert len(strip.x) == (16 if parts == "cloths" else 10)
+        assert [note[:36] for note in made.recording.notes] == ["4 of 8 triangles go round the other "] * (parts == "welded")
+    for format in ("ply", "vtu", "pc2", "usda"):
+        file = export(made.recording, format, tmp_path / "w", "welded")[0]
+        if format in ("ply", "vtu"):
+            mine = meshio.read(file).cells_dict["triangle"]
+        elif format == "pc2":
+            mine = read_obj(tmp_path / "w" / "strip.obj")["strip"].faces
+        else:
+            rows = re.findall(r"faceVertexIndices = \[(.*?)\]", file.read_text())
+            mine = np.array(rows[0].split(","), dtype=int).reshape(-1, 3)
+        assert len(mine) == 8 and runs_once_each_way(mine) and not runs_once_each_way(made.geometry["sewn"][faces])
+
+
+def test_what_has_one_side_or_three_layers_is_not_turned():
+    """A Moebius strip stays as it is; at an edge of three triangles none is another's neighbour, and elsewhere they are."""
+    ring = np.array([[2 * k, 2 * k + 1, 2 * k + 2, 2 * k + 3] for k in range(6)])
+    ring[-1, 2:] = [1, 0]
+    strip = np.concatenate([ring[:, [0, 1, 2]], ring[:, [2, 1, 3]]])
+    fan = np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4], [1, 4, 5]])  # the last is turned against the one before
+    other = np.array([[10, 11, 12], [12, 11, 13], [12, 13, 14], [14, 13, 15], [14, 15, 15]])
+    other[1] = other[1, ::-1]
+    faces = np.concatenate([strip, fan, other])
+    out = turned(faces, np.array([0, 12, 16, 21]))
+    assert not out[:12].any() and out[12:16].tolist() == [False, False, False, True]
+    assert out[16:].tolist() == [False, True, False, False, False]
 
 
 @pytest.mark.slow

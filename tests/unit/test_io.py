@@ -301,6 +301,8 @@ def test_other_formats(tmp_path, suffix):
     ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 0\n", "vertex 0 is out of range"),
     ("a.obj", "v 0 0 0\nv 1 0 0\nf 1 2\n", "at least 3 corners"),
     ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 nan 0\nf 1 2 3\n", "vertex 2 is not finite"),
+    *(("a.obj", f"v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt {bad} 0\nvt 0 1\nf 1/1 2/2 3/3\n", "coordinates: face 0 is not finite")
+      for bad in ("nan", "inf")),
     ("a.ply", "not a ply", "cannot be read"),
 ])
 def test_broken_files(tmp_path, name, text, words):

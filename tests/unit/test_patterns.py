@@ -12,7 +12,7 @@ from taichi_cloth.app import cli
 from taichi_cloth.backend.rows import write
 from taichi_cloth.garment import dressing
 from taichi_cloth.garment.mesher import mesh_polygon
-from taichi_cloth.scene.garment import load_garment
+from taichi_cloth.io.garment import load_garment
 from taichi_cloth.scene.intersections import count_crossings, count_self_crossings
 
 pytest.importorskip("scipy", reason="meshing patterns needs the extra `garment`")
@@ -306,6 +306,21 @@ def test_units_and_files(tmp_path):
             tc.load_pattern(tmp_path / name)
     with pytest.raises(tc.SceneError, match="cannot be read"):
         tc.load_pattern(tmp_path / "missing.json")
+
+
+def test_spacings_that_no_panel_has_triangles_of_are_refused():
+    """So wide that a border of two edges has two points; so narrow that no memory holds them."""
+    edges = tc.Curve(0, 1), tc.Curve(1, 0, "quadratic", ((0.5, 0.3),))
+    pattern = tc.Pattern((tc.Panel("lens", [[0, 0], [0.4, 0.0]], edges),))
+    with pytest.raises(tc.MeshError, match="'lens': its border of 2 points has no area: take a smaller spacing"):
+        pattern.mesh(10.0)
+    for tiny in (1e-6, 1e-30):
+        with pytest.raises(tc.MeshError, match=f"spacing = {tiny:g} m makes .* triangles: at most 20,000,000"):
+            pattern.mesh(tiny)
+    with pytest.raises(tc.MeshError, match="spacing = 1e-06 m makes"):
+        tc.remesh(pattern.mesh(0.05), 1e-6)
+    with pytest.raises(tc.SceneError, match="wrap: the part of the body has no points"):
+        pattern.wrap("lens", np.zeros((0, 3)))
 
 
 def test_a_line_that_crosses_itself_is_refused():

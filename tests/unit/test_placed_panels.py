@@ -70,7 +70,8 @@ def test_a_report_says_which_panels_cross():
 
 def test_what_cannot_be_bent_is_named():
     mesh = tc.grid((0.3, 0.2), (6, 4), plane="xy")
-    garment = tc.Garment(tc.TriMesh(mesh.x, mesh.faces, mesh.uv, {"sleeve": np.arange(35)}), ())
+    groups = {"sleeve": np.arange(35), "nothing": [], "button": [3, 4]}
+    garment = tc.Garment(tc.TriMesh(mesh.x, mesh.faces, mesh.uv, groups), ())
     beside = [[0.15, -1, -0.2], [0.15, 1, -0.2]]
     assert np.hypot(*(garment.bent("sleeve", beside, 0.1).positions - [0.15, 0, -0.2])[:, [0, 2]].T) == pytest.approx(0.1)
     for around, r, what in ((beside, 0.04, "is 0.3 m wide, and the way round is 0.251 m"),
@@ -81,6 +82,9 @@ def test_what_cannot_be_bent_is_named():
             garment.bent("sleeve", around, r)
     with pytest.raises(tc.SceneError, match="is not flat"):
         garment.bent("sleeve", beside, 0.1).bent("sleeve", beside, 0.1)
+    for name, count in (("nothing", 0), ("button", 2)):
+        with pytest.raises(tc.SceneError, match=f"bent: panel '{name}' has {count} vertices: no plane"):
+            garment.bent(name, beside, 0.1)
     with pytest.raises(tc.SceneError, match="there is no panel 'cuff'; there are sleeve"):
         garment.bent("cuff", beside, 0.1)
 

@@ -119,6 +119,77 @@ def test_a_place_near_the_end_of_an_edge_is_its_end(tmp_path):
         assert ((right[1], left[0]) in sewn or (left[0], right[1]) in sewn) == (new == 0)
 
 
+@pytest.mark.parametrize("t, new", [(0.0, 0), (0.015, 0), (0.2, 0), (0.4, 1), (0.6, 1), (0.8, 0), (0.985, 0), (1.0, 0)])
+def test_a_stitch_may_name_its_edge_from_either_end(tmp_path, t, new):
+    """(v, a, b, t) and (v, b, a, 1 - t) are one place, on edges that run either way in their triangle, in the OBJ or beside
+    it: at (1 - t) a + t b, or, near an end, at that end; in the pattern, in space, and where another program has draped it."""
+    path, meshes, (left, right) = write_panels(tmp_path)
+    x, uv = (np.concatenate([getattr(m, what) + [0.35 * k, 0, 0][:size] for k, m in enumerate(meshes)])
+             for what, size in (("x", 3), ("uv", 2)))
+    worn, n = x[:, [2, 0, 1]] * [1, 2, 1] + x**2, len(x)
+    for v, a, b in ((right[1], left[1], left[2]), (left[1], right[2], right[3])):
+        near = n if new else a if t < 0.5 else b
+        (tmp_path / "s.csv").write_text(f"vertex,edge_a,edge_b,t\n{v},{b},{a},{1 - t}\n")
+        own = write_panels(tmp_path, lines=f"stitch {v} {a} {b} {t}\n", name="own.obj")[0]
+        for garment in (tc.load_stitched(own, positions=worn), tc.load_stitched(path, tmp_path / "s.csv", positions=worn)):
+            mesh = garment.mesh
+            assert mesh.vertex_count == n + new and mesh.uv.shape == (n + new, 2)
+            (one, other, *_), = garment.seams
+            assert {int(one[0]), int(other[0])} == {int(v), int(near)}
+            if new:
+                for had, made in ((x, mesh.x), (uv, mesh.uv), (worn, garment.positions)):
+                    assert made[n] == pytest.approx((1 - t) * had[a] + t * had[b], abs=1e-8)
+            signed = np.linalg.det(mesh.corner_uv[:, 1:] - mesh.corner_uv[:, :1])
+            assert (signed > 0).all() and signed.sum() / 2 == pytest.approx(0.18, rel=1e-6)
+
+
+@pytest.mark.parametrize("cells", [(1, 4), (4, 1)])
+def test_places_on_an_edge_are_in_order_from_whichever_end_they_are_named(tmp_path, cells):
+    """Three on one edge, which runs one way or the other in its triangle: three new vertices, each where its stitch says."""
+    _, meshes, rows = write_panels(tmp_path, cells)
+    (a, b), sewn_to = rows if cells[0] == 1 else rows[::-1]
+    named = [(sewn_to[1], a, b, 0.3), (sewn_to[2], b, a, 0.45), (sewn_to[3], b, a, 0.26)]
+    lines = "".join(f"stitch {v} {p} {q} {t}\n" for v, p, q, t in named)
+    garment = tc.load_stitched(write_panels(tmp_path, cells, lines=lines)[0])
+    mesh, n = garment.mesh, sum(m.vertex_count for m in meshes)
+    sewn = dict(pair for s in garment.seams for one, other in zip(s.a.tolist(), s.b.tolist())
+                for pair in ((one, other), (other, one)))
+    assert mesh.vertex_count == n + 3 and mesh.material_areas.sum() == pytest.approx(0.18, rel=1e-6)
+    for v, p, q, t in named:
+        assert sewn[int(v)] >= n and mesh.x[sewn[int(v)]] == pytest.approx((1 - t) * mesh.x[p] + t * mesh.x[q], abs=1e-8)
+
+
+def test_of_two_neighbours_near_the_end_of_edges_the_nearer_is_sewn_to_it(tmp_path):
+    """Whichever end of its own edge that is; for the other one the edge is split."""
+    _, meshes, (left, right) = write_panels(tmp_path)
+    garment = tc.load_stitched(write_panels(tmp_path, lines=f"stitch {right[1]} {left[1]} {left[2]} 0.2\n"
+                                                            f"stitch {right[2]} {left[0]} {left[1]} 0.9\n")[0])
+    n = sum(m.vertex_count for m in meshes)
+    sewn = {frozenset((int(i), int(j))) for s in garment.seams for i, j in zip(s.a, s.b)}
+    assert garment.mesh.vertex_count == n + 1 and {frozenset((right[2], left[1])), frozenset((right[1], n))} <= sewn
+
+
+@pytest.mark.parametrize("t", [0.985, 0.015])
+def test_a_place_at_the_end_of_an_edge_is_that_end_whatever_is_lost_by_it(tmp_path, t):
+    _, meshes, (left, right) = write_panels(tmp_path)
+    end, far = (left[0], left[1]) if t < 0.5 else (left[1], left[0])
+    lines = f"stitch {right[0]} {end} {end} 0\nstitch {right[1]} {left[0]} {left[1]} {t}\n"
+    garment = tc.load_stitched(write_panels(tmp_path, lines=lines)[0])
+    assert garment.mesh.vertex_count == sum(m.vertex_count for m in meshes) and far not in {
+        int(i) for s in garment.seams for i in (*s.a, *s.b)}
+    assert "1 triangles, two corners of which are sewn" in garment.mesh.notes[0]
+
+
+def test_stitches_are_named_by_vertices_of_either_side():
+    """Of both rows of a seam, whatever order these are in."""
+    mesh, scene = tc.grid(0.4, 4), tc.Scene()
+    seam = scene.sew(scene.add_cloth(mesh, tc.Fabric(0.2)), [4, 2, 0], [20, 22, 24])
+    for vertices, rows in ((2, [1]), (20, [0]), ([24, 4], [0, 2]), ([22, 2], [1]), (None, [0, 1, 2])):
+        assert seam.stitches(vertices).tolist() == rows
+    with pytest.raises(tc.SceneError, match="has no stitch at 3"):
+        seam.stitches(3)
+
+
 def test_what_is_wrong_with_stitches_is_named(tmp_path):
     path, _, (left, right) = write_panels(tmp_path)
     for text, what in (("stitch 1 2\n", "line"), (f"stitch {right[0]} {left[0]} {right[2]} 0.5\n", "no edge between"),

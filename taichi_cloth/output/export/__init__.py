@@ -33,7 +33,8 @@ def export(recording: Recording, format: str, path: str | os.PathLike | None = N
     Args:
         format: one of `FORMATS`.
         path: a folder; for a format of one file also that file's name; `FORMAT` in the run's folder where None.
-        parts: one mesh for each of the "cloths", of the "panels" of garments, or garments "welded" over their seams.
+        parts: one mesh for each of the "cloths", of the "panels" of garments, or garments "welded" over their seams, whose
+            triangles are turned to one side where panels face both ways; `Recording.notes` say how many were.
         fields: by name, functions of a frame that give (n,) or (n, 3) values on vertices, for vtu and ply; stretch and
             forces of contact where None.
 
@@ -47,6 +48,9 @@ def export(recording: Recording, format: str, path: str | os.PathLike | None = N
     """
     checks.choice("format", format, FORMATS)
     pieces = Cut(recording, checks.choice("parts", parts, PARTS), format in CHANGING)
+    if pieces.turned.any():
+        recording.notes.append(f"{int(pieces.turned.sum()):,} of {len(pieces.turned):,} triangles go round the other way in "
+                               f"{format}: welded, panels that face both ways are turned to one side")
     folder = recording.path / format if path is None else checks.path("export: path", path, OutputError)
     module = importlib.import_module(f"{__name__}.{FORMATS[format]}")
     getattr(module, "needed", lambda format: None)(format)

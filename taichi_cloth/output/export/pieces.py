@@ -2,7 +2,8 @@
 
 Recorded garments are panels whose sewn vertices are in one place; they say which belong together (`sewn`) and which face is
 of which panel (`panel`, `panel_names`). Texture coordinates stay the pattern's, or the mesh's own. A frame may have faces of
-its own: then it has all of `FACES` that the run's geometry has.
+its own: then it has all of `FACES` that the run's geometry has. Triangles stay as they were simulated, but for those of what is
+welded: panels may face both ways, and are turned there to the side that most of them face, the same at all frames.
 """
 
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import OutputError
+from ...scene.mesh import facing
 from ..described import image_uv
 from ..recording import Recording
 
@@ -38,6 +40,9 @@ class Cut:
 
     Args:
         changing: whether normals may belong to other corners at every frame, as they do where seams open.
+
+    Attributes:
+        turned: (m,) which of the recorded triangles go round the other way here.
     """
 
     def __init__(self, recording: Recording, parts: str, changing: bool = True) -> None:
@@ -45,7 +50,10 @@ class Cut:
         self._names = [name for name in FACES if name != "sewn" or changing or parts == "welded"]
         self.manifest, self.path = recording.manifest, recording.path
         self._own: Arrays = {}
-        self._cut = cut(recording.geometry, parts)
+        g = recording.geometry
+        welds = parts == "welded" and "sewn" in g
+        self.turned = turned(g["sewn"][g["faces"]], g["cloth_faces"]) if welds else np.zeros(len(g["faces"]), dtype=bool)
+        self._cut = cut(g, parts, self.turned)
 
     @property
     def fps(self) -> float:
@@ -61,7 +69,7 @@ class Cut:
         whole = self.recording.frame(number)
         own = {name: whole[name] for name in self._names if name in whole}
         if own.keys() != self._own.keys() or any(not np.array_equal(own[name], self._own[name]) for name in own):
-            self._own, self._cut = own, cut(self.recording.geometry | own, self.parts)
+            self._own, self._cut = own, cut(self.recording.geometry | own, self.parts, self.turned)
         take, geometry = self._cut
         moving = {name: a[take] if name in ("x", "v", "contact") else a for name, a in whole.items()}
         out = Frame(moving)
@@ -107,12 +115,12 @@ def first_uv(frame: Frame) -> np.ndarray:
     return uv
 
 
-def cut(geometry: Arrays, parts: str) -> tuple[np.ndarray, Arrays]:
+def cut(geometry: Arrays, parts: str, turned: np.ndarray) -> tuple[np.ndarray, Arrays]:
     """(recorded vertex of each vertex, geometry) by cloths, by panels, or welded over their seams."""
     if parts == "panels" and "panel" in geometry:
         return _by(geometry, geometry["panel"], geometry["panel_names"])
     if parts == "welded" and "sewn" in geometry:
-        return _welded(geometry)
+        return _welded(geometry, turned)
     return np.arange(geometry["cloth_start"][-1]), geometry
 
 
@@ -129,13 +137,32 @@ def _by(g: Arrays, panel: np.ndarray, names: np.ndarray) -> tuple[np.ndarray, Ar
     return _made(g, takes, faces, rows, names)
 
 
-def _welded(g: Arrays) -> tuple[np.ndarray, Arrays]:
+def turned(faces: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """(m,) which triangles face another way than most of what they hang together with, in faces (m, 3) of welded vertices of
+    cloths that begin at `starts`; none of a cloth that has one side only."""
+    out = np.zeros(len(faces), dtype=bool)
+    for first, last in zip(starts[:-1], starts[1:]):
+        rows = first + np.flatnonzero(_whole(faces[first:last]))
+        against = facing(faces[rows])
+        if against is not None:
+            out[rows[against]] = True
+    return out
+
+
+def _whole(faces: np.ndarray) -> np.ndarray:
+    """(m,) which triangles have three corners: those of which two are sewn to each other have no area."""
+    return (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+
+
+def _welded(g: Arrays, turned: np.ndarray) -> tuple[np.ndarray, Arrays]:
     """A mesh for each cloth, what is sewn together one vertex of it."""
+    g = g | {name: np.where(turned[:, None] if g[name].ndim == 2 else turned[:, None, None], g[name][:, ::-1], g[name])
+             for name in ("faces", "uv")}
     takes: list[np.ndarray] = []
     faces, rows = [], []
     for first, last in zip(g["cloth_faces"][:-1], g["cloth_faces"][1:]):
         mine = g["sewn"][g["faces"][first:last]]
-        whole = (mine != np.roll(mine, 1, axis=1)).all(axis=1)  # what has two corners sewn to each other has no area
+        whole = _whole(mine)
         used = np.unique(mine[whole])
         faces.append(np.searchsorted(used, mine[whole]) + sum(map(len, takes)))
         takes.append(used)

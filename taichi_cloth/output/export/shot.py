@@ -17,7 +17,7 @@ from ..camera import frame as axes_of
 from ..colors import GROUND, PALETTE, STONE
 from ..described import appearances_of, image_uv, view_of
 from ..framing import fit_all
-from .pieces import Arrays, Cut, Frame
+from .pieces import Arrays, Cut, Frame, turned
 from .printed import Print, in_palette, palette, printed
 
 ASPECT = 16 / 9  # of the pictures that the camera is made for
@@ -199,8 +199,7 @@ def _cloth(k: int, frames: list[Frame], prints: list[Print | None]) -> Mesh:
         first, end = int(g["cloth_start"][k]), int(g["cloth_start"][k + 1])
         if g is not last:
             rows = slice(int(g["cloth_faces"][k]), int(g["cloth_faces"][k + 1]))
-            sewn = g["sewn"][frame.take] if "sewn" in g else np.arange(len(frame.take))
-            numbers = np.unique(sewn[g["faces"][rows]], return_inverse=True)[1].reshape(-1, 3)
+            numbers = _smooth(g["faces"][rows], g["sewn"][frame.take] if "sewn" in g else np.arange(len(frame.take)))
             if prints[owner] is None and on is not None:
                 uv = in_palette(_of_faces(g, rows, color), colors)
             else:
@@ -216,6 +215,13 @@ def _cloth(k: int, frames: list[Frame], prints: list[Print | None]) -> Mesh:
     g = frames[0].geometry
     steady = all(s is surfaces[0] for s in surfaces)
     return Mesh(str(g["cloth_names"][k]), "cloth", color, surfaces[:1] if steady else surfaces, x, v, on)
+
+
+def _smooth(faces: np.ndarray, sewn: np.ndarray) -> np.ndarray:
+    """(m, 3) numbers of corners' normals: the same round what is sewn together (n,), but where triangles face other ways."""
+    corners = sewn[faces]
+    against = turned(corners, np.array([0, len(corners)]))
+    return np.unique(2 * corners + against[:, None], return_inverse=True)[1].reshape(-1, 3)
 
 
 def _colors_of(k: int, owner: int, g: Arrays) -> tuple[np.ndarray, np.ndarray]:

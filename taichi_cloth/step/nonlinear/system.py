@@ -11,7 +11,7 @@ from ...backend.rows import read
 from ...backend.runtime import Runtime
 from ...options import Options
 from ...scene.scene import Scene
-from ...solver.pcg import BREAKDOWN, PCG, Solution
+from ...solver.pcg import BREAKDOWN, NOT_FINITE, PCG, Solution
 from ...solver.preconditioner import build_preconditioner
 from ...system.assembler import Assembler, Measures
 from ...system.base import Base
@@ -38,13 +38,15 @@ class System:
         resolution: what positions are rounded to [m].
         floor: energy [J] that this rounding amounts to.
         base: what the step starts from, where that is not the saved state.
+        notes: what could not be made as asked for, and what was instead.
     """
 
     def __init__(self, fields: Fields, model: ParticleState, operator: Operator, forces: list, meter: Assembler,
                  options: Options, runtime: Runtime, scene: Scene, contacts=None) -> None:
         self.model, self.operator, self.meter, self.options, self.contacts = model, operator, meter, options, contacts
         self.scene = scene
-        self.preconditioner = build_preconditioner(options.preconditioner, fields, self.operator, scene)
+        self.notes: list[str] = []
+        self.preconditioner = build_preconditioner(options.preconditioner, fields, self.operator, scene, self.tell)
         self.pulled = any(force.attached is not None for force in forces)
         alone = len(scene.cloths) == 1 and not scene.solids and scene.air is None and not self.pulled
         self.solver = PCG(fields, self.operator, self.preconditioner, runtime, options.cg_max_iterations, alone)
@@ -61,6 +63,11 @@ class System:
         self._indefinite = [force for force in forces if force.indefinite]
         self._moves = self._definite = False  # as it was linearized
         self.floor = sum(force.rounding_energy(self.resolution) for force in forces)
+
+    def tell(self, note: str) -> None:
+        """Adds a note, once."""
+        if note not in self.notes:
+            self.notes.append(note)
 
     def start_over(self) -> None:
         """The model goes back to where the attempt at a step started."""
@@ -151,6 +158,8 @@ class System:
             self.preconditioner.make(self.span, held, lasting)
         falls = held is None and not warm and sewn is None and not self.pulled
         solution = self.solver.solve(tolerance, falls, warm, zero, least, held is None)
+        if solution.status == NOT_FINITE:
+            self.forget()
         if solution.status == BREAKDOWN and self._indefinite and not self._definite:
             self._leave_out(True)
             self.meter.linearize(self.span, self._moves)
@@ -189,6 +198,11 @@ class System:
     def loosen(self) -> None:
         """Something that was sewn together has opened: what was made for the system before does no more."""
         self.preconditioner.forget()
+
+    def forget(self) -> None:
+        """Nothing of the last solve goes on: the state is another, or it was not finite."""
+        self.preconditioner.forget()
+        self.solver.dv.fill(0)
 
     def motion_rows(self, held: Held, h: float) -> tuple[np.ndarray, np.ndarray]:
         """(v [m/s], x - x_0 - h v [m]), each (k, 3), of the held particles."""
