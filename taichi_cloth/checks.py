@@ -85,7 +85,7 @@ def kept(what: str, value: object, error: Error = SceneError) -> int | str:
         value = 0 if value == "none" else int(value) if value.isdecimal() and value.isascii() else value
     if isinstance(value, str) and value != "all":
         raise error(f"{what} = {shown(value)}: must be \"all\", \"none\", or how many of the last steps are kept")
-    return "all" if value == "all" else integer(what, value, least=0)
+    return "all" if isinstance(value, str) else integer(what, value, least=0)
 
 
 def flag(what: str, value: object, error: Error = SceneError) -> bool:

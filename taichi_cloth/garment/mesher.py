@@ -32,7 +32,7 @@ def refuse_too_many(what: str, spacing: float, area: float, border: float, corne
         MeshError: with the number of vertices, and the spacing that fits.
     """
     half = border / 2  # those inside are area / CELL less the other half [Pick's theorem]
-    vertices = area / (CELL * spacing**2) + half / spacing + corners
+    vertices = area / CELL / spacing / spacing + half / spacing + corners
     if vertices <= MOST_VERTICES:
         return
     inside = MOST_VERTICES - corners
@@ -68,7 +68,7 @@ def mesh_polygon(border: np.ndarray, spacing: float, name: str) -> tuple[np.ndar
         try:
             faces = Delaunay(points).simplices
         except QhullError:
-            raise MeshError(f"panel {name!r}: has no triangles: its points lie on a line") from None
+            raise MeshError(f"panel {name!r}: its border of {k} points has no area: take a smaller spacing") from None
         faces = _inside(points, faces, border, spacing)
         if again < SMOOTHED and len(points) > k:
             points[k:] = _smoothed(points, faces, k)
