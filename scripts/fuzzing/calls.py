@@ -64,7 +64,7 @@ OPTIONS = {"h": "1/60", "arch": '"cpu"', "precision": "PRECISION", "integrator":
            "preconditioner": '"auto"', "cg_max_iterations": "1000", "threads": "1", "quiet": "True", "debug": "False",
            "newton_tol": "1e-4", "tolerance": "None", "tangles": '"untangle"', "contact": '"repulsion"',
            "count_intersections": "False",
-           "substep": "None", "log": '"all"'}
+           "substep": "None", "log": "100"}
 CALLS: list[tuple[str, str, dict[str, str]]] = [
     ("", "tc.TriMesh", {"x": "np.eye(3)", "faces": "[[0, 1, 2]]", "uv": "[[0.0, 0], [1, 0], [0, 1]]", "groups": '{"a": [0]}',
                         "notes": '("a note",)', "texture": "[[[0.0, 0], [1, 0], [0, 1]]]"}),
