@@ -21,6 +21,7 @@ from .errors import ClothError, SceneError, did_you_mean, shown
 # No quantity in SI units is larger, or positive and smaller: beyond that, squares and ratios of floats overflow.
 LARGEST, SMALLEST = 1e30, 1e-30
 MOST = 1_000_000_000  # of anything that is counted: it fits 32 bits
+DIGITS = 18  # of a whole number in a text
 
 T = TypeVar("T")
 Error = type[ClothError]
@@ -75,6 +76,11 @@ def integer(what: str, value: object, least: int = 1, most: int = MOST, error: E
     return int(out)
 
 
+def is_whole(text: str) -> bool:
+    """Whether a text is a whole number in digits, of no more than are ever meant."""
+    return text.isascii() and text.isdecimal() and len(text) <= DIGITS
+
+
 def kept(what: str, value: object, error: Error = SceneError) -> int | str:
     """How many of the last are kept: "all", or a number, of which "none" is 0.
 
@@ -82,7 +88,7 @@ def kept(what: str, value: object, error: Error = SceneError) -> int | str:
         error: it is neither.
     """
     if isinstance(value, str):
-        value = 0 if value == "none" else int(value) if value.isdecimal() and value.isascii() else value
+        value = 0 if value == "none" else int(value) if is_whole(value) else value
     if isinstance(value, str) and value != "all":
         raise error(f"{what} = {shown(value)}: must be \"all\", \"none\", or how many of the last steps are kept")
     return "all" if isinstance(value, str) else integer(what, value, least=0)

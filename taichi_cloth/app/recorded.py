@@ -166,7 +166,9 @@ def _check_to(args: argparse.Namespace) -> None:
 
 def size_of(text: str) -> tuple[int, int]:
     """WIDTHxHEIGHT, for argparse."""
+    from .. import checks
+
     width, _, height = text.partition("x")
-    if not (width.isdigit() and height.isdigit() and 16 <= int(width) <= 16384 and 16 <= int(height) <= 16384):
+    if not (checks.is_whole(width) and checks.is_whole(height) and 16 <= int(width) <= 16384 and 16 <= int(height) <= 16384):
         raise argparse.ArgumentTypeError(f"{text!r}: needs WIDTHxHEIGHT, each from 16 to 16384")
     return int(width), int(height)

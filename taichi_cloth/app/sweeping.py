@@ -128,18 +128,19 @@ def seeds_of(text: str | None) -> list[int] | None:
     Raises:
         SceneError: neither.
     """
-    from ..errors import SceneError
+    from ..errors import SceneError, shown
+    from ..sweeps.plan import MOST
 
     if text is None:
         return None
     first, colon, last = text.partition(":")
     try:
-        out = list(range(int(first), int(last)) if colon else range(int(first)))
+        out = range(int(first), int(last)) if colon else range(int(first))
     except ValueError:
-        out = []
-    if not out:
-        raise SceneError(f"--seeds {text!r}: needs a number, or FROM:TO")
-    return out
+        out = range(0)
+    if not 0 < out.stop - out.start <= MOST:
+        raise SceneError(f"--seeds {shown(text)}: needs a number, or FROM:TO, of at most {MOST:,} seeds")
+    return list(out)
 
 
 def slurm_of(text: str | None) -> dict[str, Any] | None:
@@ -148,8 +149,10 @@ def slurm_of(text: str | None) -> dict[str, Any] | None:
     Raises:
         SceneError: not names and values.
     """
+    from .. import checks
+
     given = _pairs("--slurm", text, "queue=cpu,walltime=01:00:00")
-    return None if given is None else {name: int(value) if value.isdigit() else value for name, value in given.items()}
+    return None if given is None else {name: int(value) if checks.is_whole(value) else value for name, value in given.items()}
 
 
 def _pairs(flag: str, text: str | None, such: str) -> dict[str, str] | None:

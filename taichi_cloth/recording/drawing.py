@@ -65,10 +65,11 @@ def numbers_in(text: str, there: Iterable[int]) -> list[int]:
         SceneError: it is no such text, or names none that is there.
     """
     numbers = list(there)
-    out: list[int] = []
+    named: set[int] = set()
     for part in text.split(","):
         pieces = part.strip().split(":")
-        if len(pieces) > 3 or not all(p.strip().isdigit() or (p.strip() == "" and len(pieces) > 1) for p in pieces):
+        if len(pieces) > 3 or not all(checks.is_whole(p.strip()) or (p.strip() == "" and len(pieces) > 1)
+                                       for p in pieces):
             raise SceneError(f"frames = {shown(text)}: needs FIRST:LAST:STEP, such as 10:60:5, or numbers with commas between")
         first, last, step = (*(int(p) if p.strip() else None for p in pieces), None, None)[:3]
         if step == 0:
@@ -77,8 +78,8 @@ def numbers_in(text: str, there: Iterable[int]) -> list[int]:
         high = low if len(pieces) == 1 else numbers[-1] if last is None else last
         if len(pieces) == 1 and low not in numbers:
             raise SceneError(f"frames = {shown(text)}: {low} is not there; there are {numbers[0]} to {numbers[-1]}")
-        out += range(low, high + 1, step or 1)
-    found = sorted(set(out) & set(numbers))
+        named |= {k for k in numbers if low <= k <= high and (k - low) % (step or 1) == 0}
+    found = sorted(named)
     if not found:
         raise SceneError(f"frames = {shown(text)}: none of them is there; there are {numbers[0]} to {numbers[-1]}")
     return found

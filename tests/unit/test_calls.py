@@ -1,5 +1,6 @@
 """Odd values for every argument of every public callable, a few fixed seeds; `scripts/fuzz.py calls` tries more."""
 
+import argparse
 import dataclasses
 import pathlib
 import sys
@@ -40,3 +41,18 @@ def test_a_bare_error_and_a_value_taken_in_silence_are_seen(monkeypatch):
         assert outcome.verdict == "failed" and "taken in silence: radius" in outcome.text
     assert calls.judge("", "tc.Silent", {"radius": "1.0"}, {"radius": "2.0"}, "f64").verdict == "ok"
     assert "TypeError" in calls.judge("", "tc.Silent", {}, {"width": "1"}, "f64").text
+
+
+@pytest.mark.parametrize("text", ["²", "9" * 5000, "1:²", "0:" + "9" * 19])
+def test_numbers_of_frames_and_seeds_in_odd_digits_are_refused_by_name(text):
+    from taichi_cloth.app.recorded import size_of
+    from taichi_cloth.app.sweeping import seeds_of
+    from taichi_cloth.recording.drawing import numbers_in
+
+    with pytest.raises(tc.SceneError, match="frames = "):
+        numbers_in(text, range(5))
+    with pytest.raises(tc.SceneError, match="--seeds "):
+        seeds_of(text)
+    with pytest.raises(argparse.ArgumentTypeError, match="WIDTHxHEIGHT"):
+        size_of(f"{text}x100")
+    assert numbers_in("1:999999999999999999:2", range(5)) == [1, 3]
