@@ -22,7 +22,7 @@ MUTATIONS = (
      "what cannot be compared does not count", SHARED),
     (POOL, "share.slot.numbers[...] = 0", "pass", "fields come again with what they held",
      f"{SECOND}::test_fields_come_again_and_are_zero"),
-    (POOL, "            holder.swapped_out, lease.swapped_out = kept, True\n", "",
+    (POOL, "            holder.swapped_out, lease.swapped_out = numbers[: holder.field.rows].copy(), True\n", "            pass\n",
      "numbers of an open simulation are lost", OPEN),
     (LAUNCHES, "        swap_in(shares)\n        context", "        context",
      "a known launch takes the numbers that are there", OPEN),

@@ -6,7 +6,7 @@ one that was declared alike before, and a new one where there is none. So it com
 
 Simulations that are open at a time share their fields, each with numbers of its own: those of one of them lie in the fields,
 those of the others are swapped out to arrays. A launch, or a look at a field's memory, swaps in the numbers of the simulation
-that it is for (`Lease.swap_in`). Two simulations that take turns copy their fields at each turn, some .2 ms for a megabyte.
+that it is for (`Lease.swap_in`). Simulations that take turns copy the rows that they use at each turn.
 
 Fields are handed out zero, as new ones are. The pool is bounded: beyond that, trees of fields that nobody uses are given back
 to the system, those used longest ago first.
@@ -34,7 +34,6 @@ from . import launches
 
 MOST_BYTES = 256 << 20  # that are kept where nobody uses them; a sheet of 10,000 vertices with contact has some 250 MB
 MOST_TREES = 200  # of Taichi's fields; it has room for 512
-ROWS = 1 << 14  # that are exchanged at a time
 
 
 @dataclass(eq=False)
@@ -86,7 +85,7 @@ class Share:
 
     Attributes:
         lease: that has it, or None.
-        swapped_out: its numbers, like `Slot.numbers`, where they do not lie in the slot.
+        swapped_out: the rows of `Slot.numbers` that are its own, where they do not lie in the slot.
     """
 
     slot: Slot
@@ -102,28 +101,15 @@ class Share:
         return self.slot.numbers
 
     def swap_in(self) -> None:
-        """Its numbers lie in the slot from now on; those of the holder go where these were."""
-        holder, numbers, kept = self.slot.holder, self.slot.numbers, self.swapped_out
+        """Its numbers lie in the slot from now on; those of the holder are copied out. Of either, the rows that are used."""
+        holder, numbers = self.slot.holder, self.slot.numbers
         lease = None if holder is None else holder.lease
         if holder is not None and lease is not None:
-            if kept is None:
-                kept = numbers.copy()
-            else:
-                exchange(numbers, kept)
-            holder.swapped_out, lease.swapped_out = kept, True
+            holder.swapped_out, lease.swapped_out = numbers[: holder.field.rows].copy(), True
             launches.SWAPS[0] += 1
-        elif kept is not None:
-            numbers[...] = kept
+        if self.swapped_out is not None:
+            numbers[: len(self.swapped_out)] = self.swapped_out
         self.slot.holder, self.swapped_out = self, None
-
-
-def exchange(a: np.ndarray, b: np.ndarray) -> None:
-    """Exchanges the numbers of two arrays of the same shape, some at a time."""
-    for first in range(0, len(a), ROWS):
-        part = slice(first, first + ROWS)
-        held = a[part].copy()
-        a[part] = b[part]
-        b[part] = held
 
 
 @dataclass(eq=False)

@@ -56,6 +56,17 @@ class ContactForce(Force):
         if self.layered:
             self.normal = fields.real(self.capacity, 3)
             self.turns = fields.real(self.capacity, 3 * CORNERS)
+        self._use(0)
+
+    def _use(self, rows: int) -> None:
+        """So many rows of the points' fields are used."""
+        for field in self._points():
+            field.rows = rows
+
+    def _points(self) -> list:
+        """Fields with a row a point."""
+        layered = [self.normal, self.turns] if self.layered else []
+        return [self.vertices, self.weights, self.A, self.rhs, *layered]
 
     def _grow(self, count: int) -> None:
         """Makes room for so many points, and some. Kernels that read points are compiled for the new fields."""
@@ -72,6 +83,7 @@ class ContactForce(Force):
             return False
         if len(e) > self.capacity:
             self._grow(len(e))
+        self._use(len(e))
         write(self.first, first.astype(np.int32))
         write(self.vertices, p.vertices.take(e, axis=0).astype(np.int32))
         for field, numbers in ((self.weights, p.weights), (self.A, p.block), (self.rhs, p.rhs)):
