@@ -41,6 +41,18 @@ def time_limit() -> Iterator[None]:
 
 
 @pytest.fixture
+def asked_to_end() -> Iterator[None]:
+    """Signals end a process, and those that it starts, as at a terminal: under nohup SIGHUP is ignored, and SIGINT by what a
+    script runs in the background, and children take that over."""
+    usual = {"SIGINT": signal.default_int_handler, "SIGTERM": signal.SIG_DFL, "SIGHUP": signal.SIG_DFL}
+    before = {number: signal.signal(number, does) for name, does in usual.items()
+              if (number := getattr(signal, name, None)) is not None}
+    yield
+    for number, did in before.items():
+        signal.signal(number, did)
+
+
+@pytest.fixture
 def shared() -> pathlib.Path:
     """That folder; the test is skipped where there is none."""
     folder = shared_data()
