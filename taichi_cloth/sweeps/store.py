@@ -41,7 +41,7 @@ class Store:
     def get(self, run: Run) -> Outcome | None:
         """What came of a run before, where its file is whole and of the same manifest; runs that were lost are none."""
         try:
-            kept = json.loads((self.path / RUNS / f"{run.key}.json").read_text())
+            kept = json.loads((self.path / RUNS / f"{run.key}.json").read_text(encoding="utf-8"))
             outcome = Outcome(**kept["outcome"])
             return outcome if kept["manifest"] == run.manifest and outcome.status != LOST else None
         except (OSError, ValueError, KeyError, TypeError):
