@@ -59,10 +59,8 @@ class Recorder:
 
     def pytest_sessionstart(self) -> None:
         """Simulations start perturbed from now on; conftest.py has set Taichi's environment by now."""
-        from taichi_cloth.backend import runtime
         from taichi_cloth.simulation.parts import Parts
 
-        runtime.cores = lambda: self.threads
         settle = Parts._settle
 
         def perturbed(sim) -> None:
@@ -75,7 +73,7 @@ class Recorder:
         Parts._settle = perturbed
         for plugin in self.config.pluginmanager.get_plugins():
             if hasattr(plugin, "LONGEST"):
-                plugin.LONGEST *= PATIENCE
+                plugin.LONGEST, plugin.THREADS = PATIENCE * plugin.LONGEST, self.threads
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
         """Only tests without a result of this start and number of threads are left."""

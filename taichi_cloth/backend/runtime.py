@@ -17,7 +17,6 @@ from .. import checks
 from ..errors import BackendError
 from ..options import ARCHS, PRECISIONS
 
-CACHE = 1 << 29  # bytes of compiled kernels that are kept: some hundred scenes
 TASK = 512  # iterations of a loop that Taichi gives to a CPU thread at once
 MOST_THREADS = 64  # that may be asked for where there are fewer cores: thousands take minutes to start
 ARCH_VARIABLE = "TI_ARCH"  # of the environment: to Taichi it comes before the arch that a program asks for
@@ -100,7 +99,7 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
         raise BackendError(f"arch {arch!r} does not run here; what does: {', '.join(others)}")
     import taichi as ti
 
-    from . import field_pool, placement
+    from . import field_pool, kernel_cache, placement
 
     wanted = Runtime(arch, precision, threads or there, debug, ".".join(map(str, ti.__version__)))
     if wanted == _current and (len(_holders) or field_pool.holds()):
@@ -115,9 +114,8 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
             # fast_math would let the compiler assume that there is no NaN, and drop the tests for it; what the other two
             # passes do, LLVM does again, and they take a third of the time to compile
             ti.init(arch=getattr(ti, arch), default_fp=fp, cpu_max_num_threads=wanted.threads, debug=debug,
-                    enable_fallback=False, offline_cache=not debug, offline_cache_max_size_of_files=CACHE,
-                    log_level=ti.ERROR if quiet else ti.INFO, fast_math=False, unrolling_limit=0,
-                    cfg_optimization=False, simplify_after_lower_access=False)
+                    enable_fallback=False, log_level=ti.ERROR if quiet else ti.INFO, fast_math=False, unrolling_limit=0,
+                    cfg_optimization=False, simplify_after_lower_access=False, **kernel_cache.options(keep=not debug))
     except RuntimeError as error:
         raise BackendError(f"arch {arch!r} does not start: {error}") from None
     placement.place(before, wanted.threads if arch == "cpu" else 0)

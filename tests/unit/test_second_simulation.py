@@ -91,15 +91,6 @@ def test_another_mesh_and_other_numbers_compile_nothing_and_go_as_alone(monkeypa
         assert not compiled.new()
 
 
-def test_the_environment_does_not_choose_the_arch(monkeypatch):
-    """TI_ARCH, which to Taichi comes before what a program asks for, is left alone and changes nothing."""
-    monkeypatch.setenv("TI_ARCH", "vulkan")
-    assert runtime.available("cpu")
-    runtime.start("cpu", "f32", 1)
-    runtime.start("cpu", "f64", 1)
-    assert ti.cfg.arch == ti.cpu and os.environ["TI_ARCH"] == "vulkan"
-
-
 @pytest.fixture
 def fields():
     """Makes a few fields, the first with numbers; width of the last."""
