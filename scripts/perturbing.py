@@ -2,7 +2,7 @@
 
     python -m pytest -n 0 -p perturbing --perturb-start 3 --perturb-threads 2 --perturb-results out.jsonl tests/hard
 
-Every vertex that is not held goes by up to `SIZE` in each direction, what is sewn together as one. How far depends on the
+Every vertex that is not held goes by up to `SIZE` in each direction, both sides of a seam as one. How far depends on the
 start and the number of vertices alone, so that runs which a test compares are perturbed alike. Start 0 moves nothing.
 Tests with a result in the file are left out; each of the others adds a line as it begins, and one as it ends.
 """
@@ -37,11 +37,23 @@ def noise(sim, start: int) -> np.ndarray:
     model = sim.model
     size = max(SIZE, sim.runtime.epsilon * np.abs(model.read_particles()[0]).max())  # in f32, what it can tell apart
     moved = np.random.default_rng([start, sim.vertex_count]).uniform(-size, size, (sim.vertex_count, 3))[model.user]
-    knot = np.arange(model.n) if model.sewn is None else model.sewn.knot
+    knot = _knots(model)
     moved, held = moved[knot], sim.prescribed.held(0.0)
     if held is not None:
         moved[np.isin(knot, knot[held.index])] = 0.0
     return moved
+
+
+def _knots(model) -> np.ndarray:
+    """(n,) one particle for all that seams join, open ones too: their sides may touch, and are to start as near."""
+    from taichi_cloth.system.seams import connected
+
+    knot = np.arange(model.n)
+    if model.sewn is not None:
+        label = connected(model.n, model.sewn.a, model.sewn.b)
+        first = np.unique(label, return_index=True)[1][int(label.min() < 0):]  # -1 is what no seam joins
+        knot[label >= 0] = first[label[label >= 0]]
+    return knot
 
 
 class Recorder:
