@@ -7,6 +7,10 @@ import importlib
 import os
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")  # read when taichi is imported, wherever that is
+if os.name == "posix" and "HOME" not in os.environ:  # Taichi ends the process then, as under some services
+    home = os.path.expanduser("~")
+    os.environ["HOME"] = home if os.path.isabs(home) else os.sep
+    del home
 
 __version__ = "0.1.0"
 

@@ -13,6 +13,7 @@ import taichi_cloth as tc
 
 os.environ.setdefault("TI_OPT_LEVEL", "0")  # a quarter less to compile; bits are the same, as test_second_simulation.py holds
 LONGEST = 600  # s that a test may take
+THREADS = 1  # CPU threads where a test asks for no number, whatever the machine has; scripts/perturbing.py sets both of these
 NONE = SimpleNamespace(params={})  # of a test without parameters
 
 
@@ -41,6 +42,18 @@ def time_limit() -> Iterator[None]:
 
 
 @pytest.fixture
+def asked_to_end() -> Iterator[None]:
+    """Signals end a process, and those that it starts, as at a terminal: under nohup SIGHUP is ignored, and SIGINT by what a
+    script runs in the background, and children take that over."""
+    usual = {"SIGINT": signal.default_int_handler, "SIGTERM": signal.SIG_DFL, "SIGHUP": signal.SIG_DFL}
+    before = {number: signal.signal(number, does) for name, does in usual.items()
+              if (number := getattr(signal, name, None)) is not None}
+    yield
+    for number, did in before.items():
+        signal.signal(number, did)
+
+
+@pytest.fixture
 def shared() -> pathlib.Path:
     """That folder; the test is skipped where there is none."""
     folder = shared_data()
@@ -52,15 +65,14 @@ def shared() -> pathlib.Path:
 @pytest.fixture(scope="session", autouse=True)
 def many_blocks() -> None:
     """Small meshes in as many blocks as there are threads, as large ones are; one thread where a test asks for no more, as
-    workers of pytest-xdist would wait for each other's cores; fields of one size for all meshes of tests, and a kernel for
-    each force, so that less is compiled."""
+    workers of pytest-xdist would wait for each other's cores, and as answers do not depend on the machine then; fields of one
+    size for all meshes of tests, and a kernel for each force, so that less is compiled."""
     from taichi_cloth.backend import rows, runtime
     from taichi_cloth.system import assembler
     from taichi_cloth.system import state as model
 
     model.ROWS, rows.SMALL, assembler.FUSED = 1, rows.MIDDLE, False
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        runtime.cores = lambda: 1
+    runtime.cores = lambda: THREADS
 
 
 def _in_f32(item: pytest.Item) -> bool:
@@ -81,7 +93,7 @@ def goes_on(request: pytest.FixtureRequest) -> Iterator[None]:
     """Of a test that is not marked with `restarts`: Taichi goes on as it was."""
     from taichi_cloth.backend import runtime
 
-    before, usual = runtime.generation(), _usual()
+    before, usual = runtime.generation(), THREADS == 1 and _usual()
     yield
     if usual and not _restarts(request.node):
         assert _usual() and runtime.generation() <= before + 1, "it starts Taichi anew: mark it with `restarts`"

@@ -7,8 +7,9 @@ MEMORY = "tests/unit/test_memory.py"
 PLACED, DEALT, LAUNCHED = (f"tests/unit/test_{name}.py" for name in ("placement", "dealing", "launches"))
 TESTS = (SECOND, MEMORY, PLACED, DEALT, LAUNCHED)
 
-KERNELS, POOL, PLACEMENT, DEALING, ROWS, LAUNCHES = (f"taichi_cloth/backend/{name}.py" for name in (
-    "shared_kernels", "field_pool", "placement", "dealing", "rows", "launches"))
+KERNELS, POOL, PLACEMENT, DEALING, ROWS, LAUNCHES, RUNTIME = (f"taichi_cloth/backend/{name}.py" for name in (
+    "shared_kernels", "field_pool", "placement", "dealing", "rows", "launches", "runtime"))
+ENVIRONMENT = "tests/unit/test_environment.py"
 FILLED = f"{SECOND}::test_memory_is_filled_as_kernels_fill_it"
 
 MUTATIONS = (
@@ -60,4 +61,11 @@ MUTATIONS = (
     (PLACEMENT, "if not set(self.threads) <= running():", "if False:", "threads of other programs are bound", PLACED),
     (PLACEMENT, "if jump > JUMP else numbers", "if False else numbers", "numbers that begin anew are not seen", PLACED),
     (POOL, "        self._taken = []\n", "", "what was freed is freed again by the garbage collector", SECOND),
+    (RUNTIME, "redirect_stdout(words), _unasked():", "redirect_stdout(words):", "TI_ARCH comes before the arch asked for",
+     ENVIRONMENT),
+    ("taichi_cloth/backend/kernel_cache.py", "if _writable(", "if True or _writable(",
+     "Taichi fails where it cannot write its cache", ENVIRONMENT),
+    ("taichi_cloth/__init__.py", '"HOME" not in os.environ', "False", "Taichi ends the process without a home", ENVIRONMENT),
+    (RUNTIME, "TemporaryDirectory() as folder, _unasked():", "TemporaryDirectory() as folder:", "TI_ARCH is tried instead",
+     ENVIRONMENT),
 )

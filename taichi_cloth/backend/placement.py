@@ -80,7 +80,7 @@ class Placement:
         ran = waited = 0
         for thread in self.threads:
             try:
-                with open(f"/proc/self/task/{thread}/schedstat") as file:
+                with open(f"/proc/self/task/{thread}/schedstat", encoding="ascii") as file:
                     one, other = file.read().split()[:2]
                 ran, waited = ran + int(one), waited + int(other)
             except (OSError, ValueError):

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 import weakref
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -16,9 +17,9 @@ from .. import checks
 from ..errors import BackendError
 from ..options import ARCHS, PRECISIONS
 
-CACHE = 1 << 29  # bytes of compiled kernels that are kept: some hundred scenes
 TASK = 512  # iterations of a loop that Taichi gives to a CPU thread at once
 MOST_THREADS = 64  # that may be asked for where there are fewer cores: thousands take minutes to start
+ARCH_VARIABLE = "TI_ARCH"  # of the environment: to Taichi it comes before the arch that a program asks for
 NO_DOUBLE = ("vulkan", "metal")  # f64 there is absent, or lacks atan2
 
 
@@ -98,7 +99,7 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
         raise BackendError(f"arch {arch!r} does not run here; what does: {', '.join(others)}")
     import taichi as ti
 
-    from . import field_pool, placement
+    from . import field_pool, kernel_cache, placement
 
     wanted = Runtime(arch, precision, threads or there, debug, ".".join(map(str, ti.__version__)))
     if wanted == _current and (len(_holders) or field_pool.holds()):
@@ -109,13 +110,12 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     fp = ti.f32 if precision == "f32" else ti.f64
     words, before = io.StringIO() if quiet else sys.stdout, placement.running()
     try:
-        with contextlib.redirect_stdout(words):
+        with contextlib.redirect_stdout(words), _unasked():
             # fast_math would let the compiler assume that there is no NaN, and drop the tests for it; what the other two
             # passes do, LLVM does again, and they take a third of the time to compile
             ti.init(arch=getattr(ti, arch), default_fp=fp, cpu_max_num_threads=wanted.threads, debug=debug,
-                    enable_fallback=False, offline_cache=not debug, offline_cache_max_size_of_files=CACHE,
-                    log_level=ti.ERROR if quiet else ti.INFO, fast_math=False, unrolling_limit=0,
-                    cfg_optimization=False, simplify_after_lower_access=False)
+                    enable_fallback=False, log_level=ti.ERROR if quiet else ti.INFO, fast_math=False, unrolling_limit=0,
+                    cfg_optimization=False, simplify_after_lower_access=False, **kernel_cache.options(keep=not debug))
     except RuntimeError as error:
         raise BackendError(f"arch {arch!r} does not start: {error}") from None
     placement.place(before, wanted.threads if arch == "cpu" else 0)
@@ -123,6 +123,17 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     field_pool.forget()
     _current, _generation = wanted, _generation + 1
     return wanted
+
+
+@contextlib.contextmanager
+def _unasked() -> Iterator[None]:
+    """Within it Taichi starts on the arch that it is told, and not on that of an environment variable."""
+    asked = os.environ.pop(ARCH_VARIABLE, None)
+    try:
+        yield
+    finally:
+        if asked is not None:
+            os.environ[ARCH_VARIABLE] = asked
 
 
 def go_on() -> Runtime:
@@ -158,9 +169,9 @@ def available(arch: str) -> bool:
             "f = ti.field(ti.i32, 4)\n"
             "@ti.kernel\ndef k():\n    for i in f: f[i] = i\n"
             "k(); assert f[3] == 3")
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, _unasked():
         probe = os.path.join(folder, "probe.py")  # Taichi reads a kernel's source from its file
-        with open(probe, "w") as out:
+        with open(probe, "w", encoding="utf-8") as out:
             out.write(code)
         try:
             done = subprocess.run([sys.executable, probe], capture_output=True, timeout=120, check=False)

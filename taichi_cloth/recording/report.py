@@ -57,9 +57,9 @@ def page(recording: Recording, title: str, subtitle: str, body: str, budget: flo
         OutputError: the run has no frames, or a damaged one.
     """
     data, note = _playback(recording, budget)
-    template = string.Template((pathlib.Path(__file__).parents[1] / "output" / "report_template.html").read_text())
-    return template.substitute(title=html.escape(title), body=body, subtitle=html.escape(subtitle), data=json.dumps(data),
-                               note=html.escape(note))
+    template = pathlib.Path(__file__).parents[1] / "output" / "report_template.html"
+    return string.Template(template.read_text(encoding="utf-8")).substitute(
+        title=html.escape(title), body=body, subtitle=html.escape(subtitle), data=json.dumps(data), note=html.escape(note))
 
 
 def _complexity(recording: Recording, log: list[dict]) -> str:

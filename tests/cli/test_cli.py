@@ -155,19 +155,31 @@ def check(sim):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("asked_to_end")
 def test_interrupt_leaves_whole_frames(tmp_path):
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    """Of a run that was started as nohup does: it goes on when its terminal is closed, and ends when it is interrupted."""
+    environment, pictures = {**os.environ, "PYTHONPATH": str(ROOT)}, tmp_path / "o" / "images"
     command = [sys.executable, "-m", "taichi_cloth", "run", "hang", "--out", str(tmp_path / "o"), "--duration", "60",
                "--size", "320x200", "--set", "cells=20"]
-    process = subprocess.Popen(command, env=environment, cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    for _ in range(600):
-        if len(list((tmp_path / "o" / "images").glob("*.png"))) >= 3 or process.poll() is not None:
-            break
-        time.sleep(0.1)
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
+    process = subprocess.Popen(command, env=environment, cwd=ROOT, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+                               preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN))
+
+    def wait_for(count):
+        deadline = time.time() + 60
+        while len(list(pictures.glob("*.png"))) < count and process.poll() is None and time.time() < deadline:
+            time.sleep(0.1)
+
+    try:
+        wait_for(1)
+        process.send_signal(signal.SIGHUP)
+        wait_for(len(list(pictures.glob("*.png"))) + 2)
+        assert process.poll() is None, "it ended with its terminal"
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+    finally:
+        process.kill()
     assert process.returncode == 130 and "interrupted" in errors
-    images = sorted((tmp_path / "o" / "images").iterdir())
+    images = sorted(pictures.iterdir())
     assert len(images) >= 3 and all(read_png(p).shape == (200, 320, 3) for p in images)
     assert json.loads((tmp_path / "o" / "manifest.json").read_text())["status"] == "interrupted"
 

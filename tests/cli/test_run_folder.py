@@ -50,18 +50,21 @@ class Falling:
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    """A whole run, in whose middle SIGHUP came, which is ignored as nohup wants it, and another run wanted its folder."""
+    """A whole run, in whose middle came SIGHUP and SIGINT, which are ignored as nohup and a shell's background want it, and
+    another run wanted its folder."""
     made, codes = Falling(tmp_path_factory.mktemp("finished")), []
 
     def act():
-        os.kill(os.getpid(), signal.SIGHUP)
+        for number in ignored:
+            os.kill(os.getpid(), number)
         codes.append(cli._guard(lambda: RunFolder(made.out, resumed=0).close() or 0))
 
-    old = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    ignored = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGHUP, signal.SIGINT)}
     try:
         assert made(act) == 0
     finally:
-        signal.signal(signal.SIGHUP, old)
+        for number, old in ignored.items():
+            signal.signal(number, old)
     assert codes == [2] and names(made.out, "frames") == list(range(9))
     assert manifest(made.out)["status"] == "finished"
     return made
@@ -89,6 +92,7 @@ def names(folder, kind):
     return sorted(int(p.stem) for p in (folder / kind).iterdir())
 
 
+@pytest.mark.usefixtures("asked_to_end")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
 def test_signals_end_a_run_after_its_frame_and_it_goes_on_bitwise(scene, finished, name, capsys):
     before = {n: signal.getsignal(getattr(signal, n)) for n in ("SIGINT", "SIGTERM", "SIGHUP")}

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from reference.geometry import cloth_crossings, count_crossings, distance_to_triangles
 
 import taichi_cloth as tc
-from taichi_cloth.scene.intersections import count_crossings
 
 H, THICK, DEEP = 1 / 60, 0.005, 0.03
 TRUNK, ARM, LONG = 0.14, 0.045, 0.45
@@ -72,7 +72,7 @@ def figure(body: str, sheets: int, itself: bool, cells: int = 14, parts: dict | 
 
 
 def crossed(sim: tc.Simulation) -> int:
-    """Pairs of triangles of cloth and solids that cross, from positions."""
+    """Edges through triangles, of cloth and of solids, from positions."""
     x, start, count = sim.positions(), 0, 0
     for cloth in sim.scene.cloths:
         mine = x[start: start + cloth.mesh.vertex_count]
@@ -85,8 +85,9 @@ def crossed(sim: tc.Simulation) -> int:
 @pytest.mark.slow
 @pytest.mark.parametrize("body, sheets", [("capsules", 1), ("two_meshes", 1), ("one_mesh", 1), ("one_mesh", 2)])
 def test_an_arm_that_closes_on_a_trunk(body, sheets):
-    """Steps stay what was asked, with two layers too; what is held goes by .05 m/s faster than the body at most, and .2 s
-    after nothing is left on the wrong side, of bodies or of cloth."""
+    """Steps stay what was asked; with two layers none is below a quarter of it, and a tenth more are made at most: where
+    layers part, a rounding decides how many solves they need to agree. What is held goes by .05 m/s faster than the body at
+    most, and .2 s after nothing is left on the wrong side, of bodies or of cloth."""
     sim = tc.Simulation(figure(body, sheets, itself=sheets > 1), h=H)
     before, fastest, deepest = sim.positions(), -math.inf, 0
     while sim.time < LEFT - 1e-9:
@@ -95,11 +96,16 @@ def test_an_arm_that_closes_on_a_trunk(body, sheets):
         goes = LONG * abs(angle(sim.time) - angle(sim.time - H)) / H
         held = sim.contacts.solids.pinches.where[sim.model.particle]
         fastest = max(fastest, np.linalg.norm((now - before)[held], axis=1).max(initial=0.0) / H - goes)
-        before, deepest = now, max(deepest, sim.intersections() if sheets > 1 else 0)
+        before, deepest = now, max(deepest, cloth_crossings(sim) if sheets > 1 else 0)
     assert max(r.pinched for r in sim.log) > 10 and max(r.crossings for r in sim.log) > 50, "nothing was between them"
-    assert min(r.h for r in sim.log) > H - 1e-9 and not any(r.rejections for r in sim.log)
+    frames = round(LEFT / H)
+    assert min(r.h for r in sim.log) > (H if sheets == 1 else H / 4) - 1e-9
+    assert len(sim.log) <= (frames if sheets == 1 else 1.1 * frames)
     assert fastest < 0.05, f"what was pinched went {fastest} m/s faster than the body"
     assert crossed(sim) == 0 and deepest == 0
+    if sheets > 1:
+        inner, outer = (now[c.start:][:c.mesh.vertex_count] for c in sim.scene.cloths)
+        assert distance_to_triangles(outer, inner, sim.scene.cloths[0].mesh.faces).min() > 0.2 * 0.003  # none came through
     assert max(r.stretch for r in sim.log) < 1.3
     assert sum(abs(r.ledger["pins"]) for r in sim.log) < 1e-9  # the tube's top stands still
     gone, led, rubbed = (sum(abs(r.ledger[name]) for r in sim.log) for name in ("unaccounted", "solids", "friction"))

@@ -8,6 +8,7 @@ import taichi_cloth as tc
 
 FABRIC = tc.Fabric(0.2, tc.Stretch(1000, k_d=0.5), tc.Shear(100), tc.Bend(5e-5))
 THICKNESS, RADIUS, HEIGHT = 0.006, 0.11, 0.15
+STILL = 1e-8  # m by which what is not moved may differ from what was given; what is moved goes by millimetres
 
 
 def tube(cells: int, rows: int, waves: float, clockwise: bool = False) -> tc.TriMesh:
@@ -84,7 +85,7 @@ def test_the_higher_layer_starts_and_stays_outside(layers, clockwise):
         by = np.linalg.norm(sim.positions() - given, axis=1)
         note, = (note for note in sim.notes if "lay inside" in note)
         assert f"'round', and were moved out, furthest vertex {by[n:].argmax()} by {by.max():.2g} m" in note
-        assert (by[:n] == 0).all() and 0.006 < by.max() < 0.02
+        assert by[:n].max() < STILL and 0.006 < by.max() < 0.02
         assert cloth_crossings(sim) == 0 and least_room(sim) > 0.5 * THICKNESS
         for _ in range(10):
             sim.step(1 / 60)
@@ -107,7 +108,7 @@ def test_what_pokes_out_between_vertices_is_found():
     scene.add_cloth(coarse, FABRIC, positions=coarse.x + [0, 0.008, 0], contact=tc.ClothContact(THICKNESS, layer=1))
     with tc.Simulation(scene, h=1 / 60) as sim:
         assert any("lay inside" in note for note in sim.notes)
-        assert cloth_crossings(sim) == 0 and (sim.positions()[: fine.vertex_count] == x).all()
+        assert cloth_crossings(sim) == 0 and np.abs(sim.positions()[: fine.vertex_count] - x).max() < STILL
 
 
 def test_what_is_held_stays_and_equal_layers_have_no_order():
@@ -115,7 +116,7 @@ def test_what_is_held_stays_and_equal_layers_have_no_order():
         held = sim.positions()[: sim.scene.cloths[1].start]
         assert (held[-32:] == sim.scene.cloths[0].positions[-32:]).all() and any("lay inside" in note for note in sim.notes)
     with tc.Simulation(two_tubes((1, 1)), h=1 / 60) as sim:
-        assert np.abs(sim.positions() - np.concatenate([c.positions for c in sim.scene.cloths])).max() < 1e-12
+        assert np.abs(sim.positions() - np.concatenate([c.positions for c in sim.scene.cloths])).max() < STILL
         assert cloth_crossings(sim) > 50
 
 
@@ -125,7 +126,7 @@ def test_what_is_on_its_side_is_not_moved():
         scene.add_cloth(mesh, FABRIC, positions=mesh.x * [1 + 0.04 * layer, 1, 1 + 0.04 * layer],
                         contact=tc.ClothContact(THICKNESS, layer=layer))
     with tc.Simulation(scene, h=1 / 60) as sim:  # nearer than their thickness
-        assert np.abs(sim.positions() - np.concatenate([c.positions for c in scene.cloths])).max() < 1e-12
+        assert np.abs(sim.positions() - np.concatenate([c.positions for c in scene.cloths])).max() < STILL
         assert not any("lay inside" in note for note in sim.notes)
 
 

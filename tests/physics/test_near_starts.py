@@ -62,7 +62,7 @@ def test_what_is_not_near_starts_as_it_was_given():
         with tc.Simulation(scene, h=1 / 60) as sim:
             assert not any(SAID in n for n in sim.notes)
             x = np.concatenate([c.positions for c in cloths])
-            assert np.abs(sim.positions() - x).max() < 1e-15
+            assert np.abs(sim.positions() - x).max() < 1e-8  # what is near goes by 1e-4 and more
 
 
 def test_what_was_left_near_grows_to_its_thickness_and_is_resumed_bit_for_bit():

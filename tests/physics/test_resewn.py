@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from reference.geometry import cloth_crossings
+from reference.geometry import cloth_crossings, cloth_faces, edges_of, edges_through
 from test_ripping import STRENGTH, ends, sewn
 from test_seams import cut
 
@@ -93,7 +93,19 @@ def test_it_bears_as_much_as_before_and_gives_again():
         assert max(forces) == pytest.approx(STRENGTH * 0.1, rel=0.05) and sim.time > 0.9
 
 
+def deepest(sim: tc.Simulation) -> float:
+    """How far [m] an edge of cloth passes a triangle of cloth at most, by the end that is the nearer to its plane."""
+    x, faces = sim.positions(), cloth_faces(sim)
+    edges = edges_of(faces)
+    i, j = edges_through(x, edges, x, faces, same=True)
+    p, q, r = x[faces[j].T]
+    n = np.cross(q - p, r - p)
+    off = np.einsum("kai,ki->ka", x[edges[i]] - p[:, None], n) / np.linalg.norm(n, axis=1)[:, None]
+    return float(np.abs(off).min(axis=1).max(initial=0.0))
+
+
 def test_a_zip_starts_open_and_closes_stitch_by_stitch():
+    """Its sides touch all the while: they pass each other by no more than a rounding."""
     scene, cloth, seam = sewn(contact=tc.ClothContact(THICKNESS, 0.2))
     scene.pin(cloth, ends(cloth)[0])
     scene.unsew(seam)
@@ -104,7 +116,7 @@ def test_a_zip_starts_open_and_closes_stitch_by_stitch():
         while sim.time < 0.4:
             sim.step()
             left.append(sim.log[-1].opened)
-            assert cloth_crossings(sim) == 0
+            assert deepest(sim) < 1e-8
         assert left[0] == 5 and left[-1] == 0 and (np.diff(left) <= 0).all() and len(set(left)) == 6
 
 

@@ -532,7 +532,7 @@ def test_what_a_tangle_or_a_pinch_holds_too_near_is_let_go():
         layers.intersections.commit()
 
     before = gaps()
-    edge = n + np.flatnonzero(x[n:, 0] == x[n:, 0].min())
+    edge, other = (n + a.mesh.groups[name] for name in ("left", "right"))
     near = n + np.flatnonzero(x[n:, 0] < x[n:, 0].min() + 0.05)
     layers.was = 0.9
     assert before[edge] == pytest.approx(0.1, abs=0.02) and before.min() == layers.least
@@ -542,7 +542,7 @@ def test_what_a_tangle_or_a_pinch_holds_too_near_is_let_go():
     assert not layers.release_beside(below)  # nothing is tangled, nor pinched
     rest(np.setdiff1d(near, edge))
     assert not layers.release_beside(nothing) and gaps().min() == before.min()  # what is, is not the nearest
-    rest(np.concatenate([edge, n + np.flatnonzero(x[n:, 0] == x[n:, 0].max())]))  # the other side rests too, with room enough
+    rest(np.concatenate([edge, other]))  # the other side rests too, with room enough
     assert layers.release_beside(nothing)
     after = gaps()
     assert (after[edge] > before[edge] + 0.01).all()

@@ -1,0 +1,33 @@
+"""Where Taichi keeps compiled kernels from process to process, and whether it can."""
+
+import functools
+import os
+import tempfile
+import warnings
+from typing import Any
+
+MOST = 1 << 29  # bytes of compiled kernels that are kept: some hundred scenes
+VARIABLE = "TI_OFFLINE_CACHE_FILE_PATH"  # of the environment: another folder than Taichi's own
+
+
+def options(keep: bool) -> dict[str, Any]:
+    """What Taichi is to be told of it, as arguments of `ti.init`. Where kernels cannot be kept it would fail at its second
+    start, or as the process ends: it makes the folder even if it is to keep nothing, as without `keep`."""
+    from taichi.lang import impl
+
+    if _writable(os.environ.get(VARIABLE) or impl.default_cfg().offline_cache_file_path):
+        return {"offline_cache": keep, "offline_cache_max_size_of_files": MOST}
+    return {"offline_cache": False, "offline_cache_file_path": tempfile.gettempdir()}
+
+
+@functools.cache
+def _writable(folder: str) -> bool:
+    """Whether files can be made in a folder, which is made where it is not there; says so once where not."""
+    try:
+        os.makedirs(folder, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError as error:
+        warnings.warn(f"compiled kernels cannot be kept in {folder} ({error.strerror}), and are compiled anew in every "
+                      f"process: set {VARIABLE} to a folder that can be written to", stacklevel=2)
+        return False
