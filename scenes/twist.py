@@ -37,8 +37,8 @@ def check(sim: tc.Simulation):
     yield f"{crossed} intersections", crossed == 0
     x = sim.positions()
     middle = np.abs(x[:, 1] - LENGTH / 2) < 0.03
-    waist = np.linalg.norm(x[middle][:, [0, 2]], axis=1).max()
-    yield f"its waist is {waist / RADIUS:.2f} of its radius", waist < 0.95 * RADIUS
+    waist = np.linalg.norm(x[middle][:, [0, 2]], axis=1).mean()  # where a single fold stands out is chance
+    yield f"its waist is {waist / RADIUS:.2f} of its radius", waist < 0.7 * RADIUS
     nearest = min(r.least for r in sim.log)
     yield f"the smallest gap was {nearest:.2f} thicknesses", nearest > 0.02
 

@@ -16,7 +16,6 @@ from dataclasses import dataclass, field
 from types import ModuleType
 
 from ..errors import ClothError, SceneError, ScriptError, did_you_mean, near, shown
-from ..io.sequence import natural
 from .waiting import waiting
 
 OWN = pathlib.Path("scenes")  # where scenes of one's own are looked for by name
@@ -135,6 +134,8 @@ def available() -> dict[str, pathlib.Path]:
         for path in folder.glob("*.py"):
             if not path.name.startswith("_"):
                 found.setdefault(path.stem, path)
+    from ..io.sequence import natural
+
     return {name: found[name] for name in sorted(found, key=natural)}
 
 

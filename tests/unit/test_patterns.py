@@ -314,7 +314,7 @@ def test_spacings_that_no_panel_has_triangles_of_are_refused():
     pattern = tc.Pattern((tc.Panel("lens", [[0, 0], [0.4, 0.0]], edges),))
     with pytest.raises(tc.MeshError, match="'lens': its border of 2 points has no area: take a smaller spacing"):
         pattern.mesh(10.0)
-    for tiny in (1e-6, 1e-30, 1e-200):
+    for tiny in (1e-6, 1e-30):
         with pytest.raises(tc.MeshError, match=f"spacing = {tiny:g} m makes about .* vertices"):
             pattern.mesh(tiny)
     with pytest.raises(tc.MeshError, match="spacing = 1e-06 m makes"):

@@ -356,7 +356,8 @@ BOMB = '<!DOCTYPE svg [<!ENTITY a0 "lol">' + "".join(f'<!ENTITY a{k + 1} "{f"&a{
     (b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"><rect id="r" width="5" height="5"/></svg>', "how large"),
     (b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="x"/>', "drawing's width = 'x': is no length"),
     (b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9" width="9"/>', "viewBox = '0 0 9'"),
-    (b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1e-320 9" width="9"/>', "1e-320 9': is too small"),
+    (b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1e-320 9" width="9"/>',
+     "1e-320 9': (is too small|must be)"),  # where processors take it for 0
 ])
 def test_files_that_are_no_drawings(tmp_path, data, what):
     (tmp_path / "a.svg").write_bytes(data)
