@@ -14,7 +14,9 @@ from .force import Force
 
 @ti.data_oriented
 class DeadLoad(Force):
-    """What has no derivative, neither by position nor by velocity: it is in b alone."""
+    """A force without a derivative, neither by position nor by velocity: it is in b alone."""
+
+    dead = True
 
     def build_stiffness(self) -> None:
         """Nothing but to be asked for."""

@@ -30,6 +30,7 @@ class Force(ABC):
         of_contact: whether its elements come and go with contact.
         attached: (k, 3) particle, stiffness and largest force of what it attaches softly; None where it never does.
         coupled: whether its product takes sums over all of the cloth: `sum_up`, `add_coupled`.
+        dead: whether it has no derivative, and so is in b alone: no product and no level takes it.
         driven: whether its energy changes with time by itself.
         indefinite: whether the matrix has a part of it that may not be semidefinite, see `leave_out`.
         notes: what was found out when it was made, for people.
@@ -46,6 +47,7 @@ class Force(ABC):
     of_contact: bool = False
     attached: np.ndarray | None = None
     coupled: bool = False
+    dead: bool = False
     driven: bool = False
     indefinite: bool = False
     notes: Sequence[str] = ()

@@ -16,13 +16,15 @@ class Operator:
     """A, b and the block diagonal of A, from the forces of a model.
 
     Attributes:
+        forces: those with a derivative.
         b: right-hand side [kg m/s].
         motion: h v_0 + y [m], what K is applied to on the right-hand side.
         P: (n, 6) diagonal blocks xx xy xz yy yz zz [kg].
     """
 
     def __init__(self, fields: Fields, model: ParticleState, forces: list) -> None:
-        self.model, self.forces, self.blocks = model, forces, model.blocks
+        self.model, self.blocks = model, model.blocks
+        self.forces = [force for force in forces if not force.dead]
         self.coupled = [force for force in forces if force.coupled]
         self.couples = len(self.coupled) > 0
         for force in forces:
