@@ -63,7 +63,7 @@ def over(h: float, cells: int, start: int, threads: int, mu: float, shape: str =
     Both are those of its upper end; of the way a method of first order may be off by v h / 2.
     """
     length, width, until = 0.5, 0.09, 0.3
-    rounding = {"round": 0.01, "sharp": 0.0, "mesh": 0.0, "bar": 0.03}[shape]
+    rounding = {"round": 0.01, "sharp": 0.0, "mesh": 0.0, "bar": 0.01}[shape]
     radius = rounding + THICK
     tilt, turn = (-math.pi / 2, math.pi) if shape == "bar" else (slope, math.pi / 2 - slope)
     second = hangs * length
@@ -123,7 +123,7 @@ def edge_slope(h: float, cells: int, start: int, threads: int) -> tuple[Result, 
 @case(25, 50)
 def towel(h: float, cells: int, start: int, threads: int) -> tuple[Result, ...]:
     """A towel slides off a round bar of which more than Euler's rope bears hangs on one side, mu = .2."""
-    return over(h, cells, start, threads, 0.2, "bar", hangs=0.55)
+    return over(h, cells, start, threads, 0.2, "bar", hangs=0.65)
 
 
 ROUND, WIDE, THIN = 0.05, 0.03, 0.002  # m: radius of the bar that is wound round, width and thickness of the strip
