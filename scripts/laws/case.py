@@ -79,7 +79,7 @@ def noisy(x: np.ndarray, start: int) -> np.ndarray:
 
 
 def fabric(density: float = 0.2, k: float = 500.0, bend: float = 1e-6) -> tc.Fabric:
-    """Density [kg/m^2], stiffness [N/m] of stretch, a fifth of it in shear, damping a thousandth [s] of both; bending [N m]."""
+    """Density [kg/m^2], stiffness [N/m] of stretch, in shear a fifth, damping a thousandth [s] of both; bending [N m]."""
     return tc.Fabric(density, tc.Stretch(k, k / 1000), tc.Shear(k / 5, k / 5000), tc.Bend(bend))
 
 

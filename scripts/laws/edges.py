@@ -28,7 +28,8 @@ def bent(u: np.ndarray, first: float, radius: float, turn: float, slope: float) 
     return radius * np.stack([np.sin(at), np.cos(at)], axis=1) + along
 
 
-def chain(until: float, lengths: tuple[float, float], arc: tuple[float, float], mu: float, slope: float) -> tuple[float, float]:
+def chain(until: float, lengths: tuple[float, float], arc: tuple[float, float], mu: float,
+          slope: float) -> tuple[float, float]:
     """(way [m], speed [m/s]) of a chain over an arc, from rest: the capstan's equation with what speed takes off.
 
     Before the arc lie l1, behind it hang l2; r and phi are the arc's radius and angle, half of r phi counts with either

@@ -9,7 +9,7 @@ from taichi_cloth.scene.intersections import count_self_crossings
 
 from .case import Result, case, fabric, noisy
 
-THICK, FOLDS, HEIGHT, WIDTH, GAP = 0.004, 3, 0.05, 0.06, 0.005  # m; layers, their height, width, and what is between them
+THICK, FOLDS, HEIGHT, WIDTH, GAP = 0.004, 3, 0.03, 0.06, 0.005  # m; layers, their height, width, and what is between them
 
 
 def folded(cells: int, start: int) -> tuple[tc.TriMesh, np.ndarray, np.ndarray]:
@@ -26,24 +26,26 @@ def folded(cells: int, start: int) -> tuple[tc.TriMesh, np.ndarray, np.ndarray]:
 
 @case(3, 6)
 def crease(h: float, cells: int, start: int, threads: int) -> tuple[Result, ...]:
-    """A crease closes on three folds of cloth, which is drawn meanwhile, and opens: nothing crosses, and layers keep their order.
+    """A crease closes on three folds of cloth, which is drawn meanwhile, and opens: none cross, and all keep their order.
 
-    Two walls turn about the line where they meet, from 28 degrees each to 8, where they leave folds half way up three quarters of what these need, and back in .2 s. Crossings are counted from positions; order: mean places of neighbouring layers along x, half way up.
+    Two walls turn about the line where they meet, from 28 degrees each to 10, where folds half way up have three quarters
+    of the room that they need, and back, in .1 s. Crossings are counted from positions; the order is that of the mean
+    places of neighbouring layers, half way up.
     """
     mesh, x, layer = folded(cells, start)
     scene = tc.Scene()
     cloth = scene.add_cloth(mesh, fabric(k=1000.0), positions=x + [0, 0.02, 0], contact=tc.ClothContact(THICK, 0.3))
-    bound, closed = math.radians(28), math.radians(8)
+    bound, closed = math.radians(28), math.radians(10)
 
     def angle(t: float) -> float:
-        return closed + (bound - closed) * abs(1 - min(t, 0.2) / 0.1)
+        return closed + (bound - closed) * abs(1 - min(t, 0.1) / 0.05)
 
     for side in (-1, 1):
         scene.add_solid(tc.Box((0.04, 0.3, 0.4), 0.0), 0.3, THICK, rotation=lambda t, s=side: (0, 0, -s * angle(t)),
                         position=lambda t, s=side: leaned(s, angle(t)))
-    scene.move(cloth, mesh.select("top"), lambda t: (0, 0, 0.2 * t), relative=True, directions="z")
+    scene.move(cloth, mesh.select("top"), lambda t: (0, 0, 0.4 * t), relative=True, directions="z")
     with tc.Simulation(scene, h=h, threads=threads) as sim:
-        while sim.time < 0.25 - 1e-9:
+        while sim.time < 0.15 - 1e-9:
             sim.step()
         end = np.array(sim.positions())
     middle = np.abs(x[:, 1] - HEIGHT / 2) < GAP

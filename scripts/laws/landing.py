@@ -89,7 +89,7 @@ def order_impact(h: float, cells: int, start: int, threads: int) -> tuple[Result
     backward Euler the first part is exact in x, the last off by (v - mu g T) h / 2.
     """
     coarse, half = (stopped(step, start, threads) for step in (h, h / 2))
-    return Result("order", float(np.log2(coarse / half)), 1.0, 0.2, sense=">=", wrong=2.0),
+    return Result("order", float(np.log2(coarse / half)), 1.0, 0.3, sense=">=", wrong=2.0),
 
 
 def pushed(h: float, start: int, threads: int, **options: object) -> float:
@@ -113,5 +113,5 @@ def order_contact(h: float, cells: int, start: int, threads: int) -> tuple[Resul
     """
     usual = [pushed(step, start, threads) for step in (h, h / 2)]
     second = [pushed(step, start, threads, integrator="bdf2") for step in (h, h / 2)]
-    return (Result("order", float(np.log2(usual[0] / usual[1])), 1.0, 0.1, sense=">=", wrong=2.0),
+    return (Result("order", float(np.log2(usual[0] / usual[1])), 1.0, 0.2, sense=">=", wrong=2.0),
             Result("order of bdf2", float(np.log2(second[0] / second[1])), 2.0, 0.2, sense=">=", wrong=3.0))

@@ -46,7 +46,8 @@ def layers_momentum(h: float, cells: int, start: int, threads: int) -> tuple[Res
     """Two free sheets that hit each other aslant without gravity keep their momentum together, 1e-10 of one's."""
     mesh, scene = tc.grid(0.2, cells, centred=True), tc.Scene(gravity=None)
     scene.add_cloth(mesh, SHEET, positions=mesh.x, contact=MEETS)
-    scene.add_cloth(mesh, SHEET, positions=noisy(mesh.x + [0.023, 0.02, 0.011], start), velocities=(0.5, -1.0, 0.2), contact=MEETS)
+    scene.add_cloth(mesh, SHEET, positions=noisy(mesh.x + [0.023, 0.02, 0.011], start),
+                    velocities=(0.5, -1.0, 0.2), contact=MEETS)
     t, x = follow(scene, h, threads, 0.1)
     mass = np.tile(np.bincount(mesh.faces.ravel(), np.repeat(mesh.material_areas / 3, 3)), 2)
     v = np.einsum("n,sni->si", mass, np.diff(x, axis=0) / np.diff(t)[:, None, None]) / mass[: mesh.vertex_count].sum()
@@ -72,8 +73,8 @@ def middle_drawn(h: float, cells: int, start: int, threads: int) -> tuple[Result
                        relative=True, directions="x")
     t, x = follow(scene, h, threads, 0.25)
     n = (x.shape[1] - mesh.vertex_count) // 2
-    lower = x[:, :n, 0].mean(axis=1)
-    return (Result("upper gains", gained(t, x[:, 2 * n:, 0].mean(axis=1), 0.13, 0.25), MU * G, 0.02 * MU * G, "m/s^2", wrong=2 * MU * G),
+    lower, gains = x[:, :n, 0].mean(axis=1), gained(t, x[:, 2 * n:, 0].mean(axis=1), 0.13, 0.25)
+    return (Result("upper gains", gains, MU * G, 0.02 * MU * G, "m/s^2", wrong=2 * MU * G),
             Result("lower moves", float(abs(lower[-1] - lower[0])), 0.0, 1e-5, "m", wrong=0.01))
 
 
@@ -124,7 +125,8 @@ def taut_over_ridge(h: float, cells: int, start: int, threads: int) -> tuple[Res
         at = noisy(mesh.x + [0, 0.03 + THICK * (k + 1), 0], start)
         cloth = scene.add_cloth(mesh, SHEET, positions=at, contact=MEETS)
         for side, sign in (("left", -1), ("right", 1)):
-            scene.move(cloth, mesh.select(side), lambda t, s=sign: (0.01 * s * min(t, 0.2), -0.4 * min(t, 0.2), 0), relative=True)
+            scene.move(cloth, mesh.select(side), lambda t, s=sign: (0.01 * s * min(t, 0.2), -0.4 * min(t, 0.2), 0),
+                       relative=True)
     return Result("least gap", nearest(scene, mesh, h, threads, 0.25, True), 0.5, 0.0, "of the thickness", ">=", wrong=1.5),
 
 
@@ -135,5 +137,6 @@ def hit_at_10(h: float, cells: int, start: int, threads: int) -> tuple[Result, .
     held = scene.add_cloth(mesh, SHEET, positions=mesh.x, contact=MEETS)
     scene.pin(held, "left")
     scene.pin(held, "right")
-    scene.add_cloth(mesh, SHEET, positions=noisy(mesh.x + [0.013, 0.04, 0.007], start), velocities=(0, -10.0, 0), contact=MEETS)
+    scene.add_cloth(mesh, SHEET, positions=noisy(mesh.x + [0.013, 0.04, 0.007], start), velocities=(0, -10.0, 0),
+                    contact=MEETS)
     return Result("least gap", nearest(scene, mesh, h, threads, 0.06, True), 0.5, 0.0, "of the thickness", ">=", wrong=1.5),

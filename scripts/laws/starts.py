@@ -61,9 +61,9 @@ def pillow(h: float, cells: int, start: int, threads: int) -> tuple[Result, ...]
 
 @case(3, 6)
 def smooth_on_smooth(h: float, cells: int, start: int, threads: int) -> tuple[Result, ...]:
-    """Two smooth sheets on a smooth floor, the upper one at .3 m/s: it glides on, the lower one stays, in steps of full length.
+    """Two smooth sheets on a smooth floor, the upper one at .3 m/s: it glides on, in steps of full length.
 
-    The upper one is m v t further; no step is smaller than was asked for.
+    It is v t further; no step is smaller than was asked for.
     """
     mesh, scene = tc.grid(0.2, cells, centred=True), tc.Scene()
     scene.add_solid(tc.Plane(), 0.0, THICK)
