@@ -142,13 +142,14 @@ def conveyor(h: float, cells: int, start: int, threads: int) -> tuple[Result, ..
             Result("slip after", float(slip), 0.0, CREEP * v, "m/s", wrong=2 * v))
 
 
-def driven(part: float, h: float, cells: int, start: int, threads: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(times, ways of the vertices along the plane, of the plane) where it gains a part of mu g for .3 s, then no more."""
-    a, until = part * 0.3 * G, 0.3
+def driven(part: float, later: float, h: float, cells: int, start: int, threads: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(times, ways of the vertices and of the plane), which gains a part of mu g for .3 s, and another later."""
+    a, then, until = part * 0.3 * G, later * 0.3 * G, 0.3
     scene, _, _ = lying(cells, start)
 
     def way(t: float) -> float:
-        return a * min(t, until) ** 2 / 2 + a * until * max(t - until, 0.0)
+        rest = max(t - until, 0.0)
+        return a * min(t, until) ** 2 / 2 + a * until * rest + then * rest**2 / 2
 
     scene.add_solid(tc.Plane(), 0.3, THICK, position=lambda t: (way(t), 0, 0))
     t, x = follow(scene, h, threads, 0.9 if part > 1 else 0.5)
@@ -158,7 +159,7 @@ def driven(part: float, h: float, cells: int, start: int, threads: int) -> tuple
 @case(5, 12)
 def plane_sticks(h: float, cells: int, start: int, threads: int) -> tuple[Result, ...]:
     """A sheet goes with a plane that gains half of mu g, and goes on so when that moves uniformly."""
-    t, x, plane = driven(0.5, h, cells, start, threads)
+    t, x, plane = driven(0.5, 0.0, h, cells, start, threads)
     off = np.abs(x - plane[:, None])
     slip, fast = np.abs(speed(t, x - plane[:, None], 0.4, 0.5)).max(), 0.15 * G * 0.3
     return (Result("slid", float(off.max()), 0.0, 1e-6, "m", wrong=float(plane[-1])),
@@ -170,32 +171,50 @@ def plane_slips(h: float, cells: int, start: int, threads: int) -> tuple[Result,
     """Under a sheet a plane gains 1.5 mu g for .3 s: the sheet gains mu g, catches up with the plane, and sticks.
 
     It has slid by 1/2 (1.5 - 1) mu g .3^2 when the plane stops to gain, and by v^2 / (2 mu g) more, v = .5 mu g .3.
+    What gains w may be off by w h / 2, by a method of first order: w = .45 mu g here.
     """
-    t, x, plane = driven(1.5, h, cells, start, threads)
+    t, x, plane = driven(1.5, 0.0, h, cells, start, threads)
     a = 0.3 * G
     law = 0.25 * a * 0.09 + (0.15 * a) ** 2 / (2 * a)
     slid = plane - x.mean(axis=1)
     slip = np.abs(speed(t, x - plane[:, None], 0.7, 0.9)).max()
     return (Result("gains", gained(t, x.mean(axis=1), 0.05, 0.3), a, 0.01 * a, "m/s^2", wrong=2 * a),
-            Result("slid", float(slid[-1]), law, 0.02 * law + 0.15 * a * h / 2, "m", wrong=law / 2),
+            Result("slid", float(slid[-1]), law, 0.02 * law + 0.45 * a * h / 2, "m", wrong=law / 2),
             Result("slip after", float(slip), 0.0, CREEP * 0.45 * a, "m/s", wrong=0.45 * a))
+
+
+@case(5, 12)
+def sticks_again(h: float, cells: int, start: int, threads: int) -> tuple[Result, ...]:
+    """Under a sheet a plane gains 1.5 mu g for .3 s, then half of mu g: the sheet catches up, and sticks though it is loaded.
+
+    It has slid by .25 mu g .3^2 when the plane gains less, and by v^2 / (2 (1 - .5) mu g) more, v = .5 mu g .3.
+    What gains w may be off by w h / 2, by a method of first order: w = .6 mu g here.
+    """
+    t, x, plane = driven(1.5, 0.5, h, cells, start, threads)
+    a = 0.3 * G
+    law = 0.25 * a * 0.09 + (0.15 * a) ** 2 / a
+    slip = np.abs(speed(t, x - plane[:, None], 0.75, 0.9)).max()
+    return (Result("slid", float(plane[-1] - x[-1].mean()), law, 0.02 * law + 0.6 * a * h / 2, "m", wrong=law / 2),
+            Result("slip after", float(slip), 0.0, CREEP * 0.75 * a, "m/s", wrong=0.45 * a))
 
 
 @case(8, 16)
 def grip(h: float, cells: int, start: int, threads: int) -> tuple[Result, ...]:
-    """A strip that two closed pads hold, and that bears a tenth of what their friction allows, does not slip.
+    """A strip on which two pads close, and that then bears a tenth of what their friction allows, does not slip.
 
-    Pads of a x a press by 2 kPa at least: mu 2 a^2 2 kPa is what both hold; a tenth of it hangs below. Of what
-    lies between the pads no vertex moves down from a quarter of a second on.
+    Pads of a x a that leave less room than thicknesses press by 2 kPa at least: mu 2 a^2 2 kPa is what both hold. They close
+    in .1 s, and a tenth of it draws from .15 s on, without gravity; between the pads no vertex moves after a quarter second.
     """
     mu, a, length = 0.4, 0.05, 0.15
-    mesh, scene = tc.strip(length, a, (cells, max(2, cells // 3)), plane="xy"), tc.Scene()
+    mesh, scene = tc.strip(length, a, (cells, max(2, cells // 3)), plane="xy"), tc.Scene(gravity=None)
     x0 = mesh.x[:, [1, 0, 2]] * [1, -1, 1] + [-a / 2, a / 2, 0]
     cloth = scene.add_cloth(mesh, fabric(k=2000.0), positions=noisy(x0, start))
     low = np.flatnonzero(mesh.uv[:, 0] > length - 1e-9)
-    scene.add_load(cloth, low, (0, -0.1 * mu * 2 * a * a * 2000.0 / len(low), 0))
+    pull = 0.1 * mu * 2 * a * a * 2000.0 / len(low)
+    scene.add_load(cloth, low, lambda t: (0, -pull * min(max(t / 0.05 - 3, 0.0), 1.0), 0))
     for side in (-1, 1):
-        scene.add_solid(tc.Box((2 * a, a, 0.04), 0.002), mu, THICK, position=(0, 0, side * (0.02 + 0.8 * THICK)))
+        scene.add_solid(tc.Box((2 * a, a, 0.04), 0.002), mu, THICK,
+                        position=lambda t, s=side: (0, 0, s * (0.02 + THICK * (0.8 + 0.4 * max(1 - t / 0.1, 0.0)))))
     t, x = follow(scene, h, threads, 0.5)
     between = x0[:, 1] > -a / 2 + 0.25 * a
     slip = np.abs(speed(t, x[:, between], 0.25, 0.5)).max()
