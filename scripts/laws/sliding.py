@@ -142,7 +142,8 @@ def conveyor(h: float, cells: int, start: int, threads: int) -> tuple[Result, ..
             Result("slip after", float(slip), 0.0, CREEP * v, "m/s", wrong=2 * v))
 
 
-def driven(part: float, later: float, h: float, cells: int, start: int, threads: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def driven(part: float, later: float, h: float, cells: int, start: int,
+           threads: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(times, ways of the vertices and of the plane), which gains a part of mu g for .3 s, and another later."""
     a, then, until = part * 0.3 * G, later * 0.3 * G, 0.3
     scene, _, _ = lying(cells, start)
