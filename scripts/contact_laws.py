@@ -39,8 +39,7 @@ def row(case: Case, cells: int, h: float, results: list[Result]) -> str:
     """A line of the table: runs of one number."""
     r = results[0]
     measured = np.array([result.measured for result in results])
-    off = np.abs(measured - r.law)
-    worst = measured[np.argmax(np.where(np.isnan(off), np.inf, off))]
+    worst = measured[np.argmax(np.nan_to_num([result.off(result.law) for result in results], nan=np.inf))]
     held = sum(result.holds for result in results)
     sense = "" if r.sense == "=" else r.sense + " "
     return (f"| {case.name} | {r.name} | {cells} | 1/{1 / h:.4g} s | {sense}{r.law:.4g} +- {r.tolerance:.2g} {r.unit} "

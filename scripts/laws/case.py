@@ -34,10 +34,14 @@ class Result:
     sense: str = "="
     wrong: float | None = None
 
+    def off(self, law: float) -> float:
+        """By how much a law is missed; below 0 where a bound is kept."""
+        more = self.measured - law
+        return {"=": abs(more), "<=": more, ">=": -more}[self.sense]
+
     def fits(self, law: float) -> bool:
         """Whether what was measured is within the tolerance of a law."""
-        off = self.measured - law
-        return bool({"=": abs(off), "<=": off, ">=": -off}[self.sense] <= self.tolerance)
+        return bool(self.off(law) <= self.tolerance)
 
     @property
     def holds(self) -> bool:
