@@ -123,3 +123,52 @@ def test_peers_on_a_slope_are_held_against_coulombs_law(monkeypatch):
     made = {"x": x[20], "went": np.diff(x, axis=0)[[9, 19]], "frame": 0.02, "frames": 20, "about": "", "setup": 0.0,
             "wall": 1.0, "cpu": 1.0}
     assert peers_contact.row("slide", "half", task, made)["speed"] == pytest.approx(50)
+
+
+def test_studies_of_contact_run(tmp_path):
+    """Tables with a row for each way, on a scene too short to say anything; what changes nothing has all digits the same."""
+    scripts, file = ROOT / "scripts", tmp_path / "rows.json"
+    short = ["--scenes", "sphere_drape", "--until", "0.02", "--json", file]
+    done = call_script(scripts / "study_rules.py", *short, "--without", "none: contact.foresight.OFTEN=2")
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert len(lines) == 5 and " | none | " in lines[3] and " | 0 | 16.0 | " in lines[3]
+    assert [row["label"] for row in json.loads(file.read_text())["rows"]] == ["as it is", "none", "as it is, cg_tol 1e-6"]
+    done = call_script(scripts / "study_converged.py", *short)
+    assert done.returncode == 0, done.stderr
+    assert len({row["label"] for row in json.loads(file.read_text())["rows"]}) == 4 == done.stdout.count("| sphere_drape |")
+
+
+def test_laws_of_contact_are_a_table(tmp_path):
+    file = tmp_path / "table.md"
+    done = call_script(ROOT / "scripts" / "contact_laws.py", "plane_sticks", "--starts", "2", "--steps", "1/60", "1/30",
+                       "--out", file)
+    assert done.returncode == 0, done.stderr
+    rows = file.read_text().splitlines()[2:]
+    assert len(rows) == 4 and all(row.endswith("| 2 of 2 |") for row in rows) and rows[0] in done.stdout
+    done = call_script(ROOT / "scripts" / "contact_laws.py", "no_such")
+    assert done.returncode == 2 and "no case no_such; there are " in done.stderr
+
+
+def test_changes_name_what_is_there_and_are_taken_back(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    import study_converged
+    import study_rules
+    from changed import changed, digits, owner
+
+    for changes in (*study_rules.RULES.values(), study_converged.TIGHT):
+        before = [getattr(owner(where), name) for where, name, _ in changes]
+        with changed(changes):
+            assert [getattr(owner(where), name) for where, name, _ in changes] == [value for *_, value in changes]
+        assert [getattr(owner(where), name) for where, name, _ in changes] == before
+    label, changes = study_rules.read("both: contact.foresight.OFTEN=9, contact.contacts.Contacts.MOST=8")
+    assert label == "both"
+    assert changes == [("contact.foresight", "OFTEN", 9), ("contact.contacts.Contacts", "MOST", 8)]
+    with pytest.raises(SystemExit, match="has no OFFTEN of its own"), changed([("contact.foresight", "OFTEN", 9),
+                                                                              ("contact.foresight", "OFFTEN", 9)]):
+        pass
+    assert owner("contact.foresight").OFTEN != 9
+    with pytest.raises(SystemExit, match="no module or class contact.nothing"):
+        owner("contact.nothing")
+    x = np.array([[0.0, 0, 0], [1, 0, 0]])
+    assert digits(x, x) == 16 and digits(x, x + [1e-4, 0, 0]) == pytest.approx(4)

@@ -1,0 +1,127 @@
+"""Laws of contact with the usual settings: those that hold, and those that do not yet, with what was measured.
+
+The cases and their derivations are in scripts/laws/; `scripts/contact_laws.py` runs them with more starts, meshes and steps.
+A law that begins to hold fails here as XPASS: take it off the list.
+"""
+
+import pathlib
+import sys
+from dataclasses import replace
+from functools import cache
+
+import pytest
+
+sys.path.insert(0, str(pathlib.Path(__file__).parents[2] / "scripts"))
+from laws import CASES  # noqa: E402
+from laws.case import Result  # noqa: E402
+
+pytestmark = pytest.mark.slow
+
+HOLDS = {
+    "drum": ("goes along",),
+    "conveyor": ("slipped", "slip after"),
+    "plane_sticks": ("slid", "slip after"),
+    "plane_slips": ("gains", "slid", "slip after"),
+    "sticks_again": ("slid",),
+    "capstan_90_03": ("spread",),
+    "capstan_180_01": ("spread",),
+    "capstan_180_03": ("spread",),
+    "capstan_180_05": ("spread",),
+    "capstan_360_03": ("spread",),
+    "capstan_720_01": ("spread",),
+    "landing_cloth": ("unaccounted",),
+    "order_impact": ("order",),
+    "order_contact": ("order", "order of bdf2"),
+    "layers_slip": ("gains",),
+    "ten_at_rest": ("floor bears",),
+    "pressed": ("least gap",),
+    "smooth_on_smooth": ("upper went",),
+    "crease": ("crossings", "in order"),
+    **{f"near_{part}_free": ("speed",) for part in (10, 20, 50, 90)},
+    **{f"near_{part}_pinned": ("speed",) for part in (10, 20, 50, 90)},
+    "pillow": ("speed",),
+}
+MEASURED = {  # of the law
+    ("slip_front", "moved"): ".062 of .241 m",
+    ("turntable", "slip"): ".0087 m/s",
+    ("turntable_catches", "lags"): ".51 of .14 rad",
+    ("turntable_catches", "slip after"): ".13 m/s",
+    ("drum", "slides"): ".061 of .081 rad",
+    ("edge_smooth", "way"): ".062 of .219 m",
+    ("edge_smooth", "speed"): ".29 of 1.53 m/s",
+    ("edge_round", "way"): ".001 of .120 m",
+    ("edge_round", "speed"): ".019 of .87 m/s",
+    ("edge_sharp", "way"): ".001 of .107 m",
+    ("edge_sharp", "speed"): ".016 of .78 m/s",
+    ("edge_mesh", "way"): ".00003 of .107 m",
+    ("edge_mesh", "speed"): ".002 of .78 m/s",
+    ("edge_slope", "way"): ".11 of .23 m",
+    ("edge_slope", "speed"): ".49 of 1.54 m/s",
+    ("towel", "way"): ".018 of .057 m",
+    ("towel", "speed"): ".10 of .51 m/s",
+    ("sticks_again", "slip after"): "8.6e-6 m/s",
+    ("grip", "slip"): "1.1e-4 m/s",
+    ("rope_holds", "slip"): "2e-5 to 1.2e-4 m/s",
+    ("rope_runs", "gains"): ".22 of 1.10 m/s^2",
+    ("capstan_90_03", "ratio"): "1.65 of 1.60",
+    ("capstan_180_01", "ratio"): "1.45 of 1.37",
+    ("capstan_180_03", "ratio"): "2.69 of 2.57",
+    ("capstan_180_05", "ratio"): "4.98 of 4.81",
+    ("capstan_180_08", "ratio"): "12.5 of 12.3",
+    ("capstan_180_08", "spread"): "2 %",
+    ("capstan_360_03", "ratio"): "7.01 of 6.59",
+    ("capstan_720_01", "ratio"): "4.10 of 3.51",
+    ("landing_ball", "gravity's work"): ".044 of .056 J",
+    ("landing_ball", "unaccounted"): "65 %",
+    ("landing_table", "gravity's work"): ".023 of .030 J",
+    ("landing_table", "unaccounted"): "41 %",
+    ("layers_stick", "slip"): "1.5e-5 m/s",
+    ("layers_momentum", "lost"): "6e-7 to 8e-5 m/s",
+    ("middle_drawn", "upper gains"): "2.82 of 2.94 m/s^2",
+    ("middle_drawn", "lower slips"): "7.5e-5 m/s",
+    ("ten_at_rest", "least gap"): ".89",
+    ("taut_over_ridge", "least gap"): ".37",
+    ("hit_at_10", "least gap"): ".37",
+    ("near_0_free", "speed"): "1.5 of 1.34 m/s",
+    ("near_0_pinned", "speed"): "1.2 of .36 m/s",
+    ("smooth_on_smooth", "steps"): "12 to 18 times as many",
+}
+KNOWN = [(case, name) for case, names in HOLDS.items() for name in names]
+
+
+@cache
+def run(name: str) -> dict[str, Result]:
+    """The results of a case by their names, at 1/60 s on its smallest mesh."""
+    case = CASES[name]
+    return {r.name: r for r in case.run(1 / 60, case.cells[0], 0, 1)}
+
+
+def test_every_case_is_tested():
+    assert set(HOLDS) | {case for case, _ in MEASURED} == set(CASES) and not set(KNOWN) & set(MEASURED)
+
+
+BY_CHANCE = {("near_0_free", "speed"), ("near_0_pinned", "speed")}  # a rounding decides on which side each vertex starts
+LAWS = [*KNOWN, *(pytest.param(*key, marks=pytest.mark.xfail(strict=key not in BY_CHANCE, reason=f"measured today: {text}"))
+                  for key, text in MEASURED.items())]
+ORDER = list(CASES)
+
+
+@pytest.mark.parametrize("case, name", sorted(LAWS, key=lambda law: ORDER.index(getattr(law, "values", law)[0])))
+def test_law(case, name):
+    results = run(case)
+    assert set(results) == {n for c, n in [*KNOWN, *MEASURED] if c == case}
+    assert results[name].holds, str(results[name])
+
+
+@pytest.mark.parametrize("case, name", sorted(KNOWN, key=lambda law: ORDER.index(law[0])))
+def test_a_wrong_law_does_not_hold(case, name):
+    """What is measured tells the law from twice the friction, or from what would have been without."""
+    result = run(case)[name]
+    assert result.wrong is not None and not result.fits(result.wrong), str(result)
+
+
+def test_a_bound_is_one_sided_and_nan_holds_nothing():
+    r = Result("gap", 0.6, 0.5, 0.05, sense=">=")
+    assert r.holds and replace(r, measured=0.46).holds and not replace(r, measured=0.44).holds
+    assert not replace(r, sense="<=").holds and replace(r, measured=0.1, sense="<=").holds
+    assert not replace(r, sense="=").holds and not replace(r, measured=float("nan")).holds
