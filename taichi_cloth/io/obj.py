@@ -15,7 +15,7 @@ from .text import text_of
 
 GROUPS = ("o", "g", "usemtl")
 LONGEST = 7  # letters of a first word that are looked at: one more than these have
-END = "\0"  # between lines, as no word is
+BLANK = np.array([chr(k).isspace() for k in range(256)])  # letters between words
 NONE = np.iinfo(np.int64).min  # in place of the number of a texture coordinate
 
 
@@ -30,7 +30,7 @@ class _Lines:
 
     def __init__(self, text: str) -> None:
         lines, numbers = _joined(text)
-        keys = np.array([line.partition(" ")[0][:LONGEST] for line in lines])
+        keys = np.array([line[:LONGEST].partition(" ")[0] for line in lines])
         at = {kind: np.flatnonzero(keys == kind) for kind in ("v", "vt", "f")}
         self.numbers = {kind: numbers[k] for kind, k in at.items()}
         self.rows = {kind: [lines[row][len(kind):] for row in k.tolist()] for kind, k in at.items()}
@@ -40,10 +40,14 @@ class _Lines:
     def words(self, kind: str) -> tuple[list[str], np.ndarray]:
         """Words of all lines of a kind, and how many each has."""
         rows = self.rows[kind]
-        words = f" {END} ".join(rows).split()
-        ends = [k for k, word in enumerate(words) if word == END]
-        counts = np.diff([-1, *ends, len(words)]) - 1 if rows else np.zeros(0, dtype=np.int64)
-        return [word for word in words if word != END] if ends else words, counts
+        text = "\n".join(rows)
+        if not text.isascii():
+            return text.split(), np.array([len(row.split()) for row in rows])
+        letters = np.frombuffer(text.encode(), np.uint8)
+        blank = BLANK[letters]
+        first = np.flatnonzero(~blank & np.concatenate([[True], blank])[:-1])  # letters of words
+        row = np.searchsorted(np.flatnonzero(letters == ord("\n")), first)
+        return text.split(), np.bincount(row, minlength=len(rows))
 
     def before_faces(self, kind: str) -> np.ndarray:
         """(f,) how many lines of a kind there are before each face."""
