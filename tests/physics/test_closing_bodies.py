@@ -182,7 +182,10 @@ def test_what_is_pinched_is_pulled_out(speed, within, mean):
 
 
 def test_a_wall_pushes_cloth_along_a_floor():
-    """The corner between them closes on the sheet's edge, and pinches nothing: the edge goes with the wall."""
+    """The corner between them closes on the sheet's edge, and pinches nothing: the edge goes with the wall, or ahead of it.
+
+    An elastic sheet that a wall of speed v meets may leave it by at most v, which friction stops within v^2 / (2 mu g).
+    """
     scene, mesh = tc.Scene(), tc.grid(0.2, 6)
     scene.add_solid(tc.Plane(), friction=0.1, thickness=THICK, name="floor")
     scene.add_solid(tc.Plane((1, 0, 0)), friction=0.1, thickness=THICK, name="wall",
@@ -191,9 +194,9 @@ def test_a_wall_pushes_cloth_along_a_floor():
     sim = tc.Simulation(scene, h=H)
     while sim.time < 0.4:
         sim.step()
-    edge = sim.positions()[:, 0].min()
+    ahead = sim.positions()[:, 0].min() - (0.3 * sim.time - 0.01 + THICK)
     assert max(r.pinched for r in sim.log) == 0 and min(r.h for r in sim.log) > H - 1e-9
-    assert edge == pytest.approx(0.3 * sim.time - 0.01 + THICK, abs=0.3 * THICK)
+    assert -0.3 * THICK < ahead < 0.3**2 / (2 * 0.1 * 9.81) + 0.3 * THICK
     sim.close()
 
 
