@@ -117,7 +117,7 @@ def _kept(sim: Simulation, options: RunOptions, folder: RunFolder | None, manife
         with contextlib.closing(folder), (contextlib.suppress(OutputError) if outcome.startswith("failed")
                                           else contextlib.nullcontext()):
             if writer:
-                writer.finish()
+                writer.finish(outcome)
                 sim.watchers.remove(writer.steps.append)
             folder.write_manifest({**manifest, "status": outcome, "frames": writer.kept if writer else None,
                                    "simulated_s": sim.time, "wall_s": round(time.perf_counter() - began, 3),
@@ -145,6 +145,9 @@ class Writer:
         folder.write_telemetry([asdict(r) for r in before])
         folder.write_geometry(self.geometry)
         self.artist = _artist(self.geometry, options, sim.scene) if options.size else None
+        self.written: int | None = None  # the last frame, and that of the last checkpoint
+        self.kept_state: int | None = resumed
+        self.time = sim.time
         self.cut = 0  # frames in which cloth is not all in the picture
         sim.watchers.append(self.steps.append)
 
@@ -161,11 +164,18 @@ class Writer:
             folder.write_frame(frame, arrays)
             self.last = frame
         self.flush()
+        self.written, self.time = frame, sim.time
         every = self.options.checkpoint_every
         if every and frame % every == 0:
-            folder.write_checkpoint(frame, sim.checkpoint(), self.run)
+            self._keep_state()
         self.seconds["draw"] += drawn - begun
         self.seconds["write"] += time.perf_counter() - drawn
+
+    def _keep_state(self) -> None:
+        """A checkpoint of the last frame, where the simulation is."""
+        if self.written is not None:
+            self.folder.write_checkpoint(self.written, self.sim.checkpoint(), self.run)
+            self.kept_state = self.written
 
     def _draw(self, arrays: dict[str, np.ndarray], frame: int) -> dict[str, bytes]:
         """The frame's pictures by their files' endings."""
@@ -197,9 +207,12 @@ class Writer:
             raise OutputError(f"{self.folder.path / FRAMES}: {len(missing)} frames were removed while the run went on, the "
                               f"first is {missing[0]}")
 
-    def finish(self) -> None:
-        """The last steps."""
+    def finish(self, outcome: str) -> None:
+        """The last steps, and a checkpoint where the run ended at a frame, from which it may go on."""
         self.flush()
+        whole = outcome in ("finished", "interrupted") and self.sim.time == self.time
+        if whole and self.options.checkpoint_every and self.written != self.kept_state:
+            self._keep_state()
         if self.cut:
             print(f"note: cloth left the picture in {self.cut} of {len(self.options.drawn)} frames: `taichi-cloth render "
                   f"{self.folder.path}` draws them through a camera that fits all of them", file=sys.stderr)

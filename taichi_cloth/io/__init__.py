@@ -12,7 +12,7 @@ from ..scene.mesh import TriMesh
 from ..scene.ownshape import twice_area
 from .obj import read_obj
 from .off import read_off
-from .pattern import fit_pattern
+from .pattern import fit_pattern, unlike
 from .ply import read_ply
 from .stl import read_stl
 from .vtk import read_vtk
@@ -87,7 +87,8 @@ def _mesh(surface: Surface, scale: float, uv: str) -> TriMesh:
     if corner_uv is None or uv == "flatten":
         return TriMesh(x, faces, None, groups, notes, corner_uv)
     if uv == "pattern":
-        return TriMesh(x, faces, corner_uv * scale, groups, notes)
+        note = unlike(x, faces, corner_uv * scale)
+        return TriMesh(x, faces, corner_uv * scale, groups, (*notes, note) if note else notes)
     material, apart, note = fit_pattern(x, faces, corner_uv, scale)
     return TriMesh(x, faces, material, groups, (*notes, note) if note else notes, corner_uv if apart else None)
 

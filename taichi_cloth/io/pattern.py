@@ -6,6 +6,7 @@ from ..scene.ownshape import flatten, stretches, twice_area
 
 SAME = 0.03  # lengths on pattern and mesh that differ by no more are the same; cloth may hang a little stretched
 MOST = 0.5  # part of a pattern that has the mesh's lengths at least: wide triangles may join panels that are not sewn yet
+UNLIKE = 0.1  # lengths that differ by more are told of where the pattern was asked for
 UNITS = {1.0: "metres", 0.01: "centimetres", 0.001: "millimetres"}
 
 
@@ -42,6 +43,17 @@ def fit_pattern(x: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, scale: 
                                          "shape")
     return None, True, (f"the file's texture coordinates are no pattern: scaled to the mesh's area, their lengths differ from "
                         f"the mesh's by {misfit:.0%} (RMS): {shape}")
+
+
+def unlike(x: np.ndarray, faces: np.ndarray, material: np.ndarray) -> str:
+    """A sentence on a pattern (m, 3, 2) [m] whose lengths are not those of the mesh; empty where they are, to a tenth."""
+    own = flatten(x, faces)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        misfit = _misfit(stretches(material, own), np.abs(twice_area(own)))
+    if misfit <= UNLIKE:
+        return ""
+    return (f"uv='pattern': the mesh's lengths differ from the pattern's by {misfit:.0%} (RMS), so that the cloth starts "
+            "stretched or squeezed; texture coordinates from 0 to 1 are seldom a pattern")
 
 
 def _said(unit: float, scale: float, share: float) -> str:

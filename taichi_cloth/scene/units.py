@@ -14,6 +14,7 @@ SIZE, DENSITY, RIGIDITY, THICKNESS, GRAVITY = (0.005, 50.0), (0.003, 10.0), (1e-
 BODY = (0.003, 50.0)  # m, of a closed mesh, or of one that deforms
 TYPICAL = 1.5  # m, of a garment and of a body
 UNITS = {1e-3: "millimetres", 1e-2: "centimetres", 0.0254: "inches"}  # by their metres
+TIMES = ", times any scale it was read with"
 FITS = 3.0  # times the typical size, and a part of it, that what is in a unit is taken to be
 
 
@@ -55,15 +56,17 @@ def doubts_of_solid(solid: Solid) -> list[str]:
 
 def fitting(size: float, reader: str) -> str:
     """With which `scale` a reader makes something of a usual size of what is so large [m] by mistake: in units of which it
-    has one, the likeliest first; else by the power of ten that comes nearest."""
+    has one, the likeliest first; else by the power of ten that comes nearest. Where it was read with a scale, times that."""
     def off(scale: float) -> float:
         return abs(math.log(size * scale / TYPICAL))
 
     fits = sorted((scale for scale in UNITS if off(scale) < math.log(FITS)), key=off)
     if not fits:
-        return f"{reader}(path, scale={10.0 ** round(math.log10(TYPICAL / size)):g}) makes it a usual size"
+        scale = 10.0 ** round(math.log10(TYPICAL / size))
+        return f"{reader}(path, scale={scale:g}) makes it a usual size{TIMES}"
     first, *others = (f"if those are {UNITS[scale]} ({size * scale:.3g} m)" for scale in fits)
-    return f"{reader}(path, scale={fits[0]:g}) {first}" + "".join(f", scale={s:g} {o}" for s, o in zip(fits[1:], others))
+    more = "".join(f", scale={s:g} {o}" for s, o in zip(fits[1:], others))
+    return f"{reader}(path, scale={fits[0]:g}) {first}{more}{TIMES}"
 
 
 def say(sentences: list[str]) -> None:

@@ -40,7 +40,8 @@ def test_a_recorded_simulation_is_what_it_was(sim, tmp_path, capsys):
     assert [again.time(k) for k in again.frames()] == pytest.approx([begun, begun + 0.05, begun + 0.1])
     assert playback._same_times(recording, again) == [(4, 0)] and playback._same_times(again, recording) == [(0, 4)]
     assert "agrees in all 1 frames" in playback.parting(recording, again, 1e-9)[0]
-    number, state = again.last_checkpoint()
+    assert again.last_checkpoint()[0] == 2, "the end of a run is kept, whatever comes between checkpoints"
+    number, state = again.last_checkpoint(1)
     sim.resume(state)
     assert number == 0 and sim.time == begun and (sim.positions() == seen[-1][2]).all()
 

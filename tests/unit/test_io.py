@@ -93,7 +93,9 @@ def test_a_curtain_with_coordinates_from_0_to_1_keeps_its_size(tmp_path):
     assert (flat.uv == mesh.uv).all() and (flat.texture == own).all() and len(flat.notes) == 1
     assert np.ptp(tc.load(path, 0.1).uv, axis=0) == pytest.approx([0.15, 0.1])
     pattern = tc.load(path, uv="pattern")
-    assert (pattern.corner_uv == own).all() and pattern.texture is None and pattern.notes == ()
+    assert (pattern.corner_uv == own).all() and pattern.texture is None
+    assert len(pattern.notes) == 1 and "starts stretched or squeezed" in pattern.notes[0] and "35%" in pattern.notes[0]
+    assert tc.load(write(tmp_path, obj(x, made.faces, 1.08 * made.corner_uv)), uv="pattern").notes == ()
 
 
 def test_textures_of_curved_meshes_leave_them_their_lengths(tmp_path):

@@ -31,7 +31,8 @@ def test_what_looks_like_another_unit_is_said(mesh, fabric, more, words):
 
 @pytest.mark.parametrize("size, words, scale", [
     (170.0, "statue: size = 170 m", r"scale=0.01\) if those are centimetres \(1.7 m\), scale=0.0254 if those are inches"),
-    (1700.0, "size = 1,700 m", r"scale=0.001\) if those are millimetres \(1.7 m\)$"),
+    (1700.0, "size = 1,700 m",
+     r"scale=0.001\) if those are millimetres \(1.7 m\), times any scale it was read with$"),
     (68.0, "size = 68 m", r"scale=0.0254\) if those are inches \(1.73 m\), scale=0.01 if those are centimetres"),
     (1e-3, "0.001 m", r"scale=1000\) makes it a usual size")])
 def test_a_body_in_another_unit_is_said(size, words, scale):
