@@ -24,7 +24,7 @@ OK, FAILED, BAD_USAGE, GAVE_UP, OWN_CODE, INTERRUPTED, UNREAD = 0, 1, 2, 3, 4, 1
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs a command; returns the exit code: 0 ok, 1 check failed, 2 bad scene or usage, 3 gave up, 4 an exception of the
-    scene's own code, 130 interrupted, 141 nobody reads what it prints."""
+    scene's own code while it runs, 130 interrupted, 141 nobody reads what it prints."""
     return _guard(lambda: _dispatch(_parser().parse_args(argv)))
 
 

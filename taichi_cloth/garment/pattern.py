@@ -239,6 +239,17 @@ class Pattern:
         at = (low + high) / 2 - v * (bottom + top) / 2
         return self.with_panel(replace(old, rotation=frame @ own, translation=at, round_radius=r))
 
+    def _in_one_place(self) -> tuple[str, ...]:
+        """A note on the first two panels that hang in the same plane at the same place, in each other."""
+        for k, b in enumerate(self.panels):
+            for a in self.panels[:k]:
+                if (a.translation == b.translation).all() and (a.rotation == b.rotation).all():
+                    low, high = (np.stack([f(p.outline()[0], axis=0) for p in (a, b)]) for f in (np.min, np.max))
+                    if (low.max(axis=0) < high.min(axis=0)).all():
+                        return (f"panels {a.name!r} and {b.name!r} hang in one place, in each other: place them, in the "
+                                "side file of a drawing, or by their `translation` and `rotation`",)
+        return ()
+
     def mesh(self, spacing: float) -> Garment:
         """Triangles with edges about `spacing` [m] long; edges that are sewn to each other have as many points.
 
@@ -276,7 +287,7 @@ class Pattern:
             groups[label] = np.unique(np.concatenate([*index, groups.get(label, index[0])]))
         seams = tuple(SewnRows(rows[s.a], rows[s.b] if s.together else rows[s.b][::-1], s.rest, s.stiffness, s.strength)
                       for s in self.stitches)
-        mesh = TriMesh(np.concatenate(x), np.concatenate(faces), np.concatenate(uv), groups, self.notes)
+        mesh = TriMesh(np.concatenate(x), np.concatenate(faces), np.concatenate(uv), groups, self.notes + self._in_one_place())
         return Garment(mesh, seams)
 
 

@@ -20,8 +20,8 @@ SLOW = 4  # solves from which a step is told of with its place
 PARTS = ("EVAL", "CG", "C-C", "C-S")  # [BW98 table 1]: forces and matrix, solve, cloth-cloth, cloth-solid contact
 ADVICE = {
     STRETCH: "some triangle stretches too much in one step: slow the motion down, or raise stretch_limit",
-    ENERGY: "no step lowers the incremental potential: check for collapsed or inverted cloth at the start, or allow "
-            "more solves with newton_max",
+    ENERGY: "steps gained energy, or did not lower the incremental potential, and were taken smaller: allow smaller ones, or "
+            "more solves with newton_max; where it gives up at the start, look for collapsed or inverted cloth",
     SOLVER: "the linear solve does not converge: raise cg_max_iterations or cg_tol, use K='projected', or precision "
             "'f64'",
     NEWTON: "Newton's method does not converge: raise newton_max or newton_tol, or use the integrator 'safe'",

@@ -445,3 +445,11 @@ def test_an_elastic_band_is_short_at_rest():
     for bad, what in ((lambda: knit.elastic(0), "stretch b"), (lambda: tc.Fabric(0.2).elastic(0.8), "no stretch")):
         with pytest.raises(tc.SceneError, match=what):
             bad()
+
+
+@pytest.mark.parametrize("second, told", [("", True), ('"b": {"translation": [0, 0, 10]}', False)])
+def test_panels_that_hang_in_each_other_are_told_of(tmp_path, second, told):
+    (tmp_path / "a.svg").write_text(PAGE + SQUARE + '<rect id="b" x="200" width="80" height="40"/></svg>')
+    (tmp_path / "a.json").write_text('{"placement": {%s}}' % second)
+    notes = tc.load_pattern(tmp_path / "a.svg").mesh(0.02).mesh.notes
+    assert any("'r' and 'b' hang in one place" in note for note in notes) == told
