@@ -450,6 +450,6 @@ def test_an_elastic_band_is_short_at_rest():
 @pytest.mark.parametrize("second, told", [("", True), ('"b": {"translation": [0, 0, 10]}', False)])
 def test_panels_that_hang_in_each_other_are_told_of(tmp_path, second, told):
     (tmp_path / "a.svg").write_text(PAGE + SQUARE + '<rect id="b" x="200" width="80" height="40"/></svg>')
-    (tmp_path / "a.json").write_text('{"placement": {%s}}' % second)
+    (tmp_path / "a.json").write_text(f'{{"placement": {{{second}}}}}')
     notes = tc.load_pattern(tmp_path / "a.svg").mesh(0.02).mesh.notes
     assert any("'r' and 'b' hang in one place" in note for note in notes) == told
