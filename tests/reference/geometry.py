@@ -227,7 +227,8 @@ def boxes_within(a: np.ndarray, b: np.ndarray, reach: float) -> tuple[np.ndarray
     """(i, j) of items a (n, k, 3) and b (m, l, 3) with boxes within reach of each other, by a sweep along an axis."""
     low_a, high_a = a.min(axis=1) - reach, a.max(axis=1) + reach
     low_b, high_b = b.min(axis=1), b.max(axis=1)
-    axis, *others = np.argsort(-np.ptp(np.concatenate([low_a, low_b]), axis=0))  # the longest first
+    axes = np.argsort(-np.ptp(np.concatenate([low_a, low_b]), axis=0))  # the longest first
+    axis = axes[0]
     order = np.argsort(low_b[:, axis], kind="stable")
     widest = float((high_b - low_b)[:, axis].max())
     first = np.searchsorted(low_b[order, axis], low_a[:, axis] - widest, "left")
@@ -235,7 +236,7 @@ def boxes_within(a: np.ndarray, b: np.ndarray, reach: float) -> tuple[np.ndarray
     count = np.maximum(last - first, 0)
     i = np.repeat(np.arange(len(a)), count)
     j = order[np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + np.repeat(first, count)]
-    for axis in (axis, *others):
+    for axis in axes:
         near = (low_a[i, axis] <= high_b[j, axis]) & (high_a[i, axis] >= low_b[j, axis])
         i, j = i[near], j[near]
     return i, j

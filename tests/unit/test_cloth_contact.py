@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import taichi as ti
+from reference.geometry import boxes_within
 
 import taichi_cloth as tc
 from taichi_cloth.backend import rows, runtime
@@ -50,11 +51,6 @@ def detector(scene: tc.Scene, precision: str = "f64") -> LayerDetector:
     return made
 
 
-def boxes_meet(p: np.ndarray, q: np.ndarray) -> bool:
-    """Whether two sets of points come within the thickness along every axis."""
-    return bool(((p.min(axis=0) - q.max(axis=0)).max() < THICKNESS) and ((q.min(axis=0) - p.max(axis=0)).max() < THICKNESS))
-
-
 def segment_distance(a, b, c, d) -> float:
     """By clamped minimisation on each side in turn, from many starts: slow and independent of the kernels."""
     best = np.inf
@@ -88,15 +84,14 @@ def test_all_near_pairs_are_found_once(rng):
     assert len(found) == len(set(found))
     near = {tuple(row) for row in d.look().pair.tolist()}
     x, expected = d.model.read_particles()[0], set()
-    for v in range(len(x)):
-        for f, face in enumerate(d.mesh.faces):
-            if v not in face and boxes_meet(x[[v]], x[face]) and triangle_distance(x[v], *x[face]) < THICKNESS * (1 - 1e-9):
-                expected.add((v, f, VERTEX_FACE))
-    for i, (a, b) in enumerate(d.mesh.edges):
-        for j, (p, q) in enumerate(d.mesh.edges):
-            apart = j <= i or len({a, b, p, q}) < 4 or not boxes_meet(x[[a, b]], x[[p, q]])
-            if not apart and segment_distance(x[a], x[b], x[p], x[q]) < THICKNESS * (1 - 1e-6):
-                expected.add((i, j, 1))
+    faces, edges = d.mesh.faces, d.mesh.edges
+    for v, f in zip(*(found.tolist() for found in boxes_within(x[:, None], x[faces], THICKNESS))):
+        if v not in faces[f] and triangle_distance(x[v], *x[faces[f]]) < THICKNESS * (1 - 1e-9):
+            expected.add((v, f, VERTEX_FACE))
+    for i, j in zip(*(found.tolist() for found in boxes_within(x[edges], x[edges], THICKNESS))):
+        apart = j <= i or len({*edges[i], *edges[j]}) < 4
+        if not apart and segment_distance(*x[edges[i]], *x[edges[j]]) < THICKNESS * (1 - 1e-6):
+            expected.add((i, j, 1))
     assert len(expected) > 100
     near = {row if row[2] == VERTEX_FACE else (min(row[:2]), max(row[:2]), 1) for row in near}
     assert near <= expected and len([row for row in near if row[2] != VERTEX_FACE]) > 50
