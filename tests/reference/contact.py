@@ -282,21 +282,22 @@ def first_below(kind: np.ndarray, x: np.ndarray, way: np.ndarray, limit: np.ndar
     grid, out = np.linspace(0, 1, samples + 1), np.full(len(x), np.inf)
     d = np.stack([distances(kind, x + s * way) - limit for s in grid], axis=1)
     dip = np.minimum(d[:, :-1], d[:, 1:]) < speed(kind, way)[:, None] / samples
-    for k in np.flatnonzero(dip.any(axis=1)):
-        def one(s, k=k):
-            s = np.atleast_1d(s)
-            return distances(np.repeat(kind[k], len(s)), x[k] + s[:, None, None] * way[k]) - limit[k]
 
-        for i in np.flatnonzero(dip[k]):
-            fine = np.linspace(grid[i], grid[i + 1], 33)
-            below = one(fine) < 0
-            if below.any():
-                first = int(np.argmax(below))
-                a, b = fine[max(first - 1, 0)], fine[first]
-                for _ in range(40):
-                    a, b = (a, (a + b) / 2) if one((a + b) / 2)[0] < 0 else ((a + b) / 2, b)
-                out[k] = b
-                break
+    def below(k: np.ndarray, s: np.ndarray) -> np.ndarray:
+        return distances(kind[k], x[k] + s[:, None, None] * way[k]) < limit[k]
+
+    k, i = np.nonzero(dip)
+    fine = grid[i][:, None] + np.linspace(0, 1 / samples, 33)
+    there = below(np.repeat(k, 33), fine.ravel()).reshape(fine.shape)
+    some = there.any(axis=1)
+    k, first = np.unique(k[some], return_index=True)  # of each pair the first
+    fine, there = fine[some][first], there[some][first].argmax(axis=1)
+    a, b = (fine[np.arange(len(k)), at] for at in (np.maximum(there - 1, 0), there))
+    for _ in range(40):
+        middle = (a + b) / 2
+        nearer = below(k, middle)
+        a, b = np.where(nearer, a, middle), np.where(nearer, middle, b)
+    out[k] = b
     return out
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .rest import hinges, pair
+from .rest import angles, hinges, pair
 
 CREST, COLLAPSED = 0.2, 0.1  # rad; part of the smaller triangle
 
@@ -42,8 +42,7 @@ def _bent(rest: list[dict], x: np.ndarray) -> float:
     corner = x[np.array([h["vertices"] for h in rest])]
     e, arms = corner[:, 1] - corner[:, 0], (corner[:, 2] - corner[:, 0], corner[:, 3] - corner[:, 0])
     normals = np.cross(e, arms[0]), np.cross(arms[1], e)
-    along = np.einsum("ki,ki->k", np.cross(*normals), e) / np.linalg.norm(e, axis=1)
-    angle = np.abs(np.arctan2(along, np.einsum("ki,ki->k", *normals)))
+    angle = np.abs(angles(corner))
     left = np.pi - angle
     angle = np.where(left < CREST, np.pi - CREST / 2 - left**2 / (2 * CREST), angle)  # level where a fold closes
     for n in normals:  # and nothing where a triangle collapses

@@ -4,8 +4,6 @@ Nothing of the simulator's own geometry is used. Solids are described by their s
 signs that decide whether something crosses are those of exact arithmetic where floating point leaves a doubt.
 """
 
-from fractions import Fraction
-
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -229,7 +227,8 @@ def boxes_within(a: np.ndarray, b: np.ndarray, reach: float) -> tuple[np.ndarray
     """(i, j) of items a (n, k, 3) and b (m, l, 3) with boxes within reach of each other, by a sweep along an axis."""
     low_a, high_a = a.min(axis=1) - reach, a.max(axis=1) + reach
     low_b, high_b = b.min(axis=1), b.max(axis=1)
-    axis = int(np.argmax(np.ptp(np.concatenate([low_a, low_b]), axis=0)))
+    axes = np.argsort(-np.ptp(np.concatenate([low_a, low_b]), axis=0))  # the longest first
+    axis = axes[0]
     order = np.argsort(low_b[:, axis], kind="stable")
     widest = float((high_b - low_b)[:, axis].max())
     first = np.searchsorted(low_b[order, axis], low_a[:, axis] - widest, "left")
@@ -237,8 +236,10 @@ def boxes_within(a: np.ndarray, b: np.ndarray, reach: float) -> tuple[np.ndarray
     count = np.maximum(last - first, 0)
     i = np.repeat(np.arange(len(a)), count)
     j = order[np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count) + np.repeat(first, count)]
-    near = ((low_a[i] <= high_b[j]) & (high_a[i] >= low_b[j])).all(axis=1)
-    return i[near], j[near]
+    for axis in axes:
+        near = (low_a[i, axis] <= high_b[j, axis]) & (high_a[i, axis] >= low_b[j, axis])
+        i, j = i[near], j[near]
+    return i, j
 
 
 # crossings
@@ -250,12 +251,21 @@ def orientation(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> n
     det = sum((p - q) * z for (p, q), z in zip(minors, (u[:, 2], v[:, 2], w[:, 2])))
     size = sum((np.abs(p) + np.abs(q)) * np.abs(z) for (p, q), z in zip(minors, (u[:, 2], v[:, 2], w[:, 2])))
     sign = np.sign(det).astype(int)
-    for k in np.flatnonzero(np.abs(det) <= ORIENT * size):
-        p, q, r, s = ([Fraction(float(number)) for number in point[k]] for point in (a, b, c, d))
-        (u0, u1, u2), (v0, v1, v2), (w0, w1, w2) = ([m - n for m, n in zip(e, s)] for e in (p, q, r))
+    level = ((u == 0) & (v == 0) & (w == 0)).any(axis=1)  # all four in one plane across an axis
+    sign[level] = 0
+    unsure = np.flatnonzero((np.abs(det) <= ORIENT * size) & ~level)
+    if len(unsure):
+        p, q, r, s = _whole(np.stack([point[unsure] for point in (a, b, c, d)])).swapaxes(1, 2)
+        (u0, u1, u2), (v0, v1, v2), (w0, w1, w2) = p - s, q - s, r - s
         exact = u0 * (v1 * w2 - v2 * w1) - u1 * (v0 * w2 - v2 * w0) + u2 * (v0 * w1 - v1 * w0)
-        sign[k] = (exact > 0) - (exact < 0)
+        sign[unsure] = (exact > 0).astype(int) - (exact < 0).astype(int)
     return sign
+
+
+def _whole(numbers: np.ndarray) -> np.ndarray:
+    """Numbers as Python's integers, which have no largest, in a unit of which all are whole multiples."""
+    part, power = np.frexp(numbers.astype(float))
+    return (part * 2.0**53).astype(np.int64).astype(object) << (power - power.min()).astype(object)
 
 
 def edges_through(x: np.ndarray, edges: np.ndarray, y: np.ndarray, faces: np.ndarray,

@@ -279,12 +279,11 @@ def test_energy_has_that_of_repulsion_as_the_log_has_it():
 
 
 @pytest.mark.slow
-@pytest.mark.restarts
 def test_solves_are_told_what_the_reference_says(rng):
     """Three solves of a step half as large as usual: stiffness, force, slope, stop, turns, friction as damping and as sliding;
     then what they led to: energy, friction, its potential, what stops approaches, and forces on particles."""
     scene = soup(rng)
-    sim = tc.Simulation(scene, h=H, integrator="backward_euler", threads=1)
+    sim = tc.Simulation(scene, h=H, integrator="backward_euler")
     layers, model = sim.contacts.layers, sim.model
     layers.clear()
     layers.intersections.resting[:] = layers.intersections.active = False  # what passes through counts like all else
@@ -376,10 +375,9 @@ def test_solves_are_told_what_the_reference_says(rng):
     sim.close()
 
 
-@pytest.mark.restarts
 def test_a_step_ends_when_forces_and_friction_agree(rng):
     """Solves that lead nowhere agree with what is there; with other forces, or half the friction, they do not."""
-    sim = tc.Simulation(soup(rng), h=H, integrator="backward_euler", threads=1)
+    sim = tc.Simulation(soup(rng), h=H, integrator="backward_euler")
     layers, x = sim.contacts.layers, sim.model.read_particles()[0]
     layers.clear()
     layers.begin(dataclasses.replace(layers.start, h=H, x=x), True)
