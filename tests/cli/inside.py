@@ -12,6 +12,13 @@ import pytest
 from taichi_cloth.app.cli import main
 
 ROOT = pathlib.Path(__file__).parents[2]
+# of `python -c`: the command in another process, by the same kernels as in that of the tests
+AS_HERE = f"""import sys
+sys.path[:0] = [{str(ROOT)!r}, {str(ROOT / "tests")!r}]
+from conftest import many_blocks
+from taichi_cloth.app.cli import main
+many_blocks()
+sys.exit(main(sys.argv[1:]))"""
 
 
 def call(*args: object) -> subprocess.CompletedProcess:
