@@ -47,6 +47,7 @@ def test_no_index_is_out_of_bounds_in_a_scene_of_all_kinds():
         assert sim.log and sim.runtime.debug
         sim.forces()
         sim.product(sim.positions(), 0.01)
+        sim.integrator.system.solver._translate()  # only where nothing is ever held
         assert all(sim.solid_loads()[name][0][1] < 0 for name in SOLIDS), "not all solids are touched"
         assert max(r.layers for r in sim.log) > 0, "no cloth touches cloth"
 
