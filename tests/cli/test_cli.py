@@ -148,7 +148,7 @@ def build():
 def check(sim):
     yield "it is not there", False
 ''')
-    done = call("run", scene, "--out", tmp_path / "o", "--duration", 1, "--fps", 20, "--size", "64x48")
+    done = call_here("run", scene, "--out", tmp_path / "o", "--duration", 1, "--fps", 20, "--size", "64x48")
     assert done.returncode == 3 and "gave up at t = 0.05" in done.stderr
     assert [p.name for p in sorted((tmp_path / "o" / "images").iterdir())] == ["00000.png", "00001.png"]
     manifest = json.loads((tmp_path / "o" / "manifest.json").read_text())
