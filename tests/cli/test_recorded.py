@@ -161,8 +161,9 @@ def test_blender_reads_the_cache(whole, tmp_path):
 
 @pytest.mark.slow
 def test_drawn_again_and_compared(whole, tmp_path):
-    done = call_apart("render", whole, "--to", tmp_path / "again", "--size", "96x64", "--every", "5", "--heat", "stretch", "--wire",
-                "--quality", "standard", "--caption", "t = {t}", "--sheet", "4", "--apng", "--camera", "1,1,1:0,0,0")
+    done = call_apart("render", whole, "--to", tmp_path / "again", "--size", "96x64", "--every", "5", "--heat", "stretch",
+                      "--wire", "--quality", "standard", "--caption", "t = {t}", "--sheet", "4", "--apng", "--camera",
+                      "1,1,1:0,0,0")
     assert done.returncode == 0, done.stderr
     names = sorted(p.name for p in (tmp_path / "again").iterdir())
     assert names == ["00000.png", "00005.png", "00010.png", "00015.png", "animation.png", "sheet.png"]
