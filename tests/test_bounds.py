@@ -22,8 +22,8 @@ pytestmark = pytest.mark.slow
 
 
 def all_at_once() -> tc.Scene:
-    """A damped sheet falls in the wind, on solids of all kinds, a small one on it. It is held at a corner, and moved at another,
-    which is let go again."""
+    """A damped sheet falls in the wind, on solids of all kinds, a small one on it. It is held at a corner, and moved at
+    another, which is let go again."""
     scene = tc.Scene(air=tc.Air(0.6, 0.03, wind=lambda t: (1.0, 0.0, 0.2 * t)))
     fabric = tc.Fabric(0.2, tc.Stretch(1000, 0.5, 0.98), tc.Shear(100, 0.1), tc.Bend(5e-5, 1e-7))
     wide, small = tc.grid(1.0, 10), tc.grid(0.3, 3)
