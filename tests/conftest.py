@@ -62,7 +62,6 @@ def shared() -> pathlib.Path:
     return folder
 
 
-@pytest.fixture(scope="session", autouse=True)
 def many_blocks() -> None:
     """Small meshes in as many blocks as there are threads, as large ones are; one thread where a test asks for no more, as
     workers of pytest-xdist would wait for each other's cores, and as answers do not depend on the machine then; fields of one
@@ -73,6 +72,12 @@ def many_blocks() -> None:
 
     model.ROWS, rows.SMALL, assembler.FUSED = 1, rows.MIDDLE, False
     runtime.cores = lambda: THREADS
+
+
+@pytest.fixture(scope="session", autouse=True)
+def blocks_of_tests() -> None:
+    """All tests run so."""
+    many_blocks()
 
 
 def _in_f32(item: pytest.Item) -> bool:

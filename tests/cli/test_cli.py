@@ -12,8 +12,10 @@ import zlib
 
 import numpy as np
 import pytest
+from inside import ROOT
+from inside import call as call_here
+from inside import call_script as call_script_here
 
-ROOT = pathlib.Path(__file__).parents[2]
 QUICK = ["--set", "cells=8", "--duration", "0.1", "--fps", "20", "--size", "64x48"]
 
 
@@ -95,10 +97,10 @@ def test_another_runs_files_are_safe(out, tmp_path):
     refused = call("run", "hang", "--out", folder, *QUICK)
     assert refused.returncode == 2 and "--overwrite removes them" in refused.stderr
     assert (folder / "manifest.json").read_bytes() == before
-    wrong = call("run", "hang", "--out", folder, "--overwrite", "--K", "papre", *QUICK)
+    wrong = call_here("run", "hang", "--out", folder, "--overwrite", "--K", "papre", *QUICK)
     assert wrong.returncode == 2 and (folder / "manifest.json").read_bytes() == before
     assert len(list((folder / "images").iterdir())) == 3  # a request that is wrong costs nothing on disk
-    done = call("run", "hang", "--out", folder, "--overwrite", "--no-images", *QUICK)
+    done = call_here("run", "hang", "--out", folder, "--overwrite", "--no-images", *QUICK)
     assert done.returncode == 0, done.stderr
     assert (folder / "mine.txt").read_text() == "keep" and not list((folder / "images").iterdir())
 
@@ -125,7 +127,7 @@ def test_another_runs_files_are_safe(out, tmp_path):
     (("fly",), "invalid choice"),
 ])
 def test_bad_usage_ends_with_2_and_names_the_culprit(args, words):
-    done = call(*args, *([] if "--size" in args or args[0] != "run" else ["--no-images"]))
+    done = call_here(*args, *([] if "--size" in args or args[0] != "run" else ["--no-images"]))
     assert done.returncode == 2
     assert words in done.stderr and "Traceback" not in done.stderr
 
@@ -146,12 +148,12 @@ def build():
 def check(sim):
     yield "it is not there", False
 ''')
-    done = call("run", scene, "--out", tmp_path / "o", "--duration", 1, "--fps", 20, "--size", "64x48")
+    done = call_here("run", scene, "--out", tmp_path / "o", "--duration", 1, "--fps", 20, "--size", "64x48")
     assert done.returncode == 3 and "gave up at t = 0.05" in done.stderr
     assert [p.name for p in sorted((tmp_path / "o" / "images").iterdir())] == ["00000.png", "00001.png"]
     manifest = json.loads((tmp_path / "o" / "manifest.json").read_text())
     assert manifest["status"].startswith("gave up") and manifest["simulated_s"] == pytest.approx(0.06, abs=0.011)
-    assert call("check", scene, "--duration", "0.05", "--fps", "20").returncode == 1
+    assert call_here("check", scene, "--duration", "0.05", "--fps", "20").returncode == 1
 
 
 @pytest.mark.slow
@@ -186,11 +188,11 @@ def test_interrupt_leaves_whole_frames(tmp_path):
 
 @pytest.mark.slow
 def test_check_list_doctor_and_help():
-    done = call("check", "swing", "--small")
+    done = call_here("check", "swing", "--small")
     assert done.returncode == 0 and done.stdout.count("ok ") == 3
-    listed = call("list").stdout.splitlines()
+    listed = call_here("list").stdout.splitlines()
     assert len(listed) >= 7 and any(line.startswith("hang ") and "fig. 2" in line for line in listed)
-    doctor = call("doctor")
+    doctor = call_here("doctor")
     assert doctor.returncode == 0 and "cpu      runs" in doctor.stdout
     modules = subprocess.run([sys.executable, "-X", "importtime", "-m", "taichi_cloth", "--help"], capture_output=True,
                              text=True, cwd=ROOT, check=True).stderr
@@ -199,7 +201,5 @@ def test_check_list_doctor_and_help():
 
 @pytest.mark.slow
 def test_scene_file_takes_the_same_flags():
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "scenes/hang.py", "--no-images", "--set", "cells=6", "--duration", "0.1"],
-                          capture_output=True, text=True, cwd=ROOT, env=environment, check=False)
+    done = call_script_here(ROOT / "scenes" / "hang.py", "--no-images", "--set", "cells=6", "--duration", "0.1")
     assert done.returncode == 0 and "0.1 s simulated" in done.stdout, done.stderr

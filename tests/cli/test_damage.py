@@ -3,9 +3,9 @@
 import sys
 
 import pytest
-from test_cli import ROOT
+from inside import ROOT
 
-pytestmark = [pytest.mark.slow, pytest.mark.restarts]
+pytestmark = pytest.mark.slow
 
 sys.path.append(str(ROOT / "scripts"))
 

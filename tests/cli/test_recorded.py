@@ -12,7 +12,9 @@ import time
 
 import numpy as np
 import pytest
-from test_cli import QUICK, ROOT, call, read_png
+from inside import AS_HERE, ROOT, call
+from test_cli import QUICK, read_png
+from test_cli import call as call_apart
 
 import taichi_cloth as tc
 from taichi_cloth.app import scenefile
@@ -35,7 +37,7 @@ def whole(tmp_path_factory):
 
 def killed(folder, when) -> None:
     """The same run, killed without warning as soon as `when()` holds."""
-    command = [sys.executable, "-m", "taichi_cloth", "run", "sphere_drape", "--out", str(folder), *RUN]
+    command = [sys.executable, "-c", AS_HERE, "run", "sphere_drape", "--out", str(folder), *RUN]
     process = subprocess.Popen(command, cwd=ROOT, env={**os.environ, "PYTHONPATH": str(ROOT)}, stderr=subprocess.DEVNULL,
                                stdout=subprocess.DEVNULL)
     deadline = time.time() + 120
@@ -71,7 +73,7 @@ def test_a_killed_run_goes_on_bitwise(whole, tmp_path):
 @pytest.mark.slow
 def test_going_on_is_refused_where_things_changed(whole, tmp_path):
     folder = shutil.copytree(whole, tmp_path / "copy")
-    done = call("run", "sphere_drape", "--out", folder, *RUN, "--resume", "--precision", "f32")
+    done = call_apart("run", "sphere_drape", "--out", folder, *RUN, "--resume", "--precision", "f32")
     assert done.returncode == 2 and "runtime.precision was 'f64' and is 'f32'" in done.stderr
     done = call("run", "sphere_drape", "--out", folder, *RUN, "--from-frame", "9", "--set", "friction=0.0")
     assert done.returncode == 0 and "the nearest before it is frame 8" in done.stderr
@@ -159,8 +161,9 @@ def test_blender_reads_the_cache(whole, tmp_path):
 
 @pytest.mark.slow
 def test_drawn_again_and_compared(whole, tmp_path):
-    done = call("render", whole, "--to", tmp_path / "again", "--size", "96x64", "--every", "5", "--heat", "stretch", "--wire",
-                "--quality", "standard", "--caption", "t = {t}", "--sheet", "4", "--apng", "--camera", "1,1,1:0,0,0")
+    done = call_apart("render", whole, "--to", tmp_path / "again", "--size", "96x64", "--every", "5", "--heat", "stretch",
+                      "--wire", "--quality", "standard", "--caption", "t = {t}", "--sheet", "4", "--apng", "--camera",
+                      "1,1,1:0,0,0")
     assert done.returncode == 0, done.stderr
     names = sorted(p.name for p in (tmp_path / "again").iterdir())
     assert names == ["00000.png", "00005.png", "00010.png", "00015.png", "animation.png", "sheet.png"]
@@ -168,14 +171,14 @@ def test_drawn_again_and_compared(whole, tmp_path):
     assert sheet.shape == (128, 192, 3) and (sheet[64:, 96:] == last).all() and len(np.unique(last)) > 50
     data = (tmp_path / "again" / "animation.png").read_bytes()
     assert data.count(b"fcTL") == 4 and data.count(b"fdAT") == 3 and data[data.index(b"acTL") + 7] == 4
-    done = call("compare", whole, whole, "--to", tmp_path / "both.png", "--size", "64x48", "--frames", "3")
+    done = call_apart("compare", whole, whole, "--to", tmp_path / "both.png", "--size", "64x48", "--frames", "3")
     assert "in all 16 frames: RMS 0 m, largest 0 m" in done.stdout
     assert read_png(tmp_path / "both.png").shape == (3 * 48, 3 * 64, 3)
 
 
 def test_a_film_is_written(whole, tmp_path):
     imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg", reason="imageio-ffmpeg is not installed")
-    done = call("render", whole, "--to", tmp_path / "film", "--size", "96x64", "--every", "5", "--mp4")
+    done = call_apart("render", whole, "--to", tmp_path / "film", "--size", "96x64", "--every", "5", "--mp4")
     assert done.returncode == 0, done.stderr
     frames, seconds = imageio_ffmpeg.count_frames_and_secs(str(tmp_path / "film" / "film.mp4"))
     assert frames == 4
@@ -237,7 +240,7 @@ def test_a_full_disk_leaves_what_is_written_whole(limit, culprit, tmp_path):
 
 def test_report(whole, tmp_path):
     file = tmp_path / "report.html"
-    done = call("report", whole, "--to", file)
+    done = call_apart("report", whole, "--to", file)
     assert done.returncode == 0, done.stderr
     text = file.read_text()
     assert all(word in text for word in ("How complex", "How often", "How real", "What cost the most", "EVAL", "C-S",
@@ -257,7 +260,7 @@ DECODE = """async png => {
 def test_report_plays_in_a_browser(whole, tmp_path):
     api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     file = tmp_path / "report.html"
-    assert call("report", whole, "--to", file).returncode == 0
+    assert call_apart("report", whole, "--to", file).returncode == 0
     with api.sync_playwright() as p:
         try:
             browser = p.chromium.launch(args=["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox"],

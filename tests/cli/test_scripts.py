@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from test_cli import ROOT, call_script
+from inside import ROOT, call_script
 
 import taichi_cloth as tc
 from taichi_cloth.scene.intersections import count_crossings, count_self_crossings

@@ -4,7 +4,7 @@ import csv
 import json
 
 import pytest
-from test_cli import call
+from inside import call
 
 pytestmark = pytest.mark.slow
 
