@@ -29,6 +29,7 @@ FILES = {
 TOUCHES = "add_solid(", "ClothContact("  # a scene with one of these has contact
 EXPECTED = {  # part of a test's name: why it may fail
     "comes_near_or_through[1007]": "law of contact with solids: a box comes too near, or through, in steps of 1/15 s",
+    "throw_nothing[gaps1]": "law of layers: sheets pinned in one place; a rounding decides on which side each vertex starts",
     "resumed_in_contact_goes_on_bit_for_bit": "a rounding decides whether its corner is still tangled after three steps",
 }
 NO_TEST = 5  # pytest's exit code where nothing was collected
