@@ -134,7 +134,7 @@ def test_the_manifest_sums_it_up(run):
 def test_files_are_there_for_every_frame(run):
     assert [p.name for p in sorted((run.out / "images").iterdir())] == [f"{k:05d}.png" for k in range(FRAMES + 1)]
     assert read_png(run.out / "images" / "00003.png").shape == (32, 48, 3)
-    assert [p.name for p in sorted((run.out / "checkpoints").iterdir())] == ["00000.npz", "00004.npz"]
+    assert [p.name for p in sorted((run.out / "checkpoints").iterdir())] == ["00000.npz", "00004.npz", "00006.npz"]
     frame, state = run.recording.last_checkpoint()
     at = [r["t"] for r in run.log].index(pytest.approx(4 / FPS))
     assert frame == 4 and int(state["records"]) == at + 1 and float(state["time"]) == pytest.approx(4 / FPS)
