@@ -135,7 +135,8 @@ def test_files_are_there_for_every_frame(run):
     assert [p.name for p in sorted((run.out / "images").iterdir())] == [f"{k:05d}.png" for k in range(FRAMES + 1)]
     assert read_png(run.out / "images" / "00003.png").shape == (32, 48, 3)
     assert [p.name for p in sorted((run.out / "checkpoints").iterdir())] == ["00000.npz", "00004.npz", "00006.npz"]
-    frame, state = run.recording.last_checkpoint()
+    assert run.recording.last_checkpoint()[0] == FRAMES, "of the run's end"
+    frame, state = run.recording.last_checkpoint(FRAMES - 1)
     at = [r["t"] for r in run.log].index(pytest.approx(4 / FPS))
     assert frame == 4 and int(state["records"]) == at + 1 and float(state["time"]) == pytest.approx(4 / FPS)
 
