@@ -145,9 +145,9 @@ class Writer:
         folder.write_telemetry([asdict(r) for r in before])
         folder.write_geometry(self.geometry)
         self.artist = _artist(self.geometry, options, sim.scene) if options.size else None
-        self.written: int | None = None  # the last frame, and that of the last checkpoint
-        self.kept_state: int | None = resumed
-        self.time = sim.time
+        self.written: int | None = None  # the last frame
+        self.kept_state: int | None = resumed  # the frame of the last checkpoint
+        self.time = sim.time  # at the last frame [s]
         self.cut = 0  # frames in which cloth is not all in the picture
         sim.watchers.append(self.steps.append)
 

@@ -243,8 +243,7 @@ def trim(most: int = MOST_BYTES, trees: int = MOST_TREES) -> None:
 
 
 def forget() -> None:
-    """Taichi was started anew: all fields are dead. Kernels may still have them; what they are of, its threads and its memory,
-    goes."""
+    """Taichi was started anew: all fields are dead. Kernels may still refer to them; threads and memory of the Taichi before go."""
     for tree in (*_trees, *_dropped):
         tree.handle = None
     _slots.clear()

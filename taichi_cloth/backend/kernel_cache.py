@@ -11,8 +11,11 @@ VARIABLE = "TI_OFFLINE_CACHE_FILE_PATH"  # of the environment: another folder th
 
 
 def options(keep: bool) -> dict[str, Any]:
-    """What Taichi is to be told of it, as arguments of `ti.init`. Where kernels cannot be kept it would fail at its second
-    start, or as the process ends: it makes the folder even if it is to keep nothing, as without `keep`."""
+    """Arguments of `ti.init` on the cache of kernels.
+
+    Taichi makes the folder even if it keeps nothing (`keep` False). Where it cannot, it fails at its second start, or as the
+    process ends: then it gets another folder.
+    """
     from taichi.lang import impl
 
     if _writable(os.environ.get(VARIABLE) or impl.default_cfg().offline_cache_file_path):

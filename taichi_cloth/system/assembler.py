@@ -92,8 +92,8 @@ class Assembler:
         return self._look(0, 0, 0.0)
 
     def felt(self) -> str:
-        """What forces make of the state, number by number, those of contact apart; kinetic energy as well. Scenes for which it
-        is the same have the same material, as far as the state shows it."""
+        """Energies and powers of each force at the state, without contact, and kinetic energy, as text. Scenes of the same
+        material give the same text for the same state."""
         self.measure()
         sums = self._report.sum(axis=0, dtype=np.float64).tolist()
         bases = {id(force): base for force, base in zip(self.forces, self.base)}
