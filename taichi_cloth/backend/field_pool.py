@@ -243,7 +243,7 @@ def trim(most: int = MOST_BYTES, trees: int = MOST_TREES) -> None:
 
 
 def forget() -> None:
-    """Taichi was started anew: all fields are dead. Kernels may still refer to them; threads and memory of the Taichi before go."""
+    """Taichi was started anew: all fields are dead. Kernels may still refer to them; the old threads and memory go."""
     for tree in (*_trees, *_dropped):
         tree.handle = None
     _slots.clear()
