@@ -30,7 +30,6 @@ TOUCHES = "add_solid(", "ClothContact("  # a scene with one of these has contact
 EXPECTED = {  # part of a test's name: why it may fail
     "comes_near_or_through[1007]": "law of contact with solids: a box comes too near, or through, in steps of 1/15 s",
     "throw_nothing[gaps1]": "law of layers: sheets pinned in one place; a rounding decides on which side each vertex starts",
-    "resumed_in_contact_goes_on_bit_for_bit": "a rounding decides whether its corner is still tangled after three steps",
 }
 NO_TEST = 5  # pytest's exit code where nothing was collected
 
@@ -57,7 +56,7 @@ def read_rows(results: pathlib.Path) -> list[dict]:
 def run(start: int, threads: int, longest: float, tests: list[str], results: pathlib.Path) -> None:
     """All tests from one start, in one process, so that each kernel is compiled once; another one where a test ends it."""
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "scripts")])}
-    command = [sys.executable, "-m", "pytest", "-o", "addopts=", "-q", "--tb=line", "-p", "no:cacheprovider",
+    command = [sys.executable, "-m", "pytest", "-o", "addopts=", "-q", "--runxfail", "--tb=line", "-p", "no:cacheprovider",
                "-p", "perturbing", f"--perturb-start={start}", f"--perturb-threads={threads}",
                f"--perturb-longest={longest}", f"--perturb-results={results}", *tests]
     while True:

@@ -217,7 +217,7 @@ MUTATIONS = (
      "what settles in the next step is solved for longer", LONGER),
     (NONLINEAR + "layer_contact.py", "k >= BOLD and self.layers.release_beside(contacts.solids.holds())", "False",
      "steps get small for what a tangle holds", GIVEN_UP),
-    (NONLINEAR + "layer_contact.py", "self.doubt(ended) <= BEARABLE", "True",
+    (NONLINEAR + "layer_contact.py", "self.doubt(measures, ledger) <= BEARABLE", "True",
      "steps of layers leave what they leave unaccounted for", LEDGER),
     (NONLINEAR + "layer_contact.py", "self.layers.stop_short()", "pass",
      "what stops a step short is as soft in the next solve", THROWN),

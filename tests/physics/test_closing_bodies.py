@@ -85,7 +85,7 @@ def crossed(sim: tc.Simulation) -> int:
 @pytest.mark.slow
 @pytest.mark.parametrize("body, sheets", [("capsules", 1), ("two_meshes", 1), ("one_mesh", 1), ("one_mesh", 2)])
 def test_an_arm_that_closes_on_a_trunk(body, sheets):
-    """Steps stay what was asked; with two layers none is below a quarter of it, and a tenth more are made at most: where
+    """Steps stay what was asked; with two layers none is below a quarter of it, and a quarter more are made at most: where
     layers part, a rounding decides how many solves they need to agree. What is held goes by .05 m/s faster than the body at
     most, and .2 s after nothing is left on the wrong side, of bodies or of cloth."""
     sim = tc.Simulation(figure(body, sheets, itself=sheets > 1), h=H)
@@ -100,7 +100,7 @@ def test_an_arm_that_closes_on_a_trunk(body, sheets):
     assert max(r.pinched for r in sim.log) > 10 and max(r.crossings for r in sim.log) > 50, "nothing was between them"
     frames = round(LEFT / H)
     assert min(r.h for r in sim.log) > (H if sheets == 1 else H / 4) - 1e-9
-    assert len(sim.log) <= (frames if sheets == 1 else 1.1 * frames)
+    assert len(sim.log) <= (frames if sheets == 1 else 1.25 * frames)
     assert fastest < 0.05, f"what was pinched went {fastest} m/s faster than the body"
     assert crossed(sim) == 0 and deepest == 0
     if sheets > 1:

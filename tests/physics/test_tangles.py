@@ -74,7 +74,7 @@ def test_what_a_load_holds_through_comes_out():
             seen.append(count_self_crossings(sim.positions(), faces))
             sim.step(1 / 60)
             states.append(sim.checkpoint())
-        assert seen[1] > 10 and seen[-1] == 0
+        assert seen[1] > 5 and seen[-1] == 0
         sim.step(0.2)
         assert count_self_crossings(sim.positions(), faces) == 0
         assert sim.positions()[mesh.vertex_count + middle, 1] > 0.3 * THICKNESS and np.abs(sim.velocities()).max() < 0.05

@@ -6,6 +6,7 @@ worth it, is taken off the velocities (`brake`). Where all of the cloth is led t
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -30,13 +31,15 @@ class EnergyTest:
         self.brake = Brake(self.model, system.scene)
 
     def conclude(self, h: float, held: Held | None, start: Measures, measures: Measures, most: float,
-                 stiffened: float | None = None) -> tuple[Measures, Ledger] | None:
+                 stiffened: float | None = None, fits: Callable[[Measures, Ledger], bool] | None = None,
+                 ) -> tuple[Measures, Ledger] | None:
         """(measures, ledger) of the step as it is, if its energy has not grown beyond work and rounding, or after what it has
         grown by was taken off velocities; None where that is too much.
 
         Args:
             most: part of the velocities that may be taken off.
             stiffened: energy [J] that layers of cloth may have been given; None: what they were.
+            fits: whether a step that has to be slowed down is good enough otherwise; it is left as it is if not. None: all are.
         """
         work = self.work(h, held, start, measures)
         ledger = one_stage(h, start, measures, work)
@@ -50,7 +53,8 @@ class EnergyTest:
             over -= PRESSED * measures.energies.get("contact", 0.0)
         if not over > 0 or (math.isfinite(over) and self._leads_all(held)):
             return measures, ledger
-        if not (math.isfinite(over) and self.brake.take(over, held, most)):
+        good = math.isfinite(over) and (fits is None or fits(measures, ledger))
+        if not (good and self.brake.take(over, held, most)):
             return None
         slower = replace(self.meter.measure(), stretch_change=measures.stretch_change)
         energies = {**measures.energies, **slower.energies}

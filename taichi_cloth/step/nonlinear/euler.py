@@ -131,9 +131,9 @@ class EulerStep(StepProblem):
         if part == 1:
             if self.effort is None:
                 with self.clock.part("EVAL"):
-                    ended = self.energy.conclude(self.c, self.held, self.start, measures, LIGHT)
+                    ended = self.energy.conclude(self.c, self.held, self.start, measures, LIGHT, fits=self.fits)
                     self.ended = self.accounted(ended)
-                    if ended is not None and self.ended is None and self.doubt(ended) < BEARABLE:
+                    if ended is not None and self.ended is None and self.doubt(*ended) < BEARABLE:
                         self.resort = self.return_to(ended)
             self.level = self.start.total + self.system.rounding(self.c, self.start, measures)
         # a shorter first step would leave behind what is led, and a guess that is better than standing still
@@ -152,20 +152,25 @@ class EulerStep(StepProblem):
         last = self.effort is not None or len(self.solutions) > self.system.options.newton_max
         with self.clock.part("EVAL"):
             self.system.settle(self.held)
-            ended = self.energy.conclude(self.c, self.held, self.start, measures, MOST if last else LIGHT)
-            if not last:
-                ended = self.accounted(ended)
+            if last:
+                ended = self.energy.conclude(self.c, self.held, self.start, measures, MOST)
+            else:
+                ended = self.accounted(self.energy.conclude(self.c, self.held, self.start, measures, LIGHT, fits=self.fits))
         if ended is None:
             return None if self.system.base is None else Outcome(ENERGY, f"{len(self.solutions)} solves", measures)
         return self.finish(*ended)
 
     def accounted(self, ended: tuple[Measures, Ledger] | None) -> tuple[Measures, Ledger] | None:
-        """The end of a step, or None where cloth runs into a limit or tears, or gas works on it, and a solve left too much of
-        its energy unaccounted for."""
-        if ended is None or not (self.exacting or ended[0].used > 1):
-            return ended
+        """The end of a step, or None where it does not fit; what was slowed down did, before that."""
+        return ended if ended is None or ended[1].braked or self.fits(*ended) else None
+
+    def fits(self, measures: Measures, ledger: Ledger) -> bool:
+        """False where cloth runs into a limit or tears, or gas works on it, and a solve left too much of the step's energy
+        unaccounted for."""
+        if not (self.exacting or measures.used > 1):
+            return True
         most = ACCOUNTED if self.system.gave or not self.system.fragile else LOOSE
-        return ended if ended[1].braked or self.doubt(ended) <= most else None
+        return self.doubt(measures, ledger) <= most
 
     @property
     def exacting(self) -> bool:
@@ -173,9 +178,8 @@ class EulerStep(StepProblem):
         return self.start.used > 1 or self.system.fragile
 
     @staticmethod
-    def doubt(ended: tuple[Measures, Ledger]) -> float:
+    def doubt(measures: Measures, ledger: Ledger) -> float:
         """Part of all that a step's energy went through that is unaccounted for."""
-        measures, ledger = ended
         through = sum(abs(value) for value in asdict(ledger).values()) + STILL * measures.size
         return abs(ledger.unaccounted) / max(through, 1e-300)
 

@@ -5,6 +5,7 @@ loses in turn: a hundredth of the motion's energy may come in a step, and three 
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -53,13 +54,14 @@ class HistoryEnergy(EnergyTest, Checkpointed):
         self.power, self.debt, self.motion = np.zeros(len(GOES_ON)), 0.0, 0.0
 
     def conclude(self, h: float, held: Held | None, start: Measures, measures: Measures, most: float,
-                 stiffened: float | None = None) -> tuple[Measures, Ledger] | None:
+                 stiffened: float | None = None, fits: Callable[[Measures, Ledger], bool] | None = None,
+                 ) -> tuple[Measures, Ledger] | None:
         """See `EnergyTest`; `h` is c of the step."""
         base = self.base
         self.motion_1 = max(start.energies["kinetic"], measures.energies["kinetic"],
                             self.motion * math.exp(-(h if base is None else base.h) / LAPSE))
         if base is None:
-            made = super().conclude(h, held, start, measures, most, stiffened)
+            made = super().conclude(h, held, start, measures, most, stiffened, fits)
             if made is not None:
                 self.power_1 = np.array([getattr(made[1], name) for name in GOES_ON]) / h
                 self.debt_1 = max(0.0, self.debt + made[1].change - made[1].total - max(0.0, made[1].wind))

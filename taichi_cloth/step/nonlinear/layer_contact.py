@@ -161,24 +161,26 @@ class LayerStep(EulerStep):
             self.released = not self.agreed and k >= BOLD and self.layers.release_beside(contacts.solids.holds())
         if self.released:
             return self.refuse(measures)
-        ended = self.conclude(measures) if self.agreed else None
-        if k < self.layers.ROUNDS // 2:
+        early = k < self.layers.ROUNDS // 2
+        ended = self.conclude(measures, early) if self.agreed else None
+        if early:
             ended = self.accounted(ended)
         return None if ended is None else self.finish(*ended)
 
-    def conclude(self, measures: Measures) -> tuple[Measures, Ledger] | None:
-        """As `EnergyTest.conclude`; what is pulled apart may be given energy."""
+    def conclude(self, measures: Measures, early: bool = False) -> tuple[Measures, Ledger] | None:
+        """As `EnergyTest.conclude`; what is pulled apart may be given energy. Early, a step has to fit before it is slowed
+        down."""
         given = math.inf if self.layers.intersections.active else self.stiffened + self.layers.stiffened
-        return self.energy.conclude(self.c, self.held, self.start, measures, MOST, given)
+        return self.energy.conclude(self.c, self.held, self.start, measures, MOST, given,
+                                    self.fits if early else None)
 
-    def accounted(self, ended: tuple[Measures, Ledger] | None) -> tuple[Measures, Ledger] | None:
+    def fits(self, measures: Measures, ledger: Ledger) -> bool:
         """As without contact; and never is more than BEARABLE left, also of what a step of free fall would gain: what layers
         stop at once leaves much to a further solve."""
-        ended = super().accounted(ended)
-        if ended is None or ended[1].braked or self.doubt(ended) <= BEARABLE:
-            return ended
+        if not super().fits(measures, ledger):
+            return False
         fall = 0.5 * self.system.model.mass.sum() * (np.linalg.norm(self.system.scene.gravity) * self.c) ** 2
-        return ended if abs(ended[1].unaccounted) <= BEARABLE * fall else None
+        return self.doubt(measures, ledger) <= BEARABLE or abs(ledger.unaccounted) <= BEARABLE * fall
 
     def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
         """Whether solids let the step pass."""
