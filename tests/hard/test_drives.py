@@ -15,7 +15,7 @@ from fuzzing import drives  # noqa: E402
 pytestmark = pytest.mark.slow
 
 
-BY_CHANCE = pytest.mark.xfail(reason="law of contact with solids: a rounding decides whether its box stays half a thickness away")
+BY_CHANCE = pytest.mark.xfail(reason="law of contact with solids: a rounding decides whether a box stays far enough away")
 
 
 @pytest.mark.parametrize("seed", [1003, pytest.param(1007, marks=BY_CHANCE), 1015, 1018, 1041])

@@ -39,7 +39,7 @@ class EnergyTest:
         Args:
             most: part of the velocities that may be taken off.
             stiffened: energy [J] that layers of cloth may have been given; None: what they were.
-            fits: whether a step that has to be slowed down is good enough otherwise; it is left as it is if not. None: all are.
+            fits: whether a step that has to be slowed down is good enough otherwise; it is left alone if not. None: all are.
         """
         work = self.work(h, held, start, measures)
         ledger = one_stage(h, start, measures, work)
