@@ -214,6 +214,25 @@ def test_slowing_down_keeps_momenta_and_what_is_held(rng):
     sim.close()
 
 
+def test_a_step_is_slowed_down_only_if_it_fits_otherwise(rng):
+    """What gained energy and left much unaccounted for besides is solved further, from the velocities that it has."""
+    scene, mesh = tc.Scene(gravity=None), tc.grid(1.0, 3)
+    scene.add_cloth(mesh, fabric(), velocities=rng.normal(size=mesh.x.shape))
+    with tc.Simulation(scene, integrator="backward_euler") as sim:
+        test = sim.stepper.integrator.energy
+        start = test.meter.measure()
+        sim.set_state(sim.positions(), fast := 1.01 * sim.velocities())
+        now, seen = test.meter.measure(), []
+
+        def fits(good: bool):
+            return test.conclude(1 / 60, None, start, now, 0.5, fits=lambda _, ledger: seen.append(ledger.braked) or good)
+
+        assert fits(False) is None and (sim.velocities() == fast).all()
+        measures, ledger = fits(True)
+        assert seen == [0, 0] and ledger.braked > 0 and measures.total == pytest.approx(start.total, rel=1e-9)
+        assert np.abs(sim.velocities()).max() < np.abs(fast).max()
+
+
 def test_verlets_pins_work_as_much_as_the_energy_grows():
     """Nothing damps, nothing blows: what the pins that are led put in is all that changes the energy."""
     sim = tc.Simulation(led(damped=0.0), h=1 / 60, integrator="verlet")
