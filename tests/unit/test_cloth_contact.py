@@ -420,7 +420,7 @@ def test_only_what_nothing_else_can_make_room_for_is_released(small, smallest, m
                                   intersections=SimpleNamespace(active=False))
     step.contacts = SimpleNamespace(start=SimpleNamespace(small=small, smallest=smallest))
     step.held, step.part, step.agreed, step.released = SimpleNamespace(moving=moving), part, False, False
-    step.solutions, step.conclude = [], lambda measures: None
+    step.solutions, step.conclude = [], lambda measures, early=False: None
     assert step.give_up(None).rejection == "CONTACT" and step.released is released
     assert asked == ([smallest] if released else [])
 
@@ -437,7 +437,7 @@ def test_what_beside_a_tangle_ends_too_near_is_released(k, part, settled, asks):
     step.contacts = SimpleNamespace(count=0, goes_on=lambda verdict, solves: False, solids=solids, foresight=Foresight())
     step.preliminary = False
     step.clock, step.verdict, step.released = Clock(), SimpleNamespace(changes=0), False
-    step.solutions, step.conclude = [], lambda measures: None
+    step.solutions, step.conclude = [], lambda measures, early=False: None
     step.accounted = lambda ended: ended
     made = step.judge(k, part, None)
     assert step.released is asks and (made is not None and made.rejection == "CONTACT") is asks
@@ -450,7 +450,7 @@ def test_no_step_of_layers_ends_with_a_preliminary_solve():
     step.layers = SimpleNamespace(settled=lambda: True, ROUNDS=12)
     step.contacts = SimpleNamespace(count=0, goes_on=lambda verdict, solves: False, foresight=Foresight())
     step.clock, step.verdict, step.released, step.preliminary = Clock(), SimpleNamespace(changes=0), False, True
-    step.solutions, step.conclude, step.accounted = [], lambda measures: ("end", None), lambda ended: ended
+    step.solutions, step.conclude, step.accounted = [], lambda measures, early=False: ("end", None), lambda ended: ended
     step.finish = lambda *ended: ended
     assert step.judge(0, 1.0, None) is None and not step.agreed and not step.preliminary
     assert step.judge(1, 1.0, None) == ("end", None) and step.agreed
