@@ -73,7 +73,7 @@ class Drawing:
         shapes: those that are visible, in the order of the file.
         hidden: how many elements are not.
         dangling: how many `use` elements refer to nothing in the file.
-        scaled: whether a unit of length says how large it is.
+        scaled: whether a unit of length says how large it is; boxed: whether it has a viewBox, which that unit is for.
 
     Raises:
         SceneError: an element with an impossible attribute, or a `use` that draws itself.
@@ -85,6 +85,7 @@ class Drawing:
         self._root, self._ids = root, {node.get("id", ""): node for node in root.iter()}
         self._styles = Styles("\n".join("".join(node.itertext()) for node in root.iter(SVG + "style")))
         to, size, self.scaled = _page(root)
+        self.boxed = bool(root.get("viewBox", "").strip())
         stack = [Visit(root, to, size)]
         with np.errstate(all="ignore"):
             while stack:

@@ -27,6 +27,8 @@ from .pattern import Panel, Pattern
 from .xmlfile import parse
 
 NAMED = 5  # names that a note has at most
+UNBOXED = ("the drawing has no viewBox: numbers without a unit are pixels, 96 to an inch, whatever its width and height say; "
+           'viewBox="0 0 W H" says how many of its units those are')
 
 
 def read_svg(path: Path, side: Path | None) -> Pattern:
@@ -39,11 +41,12 @@ def read_svg(path: Path, side: Path | None) -> Pattern:
     if root.tag.removeprefix(SVG) != "svg":
         raise SceneError(f"{path}: is no SVG: its root is <{root.tag.rpartition('}')[2]}>")
     side = side or (path.with_suffix(".json") if path.with_suffix(".json").is_file() else None)
+    notes: tuple[str, ...] = ()
     try:
         panels, notes = _panels(root)
         return replace(_joined(panels, side), notes=notes)
     except SceneError as error:
-        raise SceneError(f"{path}: {error}") from None
+        raise SceneError(f"{path}: {error}{'; ' + UNBOXED if UNBOXED in notes else ''}") from None
 
 
 def _panels(root: Element) -> tuple[tuple[Panel, ...], tuple[str, ...]]:
@@ -94,6 +97,8 @@ def _notes(drawing: Drawing, lines: list[str], halves: list[str]) -> tuple[str, 
         out.append(f"<use> elements of the drawing that refer to nothing in it: {drawing.dangling}")
     if not drawing.scaled:
         out.append("no unit of length says how large the drawing is: 96 of its pixels are taken for an inch")
+    elif not drawing.boxed:
+        out.append(UNBOXED)
     return tuple(out)
 
 

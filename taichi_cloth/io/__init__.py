@@ -135,6 +135,8 @@ def _vertices(faces: np.ndarray, rows: np.ndarray, whole: np.ndarray, inside: bo
 
 def _triangles(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dict[str, np.ndarray]]:
     """Positions, triangles, texture corners or None, and rows of triangles by the names of groups."""
+    if path.is_dir():
+        raise MeshError(f"{path} is a folder: name the mesh's file in it")
     if not path.is_file():
         raise MeshError(f"no such mesh file: {path}{near(path)}")
     suffix = path.suffix.lower()

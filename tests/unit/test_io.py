@@ -295,7 +295,7 @@ def test_other_formats(tmp_path, suffix):
 
 
 @pytest.mark.parametrize("name, text, words", [
-    ("none.obj", None, "no such mesh file"),
+    ("none.obj", None, "no such mesh file"), (".", None, "is a folder"),
     ("a.xyz", "x", "unknown mesh format"),
     ("a.obj", "v 0 0 0\n", "no faces"),
     ("a.obj", "v 0 0 0\nv 1 0 zero\n", "line 2: 'v 1 0 zero'"),

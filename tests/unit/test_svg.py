@@ -280,6 +280,20 @@ def test_units(tmp_path, head, size):
     assert np.ptp(pattern.panels[0].corners[:, 0]) == pytest.approx(size)
     doubt = [note for note in pattern.notes if "no unit of length" in note]
     assert len(doubt) == ("1000 " in head or "px" in head)
+    assert not any("no viewBox" in note for note in pattern.notes)
+
+
+@pytest.mark.parametrize("side, size", [("400", 0.4 * 0.0254 / 0.096), ("400mm", 0.4), ("40", None)])
+def test_a_width_without_a_viewbox_is_of_the_page_alone(tmp_path, side, size):
+    (tmp_path / "a.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg" width="500mm" height="500mm">'
+                                    f'<rect id="r" width="{side}" height="{side}"/></svg>')
+    if size is None:
+        with pytest.raises(tc.SceneError, match="are its units right.*no viewBox: numbers without a unit are pixels"):
+            tc.load_pattern(tmp_path / "a.svg")
+        return
+    pattern = tc.load_pattern(tmp_path / "a.svg")
+    assert np.ptp(pattern.panels[0].corners[:, 0]) == pytest.approx(size)
+    assert sum("no viewBox" in note for note in pattern.notes) == 1
 
 
 @pytest.mark.parametrize("body, side, what", [
