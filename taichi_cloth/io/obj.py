@@ -4,6 +4,7 @@ Lines are sorted by their first words, and numbers are computed for all lines of
 """
 
 import itertools
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -37,17 +38,17 @@ class _Lines:
         self.marks = [(int(np.searchsorted(at["f"], row)), str(keys[row]), lines[row].split()[1:])
                       for row in np.flatnonzero(np.isin(keys, GROUPS)).tolist()]
 
-    def words(self, kind: str) -> tuple[list[str], np.ndarray]:
-        """Words of all lines of a kind, and how many each has."""
+    def words(self, kind: str) -> tuple[str, np.ndarray]:
+        """The text of all lines of a kind, and how many words each has."""
         rows = self.rows[kind]
         text = "\n".join(rows)
         if not text.isascii():
-            return text.split(), np.array([len(row.split()) for row in rows])
+            return text, np.array([len(row.split()) for row in rows])
         letters = np.frombuffer(text.encode(), np.uint8)
         blank = BLANK[letters]
         first = np.flatnonzero(~blank & np.concatenate([[True], blank])[:-1])  # letters of words
         row = np.searchsorted(np.flatnonzero(letters == ord("\n")), first)
-        return text.split(), np.bincount(row, minlength=len(rows))
+        return text, np.bincount(row, minlength=len(rows))
 
     def before_faces(self, kind: str) -> np.ndarray:
         """(f,) how many lines of a kind there are before each face."""
@@ -110,10 +111,15 @@ def _joined(text: str) -> tuple[list[str], np.ndarray]:
 
 def _numbers(lines: _Lines, kind: str, width: int) -> np.ndarray:
     """(n, width) of all lines of a kind; a second texture coordinate that is not there is 0."""
-    words, counts = lines.words(kind)
+    text, counts = lines.words(kind)
     few = np.flatnonzero(counts < (3 if kind == "v" else 1))
     if len(few):
         raise _Wrong(kind, few[0], f"needs {width} numbers, not {counts[few[0]]}")
+    if not (counts != width).any():
+        values = _plain(text, float)
+        if values is not None:
+            return values.reshape(-1, width)
+    words = text.split()
     if (counts != width).any():
         first = (np.cumsum(counts) - counts).tolist()
         words = [word for k, count in zip(first, counts.tolist()) for word in [*words[k: k + min(count, width)], "0"][:width]]
@@ -124,9 +130,25 @@ def _numbers(lines: _Lines, kind: str, width: int) -> np.ndarray:
         raise _Wrong(kind, row // width, error) from None
 
 
+def _plain(text: str, dtype: type) -> np.ndarray | None:
+    """All words of a text that has nothing but numbers, in ASCII; None for another text, which is to be read word by word."""
+    if not text.isascii() or "/" in text:
+        return None
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # what is no number ends the reading
+        try:
+            return np.fromstring(text, dtype, sep=" ")
+        except (DeprecationWarning, ValueError):
+            return None
+
+
 def _corners(lines: _Lines) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(f,) corners of each face, (k,) vertices and texture coordinates of the corners of all, -1 where there are none."""
-    words, counts = lines.words("f")
+    text, counts = lines.words("f")
+    if (counts > 2).all() and (plain := _plain(text, np.int64)) is not None:
+        before = np.repeat(lines.before_faces("v"), counts)
+        return counts, _places(plain, before, "vertex", np.cumsum(counts)), np.full(len(plain), -1)
+    words = text.split()
     index = {word: k for k, word in enumerate(dict.fromkeys(words))}  # a corner is read once, however many faces have it
     ends = np.cumsum(counts)
     try:

@@ -297,7 +297,9 @@ def test_other_formats(tmp_path, suffix):
 @pytest.mark.parametrize("name, text, words", [
     ("none.obj", None, "no such mesh file"), (".", None, "is a folder"),
     ("a.xyz", "x", "unknown mesh format"),
-    ("a.obj", "v 0 0 0\n", "no faces"),
+    ("a.obj", "v 0 0 0\n", "no faces"), ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2-3 3\n", "line 4: 'f 1 2-3 3'"),
+    ("a.obj", "v 0 0-1 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "line 1: 'v 0 0-1 0'"),
+    ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99999999999999999999\n", "line 4"),
     ("a.obj", "v 0 0 0\nv 1 0 zero\n", "line 2: 'v 1 0 zero'"),
     ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", "line 4: .* vertex 4 is out of range: there are 3"),
     ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 0\n", "vertex 0 is out of range"),
