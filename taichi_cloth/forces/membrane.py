@@ -10,6 +10,7 @@ import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.rows import write
 from ..scene.fabric import pair
 from ..scene.scene import Scene
 from ..system.elements import row_sums, triangles
@@ -89,6 +90,8 @@ class Membrane(TriangleForce):
         # energy of strains that are but a rounding of positions by 1 m, see `rounding_energy`
         self._unit_energy = float(np.sum(area * stiffest[material][:, :K_S + 1].max(axis=1) * np.sum(inverse**2, axis=1)) / 2)
         self._fields = fields
+        self.indefinite = mode == "projected"
+        self._over, self._whole = 0.0, True
 
     def rounding_energy(self, d: float) -> float:
         """Energy [J] that positions off by d [m] put into the rest shape."""
@@ -97,14 +100,46 @@ class Membrane(TriangleForce):
     def build_stiffness(self) -> None:
         """Allocates what only an implicit step needs."""
         self.A, self.stiff = self._fields.real(self.elements.count, 21), True
+        self.way = self._fields.real(2, data=np.zeros(2))  # span that damping is taken over [s]; 1 where K is whole
+
+    def damp_over(self, c: float) -> None:
+        """See `Force`."""
+        self._over = c
+        self._set_way()
+
+    def leave_out(self, part: bool) -> None:
+        """Negative eigenvalues; they are in the matrix only where damping is an energy, as at a step's start they never are."""
+        self._whole = not part
+        self._set_way()
+
+    def _set_way(self) -> None:
+        way = np.array([self._over, self._whole and self._over > 0], dtype=self.model.exchange)
+        write(self.way, way)
 
     def geometry(self) -> dict[str, np.ndarray]:
         """Limits of triangles, in the order of their cloths, where there are any: b_u, b_v, L_u, L_v and L of shear."""
         return {"face_limit": self.host_limit} if self.abrupt else {}
 
     @ti.func
-    def gradient(self, e, w_u, w_v, v_u, v_v):
-        """Per area, minus the force on (w_u, w_v): sum of (k C + k_d C_dot) dC (7), (11)."""
+    def speeds(self, w_u, w_v, v_u, v_v):
+        """C_dot of warp, weft and shear."""
+        return unit(w_u).dot(v_u), unit(w_v).dot(v_v), v_u.dot(w_v) + v_v.dot(w_u)
+
+    @ti.func
+    def mean_speeds(self, w_u, w_v, v_u, v_v, over):
+        """(C - C_0)/over, C_0 where the velocities came from in that time; C_dot where it is 0. As quotients without
+        differences, which would lose digits."""
+        u, v, s = self.speeds(w_u, w_v, v_u, v_v)
+        if over > 0:
+            o_u, o_v = w_u - over * v_u, w_v - over * v_v
+            u = v_u.dot(w_u + o_u) / ti.max(w_u.norm() + o_u.norm(), TINY)
+            v = v_v.dot(w_v + o_v) / ti.max(w_v.norm() + o_v.norm(), TINY)
+            s -= over * v_u.dot(v_v)
+        return u, v, s
+
+    @ti.func
+    def gradient(self, e, w_u, w_v, u, v, s_dot):
+        """Per area, minus the force on (w_u, w_v): sum of (k C + k_d C_dot) dC (7), (11), at these rates of the conditions."""
         k = self.table[self.material[e]]
         g_u, g_v = w_u * 0, w_v * 0
         if ti.static(self.stretches):
@@ -115,14 +150,14 @@ class Membrane(TriangleForce):
                 g_u += self.beyond(e, WARP, w_u.norm())[0] * n_u
                 g_v += self.beyond(e, WEFT, w_v.norm())[0] * n_v
             if ti.static(self.damps):
-                g_u += k[D_U] * n_u.dot(v_u) * n_u
-                g_v += k[D_V] * n_v.dot(v_v) * n_v
+                g_u += k[D_U] * u * n_u
+                g_v += k[D_V] * v * n_v
         if ti.static(self.shears):
             s = k[K_S] * w_u.dot(w_v)
             if ti.static(self.stiffer):
                 s += self.beyond(e, SHEAR, w_u.dot(w_v))[0]
             if ti.static(self.damps):
-                s += k[D_S] * (v_u.dot(w_v) + v_v.dot(w_u))
+                s += k[D_S] * s_dot
             g_u += s * w_v
             g_v += s * w_u
         return g_u, g_v
@@ -145,8 +180,9 @@ class Membrane(TriangleForce):
         return ti.max(warp, weft, self.stiffening.used(m, SHEAR, ti.abs(w_u.dot(w_v)), 0.0))
 
     @ti.func
-    def stiffness(self, e, w_u, w_v):
-        """Per area, blocks uu (6 numbers), uv (3x3), vv (6) of -K in (w_u, w_v)."""
+    def stiffness(self, e, w_u, w_v, u, v, s, over, whole):
+        """Per area, blocks uu (6 numbers), uv (3x3), vv (6) of -K in (w_u, w_v); with damping as an energy, at these rates,
+        where it is `over` a span."""
         k = self.table[self.material[e]]
         uu, uv, vv = ti.Vector.zero(float, 6), ti.Matrix.zero(float, 3, 3), ti.Vector.zero(float, 6)
         if ti.static(self.shears):
@@ -155,12 +191,20 @@ class Membrane(TriangleForce):
                 force, slope, energy = self.beyond(e, SHEAR, C)
                 C = (k_s * C + force) / ti.max(k_s + slope, TINY)
                 k_s += slope
-            uu, uv, vv = shear_stiffness(w_u, w_v, k_s, C, self.mode)
+            if ti.static(self.damps):
+                if over > 0:
+                    C = (k_s * C + k[D_S] * s) / ti.max(k_s + k[D_S] / over, TINY)
+                    k_s += k[D_S] / over
+            uu, uv, vv = shear_stiffness(w_u, w_v, k_s, C, self.mode, whole)
         if ti.static(self.stretches):
             force_u, slope_u, energy_u = self.beyond(e, WARP, w_u.norm())
             force_v, slope_v, energy_v = self.beyond(e, WEFT, w_v.norm())
-            uu += stretch_stiffness(w_u, k[K_U], k[B_U], force_u, slope_u, self.mode)
-            vv += stretch_stiffness(w_v, k[K_V], k[B_V], force_v, slope_v, self.mode)
+            if ti.static(self.damps):
+                if over > 0:
+                    force_u, slope_u = force_u + k[D_U] * u, slope_u + k[D_U] / over
+                    force_v, slope_v = force_v + k[D_V] * v, slope_v + k[D_V] / over
+            uu += stretch_stiffness(w_u, k[K_U], k[B_U], force_u, slope_u, self.mode, whole)
+            vv += stretch_stiffness(w_v, k[K_V], k[B_V], force_v, slope_v, self.mode, whole)
         return uu, uv, vv
 
     @ti.func
@@ -205,7 +249,8 @@ class Membrane(TriangleForce):
         for e in range(first, self.elements.first[block + 1]):
             w_u, w_v = self.spread(e, self.model.x)
             v_u, v_v = self.spread(e, self.model.v)
-            g_u, g_v = self.gradient(e, w_u, w_v, v_u, v_v)
+            r_u, r_v, r_s = self.speeds(w_u, w_v, v_u, v_v)
+            g_u, g_v = self.gradient(e, w_u, w_v, r_u, r_v, r_s)
             self.scatter(e, -self.area[e] * g_u, -self.area[e] * g_v, f, lo, hi)
 
     @ti.func
@@ -262,12 +307,15 @@ class Membrane(TriangleForce):
         |w| / b, by how much any went away from rest since the saved state, what is used of limits. With `linearizes`, the
         linear system too."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
-        sums, largest, change, used = ti.Vector.zero(dtype, 5), 0.0, 0.0, 0.0
+        sums, largest, change, used, over, whole = ti.Vector.zero(dtype, 5), 0.0, 0.0, 0.0, 0.0, 0.0
+        if ti.static(self.stiff):
+            over, whole = self.way[0], self.way[1]
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
             k = self.table[self.material[e]]
             w_u, w_v = self.spread(e, self.model.x)
             v_u, v_v = self.spread(e, self.model.v)
             u, v = w_u.norm(), w_v.norm()
+            r_u, r_v, r_s = self.mean_speeds(w_u, w_v, v_u, v_v, over)
             largest = ti.max(largest, ti.max(u / k[B_U], v / k[B_V]))
             change = ti.max(change, self.change(e, u, v))
             if ti.static(self.abrupt):
@@ -294,11 +342,14 @@ class Membrane(TriangleForce):
                         sums[2] += 2 * half * e_s
                         sums[4] += 2 * half * f_s * (v_u.dot(w_v) + v_v.dot(w_u))
                 if ti.static(self.damps):
-                    sums[3] += half * (k[D_U] * unit(w_u).dot(v_u) ** 2 + k[D_V] * unit(w_v).dot(v_v) ** 2
-                                       + k[D_S] * (v_u.dot(w_v) + v_v.dot(w_u)) ** 2)
+                    sums[3] += half * (k[D_U] * r_u ** 2 + k[D_V] * r_v ** 2 + k[D_S] * r_s ** 2)
+                    if over > 0:
+                        u_dot, v_dot, s_dot = self.speeds(w_u, w_v, v_u, v_v)
+                        sums[4] += 2 * half * (k[D_U] * r_u * (u_dot - r_u) + k[D_V] * r_v * (v_dot - r_v)
+                                               + k[D_S] * r_s * (s_dot - r_s))
             if ti.static(self.stiff):
                 if linearizes == 1:
-                    self.linearize(e, moves, c, w_u, w_v, v_u, v_v, to, lo, hi)
+                    self.linearize(e, moves, c, w_u, w_v, r_u, r_v, r_s, over, whole, to, lo, hi)
         if ti.static(self.stretches):
             report[block, base] = sums[0]
             report[block, base + 1] = sums[1]
@@ -312,10 +363,10 @@ class Membrane(TriangleForce):
             report[block, base + 2 * self.stretches + self.shears + 4] = used
 
     @ti.func
-    def linearize(self, e, moves, c, w_u, w_v, v_u, v_v, to: ti.template(), lo, hi):
+    def linearize(self, e, moves, c, w_u, w_v, u, v, s, over, whole, to: ti.template(), lo, hi):
         """b += c (f + K motion); stores the block of -c D - c^2 K and adds its diagonal to P."""
-        g_u, g_v = self.gradient(e, w_u, w_v, v_u, v_v)
-        uu, uv, vv = self.stiffness(e, w_u, w_v)
+        g_u, g_v = self.gradient(e, w_u, w_v, u, v, s)
+        uu, uv, vv = self.stiffness(e, w_u, w_v, u, v, s, over, whole)
         if moves == 1:
             m_u, m_v = self.spread(e, to.motion)
             g_u += sym_times(uu, m_u) + uv @ m_v
@@ -324,10 +375,11 @@ class Membrane(TriangleForce):
         self.scatter(e, -scale * g_u, -scale * g_v, to.b, lo, hi)
         uu, uv, vv = c * scale * uu, c * scale * uv, c * scale * vv
         if ti.static(self.damps):
-            d_uu, d_uv, d_vv = self.damping(e, w_u, w_v)
-            uu += scale * d_uu
-            uv += scale * d_uv
-            vv += scale * d_vv
+            if over == 0:
+                d_uu, d_uv, d_vv = self.damping(e, w_u, w_v)
+                uu += scale * d_uu
+                uv += scale * d_uv
+                vv += scale * d_vv
         self.store(e, uu, uv, vv, to.P, lo, hi)
 
 

@@ -39,7 +39,8 @@ class Stress:
         for e in range(self.membrane.elements.first[self.membrane.model.blocks.count]):
             w_u, w_v = self.membrane.spread(e, self.membrane.model.x)
             v_u, v_v = self.membrane.spread(e, self.membrane.model.v)
-            g_u, g_v = self.membrane.gradient(e, w_u, w_v, v_u, v_v)
+            u, v, s = self.membrane.speeds(w_u, w_v, v_u, v_v)
+            g_u, g_v = self.membrane.gradient(e, w_u, w_v, u, v, s)
             for c in ti.static(range(3)):
                 out[e, c] = w_u[c]
                 out[e, 3 + c] = w_v[c]

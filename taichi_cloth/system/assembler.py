@@ -72,6 +72,8 @@ class Assembler:
     def __init__(self, model: ParticleState, forces: list, runtime: Runtime, operator: Operator | None) -> None:
         self.model, self.forces, self.blocks = model, forces, model.blocks
         self._prepared = [force for force in forces if force.does("prepare")]
+        self._damped = [force for force in forces if force.stiff and force.does("damp_over")]
+        self._over = 0.0  # see `Force.damp_over`
         self.operator = operator  # type: ignore[assignment]
         self.sum_type = ti.f32 if runtime.sums == "f32" else ti.f64
         self._rows = Rows(model, operator, self.sum_type)
@@ -87,9 +89,14 @@ class Assembler:
         self.column = column  # of kinetic energy; then change, a sum over x and v
         self._report: np.ndarray = np.zeros((self.blocks.count, column + 3), dtype=runtime.exchange)
 
-    def measure(self) -> Measures:
-        """The model's current state, against its saved one."""
-        return self._look(0, 0, 0.0)
+    def measure(self, over: float = 0.0) -> Measures:
+        """The model's current state, against its saved one.
+
+        Args:
+            over: span [s] of a step over which damping is an energy, see `Force.damp_over`: c R is this energy, `damped` half of
+                what it takes over the span, and what its force takes beyond goes with `rate`.
+        """
+        return self._look(0, 0, 0.0, over)
 
     def felt(self) -> str:
         """Energies and powers of each force at the state, without contact, and kinetic energy, as text. Scenes of the same
@@ -124,14 +131,18 @@ class Assembler:
         """`Measures.stretch_change` of triangles without a corner among the particles `led` (n,); 0 where none may stretch."""
         return max((force.change_beside(led) for force in self.forces), default=0.0)
 
-    def linearize(self, c: float, moves: bool) -> Measures:
+    def linearize(self, c: float, moves: bool, over: float = 0.0) -> Measures:
         """The same; the operator becomes that of the current state.
 
         b = M (v_base - v) + c f, with `moves` + c K motion.
         """
-        return self._look(1, int(moves), c)
+        return self._look(1, int(moves), c, over)
 
-    def _look(self, linearizes: int, moves: int, c: float) -> Measures:
+    def _look(self, linearizes: int, moves: int, c: float, over: float) -> Measures:
+        if over != self._over:
+            self._over = over
+            for force in self._damped:
+                force.damp_over(over)
         for force in self._prepared:
             force.prepare(self.operator.motion if moves else None)
         self._evaluate(linearizes, moves, c, self._report)

@@ -47,6 +47,7 @@ class EulerStep(StepProblem):
     """
 
     touches = False
+    over = 0.0
 
     def __init__(self, system: System, energy: EnergyTest, effort: Effort | None, h: float, held: Held | None, start: Measures,
                  clock: Clock, solutions: list[Solution]) -> None:
@@ -88,8 +89,9 @@ class EulerStep(StepProblem):
 
     def further(self) -> Outcome | None:
         """A Newton step from where the model is; what is held is where it must be, or is led there by `to_go`."""
+        self.over = self.c if self.system.base is None and not self.touches else 0.0
         with self.clock.part("EVAL"):
-            self.system.linearize(self.c)
+            self.before = self.system.linearize(self.c, over=self.over)
         with self.clock.part("CG"):
             mends = self.cg_tol >= CG_TOL and (self.touches or self.before.used > 1)
             tolerance = max(self.cg_tol, FURTHER) if mends else self.cg_tol
@@ -119,7 +121,7 @@ class EulerStep(StepProblem):
     def measure(self, k: int) -> Measures:
         """See `StepProblem`."""
         with self.clock.part("EVAL"):
-            return self.system.meter.measure()
+            return self.system.meter.measure(self.over)
 
     def acceptable(self, k: int, part: float, measures: Measures) -> bool:
         """See `StepProblem`. The first step needs the right energy, or less Phi than standing still."""
@@ -197,8 +199,15 @@ class EulerStep(StepProblem):
         return back
 
     def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
-        """Of a step that took more than (18)."""
-        return Outcome(None, "", measures, ledger)
+        """Of a step that took more than (18). What comes after it asks for powers at its end."""
+        return Outcome(None, "", self.at_end(measures), ledger)
+
+    def at_end(self, measures: Measures) -> Measures:
+        """Measures of the step with powers by velocities at its end."""
+        if self.over == 0:
+            return measures
+        now = self.system.meter.measure()
+        return replace(measures, dissipation=now.dissipation, damped=now.damped, rate=now.rate)
 
     def give_up(self, measures: Measures) -> Outcome:
         """See `StepProblem`."""

@@ -62,6 +62,7 @@ class System:
         self.resolution = runtime.epsilon * extent
         self._indefinite = [force for force in forces if force.indefinite]
         self._moves = self._definite = False  # as it was linearized
+        self._over = 0.0
         self.floor = sum(force.rounding_energy(self.resolution) for force in forces)
 
     def tell(self, note: str) -> None:
@@ -111,11 +112,11 @@ class System:
         for i in range(self.model.rows()):
             self.solver.dv[i] = self.solver.dv[i] + sign * (self.model.v[i] - self.model.v_base[i])
 
-    def linearize(self, c: float, moves: bool = False) -> Measures:
+    def linearize(self, c: float, moves: bool = False, over: float = 0.0) -> Measures:
         """A and b at the model's state, with `moves` b with the operator's motion; see `Assembler`."""
-        self.span, self._moves = c, moves
+        self.span, self._moves, self._over = c, moves, over
         self._leave_out(False)
-        return self.meter.linearize(c, moves)
+        return self.meter.linearize(c, moves, over)
 
     def _leave_out(self, part: bool) -> None:
         """Whether what of forces may not be semidefinite is left out of the next linearization."""
@@ -162,7 +163,7 @@ class System:
             self.forget()
         if solution.status == BREAKDOWN and self._indefinite and not self._definite:
             self._leave_out(True)
-            self.meter.linearize(self.span, self._moves)
+            self.meter.linearize(self.span, self._moves, self._over)
             return self.solve(tolerance, held, h, z, False, fresh, lead, lasting, again, least, counts)
         if fresh and counts and not warm:
             self.preconditioner.count_iterations(solution.iterations)
