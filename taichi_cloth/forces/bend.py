@@ -17,7 +17,7 @@ from ..system.elements import flat_turns, hinges_of, row_sums, seam_hinges
 from ..system.state import Elements, ParticleState
 from .conditions import sym, sym_outer, sym_scaled_identity
 from .force import Force
-from .hinge import hinge_condition, hinge_condition_change
+from .hinge import hinge_condition, hinge_condition_change, hinge_value, turned_by
 from .hinge_rest import creased, rest_of, seam_rest
 
 
@@ -76,8 +76,13 @@ class Bend(Force):
     def build_stiffness(self) -> None:
         """Allocates what only an implicit step needs."""
         self.g, self.stiff = self._fields.real(self.elements.count, 9), True
+        self.over = self._fields.real(1, data=np.zeros(1))
         if self.exact:
             self.hessian = self._fields.real(self.elements.count, 81)
+
+    def damp_over(self, c: float) -> None:
+        """See `Force`."""
+        write(self.over, np.array([c], dtype=self.model.exchange))
 
     @ti.func
     def arms(self, e, q: ti.template()):
@@ -105,21 +110,33 @@ class Bend(Force):
 
     @ti.func
     def strain(self, e):
-        """C, dC and C_dot at the current state."""
+        """C, dC and C_dot at the current state; -1 where the hinge passed through itself, else 1."""
         C, g_e, g_a, g_b = self.turned(e)
+        side = 1.0
         if ti.static(self.remembers):
             side = self.hysteresis.side(e, C)
             C, g_e, g_a, g_b = side * C, side * g_e, side * g_a, side * g_b
         C_dot = C * 0
         if ti.static(self.damps):
             C_dot = self.turning(e, g_e, g_a, g_b)
-        return C, C_dot, g_e, g_a, g_b
+        return C, C_dot, g_e, g_a, g_b, side
 
     @ti.func
     def turning(self, e, g_e, g_a, g_b):
         """C_dot, from dC."""
         e_v, a_v, b_v = self.arms(e, self.model.v)
         return g_e.dot(e_v) + g_a.dot(a_v) + g_b.dot(b_v)
+
+    @ti.func
+    def mean_turning(self, e, C, side, over):
+        """(C - C_0)/over, C_0 where the velocities came from in that time."""
+        e_x, a_x, b_x = self.arms(e, self.model.x)
+        e_v, a_v, b_v = self.arms(e, self.model.v)
+        way = 1.0
+        if ti.static(self.remembers):
+            way = self.hysteresis.way(e)
+        return turned_by(C, side * hinge_value(e_x - over * e_v, a_x - over * a_v, b_x - over * b_v, self.rest[e][2],
+                                               self.rest[e][3], way)) / over
 
     @ti.func
     def slid(self, e, C):
@@ -146,7 +163,7 @@ class Bend(Force):
         """f += internal forces of the block's hinges."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
-            C, C_dot, g_e, g_a, g_b = self.strain(e)
+            C, C_dot, g_e, g_a, g_b, side = self.strain(e)
             s = -(self.rest[e][0] * C + self.rest[e][1] * C_dot)
             if ti.static(self.remembers):
                 s -= self.slid(e, C)[0]
@@ -158,20 +175,28 @@ class Bend(Force):
         """Energy [J] in column `base`, then dissipated power / 2 and the rate at which the energy grows [W]. With
         `linearizes`, the linear system too."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
-        sums = ti.Vector.zero(dtype, 3)
+        sums, over = ti.Vector.zero(dtype, 3), 0.0
+        if ti.static(self.stiff):
+            over = self.over[0]
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
-            C, C_dot, g_e, g_a, g_b = self.strain(e)
+            C, C_dot, g_e, g_a, g_b, side = self.strain(e)
+            turning = self.turning(e, g_e, g_a, g_b)
+            if ti.static(self.stiff and self.damps):
+                if over > 0:
+                    C_dot = self.mean_turning(e, C, side, over)
             if self.elements.primary[e] == 1:
                 sums[0] += 0.5 * self.rest[e][0] * C * C
                 sums[1] += 0.5 * self.rest[e][1] * C_dot * C_dot
-                sums[2] += self.rest[e][0] * C * self.turning(e, g_e, g_a, g_b)
+                sums[2] += self.rest[e][0] * C * turning
+                if over > 0:
+                    sums[2] += self.rest[e][1] * C_dot * (turning - C_dot)
                 if ti.static(self.remembers):
                     torque, secant, slope, energy = self.slid(e, C)
                     sums[0] += energy
-                    sums[2] += torque * self.turning(e, g_e, g_a, g_b)
+                    sums[2] += torque * turning
             if ti.static(self.stiff):
                 if linearizes == 1:
-                    self.linearize(e, moves, c, C, C_dot, g_e, g_a, g_b, to, lo, hi)
+                    self.linearize(e, moves, c, over, C, C_dot, g_e, g_a, g_b, to, lo, hi)
         if ti.static(self.stiff):
             if linearizes == 1:
                 # a loop of its own: Taichi does not see that a load at a fixed index depends on a store at a running one
@@ -182,7 +207,7 @@ class Bend(Force):
         report[block, base + 2] = sums[2]
 
     @ti.func
-    def linearize(self, e, moves, c, C, C_dot, g_e, g_a, g_b, to: ti.template(), lo, hi):
+    def linearize(self, e, moves, c, over, C, C_dot, g_e, g_a, g_b, to: ti.template(), lo, hi):
         """b += c (f + K motion); stores the block of -c D - c^2 K."""
         k, k_d = self.rest[e][0], self.rest[e][1]
         s, pull = k * C + k_d * C_dot, k * C
@@ -200,6 +225,8 @@ class Bend(Force):
         r_e, r_a, r_b = -c * s * g_e, -c * s * g_a, -c * s * g_b
         if ti.static(self.exact):
             e_x, a_x, b_x = self.arms(e, self.model.x)
+            if over > 0:
+                pull += k_d * C_dot
             if ti.static(self.remembers):
                 if self.turned(e)[0] * C < 0:
                     pull = -pull  # on the other side: ddC below is that of the angle as it is

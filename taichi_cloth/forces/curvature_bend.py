@@ -21,12 +21,13 @@ import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.rows import write
 from ..errors import SceneError
 from ..scene.fabric import remembers
 from ..scene.scene import Scene
 from ..system.elements import row_sums
 from ..system.state import Elements, ParticleState
-from .conditions import sym_outer, sym_scaled_identity, unit
+from .conditions import TINY, sym_outer, sym_scaled_identity, unit
 from .curvature_fit import curvatures
 from .curvature_law import CurvatureLaw, curvature_law, moduli_of, own_part
 from .force import ElementForce
@@ -94,10 +95,15 @@ class CurvatureBend(ElementForce):
     def build_stiffness(self) -> None:
         """Allocates what only an implicit step needs."""
         self.A, self.stiff = self._fields.real(self.elements.count, 3), True
+        self.over = self._fields.real(1, data=np.zeros(1))
         if self.damps:
             self.way = self._fields.real(self.elements.count, 9)
         if self.remembers:
             self.hysteresis.build_stiffness(self._fields)
+
+    def damp_over(self, c: float) -> None:
+        """See `Force`."""
+        write(self.over, np.array([c], dtype=self.model.exchange))
 
     def accept(self, h: float) -> bool:
         """Sliders follow the curvatures."""
@@ -131,24 +137,29 @@ class CurvatureBend(ElementForce):
             self.model.blocks.add(q, self.elements.vertices[e][a], value, lo, hi)
 
     @ti.func
-    def along(self, q, u):
-        """Rows of u, their parts along the rows of q."""
+    def along(self, q, u, over):
+        """Rows of u, their parts along the rows of q; where `over` is a span, mean parts over it up to q."""
         out = u
         for m in ti.static(range(3)):
-            n = unit(ti.Vector([q[m, 0], q[m, 1], q[m, 2]]))
+            row = ti.Vector([q[m, 0], q[m, 1], q[m, 2]])
+            n = unit(row)
             part = n[0] * u[m, 0] + n[1] * u[m, 1] + n[2] * u[m, 2]
+            if over > 0:
+                moved = ti.Vector([u[m, 0], u[m, 1], u[m, 2]])
+                before = row - over * moved
+                part = moved.dot(row + before) / ti.max(row.norm() + before.norm(), TINY)
             for c in ti.static(range(3)):
                 out[m, c] = part * n[c]
         return out
 
     @ti.func
-    def pull(self, e, q):
+    def pull(self, e, q, over):
         """Minus the force on second derivatives that are q: of stretch and of damping."""
         out = q
         for m, c in ti.static(ti.ndrange(3, 3)):
             out[m, c] = self.factor[e][m] * q[m, c]
         if ti.static(self.damps):
-            u = self.along(q, self.second(e, self.model.v))
+            u = self.along(q, self.second(e, self.model.v), over)
             for m, c in ti.static(ti.ndrange(3, 3)):
                 out[m, c] += self.factor[e][3 + m] * u[m, c]
         return out
@@ -159,7 +170,7 @@ class CurvatureBend(ElementForce):
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
             q = self.second(e, self.model.x)
-            r = self.pull(e, q)
+            r = self.pull(e, q, 0.0)
             if ti.static(self.remembers):
                 r += self.hysteresis.add_force(e, q, f, lo, hi)
             self.scatter(e, -r, f, lo, hi)
@@ -170,7 +181,9 @@ class CurvatureBend(ElementForce):
         """Energy [J] in column `base`, then dissipated power / 2 and the rate at which the energy grows [W]. With
         `linearizes`, the linear system too."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
-        sums = ti.Vector.zero(dtype, 3)
+        sums, over = ti.Vector.zero(dtype, 3), 0.0
+        if ti.static(self.stiff):
+            over = self.over[0]
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
             q = self.second(e, self.model.x)
             if self.elements.primary[e] == 1:
@@ -183,12 +196,14 @@ class CurvatureBend(ElementForce):
                     sums[0] += energy
                     sums[2] += rate
                 if ti.static(self.damps):
-                    u = self.along(q, moved)
+                    u = self.along(q, moved, over)
                     for m, d in ti.static(ti.ndrange(3, 3)):
                         sums[1] += 0.5 * self.factor[e][3 + m] * u[m, d] ** 2
+                        if over > 0:
+                            sums[2] += self.factor[e][3 + m] * u[m, d] * (moved[m, d] - u[m, d])
             if ti.static(self.stiff):
                 if linearizes == 1:
-                    self.linearize(e, moves, c, q, to, lo, hi)
+                    self.linearize(e, moves, c, over, q, to, lo, hi)
         if ti.static(self.stiff):
             if linearizes == 1:
                 for e in range(self.elements.first[block], self.elements.first[block + 1]):
@@ -198,9 +213,9 @@ class CurvatureBend(ElementForce):
         report[block, base + 2] = sums[2]
 
     @ti.func
-    def linearize(self, e, moves, c, q, to: ti.template(), lo, hi):
-        """b += c (f + K motion); keeps the factors of -c D - c^2 K."""
-        r, moved = self.pull(e, q), q * 0
+    def linearize(self, e, moves, c, over, q, to: ti.template(), lo, hi):
+        """b += c (f + K motion); keeps the factors of -c D - c^2 K. Of damping as an energy nothing negative is in them."""
+        r, moved = self.pull(e, q, over), q * 0
         if moves == 1:
             moved = self.second(e, to.motion)
             for m, d in ti.static(ti.ndrange(3, 3)):
@@ -212,7 +227,14 @@ class CurvatureBend(ElementForce):
             self.A[e][m] = c * c * self.factor[e][m]
         if ti.static(self.damps):
             for m in ti.static(range(3)):
-                way = ti.sqrt(c * self.factor[e][3 + m]) * unit(ti.Vector([q[m, 0], q[m, 1], q[m, 2]]))
+                row, k_d = ti.Vector([q[m, 0], q[m, 1], q[m, 2]]), self.factor[e][3 + m]
+                if over > 0:
+                    u = self.second(e, self.model.v)
+                    before = row - over * ti.Vector([u[m, 0], u[m, 1], u[m, 2]])
+                    left = ti.min(before.norm() / ti.max(row.norm(), TINY), 1.0)  # |C_0|/|C|
+                    self.A[e][m] += c * k_d * (1 - left)
+                    k_d *= left
+                way = ti.sqrt(c * k_d) * unit(row)
                 for d in ti.static(range(3)):
                     self.way[e][3 * m + d] = way[d]
 

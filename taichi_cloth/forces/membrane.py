@@ -1,7 +1,8 @@
 """Stretch and shear of a triangle: conditions of (w_u, w_v), so three 3x3 blocks an element are all there is.
 
 Differs from [BW98 §4.2, §4.5]: energy is area k/2 C^2 (see fabric); damping is weighted by area like its
-stiffness; its derivative by position and the term C_dot ddC are left out of the matrix.
+stiffness. Of a first solve its derivative by position and the term C_dot ddC are left out of the matrix; in further ones
+damping is an energy, k_d/(2 c) (C - C_0)^2, and its matrix is all of this energy's.
 """
 
 from typing import Any
@@ -100,21 +101,21 @@ class Membrane(TriangleForce):
     def build_stiffness(self) -> None:
         """Allocates what only an implicit step needs."""
         self.A, self.stiff = self._fields.real(self.elements.count, 21), True
-        self.way = self._fields.real(2, data=np.zeros(2))  # span that damping is taken over [s]; 1 where K is whole
+        self.way: Any = self._fields.real(2, data=np.zeros(2))  # span that damping is taken over [s]; 1 where K is whole
 
     def damp_over(self, c: float) -> None:
-        """See `Force`."""
+        """See `Force`; from here on negative eigenvalues are in the matrix too."""
         self._over = c
         self._set_way()
 
     def leave_out(self, part: bool) -> None:
-        """Negative eigenvalues; they are in the matrix only where damping is an energy, as at a step's start they never are."""
+        """Negative eigenvalues. They are in the matrix only where damping is an energy, so never in a step's first solve."""
         self._whole = not part
         self._set_way()
 
     def _set_way(self) -> None:
-        way = np.array([self._over, self._whole and self._over > 0], dtype=self.model.exchange)
-        write(self.way, way)
+        whole = self._whole and self._over > 0
+        write(self.way, np.array([self._over, whole], dtype=self.model.exchange))
 
     def geometry(self) -> dict[str, np.ndarray]:
         """Limits of triangles, in the order of their cloths, where there are any: b_u, b_v, L_u, L_v and L of shear."""

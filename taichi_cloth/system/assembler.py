@@ -44,6 +44,11 @@ class Measures:
     used: float = 0.0
 
     @property
+    def air(self) -> float:
+        """The part of the dissipation that is not the cloth's own [W]."""
+        return self.dissipation - self.damped
+
+    @property
     def potential(self) -> float:
         """Energy of everything but motion [J]."""
         return sum(e for name, e in self.energies.items() if name != "kinetic")
@@ -93,8 +98,8 @@ class Assembler:
         """The model's current state, against its saved one.
 
         Args:
-            over: span [s] of a step over which damping is an energy, see `Force.damp_over`: c R is this energy, `damped` half of
-                what it takes over the span, and what its force takes beyond goes with `rate`.
+            over: span [s] of a step over which damping is an energy, see `Force.damp_over`. Then over R is this energy, `damped`
+                half of k_d ((C - C_0)/over)^2, and what damping takes beyond by velocities at the end is part of `rate`.
         """
         return self._look(0, 0, 0.0, over)
 

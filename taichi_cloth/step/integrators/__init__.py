@@ -53,11 +53,11 @@ def build(name: str, fields: Fields, model: ParticleState, forces: list, meter: 
 
     system = System(fields, model, meter.operator, forces, meter, options, runtime, scene, contacts)
     if name in ("backward_euler", "newton_euler"):
-        from ..nonlinear.effort import Effort
+        from ..nonlinear.effort import FURTHER, PRELIMINARY, Effort
         from .backward_euler import BackwardEuler
 
-        tol = options.cg_tol or CG_TOL
-        exact = Effort(options.newton_tol or NEWTON_TOL, 0.0, tol, tol) if name == "newton_euler" else None
+        first, others = (PRELIMINARY, FURTHER) if contacts is None else (CG_TOL, CG_TOL)  # on which contacts' states depend
+        exact = Effort(options.newton_tol or NEWTON_TOL, 0.0, first, others, CG_TOL) if name == "newton_euler" else None
         return BackwardEuler(system, options, exact)
     from .tr_bdf2 import TRBDF2
 

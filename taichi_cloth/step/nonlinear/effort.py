@@ -1,12 +1,17 @@
-"""How far Newton's method is worth going, and whether it has gone so far."""
+"""How far Newton's method is worth going, and whether it has gone so far; how exact each of its solves needs to be."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from ...options import CG_TOL
+
 CALM = 1e-4  # m/s: a correction of velocities that is too small for another iteration
 PART = 0.5  # part of the first correction that may be left to do
-FIRST, OTHERS = 0.03, 0.1  # relative residuals of solves: they need not be more exact than the linearization
+FIRST, OTHERS = 0.03, 0.1  # relative residuals of a stage's solves: they need not be more exact than the linearization
+PRELIMINARY, FURTHER = 0.01, 0.03  # of backward Euler's where others follow: of the first, of others
+LEAVES = 0.01  # part of the largest imbalance of forces that the last solve of such a step may leave
+SURE = 0.9  # times the square of what the imbalance of forces fell by: a solve need be no more exact [Eisenstat, Walker 1996]
 
 
 @dataclass(frozen=True)
@@ -17,12 +22,61 @@ class Effort:
         moved: RMS of the last change of position [m] that is small enough.
         part: or part of the first change that may still be to come, estimated from how fast the changes shrink.
         first, others: relative residuals of the first and of further linear solves.
+        last: to which others come down as forces come to balance; None: they do not.
     """
 
     moved: float
     part: float
     first: float
     others: float
+    last: float | None = None
+
+
+@dataclass
+class Forcing:
+    """Relative residuals that the linear solves of a backward Euler step get.
+
+    Attributes:
+        first: of (18); preliminary: of one that others are to follow.
+        further, last: of those that follow, at most and at least.
+        mending: of those that only mend energy, where contact or a limit made it grow.
+        imbalance, most: of forces before the last solve, and the largest so far; left: what that solve may have left of it.
+    """
+
+    first: float
+    preliminary: float
+    further: float
+    last: float
+    mending: float
+    imbalance: float = 0.0
+    most: float = 0.0
+    left: float = 0.0
+
+    @classmethod
+    def of(cls, asked: float | None, effort: Effort | None) -> "Forcing":
+        """Those of a step: `cg_tol` where that was asked for, else by its effort; None is a step of single solves."""
+        if effort is not None:
+            first, further = asked or effort.first, asked or effort.others
+            return cls(first, max(first, PRELIMINARY), further, asked or effort.last or further, further)
+        first = asked or CG_TOL
+        return cls(first, max(first, PRELIMINARY), first, first, max(first, FURTHER) if first >= CG_TOL else first)
+
+    @property
+    def follows(self) -> bool:
+        """Whether further ones follow how forces come to balance."""
+        return self.last < self.further
+
+    def next(self, imbalance: float) -> float:
+        """Relative residual of the solve that follows, at such an imbalance of forces."""
+        tolerance = self.first
+        if self.imbalance > 0:
+            tolerance = min(self.further, max(self.last, SURE * (imbalance / self.imbalance) ** 2))
+        self.imbalance, self.most, self.left = imbalance, max(self.most, imbalance), tolerance * imbalance
+        return tolerance
+
+    def enough(self) -> bool:
+        """Whether the last solve was exact enough to be a step's last."""
+        return self.left <= LEAVES * self.most
 
 
 @dataclass

@@ -15,20 +15,17 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from ...backend.timing import Clock
-from ...options import CG_TOL
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
 from ...system.held import Held
 from ..attempt import ENERGY, NEWTON
 from ..ledger import STILL, Ledger
 from .brake import MOST
-from .effort import Changes, Effort
+from .effort import Changes, Effort, Forcing
 from .energy import LIGHT, EnergyTest
 from .newton import Outcome, StepProblem, minimize, phi
 from .system import System
 
-PRELIMINARY = 0.01  # relative residual of solves that others are to follow
-FURTHER = 0.03  # relative residual of further solves that mend energy, where no more is asked for than is usual
 PATIENCE = 5  # of them without one that goes all of its way
 BEARABLE = 0.2  # part unaccounted for with which a step is better than a smaller one
 LOOSE = 0.1  # part of what a step's energy went through that may be unaccounted for where something may rip, or gas works,
@@ -53,7 +50,8 @@ class EulerStep(StepProblem):
                  clock: Clock, solutions: list[Solution]) -> None:
         super().__init__(system, h, held, start, clock, solutions)
         self.energy, self.effort, self.start = energy, effort, start
-        self.cg_tol = system.options.cg_tol or (CG_TOL if effort is None else effort.first)
+        self.forcing = Forcing.of(system.options.cg_tol, effort)
+        self.cg_tol = self.forcing.first
         self.changes = Changes()
         self.settled = False  # whether the last Newton step was a full one, and small enough
         self.ended: tuple[Measures, Ledger] | None = None  # the first one's, with its energy right
@@ -78,7 +76,9 @@ class EulerStep(StepProblem):
             warm = len(self.solutions) > 0
             if system.base is not None and warm:
                 system.add_guess(-1.0)
-            tolerance = max(self.cg_tol, PRELIMINARY) if preliminary else self.cg_tol
+            tolerance = self.forcing.preliminary if preliminary else self.forcing.first
+            if self.forcing.follows:
+                self.forcing.next(system.imbalance(held))
             solution = system.solve(tolerance, held, h, warm=warm, lasting=True, counts=not preliminary)
             self.solutions.append(replace(solution, preliminary=preliminary))
             if system.base is not None:
@@ -91,12 +91,13 @@ class EulerStep(StepProblem):
         """A Newton step from where the model is; what is held is where it must be, or is led there by `to_go`."""
         self.over = self.c if self.system.base is None and not self.touches else 0.0
         with self.clock.part("EVAL"):
-            self.before = self.system.linearize(self.c, over=self.over)
+            here = self.system.linearize(self.c, over=self.over)
+        if self.over > 0:
+            self.before = here
         with self.clock.part("CG"):
-            mends = self.cg_tol >= CG_TOL and (self.touches or self.before.used > 1)
-            tolerance = max(self.cg_tol, FURTHER) if mends else self.cg_tol
-            if self.effort is not None:
-                tolerance = self.system.options.cg_tol or self.effort.others
+            tolerance = self.forcing.mending if self.touches or self.before.used > 1 else self.forcing.further
+            if self.forcing.follows:
+                tolerance = self.forcing.next(self.system.imbalance(self.held))
             leads = self.to_go is not None
             fresh = leads or self.system.base is None  # else a little further: what was made for the first solve will do
             self.solutions.append(self.system.solve(tolerance, self.held, self.c if leads else 0.0, self.to_go, fresh=fresh,
@@ -127,7 +128,7 @@ class EulerStep(StepProblem):
         """See `StepProblem`. The first step needs the right energy, or less Phi than standing still."""
         if k:
             small = self.system.base is not None and self.c * self.system.rms_change() < self.changes.first / 2
-            return small or self.decreases(measures)
+            return small or self.decreases(measures, self.lags(measures))
         if not measures.finite:
             return True  # nothing to shorten: the step ends there, by name
         if part == 1:
@@ -142,13 +143,18 @@ class EulerStep(StepProblem):
         whole = self.ended is not None or self.system.leads or self.system.base is not None
         return whole or phi(measures, self.c) <= self.level
 
+    def lags(self, measures: Measures) -> float:
+        """What Phi may grow by [J] where the air's R changes with x, which its force rightly knows nothing of."""
+        return self.c * abs(measures.air - self.before.air) if self.over > 0 else 0.0
+
     def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
         """See `StepProblem`."""
         if self.ended is not None:
             return Outcome(None, "", *self.ended)
         if self.effort is not None:
             self.changes.add(self.c * self.system.rms_change() * part)
-        self.settled = k > 0 and part == 1 and (self.effort is None or self.changes.enough(self.effort))
+        small = self.effort is None or (self.changes.enough(self.effort) and self.forcing.enough())
+        self.settled = k > 0 and part == 1 and small
         if not self.settled:
             return self.resort() if self.resort is not None and k == PATIENCE else None
         last = self.effort is not None or len(self.solutions) > self.system.options.newton_max

@@ -118,6 +118,13 @@ class System:
         self._leave_out(False)
         return self.meter.linearize(c, moves, over)
 
+    def imbalance(self, held: Held | None) -> float:
+        """Norm of b over root masses [kg^1/2 m/s], without directions that are held: how far forces are from balance."""
+        b = read(self.operator.b).astype(np.float64)
+        if held is not None:
+            b[held.index] -= np.einsum("kij,kj->ki", held.projector, b[held.index])
+        return float(np.sqrt(np.sum(b**2 / self.model.mass[:, None])))
+
     def _leave_out(self, part: bool) -> None:
         """Whether what of forces may not be semidefinite is left out of the next linearization."""
         for force in self._indefinite if part != self._definite else ():
