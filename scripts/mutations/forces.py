@@ -22,6 +22,10 @@ CURVATURE, FIT = "taichi_cloth/forces/curvature_bend.py", "taichi_cloth/forces/c
 EXTERNAL, ELEMENTS = "taichi_cloth/forces/external.py", "taichi_cloth/system/elements.py"
 OPERATOR, MEASURE = "taichi_cloth/system/operator.py", "taichi_cloth/system/assembler.py"
 MODEL = "taichi_cloth/system/state.py"
+STEPS_DAMPING = "tests/unit/test_forces.py::test_damping_as_an_energy_of_a_step"
+BALANCE = "tests/unit/test_newton.py::test_forces_come_to_balance_and_damping_is_what_they_say"
+FORCING = "tests/unit/test_newton.py::test_solves_are_as_exact_as_forces_are_near_to_balance"
+EFFORT = "taichi_cloth/step/nonlinear/effort.py"
 EULER = "taichi_cloth/step/nonlinear/euler.py"
 BLOWN = "tests/physics/test_pressure.py::test_what_blows_up_fast_is_accounted_for"
 GAS, PUMP, ENCLOSURES = "taichi_cloth/forces/gas.py", "taichi_cloth/step/pump.py", "taichi_cloth/system/enclosures.py"
@@ -92,7 +96,7 @@ MUTATIONS = (
      "weft stretches with the warp's stiffness in the linear system"),
     (MEMBRANE, "k[K_U] * (size_u - k[B_U]), k[K_V]", "k[K_U] * (size_u - 1), k[K_V]",
      "rest stretch b_u is left out of explicit forces"),
-    (MEMBRANE, "s += k[D_S] * (v_u.dot(w_v) + v_v.dot(w_u))", "s += k[D_S] * (v_u.dot(w_v) - v_v.dot(w_u))",
+    (MEMBRANE, "unit(w_v).dot(v_v), v_u.dot(w_v) + v_v.dot(w_u)", "unit(w_v).dot(v_v), v_u.dot(w_v) - v_v.dot(w_u)",
      "shear's rate has a wrong sign in the linear system"),
     (MEMBRANE, "pull_v += k[D_V] * dot(v, dv) * per_v", "pull_v += k[D_V] * dot(v, dv)",
      "weft's damping by the stretched length"),
@@ -114,7 +118,24 @@ MUTATIONS = (
      "weft's energy with the warp's rest stretch"),
     (MEMBRANE, "sums[2] += half * k[K_S]", "sums[2] += self.area[e] * k[K_S]", "shear's energy is doubled"),
     (MEMBRANE, "sums[3] += half * (k[D_U]", "sums[3] += 0.5 * half * (k[D_U]", "the membrane's dissipation is halved"),
-    (MEMBRANE, "+ k[D_S] * (v_u.dot(w_v) + v_v.dot(w_u)) ** 2)", ")", "shear's dissipation is left out"),
+    (MEMBRANE, " + k[D_S] * r_s ** 2)", ")", "shear's dissipation is left out"),
+    (MEMBRANE, "u = v_u.dot(w_u + o_u) /", "u = 2 * v_u.dot(w_u) /", "warp's damping is no energy of a step", STEPS_DAMPING),
+    (MEMBRANE, "            s -= over * v_u.dot(v_v)\n", "", "shear's damping is no energy of a step", STEPS_DAMPING),
+    (MEMBRANE, "force_v, slope_v = force_v + k[D_V] * v, slope_v", "force_v, slope_v = force_v, slope_v",
+     "weft's damping does not turn with the cloth in the matrix", STEPS_DAMPING),
+    (MEMBRANE, "C = (k_s * C + k[D_S] * s)", "C = (k_s * C)", "nor does shear's", STEPS_DAMPING),
+    (MEMBRANE, "whole = self._whole and self._over > 0", "whole = False", "further solves are projected wherever they are",
+     STEPS_DAMPING),
+    (MEMBRANE, "+ k[D_V] * r_v * (v_dot - r_v)", "", "what weft's damping takes beyond is unaccounted for", BALANCE),
+    (BEND, "side * hinge_value(e_x - over * e_v", "side * hinge_value(e_x", "bending's damping starts where the hinge is",
+     STEPS_DAMPING),
+    (BEND, "                pull += k_d * C_dot\n", "                pull += 0.0\n", "bending's damping has no ddC",
+     STEPS_DAMPING),
+    (CURVATURE, "moved.dot(row + before)", "moved.dot(2 * row)", "damping of curvatures is no energy of a step", STEPS_DAMPING),
+    (EFFORT, "max(self.last, SURE *", "max(self.further, SURE *", "solves are as rough near to balance", FORCING),
+    (EFFORT, "self.left <= LEAVES * self.most", "True", "a rough solve is a step's last", FORCING),
+    (EULER, "        if self.over == 0:\n            return measures\n", "        return measures\n",
+     "the next step starts with the last one's mean powers", BALANCE),
     (MEMBRANE, "report[block, base + 2 * self.stretches + self.shears + 2] = largest",
      "report[block, base + 2 * self.stretches + self.shears + 2] = 1.0", "the largest stretch is not reported",
      "tests/unit/test_reference.py::test_measures_of_stretch"),
@@ -122,7 +143,7 @@ MUTATIONS = (
      "cloth that shortens in a step changes nothing", "tests/unit/test_reference.py::test_measures_of_stretch"),
     (TRIANGLE, "d_1 * inverse[1] + d_2 * inverse[3]", "d_1 * inverse[2] + d_2 * inverse[3]",
      "w_v by the inverse's wrong number"),
-    (MEMBRANE, "np.maximum(u_rows, v_rows) + s_rows", "np.maximum(u_rows, v_rows)", "stable step: shear does not count",
+    ("taichi_cloth/forces/membrane_table.py", "np.maximum(u_rows, v_rows) + s_rows", "np.maximum(u_rows, v_rows)", "stable step: shear does not count",
      RATES),
     # hinges
     (HINGE, "n_a, n_b = e.cross(a), b.cross(e)\n    return ti.atan2(n_a.cross(n_b).dot(unit(e))",

@@ -118,7 +118,7 @@ MUTATIONS = (
     (SOLVES, "if goes_on or (preliminary and not rough):", "if goes_on:", "a preliminary solve is the last one", PRELIMINARY),
     (SOLVES, "if self.solutions[-1].preliminary:", "if False:", "a step ends with a preliminary one", MENDED),
     (SOLVES, "foresight.gained = self.ended is None", "foresight.gained = True", "energy has always grown", MENDED),
-    ("taichi_cloth/step/nonlinear/euler.py", "mends = self.cg_tol >= CG_TOL and (self.touches", "mends = (self.touches",
+    ("taichi_cloth/step/nonlinear/effort.py", "max(first, FURTHER) if first >= CG_TOL else first", "max(first, FURTHER)",
      "further solves are rough whatever is asked for", FORCES),
     ("taichi_cloth/step/stepper.py", "(s for s in attempt.solutions if not s.preliminary)", "(s for s in attempt.solutions)",
      "a record tells of preliminary residuals", PRELIMINARY),

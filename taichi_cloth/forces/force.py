@@ -104,8 +104,10 @@ class Force(ABC):
         """q += what these sums put on the rows of a block, another part of (-c D - c^2 K) p."""
 
     def damp_over(self, c: float) -> None:  # noqa: B027
-        """In `evaluate` damping is from now on an energy of a step of c [s] from x - c v, k_d/(2 c) (C - C_0)^2 with C_0 there;
-        where c is 0, as at first, it is one of velocities. What has no condition C does nothing."""
+        """In `evaluate` damping is from now on an energy of a step of c [s] from x - c v: k_d/(2 c) (C - C_0)^2, C_0 there.
+
+        Where c is 0, as at first, it goes by velocities. What has no condition C does nothing.
+        """
 
     def leave_out(self, part: bool) -> None:  # noqa: B027
         """Whether what of it may not be semidefinite is left out of the matrix from the next linearization on."""

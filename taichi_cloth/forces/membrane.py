@@ -12,11 +12,11 @@ import taichi as ti
 
 from ..backend.fields import Fields
 from ..backend.rows import write
-from ..scene.fabric import pair
 from ..scene.scene import Scene
-from ..system.elements import row_sums, triangles
+from ..system.elements import triangles
 from ..system.state import Elements, ParticleState
 from .conditions import TINY, shear_stiffness, stretch_stiffness, sym_outer, sym_times, unit
+from .membrane_table import limits_of, materials_of, row_bounds, row_of
 from .stiffening import SHEAR, WARP, WEFT, Stiffening, stiffens
 from .triangle_force import TriangleForce
 
@@ -46,27 +46,27 @@ class Membrane(TriangleForce):
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str, substep: float | None = None) -> None:
         self.model, self.mode = model, mode
         cloths = [c for c in scene.cloths if any(f.stretch or f.shear for f in c.fabrics)]
-        table = np.array([_row(f) for c in cloths for f in c.fabrics])
+        table = np.array([row_of(f) for c in cloths for f in c.fabrics])
         parts = [triangles(c.mesh) for c in cloths]
         vertices = np.concatenate([model.particle[p.vertices + c.start] for p, c in zip(parts, cloths)])
         self.elements = Elements(fields, model.blocks, vertices)
         per_entry = self.elements.per_entry
         inverse = np.concatenate([p.inverse for p in parts]).reshape(-1, 4)
         area = np.concatenate([p.area for p in parts])
-        material = _materials(cloths)
+        material = materials_of(cloths)
         # squared frequency [1/s^2] and damping rate [1/s] that no mode at rest exceeds, as each particle has them
         fabrics = [f for c in cloths for f in c.fabrics]
         self.stiffening: Any = Stiffening(fields, fabrics) if any(map(stiffens, fabrics)) else None
         self.stiffer = self.stiffening is not None
         self.abrupt = self.stiffening is not None and self.stiffening.limits
         if self.abrupt:
-            self.host_limit = np.array([_limits(f) for c in scene.cloths for f in c.fabrics])[_materials(scene.cloths)]
+            self.host_limit = np.array([limits_of(f) for c in scene.cloths for f in c.fabrics])[materials_of(scene.cloths)]
             self.extremes = 3
         stiffest = table.copy()
         if self.stiffening is not None:
             stiffest[:, :K_S + 1] += self.stiffening.tangent
         k = stiffest[material] * area[:, None]
-        rates = [_row_bounds(vertices, inverse, model.mass, k[:, column:column + 3]) for column in (K_U, D_U)]
+        rates = [row_bounds(vertices, inverse, model.mass, k[:, column:column + 3]) for column in (K_U, D_U)]
         self.notes: list[str] = []
         if substep is not None:
             omega2, damping = rates
@@ -76,7 +76,7 @@ class Membrane(TriangleForce):
             if (left < 1).any():
                 self.notes.append(f"for the substep asked for, {np.sum(left < 1)} of {len(left)} triangles keep but "
                                   f"{100 * left.min():.2g} % or more of their stretch and shear stiffness")
-            rates = [_row_bounds(vertices, inverse, model.mass, k[:, column:column + 3]) for column in (K_U, D_U)]
+            rates = [row_bounds(vertices, inverse, model.mass, k[:, column:column + 3]) for column in (K_U, D_U)]
         self.rates = tuple(float(r.max()) for r in rates)
         self.inverse = fields.real(self.elements.count, 4, per_entry(inverse))
         self.area = fields.real(self.elements.count, data=per_entry(area))
@@ -384,17 +384,10 @@ class Membrane(TriangleForce):
         self.store(e, uu, uv, vv, to.P, lo, hi)
 
 
-
 @ti.func
 def dot(a: ti.template(), b: ti.template()):
     """a . b of 3 vectors each, whose numbers belong to different elements."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _row(fabric) -> list[float]:
-    stretch, shear = fabric.stretch, fabric.shear
-    k, k_d, b = (pair(stretch.k), pair(stretch.k_d), pair(stretch.b)) if stretch else ((0, 0), (0, 0), (1, 1))
-    return [*k, shear.k if shear else 0, *k_d, shear.k_d if shear else 0, *b]
 
 
 @ti.func
@@ -402,25 +395,3 @@ def strayed(before, now):
     """By how much a stretch |w| / b has gone away from 1: cloth that was let go and springs back does not count."""
     past, gone = before - 1, ti.abs(now - 1)
     return ti.select(past * (now - 1) > 0, ti.max(gone - ti.abs(past), 0.0), gone)
-
-
-def _materials(cloths: list) -> np.ndarray:
-    """(m,) number of each triangle's fabric among all of the cloths'."""
-    first = np.cumsum([0] + [len(c.fabrics) for c in cloths])
-    return np.concatenate([c.fabric_of + k for c, k in zip(cloths, first)])
-
-
-def _limits(fabric) -> list[float]:
-    """b_u, b_v, L_u, L_v and L of shear; NaN where there is none."""
-    stretch, shear = fabric.stretch, fabric.shear
-    limit = pair(stretch.limit) if stretch and stretch.limit is not None else (np.nan, np.nan)
-    return [*(pair(stretch.b) if stretch else (1.0, 1.0)), *limit, shear.limit if shear and shear.limit else np.nan]
-
-
-def _row_bounds(vertices: np.ndarray, inverse: np.ndarray, mass: np.ndarray, k: np.ndarray) -> np.ndarray:
-    """(n,), the largest of which bounds the eigenvalues of M^-1 K in the plane of flat cloth, for k (m, 3) of warp, weft and
-    shear times the areas: these two pull at right angles."""
-    u, v = (np.column_stack([-inverse[:, a] - inverse[:, a + 2], inverse[:, a], inverse[:, a + 2]]) for a in (0, 1))
-    u_rows, v_rows, s_rows = (row_sums(vertices, factor[:, None, None] * np.abs(np.einsum("ei,ej->eij", p, p)), mass)
-                              for p, factor in zip((u, v, np.hypot(u, v)), k.T))
-    return np.maximum(u_rows, v_rows) + s_rows

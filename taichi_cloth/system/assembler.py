@@ -98,8 +98,8 @@ class Assembler:
         """The model's current state, against its saved one.
 
         Args:
-            over: span [s] of a step over which damping is an energy, see `Force.damp_over`. Then over R is this energy, `damped`
-                half of k_d ((C - C_0)/over)^2, and what damping takes beyond by velocities at the end is part of `rate`.
+            over: span [s] of a step over which damping is an energy, see `Force.damp_over`. Then R times it is this energy,
+                `damped` half of k_d ((C - C_0)/over)^2, and what damping's force takes beyond is part of `rate`.
         """
         return self._look(0, 0, 0.0, over)
 

@@ -113,6 +113,52 @@ def test_damping_against_differences(rng, part, air):
     assert np.sum(p * D_p) < 0  # dissipates
 
 
+@pytest.mark.parametrize("part, K", [("stretch", "projected"), ("shear", "projected"), ("limit", "projected"),
+                                     ("curve", "projected"), ("bend", "paper"), ("friction", "paper"),
+                                     ("curvature", "projected")])
+@pytest.mark.slow
+def test_damping_as_an_energy_of_a_step(rng, part, K):
+    """Along x + c eps p, v + eps p the step's b is minus the gradient of Phi, and A is minus b's derivative; where curvatures
+    are damped A is no less."""
+    sim, x, v = simulation(rng, part, K)
+    c, p, meter, system = 0.02, rng.normal(size=x.shape), sim.meter, sim.integrator.system
+    sim._linearized = lambda h: system  # as it is
+    sim.model.save()
+
+    def look(eps):
+        sim.model.write(x + c * eps * p, v + eps * p)
+        system.linearize(c, over=c)
+
+    def imbalance(eps):
+        look(eps)
+        return sim.model.to_user(read(system.operator.b))
+
+    def phi(eps):
+        look(eps)
+        measures = meter.measure(over=c)
+        return measures.change + measures.potential + c * measures.dissipation
+
+    downhill = np.sum(imbalance(0.0) * p)
+    power = np.abs(imbalance(0.0) * p).sum()
+    assert ladder(-downhill, phi, power) < 1e-7
+    apart = meter.measure().dissipation - meter.measure(over=c).dissipation
+    assert abs(apart) > 1e-3 * meter.measure().dissipation or part == "friction"
+    look(0.0)
+    A_p = sim.product(p, c)
+    if part != "curvature":
+        assert ladder(-A_p, imbalance, np.abs(A_p).max()) < 1e-7
+    else:
+        slope = (imbalance(1e-6) - imbalance(-1e-6)) / 2e-6
+        assert np.sum(p * A_p) >= -np.sum(p * slope)
+    if K == "projected":
+        look(0.0)
+        system._leave_out(True)
+        meter.linearize(c, False, c)
+        n = 3 * len(x)
+        dense = np.stack([sim.product(e.reshape(-1, 3), c).ravel() for e in np.eye(n)])
+        assert np.linalg.eigvalsh(dense).min() > 0 and np.sum(p * sim.product(p, c)) >= np.sum(p * A_p) * (1 - 1e-12)
+
+
 @pytest.mark.parametrize("part", PARTS)
 def test_internal_forces_keep_both_momenta(rng, part):
     sim, x, v = simulation(rng, part)
