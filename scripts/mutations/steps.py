@@ -101,7 +101,7 @@ MUTATIONS = (
     (HYSTERESIS, "sign * ti.max(sign * back, stays)", "back", "all of a crease goes", CREASES),
     (HYSTERESIS, "friction * length / (SLIP * arc), (1 - own)", "friction * length / (SLIP * arc), own",
      "what yields and what does not are swapped", CREASES),
-    ("taichi_cloth/forces/bend.py", "sums[2] += torque * self.turning(e, g_e, g_a, g_b)", "sums[2] += 0 * torque",
+    ("taichi_cloth/forces/bend.py", "sums[2] += torque * turning", "sums[2] += 0 * torque",
      "what creases take is the method's", CREASES),
     ("taichi_cloth/solver/multilevel.py", "D = self.forces[k].add_level_block(n, c, D, self)",
      "self.forces[k].add_level_block(n, c, D, self)", "levels know of masses only", "tests/unit/test_own_force.py"),

@@ -17,7 +17,7 @@ from ..system.elements import flat_turns, hinges_of, row_sums, seam_hinges
 from ..system.state import Elements, ParticleState
 from .conditions import sym, sym_outer, sym_scaled_identity
 from .force import Force
-from .hinge import hinge_condition, hinge_condition_change, hinge_value, turned_by
+from .hinge import hinge_condition, hinge_condition_change, turned_by
 from .hinge_rest import creased, rest_of, seam_rest
 
 
@@ -76,13 +76,22 @@ class Bend(Force):
     def build_stiffness(self) -> None:
         """Allocates what only an implicit step needs."""
         self.g, self.stiff = self._fields.real(self.elements.count, 9), True
-        self.over = self._fields.real(1, data=np.zeros(1))
+        self.over, self.before = self._fields.real(1, data=np.zeros(1)), self._fields.real(self.elements.count)
         if self.exact:
             self.hessian = self._fields.real(self.elements.count, 81)
 
     def damp_over(self, c: float) -> None:
         """See `Force`."""
+        if c > 0 and self.damps:
+            self._keep_before()
         write(self.over, np.array([c], dtype=self.model.exchange))
+
+    @ti.kernel
+    def _keep_before(self):
+        """C of the saved state."""
+        for e in range(self.elements.first[self.model.blocks.count]):
+            e_x, a_x, b_x = self.arms(e, self.model.x_saved)
+            self.before[e] = self.condition(e, e_x, a_x, b_x)[0]
 
     @ti.func
     def arms(self, e, q: ti.template()):
@@ -103,6 +112,11 @@ class Bend(Force):
     def turned(self, e):
         """C and dC as the hinge lies, whichever way it was creased."""
         e_x, a_x, b_x = self.arms(e, self.model.x)
+        return self.condition(e, e_x, a_x, b_x)
+
+    @ti.func
+    def condition(self, e, e_x, a_x, b_x):
+        """C and dC with this edge and these arms."""
         way = 1.0
         if ti.static(self.remembers):
             way = self.hysteresis.way(e)
@@ -126,17 +140,6 @@ class Bend(Force):
         """C_dot, from dC."""
         e_v, a_v, b_v = self.arms(e, self.model.v)
         return g_e.dot(e_v) + g_a.dot(a_v) + g_b.dot(b_v)
-
-    @ti.func
-    def mean_turning(self, e, C, side, over):
-        """(C - C_0)/over, C_0 where the velocities came from in that time."""
-        e_x, a_x, b_x = self.arms(e, self.model.x)
-        e_v, a_v, b_v = self.arms(e, self.model.v)
-        way = 1.0
-        if ti.static(self.remembers):
-            way = self.hysteresis.way(e)
-        return turned_by(C, side * hinge_value(e_x - over * e_v, a_x - over * a_v, b_x - over * b_v, self.rest[e][2],
-                                               self.rest[e][3], way)) / over
 
     @ti.func
     def slid(self, e, C):
@@ -183,7 +186,7 @@ class Bend(Force):
             turning = self.turning(e, g_e, g_a, g_b)
             if ti.static(self.stiff and self.damps):
                 if over > 0:
-                    C_dot = self.mean_turning(e, C, side, over)
+                    C_dot = turned_by(C, side * self.before[e]) / over
             if self.elements.primary[e] == 1:
                 sums[0] += 0.5 * self.rest[e][0] * C * C
                 sums[1] += 0.5 * self.rest[e][1] * C_dot * C_dot

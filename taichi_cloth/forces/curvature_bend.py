@@ -97,13 +97,23 @@ class CurvatureBend(ElementForce):
         self.A, self.stiff = self._fields.real(self.elements.count, 3), True
         self.over = self._fields.real(1, data=np.zeros(1))
         if self.damps:
-            self.way = self._fields.real(self.elements.count, 9)
+            self.way, self.before = self._fields.real(self.elements.count, 9), self._fields.real(self.elements.count, 3)
         if self.remembers:
             self.hysteresis.build_stiffness(self._fields)
 
     def damp_over(self, c: float) -> None:
         """See `Force`."""
+        if c > 0 and self.damps:
+            self._keep_before()
         write(self.over, np.array([c], dtype=self.model.exchange))
+
+    @ti.kernel
+    def _keep_before(self):
+        """|x_ab| of the saved state."""
+        for e in range(self.elements.first[self.model.blocks.count]):
+            q = self.second(e, self.model.x_saved)
+            for m in ti.static(range(3)):
+                self.before[e][m] = ti.Vector([q[m, 0], q[m, 1], q[m, 2]]).norm()
 
     def accept(self, h: float) -> bool:
         """Sliders follow the curvatures."""
@@ -137,17 +147,16 @@ class CurvatureBend(ElementForce):
             self.model.blocks.add(q, self.elements.vertices[e][a], value, lo, hi)
 
     @ti.func
-    def along(self, q, u, over):
-        """Rows of u, their parts along the rows of q; where `over` is a span, mean parts over it up to q."""
+    def along(self, e, q, u, over):
+        """Rows of u, their parts along the rows of q; where `over` is a span, what these grew by in it instead."""
         out = u
         for m in ti.static(range(3)):
             row = ti.Vector([q[m, 0], q[m, 1], q[m, 2]])
             n = unit(row)
             part = n[0] * u[m, 0] + n[1] * u[m, 1] + n[2] * u[m, 2]
-            if over > 0:
-                moved = ti.Vector([u[m, 0], u[m, 1], u[m, 2]])
-                before = row - over * moved
-                part = moved.dot(row + before) / ti.max(row.norm() + before.norm(), TINY)
+            if ti.static(self.stiff):
+                if over > 0:
+                    part = (row.norm() - self.before[e][m]) / over
             for c in ti.static(range(3)):
                 out[m, c] = part * n[c]
         return out
@@ -159,7 +168,7 @@ class CurvatureBend(ElementForce):
         for m, c in ti.static(ti.ndrange(3, 3)):
             out[m, c] = self.factor[e][m] * q[m, c]
         if ti.static(self.damps):
-            u = self.along(q, self.second(e, self.model.v), over)
+            u = self.along(e, q, self.second(e, self.model.v), over)
             for m, c in ti.static(ti.ndrange(3, 3)):
                 out[m, c] += self.factor[e][3 + m] * u[m, c]
         return out
@@ -196,7 +205,7 @@ class CurvatureBend(ElementForce):
                     sums[0] += energy
                     sums[2] += rate
                 if ti.static(self.damps):
-                    u = self.along(q, moved, over)
+                    u = self.along(e, q, moved, over)
                     for m, d in ti.static(ti.ndrange(3, 3)):
                         sums[1] += 0.5 * self.factor[e][3 + m] * u[m, d] ** 2
                         if over > 0:
@@ -229,9 +238,7 @@ class CurvatureBend(ElementForce):
             for m in ti.static(range(3)):
                 row, k_d = ti.Vector([q[m, 0], q[m, 1], q[m, 2]]), self.factor[e][3 + m]
                 if over > 0:
-                    u = self.second(e, self.model.v)
-                    before = row - over * ti.Vector([u[m, 0], u[m, 1], u[m, 2]])
-                    left = ti.min(before.norm() / ti.max(row.norm(), TINY), 1.0)  # |C_0|/|C|
+                    left = ti.min(self.before[e][m] / ti.max(row.norm(), TINY), 1.0)
                     self.A[e][m] += c * k_d * (1 - left)
                     k_d *= left
                 way = ti.sqrt(c * k_d) * unit(row)

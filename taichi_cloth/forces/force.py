@@ -104,7 +104,7 @@ class Force(ABC):
         """q += what these sums put on the rows of a block, another part of (-c D - c^2 K) p."""
 
     def damp_over(self, c: float) -> None:  # noqa: B027
-        """In `evaluate` damping is from now on an energy of a step of c [s] from x - c v: k_d/(2 c) (C - C_0)^2, C_0 there.
+        """In `evaluate` damping is from now on an energy of a step of c [s]: k_d/(2 c) (C - C_0)^2, C_0 of the saved state.
 
         Where c is 0, as at first, it goes by velocities. What has no condition C does nothing.
         """

@@ -98,17 +98,6 @@ def hinge_condition(e, a, b, theta_0, floor2, way):
 
 
 @ti.func
-def hinge_value(e, a, b, theta_0, floor2, way):
-    """C alone."""
-    C = turn(hinge_angle(e, a, b) - theta_0)
-    n_a, n_b = e.cross(a).norm(), b.cross(e).norm()
-    floor = ti.sqrt(floor2)
-    if ti.abs(C) > KNEE or ti.min(n_a, n_b) < floor:
-        C = crest(C, way)[0] * fade(n_a / floor)[0] * fade(n_b / floor)[0]
-    return C
-
-
-@ti.func
 def turned_by(C, before):
     """C - C_0 the short way round: a fold that passes through itself goes on from where the crest levels off."""
     change, period = C - before, 2 * math.pi - CREST

@@ -127,18 +127,6 @@ class Membrane(TriangleForce):
         return unit(w_u).dot(v_u), unit(w_v).dot(v_v), v_u.dot(w_v) + v_v.dot(w_u)
 
     @ti.func
-    def mean_speeds(self, w_u, w_v, v_u, v_v, over):
-        """(C - C_0)/over, C_0 where the velocities came from in that time; C_dot where it is 0. As quotients without
-        differences, which would lose digits."""
-        u, v, s = self.speeds(w_u, w_v, v_u, v_v)
-        if over > 0:
-            o_u, o_v = w_u - over * v_u, w_v - over * v_v
-            u = v_u.dot(w_u + o_u) / ti.max(w_u.norm() + o_u.norm(), TINY)
-            v = v_v.dot(w_v + o_v) / ti.max(w_v.norm() + o_v.norm(), TINY)
-            s -= over * v_u.dot(v_v)
-        return u, v, s
-
-    @ti.func
     def gradient(self, e, w_u, w_v, u, v, s_dot):
         """Per area, minus the force on (w_u, w_v): sum of (k C + k_d C_dot) dC (7), (11), at these rates of the conditions."""
         k = self.table[self.material[e]]
@@ -217,11 +205,10 @@ class Membrane(TriangleForce):
         return uu, k[D_S] * w_v.outer_product(w_u), vv
 
     @ti.func
-    def change(self, e, u, v):
-        """By how much |w_u| = u or |w_v| = v went away from rest since the saved state."""
+    def change(self, e, u_0, v_0, u, v):
+        """By how much |w_u| = u or |w_v| = v went away from rest since they were u_0 and v_0."""
         k = self.table[self.material[e]]
-        o_u, o_v = self.spread(e, self.model.x_saved)
-        return ti.max(strayed(o_u.norm() / k[B_U], u / k[B_U]), strayed(o_v.norm() / k[B_V], v / k[B_V]))
+        return ti.max(strayed(u_0 / k[B_U], u / k[B_U]), strayed(v_0 / k[B_V], v / k[B_V]))
 
     def change_beside(self, led: np.ndarray) -> float:
         """The largest change of triangles none of whose corners are among the particles `led` (n,)."""
@@ -234,7 +221,8 @@ class Membrane(TriangleForce):
             v = self.elements.vertices[e]
             if led[v[0]] + led[v[1]] + led[v[2]] == 0:
                 w_u, w_v = self.spread(e, self.model.x)
-                ti.atomic_max(largest, self.change(e, w_u.norm(), w_v.norm()))
+                o_u, o_v = self.spread(e, self.model.x_saved)
+                ti.atomic_max(largest, self.change(e, o_u.norm(), o_v.norm(), w_u.norm(), w_v.norm()))
         return largest
 
     @ti.func
@@ -315,10 +303,15 @@ class Membrane(TriangleForce):
             k = self.table[self.material[e]]
             w_u, w_v = self.spread(e, self.model.x)
             v_u, v_v = self.spread(e, self.model.v)
-            u, v = w_u.norm(), w_v.norm()
-            r_u, r_v, r_s = self.mean_speeds(w_u, w_v, v_u, v_v, over)
+            o_u, o_v = self.spread(e, self.model.x_saved)
+            u, v, u_0, v_0 = w_u.norm(), w_v.norm(), o_u.norm(), o_v.norm()
+            u_dot, v_dot, s_dot = self.speeds(w_u, w_v, v_u, v_v)
+            r_u, r_v, r_s = u_dot, v_dot, s_dot
+            if ti.static(self.stiff and self.damps):
+                if over > 0:
+                    r_u, r_v, r_s = (u - u_0) / over, (v - v_0) / over, (w_u.dot(w_v) - o_u.dot(o_v)) / over
             largest = ti.max(largest, ti.max(u / k[B_U], v / k[B_V]))
-            change = ti.max(change, self.change(e, u, v))
+            change = ti.max(change, self.change(e, u_0, v_0, u, v))
             if ti.static(self.abrupt):
                 used = ti.max(used, self.used(e, w_u, w_v))
             if self.elements.primary[e] == 1:
@@ -345,7 +338,6 @@ class Membrane(TriangleForce):
                 if ti.static(self.damps):
                     sums[3] += half * (k[D_U] * r_u ** 2 + k[D_V] * r_v ** 2 + k[D_S] * r_s ** 2)
                     if over > 0:
-                        u_dot, v_dot, s_dot = self.speeds(w_u, w_v, v_u, v_v)
                         sums[4] += 2 * half * (k[D_U] * r_u * (u_dot - r_u) + k[D_V] * r_v * (v_dot - r_v)
                                                + k[D_S] * r_s * (s_dot - r_s))
             if ti.static(self.stiff):

@@ -123,6 +123,7 @@ def test_damping_as_an_energy_of_a_step(rng, part, K):
     sim, x, v = simulation(rng, part, K)
     c, p, meter, system = 0.02, rng.normal(size=x.shape), sim.meter, sim.integrator.system
     sim._linearized = lambda h: system  # as it is
+    sim.model.write(x - c * v, v)
     sim.model.save()
 
     def look(eps):
