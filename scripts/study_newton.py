@@ -6,11 +6,12 @@ A sheet of 1 m, held at one side, is given velocities that grow away from it, an
 start, by matrices of five kinds:
 
 - `product`: damping k_d C_dot dC, its derivative by position left out; stretch without what compression takes off K, shear
-  projected: as the operator has it.
+  projected: as the operator has it in first solves, in contact and in methods with stages.
 - `exact`: the same forces and all of their derivative; not symmetric.
 - `energy`: damping as an energy of the step, k_d/(2 h) (C - C_0)^2 with C_0 at its start, and the Hessian of all.
 - `projected`: the same, each triangle's Hessian with its negative eigenvalues set to 0.
-- `by state`: the Hessian where all of the matrix is positive definite, else projected; halved while the potential grows.
+- `by state`: the Hessian where all of the matrix is positive definite, else projected; halved while the potential grows: as
+  further solves of backward Euler without contact have it.
 
 The measure is |f - M (v - v_0)/h| in free directions over the larger of |elastic and damping force| and |weight|.
 """

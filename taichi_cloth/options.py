@@ -62,8 +62,8 @@ class Options:
         "projected", "choice", 'stiffness matrix: "projected" (positive semidefinite), "gauss_newton" or "paper" (exact)',
         "--K", choices=("projected", "gauss_newton", "paper"))
     cg_tol: float | None = _option(
-        None, "number", "relative residual of a linear solve; where None 1e-4 for backward Euler, .03 and then .1 for the "
-        "iterations of Newton's method", "--cg-tol", positive=True, most=1.0)
+        None, "number", "relative residual of a linear solve; where None 1e-4 for backward Euler, .03 and less for "
+        "'newton_euler' without contact, .03 and then .1 for the stages of others", "--cg-tol", positive=True, most=1.0)
     adaptive: bool = _option(
         True, "flag", "a step that goes bad is tried again, smaller; where False exactly the steps asked for are done",
         "--fixed-step")

@@ -8,6 +8,7 @@ Per unit area, with the energy psi = k/2 C^2, a block H is d2 psi / d(w_u, w_v)2
 | projected | + k (1 - b/|w|) (I - n n^T) where positive | positive eigenvalues of the exact block | k dC dC^T |
 | paper | exact, k (dC dC^T + C ddC) | exact | exact |
 
+In further solves of backward Euler "projected" is exact in stretch and shear where all of the matrix is positive definite.
 A collapsed direction (w = 0) has n = 0: no force, no stiffness. Eigenvalues of shear: [Kim 2020].
 """
 

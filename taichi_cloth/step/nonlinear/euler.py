@@ -6,6 +6,9 @@ work put in: the paper's cheap case. Else it is shortened until Phi is no more t
 on from there, until a full Newton step is taken and the energy is right. With `converge` it always goes on, until a
 Newton step moves the cloth by less than `newton_tol`: nonlinear backward Euler.
 
+Further steps take damping as an energy of the step, and all of its second derivative and of the membrane's where the matrix is
+positive definite: forces and Phi belong together, and Newton's method converges from far away.
+
 Differs from [BW98]: the test and what follows it; the paper accepts every solve.
 """
 

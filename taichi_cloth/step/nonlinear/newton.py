@@ -2,7 +2,8 @@
 
     Phi(v) = 1/2 (v - v_base)^T M (v - v_base) + E(x_base + c v) + c R(v) + what contact adds,
 
-R half the dissipated power. Its gradient is 0 where M (v - v_base) = c f(x_base + c v, v); with a positive semidefinite K
+R half the dissipated power; in further solves of backward Euler without contact, c R has damping as an energy of the step,
+see `Force.damp_over`. Its gradient is 0 where M (v - v_base) = c f(x_base + c v, v); with a positive semidefinite K
 each Newton step dv, (M - c D - c^2 K) dv = M (v_base - v) + c f, goes downhill on it.
 """
 
