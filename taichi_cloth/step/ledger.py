@@ -9,10 +9,10 @@ forces F_i = -dV + damping + air + held + contact + r at its stages i, r being w
 
 so that the method's own part is what its velocities and the curvature of V take in a step. What is unaccounted for is
 the work of what solves left undone, and rounding. Backward Euler has one stage, w = h, at the end: there the first part
-of `method` is 1/2 |dv|_M^2. Where its damping is an energy of the step, the force k_d (C - C_0)/h dC works by what C changed:
-damping has k_d (C - C_0)^2/h, and `method` what h C_dot is more. It also alters positions by y, which are no motion: x_1 = x_0 + h v_1 + y. Only V is altered
+of `method` is 1/2 |dv|_M^2. It also alters positions by y, which are no motion: x_1 = x_0 + h v_1 + y. Only V is altered
 with them, damping and friction go by v: y puts dV . y in, and the second part of `method` has it too, so that neither is
-negative where V is convex.
+negative where V is convex. Where damping is an energy of the step, its force k_d (C - C_0)/h dC works by what C changed:
+`damping` is k_d (C - C_0)^2/h, and `method` has by how much h C_dot is more.
 """
 
 from dataclasses import asdict, dataclass, fields, replace
