@@ -19,7 +19,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "scripts")]
 
 import numpy as np  # noqa: E402
 from laws import CASES  # noqa: E402
-from laws.case import Case, Result  # noqa: E402
+from laws.case import SETTINGS, Case, Result  # noqa: E402
 
 from taichi_cloth.errors import ClothError  # noqa: E402
 
@@ -53,10 +53,13 @@ def main() -> int:
     parser.add_argument("--meshes", type=int, default=1, help="of each case's, from the coarsest on")
     parser.add_argument("--steps", type=Fraction, nargs="+", default=[Fraction(1, 60)], help="[s], 1/60 for example")
     parser.add_argument("--threads", type=int, nargs="+", default=[1])
+    parser.add_argument("--contact-tol", type=float, help="solve steps in contact with solids to this (see docs/limits.md)")
     parser.add_argument("--out", type=pathlib.Path, help="a file for the table, beside what is printed")
     args = parser.parse_args()
     if unknown := set(args.cases) - set(CASES):
         parser.error(f"no case {', '.join(sorted(unknown))}; there are {', '.join(CASES)}")
+    if args.contact_tol is not None:
+        SETTINGS["contact_tol"] = args.contact_tol
     chosen = [CASES[name] for name in args.cases or CASES]
     results: dict[tuple, list[Result]] = {}
     for threads in args.threads:  # outermost: each number of threads starts Taichi anew

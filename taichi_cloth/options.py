@@ -85,6 +85,10 @@ class Options:
     newton_tol: float | None = _option(
         None, "number", "RMS of the last change of position [m] at which Newton's method stops; where None 1e-4 for backward "
         "Euler, and for TR-BDF2 what is left may be half of a stage's first change", "--newton-tol", "m", positive=True)
+    contact_tol: float | None = _option(
+        None, "number", "part of all that acts on cloth in contact with solids by which forces may be out of balance at the "
+        "end of a step, .03 for example: steps are solved to that, by more solves, or smaller. Where None they are accepted "
+        "after one linearization, by their energy", "--contact-tol", positive=True, most=100.0)
     tolerance: float | None = _option(
         None, "number", "RMS error of positions [m] that half a second may add, as estimated; it drives h. None takes the "
         'steps asked for. Needs "safe", "bdf2" or "tr_bdf2"', "--tolerance", "m", positive=True)

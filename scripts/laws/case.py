@@ -9,6 +9,7 @@ import taichi_cloth as tc
 
 G = 9.81  # m/s^2
 NOISE = 1e-9  # m by which starts differ
+SETTINGS: dict[str, object] = {}  # options of simulations, where these are not the usual ones
 CREEP = 1e-6  # of a solid's speed, or of 1 m/s where it rests: what sticks slips by less
 
 
@@ -88,8 +89,8 @@ def fabric(density: float = 0.2, k: float = 500.0, bend: float = 1e-6) -> tc.Fab
 
 
 def follow(scene: tc.Scene, h: float, threads: int, until: float, **options: object) -> tuple[np.ndarray, np.ndarray]:
-    """Runs with the usual settings: (times (s + 1,) [s], positions (s + 1, n, 3) [m]), the start's included."""
-    with tc.Simulation(scene, h=h, threads=threads, **options) as sim:
+    """Runs with the usual settings, or `SETTINGS`: (times (s + 1,) [s], positions (s + 1, n, 3) [m]), the start's included."""
+    with tc.Simulation(scene, h=h, threads=threads, **{**SETTINGS, **options}) as sim:
         t, x = [0.0], [np.array(sim.positions())]
         while sim.time < until - 1e-9:
             sim.step()

@@ -6,7 +6,7 @@ import numpy as np
 
 import taichi_cloth as tc
 
-from .case import G, Result, case, enter, fabric, follow, noisy
+from .case import SETTINGS, G, Result, case, enter, fabric, follow, noisy
 
 THICK = 0.005  # m
 UNTIL, FINE = 0.25, 1 / 480  # s
@@ -33,7 +33,7 @@ def falling(onto: str, cells: int, start: int) -> tuple[tc.Scene, tc.TriMesh]:
 def fallen(scene: tc.Scene, mesh: tc.TriMesh, h: float, threads: int, **options: object) -> tuple[float, float]:
     """(gravity's work on the sheet [J] by its positions, the sum of what steps leave unaccounted [J], by the log)."""
     weight = G * 0.2 * np.bincount(mesh.faces.ravel(), np.repeat(mesh.material_areas / 3, 3))
-    with tc.Simulation(scene, h=h, threads=threads, **options) as sim:
+    with tc.Simulation(scene, h=h, threads=threads, **{**SETTINGS, **options}) as sim:
         x = np.array(sim.positions())[:mesh.vertex_count]
         for _ in range(round(UNTIL / h)):
             sim.step()

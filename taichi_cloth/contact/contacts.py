@@ -92,6 +92,20 @@ class Contacts(Checkpointed):
             points = [*points, self.between] if together else [self.between, *points]
         self.crowded = not self.force.set(Points.join(points))
 
+    def take(self, rubs: Points | None, led: bool) -> bool:
+        """Points of a solve that begins at `base`: springs between layers, friction of what is pinched, pairs of edges, and
+        `rubs`. False where there are more than there is room for.
+
+        Args:
+            led: whether pairs are taken where what is held leads them, not where they are.
+        """
+        points = self.solids.take_others(self.base, led)
+        if self.sprung and self.layers is not None:
+            self.between = self.layers.points(self.base[0])
+            points = [self.between, *points]
+        self.crowded = not self.force.set(Points.join(points if rubs is None else [*points, rubs]))
+        return not self.crowded
+
     def judge(self, reaction: np.ndarray) -> Verdict:
         """What must change after a solve; `reaction` (k, 3) [N s] on the held particles, in `hold`'s order."""
         return self.solids.judge(reaction, self.base[0])

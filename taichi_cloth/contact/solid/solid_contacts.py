@@ -199,10 +199,15 @@ class SolidContacts(Checkpointed):
         a, mass, start = self.active, self.model.mass, self.start
         self.sliding = slide(a.contacts, a.states, a.slip, a.contacts.friction, mass, start, base[1],
                              among(self.accepted.key[self.accepted.stick], a.states.key))
-        rubbing = [self.sliding.points, self.pinches.rub(start, self.near.there, base[1])]
+        return [self.sliding.points, *self.take_others(base, True)]
+
+    def take_others(self, base: tuple[np.ndarray, np.ndarray], led: bool) -> list[Points]:
+        """As `take_points`, without friction of what slides on solids; not `led`, pairs are taken where they are."""
+        mass, start = self.model.mass, self.start
+        rubbing = [self.pinches.rub(start, self.near.there, base[1])]
         if self.near.pairs is None:
             return rubbing
-        to_go = self._to_go()
+        to_go = self._to_go() if led else np.zeros_like(self.near.there)
         near = self.near.pairs.moved(to_go, PAIR * self.scan.kept_by(self.near.pairs))
         self.linearized = near
         step = Step(start.h, start.h_usual, start.x, base[0], start.mean(base[1]), start.c)
@@ -308,11 +313,30 @@ class SolidContacts(Checkpointed):
         held = np.where(states.stick[:, None], F, normal[:, None] * f.normal)
         held[self.sliding.rows] += self.sliding.points.forces(moved, h)
         self.forces = replace(NO_FORCES, held=held)
+        self._record_others(reaction, moved)
+        return F, normal
+
+    def bear(self, reaction: np.ndarray, moved: np.ndarray, solved: tuple[Pairs | None, Points]) -> int:
+        """After a linear solve, which put a reaction (k, 3) on what it held and moved particles by (n, 3) [m], where cloth was
+        last looked at: how many pairs of edges want another one, nearer than they should be, or with another stiffness now.
+
+        Args:
+            solved: the pairs that it took, and their points.
+        """
+        now = self.linearized, self.pressing
+        self.linearized, self.pressing = solved
+        self._record_others(reaction, moved)
+        inside = self.penetration.inside(self.near.vertices, self.held_keys)
+        wanting = self.penetration.left(self.near, inside, self.linearized)[0] + self._bear()
+        self.linearized, self.pressing = now
+        return wanting
+
+    def _record_others(self, reaction: np.ndarray, moved: np.ndarray) -> None:
+        """Forces of what is pinched, and of pairs, in a solve that moved particles by (n, 3) [m]."""
+        h = self.start.c
         self.pinches.bear(self.active.holding.held, reaction / h, moved, h)
         if self.linearized is not None:
-            at = self.linearized.of(self.near.there)
-            self.forces = Forces(held, self.pressing.forces(moved, h), at)
-        return F, normal
+            self.forces = replace(self.forces, pairs=self.pressing.forces(moved, h), at=self.linearized.of(self.near.there))
 
     def went_in(self, reaction: np.ndarray, base: np.ndarray) -> bool:
         """Whether something ended too deep, or through, after further solves that held the same contacts; arguments as in
@@ -322,6 +346,11 @@ class SolidContacts(Checkpointed):
         inside = self.penetration.inside(self.near.vertices, self.held_keys)
         bad = self.penetration.left(self.near, inside, self.linearized)[1]
         return (bad and self.may_shrink()) or self.went_through()
+
+    def ends_deep(self) -> bool:
+        """Whether something ends too deep inside, in a step that can still be made smaller."""
+        inside = self.penetration.inside(self.near.vertices, self.held_keys)
+        return self.penetration.left(self.near, inside, self.linearized)[1] and self.may_shrink()
 
     def may_shrink(self) -> bool:
         """As `Penetration.may_shrink`."""

@@ -38,6 +38,10 @@ class BackwardEuler(Checkpointed):
         self.contacts, self.energy, self.pump = system.contacts, EnergyTest(system), Pump(system.meter)
         self.dv = system.solver.dv  # of the last solve, from which contacts predict the next step
         self.policy = self._policy()
+        if self.contacts is not None and options.contact_tol is not None:
+            from ..nonlinear.solved_contact import SolvedStep
+
+            self.policy.solved = SolvedStep  # type: ignore[attr-defined]
 
     def _policy(self) -> EulerPolicy:
         """What problems a step is made of."""

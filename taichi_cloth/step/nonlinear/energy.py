@@ -32,13 +32,14 @@ class EnergyTest:
 
     def conclude(self, h: float, held: Held | None, start: Measures, measures: Measures, most: float,
                  stiffened: float | None = None, fits: Callable[[Measures, Ledger], bool] | None = None,
-                 ) -> tuple[Measures, Ledger] | None:
+                 slack: float = 0.0) -> tuple[Measures, Ledger] | None:
         """(measures, ledger) of the step as it is, if its energy has not grown beyond work and rounding, or after what it has
         grown by was taken off velocities; None where that is too much.
 
         Args:
             most: part of the velocities that may be taken off.
             stiffened: energy [J] that layers of cloth may have been given; None: what they were.
+            slack: part of all that a step's energy goes through by which works may be off.
             fits: whether a step that has to be slowed down is good enough otherwise; it is left alone if not. None: all are.
         """
         work = self.work(h, held, start, measures)
@@ -46,6 +47,7 @@ class EnergyTest:
         if stiffened is not None:
             work = replace(work, layers=min(work.layers, stiffened))
         over = gained(start, measures, work) - max(0.0, ledger.wind) - self.system.rounding(h, start, measures)
+        over -= slack * sum(abs(value) for value in asdict(ledger).values())
         over -= SLIGHT * measures.energies.get("contact", 0.0)
         if self.contacts is not None and self.contacts.start.small:  # nothing smaller does better where cloth is pinched: how
             # it is moved out need not be paid for, and works are off by as much as forces may be

@@ -55,13 +55,13 @@ class HistoryEnergy(EnergyTest, Checkpointed):
 
     def conclude(self, h: float, held: Held | None, start: Measures, measures: Measures, most: float,
                  stiffened: float | None = None, fits: Callable[[Measures, Ledger], bool] | None = None,
-                 ) -> tuple[Measures, Ledger] | None:
+                 slack: float = 0.0) -> tuple[Measures, Ledger] | None:
         """See `EnergyTest`; `h` is c of the step."""
         base = self.base
         self.motion_1 = max(start.energies["kinetic"], measures.energies["kinetic"],
                             self.motion * math.exp(-(h if base is None else base.h) / LAPSE))
         if base is None:
-            made = super().conclude(h, held, start, measures, most, stiffened, fits)
+            made = super().conclude(h, held, start, measures, most, stiffened, fits, slack)
             if made is not None:
                 self.power_1 = np.array([getattr(made[1], name) for name in GOES_ON]) / h
                 self.debt_1 = max(0.0, self.debt + made[1].change - made[1].total - max(0.0, made[1].wind))

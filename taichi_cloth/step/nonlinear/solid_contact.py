@@ -6,12 +6,16 @@ anew from where they begin; what they add to Phi counts. Where they end too deep
 """
 
 import math
+from collections.abc import Callable
 
+from ...backend.timing import Clock
+from ...solver.pcg import Solution
 from ...system.assembler import Measures
+from ...system.held import Held
 from ..attempt import APPROACH, CONTACT
 from ..ledger import Ledger
 from .euler import EulerPolicy, EulerStep
-from .newton import Outcome
+from .newton import Outcome, StepProblem, minimize
 from .system import System
 
 ANEW = 3  # times that contacts are judged anew after further Newton steps
@@ -130,6 +134,22 @@ class SolidStep(EulerStep):
 
 
 class SolidPolicy(EulerPolicy):
-    """Steps in contact with solids."""
+    """Steps in contact with solids.
+
+    Attributes:
+        solved: problem of a step that is solved, with `contact_tol`; None without.
+    """
 
     step = SolidStep
+    solved: Callable[..., StepProblem] | None = None
+
+    def attempt(self, h: float, pins: Held | None, start: Measures, clock: Clock, solutions: list[Solution]) -> Outcome:
+        """See `EulerPolicy`. A small step that is not solved is made as without `contact_tol`."""
+        if self.solved is not None:
+            problem = self.solved(self.system, self.energy, self.effort, h, pins, start, clock, solutions)
+            made = minimize(problem, 1 + self.system.options.newton_max)
+            if made.rejection is None or not self.system.contacts.start.small:
+                return made
+            self.system.tell("some steps in contact were not solved to contact_tol, however small: they were made without it")
+            self.system.start_over()
+        return super().attempt(h, pins, start, clock, solutions)

@@ -180,8 +180,22 @@ class System:
         """(n, 3) force [N] in particle order that keeps the held directions, by the last solve."""
         force = np.zeros((self.model.n, 3))
         if self.held is not None:
-            force[self.held.index] = (self.reaction_rows() if self._kept is None else self._kept) / self.span
+            force[self.held.index] = self.reaction_rows() / self.span
         return force
+
+    def hold(self, held: Held | None, impulse: np.ndarray) -> None:
+        """What is held at the end of a step, and the impulses (n, 3) [N s] that balance it, stand for the last solve's."""
+        self.held, self._kept, self._kept_tension = held, None, None
+        if self.model.sewn is not None:
+            self._kept_tension = self.model.sewn.tension(impulse)
+        if held is not None:
+            self._kept = self.on_held(held, impulse[held.index])
+
+    def on_held(self, held: Held, impulse: np.ndarray) -> np.ndarray:
+        """(k, 3) the part of impulses (k, 3) on held particles that is along what is held; what is sewn together shares it."""
+        if self.model.sewn is not None:
+            impulse = self.model.sewn.shared(held.index, impulse)
+        return np.einsum("kij,kj->ki", held.projector.astype(np.float64), impulse)
 
     def keep_reaction(self, rows: np.ndarray, tension: np.ndarray | None) -> None:
         """Stand for the last solve's, which was not one for a state."""
@@ -192,10 +206,9 @@ class System:
         held = self.held
         if held is None:
             return np.zeros((0, 3))
-        impulse = self._of(self.solver.As, held) - self._of(self.operator.b, held)  # A dv - b
-        if self.model.sewn is not None:
-            impulse = self.model.sewn.shared(held.index, impulse)
-        return np.einsum("kij,kj->ki", held.projector.astype(np.float64), impulse)
+        if self._kept is not None:
+            return self._kept
+        return self.on_held(held, self._of(self.solver.As, held) - self._of(self.operator.b, held))  # A dv - b
 
     def tension(self) -> np.ndarray:
         """(n, 3) impulse [N s] that seams put on particles in the last solve; none in all on what is sewn together."""

@@ -1,0 +1,214 @@
+"""The contacts of a step that is solved: what solids hold from solve to solve, and how far forces are from balance.
+
+Newton's method on the whole problem: with b the impulses that the step lacks, M (v_base - v) + c f at its end, and p those of
+contacts by Coulomb's law (`coulomb`), the step is solved where b + p = 0 in every direction that is not pinned. What bears is
+held along its normal by the next linear solve, what sticks in all directions, what slides feels drag (`SolidContacts` keeps
+how). numpy only.
+
+What is inside a solid at the start, or is predicted to end there, is brought to the surface by y in the first solve. What
+enters later is led there, with the velocity that this takes.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..points import CORNERS, Points, length, rows_of, sym_times, tangential
+from .active_set import ActiveSet, States, hold_together
+from .coulomb import SMOOTH, Rows, follow, smoothed
+from .sliding import Sliding
+from .solid_contacts import Forces, SolidContacts
+from .vertices import VertexContacts
+
+EARTH = 9.81  # m/s^2: forces are compared with the weight that cloth has there, also where gravity is less
+
+
+Impulses = tuple[np.ndarray, np.ndarray]  # (k, 3) on contacts [N s], and (k,) along their normals
+
+
+@dataclass(frozen=True)
+class Residual:
+    """How far a state is from solving a step.
+
+    Attributes:
+        off: |b + p| over all that acts: weight, contact, pins, changes of momentum.
+        worst: the particle that most of it is at.
+        changed: contacts that do another thing from here on.
+    """
+
+    off: float
+    worst: int
+    changed: int = 0
+
+
+@dataclass(frozen=True)
+class Found:
+    """What contacts do by the law in a state: `Balance`'s attributes.
+
+    Attributes:
+        rubbed: whether friction is to change.
+    """
+
+    residual: Residual
+    f: VertexContacts
+    rows: Rows
+    slip: np.ndarray
+    goal: np.ndarray
+    on: np.ndarray
+    rubbed: bool
+
+
+class Balance:
+    """Of a step from the saved state, in contact with solids.
+
+    Attributes:
+        rows: what contacts do in the next solve; f: these contacts, with where they were met.
+        goal: (k,) gap [m] that each is led to; less than 0 where it starts too deep to come out in a step.
+        y: (n, 3) alterations of positions in the first solve [m].
+        on: (k, 3) impulses that the law says, of the contacts that bear in the state that was last judged.
+        k: linear solves so far; smoothed: whether the last one took friction smooth; rubbed: whether friction changed in it.
+    """
+
+    def __init__(self, solids: SolidContacts, base_v: np.ndarray) -> None:
+        self.solids, self.start, self.mass = solids, solids.start, solids.model.mass
+        self.base_v, self.y = base_v, np.zeros_like(solids.start.x)
+        self.on, self.slip, self.k = np.zeros((0, 3)), np.zeros((0, 3)), 0
+        self.smooth: tuple[float, ...] = ()  # slips still to come
+        self.smoothed = self.rubbed = False
+
+    def begin(self) -> None:
+        """What the first solve holds: as `SolidContacts.hold` chooses it; `solids.active`."""
+        self.closing = self.solids.hold()
+        a = self.solids.active
+        self.stay = np.zeros((len(a.contacts.index), 3))
+        self.f, c = a.contacts, self.start.c
+        self.goal = np.minimum(self.f.start_gap + a.lift, 0.0)
+        held = self.start.altered(a.holding.held)
+        if held is not None:
+            self.y[held.index] = held.y
+        self.held = held
+        p_n, speed = c * a.states.force, length(a.slip)
+        cone = self.f.friction * p_n
+        slides = ~a.states.stick & (cone > 0)
+        push = np.where((slides & (speed > 0))[:, None], -a.slip / np.maximum(speed, 1e-300)[:, None], 0.0)
+        stopped = cone / self.mass[self.f.index]  # slip that friction would stop
+        push[speed < stopped] = 0.0  # a drag in all directions, which never pushes backwards
+        drag = np.where(slides, cone / np.maximum(np.maximum(speed, stopped), 1e-12), 0.0)
+        self.rows = Rows(self.f.key, a.states.stick, p_n, push, drag)
+
+    def hold(self) -> None:
+        """What a further solve holds: contacts that bear, where the law leads them."""
+        rows, start = self.rows, self.start
+        f = replace(self.f, carried=self.f.carried + self.stay)
+        lift = self.goal - f.start_gap
+        holding = hold_together(f, rows.stick, lift, start.pins, self.solids.model.n, self.solids.model.exchange)
+        sewn = self.solids.model.sewn
+        held = holding.held if sewn is None else sewn.spread(holding.held, start.c)
+        if held is not None:
+            held = replace(held, y=self.y[held.index].astype(held.y.dtype))
+        self.held = held
+        states = States(f.key, rows.stick, rows.normal / start.c, rows.push)
+        self.solids.active = ActiveSet(f, states, self.slip, lift, replace(holding, held=held))
+
+    def rubs(self, v: np.ndarray) -> Points:
+        """Friction of what slides, for a solve that begins with velocities v (n, 3) [m/s]."""
+        alone = ~self.rows.stick & self.solids.active.holding.alone
+        f, rows, start = self.f.take(alone), self.rows.take(alone), self.start
+        block = rows.blocks(f.normal)
+        against = start.mean(v)[f.index] - (f.carried - start.x[f.index]) / start.h
+        push = (f.friction * rows.normal)[:, None] * rows.push - sym_times(block, against)
+        return _points(f, start.c / start.h * block, push)
+
+    def assess(self, b: np.ndarray, v: np.ndarray, taken: Impulses, needed: Impulses, enough: float) -> Found:
+        """How far the state that the model is in is from solving the step, and what contacts do next by the law.
+
+        Args:
+            b: (n, 3) impulses [N s] that the step lacks there, without friction of what slides on solids.
+            v: (n, 3) velocities there [m/s].
+            taken: what the last solve's contacts bore, as it has it: they decide what contacts do in the next.
+            needed: what they have to bear for balance where it ended: with these the step is solved sooner.
+            enough: `off` with which it is.
+        """
+        solids = self.solids
+        keep = ~solids.pinned[solids.near.vertices.index]
+        f, slip = solids.near.vertices.take(keep), solids.near.slip[keep]
+        r, rows, p, bears = self._by(needed, f, slip, b, v)
+        if r.off > enough:
+            r, rows, p, bears = self._by(taken, f, slip, b, v)
+        known, was = self.rows.of(f.key)
+        other = ~known[bears] | (was.stick[bears] != rows.stick[bears])
+        r = replace(r, changed=int(np.sum(other)) + int(np.sum(known & ~bears)))
+        rubbed = bool(((f.friction[bears] > 0) & other).any())
+        goal = _rows(self.rows.key, self.goal, f.key)[bears]
+        return Found(r, f.take(bears), rows.take(bears), slip[bears], goal, p[bears], rubbed)
+
+    def take(self, found: Found) -> None:
+        """What was found is what contacts do next."""
+        known, was = self.rows.of(found.f.key)
+        here = tangential(self.solids.near.there[found.f.index] - found.f.carried, found.f.normal)
+        self.stay = np.where(was.stick[:, None], 0.0, here)
+        self.f, self.rows, self.slip, self.goal, self.on = found.f, found.rows, found.slip, found.goal, found.on
+        self.rubbed = found.rubbed
+        self.k += 1
+
+    def _by(self, impulses: Impulses, f: VertexContacts, slip: np.ndarray, b: np.ndarray, v: np.ndarray,
+            ) -> tuple[Residual, Rows, np.ndarray, np.ndarray]:
+        """(residual, what contacts do next, what they bear, whether they do) by the law with such impulses."""
+        solids, start, n = self.solids, self.start, len(b)
+        known, was = self.rows.of(f.key)
+        held, normal, goal = (_rows(self.rows.key, values, f.key) for values in (*impulses, self.goal))
+        rows, p, bears = follow(replace(f, gap=f.gap - goal), was, slip, held, normal, self.mass[f.index], start.c)
+        total = b.copy()
+        for c in range(3):
+            total[:, c] += np.bincount(f.index, p[:, c], n)
+        if solids.model.sewn is not None:
+            total -= solids.model.sewn.tension(total)
+        acting = _norm(p) + _norm(self.mass[:, None] * (v - self.base_v))
+        acting += max(float(np.linalg.norm(solids.gravity)), EARTH) * start.c * _norm(self.mass)
+        if start.pins is not None:
+            i, P = start.pins.index, start.pins.projector.astype(np.float64)
+            by_pins = np.einsum("kij,kj->ki", P, total[i])
+            acting += _norm(by_pins)
+            total[i] -= by_pins
+        size = np.einsum("ni,ni->n", total, total)
+        return Residual(float(np.sqrt(size.sum())) / acting, int(size.argmax())), rows, p, bears
+
+    def go_on(self) -> None:
+        """A further solve follows. Where friction changed in the first one, it is smooth in the next two."""
+        if self.k == 1 and self.rubbed:
+            self.smooth = SMOOTH
+        self.smoothed = bool(self.smooth)
+        if self.smooth:
+            f, self.smooth, slip = self.f, self.smooth[1:], self.smooth[0]
+            self.rows = smoothed(f.key, f.friction * self.rows.normal, self.rows.normal, self.slip, slip)
+
+    def finish(self) -> None:
+        """The step is accepted: contacts bear what the law says."""
+        solids, start, f = self.solids, self.start, self.f
+        solids.trial = States(f.key, self.rows.stick, self.rows.normal / start.c, self.rows.push)
+        self.hold()
+        slides = ~self.rows.stick
+        across, mine = tangential(self.on, f.normal)[slides], f.take(slides)
+        points = _points(mine, np.zeros((len(across), 6)), across)
+        solids.sliding = Sliding(slides, np.full(len(slides), np.inf), points)
+        none = np.zeros((0, 3))
+        solids.forces = Forces(self.on / start.c, none, none)
+        if solids.linearized is not None:
+            solids.forces = Forces(self.on / start.c, solids.pressing.rhs / start.c, solids.linearized.of(solids.near.there))
+
+
+def _points(f: VertexContacts, block: np.ndarray, push: np.ndarray) -> Points:
+    """Points of particles in contact, with their blocks (k, 6) and right-hand sides (k, 3)."""
+    return Points(np.repeat(f.index[:, None], CORNERS, axis=1), np.tile(np.eye(CORNERS)[0], (len(f.index), 1)), block, push)
+
+
+def _rows(keys: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Values (k, ...) of sorted keys (k,) at wanted ones; 0 where there are none."""
+    row = rows_of(keys, wanted)
+    out = np.zeros((len(wanted), *values.shape[1:]))
+    out[row >= 0] = values[row[row >= 0]]
+    return out
+
+
+def _norm(values: np.ndarray) -> float:
+    return float(np.sqrt((values**2).sum()))

@@ -1,0 +1,120 @@
+"""The law of contact with solids, and the states of contacts that follow from it. numpy only.
+
+A contact bears an impulse p on its particle of mass m. Its gap g [m] at the end of the step c, and its slip u [m/s] in it, are
+those of the law where
+
+    p_n = max(0, p_n - m g/c),    p_t = (p_t - m u) min(1, mu p_n / |p_t - m u|):
+
+then nothing pulls, nothing is inside, what is apart bears nothing; what bears less than mu p_n across sticks, and what slides
+bears as much against its slip [Alart and Curnier 1991]. With the p of a linear solve on the right, the left side says what
+bears, sticks and slides in the next one. A pure active set lets one row of a cloth slip at a time: where contacts begin to
+slide or stick, Coulomb's law is taken smooth in the next solves, below a slip that shrinks (`SMOOTH`).
+"""
+
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from ..points import EYE, length, rows_of, sym_outer, tangential
+from .vertices import VertexContacts
+
+SMOOTH = (0.1, 1e-2, 1e-3)  # slip [m/s] below which friction is viscous, in three solves
+MOST = 0.999  # of the cone, by which what slides bears in the linearisation: at the cone's edge drag is without bound
+EXACT = 1e-12  # m: a gap that is none
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What contacts do in a linear solve, sorted by key; what sticks is held, what slides or is viscous feels
+
+        p_t = mu p_n d - drag (u across d),    d = 0 where it is viscous.
+
+    Attributes:
+        key: (k,) particle and solid.
+        stick: (k,) whether all directions are held.
+        normal: (k,) p_n [N s] that friction goes by.
+        push: (k, 3) d, the direction of friction on what slides; 0 elsewhere.
+        drag: (k,) [kg].
+    """
+
+    key: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    stick: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    normal: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    push: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    drag: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def take(self, which: np.ndarray) -> "Rows":
+        """Some of them."""
+        return Rows(*(getattr(self, f.name)[which] for f in fields(self)))
+
+    def of(self, key: np.ndarray) -> tuple[np.ndarray, "Rows"]:
+        """(whether each wanted key is among them, its row; 0 where it is not)."""
+        row = rows_of(self.key, key)
+        known, row = row >= 0, np.maximum(row, 0)
+        if not len(self.key):
+            k = len(key)
+            return known, Rows(key, np.zeros(k, dtype=bool), np.zeros(k), np.zeros((k, 3)), np.zeros(k))
+        old = self.take(row)
+        return known, Rows(key, old.stick & known, old.normal * known, old.push * known[:, None], old.drag * known)
+
+    @property
+    def viscous(self) -> np.ndarray:
+        """(k,) whether friction is a drag in all directions."""
+        return (self.drag > 0) & ~self.push.any(axis=1)
+
+    def blocks(self, normals: np.ndarray) -> np.ndarray:
+        """(k, 6) drag across the normals (k, 3) and d [kg]."""
+        return self.drag[:, None] * (EYE - sym_outer(normals) - sym_outer(self.push))
+
+
+def smoothed(key: np.ndarray, cone: np.ndarray, normal: np.ndarray, slip: np.ndarray, smooth: float) -> Rows:
+    """Rows by Coulomb's law with viscous friction below a slip of `smooth` [m/s].
+
+    Args:
+        cone: (k,) mu p_n [N s]; normal: (k,) p_n; slip: (k, 3) [m/s].
+    """
+    speed = length(slip)
+    slides = (speed >= smooth) & (cone > 0)
+    push = np.where(slides[:, None], -slip / np.maximum(speed, 1e-300)[:, None], 0.0)
+    return Rows(key, np.zeros(len(key), dtype=bool), normal, push, cone / np.maximum(speed, smooth))
+
+
+def borne(f: VertexContacts, was: Rows, slip: np.ndarray, held: np.ndarray) -> np.ndarray:
+    """(k, 3) tangential impulses [N s] that a linear solve took, which ended with slip (k, 3) [m/s].
+
+    Args:
+        held: (k, 3) impulses on what it held, as it has them.
+    """
+    cone = f.friction * was.normal
+    along = np.einsum("ki,ki->k", slip, was.push)
+    slid = cone[:, None] * was.push - was.drag[:, None] * (slip - along[:, None] * was.push)
+    slid *= np.minimum(1, cone / np.maximum(length(slid), 1e-300))[:, None]
+    return np.where(was.stick[:, None], tangential(held, f.normal), slid)
+
+
+def follow(f: VertexContacts, was: Rows, slip: np.ndarray, held: np.ndarray, normal: np.ndarray, mass: np.ndarray,
+           c: float) -> tuple[Rows, np.ndarray, np.ndarray]:
+    """The rule above, after a linear solve.
+
+    Args:
+        f: contacts where it ended, with their gaps; was: what they did in it; slip: (k, 3) there [m/s].
+        held: (k, 3) impulses [N s] on what it held; normal: (k,) along the normals.
+        mass: (k,) of the particles [kg].
+
+    Returns:
+        (what they do next, impulses (k, 3) that the law says, whether they bear anything).
+    """
+    gap = np.where(np.abs(f.gap) < EXACT, 0.0, f.gap)
+    p_n = np.maximum(normal - mass * gap / c, 0.0)
+    cone, rubs = f.friction * p_n, f.friction > 0
+    tau = borne(f, was, slip, held) - mass[:, None] * slip
+    size = length(tau)
+    back = was.push.any(axis=1) & (np.einsum("ki,ki->k", slip, was.push) > 0)  # friction has turned its slip round
+    slides = (size > cone * (1 + 1e-9)) & ~back
+    part = np.minimum(1, cone / np.maximum(size, 1e-300))
+    push = np.where(slides[:, None], tau / np.maximum(size, 1e-300)[:, None], 0.0)
+    edge = np.minimum(part, MOST)
+    rows = Rows(f.key, ~slides & rubs, p_n, push * rubs[:, None], np.where(slides & rubs, mass * edge / (1 - edge), 0.0))
+    across = np.where(rubs[:, None], part[:, None] * tau, 0.0)
+    bears = p_n > 0
+    return rows, np.where(bears[:, None], p_n[:, None] * f.normal + across, 0.0), bears

@@ -1,0 +1,183 @@
+"""The problem of a backward Euler step in contact with solids, solved to `contact_tol`.
+
+Newton's method on all of it: the cloth's forces, and by one rule what contacts bear, stick and slide
+(`contact.solid.balance`). The first solve is (18) [BW98 §5, §6] with the contacts that the step before ended with, and those
+that are predicted. It ends the step where that leaves forces and contacts in balance, within `contact_tol` of all that acts.
+Else Newton's method goes on, each solve from where the last one ended. A step that is not solved by then is tried smaller.
+
+Against `solid_contact`: states of contacts follow from one rule in each solve, and none waits for the next step; the balance
+is that of the step's end, not of its linearization; energy is a last guard only. Tried and left out: a line search on the
+potential with friction and depths (as many solves, more evaluations), the prediction as the first linearization's place (as
+many), friction by secants to the end (three times as many steps: it converges by .9 a solve), states by what balance needs
+instead of what the last solve took (they never settle).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...backend.rows import read
+from ...backend.timing import Clock
+from ...contact.solid.balance import Balance
+from ...solver.pcg import Solution
+from ...system.assembler import Measures
+from ...system.held import Held
+from ..attempt import APPROACH, CONTACT, ENERGY, NEWTON
+from .brake import MOST
+from .effort import Changes, Effort
+from .energy import EnergyTest
+from .newton import Outcome, StepProblem
+from .solid_contact import predict
+from .system import System
+
+FIRST, OTHERS = 1e-3, 1e-2  # relative residuals of solves: of (18), and of those that go on from where it ended
+
+
+class SolvedStep(StepProblem):
+    """`held` are the pins at first, then what the last solve held.
+
+    Attributes:
+        balance: of forces and contacts; found: what it says of the state; residual: as last judged, out of balance by no more
+            than `enough` where the step is solved.
+        lacks: (n, 3) impulses [N s] that the state lacks; taken: what contacts bore in the last solve.
+        over: span [s] over which damping is an energy; 0 where the step starts from a base.
+        pairs: of edges that want another solve.
+    """
+
+    def __init__(self, system: System, energy: EnergyTest, effort: Effort | None, h: float, held: Held | None, start: Measures,
+                 clock: Clock, solutions: list[Solution]) -> None:
+        super().__init__(system, h, held, start, clock, solutions)
+        self.energy, self.effort, self.start, self.contacts = energy, effort, start, system.contacts
+        self.enough = system.options.contact_tol or 0.0
+        self.changes, self.pairs, self.over = Changes(), 0, h if system.base is None else 0.0
+        with clock.part("C-S"):
+            predict(system, h, held, together=False)
+            self.balance = Balance(self.contacts.solids, self.contacts.start.base_v)
+
+    def solve(self, k: int) -> Outcome | None:
+        """See `StepProblem`."""
+        balance, contacts, system = self.balance, self.contacts, self.system
+        with self.clock.part("C-S"):
+            if k:
+                balance.go_on()
+                balance.hold()
+                contacts.base = system.model.read_particles()
+            else:
+                balance.begin()
+                contacts.base = contacts.start.begins
+                if balance.held is not None:
+                    contacts.base[0][balance.held.index] += balance.held.y
+            self.held = balance.held
+            crowded = not contacts.take(balance.rubs(contacts.base[1]), k == 0)
+            if k == 0:
+                system.start_over()
+        if crowded:
+            return self.refuse(CONTACT, f"more than {contacts.force.most} points of contact")
+        if k == 0 and balance.closing > contacts.solids.reach:
+            return self.refuse(APPROACH, f"{balance.closing:.3g} m in one step")
+        self.linear(k)
+        return self.unsolved()
+
+    def linear(self, k: int) -> None:
+        """Linearization and solve, from where the model is."""
+        system, h, held = self.system, self.c, self.held
+        with self.clock.part("EVAL"):
+            if k:
+                system.linearize(h, over=self.over)
+            else:
+                system.linearize_first(h, held)
+        with self.clock.part("CG"):
+            tolerance = system.options.cg_tol or (OTHERS if k else FIRST)
+            z = system.to_go(held, h) if k else None
+            warm = k == 0 and system.base is not None and len(self.solutions) > 0
+            if warm:
+                system.add_guess(-1.0)
+            self.solutions.append(system.solve(tolerance, held, h, z, warm, again=k > 0, lasting=True))
+            if k == 0 and system.base is not None:
+                system.add_guess(1.0)
+
+    def advance(self, k: int) -> float:
+        """See `StepProblem`."""
+        contacts, system = self.contacts, self.system
+        solids = contacts.solids
+        with self.clock.part("C-S"):
+            self.reaction = system.reaction_rows()
+            self.taken = solids.active.holding.forces(solids.active.contacts, self.reaction)
+            self.solved, self.began = (solids.linearized, solids.pressing), contacts.base[0]
+        with self.clock.part("EVAL"):
+            self.changes.add(self.c * system.rms_change())
+            if k:
+                system.shift(self.c, 1.0)
+            else:
+                system.place(self.c, 1.0)
+            system.settle(self.held)
+        return 1.0
+
+    def shift(self, k: int, part: float, taken: float) -> None:
+        """See `StepProblem`: never."""
+
+    def measure(self, k: int) -> Measures:
+        """See `StepProblem`; the model is linearized there too, without friction of what slides."""
+        contacts, system = self.contacts, self.system
+        solids = contacts.solids
+        with self.clock.part("C-S"):
+            solids.look()
+            contacts.base = system.model.read_particles()
+            contacts.take(None, False)
+        with self.clock.part("EVAL"):
+            measures = system.linearize(self.c, over=self.over)
+        with self.clock.part("C-S"):
+            self.lacks = read(system.operator.b).astype(float)
+            holding = solids.active.holding
+            needed = np.zeros((0, 3)) if self.held is None else system.on_held(self.held, -self.lacks[self.held.index])
+            self.found = self.balance.assess(self.lacks, contacts.base[1], self.taken, holding.forces(
+                solids.active.contacts, needed), self.enough)
+        return measures
+
+    def acceptable(self, k: int, part: float, measures: Measures) -> bool:
+        """See `StepProblem`; no other length of it was found to do better."""
+        return True
+
+    def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
+        """See `StepProblem`."""
+        smoothed, self.residual = self.balance.smoothed, self.found.residual
+        with self.clock.part("C-S"):
+            self.pairs = self.contacts.solids.bear(self.reaction, self.contacts.base[0] - self.began, self.solved)
+            self.balance.take(self.found)
+        solved = self.residual.off <= self.enough and not smoothed and not self.pairs
+        if self.effort is not None:
+            solved &= self.changes.enough(self.effort)
+        return self.finish(measures) if solved else None
+
+    def give_up(self, measures: Measures) -> Outcome:
+        """See `StepProblem`. That pairs of edges could be further apart does not keep a step from being taken."""
+        if self.pairs and self.residual.off <= self.enough:
+            return self.finish(measures)
+        r = self.residual
+        return Outcome(NEWTON, f"{len(self.solutions)} solves, {100 * r.off:.2g} % of all forces out of balance, most at "
+                       f"particle {r.worst}, {r.changed} contacts change", measures)
+
+    def finish(self, measures: Measures) -> Outcome:
+        """Whether the step passes: nothing too deep or through solids, and no energy from nowhere."""
+        contacts, system, solids = self.contacts, self.system, self.contacts.solids
+        with self.clock.part("C-S"):
+            self.balance.finish()
+            self.held = self.balance.held
+            solids.unsettled = self.residual.changed
+            deep = solids.ends_deep()
+            through = not deep and solids.went_through()
+        if deep:
+            return Outcome(CONTACT, "too deep inside", measures)
+        if through:
+            return Outcome(CONTACT, f"{contacts.crossings} crossings", measures)
+        with self.clock.part("EVAL"):
+            system.hold(self.held, -self.lacks)
+            ended = self.energy.conclude(self.c, self.held, self.start, measures, MOST, slack=self.enough)
+        if ended is None:
+            return Outcome(ENERGY, f"{len(self.solutions)} solves", measures)
+        now = system.meter.measure()
+        return Outcome(None, "", replace(ended[0], dissipation=now.dissipation, damped=now.damped, rate=now.rate), ended[1])
+
+    def refuse(self, name: str, detail: str) -> Outcome:
+        """The end of a step that contact does not allow."""
+        return Outcome(name, detail, self.system.meter.measure())
