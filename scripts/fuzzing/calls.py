@@ -62,7 +62,7 @@ TRIANGLE = "[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]"
 OPTIONS = {"h": "1/60", "arch": '"cpu"', "precision": "PRECISION", "integrator": '"safe"', "K": '"projected"',
            "cg_tol": "1e-3", "adaptive": "True", "h_min": "1e-5", "stretch_limit": "0.5", "newton_max": "8",
            "preconditioner": '"auto"', "cg_max_iterations": "1000", "threads": "1", "quiet": "True", "debug": "False",
-           "newton_tol": "1e-4", "tolerance": "None", "tangles": '"untangle"', "contact": '"repulsion"',
+           "newton_tol": "1e-4", "contact_tol": "0.1", "tolerance": "None", "tangles": '"untangle"', "contact": '"repulsion"',
            "count_intersections": "False",
            "substep": "None", "log": "100"}
 CALLS: list[tuple[str, str, dict[str, str]]] = [
@@ -177,7 +177,7 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
 SIMULATED = "; sim = tc.Simulation(scene, precision=PRECISION, threads=1)"
 STARTED = SCENE + SIMULATED
 MAY_BE_INFINITE = ("bears",)  # what never gives
-MAY_BE_NONE = ("h", "cg_tol", "h_min", "threads", "newton_tol", "tolerance", "substep")  # of the options
+MAY_BE_NONE = ("h", "cg_tol", "h_min", "threads", "newton_tol", "contact_tol", "tolerance", "substep")  # of the options
 # These start Taichi.
 RUNNING: list[tuple[str, str, dict[str, str]]] = [
     (SCENE, "tc.Simulation", {"scene": "scene", **OPTIONS}),

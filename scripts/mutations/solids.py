@@ -9,6 +9,10 @@ STICKS = f"{CONTACT}::test_what_sticks_goes_where_the_solid_goes"
 PINS = f"{CONTACT}::test_solids_hold_nothing_where_pins_do"
 FRICTION = "tests/physics/test_friction.py"
 CONE = f"{FRICTION}::test_cloth_that_drapes_keeps_to_the_cone"
+RULE, BALANCED = "taichi_cloth/contact/solid/coulomb.py", "taichi_cloth/contact/solid/balance.py"
+RULED = "tests/unit/test_coulomb.py"
+SOLVED_FRONT = "tests/physics/test_solved_contact.py::test_a_slip_front_goes_through_in_one_step"
+SOLVED_TURN = "tests/physics/test_solved_contact.py::test_law[turntable]"
 DRAGGED = f"{CONTACT}::test_what_begins_next_to_what_slides_slides"
 MENDED = f"{CONTACT}::test_rounds_are_rough_where_energy_has_asked_for_more"
 PRELIMINARY = f"{CONTACT}::test_first_solves_are_preliminary_where_others_are_to_be_expected"
@@ -358,4 +362,11 @@ MUTATIONS = (
     (FACADE, "len(self.solids.pinches.accepted.index) > 0 or layered", "layered",
      "pinched cloth alone does not count as contact", PINCHED),
     (FACADE, "bool(self.solids.pinches.where.any()) or layered", "layered", "pinched cloth alone is not met", PINCHED),
+    (RULE, "normal - mass * gap / c, 0.0)", "normal, 0.0)", "what comes near bears nothing until it is held", RULED),
+    (RULE, "part = np.minimum(1, cone / np.maximum(size, 1e-300))", "part = np.ones(len(size))",
+     "friction is not bounded by the cone", RULED),
+    (RULE, "& ~back\n", "\n", "what friction has turned round goes on sliding", RULED),
+    (BALANCED, "self.smooth = SMOOTH", "self.smooth = ()", "a slip front goes a row a solve", SOLVED_FRONT),
+    (BALANCED, "r, rows, p, bears = self._by(needed, f, slip, b, v)\n        if r.off > enough:\n    ", "",
+     "a turn within the step is friction beyond the cone", SOLVED_TURN),
 )
