@@ -39,7 +39,7 @@ class Loaded(NamedTuple):
 
 
 def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, mesh: str | Path | None = None,
-               up: str | None = None, start: float | None = None, *, clip: str | int | None = None, merge: bool = True,
+               up: str | None = None, start: float | None = None, *, clip: str | int | Sequence[str | int] | None = None, merge: bool = True,
                only: str | Sequence[str] | None = None, weld: float | None = None) -> SolidMesh:
     """A solid from a file or a sequence.
 
@@ -51,12 +51,13 @@ def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, m
             .usda, .usdc, .usdz (extra `usd`), .fbx, .abc (extra `blender`, or Blender on the PATH).
         scale: metres per unit of the file; of a file that names its unit, a factor besides.
         fps: frames a second of a sequence; the file's own where None. A point cache may have a position every few frames. A
-            scene is sampled at so many; its own number where it names one, else 30.
+            scene is sampled at so many; where None at its own number, of glTF at that of its keys or a multiple, 24 or more.
         up: the file's axis that points up, "y" or "z": of the latter (x, y, z) is (x, z, -y) here. Where None, the one that
             the file names, or y.
         start: time [s] of a sequence's first frame; where None that of the frame at which a cache says it starts, 0 of
             other files.
-        clip: the animation of a scene that has several, by name or number; the first where None.
+        clip: the animation of a scene that has several, by name or number, or a list of some that play together. Where None
+            the first, with others that move nothing that it moves.
         merge: whether parts of a scene become one surface where their vertices lie at one place in every frame; else they
             stay apart. Either way each is a group by its name, and so is each material.
         only: names of the parts of a scene that are read; all where None.
@@ -119,8 +120,9 @@ def _found(motion: Motion, x: np.ndarray, scale: float) -> str:
     """A sentence on the content of a file with a scene."""
     size = np.ptp(x[0], axis=0) * motion.unit * scale
     height = size[UP.index(motion.up) + 1]
-    others = [name for k, (name, _) in enumerate(motion.clips) if k != motion.clip]
-    clip = "" if motion.clip is None else f"clip {motion.clips[motion.clip][0]!r}, "
+    others = [name for k, (name, _) in enumerate(motion.clips) if k not in motion.taken]
+    played = " and ".join(repr(motion.clips[k][0]) for k in motion.taken)
+    clip = f"clip {played}, " if played else ""
     moves = f"{clip}{len(x):,} frames at {motion.fps:g} a second" if motion.fps and len(x) > 1 else f"{clip}nothing moves"
     parts = f"{len(motion.parts)} parts" if len(motion.parts) > 1 else f"one part, {motion.parts[0].name!r}"
     more = f"; other clips (clip=...): {', '.join(map(repr, others))}" if others else ""

@@ -11,7 +11,7 @@ from ...errors import MeshError
 from . import gltf_nodes
 from .gltf_file import COMPRESSED, File, item
 from .gltf_nodes import Nodes
-from .motion import FPS, Motion, Part, Wanted, chosen_clip, chosen_parts, distinct_names, finite, mirrors, times
+from .motion import Motion, Part, Wanted, chosen_clips, chosen_parts, distinct_names, finite, mirrors, times
 from .skin import skinned, weighed
 
 POINTS, STRIP, FAN = 3, 5, 6  # modes up to POINTS are points and lines, 4 is triangles
@@ -34,14 +34,11 @@ def read(path: Path, wanted: Wanted) -> Motion:
     parts = distinct_names([nodes.name(k) for k in meshes], "part")
     found = f"it has {len(nodes.all)} nodes and {len(clips)} animations"
     take = chosen_parts(wanted.only, parts, found)
-    number = chosen_clip(wanted.clip, names) if wanted.moves else None
-    notes, fps = [*nodes.notes], None
-    if number is not None and clips[number].span[1] > clips[number].span[0]:
-        clip, fps = clips[number], wanted.fps or FPS
-        notes += clip.notes
-        if clip.rate > 1.01 * fps and wanted.fps is None:  # rates of whole numbers are stored as times in f32
-            notes.append(f"it has up to {clip.rate:.4g} keys a second, and is sampled at {fps:g}: fps={clip.rate:.4g} takes "
-                         "all of them")
+    taken = chosen_clips(wanted.clip, names) if wanted.moves else ()
+    clip = gltf_nodes.together(clips, taken)
+    notes, fps = [*nodes.notes, *clip.notes], None
+    if clip.span[1] > clip.span[0]:
+        fps = wanted.fps or clip.fps
         nodes.pose(clip.channels, times(*clip.span, fps, _vertices(file, nodes, meshes)))
     made: list[Part] = []
     for name, k in ((name, k) for name, k, taken in zip(parts, meshes, take) if taken):
@@ -49,7 +46,7 @@ def read(path: Path, wanted: Wanted) -> Motion:
     if not made:
         raise MeshError("has no mesh: it has points and lines alone")
     lengths = tuple((name, clip.span[1] - clip.span[0]) for name, clip in zip(names, clips))
-    return Motion(made, fps, 1.0, "y", lengths, number, tuple(notes))
+    return Motion(made, fps, 1.0, "y", lengths, clip.numbers, tuple(notes))
 
 
 def _vertices(file: File, nodes: Nodes, meshes: list[int]) -> int:

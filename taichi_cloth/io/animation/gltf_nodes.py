@@ -9,6 +9,7 @@ import numpy as np
 from ...errors import MeshError
 from . import keys
 from .gltf_file import File, item
+from .motion import FPS
 
 PATHS = {"translation": 3, "rotation": 4, "scale": 3}
 Channels = dict[tuple[int, str], keys.Keys]  # by node and path
@@ -20,14 +21,16 @@ class Clip(NamedTuple):
     Attributes:
         channels: keyframes by node and path; of weights of morph targets (k, targets).
         span: times [s] of its first key and its last.
-        rate: keys a second where they are the densest.
+        fps: frames a second that take its keys, where these are evenly spaced.
         notes: sentences on what was left out.
+        numbers: of the document's animations in it.
     """
 
     channels: Channels
     span: tuple[float, float]
-    rate: float
+    fps: float
     notes: tuple[str, ...]
+    numbers: tuple[int, ...]
 
 
 class Nodes:
@@ -139,11 +142,31 @@ def clip(file: File, index: int, nodes: Nodes) -> Clip:
         sampler = item(said.samplers, channel.sampler, f"the animation of {what}: sampler")
         channels[target.node, target.path] = _keys(file, sampler, target.path, what)
     if not channels:
-        return Clip({}, (0.0, 0.0), 0.0, ())
+        return Clip({}, (0.0, 0.0), FPS, (), (index,))
     first, last = min(c.t[0] for c in channels.values()), max(c.t[-1] for c in channels.values())
-    rate = max((1 / np.diff(c.t).min() for c in channels.values() if len(c.t) > 1), default=0.0)
+    rates = [round(float(1 / np.median(np.diff(c.t))), 2) for c in channels.values() if len(c.t) > 1]  # times are in f32
+    rate = max(rates, default=FPS)
     notes = (f"animations of {', '.join(sorted(set(skipped)))} are left out",) if skipped else ()
-    return Clip(channels, (float(first), float(last)), float(rate), notes)
+    return Clip(channels, (float(first), float(last)), rate * max(1, int(np.ceil(FPS / rate))), notes, (index,))
+
+
+def together(clips: list[Clip], numbers: tuple[int, ...] | None) -> Clip:
+    """Animations that play at once; where None are named the first, and others that move nothing that is moved already.
+
+    Raises:
+        MeshError: two of those that are named move the same.
+    """
+    out = Clip({}, (0.0, 0.0), FPS, (), ())
+    for k in range(len(clips)) if numbers is None else dict.fromkeys(numbers):
+        new = clips[k]
+        if out.channels.keys() & new.channels.keys():
+            if numbers is not None:
+                raise MeshError(f"clip: numbers {out.numbers[0]} and {k} move the same parts, and cannot play together")
+            continue
+        first, last = (new.span if not out.channels else (min(out.span[0], new.span[0]), max(out.span[1], new.span[1])))
+        fps = new.fps if not out.channels else max(out.fps, new.fps)
+        out = Clip(out.channels | new.channels, (first, last), fps, out.notes + new.notes, (*out.numbers, k))
+    return out
 
 
 def _keys(file: File, sampler: Any, path: str, what: str) -> keys.Keys:

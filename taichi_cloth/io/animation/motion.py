@@ -11,7 +11,7 @@ from ... import checks
 from ...errors import MeshError, did_you_mean, shown
 from .. import npz
 
-FPS = 30.0  # frames a second at which a clip is sampled that has no rate of its own
+FPS = 24.0  # frames a second, as in films: the least at which a clip is sampled that names no rate
 
 
 class Part(NamedTuple):
@@ -38,7 +38,7 @@ class Motion(NamedTuple):
         fps: frames a second of the parts' frames; None where nothing moves.
         unit: metres of the file's unit.
         up: the axis that points up, "y" or "z".
-        clips: (name, seconds) of each animation to choose from; clip: the number of the one that was read, or None.
+        clips: (name, seconds) of each animation to choose from; taken: numbers of those that were read.
         notes: sentences on the file.
     """
 
@@ -47,7 +47,7 @@ class Motion(NamedTuple):
     unit: float
     up: str
     clips: tuple[tuple[str, float], ...]
-    clip: int | None
+    taken: tuple[int, ...]
     notes: tuple[str, ...]
 
 
@@ -55,13 +55,14 @@ class Wanted(NamedTuple):
     """Choices of the caller.
 
     Attributes:
-        clip: name or number of an animation, the first where None.
+        clip: names or numbers of animations that play together; where None the first, with others that move nothing that it
+            moves.
         fps: frames a second at which it is sampled, the file's own where None.
         only: names of the parts that are read; all where None.
         moves: whether the animation is read at all.
     """
 
-    clip: str | int | None = None
+    clip: tuple[str | int, ...] | None = None
     fps: float | None = None
     only: tuple[str, ...] | None = None
     moves: bool = True
@@ -69,8 +70,11 @@ class Wanted(NamedTuple):
 
 def wanted(clip: object, fps: object, only: object) -> Wanted:
     """The choices, checked."""
-    if clip is not None and not isinstance(clip, str):
-        clip = checks.integer("clip", clip, least=0)
+    if clip is not None:
+        several = tuple(clip) if checks.is_sequence(clip) else (clip,)
+        clip = tuple(one if isinstance(one, str) else checks.integer("clip", one, least=0) for one in several)
+        if not clip:
+            raise MeshError("clip: names no animation")
     fps = checks.maybe(fps, checks.number, "fps", positive=True)
     if only is not None:
         names = (only,) if isinstance(only, str) else tuple(only) if isinstance(only, Iterable) else ()
@@ -80,23 +84,24 @@ def wanted(clip: object, fps: object, only: object) -> Wanted:
     return Wanted(clip, fps, only)  # type: ignore[arg-type]
 
 
-def chosen_clip(clip: str | int | None, names: Sequence[str]) -> int | None:
-    """The number of the animation that is meant, None where the file has none.
+def chosen_clips(clip: tuple[str | int, ...] | None, names: Sequence[str]) -> tuple[int, ...] | None:
+    """The numbers of the animations that are meant; None where the caller leaves it to the file.
 
     Raises:
         MeshError: no such animation.
     """
     if clip is None:
-        return 0 if names else None
-    if not names:
-        raise MeshError(f"clip = {shown(clip)}: the file has no animation to choose from")
-    if isinstance(clip, str):
-        if clip not in names:
-            raise MeshError(f"clip = {shown(clip)}: no such animation; {did_you_mean(clip, names)}")
-        return list(names).index(clip)
-    if clip >= len(names):
-        raise MeshError(f"clip = {clip}: the file has {len(names)}, from 0: {', '.join(names)}")
-    return clip
+        return None
+    out = []
+    for one in clip:
+        if not names:
+            raise MeshError(f"clip = {shown(one)}: the file has no animation to choose from")
+        if isinstance(one, str) and one not in names:
+            raise MeshError(f"clip = {shown(one)}: no such animation; {did_you_mean(one, names)}")
+        if isinstance(one, int) and one >= len(names):
+            raise MeshError(f"clip = {one}: the file has {len(names)}, from 0: {', '.join(names)}")
+        out.append(list(names).index(one) if isinstance(one, str) else one)
+    return tuple(out)
 
 
 def chosen_parts(only: tuple[str, ...] | None, names: Sequence[str], found: str) -> list[bool]:
