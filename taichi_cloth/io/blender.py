@@ -12,7 +12,7 @@ import signal
 import subprocess
 import sys
 
-ABSENT = ("neither Blender's module bpy nor the program `blender` is here: pip install 'taichi-cloth[blender]' (Python 3.11 for "
+ABSENT = ("neither its module bpy nor the program `blender` is here: pip install 'taichi-cloth[blender]' (Python 3.11 for "
           "Blender 4.2 to 5.0), or the program on the PATH")
 
 

@@ -39,8 +39,8 @@ class Loaded(NamedTuple):
 
 
 def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, mesh: str | Path | None = None,
-               up: str | None = None, start: float | None = None, *, clip: str | int | Sequence[str | int] | None = None, merge: bool = True,
-               only: str | Sequence[str] | None = None, weld: float | None = None) -> SolidMesh:
+               up: str | None = None, start: float | None = None, *, clip: str | int | Sequence[str | int] | None = None,
+               merge: bool = True, only: str | Sequence[str] | None = None, weld: float | None = None) -> SolidMesh:
     """A solid from a file or a sequence.
 
     Args:

@@ -31,7 +31,10 @@ def read(path: Path, wanted: Wanted) -> Motion:
     names, clips = got["names"].tolist(), got["clips"].tolist()
     chosen_clips(wanted.clip, clips)
     take = chosen_parts(wanted.only, names, "Blender finds none in it")
-    parts = [_part(name, got) for name, taken in zip(names, take) if taken]
+    chosen = [name for name, taken in zip(names, take) if taken]
+    parts = [_part(name, got) for name in chosen if len(got[f"counts {name}"])]
+    if not parts:
+        raise MeshError(f"has no mesh: {chosen[0]!r} has no faces")
     moves = any(len(part.x) > 1 for part in parts)
     notes = () if path.suffix.lower() == ".fbx" else ("Alembic names no unit: metres are taken (scale=...)",)
     return Motion(parts, float(got["fps"]) if moves else None, 1.0, "y",
@@ -54,8 +57,6 @@ def _evaluated(path: Path, choices: str) -> dict[str, np.ndarray]:
 def _part(name: str, got: dict[str, np.ndarray]) -> Part:
     x = finite(name, got[f"x {name}"].astype(np.float64))
     counts, corners = got[f"counts {name}"].astype(np.int64), got[f"corners {name}"].astype(np.int64)
-    if not len(counts):
-        raise MeshError(f"part {name!r}: has no faces: leave it out (only=)")
     places, face = cut(x[0], corners, counts)
     if got[f"mirrored {name}"]:
         places = places[:, [0, 2, 1]]

@@ -1,6 +1,7 @@
 """Runs inside Blender: imports an FBX or Alembic file and writes its meshes, frame by frame, as arrays.
 
-Arguments: the file, the .npz to write, and a JSON object of choices: `clip` (names or numbers, or null), `fps`, `only`, `moves`.
+Arguments: the file, the .npz to write, and a JSON object of choices: `clip` (names or numbers, or null), `fps`, `only` and
+`moves`.
 Nothing of the package is imported here: the Python that runs this is Blender's.
 """
 
@@ -55,7 +56,8 @@ def play(clips, wanted) -> tuple[float, float]:
     else:
         chosen = [names.index(one) if one in names else one for one in wanted["clip"]]
         chosen = [k for k in chosen if isinstance(k, int) and k < len(clips)]
-    moved, spans = set(), []
+    moved: set[str] = set()
+    spans = []
     for k in chosen if wanted["moves"] else ():
         mine = [slot for slot in clips[k].slots if slot.identifier in owners]
         if wanted["clip"] is None and moved & {slot.identifier for slot in mine}:
@@ -74,7 +76,7 @@ def shown(frame: float):
     """(name, evaluated object, world matrix) of each mesh and instance at a frame."""
     scene = bpy.context.scene
     scene.frame_set(int(np.floor(frame)), subframe=frame - np.floor(frame))
-    seen = {}
+    seen: dict[str, int] = {}
     for instance in bpy.context.evaluated_depsgraph_get().object_instances:
         if instance.object.type == "MESH":
             name = instance.object.name

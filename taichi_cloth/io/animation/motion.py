@@ -71,7 +71,7 @@ class Wanted(NamedTuple):
 def wanted(clip: object, fps: object, only: object) -> Wanted:
     """The choices, checked."""
     if clip is not None:
-        several = tuple(clip) if checks.is_sequence(clip) else (clip,)
+        several = tuple(clip) if isinstance(clip, (list, tuple)) else (clip,)
         clip = tuple(one if isinstance(one, str) else checks.integer("clip", one, least=0) for one in several)
         if not clip:
             raise MeshError("clip: names no animation")

@@ -52,7 +52,7 @@ def joined(motion: Motion, merge: bool, weld: float | None) -> Joined:
     owner = np.zeros(x.shape[1], dtype=np.int64) if merge else np.repeat(np.arange(len(parts)), np.diff(start))
     near = ROUNDING * float(np.ptp(x[0], axis=0).max()) if weld is None else weld
     one = same_places(x, owner, near) if near else np.arange(x.shape[1])
-    faces, kept, notes = mended(faces, one, weld)
+    faces, rows_of, notes = mended(faces, one, weld)
     groups: dict[str, np.ndarray] = {}
     for part, first, last in zip(parts, rows, rows[1:]):
         groups[part.name] = np.arange(first, last)
@@ -60,10 +60,13 @@ def joined(motion: Motion, merge: bool, weld: float | None) -> Joined:
         for name, mine in part.groups.items():
             if name not in {p.name for p in parts}:  # a material with a part's name is left out, as of an OBJ
                 groups[name] = np.concatenate([groups.get(name, mine[:0]), mine + first])
-    groups = {name: np.flatnonzero(np.isin(kept, mine)) for name, mine in groups.items()}
-    uv = _texture(parts)
+    groups = {name: np.unique(rows_of[mine][rows_of[mine] >= 0]) for name, mine in groups.items()}
+    if not len(faces):
+        raise MeshError("its triangles have no area")
+    uv, there = _texture(parts), np.flatnonzero(rows_of >= 0)
+    first = there[np.unique(rows_of[there], return_index=True)[1]]
     used, faces = np.unique(faces, return_inverse=True)
-    return Joined(x[:, used % x.shape[1]], faces.reshape(-1, 3), None if uv is None else uv[kept], groups, notes)
+    return Joined(x[:, used % x.shape[1]], faces.reshape(-1, 3), None if uv is None else uv[first], groups, notes)
 
 
 def same_places(x: np.ndarray, owner: np.ndarray, near: float) -> np.ndarray:
@@ -89,27 +92,27 @@ def mended(faces: np.ndarray, one: np.ndarray, weld: float | None) -> tuple[np.n
         faces: (m, 3); one: (n,) the vertex that each is made one with.
 
     Returns:
-        (triangles (k, 3), whose vertices from n on are copies: n times the copy's number and the vertex), the rows (k,) of
-        `faces` that they are, and notes.
+        (triangles (k, 3), whose vertices from n on are copies: n times the copy's number and the vertex; the row (m,) of these
+        that each of `faces` has become, -1 for one without area; notes).
     """
     notes, n = [], len(one)
-    made = one[faces]
-    whole = (made != np.roll(made, 1, axis=1)).all(axis=1)
-    kept = np.flatnonzero(whole)
-    _, first = np.unique(np.sort(made[kept], axis=1), axis=0, return_index=True)
-    if len(first) < len(kept):
-        notes.append(f"{len(kept) - len(first):,} triangles lie on others, such as the two sides of a thin sheet: one of them "
-                     "stays")
-        kept = kept[np.sort(first)]
-    made = made[kept]
+    made, row = one[faces], np.full(len(faces), -1)
+    whole = np.flatnonzero((made != np.roll(made, 1, axis=1)).all(axis=1))
+    _, first, back = np.unique(np.sort(made[whole], axis=1), axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # triangles stay in their order
+    row[whole] = np.argsort(order)[back.reshape(-1)]
+    if len(first) < len(whole):
+        notes.append(f"{len(whole) - len(first):,} triangles lie on others, such as the two sides of a thin sheet: one "
+                     "of them stays")
+    made = made[whole[first[order]]]
     copies = cut_copies(made)
     if copies.any():
         notes.append(f"more than two triangles meet at an edge: the surface is cut open there, at {int((copies > 0).sum()):,} "
                      "corners of triangles")
-    joined = len(np.unique(faces)) - len(np.unique(made))
     if weld:
+        joined = len(np.unique(faces)) - len(np.unique(made))
         notes.append(f"{joined:,} vertices were made one with others (weld={weld:g})")
-    return made + n * copies, kept, tuple(notes)
+    return made + n * copies, row, tuple(notes)
 
 
 def cut_copies(faces: np.ndarray) -> np.ndarray:

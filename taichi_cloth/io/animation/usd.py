@@ -30,7 +30,9 @@ def read(path: Path, wanted: Wanted) -> Motion:
     names = _names([mesh.path for mesh in found])
     take = chosen_parts(wanted.only, names, f"it has {len(list(stage.Traverse()))} prims")
     chosen_clips(wanted.clip, ())
-    chosen = [(name, mesh) for name, mesh, taken in zip(names, found, take) if taken]
+    chosen = [(name, mesh) for name, mesh, taken in zip(names, found, take) if taken and mesh.has_faces]
+    if not chosen:
+        raise MeshError("has no mesh: no part has a face")
     rate, codes = stage.GetTimeCodesPerSecond(), _span(stage, [mesh for _, mesh in chosen])
     fps, t = None, np.array([stage.GetStartTimeCode() / rate])
     if wanted.moves and codes is not None:
@@ -102,8 +104,6 @@ def _part(name: str, mesh: Mesh, t: np.ndarray, codes: np.ndarray, UsdGeom: Any,
     finite(name, x)
     if corners.min(initial=0) < 0 or corners.max(initial=-1) >= x.shape[1]:
         raise MeshError(f"part {name!r}: its faces name vertex {corners.max(initial=-1)}, and there are {x.shape[1]}")
-    if not len(counts):
-        raise MeshError(f"part {name!r}: has no faces: leave it out (only=)")
     try:
         places, face = cut(x[0], corners, counts)
     except ValueError as error:

@@ -37,6 +37,11 @@ class Mesh:
         self._skin: tuple[np.ndarray, np.ndarray] | None = None
         self._xforms = UsdGeom.XformCache()
 
+    @property
+    def has_faces(self) -> bool:
+        """Whether there is anything of it."""
+        return bool(self.count and self.mesh.GetFaceVertexCountsAttr().Get(self._time.EarliestTime()))
+
     def codes(self) -> set[float]:
         """Time codes at which something that moves it is given."""
         from pxr import UsdGeom
