@@ -37,9 +37,10 @@ def read(path: Path, wanted: Wanted) -> Motion:
     taken = chosen_clips(wanted.clip, names) if wanted.moves else ()
     clip = gltf_nodes.together(clips, taken)
     notes, fps = [*nodes.notes, *clip.notes], None
+    vertices = sum(_vertices(file, nodes.all[k].mesh, name) for name, k in zip(parts, meshes))
     if clip.span[1] > clip.span[0]:
         fps = wanted.fps or clip.fps
-        nodes.pose(clip.channels, times(*clip.span, fps, _vertices(file, nodes, meshes)))
+        nodes.pose(clip.channels, times(*clip.span, fps, vertices))
     made: list[Part] = []
     for name, k in ((name, k) for name, k, taken in zip(parts, meshes, take) if taken):
         made += _parts(file, nodes, k, name, notes)
@@ -49,11 +50,10 @@ def read(path: Path, wanted: Wanted) -> Motion:
     return Motion(made, fps, 1.0, "y", lengths, clip.numbers, tuple(notes))
 
 
-def _vertices(file: File, nodes: Nodes, meshes: list[int]) -> int:
-    """How many there are in all, as the file says."""
-    primitives = [p for k in meshes for p in file.document.meshes[nodes.all[k].mesh].primitives]
-    accessors = [getattr(p.attributes, "POSITION", None) for p in primitives]
-    return sum(item(file.document.accessors, a, "accessor").count or 0 for a in accessors if a is not None)
+def _vertices(file: File, mesh: int, name: str) -> int:
+    """How many a mesh has, as the file says."""
+    accessors = [getattr(p.attributes, "POSITION", None) for p in file.document.meshes[mesh].primitives]
+    return sum(file.count(a, f"part {name!r}: POSITION") for a in accessors if a is not None)
 
 
 def _parts(file: File, nodes: Nodes, index: int, name: str, notes: list[str]) -> list[Part]:

@@ -50,9 +50,7 @@ class File:
         dtype = np.dtype(_known(TYPES, accessor.componentType, f"{what}: component type"))
         if _known(WIDTHS, accessor.type, f"{what}: type") != width or (not floats and dtype.kind == "f"):
             raise MeshError(f"{what}: has numbers of type {accessor.type} {dtype}")
-        count = accessor.count
-        if not isinstance(count, int) or not 0 <= count <= self._longest:
-            raise MeshError(f"{what}: says that it has {count} rows, and its buffers {self._longest} bytes")
+        count = self.count(index, what)
         if accessor.bufferView is None:
             out = np.zeros((count, width), dtype=dtype)
         else:
@@ -60,6 +58,17 @@ class File:
         if accessor.sparse is not None:
             out = self._sparse(out.copy(), accessor.sparse, what)
         return _scaled(out, bool(accessor.normalized)) if floats else out.astype(np.int64)
+
+    def count(self, index: int, what: str) -> int:
+        """Rows of an accessor, no more than there are bytes in the longest buffer.
+
+        Raises:
+            MeshError: it says something else; names `what`.
+        """
+        count = item(self.document.accessors, index, f"{what}: accessor").count
+        if not isinstance(count, int) or not 0 <= count <= self._longest:
+            raise MeshError(f"{what}: says that it has {count} rows, and its buffers {self._longest} bytes")
+        return count
 
     @functools.cached_property
     def _longest(self) -> int:

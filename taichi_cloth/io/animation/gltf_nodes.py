@@ -151,21 +151,17 @@ def clip(file: File, index: int, nodes: Nodes) -> Clip:
 
 
 def together(clips: list[Clip], numbers: tuple[int, ...] | None) -> Clip:
-    """Animations that play at once; where None are named the first, and others that move nothing that is moved already.
-
-    Raises:
-        MeshError: two of those that are named move the same.
+    """Animations that play at once: of two that move the same the first counts. Where None are named the first, and others that
+    move nothing that is moved already.
     """
     out = Clip({}, (0.0, 0.0), FPS, (), ())
     for k in range(len(clips)) if numbers is None else dict.fromkeys(numbers):
         new = clips[k]
-        if out.channels.keys() & new.channels.keys():
-            if numbers is not None:
-                raise MeshError(f"clip: numbers {out.numbers[0]} and {k} move the same parts, and cannot play together")
+        if numbers is None and out.channels.keys() & new.channels.keys():
             continue
         first, last = (new.span if not out.channels else (min(out.span[0], new.span[0]), max(out.span[1], new.span[1])))
         fps = new.fps if not out.channels else max(out.fps, new.fps)
-        out = Clip(out.channels | new.channels, (first, last), fps, out.notes + new.notes, (*out.numbers, k))
+        out = Clip(new.channels | out.channels, (first, last), fps, out.notes + new.notes, (*out.numbers, k))
     return out
 
 
