@@ -105,12 +105,11 @@ class Nodes:
             if len(scenes) > 1:
                 others = ", ".join(repr(s.name or f"scene {k}") for k, s in enumerate(scenes) if k != shown)
                 notes = (f"scene {scenes[shown].name or shown!r} is read, which the file shows first; others: {others}",)
-        out: list[int] = []
-        for root in roots:
-            item(self.all, root, "node")
-            out.append(root)
-        for k in out:  # grows
-            out += self.all[k].children or []
+        out, left = [], list(reversed(roots))
+        while left:
+            k = left.pop()
+            out.append(k)
+            left += reversed(item(self.all, k, "node").children or [])
         return list(dict.fromkeys(out)), notes
 
 
@@ -151,8 +150,10 @@ def clip(file: File, index: int, nodes: Nodes) -> Clip:
 
 
 def together(clips: list[Clip], numbers: tuple[int, ...] | None) -> Clip:
-    """Animations that play at once: of two that move the same the first counts. Where None are named the first, and others that
-    move nothing that is moved already.
+    """Animations that play at once: of two that move the same the first counts.
+
+    Args:
+        numbers: of those that are meant; where None the first, and others that move nothing that is moved already.
     """
     out = Clip({}, (0.0, 0.0), FPS, (), ())
     for k in range(len(clips)) if numbers is None else dict.fromkeys(numbers):
