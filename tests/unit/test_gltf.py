@@ -371,3 +371,44 @@ def test_without_the_package_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pygltflib", None)
     with pytest.raises(tc.MeshError, match=r"a.glb: glTF is read by .* pygltflib: pip install 'taichi-cloth\[gltf\]'"):
         tc.load_solid(skinned_post().write(tmp_path / "a.glb"))
+
+
+def walker(path):
+    """A trunk and two legs that swing as it walks, .9 m high: three parts, each of which is a post."""
+    glb = Glb(nodes=[{"name": "root", "children": [1, 2, 3]},
+                     {"name": "trunk", "mesh": 0, "translation": [0, 0.45, 0], "scale": [0.9, 0.225, 0.6]},
+                     *({"name": f"{side} leg", "mesh": 0, "translation": [x, 0.5, 0], "rotation": [1, 0, 0, 0],
+                        "scale": [0.3, 0.25, 0.3]} for side, x in (("left", 0.1), ("right", -0.1)))])
+    glb.document["meshes"] = [{"primitives": [box(glb)]}]
+    swing = [[float(np.cos(a / 2)), 0, 0, float(-np.sin(a / 2))] for a in (0, 0.6, -0.6, 0.6)]  # about x, from hanging down
+    glb.clip("Walk", translation_0=([0, 0.6], [[0, 0, 0], [0, 0, 0.5]], "LINEAR"),
+             rotation_2=([0, 0.2, 0.4, 0.6], swing, "LINEAR"),
+             rotation_3=([0, 0.2, 0.4, 0.6], [[q[0], 0, 0, -q[3]] for q in swing], "LINEAR"))
+    return glb.write(path)
+
+
+def winding(points, x, faces) -> np.ndarray:
+    """(k,) how often closed surfaces go round each point: the sum of the triangles' solid angles."""
+    a, b, c = (x[faces[:, k]][None] - points[:, None] for k in range(3))
+    la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
+    above = np.einsum("ijk,ijk->ij", a, np.cross(b, c))
+    below = la * lb * lc + (a * b).sum(axis=2) * lc + (b * c).sum(axis=2) * la + (c * a).sum(axis=2) * lb
+    return np.arctan2(above, below).sum(axis=1) / (2 * np.pi)
+
+
+@pytest.mark.slow
+def test_no_vertex_of_a_cloth_is_inside_a_figure_that_walks(tmp_path):
+    body = tc.load_solid(walker(tmp_path / "walk.glb"), fps=50)
+    top, middle = body.x[0][:, 1].max(), np.array([[0, body.x[0][:, 1].max() - 0.1, 0]])
+    assert body.closed and len(body.x) == 31 and winding(middle, body.x[0], body.faces) == pytest.approx(1)
+    scene = tc.Scene()
+    solid = scene.add_solid(body, friction=0.5, thickness=0.01, parts={"left leg": 0.1})
+    mesh = tc.grid(0.8, 14, centred=True)
+    fabric = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
+    scene.add_cloth(mesh, fabric, positions=mesh.x + [0, top + 0.02, 0])
+    sim = tc.Simulation(scene, h=1 / 100)
+    for _ in range(12):
+        sim.run(0.05, fps=20)
+        x = sim.positions()
+        assert (winding(x, solid.surface_at(sim.time), body.faces) < 0.5).all()
+    assert x[:, 2].mean() > 0.3 and x[:, 1].min() < top - 0.2 and abs(x[:, 1].max() - top) < 0.03  # worn

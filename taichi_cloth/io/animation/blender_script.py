@@ -35,7 +35,7 @@ def main(path: str, out: str, choices: str) -> None:
            "seconds": np.array([np.ptp(action.frame_range) / native for action in clips]),
            "taken": np.array([k for k, action in enumerate(clips) if action.get("taken")], dtype=np.int64)}
     moves = wanted["moves"] and last > first
-    count = int(np.ceil((last - first) / native * fps - 1e-6)) + 1 if moves else 1
+    count = int(np.ceil((last - first) / native * fps * (1 - 1e-6))) + 1 if moves else 1
     names = sorted(name for name, _, _ in shown(first))
     got["names"] = np.array(names, dtype=str)
     if all(name in names for name in wanted["only"] or ()):

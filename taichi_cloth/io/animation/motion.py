@@ -131,7 +131,7 @@ def times(first: float, last: float, fps: float, vertices: int) -> np.ndarray:
     if not 0 <= count * vertices * 24 < npz.memory():
         raise MeshError(f"its animation lasts {last - first:g} s: at {fps:g} frames a second its positions need "
                         f"{count * vertices * 24:.3g} bytes")
-    return first + np.arange(int(np.ceil(count - 1e-6)) + 1) / fps  # a rounding makes no further frame
+    return first + np.arange(int(np.ceil(count * (1 - 1e-6))) + 1) / fps  # the rounding of times in f32 makes no frame
 
 
 def distinct_names(names: Iterable[str | None], kind: str) -> list[str]:
