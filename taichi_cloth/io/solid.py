@@ -96,7 +96,8 @@ def loaded(path: str | Path, scale: float, mesh: str | Path | None, up: str | No
         start = read.first / fps if fps is not None else 0.0
     try:
         with np.errstate(over="ignore"):  # what is not finite then is named
-            made = SolidMesh(upright(read.x, up or own_up) * (scale * unit), read.faces,
+            x = upright(read.x, up or own_up)
+            made = SolidMesh(x if scale * unit == 1 else x * (scale * unit), read.faces,
                              None if fps is None else fps / read.every, read.groups, start)
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
@@ -113,6 +114,7 @@ def _scene(path: Path, choice: Wanted, merge: bool, weld: float | None, scale: f
         raise MeshError(f"{path}: {error}") from None
     groups = {name: np.unique(made.faces[rows]) for name, rows in made.groups.items() if len(rows)}
     notes = (_found(motion, made.x, scale), *motion.notes, *made.notes)
+    motion = motion._replace(parts=[part._replace(x=part.x[:1].copy()) for part in motion.parts])  # long clips are large
     return Loaded(made.x, made.faces, groups, motion.fps, notes=notes, motion=motion), motion.unit, motion.up
 
 

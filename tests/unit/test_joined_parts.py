@@ -77,6 +77,7 @@ def test_an_edge_of_three_triangles_is_cut_open():
     cut = joined(motion(("finned", np.concatenate([made.x[0], [[-3, -3, -3]]]), fin)), True, None)
     assert most_at_an_edge(fin) == 3 and most_at_an_edge(cut.faces) <= 2 and len(cut.faces) == 13
     assert "more than two triangles meet at an edge" in cut.notes[0]
+    assert cut.x.shape[1] == 11 and tc.SolidMesh(cut.x, cut.faces[:12]).closed  # the fin has corners of its own
     x, faces = cut.x[0][cut.faces], fin  # every triangle is where it was
     assert np.allclose(np.sort(x.mean(axis=1), axis=0),
                        np.sort(np.concatenate([made.x[0], [[-3, -3, -3]]])[fin].mean(axis=1), axis=0))
@@ -96,6 +97,8 @@ def test_an_open_solid_says_how_it_would_be_closed(tmp_path):
     assert not split.closed and "may be made one with them (tc.load_solid(weld=...))" in split.notes[0]
     whole = tc.load_solid(tmp_path / "split.npz", weld=1e-6)
     assert whole.closed and "were made one with others (weld=1e-06)" in whole.notes[0]
+    more = tc.SolidMesh(np.concatenate([x, x[:3] + 5]), np.concatenate([faces, len(x) + np.arange(3)[None]]))
+    assert "triangles over them would close it" in more.notes[0]  # not all of its border lies on itself
     top = whole.x[0][whole.faces].mean(axis=1)[:, 1] > 0.1999
     tube = tc.SolidMesh(whole.x[0], whole.faces[~top])
     note = next(note for note in tube.notes if "open" in note)

@@ -141,6 +141,11 @@ def test_points_that_change(tmp_path):
     read = tc.load_solid(tmp_path / "a.usda")
     assert read.fps == 30 and len(read.x) == 7 and read.start == 0
     assert all(np.allclose(x, POST * (1 + k / 2), atol=1e-5) for k, x in enumerate(read.x))
+    made.SetStartTimeCode(1002)
+    made.SetEndTimeCode(1004)
+    made.GetRootLayer().Save()
+    part = tc.load_solid(tmp_path / "a.usda")  # the range that the stage names
+    assert len(part.x) == 3 and np.allclose(part.x, read.x[2:5])
 
 
 def test_instances(tmp_path):
