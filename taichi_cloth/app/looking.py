@@ -9,7 +9,7 @@ from .recorded import size_of
 
 def add_parser(commands) -> None:
     """`look` and its flags."""
-    parser = commands.add_parser("look", help="say what a mesh or an animation holds: parts, clips, size, closed or not")
+    parser = commands.add_parser("look", help="describe a mesh or an animation: parts, clips, size, closed or not")
     add = parser.add_argument
     add("file", help="as tc.load_solid takes it: .obj, .npz, .glb, .usd, .fbx, .abc, ...")
     add("--to", metavar="FILE", help="also a picture of a few moments, a .png")

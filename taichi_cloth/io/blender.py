@@ -1,4 +1,4 @@
-"""Blender as a process of its own: how it is told to run a script, and what went wrong in it.
+"""Blender as a process of its own: how it is told to run a script, and the reason of a failure.
 
 Its module bpy is one Blender a process, has its own numpy, and may be a Blender somebody works in.
 """

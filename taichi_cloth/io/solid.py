@@ -74,13 +74,13 @@ def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, m
 
 def loaded(path: str | Path, scale: float, mesh: str | Path | None, up: str | None, start: float | None, choice: Wanted,
            merge: bool, weld: float | None) -> tuple[SolidMesh, Loaded]:
-    """What `load_solid` makes, and what the file has."""
+    """The solid of `load_solid`, and the content of its file."""
     scale, up = checks.number("scale", scale, positive=True), checks.maybe(up, checks.choice, "up", UP)
     start = checks.maybe(start, checks.number, "start", "s")
     weld = checks.maybe(weld, checks.number, "weld", "m", least=0.0)
     path, mesh = str(checks.path("path", path, MeshError)), checks.maybe(mesh, checks.path, "mesh", MeshError)
     suffix = Path(path).suffix.lower()
-    if suffix in READERS and Path(path).is_file():
+    if suffix in READERS and (Path(path).is_file() or not _is_pattern(path)):
         read, unit, own_up = _scene(Path(path), choice, merge, weld, scale)
         fps = read.fps
     else:
@@ -107,6 +107,8 @@ def loaded(path: str | Path, scale: float, mesh: str | Path | None, up: str | No
 
 def _scene(path: Path, choice: Wanted, merge: bool, weld: float | None, scale: float) -> tuple[Loaded, float, str]:
     """A file with a scene, metres of its unit, and its axis that points up."""
+    if not path.is_file():
+        raise MeshError(f"no such file: {path}{near(path)}")
     motion = read_motion(path, choice)
     try:
         made = joined(motion, merge, None if weld is None else weld / (scale * motion.unit))
@@ -144,10 +146,15 @@ def _welded(read: Loaded, weld: float | None, scale: float) -> Loaded:
     return read._replace(x=x[:, used % n], faces=faces.reshape(-1, 3), groups=groups, notes=notes)
 
 
+def _is_pattern(path: str) -> bool:
+    """Whether a path may be one of several files."""
+    return any(c in path for c in "*?[")
+
+
 def _read(path: str, mesh: Path | None) -> Loaded:
     suffix = Path(path).suffix.lower()
     if not Path(path).is_file():
-        if not any(c in path for c in "*?["):
+        if not _is_pattern(path):
             raise MeshError(f"no such file: {path}{near(path)}")
         return _frames(path)
     refuse_absent(Path(path), SEQUENCES)

@@ -200,6 +200,15 @@ def test_clips_by_name_by_number_and_together(tmp_path, clip, far):
         assert (body.x[-1] - body.x[0])[mine, 1] == pytest.approx(height)
 
 
+def test_a_missing_file_is_missed_first(tmp_path):
+    clips(tmp_path)
+    with pytest.raises(tc.MeshError, match="no such file: .*b.glb; did you mean .*a.glb"):
+        tc.load_solid(tmp_path / "b.glb", clip="Walk")
+    (tmp_path / "a1.glb").write_bytes((tmp_path / "a.glb").read_bytes())
+    (tmp_path / "a2.glb").write_bytes((tmp_path / "a.glb").read_bytes())
+    assert len(tc.load_solid(tmp_path / "a?.glb", fps=24).x) == 2  # a sequence of files
+
+
 def test_scenes(tmp_path):
     glb = Glb(nodes=[{"name": "a", "mesh": 0}, {"name": "b", "mesh": 0}, {"name": "c", "mesh": 0}], scene=1,
               scenes=[{"nodes": [0], "name": "old"}, {"nodes": [1, 2]}])

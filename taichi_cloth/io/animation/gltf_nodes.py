@@ -22,7 +22,7 @@ class Clip(NamedTuple):
         channels: keyframes by node and path; of weights of morph targets (k, targets).
         span: times [s] of its first key and its last.
         fps: frames a second that take its keys, where these are evenly spaced.
-        notes: sentences on what was left out.
+        notes: sentences on channels that were left out.
         numbers: of the document's animations in it.
     """
 

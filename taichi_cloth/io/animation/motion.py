@@ -108,7 +108,7 @@ def chosen_parts(only: tuple[str, ...] | None, names: Sequence[str], found: str)
     """Whether each part is read.
 
     Args:
-        found: what else the file has, for the message where it has no mesh.
+        found: the rest of the file's content, for the message where it has no mesh.
 
     Raises:
         MeshError: there is no mesh, or no part of a name.

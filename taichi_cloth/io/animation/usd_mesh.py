@@ -204,7 +204,7 @@ class Mesh:
 
 
 def meshes_of(stage: Any, notes: list[str]) -> list[Mesh]:
-    """All meshes that are shown: instances too, and what skeletons move."""
+    """All meshes that are shown, instances and skinned ones too."""
     from pxr import Usd, UsdGeom, UsdSkel
 
     every = Usd.TraverseInstanceProxies(Usd.PrimDefaultPredicate)
