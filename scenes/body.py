@@ -1,4 +1,4 @@
-"""A cloth over a moving body: --set data=FILE.npz (positions, faces, fps), or a figure of capsules that waves."""
+"""A cloth over a moving body: --set data=FILE (.npz, .glb, .usd, .fbx, ...), or a figure of capsules that waves."""
 
 import math
 
@@ -26,11 +26,13 @@ def figure(scene: tc.Scene, friction: float) -> float:
     return 1.46
 
 
-def build(cells: int = 50, data: str = "", friction: float = 0.4, size: float = 1.1, itself: bool = False) -> tc.Scene:
-    """A sheet falls on the figure's head and shoulders while it moves; `itself`: its folds meet each other too."""
+def build(cells: int = 50, data: str = "", friction: float = 0.4, size: float = 1.1, itself: bool = False,
+          scale: float = 1.0, clip: str = "") -> tc.Scene:
+    """A sheet falls on the figure's head and shoulders while it moves; `itself`: its folds meet each other too; `scale` and
+    `clip`: of the file, as tc.load_solid takes them."""
     scene = tc.Scene(view=tc.View(ground=-0.02, camera=tc.Camera((1.6, 1.5, 2.4), (0, 0.85, 0.05), 36)))
     if data:
-        body = tc.load_solid(data)
+        body = tc.load_solid(data, scale, clip=clip or None)
         scene.add_solid(body, friction, THICKNESS, name="body")
         top = body.x[0][np.argmax(body.x[0][:, 1])]
     else:

@@ -5,6 +5,7 @@ that names the file, within seconds and a bounded amount of memory.
 """
 
 import contextlib
+import json
 import pathlib
 import re
 import signal
@@ -24,7 +25,8 @@ except ImportError:  # not on Windows
     resource = None  # type: ignore[assignment]
 
 SECONDS, MEMORY = 10, 1 << 30  # that reading one file may take; bytes beside what is taken before it
-SUFFIXES = (".obj", ".ply", ".ply text", ".off", ".stl", ".stl text", ".vtk", ".vtk text", ".vtu", ".npz", ".pc2")
+SUFFIXES = (".obj", ".ply", ".ply text", ".off", ".stl", ".stl text", ".vtk", ".vtk text", ".vtu", ".npz", ".pc2",
+            ".mdd", ".glb")
 NUMBERS = ("nan", "inf", "-1", "1e300", "99999999999", "-2147483648", "4294967295", "1e-320", "0", "x", "")
 LENGTH = 1e-6  # of what is written in decimals
 
@@ -54,6 +56,12 @@ def write(path: pathlib.Path, kind: str, x: np.ndarray, faces: np.ndarray, rng: 
         header = b"POINTCACHE2\0" + struct.pack("<iiffi", 1, len(x), 0, 1, 2)
         path.write_bytes(header + np.stack([x, x]).astype("<f4").tobytes())
         return x.astype(np.float32)
+    elif kind == ".mdd":
+        path.write_bytes(struct.pack(">iiff", 2, len(x), 0.0, 0.5) + np.stack([x, x]).astype(">f4").tobytes())
+        return x.astype(np.float32)
+    elif kind == ".glb":
+        write_glb(path, x, faces)
+        return x.astype(np.float32)
     else:
         import meshio
 
@@ -63,6 +71,27 @@ def write(path: pathlib.Path, kind: str, x: np.ndarray, faces: np.ndarray, rng: 
             meshio.write(path, meshio.Mesh(x, [("triangle", faces)]), file_format=suffix[1:], **options)
         return x.astype(np.float32) if kind == ".stl" else x
     return x
+
+
+def write_glb(path: pathlib.Path, x: np.ndarray, faces: np.ndarray) -> None:
+    """A mesh that moves by its own size in a second."""
+    far = float(np.ptp(x))
+    parts = [x.astype("<f4"), faces.astype("<u4"), np.array([0, 1], "<f4"), np.array([[0, 0, 0], [far, 0, 0]], "<f4")]
+    ends = np.cumsum([0] + [part.nbytes for part in parts]).tolist()
+    kinds = [("VEC3", 5126), ("SCALAR", 5125), ("SCALAR", 5126), ("VEC3", 5126)]
+    counts = len(x), faces.size, 2, 2
+    text = json.dumps({
+        "asset": {"version": "2.0"}, "buffers": [{"byteLength": ends[-1]}], "nodes": [{"mesh": 0}],
+        "bufferViews": [{"buffer": 0, "byteOffset": a, "byteLength": b - a} for a, b in zip(ends, ends[1:])],
+        "accessors": [{"bufferView": k, "componentType": code, "type": kind, "count": count}
+                      for k, (count, (kind, code)) in enumerate(zip(counts, kinds))],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "animations": [{"samplers": [{"input": 2, "output": 3}],
+                        "channels": [{"sampler": 0, "target": {"node": 0, "path": "translation"}}]}]}).encode()
+    text += b" " * (-len(text) % 4)
+    data = b"".join(part.tobytes() for part in parts)
+    path.write_bytes(struct.pack("<4sIIII", b"glTF", 2, 28 + len(text) + len(data), len(text), 0x4E4F534A) + text
+                     + struct.pack("<I4s", len(data), b"BIN\0") + data)
 
 
 def damage(data: bytes, rng: np.random.Generator) -> tuple[bytes, str]:
@@ -116,7 +145,7 @@ def trial(seed: int, precision: str) -> Outcome:
     """One file, read as cloth or as a solid; `precision` makes no difference."""
     rng = np.random.default_rng([seed, 77])
     kind, whole = str(rng.choice(SUFFIXES)), rng.random() < 0.15
-    as_solid = kind in (".npz", ".pc2") or rng.random() < 0.5
+    as_solid = kind in (".npz", ".pc2", ".mdd") or rng.random() < 0.5
     x, faces = mesh_of(rng)
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -130,7 +159,8 @@ def trial(seed: int, precision: str) -> Outcome:
         case = f"seed {seed}: {kind}, {way}, read as {'a solid' if as_solid else 'cloth'}"
         try:
             with Limits():
-                made = tc.load_solid(path, mesh=topology if kind == ".pc2" else None, fps=24) if as_solid else tc.load(path)
+                cache = topology if kind in (".pc2", ".mdd") else None
+                made = tc.load_solid(path, mesh=cache, fps=24) if as_solid else tc.load(path)
         except ClothError as error:
             if whole or str(path) not in str(error) or len(str(error)) > 600:
                 return Outcome(FAILED, f"{case}: refused: {str(error)[:600]}")

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import Field
 
 from ..options import ARCHS, BY_NAME
-from . import dressing, fitting, sweeping
+from . import dressing, fitting, looking, sweeping
 from . import recorded as cli_recorded
 from . import studies as cli_study
 from .flags import Parser, number_of
@@ -65,6 +65,8 @@ def _dispatch(args: argparse.Namespace) -> int:
         return OK
     if args.command == "dress":
         return dressing.run(args)
+    if args.command == "look":
+        return looking.run(args)
     if args.command in cli_recorded.COMMANDS:
         return cli_recorded.COMMANDS[args.command](args)
     if args.command in cli_study.COMMANDS:
@@ -229,6 +231,7 @@ def _parser() -> argparse.ArgumentParser:
     cli_recorded.add_parsers(commands)
     cli_study.add_parsers(commands)
     dressing.add_parser(commands)
+    looking.add_parser(commands)
     sweeping.add_parser(commands, _simulation_flags)
     fitting.add_parser(commands)
     commands.add_parser("list", help="scenes, one line each")

@@ -14,9 +14,9 @@ def add_parser(commands) -> None:
     add("pattern", help="a pattern in GarmentCode's JSON format, panels in an SVG, or meshed ones with stitches in an OBJ")
     add("--side", metavar="FILE", help="of an SVG, stitches, labels and placement (the .json of its name); "
         "of an OBJ, a .csv of stitches (its own)")
-    add("--body", required=True, metavar="MESH", help="the body: .obj, .ply, .stl or .npz; the first frame of a sequence")
+    add("--body", required=True, metavar="MESH", help="the body, as tc.load_solid takes it; the first frame of a sequence")
     add("--scale", type=number_of, default=1.0, metavar="M", help="metres per unit of the body's file (1)")
-    add("--up", choices=("y", "z"), default="y", help="axis of the body's file that points up (y)")
+    add("--up", choices=("y", "z"), help="axis of the body's file that points up (its own, or y)")
     add("--out", required=True, metavar="FILE", help="the garment, a .npz for tc.load_garment")
     add("--fabric", default="shirting", help="one of those that `fabrics` prints (shirting)")
     add("--spacing", type=number_of, default=0.02, metavar="M", help="edge length of the cloth's triangles (0.02)")

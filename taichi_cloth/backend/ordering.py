@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..scene.connected import components as components
+
 
 def cuthill_mckee(n: int, faces: np.ndarray) -> np.ndarray:
     """(n,) vertex indices in reverse Cuthill-McKee order, one breadth-first level at a time.
@@ -78,20 +80,6 @@ def distinct_numbers(numbers: np.ndarray) -> np.ndarray:
     new = np.ones(len(numbers), dtype=bool)
     np.not_equal(numbers[1:], numbers[:-1], out=new[1:])
     return numbers[new]
-
-
-def components(n: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(n,) the smallest index of all that are connected with each, by pairs a, b (k,)."""
-    label = np.arange(n)
-    while True:
-        low = np.minimum(label[a], label[b])
-        now = label.copy()
-        np.minimum.at(now, a, low)
-        np.minimum.at(now, b, low)
-        now = now[now]
-        if (now == label).all():
-            return label
-        label = now
 
 
 def block_bounds(n: int, count: int) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Reading meshes: a reader a format; sizes that a file claims are held against its own before anything is made of them."""
 
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,6 +11,10 @@ from .. import checks
 from ..errors import MeshError, near
 from ..scene.mesh import TriMesh
 from ..scene.ownshape import twice_area
+from .animation import READERS
+from .animation import read as read_motion
+from .animation.motion import Wanted, wanted
+from .animation.surface import joined
 from .obj import read_obj
 from .off import read_off
 from .pattern import fit_pattern, unlike
@@ -19,6 +24,8 @@ from .vtk import read_vtk
 
 UP = ("y", "z")
 OTHER = {".ply": read_ply, ".stl": read_stl, ".vtk": read_vtk, ".vtu": read_vtk, ".off": read_off}
+KNOWN = (".obj", *OTHER, *READERS)
+SEQUENCES = (".npz", ".pc2", ".mdd")  # of solids alone
 
 
 class Surface(NamedTuple):
@@ -29,6 +36,7 @@ class Surface(NamedTuple):
         corner_uv: (m, 3, 2) texture coordinates, or None where some face has none.
         groups: vertices by the names of groups.
         notes: what was left out.
+        unit: metres of the file's unit, 1 where it names none; up: the axis that points up, "y" where it names none.
     """
 
     x: np.ndarray
@@ -36,22 +44,28 @@ class Surface(NamedTuple):
     corner_uv: np.ndarray | None
     groups: dict[str, np.ndarray]
     notes: tuple[str, ...]
+    unit: float = 1.0
+    up: str = "y"
 
 
-def load(path: str | Path, scale: float = 1.0, uv: str = "auto", up: str = "y",
-         groups: str = "touched") -> TriMesh:
+def load(path: str | Path, scale: float = 1.0, uv: str = "auto", up: str | None = None,
+         groups: str = "touched", only: str | Sequence[str] | None = None) -> TriMesh:
     """A mesh from a file.
 
     Args:
-        path: .obj (v, vt, f, g, o, usemtl; polygons, negative indices, seams) or .ply, .stl, .vtk, .vtu, .off.
-        scale: metres per unit of the file.
+        path: .obj (v, vt, f, g, o, usemtl; polygons, negative indices, seams) or .ply, .stl, .vtk, .vtu, .off; of .glb, .gltf
+            (extra `gltf`), .usd, .usda, .usdc, .usdz (extra `usd`), .fbx and .abc (extra `blender`) the meshes as they stand
+            before any animation.
+        scale: metres per unit of the file; of a file that names its unit, a factor besides.
         uv: "auto" takes the file's texture coordinates as the pattern where they have the mesh's lengths to 3 %, in the
             file's unit, metres, centimetres or millimetres, or all scaled alike; else the mesh's own shape is at rest, and
             they stay as `TriMesh.texture`, for images and exports. "pattern" takes them as the pattern as they are (times
             `scale`); "flatten" takes the mesh's own shape.
-        up: the file's axis that points up, "y" or "z": of the latter (x, y, z) is (x, z, -y) here.
+        up: the file's axis that points up, "y" or "z": of the latter (x, y, z) is (x, z, -y) here. Where None, the one that
+            the file names, or y.
         groups: a file has groups of faces. "touched" makes of each the vertices of its faces; "inside" only those all of
             whose faces are in it, as a program's group of vertices comes back that it wrote as the faces it touches.
+        only: names of the parts that are read, of a file with a scene; all where None.
 
     Returns:
         The mesh, with groups of the file and notes that say what was done with its texture coordinates.
@@ -62,10 +76,10 @@ def load(path: str | Path, scale: float = 1.0, uv: str = "auto", up: str = "y",
     path = checks.path("path", path, MeshError)
     checks.choice("uv", uv, ("auto", "pattern", "flatten"))
     checks.choice("groups", groups, ("touched", "inside"))
-    scale, up = checks.number("scale", scale, positive=True), checks.choice("up", up, UP)
+    scale, up = checks.number("scale", scale, positive=True), checks.maybe(up, checks.choice, "up", UP)
     try:
-        surface = read(path, groups == "inside")
-        return _mesh(surface._replace(x=upright(surface.x, up)), scale, uv)
+        surface = read(path, groups == "inside", wanted(None, None, only)._replace(moves=False))
+        return _mesh(surface._replace(x=upright(surface.x, up or surface.up)), scale * surface.unit, uv)
     except MeshError as error:
         message = str(error)
         raise MeshError(message if str(path) in message else f"{path}: {message}") from None
@@ -79,7 +93,7 @@ def upright(x: np.ndarray, up: str) -> np.ndarray:
 def _mesh(surface: Surface, scale: float, uv: str) -> TriMesh:
     """A mesh with a rest shape and, where the texture coordinates are not that, with these besides."""
     x = checks.array("positions", surface.x, ("n", 3), row="vertex", error=MeshError) * scale
-    faces, corner_uv, groups, notes = surface[1:]
+    faces, corner_uv, groups, notes = surface[1:5]
     if corner_uv is not None and uv != "pattern":
         checks.array("texture coordinates", corner_uv, (len(faces), 3, 2), row="face", error=MeshError)
         if not twice_area(corner_uv).any():
@@ -105,12 +119,21 @@ def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None,
     return surface[:4]
 
 
-def read(path: Path, inside: bool = False) -> Surface:
-    """A mesh file, without faces that name a vertex twice; inside: groups have no vertices that other faces have too.
+def read(path: Path, inside: bool = False, choice: Wanted | None = None) -> Surface:
+    """A mesh file, without faces that name a vertex twice.
+
+    Args:
+        inside: whether groups are without vertices that other faces have too.
+        choice: of a file with a scene, the parts that are read; all where None.
 
     Raises:
         MeshError: a missing, unknown or unreadable file.
     """
+    refuse_absent(path)
+    if path.suffix.lower() in READERS:
+        return _still(path, inside, choice or Wanted(moves=False))
+    if choice is not None and choice.only is not None:
+        raise MeshError(f"{path}: only: a {path.suffix} has no parts to choose from; those that have: {', '.join(READERS)}")
     x, faces, corner_uv, parts = _triangles(path)
     whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
     if not whole.any():
@@ -123,6 +146,16 @@ def read(path: Path, inside: bool = False) -> Surface:
     return Surface(x, faces[whole], None if corner_uv is None else corner_uv[whole], groups, (note,))
 
 
+def _still(path: Path, inside: bool, choice: Wanted) -> Surface:
+    """The meshes of a file with a scene, before any animation; parts stay apart."""
+    motion = read_motion(path, choice)
+    made = joined(motion, merge=False, weld=None)
+    whole = np.ones(len(made.faces), dtype=bool)
+    groups = {name: _vertices(made.faces, rows, whole, inside) for name, rows in made.groups.items()}
+    return Surface(made.x[0], made.faces, made.corner_uv, {name: index for name, index in groups.items() if len(index)},
+                   (*motion.notes, *made.notes), motion.unit, motion.up)
+
+
 def _vertices(faces: np.ndarray, rows: np.ndarray, whole: np.ndarray, inside: bool) -> np.ndarray:
     """Vertices of a group of triangles; inside: without those of others."""
     mine = np.unique(faces[rows])
@@ -133,17 +166,27 @@ def _vertices(faces: np.ndarray, rows: np.ndarray, whole: np.ndarray, inside: bo
     return np.setdiff1d(mine, faces[others])
 
 
-def _triangles(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dict[str, np.ndarray]]:
-    """Positions, triangles, texture corners or None, and rows of triangles by the names of groups."""
+def refuse_absent(path: Path, also: Sequence[str] = ()) -> None:
+    """Refuses a path without a file, or of no known format; `also` known are others.
+
+    Raises:
+        MeshError: with the known formats.
+    """
     if path.is_dir():
         raise MeshError(f"{path} is a folder: name the mesh's file in it")
     if not path.is_file():
         raise MeshError(f"no such mesh file: {path}{near(path)}")
     suffix = path.suffix.lower()
+    if suffix not in (*KNOWN, *also):
+        hint = f" ({suffix} is read by tc.load_solid)" if suffix in SEQUENCES else ""
+        raise MeshError(f"{path}: unknown mesh format {suffix!r}{hint}; known: {', '.join((*KNOWN, *also))}")
+
+
+def _triangles(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dict[str, np.ndarray]]:
+    """Positions, triangles, texture corners or None, and rows of triangles by the names of groups."""
+    suffix = path.suffix.lower()
     if suffix == ".obj":
         return read_obj(path)
-    if suffix not in OTHER:
-        raise MeshError(f"{path}: unknown mesh format {suffix!r}; known: .obj, {', '.join(OTHER)}")
     try:
         return *OTHER[suffix](path), None, {}
     except (OSError, ValueError, OverflowError) as error:

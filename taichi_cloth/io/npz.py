@@ -95,11 +95,11 @@ def _refuse_sizes(entries: list[zipfile.ZipInfo], size: int) -> None:
     if total > max(EXPANDS * size, SMALL):
         raise DamagedError(f"it has {size:,} bytes, and its arrays are {total:,}: no data are packed as tightly; where "
                            "these are, save them with numpy.savez")
-    if total > _memory():
+    if total > memory():
         raise DamagedError(f"its arrays are {total:,} bytes, more than this machine has")
 
 
-def _memory() -> float:
+def memory() -> float:
     """Bytes of this machine; infinity where it does not say."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

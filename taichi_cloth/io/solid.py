@@ -1,8 +1,8 @@
-"""Solids from files: one mesh, or a sequence of positions with one topology."""
+"""Solids from files: one mesh, a sequence of positions with one topology, or the parts of a scene as they move."""
 
 import math
-import struct
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,16 +11,21 @@ import numpy as np
 from .. import checks
 from ..errors import MeshError, SceneError, near
 from ..scene.solids import SolidMesh
-from . import UP, npz, read_surface, sequence, upright
+from . import SEQUENCES, UP, npz, pointcache, read_surface, refuse_absent, sequence, upright
+from .animation import READERS
+from .animation import read as read_motion
+from .animation.motion import Motion, Wanted, wanted
+from .animation.surface import joined, mended, same_places
 
 
-class _Read(NamedTuple):
+class Loaded(NamedTuple):
     """A solid as its file has it.
 
     Attributes:
         x: (n, 3) or (frames, n, 3), in the file's units; faces: (m, 3); groups: of vertices by name.
         fps: frames a second that the file names, or None.
         first: the number of its first frame; every: how many frames are from one to the next.
+        notes: sentences on the file; motion: its content, of a file with a scene.
     """
 
     x: np.ndarray
@@ -29,68 +34,147 @@ class _Read(NamedTuple):
     fps: float | None = None
     first: float = 0.0
     every: float = 1.0
+    notes: tuple[str, ...] = ()
+    motion: Motion | None = None
 
 
 def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, mesh: str | Path | None = None,
-               up: str = "y", start: float | None = None) -> SolidMesh:
+               up: str | None = None, start: float | None = None, *, clip: str | int | Sequence[str | int] | None = None,
+               merge: bool = True, only: str | Sequence[str] | None = None, weld: float | None = None) -> SolidMesh:
     """A solid from a file or a sequence.
 
     Args:
         path: a mesh file; a pattern such as "body_*.obj" whose files, in the order of the numbers in their names, are the
-            frames; an .npz with `positions` ((n, 3) or (frames, n, 3)), `faces` (m, 3), perhaps `fps`, and vertices
-            `group_NAME`; or a .pc2 point cache, whose triangles are those of `mesh`.
-        scale: metres per unit of the file.
-        fps: frames a second of a sequence; the file's own where None. A point cache may have a position every few frames.
-        up: the file's axis that points up, "y" or "z": of the latter (x, y, z) is (x, z, -y) here.
-        start: time [s] of a sequence's first frame; where None that of the frame at which a point cache says it starts, 0 of
+            frames; an .npz with `positions` or `vertices` ((n, 3) or (frames, n, 3)), `faces` (m, 3), perhaps `fps`, and
+            vertices `group_NAME`; a .pc2 or .mdd point cache, whose triangles are those of `mesh`; or a file with a scene,
+            whose skins, morph targets, transforms, instances and caches move its parts: .glb, .gltf (extra `gltf`), .usd,
+            .usda, .usdc, .usdz (extra `usd`), .fbx, .abc (extra `blender`, or Blender on the PATH).
+        scale: metres per unit of the file; of a file that names its unit, a factor besides.
+        fps: frames a second of a sequence; the file's own where None. A point cache may have a position every few frames. A
+            scene is sampled at so many; where None at its own number, of glTF at that of its keys or a multiple, 24 or more.
+        up: the file's axis that points up, "y" or "z": of the latter (x, y, z) is (x, z, -y) here. Where None, the one that
+            the file names, or y.
+        start: time [s] of a sequence's first frame; where None that of the frame at which a cache says it starts, 0 of
             other files.
+        clip: the animation of a scene that has several, by name or number, or a list of some that play together. Where None
+            the first, with others that move nothing that it moves.
+        merge: whether parts of a scene become one surface where their vertices lie at one place in every frame; else they
+            stay apart. Either way each is a group by its name, and so is each material.
+        only: names of the parts of a scene that are read; all where None.
+        weld: distance [m] up to which vertices that stay together are made one; 0 for none. Where None, of a scene those
+            that a rounding parts, as seams of its texture do; of other files none.
 
     Raises:
-        MeshError: a missing or unreadable file, or frames whose topology is not the first one's.
+        MeshError: a missing or unreadable file, frames whose topology is not the first one's, or a choice that a file has not.
         SceneError: numbers that make no solid.
     """
-    scale, up = checks.number("scale", scale, positive=True), checks.choice("up", up, UP)
-    fps = checks.maybe(fps, checks.number, "fps", positive=True)
+    choice = wanted(clip, fps, only)
+    return loaded(path, scale, mesh, up, start, choice, checks.flag("merge", merge), weld)[0]
+
+
+def loaded(path: str | Path, scale: float, mesh: str | Path | None, up: str | None, start: float | None, choice: Wanted,
+           merge: bool, weld: float | None) -> tuple[SolidMesh, Loaded]:
+    """The solid of `load_solid`, and the content of its file."""
+    scale, up = checks.number("scale", scale, positive=True), checks.maybe(up, checks.choice, "up", UP)
     start = checks.maybe(start, checks.number, "start", "s")
-    path = str(checks.path("path", path, MeshError))
-    read = _read(path, checks.maybe(mesh, checks.path, "mesh", MeshError))
-    fps = read.fps if fps is None else fps
+    weld = checks.maybe(weld, checks.number, "weld", "m", least=0.0)
+    path, mesh = str(checks.path("path", path, MeshError)), checks.maybe(mesh, checks.path, "mesh", MeshError)
+    suffix = Path(path).suffix.lower()
+    if suffix in READERS and (Path(path).is_file() or not _is_pattern(path)):
+        read, unit, own_up = _scene(Path(path), choice, merge, weld, scale)
+        fps = read.fps
+    else:
+        for name, given in (("clip", choice.clip), ("only", choice.only)):
+            if given is not None:
+                raise MeshError(f"{path}: {name}: has no {'animations' if name == 'clip' else 'parts'} to choose from; files "
+                                f"that have: {', '.join(READERS)}")
+        read, unit, own_up = _welded(_read(path, None if mesh is None else Path(mesh)), weld, scale), 1.0, "y"
+        fps = read.fps if choice.fps is None else choice.fps
     if fps is not None and not (math.isfinite(fps) and fps > 0):
         raise SceneError(f"{path}: fps = {fps!r}: must be positive")
     if start is None:
         start = read.first / fps if fps is not None else 0.0
     try:
         with np.errstate(over="ignore"):  # what is not finite then is named
-            return SolidMesh(upright(read.x, up) * scale, read.faces, None if fps is None else fps / read.every, read.groups,
-                             start)
+            x = upright(read.x, up or own_up)
+            made = SolidMesh(x if scale * unit == 1 else x * (scale * unit), read.faces,
+                             None if fps is None else fps / read.every, read.groups, start)
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
+    object.__setattr__(made, "notes", (*read.notes, *made.notes))
+    return made, read
 
 
-def _read(path: str, mesh: Path | None) -> _Read:
+def _scene(path: Path, choice: Wanted, merge: bool, weld: float | None, scale: float) -> tuple[Loaded, float, str]:
+    """A file with a scene, metres of its unit, and its axis that points up."""
+    if not path.is_file():
+        raise MeshError(f"no such file: {path}{near(path)}")
+    motion = read_motion(path, choice)
+    try:
+        made = joined(motion, merge, None if weld is None else weld / (scale * motion.unit))
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from None
+    groups = {name: np.unique(made.faces[rows]) for name, rows in made.groups.items() if len(rows)}
+    notes = (_found(motion, made.x, scale), *motion.notes, *made.notes)
+    motion = motion._replace(parts=[part._replace(x=part.x[:1].copy()) for part in motion.parts])  # long clips are large
+    return Loaded(made.x, made.faces, groups, motion.fps, notes=notes, motion=motion), motion.unit, motion.up
+
+
+def _found(motion: Motion, x: np.ndarray, scale: float) -> str:
+    """A sentence on the content of a file with a scene."""
+    size = np.ptp(x[0], axis=0) * motion.unit * scale
+    height = size[UP.index(motion.up) + 1]
+    others = [name for k, (name, _) in enumerate(motion.clips) if k not in motion.taken]
+    played = " and ".join(repr(motion.clips[k][0]) for k in motion.taken)
+    clip = f"clip {played}, " if played else ""
+    moves = f"{clip}{len(x):,} frames at {motion.fps:g} a second" if motion.fps and len(x) > 1 else f"{clip}nothing moves"
+    parts = f"{len(motion.parts)} parts" if len(motion.parts) > 1 else f"one part, {motion.parts[0].name!r}"
+    more = f"; other clips (clip=...): {', '.join(map(repr, others))}" if others else ""
+    return f"{parts}; {moves}; {height:.3g} m high, {size.max():.3g} m at most{more}"
+
+
+def _welded(read: Loaded, weld: float | None, scale: float) -> Loaded:
+    """The same with vertices made one that are up to so far [m] from each other in every frame."""
+    if not weld:
+        return read
+    x = read.x[None] if read.x.ndim == 2 else read.x
+    one = same_places(x, np.zeros(x.shape[1], dtype=np.int64), weld / scale)
+    faces, _, notes = mended(read.faces, one, weld)
+    used, faces = np.unique(faces, return_inverse=True)
+    n = x.shape[1]
+    groups = {name: np.flatnonzero(np.isin(used % n, one[index])) for name, index in read.groups.items()}
+    return read._replace(x=x[:, used % n], faces=faces.reshape(-1, 3), groups=groups, notes=notes)
+
+
+def _is_pattern(path: str) -> bool:
+    """Whether a path may be one of several files."""
+    return any(c in path for c in "*?[")
+
+
+def _read(path: str, mesh: Path | None) -> Loaded:
     suffix = Path(path).suffix.lower()
     if not Path(path).is_file():
-        if not any(c in path for c in "*?["):
+        if not _is_pattern(path):
             raise MeshError(f"no such file: {path}{near(path)}")
         return _frames(path)
+    refuse_absent(Path(path), SEQUENCES)
     if suffix == ".npz":
         return _npz(path)
-    if suffix != ".pc2":
+    if suffix not in pointcache.SUFFIXES:
         x, faces, _, groups = read_surface(Path(path))
-        return _Read(x, faces, groups)
+        return Loaded(x, faces, groups)
     if mesh is None:
         raise MeshError(f"{path}: a point cache has no triangles: name the file that has them, mesh=...")
-    surface = read_surface(mesh)
-    x, first, every = _pc2(Path(path))
-    _refuse_other(path, x.shape[1], str(mesh), len(surface[0]))
-    return _Read(x, surface[1], surface[3], None, first, every)
+    surface, cache = read_surface(mesh), pointcache.read(Path(path))
+    _refuse_other(path, cache.x.shape[1], str(mesh), len(surface[0]))
+    return Loaded(cache.x, surface[1], surface[3], cache.fps, cache.first, cache.every)
 
 
-def _frames(pattern: str) -> _Read:
+def _frames(pattern: str) -> Loaded:
     files = sequence.frames(pattern)
     said = sequence.missing(files)
     if said:
-        warnings.warn(said, stacklevel=4)  # with the line that asks for the solid
+        warnings.warn(said, stacklevel=5)  # with the line that asks for the solid
     frames: list[np.ndarray] = []
     rest, first, _, groups = read_surface(Path(files[0]))
     for name in files:
@@ -99,7 +183,7 @@ def _frames(pattern: str) -> _Read:
         if faces.shape != first.shape or (faces != first).any():
             raise MeshError(f"{name}: its topology is not that of {files[0]}: a sequence keeps its vertices and faces")
         frames.append(x)
-    return _Read(np.stack(frames), first, groups)
+    return Loaded(np.stack(frames), first, groups)
 
 
 def _refuse_other(name: str, count: int, first: str, wanted: int) -> None:
@@ -108,14 +192,17 @@ def _refuse_other(name: str, count: int, first: str, wanted: int) -> None:
         raise MeshError(f"{name}: has {count:,} vertices, and {first} {wanted:,}: frames are of one mesh")
 
 
-def _npz(path: str) -> _Read:
+def _npz(path: str) -> Loaded:
     try:
         arrays = npz.read(path)
     except npz.DamagedError as error:
         raise MeshError(f"{path}: cannot be read: {error}") from None
+    if "vertices" in arrays:  # as exports of body models name them
+        arrays.setdefault("positions", arrays["vertices"])
     for name in ("positions", "faces"):
         if name not in arrays:
-            raise MeshError(f"{path}: has no array {name!r}; it needs positions and faces")
+            body = "; poses and shapes of a body model need the model that makes vertices of them" if "poses" in arrays else ""
+            raise MeshError(f"{path}: has no array {name!r}; it needs positions (or vertices) and faces{body}")
         if arrays[name].dtype.kind not in ("iuf" if name == "positions" else "iu"):
             raise MeshError(f"{path}: {name} are of type {arrays[name].dtype}, not {'whole ' * (name == 'faces')}numbers")
     fps = None
@@ -124,21 +211,4 @@ def _npz(path: str) -> _Read:
             raise MeshError(f"{path}: fps must be one number")
         fps = float(arrays["fps"].ravel()[0])
     groups = {name[6:]: index for name, index in arrays.items() if name.startswith("group_")}
-    return _Read(arrays["positions"].astype(np.float64), arrays["faces"], groups, fps)
-
-
-def _pc2(path: Path) -> tuple[np.ndarray, float, float]:
-    """(positions (frames, n, 3), number of the first frame, frames from one to the next) of a PC2 point cache: a header of 32
-    bytes, then float32 triples."""
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise MeshError(f"{path}: cannot be read: {error.strerror or error}") from None
-    if len(data) < 32 or data[:12] != b"POINTCACHE2\0":
-        raise MeshError(f"{path}: is no PC2 point cache")
-    count, first, every, frames = struct.unpack("<iffi", data[16:32])
-    if min(count, frames) < 1 or len(data) != 32 + 12 * count * frames:
-        raise MeshError(f"{path}: is {len(data)} bytes long, its header says {frames} frames of {count} points")
-    if not (math.isfinite(first) and 0 < every < math.inf):
-        raise MeshError(f"{path}: its header says that it starts at frame {first:g} and has one every {every:g} frames")
-    return np.frombuffer(data, dtype="<f4", offset=32).reshape(frames, count, 3).astype(np.float64), first, every
+    return Loaded(arrays["positions"].astype(np.float64), arrays["faces"], groups, fps)

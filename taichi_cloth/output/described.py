@@ -41,7 +41,7 @@ def view_of(g: dict[str, np.ndarray]) -> View:
 def of_appearances(looks: Sequence[Appearance]) -> dict[str, np.ndarray]:
     """`cloth_colors` and, where they are anything more, `cloth_backs` (NaN where left to the renderer), `cloth_finish`
     (squares or NaN, weave, its spacing [m], relief), `texture_K` and `texture_place_K` (size, origin or NaN, repeat)."""
-    out = {"cloth_colors": np.array([look.color or (np.nan,) * 3 for look in looks])}
+    out = {"cloth_colors": np.array([look.color or (np.nan,) * 3 for look in looks]).reshape(-1, 3)}
     for k, look in enumerate(looks):
         if look.texture is not None:
             t = look.texture

@@ -42,8 +42,8 @@ class Artist:
         look.check_names([str(name) for name in geometry["cloth_names"]])
         self.smooth = (Smooth(geometry["faces"], len(geometry["x"]), look.smooth, geometry.get("sewn")) if look.smooth
                        else None)
-        self.centre = geometry["x"].mean(axis=0)
         first = np.concatenate([geometry["x"], geometry["solid_x"]])
+        self.centre = (geometry["x"] if len(geometry["x"]) else first).mean(axis=0)
         view = look.view(view_of(geometry))
         self.fitted = view.camera is None
         view = self._placed(view, first, frames)
@@ -129,7 +129,7 @@ class Artist:
         angle = np.radians(self.look.orbit * t)
         c, s = np.cos(angle), np.sin(angle)
         arm = (eye - target) @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
-        if self.look.follow:
+        if self.look.follow and len(frame["x"]):
             target = target + frame["x"].mean(axis=0) - self.centre
         return replace(camera, eye=tuple((target + arm).tolist()), target=tuple(target.tolist()))
 
@@ -147,7 +147,8 @@ class Artist:
                 x = np.concatenate([frame["x"], frame.get("solid_x", first[:0])]).astype(np.float64)
                 low = (float(part[:, 1].min(initial=np.inf)) for part in np.split(x, [len(frame["x"])]))
                 cloth, solid = map(min, (cloth, solid), low)
-                sets.append(x - (frame["x"].mean(axis=0) - self.centre) if self.look.follow else x)
+                if len(x):  # of solids alone, what stands still is in the first set
+                    sets.append(x - (frame["x"].mean(axis=0) - self.centre) if self.look.follow and n else x)
         if view.ground is None:
             view = replace(view, ground=solid if solid <= cloth else min(ground, cloth, solid) if self.fitted else ground)
         fit = fit_round if self.look.orbit else fit_all
@@ -179,7 +180,8 @@ def surfaces(geometry: Frame, look: Look, smooth: Smooth | None) -> Surfaces:
         colors, backs = ([np.repeat(c, smooth.each, axis=0) for c in part] for part in (colors, backs))
     solid = np.searchsorted(geometry["solid_start"], solid_faces[:, 0], side="right") - 1
     stone = np.array([STONE if np.isnan(c).any() else c for c in geometry["solid_colors"]]).reshape(-1, 3)
-    objects = np.concatenate([np.array(rows), np.zeros((len(stone), COLUMNS), dtype=np.float32)])
+    objects = np.zeros((len(rows) + len(stone), COLUMNS), dtype=np.float32)
+    objects[: len(rows)] = np.array(rows).reshape(-1, COLUMNS)
     uv = np.concatenate([corner_uv, np.zeros((len(solid_faces), 3, 2), dtype=np.float32)])
     return Surfaces(np.concatenate([faces, solid_faces + n]), uv, np.concatenate([*colors, stone[solid]]),
                     np.concatenate([*backs, stone[solid]]), np.concatenate([owner, solid + len(names)]), objects, len(faces),

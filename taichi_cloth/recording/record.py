@@ -44,15 +44,15 @@ def as_built(scene: Scene) -> dict[str, np.ndarray]:
     grounds = [float(s.pose(0.0)[1][1]) for s in (*scene.solids, *scene.props) if is_ground(s)]
     ground = scene.view.ground if scene.view.ground is not None or not grounds else max(grounds)
     return {
-        "faces": np.concatenate([c.whole.faces + c.start for c in cloths]).astype(np.int32),
-        "uv": np.concatenate([c.mesh.corner_uv for c in cloths]).astype(np.float32),
+        "faces": _concatenate([c.whole.faces + c.start for c in cloths], (0, 3)).astype(np.int32),
+        "uv": _concatenate([c.mesh.corner_uv for c in cloths], (0, 3, 2)).astype(np.float32),
         **_image_uv(cloths),
         "cloth_start": np.array([c.start for c in cloths] + [scene.vertex_count]),
         "cloth_faces": np.cumsum([0] + [c.mesh.face_count for c in cloths]),
-        "cloth_names": np.array([c.name for c in cloths]),
+        "cloth_names": np.array([c.name for c in cloths], dtype=str),
         **described.of_appearances([c.appearance for c in cloths]),
         **_face_colors(cloths),
-        "x": np.concatenate([c.positions for c in cloths]),
+        "x": _concatenate([c.positions for c in cloths], (0, 3)),
         "solid_faces": _concatenate([f + k for (_, f), k in zip(surfaces, starts)], (0, 3)).astype(np.int32),
         "solid_start": starts,
         "solid_names": np.array([s.name for s in solids], dtype=str),
@@ -165,5 +165,5 @@ def is_ground(solid: Placed) -> bool:
     return bool((solid.pose(0.0)[0] @ np.array(solid.shape.normal))[1] > 1 - 1e-9)
 
 
-def _concatenate(parts: list[np.ndarray], empty: tuple[int, int]) -> np.ndarray:
+def _concatenate(parts: list[np.ndarray], empty: tuple[int, ...]) -> np.ndarray:
     return np.concatenate(parts) if parts else np.zeros(empty)

@@ -13,6 +13,7 @@ from ..scene.scene import Scene
 from ..scene.sewing import Seam
 from ..scene.solids import Placed, Solid, SolidMesh
 from ..simulation import Simulation
+from .record import drawn_solids
 from .still import render
 
 SIZE = (480, 360)  # pixels
@@ -28,7 +29,7 @@ def in_html(what: Scene | Simulation) -> str:
 
 
 def _picture(what: Scene | Simulation) -> str:
-    if isinstance(what, Scene) and not what.cloths:
+    if isinstance(what, Scene) and not (what.cloths or drawn_solids(what)):
         return ""
     try:
         data = base64.b64encode(encode_png(render(what, size=SIZE, quality="fast"))).decode()

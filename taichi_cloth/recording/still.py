@@ -155,8 +155,8 @@ def _artist(name: str, what: object, frame: int | None, size: object, heat: str 
     if isinstance(what, Scene):
         if heat is not None:
             raise SceneError(f"{name}: heat: a scene has no state that could colour it: make a Simulation of it, or run it")
-        if not what.cloths:
-            raise SceneError(f"{name}: the scene has no cloth: there is nothing to draw")
+        if not (what.cloths or record.drawn_solids(what)):
+            raise SceneError(f"{name}: the scene has no cloth and no solid: there is nothing to draw")
         geometry = record.as_built(what)
         arrays = {"t": np.array(0.0), "x": geometry["x"]}
         runtime.go_on()

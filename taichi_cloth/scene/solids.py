@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..errors import SceneError, did_you_mean, shown
+from . import border
 from .intersections import count_self_crossings
 from .mesh import face_edges, face_indices, facing
 from .primitives import Box, Capsule, Core, Cylinder, Plane, Sphere
@@ -81,8 +82,8 @@ class SolidMesh:
         corner = x[0][faces]
         volume = float(np.einsum("ij,ij->i", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])).sum() / 6)
         if not closed:
-            notes.append(f"the solid mesh is open ({int((count == 1).sum())} border edges): cloth stays on the side of it "
-                         "on which it starts")
+            said = border.said(x[0], edges[count[back] == 1])
+            notes.append(f"the solid mesh is open ({said}): cloth stays on the side of it on which it starts")
         elif volume < 0:
             faces = faces[:, [0, 2, 1]]
             notes.append("the solid mesh was inside out: its triangles were turned round")

@@ -106,6 +106,56 @@ def test_a_point_cache_without_times_is_refused(tmp_path, start, every):
         tc.load_solid(pc2(tmp_path / "a.pc2", [X, X], start, every), fps=24, mesh=tmp_path / "a.obj")
 
 
+def mdd(path, frames, times):
+    data = np.stack(frames).astype(">f4")
+    path.write_bytes(struct.pack(">ii", len(data), data.shape[1]) + np.asarray(times, ">f4").tobytes() + data.tobytes())
+    return path
+
+
+def test_an_mdd_cache_has_its_own_times(tmp_path):
+    (tmp_path / "a.obj").write_text(obj())
+    path = mdd(tmp_path / "a.mdd", [X + [k, 0, 0] for k in range(5)], np.arange(5) / 30)
+    made = tc.load_solid(path, mesh=tmp_path / "a.obj", scale=0.5, up="z")
+    assert made.fps == pytest.approx(30) and np.allclose(made.x, [0.5 * UP_Z + [0.5 * k, 0, 0] for k in range(5)])
+    assert tc.load_solid(path, fps=12, mesh=tmp_path / "a.obj").fps == 12
+    late = tc.load_solid(mdd(tmp_path / "b.mdd", [X, X + 1], [2.0, 2.1]), mesh=tmp_path / "a.obj")
+    assert (late.start, late.fps) == pytest.approx((2.0, 10.0))
+    assert len(tc.load_solid(mdd(tmp_path / "c.mdd", [X], [7.0]), mesh=tmp_path / "a.obj").x) == 1
+    for name, frames, times, words in (("d.mdd", [X, X, X], [0, 1, 3], "its frames are at uneven times, from 0 to 3 s"),
+                                       ("e.mdd", [X[:3]] * 2, [0, 1], "has 3 vertices, and .*a.obj 4")):
+        with pytest.raises(tc.MeshError, match=f"{name}: {words}"):
+            tc.load_solid(mdd(tmp_path / name, frames, times), mesh=tmp_path / "a.obj")
+    path.write_bytes(path.read_bytes()[:-4])
+    with pytest.raises(tc.MeshError, match="a.mdd: is 264 bytes long, its header says 5 frames of 4 points"):
+        tc.load_solid(path, mesh=tmp_path / "a.obj")
+    with pytest.raises(tc.MeshError, match="a.mdd: a point cache has no triangles"):
+        tc.load_solid(path)
+
+
+def test_vertices_of_a_body_model(tmp_path):
+    """As its exports name them; parameters alone are no vertices."""
+    np.savez(tmp_path / "a.npz", vertices=np.stack([X, X + 1]), faces=FACES.astype(np.uint32), fps=30.0)
+    made = tc.load_solid(tmp_path / "a.npz")
+    assert made.fps == 30 and (made.x[1] == X + 1).all()
+    np.savez(tmp_path / "b.npz", poses=np.zeros((2, 72)), betas=np.zeros(10), faces=FACES)
+    with pytest.raises(tc.MeshError, match=r"b.npz: .* needs positions \(or vertices\) and faces; poses"):
+        tc.load_solid(tmp_path / "b.npz")
+
+
+def test_a_format_that_is_not_known_names_those_that_are(tmp_path):
+    for name in ("a.dae", "a.npz"):
+        (tmp_path / name).write_text("x")
+    with pytest.raises(tc.MeshError) as caught:
+        tc.load_solid(tmp_path / "a.dae")
+    assert all(suffix in str(caught.value) for suffix in (".obj", ".npz", ".mdd", ".glb", ".usdz", ".abc", ".fbx"))
+    with pytest.raises(tc.MeshError, match=r"unknown mesh format '.npz' \(.npz is read by tc.load_solid\); known: .*.glb"):
+        tc.load(tmp_path / "a.npz")
+    (tmp_path / "a.obj").write_text(obj())
+    for reader, option in ((tc.load_solid, {"clip": "Walk"}), (tc.load_solid, {"only": "arm"}), (tc.load, {"only": "arm"})):
+        with pytest.raises(tc.MeshError, match=f"a.obj: {next(iter(option))}: .*to choose from.*glb"):
+            reader(tmp_path / "a.obj", **option)
+
+
 def text_of(suffix: str) -> str:
     """A file of X and FACES, by hand."""
     rows = "".join(f"{a} {b} {c}\n" for a, b, c in X)

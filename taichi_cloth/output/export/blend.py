@@ -1,19 +1,12 @@
-"""Blender's own files, and Alembic by way of Blender: its module bpy, or the program, runs `blender_script.py`.
+"""Blender's own files, and Alembic by way of Blender, which runs `blender_script.py` as a process of its own."""
 
-It runs as a process of its own: bpy is one Blender a process, has its own numpy, and may be a Blender somebody works in.
-"""
-
-import importlib.util
 import pathlib
-import shutil
-import signal
-import subprocess
-import sys
 import tempfile
 
 import numpy as np
 
 from ...errors import OutputError
+from ...io import blender
 from ..camera import frame as axes_of
 from ..folder import written_aside
 from .shot import Mesh, Shot
@@ -32,19 +25,16 @@ def needed(format: str) -> None:
 
 
 def command(format: str) -> list[str]:
-    """How Blender is told to run a script: by Python with bpy, or else by the program.
+    """How Blender is told to run the script.
 
     Raises:
-        OutputError: neither is here.
+        OutputError: it is not here.
     """
-    if importlib.util.find_spec("bpy") is not None:
-        return [sys.executable, str(SCRIPT), "--"]
-    program = shutil.which("blender")
-    if program:
-        return [program, "--background", "--factory-startup", "--python-exit-code", "1", "--python", str(SCRIPT), "--"]
-    raise OutputError(f"{WORDS[format]} is written by Blender, and neither its module bpy nor the program `blender` is here: "
-                      "pip install 'taichi-cloth[blender]' (Python 3.11 for Blender 4.2 to 5.0), or the program on the PATH. "
-                      "usda, glb and obj need neither, and Blender opens them")
+    words = blender.command(SCRIPT)
+    if words is None:
+        raise OutputError(f"{WORDS[format]} is written by Blender, and {blender.ABSENT}. usda, glb and obj need neither, and "
+                          "Blender opens them")
+    return words
 
 
 def write(shot: Shot, path: pathlib.Path, format: str) -> list[pathlib.Path]:
@@ -57,10 +47,9 @@ def write(shot: Shot, path: pathlib.Path, format: str) -> list[pathlib.Path]:
     with tempfile.TemporaryDirectory() as folder, written_aside(path, f".partial.{format}") as aside:
         data = pathlib.Path(folder) / "shot.npz"
         np.savez(data, allow_pickle=False, **arrays(shot))
-        done = subprocess.run([*run, str(data), str(aside.absolute())], capture_output=True, text=True, errors="replace",
-                              check=False)
+        done = blender.run([*run, str(data), str(aside.absolute())])
         if done.returncode or not aside.is_file():
-            raise OutputError(f"cannot write {path}: {_reason(done)}")
+            raise OutputError(f"cannot write {path}: {blender.reason(done)}")
     return [path]
 
 
@@ -96,11 +85,3 @@ def sharp_edges(mesh: Mesh) -> np.ndarray:
     rows = np.unique(np.concatenate([ends, normals], axis=1), axis=0)  # an edge comes once where its faces agree
     edges, count = np.unique(rows[:, :2], axis=0, return_counts=True)
     return edges[count > 1].astype(np.int32)
-
-
-def _reason(done: subprocess.CompletedProcess) -> str:
-    """What went wrong in Blender, in a line."""
-    if done.returncode < 0:
-        return f"Blender was ended by {signal.Signals(-done.returncode).name}"
-    lines = [line.strip() for line in (done.stderr + done.stdout).splitlines() if "Error" in line]
-    return f"Blender says: {(lines or ['nothing'])[-1][:300]}"

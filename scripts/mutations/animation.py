@@ -1,0 +1,50 @@
+"""One-line bugs in readers of files with a scene, and the tests that are to notice them."""
+
+GLTF, USD = "tests/unit/test_gltf.py", "tests/unit/test_usd_solids.py"
+JOINED, FRAMES = "tests/unit/test_joined_parts.py", "tests/unit/test_frames.py"
+KEPT, LOOK = "tests/unit/test_blender_read.py", "tests/cli/test_look.py"
+TESTS = (GLTF, JOINED)
+OF = "taichi_cloth/io/animation/"
+MUTATIONS = (
+    (OF + "skin.py", "weights / total[:, None], note", "weights, note",
+     "weights that do not sum to one draw to the origin", GLTF),
+    (OF + "skin.py", "& (total > 0)", "", "a vertex without weights is not a number", GLTF),
+    (OF + "keys.py", "b, u = np.where(dot < 0, -b, b), u[:, None]", "u = u[:, None]",
+     "a turn goes the longer way round", GLTF),
+    (OF + "keys.py", "np.sinc((1 - u) * angle) * a", "a", "turns are not of even pace", GLTF),
+    (OF + "keys.py", "(u**3 - 2 * u**2 + u) * dt * m_a", "(u**3 - 2 * u**2 + u) * m_b", "tangents are exchanged", GLTF),
+    (OF + "keys.py", 'np.searchsorted(self.t, t, side="right") - 1, 0, None', 'np.searchsorted(self.t, t), 0, None',
+     "steps come a key early", GLTF),
+    (OF + "gltf_file.py", "np.iinfo(values.dtype).max, -1.0", "np.iinfo(values.dtype).max / 2, -1.0",
+     "half of a unit is one", GLTF),
+    (OF + "gltf_file.py", "said.byteStride or size", "size", "rows that are apart are read as if they were not", GLTF),
+    (OF + "gltf_file.py", "out[at] = self._rows", "at, _ = at, self._rows", "sparse rows stay as they were", GLTF),
+    (OF + "gltf_file.py", "not 0 <= count <= self._longest", "count < 0", "counts are believed", GLTF),
+    (OF + "gltf_nodes.py", "at = self._worlds[k] = at @ self._local(k)", "at = self._worlds[k] = self._local(k) @ at",
+     "children move their parents", GLTF),
+    (OF + "gltf_nodes.py", "* scale[:, None, :]", "* scale[:, :, None]", "scales come after turns", GLTF),
+    (OF + "gltf_nodes.py",
+     "if numbers is None and out.channels.keys()", "if out.channels.keys() and out.channels.keys()",
+     "of clips that are named together one is left out", GLTF),
+    (OF + "gltf.py", "at @ bind[: len(said.joints)]", "at", "joints move what is bound to them elsewhere", GLTF),
+    (OF + "gltf.py", "out[1::2] = out[1::2, [1, 0, 2]]", "pass",
+     "every second triangle of a strip is turned round", GLTF),
+    (OF + "gltf.py", "self.faces[:, [0, 2, 1]] if flipped", "self.faces if flipped",
+     "mirrored parts are inside out", GLTF),
+    (OF + "gltf.py", "uv * [1, -1] + [0, 1]", "uv", "textures are upside down", GLTF),
+    (OF + "surface.py", "for frame in x:", "for frame in x[:1]:", "lips that open later are sewn", JOINED),
+    (OF + "surface.py", "(owner[i] == owner[j])", "True", "parts that are to stay apart are joined", JOINED),
+    (OF + "surface.py", "corners[b][:, ::-1], corners[b])", "corners[b], corners[b])",
+     "fans fall apart at an edge of three", JOINED),
+    (OF + "surface.py", "if len(gone):", "if False:", "a part without a size passes", JOINED),
+    (OF + "usd.py", "if mesh.left_handed() != mirrors", "if False != mirrors", "left-handed meshes are inside out", USD),
+    (OF + "usd.py", "return stage.GetStartTimeCode(), stage.GetEndTimeCode()", "return codes[0], codes[-1]",
+     "the range of the stage is passed over", USD),
+    (OF + "usd_mesh.py", "@ _columns(all_of_them[number])", "", "all instances are in one place", USD),
+    (OF + "usd_mesh.py", '== "invisible"', '== "seen"', "hidden meshes are read", USD),
+    (OF + "kept.py", "if total > MOST:", "if False:", "the cache grows without end", KEPT),
+    ("taichi_cloth/io/pointcache.py", "float(t[0] / step)", "0.0", "an MDD cache starts at once", FRAMES),
+    ("taichi_cloth/scene/border.py", "if (nearest <= reach).all() else None", "if (nearest <= reach).any() else None",
+     "any two vertices of a border are said to close it", JOINED),
+    ("taichi_cloth/app/looking.py", "== 1).sum())", ">= 1).sum())", "inner edges are border edges", LOOK),
+)

@@ -1,0 +1,84 @@
+"""The command `look`: the content of a mesh, a sequence or a file with a scene, as a solid has it."""
+
+import argparse
+import warnings
+
+from .flags import number_of
+from .recorded import size_of
+
+
+def add_parser(commands) -> None:
+    """`look` and its flags."""
+    parser = commands.add_parser("look", help="describe a mesh or an animation: parts, clips, size, closed or not")
+    add = parser.add_argument
+    add("file", help="as tc.load_solid takes it: .obj, .npz, .glb, .usd, .fbx, .abc, ...")
+    add("--to", metavar="FILE", help="also a picture of a few moments, a .png")
+    add("--size", type=size_of, default=(480, 480), metavar="WxH", help="of each moment's picture (480x480)")
+    add("--clip", action="append", metavar="NAME", help="of a file with several animations, by name or number; may come again")
+    add("--only", action="append", metavar="PART", help="of a file with several parts; may come again")
+    add("--apart", action="store_true", help="parts are not joined where they touch")
+    add("--scale", type=number_of, default=1.0, metavar="M", help="metres per unit of the file, times its own (1)")
+    add("--up", choices=("y", "z"), help="axis of the file that points up (its own, or y)")
+    add("--fps", type=number_of, metavar="N", help="frames a second (its own)")
+    add("--mesh", metavar="FILE", help="of a point cache, the file with its triangles")
+    add("--weld", type=number_of, metavar="M", help="make vertices one that stay so near to each other")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Prints; returns the exit code."""
+    from .. import checks
+    from ..errors import OutputError
+    from ..io.animation.motion import wanted
+    from ..io.solid import loaded
+    from .waiting import waiting
+
+    to = checks.maybe(args.to, checks.png, "--to", OutputError)
+    clips = [int(name) if checks.is_whole(name) else name for name in args.clip or ()] or None
+    with warnings.catch_warnings(record=True) as warned, waiting(f"loading {args.file}"):
+        warnings.simplefilter("always")
+        choice = wanted(clips, args.fps, args.only)
+        shape, read = loaded(args.file, args.scale, args.mesh, args.up, None, choice, not args.apart, args.weld)
+    print(f"{args.file}: {shape!r}")
+    for line in told(shape, read.motion):
+        print(line)
+    for note in [*map(str, (w.message for w in warned)), *shape.notes, *doubts(shape)]:
+        print(f"note: {note}")
+    if to is not None:
+        from ..recording.looked import draw
+
+        draw(shape, to, args.size)
+        print(f"written to {to}")
+    return 0
+
+
+def told(shape, motion) -> list[str]:
+    """Lines on a solid, and on the scene that it is of."""
+    import numpy as np
+
+    from ..scene.mesh import distinct, face_edges
+
+    low, high = shape.x[0].min(axis=0), shape.x[0].max(axis=0)
+    size = " x ".join(f"{length:.4g}" for length in high - low)
+    out = [f"size    {size} m (y is up), the lowest point at {low[1]:.4g} m"]
+    if len(shape.x) > 1:
+        moved = np.linalg.norm(shape.x - shape.x[:1], axis=2).max()
+        out.append(f"moves   {len(shape.x):,} frames at {shape.fps:.6g} a second, {(len(shape.x) - 1) / shape.fps:.4g} s; a "
+                   f"vertex goes {moved:.3g} m from where it starts")
+    for k, (name, seconds) in enumerate(motion.clips if motion else ()):
+        out.append(f"clip    {k} {name!r}, {seconds:.4g} s{', read' if k in motion.taken else ''}")
+    for name, index in shape.groups.items():
+        faces = shape.faces[np.isin(shape.faces, index).all(axis=1)]
+        border = int((distinct(face_edges(faces))[1] == 1).sum())
+        out.append(f"group   {name!r}, {len(index):,} vertices, {len(faces):,} triangles, "
+                   f"{f'{border:,} border edges' if border else 'closed'}")
+    return out
+
+
+def doubts(shape) -> list[str]:
+    """Sentences on a size that looks like another unit's."""
+    from ..scene.scene import Scene
+    from ..scene.units import doubts_of_solid
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return doubts_of_solid(Scene().add_solid(shape, friction=0.0, thickness=1e-3, name="solid"))

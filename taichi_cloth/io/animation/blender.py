@@ -1,0 +1,68 @@
+"""FBX and Alembic, by Blender: it imports the file in a process of its own, and its frames are kept for the next time."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from ...errors import MeshError
+from .. import blender, npz
+from ..polygon import cut
+from . import kept
+from .motion import Motion, Part, Wanted, chosen_clips, chosen_parts, finite
+
+SCRIPT = Path(__file__).with_name("blender_script.py")
+KINDS = {".fbx": "FBX", ".abc": "Alembic"}
+
+
+def read(path: Path, wanted: Wanted) -> Motion:
+    """The parts of an FBX or Alembic file as Blender has them; its unit is the metre, and y points up here.
+
+    Raises:
+        MeshError: Blender is not here, or cannot read the file; or the file holds no mesh or no such clip.
+    """
+    choices = json.dumps(wanted._asdict())
+    got = kept.arrays(path, choices + SCRIPT.read_text(), lambda: _evaluated(path, choices))
+    if "refused" in got:
+        raise MeshError(str(got["refused"]))
+    names, clips = got["names"].tolist(), got["clips"].tolist()
+    chosen_clips(wanted.clip, clips)
+    take = chosen_parts(wanted.only, names, "Blender finds none in it")
+    chosen = [name for name, taken in zip(names, take) if taken]
+    parts = [_part(name, got) for name in chosen if len(got[f"counts {name}"])]
+    if not parts:
+        raise MeshError(f"has no mesh: {chosen[0]!r} has no faces")
+    moves = any(len(part.x) > 1 for part in parts)
+    notes = () if path.suffix.lower() == ".fbx" else ("Alembic names no unit: metres are taken (scale=...)",)
+    return Motion(parts, float(got["fps"]) if moves else None, 1.0, "y",
+                  tuple(zip(clips, got["seconds"].tolist())), tuple(got["taken"].tolist()), notes)
+
+
+def _evaluated(path: Path, choices: str) -> dict[str, np.ndarray]:
+    """The arrays that the script makes of a file."""
+    words = blender.command(SCRIPT)
+    if words is None:
+        raise MeshError(f"{KINDS[path.suffix.lower()]} is read by Blender, and {blender.ABSENT}. glTF and USD need no Blender")
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "frames.npz"
+        done = blender.run([*words, str(path.absolute()), str(out), choices])
+        if done.returncode or not out.is_file():
+            raise MeshError(f"cannot be read: {blender.reason(done)}")
+        return npz.read(out)
+
+
+def _part(name: str, got: dict[str, np.ndarray]) -> Part:
+    x = finite(name, got[f"x {name}"].astype(np.float64))
+    counts, corners = got[f"counts {name}"].astype(np.int64), got[f"corners {name}"].astype(np.int64)
+    places, face = cut(x[0], corners, counts)
+    if got[f"mirrored {name}"]:
+        places = places[:, [0, 2, 1]]
+    uv = got.get(f"uv {name}")
+    materials = got[f"materials {name}"].tolist()
+    of = np.clip(got[f"material {name}"][face], 0, max(len(materials) - 1, 0))
+    groups = {said: np.flatnonzero(of == k) for k, said in enumerate(materials) if said and (of == k).any()}
+    still = (x == x[:1]).all()
+    return Part(name, x[:1] if still else x, corners[places], None if uv is None else uv[places].astype(np.float64), groups)

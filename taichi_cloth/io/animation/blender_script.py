@@ -1,0 +1,137 @@
+"""Runs inside Blender: imports an FBX or Alembic file and writes its meshes, frame by frame, as arrays.
+
+Arguments: the file, the .npz to write, and a JSON object of choices: `clip` (names or numbers, or null), `fps`, `only` and
+`moves`.
+Nothing of the package is imported here: the Python that runs this is Blender's.
+"""
+
+import json
+import sys
+
+import bpy
+import numpy as np
+
+
+def main(path: str, out: str, choices: str) -> None:
+    """Imports, evaluates, writes."""
+    wanted = json.loads(choices)
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    scene.frame_start = scene.frame_end = 1
+    if path.lower().endswith(".abc"):
+        rate = wanted["fps"] or 24.0
+        scene.render.fps, scene.render.fps_base = max(1, round(rate)), max(1, round(rate)) / rate
+        bpy.ops.wm.alembic_import(filepath=path, as_background_job=False)
+        clips, first, last = [], scene.frame_start, scene.frame_end
+    elif not hasattr(bpy.ops.wm, "fbx_import") or bpy.app.version < (4, 5):
+        return save(out, {"refused": np.array(f"FBX is read by Blender 4.5 or later, and this is {bpy.app.version_string}")})
+    else:
+        bpy.ops.wm.fbx_import(filepath=path)
+        clips = sorted(bpy.data.actions, key=lambda action: action.name)
+        first, last = play(clips, wanted)
+    native = scene.render.fps / scene.render.fps_base
+    fps = wanted["fps"] or native
+    got = {"fps": np.array(fps), "clips": np.array([action.name for action in clips], dtype=str),
+           "seconds": np.array([np.ptp(action.frame_range) / native for action in clips]),
+           "taken": np.array([k for k, action in enumerate(clips) if action.get("taken")], dtype=np.int64)}
+    moves = wanted["moves"] and last > first
+    count = int(np.ceil((last - first) / native * fps * (1 - 1e-6))) + 1 if moves else 1
+    names = sorted(name for name, _, _ in shown(first))
+    got["names"] = np.array(names, dtype=str)
+    if all(name in names for name in wanted["only"] or ()):
+        got |= meshes([k / fps * native + first for k in range(count)], wanted["only"])
+    return save(out, got)
+
+
+def play(clips, wanted) -> tuple[float, float]:
+    """Gives objects and shape keys the actions that are wanted; returns the frames of the first and the last."""
+    owners = {}
+    for item in [*bpy.data.objects, *bpy.data.shape_keys]:
+        owners[("OB" if isinstance(item, bpy.types.Object) else "KE") + item.name] = item
+        if item.animation_data:
+            item.animation_data.action = None
+    names = [action.name for action in clips]
+    if wanted["clip"] is None:
+        chosen = list(range(len(clips)))
+    else:
+        chosen = [names.index(one) if one in names else one for one in wanted["clip"]]
+        chosen = [k for k in chosen if isinstance(k, int) and k < len(clips)]
+    moved: set[str] = set()
+    spans = []
+    for k in chosen if wanted["moves"] else ():
+        mine = [slot for slot in clips[k].slots if slot.identifier in owners]
+        if wanted["clip"] is None and moved & {slot.identifier for slot in mine}:
+            continue
+        for slot in mine:
+            if slot.identifier not in moved:
+                data = owners[slot.identifier].animation_data or owners[slot.identifier].animation_data_create()
+                data.action, data.action_slot = clips[k], slot
+                moved.add(slot.identifier)
+        clips[k]["taken"] = 1
+        spans.append(tuple(clips[k].frame_range))
+    return (min(a for a, _ in spans), max(b for _, b in spans)) if spans else (1.0, 1.0)
+
+
+def shown(frame: float):
+    """(name, evaluated object, world matrix) of each mesh and instance at a frame."""
+    scene = bpy.context.scene
+    scene.frame_set(int(np.floor(frame)), subframe=frame - np.floor(frame))
+    seen: dict[str, int] = {}
+    for instance in bpy.context.evaluated_depsgraph_get().object_instances:
+        if instance.object.type == "MESH":
+            name = instance.object.name
+            seen[name] = seen.get(name, 0) + 1
+            yield (name if seen[name] == 1 else f"{name} {seen[name]}"), instance.object, np.array(instance.matrix_world)
+
+
+def meshes(frames, only):
+    """Arrays of all meshes at frames."""
+    got, xs, counts = {}, {}, {}
+    for frame in frames:
+        for name, item, world in shown(frame):
+            if only is not None and name not in only:
+                continue
+            mesh = item.to_mesh()
+            x = np.empty(3 * len(mesh.vertices), dtype=np.float32)
+            mesh.vertices.foreach_get("co", x)
+            loops = np.empty(len(mesh.loops), dtype=np.int32)
+            mesh.loops.foreach_get("vertex_index", loops)
+            if name not in xs:
+                xs[name], counts[name] = [], loops
+                got |= first_of(name, mesh, item, loops, world)
+            if not np.array_equal(loops, counts[name]):
+                return {"refused": np.array(f"part {name!r}: has other faces at frame {frame:g} than before: a body keeps its "
+                                            "vertices and faces; leave the part out (only=)")}
+            x = x.reshape(-1, 3).astype(np.float64) @ world[:3, :3].T + world[:3, 3]
+            xs[name].append(np.stack([x[:, 0], x[:, 2], -x[:, 1]], axis=1))
+    for name, frames_of in xs.items():
+        if len(frames_of) != len(frames):
+            return {"refused": np.array(f"part {name!r}: is there in {len(frames_of)} of {len(frames)} frames: leave it out "
+                                        "(only=)")}
+        got[f"x {name}"] = np.stack(frames_of)
+    return got
+
+
+def first_of(name, mesh, item, loops, world):
+    """Faces, texture coordinates and materials of a mesh."""
+    start = np.empty(len(mesh.polygons), dtype=np.int32)
+    mesh.polygons.foreach_get("loop_start", start)
+    material = np.empty(len(mesh.polygons), dtype=np.int32)
+    mesh.polygons.foreach_get("material_index", material)
+    got = {f"corners {name}": loops, f"counts {name}": np.diff([*start, len(loops)]), f"material {name}": material,
+           f"materials {name}": np.array([m.name if m else "" for m in item.data.materials], dtype=str),
+           f"mirrored {name}": np.array(np.linalg.det(world[:3, :3]) < 0)}
+    if mesh.uv_layers:
+        uv = np.empty(2 * len(loops), dtype=np.float32)
+        mesh.uv_layers[0].uv.foreach_get("vector", uv)
+        got[f"uv {name}"] = uv.reshape(-1, 2)
+    return got
+
+
+def save(out: str, arrays) -> None:
+    """Writes the arrays."""
+    with open(out, "wb") as file:
+        np.savez(file, **arrays)
+
+
+main(*sys.argv[sys.argv.index("--") + 1:])

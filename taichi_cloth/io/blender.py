@@ -1,0 +1,40 @@
+"""Blender as a process of its own: how it is told to run a script, and the reason of a failure.
+
+Its module bpy is one Blender a process, has its own numpy, and may be a Blender somebody works in.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import pathlib
+import shutil
+import signal
+import subprocess
+import sys
+
+ABSENT = ("neither its module bpy nor the program `blender` is here: pip install 'taichi-cloth[blender]' (Python 3.11 for "
+          "Blender 4.2 to 5.0), or the program on the PATH")
+
+
+def command(script: pathlib.Path) -> list[str] | None:
+    """The words that run a script, up to its own arguments: by Python with bpy, or else by the program; None where neither is
+    here."""
+    if importlib.util.find_spec("bpy") is not None:
+        return [sys.executable, str(script), "--"]
+    program = shutil.which("blender")
+    if program:
+        return [program, "--background", "--factory-startup", "--python-exit-code", "1", "--python", str(script), "--"]
+    return None
+
+
+def run(words: list[str]) -> subprocess.CompletedProcess:
+    """Runs it to its end."""
+    return subprocess.run(words, capture_output=True, text=True, errors="replace", check=False)
+
+
+def reason(done: subprocess.CompletedProcess) -> str:
+    """The failure in a line."""
+    if done.returncode < 0:
+        return f"Blender was ended by {signal.Signals(-done.returncode).name}"
+    lines = [line.strip() for line in (done.stderr + done.stdout).splitlines() if "Error" in line]
+    return f"Blender says: {(lines or ['nothing'])[-1][:300]}"

@@ -1,0 +1,72 @@
+"""`taichi-cloth look`: the content of a file, in words and in a picture; pictures of solids alone."""
+
+import numpy as np
+import pytest
+from inside import call
+from test_cli import read_png
+
+import taichi_cloth as tc
+
+
+def drum(path, **more):
+    """A drum that rises by .3 m in a second; its rims are there twice."""
+    x, faces = tc.Cylinder(0.2, 0.4).surface()
+    np.savez(path, positions=np.stack([x, x + [0, 0.1, 0], x + [0, 0.3, 0]]), faces=faces, fps=2.0,
+             group_all=np.arange(len(x)), **more)
+    return path
+
+
+def test_look_says_what_a_file_holds(tmp_path):
+    done = call("look", drum(tmp_path / "drum.npz"), "--scale", "1000")
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert "drum.npz: <SolidMesh of" in lines[0] and "open, 3 frames>" in lines[0]
+    assert lines[1].startswith("size    400 x 400 x 400 m (y is up), the lowest point at -200 m")
+    assert lines[2] == "moves   3 frames at 2 a second, 1 s; a vertex goes 300 m from where it starts"
+    assert lines[3].startswith("group   'all', ") and lines[3].endswith(" border edges")
+    assert any("weld=" in line for line in lines)  # which would close it
+    assert any("scale=0.01" in line for line in lines)  # which would make it a usual size
+    welded = call("look", tmp_path / "drum.npz", "--weld", "1e-6")
+    assert "closed, 3 frames>" in welded.stdout and "triangles, closed\n" in welded.stdout
+
+
+def test_look_at_a_scene_names_its_clips_and_parts(tmp_path):
+    pytest.importorskip("pxr")
+    from pxr import Usd, UsdGeom
+
+    stage = Usd.Stage.CreateNew(str(tmp_path / "a.usda"))
+    UsdGeom.SetStageMetersPerUnit(stage, 1.0)
+    for name in ("Hand", "Foot"):
+        mesh = UsdGeom.Mesh.Define(stage, f"/{name}")
+        mesh.CreatePointsAttr([(0, 0, 0), (1, 0, 0), (0, 1, 0)])
+        mesh.CreateFaceVertexCountsAttr([3])
+        mesh.CreateFaceVertexIndicesAttr([0, 1, 2])
+    stage.GetRootLayer().Save()
+    done = call("look", tmp_path / "a.usda", "--apart")
+    assert "group   'Hand', 3 vertices, 1 triangles, 3 border edges" in done.stdout and "2 parts; nothing moves" in done.stdout
+    assert "group   'Foot'" not in call("look", tmp_path / "a.usda", "--only", "Hand").stdout
+
+
+def test_look_refuses_before_it_draws(tmp_path):
+    path = drum(tmp_path / "a.npz")
+    for words, message in (((tmp_path / "none.glb",), "no such file"), ((path, "--to", "a.jpg"), "must end with .png"),
+                           ((path, "--clip", "Walk"), "clip: has no animations to choose from")):
+        done = call("look", *words)
+        assert done.returncode == 2 and message in done.stderr and not list(tmp_path.glob("*.jpg"))
+
+
+@pytest.mark.slow
+def test_a_solid_is_drawn_as_it_moves(tmp_path):
+    done = call("look", drum(tmp_path / "drum.npz"), "--to", tmp_path / "a.png", "--size", "96x96")
+    assert done.returncode == 0, done.stderr
+    sheet = read_png(tmp_path / "a.png").astype(float)
+    assert sheet.shape == (96, 4 * 96, 3)
+    moments = [sheet[:, 96 * k: 96 * k + 96] for k in range(4)]
+    dark = [np.argwhere(np.abs(m - np.median(m, axis=1, keepdims=True)).sum(axis=2) > 60)[:, 0].mean() for m in moments]
+    assert dark[0] > dark[-1] + 5  # it rises
+    scene = tc.Scene()
+    with pytest.raises(tc.SceneError, match="the scene has no cloth and no solid"):
+        tc.render(scene)
+    scene.add_solid(tc.Sphere(0.3), friction=0.1, thickness=0.01)
+    image = tc.render(scene, size=(96, 96))
+    assert np.ptp(image[48].astype(int)) > 20
