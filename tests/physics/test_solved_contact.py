@@ -88,3 +88,42 @@ def test_step_that_is_not_solved_is_named():
             record = sim.step(1 / 60)
         assert any("contact_tol" in note for note in sim.notes)
         assert sum(r.rejections.get("NEWTON", 0) for r in sim.log) > 0 and record.h < 1 / 1000
+
+
+def test_a_run_is_resumed_bit_for_bit():
+    """Cut while the sheet slides, and so while contacts have their states from the step before."""
+    def goes_on(sim: tc.Simulation) -> list:
+        rows = []
+        for _ in range(6):
+            record = sim.step(1 / 60)
+            rows.append((sim.positions(), sim.velocities(), sim.contact_forces(), (record.h, record.iterations)))
+        return rows
+
+    scene, _ = sheet(0.01)
+    with tc.Simulation(scene, h=1 / 60, threads=1, contact_tol=0.01) as whole:
+        for _ in range(5):
+            whole.step(1 / 60)
+        assert np.abs(whole.velocities()).max() > 0.1 and whole.contact_forces().any()
+        state = whole.checkpoint()
+        went = goes_on(whole)
+    with tc.Simulation(scene, h=1 / 60, threads=1, contact_tol=0.01) as resumed:
+        resumed.resume(state)
+        for old, new in zip(went, goes_on(resumed)):
+            assert all(np.array_equal(a, b) for a, b in zip(old, new))
+
+
+def test_second_order_where_a_strip_is_drawn():
+    """By `bdf2` what is drawn goes as far as the law says, where backward Euler adds mu g t h / 2 (.0098 m of .235)."""
+    mu, until, scene = 0.3, 0.4, tc.Scene()
+    mesh = tc.strip(0.2, 0.02, (20, 2))
+    cloth = scene.add_cloth(mesh, case.fabric(), positions=mesh.x + [0, 0.004, 0])
+    scene.add_solid(tc.Plane(), mu, 0.004)
+    pull = 2 * mu * 0.2 * 0.2 * 0.02 * case.G / mesh.vertex_count
+    scene.add_load(cloth, np.arange(mesh.vertex_count), np.tile([pull, 0, 0], (mesh.vertex_count, 1)))
+    moved = {}
+    for integrator in ("bdf2", "backward_euler"):
+        t, x = case.follow(scene, 1 / 60, 1, until, integrator=integrator, contact_tol=0.01)
+        moved[integrator] = float((x[-1] - x[0])[:, 0].mean())
+    law = mu * case.G * until**2 / 2
+    assert abs(moved["backward_euler"] - law - mu * case.G * until / 120) < 0.01 * law, moved
+    assert abs(moved["bdf2"] - law) < 0.01 * law, moved
