@@ -129,7 +129,7 @@ MUTATIONS = (
     (MEMBRANE, "whole = self._whole and self._over > 0", "whole = False", "further solves are projected wherever they are",
      STEPS_DAMPING),
     (MEMBRANE, "+ k[D_V] * r_v * (v_dot - r_v)", "", "what weft's damping takes beyond is unaccounted for", BALANCE),
-    (BEND, "C_dot = turned_by(C, side * self.before[e]) / over", "C_dot += 0", "bending's damping is no energy of a step",
+    (BEND, "C_dot = turned_by(C, self.before[e]) / over", "C_dot += 0", "bending's damping is no energy of a step",
      STEPS_DAMPING),
     (BEND, "                pull += k_d * C_dot\n", "                pull += 0.0\n", "bending's damping has no ddC",
      STEPS_DAMPING),
