@@ -82,16 +82,7 @@ class Bend(Force):
 
     def damp_over(self, c: float) -> None:
         """See `Force`."""
-        if c > 0 and self.damps:
-            self._keep_before()
         write(self.over, np.array([c], dtype=self.model.exchange))
-
-    @ti.kernel
-    def _keep_before(self):
-        """C of the saved state."""
-        for e in range(self.elements.first[self.model.blocks.count]):
-            e_x, a_x, b_x = self.arms(e, self.model.x_saved)
-            self.before[e] = self.condition(e, e_x, a_x, b_x)[0]
 
     @ti.func
     def arms(self, e, q: ti.template()):
@@ -112,11 +103,6 @@ class Bend(Force):
     def turned(self, e):
         """C and dC as the hinge lies, whichever way it was creased."""
         e_x, a_x, b_x = self.arms(e, self.model.x)
-        return self.condition(e, e_x, a_x, b_x)
-
-    @ti.func
-    def condition(self, e, e_x, a_x, b_x):
-        """C and dC with this edge and these arms."""
         way = 1.0
         if ti.static(self.remembers):
             way = self.hysteresis.way(e)
@@ -124,16 +110,15 @@ class Bend(Force):
 
     @ti.func
     def strain(self, e):
-        """C, dC and C_dot at the current state; -1 where the hinge passed through itself, else 1."""
+        """C, dC and C_dot at the current state."""
         C, g_e, g_a, g_b = self.turned(e)
-        side = 1.0
         if ti.static(self.remembers):
             side = self.hysteresis.side(e, C)
             C, g_e, g_a, g_b = side * C, side * g_e, side * g_a, side * g_b
         C_dot = C * 0
         if ti.static(self.damps):
             C_dot = self.turning(e, g_e, g_a, g_b)
-        return C, C_dot, g_e, g_a, g_b, side
+        return C, C_dot, g_e, g_a, g_b
 
     @ti.func
     def turning(self, e, g_e, g_a, g_b):
@@ -166,7 +151,7 @@ class Bend(Force):
         """f += internal forces of the block's hinges."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
-            C, C_dot, g_e, g_a, g_b, side = self.strain(e)
+            C, C_dot, g_e, g_a, g_b = self.strain(e)
             s = -(self.rest[e][0] * C + self.rest[e][1] * C_dot)
             if ti.static(self.remembers):
                 s -= self.slid(e, C)[0]
@@ -182,11 +167,11 @@ class Bend(Force):
         if ti.static(self.stiff):
             over = self.over[0]
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
-            C, C_dot, g_e, g_a, g_b, side = self.strain(e)
+            C, C_dot, g_e, g_a, g_b = self.strain(e)
             turning = self.turning(e, g_e, g_a, g_b)
             if ti.static(self.stiff and self.damps):
                 if over > 0:
-                    C_dot = turned_by(C, side * self.before[e]) / over
+                    C_dot = turned_by(C, self.before[e]) / over
             if self.elements.primary[e] == 1:
                 sums[0] += 0.5 * self.rest[e][0] * C * C
                 sums[1] += 0.5 * self.rest[e][1] * C_dot * C_dot
@@ -217,6 +202,7 @@ class Bend(Force):
         m_e, m_a, m_b = self.arms(e, to.motion)
         if moves == 1:
             s += k * (g_e.dot(m_e) + g_a.dot(m_a) + g_b.dot(m_b))
+            self.before[e] = C  # where the step starts
         if ti.static(self.remembers):
             led = C
             if moves == 1:

@@ -103,17 +103,7 @@ class CurvatureBend(ElementForce):
 
     def damp_over(self, c: float) -> None:
         """See `Force`."""
-        if c > 0 and self.damps:
-            self._keep_before()
         write(self.over, np.array([c], dtype=self.model.exchange))
-
-    @ti.kernel
-    def _keep_before(self):
-        """|x_ab| of the saved state."""
-        for e in range(self.elements.first[self.model.blocks.count]):
-            q = self.second(e, self.model.x_saved)
-            for m in ti.static(range(3)):
-                self.before[e][m] = ti.Vector([q[m, 0], q[m, 1], q[m, 2]]).norm()
 
     def accept(self, h: float) -> bool:
         """Sliders follow the curvatures."""
@@ -237,6 +227,8 @@ class CurvatureBend(ElementForce):
         if ti.static(self.damps):
             for m in ti.static(range(3)):
                 row, k_d = ti.Vector([q[m, 0], q[m, 1], q[m, 2]]), self.factor[e][3 + m]
+                if moves == 1:
+                    self.before[e][m] = row.norm()  # where the step starts
                 if over > 0:
                     left = ti.min(self.before[e][m] / ti.max(row.norm(), TINY), 1.0)
                     self.A[e][m] += c * k_d * (1 - left)

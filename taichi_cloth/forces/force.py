@@ -106,7 +106,8 @@ class Force(ABC):
     def damp_over(self, c: float) -> None:  # noqa: B027
         """In `evaluate` damping is from now on an energy of a step of c [s]: k_d/(2 c) (C - C_0)^2, C_0 of the saved state.
 
-        Where c is 0, as at first, it goes by velocities. What has no condition C does nothing.
+        Where c is 0, as at first, it goes by velocities. What has no condition C does nothing. C_0 may be kept by `evaluate`
+        with `moves`, which comes first in such a step.
         """
 
     def leave_out(self, part: bool) -> None:  # noqa: B027

@@ -125,6 +125,7 @@ def test_damping_as_an_energy_of_a_step(rng, part, K):
     sim._linearized = lambda h: system  # as it is
     sim.model.write(x - c * v, v)
     sim.model.save()
+    system.linearize_first(c, None)  # at the step's start, as every step does
 
     def look(eps):
         sim.model.write(x + c * eps * p, v + eps * p)

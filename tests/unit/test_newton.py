@@ -82,9 +82,9 @@ def test_solves_are_as_exact_as_forces_are_near_to_balance():
     exact = Effort(1e-4, 0.0, PRELIMINARY, FURTHER, CG_TOL)
     forcing = Forcing.of(None, exact)
     assert forcing.follows and forcing.next(2.0) == PRELIMINARY
-    assert forcing.next(1.0) == FURTHER and not forcing.enough()
-    assert forcing.next(0.1) == pytest.approx(SURE * 0.01) and forcing.enough()
-    assert forcing.next(0.4) == FURTHER and forcing.left == pytest.approx(0.4 * FURTHER) and forcing.enough()
+    assert forcing.next(1.0) == FURTHER and not forcing.enough(1.0) and forcing.enough(LEAVES / 2)
+    assert forcing.next(0.1) == pytest.approx(SURE * 0.01) and forcing.enough(1.0)
+    assert forcing.next(0.4) == FURTHER and forcing.left == pytest.approx(0.4 * FURTHER) and forcing.enough(1.0)
     assert forcing.next(1e-6) == CG_TOL and forcing.most == 2.0 and LEAVES < FURTHER
     asked = Forcing.of(1e-6, exact)
     assert (asked.first, asked.further, asked.last, asked.mending) == (1e-6,) * 4 and not asked.follows

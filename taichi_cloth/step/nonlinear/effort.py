@@ -10,7 +10,7 @@ CALM = 1e-4  # m/s: a correction of velocities that is too small for another ite
 PART = 0.5  # part of the first correction that may be left to do
 FIRST, OTHERS = 0.03, 0.1  # relative residuals of a stage's solves: they need not be more exact than the linearization
 PRELIMINARY, FURTHER = 0.01, 0.03  # of backward Euler's where others follow: of the first, of others
-LEAVES = 0.01  # part of the largest imbalance of forces that the last solve of such a step may leave
+LEAVES = 0.01  # part of the largest imbalance of forces that such a step's last solve may leave, or of what it may move
 SURE = 0.9  # times the square of what the imbalance of forces fell by: a solve need be no more exact [Eisenstat, Walker 1996]
 
 
@@ -74,9 +74,9 @@ class Forcing:
         self.imbalance, self.most, self.left = imbalance, max(self.most, imbalance), tolerance * imbalance
         return tolerance
 
-    def enough(self) -> bool:
-        """Whether the last solve was exact enough to be a step's last."""
-        return self.left <= LEAVES * self.most
+    def enough(self, moved: float) -> bool:
+        """Whether the last solve was exact enough to be a step's last, which moved the cloth by this part of what counts."""
+        return self.left <= LEAVES * self.most or moved <= LEAVES
 
 
 @dataclass

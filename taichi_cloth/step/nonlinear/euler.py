@@ -156,7 +156,8 @@ class EulerStep(StepProblem):
             return Outcome(None, "", *self.ended)
         if self.effort is not None:
             self.changes.add(self.c * self.system.rms_change() * part)
-        small = self.effort is None or (self.changes.enough(self.effort) and self.forcing.enough())
+        small = self.effort is None or (self.changes.enough(self.effort)
+                                        and self.forcing.enough(self.changes.last / self.effort.moved))
         self.settled = k > 0 and part == 1 and small
         if not self.settled:
             return self.resort() if self.resort is not None and k == PATIENCE else None
