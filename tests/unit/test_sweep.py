@@ -156,7 +156,7 @@ def test_a_run_that_gives_up_has_its_rejection_as_reason():
 
     made = tc.sweep(jerked, {"speed": [1000.0]}, workers=0, duration=0.1, fps=20, h=1 / 20, h_min=1 / 20,
                     integrator="backward_euler")
-    assert made.rows[0]["status"] == "gave up" and made.rows[0]["reason"] == "STRETCH", made.rows
+    assert made.rows[0]["status"] == "gave up" and made.rows[0]["reason"] in ("STRETCH", "ENERGY"), made.rows
     made = tc.sweep(jerked, {"speed": [0.1]}, odd, workers=0, duration=0.1, fps=20, h=1 / 20, integrator="backward_euler")
     assert made.rows[0]["reason"] == "SceneError" and "name of a setting" in made.rows[0]["message"]
 

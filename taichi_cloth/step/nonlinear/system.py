@@ -170,6 +170,7 @@ class System:
             self.forget()
         if solution.status == BREAKDOWN and self._indefinite and not self._definite:
             self._leave_out(True)
+            self.preconditioner.forget()  # its levels may be indefinite as well
             self.meter.linearize(self.span, self._moves, self._over)
             return self.solve(tolerance, held, h, z, False, fresh, lead, lasting, again, least, counts)
         if fresh and counts and not warm:
