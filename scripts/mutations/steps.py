@@ -271,6 +271,7 @@ MUTATIONS = (
      "s = r\n            self.r[i], self.s[i] = r, s\n            rs += r.dot(s)\n"
      "        self.partial[block][1] = rs", "no preconditioner in iterations", f"{SOLVER} {LEVELS}"),
     ("taichi_cloth/step/nonlinear/system.py",
-     "            self.preconditioner.forget()  # its levels may be indefinite as well\n", "", "levels of an indefinite matrix stay for the projected one",
+     "            self.preconditioner.forget()  # its levels may be indefinite as well\n", "",
+     "levels of an indefinite matrix stay for the projected one",
      "tests/hard/test_hard_starts.py::test_hang_at_paper_size_needs_no_smaller_step"),
 )
