@@ -8,7 +8,6 @@ LAW = REFERENCE + "test_repulsion_is_the_law"
 FOUND = REFERENCE + "test_all_pairs_in_reach_are_found_as_they_are"
 WAY = REFERENCE + "test_the_free_way_of_every_pair"
 SOLVES = REFERENCE + "test_solves_are_told_what_the_reference_says"
-STIFFNESS = REFERENCE + "test_pairs_are_as_stiff_as_the_cloth_at_them"
 SETTLED = REFERENCE + "test_a_step_ends_when_forces_and_friction_agree"
 UNIT, PHYSICS = "tests/unit/test_cloth_contact.py::", "tests/physics/test_cloth_on_cloth.py::"
 LONGER = UNIT + "test_what_would_be_rejected_goes_on_for_longer"
@@ -70,11 +69,7 @@ MUTATIONS = (
      "energy falls inwards", LAW),
     (CONTACT + "cloth/barrier.py", "energy += most * ti.log(low / b)", "energy += 0.5 * most * ti.log(low / b)",
      "energy of what is pressed", LAW),
-    (CONTACT + "cloth/pair_kernels.py", "return 1 / ti.max(gives, 1e-30)", "return 10 / ti.max(gives, 1e-30)",
-     "pairs ten times as stiff", SOLVES),
-    (CONTACT + "cloth/pair_kernels.py", "D.inverse().trace()", "1 / D.trace()", "pairs as stiff as cloth in its plane",
-     STIFFNESS),
-    (CONTACT + "cloth/pair_kernels.py", "- m / c**2)", ")", "pairs with the mass of a step and of QUICK", STIFFNESS),
+    (CONTACT + "cloth/pair_kernels.py", "PRESS = 12.0", "PRESS = 120.0", "pairs ten times as stiff", SOLVES),
     (CONTACT + "cloth/pair_kernels.py", "STOP = 30.0", "STOP = 3.0", "approaches stopped by a tenth", SOLVES),
     (CONTACT + "cloth/pair_kernels.py", "CREEP = 2e-5", "CREEP = 2e-3", "friction viscous to higher slips", SOLVES),
     (CONTACT + "cloth/pair_kernels.py", "STEEP = 4.0", "STEEP = 40.0", "friction of edges near parallel", SOLVES),
@@ -321,7 +316,7 @@ MUTATIONS = (
     (LAYER_STEP, "(LOOSER if self.rough and k else 1.0)", "LOOSER", "all solves are looser", PRELIMINARY),
     (NONLINEAR + "spring_contact.py", "if part < 1:", "if part < 0:", "springs let through", SPRINGS),
     (CONTACT + "cloth/springs.py", "ti.max(radius - d, 0.0)", "ti.max(d - radius, 0.0)", "springs pull", SPRINGS),
-    (CONTACT + "cloth/springs.py", "STRONG = 300.0", "STRONG = 3.0", "springs a hundred times too soft", SPRINGS),
+    (CONTACT + "cloth/springs.py", "STRONG = 25.0", "STRONG = 0.25", "springs a hundred times too soft", SPRINGS),
     (CONTACT + "contacts.py", "self.layers.count > 0 or self.layers.intersections.active", "self.layers.count > 0",
      "tangled cloth without contact steps as if free",
      UNIT + "test_a_step_in_which_layers_turn_out_to_meet_begins_anew"),

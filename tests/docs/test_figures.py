@@ -24,7 +24,7 @@ SAID = (
     ("theory/solids.md", "k = {:g}\\,\\frac{{m}}{{h^2}}", "contact/solid/pairs.py", "PRESS"),
     ("theory/solids.md", "in steps {:g} times smaller", "contact/step_start.py", "SMALLER"),
     ("theory/solids.md", "{:g} s.", "contact/solid/penetration.py", "SPARED"),
-    ("theory/layers.md", "\\frac{{M}}{{({:g}\\,\\text{{s}})^2}}", "contact/cloth/pair_kernels.py", "QUICK"),
+    ("theory/layers.md", "k = {:g}\\,\\frac{{m}}{{(1/60\\,\\text{{s}})^2}}", "contact/cloth/pair_kernels.py", "PRESS"),
     ("theory/layers.md", "more than ${:g}\\,R$ a second", "contact/cloth/pair_kernels.py", "SETTLING"),
     ("theory/layers.md", "${:g}\\,m/h^2$", "contact/cloth/pair_kernels.py", "STOP"),
     ("theory/layers.md", "(at most {:g} times)", "contact/cloth/firmness.py", "STIFFEST"),

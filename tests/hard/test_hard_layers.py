@@ -42,13 +42,13 @@ def test_a_sheet_at_60_m_s_does_not_pass_through_one_that_is_held_at_a_point(thr
     log, _, v, (_, flies) = thrown
     assert [r.intersections for r in log] == [r.tangled for r in log] == [0] * len(log)
     assert max(r.pinched for r in log) == 0 and max(r.layers for r in log) > 20
-    assert len(log) < 10  # one whole step; 17 to 22 where pairs are as stiff as their mass says, elasticity apart
+    assert len(log) < 40  # 26 to 30; 49 where what stops a step short does not get stiffer within it
     assert v[flies.start:, 1].mean() > -30 and np.abs(v).max() < 25  # it was met, and nothing was given speed
 
 
 @pytest.mark.slow
 def test_nor_does_it_come_nearer_than_a_fifth_of_the_thickness(thrown):
-    """Pressed as it is by what comes so fast, in steps of any size."""
+    """Steps are not taken as they are before they are small against 1/60 s, however large the largest may be."""
     log, places, _, (held, flies) = thrown
     faces = np.concatenate([held.mesh.faces, flies.mesh.faces + flies.start])
     _, kind, four = all_pairs(spans(faces), faces)
@@ -58,7 +58,7 @@ def test_nor_does_it_come_nearer_than_a_fifth_of_the_thickness(thrown):
     for x in places:
         near = np.linalg.norm(x[four[:, 0]] - x[four[:, 3]], axis=1) < 0.1  # more than two edges are long
         least.append(distances(kind[near], x[four[near]]).min())
-    assert len(places) == len(log) and min(least) < 0.5 * THICKNESS  # it was pressed
+    assert len(places) == len(log) > 10 and min(least) < 0.5 * THICKNESS  # it was pressed
     assert min(least) >= 0.2 * (1 - 1e-6) * THICKNESS
 
 

@@ -15,7 +15,7 @@ VERTEX_FACE, EDGE_EDGE = 0, 1
 
 FLOOR = 1 / 5  # of the distance r that a pair should keep: repulsion is that of what is above it
 LAST = 0.02  # part of the room above the floor, and of r, where the law changes for what solids press
-QUICK = 0.003  # s: within it cloth gives way to a pair as far as that does to the cloth
+STIFFNESS = 12.0 * 60**2  # of a pair over mass [1/s^2]
 SETTLING = 0.3  # r a second that a pair may come nearer and is not stopped
 STOPPING = 30.0  # of what stops an approach, over mass / h^2, h this step
 END, ANGLE = 0.05, 1e-3  # part of an edge near its ends, squared sine of the angle between edges, where pairs fade
@@ -191,8 +191,7 @@ class Pair:
     Attributes:
         kind: VERTEX_FACE or EDGE_EDGE; x: (4, 3) where its turns are taken; w, n: (4,), (3,) weights and normal.
         end: distance [m] along the normal; r: what it should be; began: where the step began.
-        mass: (4,) [kg]; yields: (4,) how far the particles give way [m/N].
-        mu: Coulomb's coefficient; factor: fading; boost: factor of its stiffness.
+        mass: (4,) [kg]; mu: Coulomb's coefficient; factor: fading; boost: factor of its stiffness.
         h: the step [s].
     """
 
@@ -204,7 +203,6 @@ class Pair:
     r: float
     began: float
     mass: np.ndarray
-    yields: np.ndarray
     mu: float
     factor: float
     boost: float
@@ -212,7 +210,7 @@ class Pair:
 
     def __post_init__(self) -> None:
         self.own = 1 / float(np.sum(self.w**2 / self.mass))  # kg that its distance has
-        self.stiff = self.factor * self.boost / float(np.sum(self.w**2 * self.yields))
+        self.stiff = STIFFNESS * self.own * self.factor * self.boost
         self.t = turns(self.kind, self.x, self.n, self.end)
         self.J = jacobian(self.w, self.t, self.n)
         self.rubs = self.mu * turning(self.t)
@@ -256,15 +254,6 @@ class Pair:
         moved = self.J @ base.ravel()
         r = self.h * (force + slope * (at - self.began - self.n @ moved)) * self.n
         return A, r - drag * across @ moved - self.h * bound * way, force, slope, at, bound, drag, way
-
-
-def give_way(m: np.ndarray, K: np.ndarray) -> np.ndarray:
-    """(n,) how far [m/N] particles of masses m (n,) with stiffness K (n, 3, 3) [N/m] give way where all others stay.
-
-    In the directions in which they do most, and no more than by their masses.
-    """
-    D = m[:, None, None] / QUICK**2 * np.eye(3) + K
-    return np.minimum(np.sum(1 / np.linalg.eigvalsh(D), axis=1), QUICK**2 / m)
 
 
 # times of impact

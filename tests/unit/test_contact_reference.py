@@ -11,14 +11,11 @@ from reference import contact as ref
 import taichi_cloth as tc
 from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
-from taichi_cloth.backend.rows import read, write
-from taichi_cloth.backend.timing import Clock
 from taichi_cloth.contact.cloth import barrier as repulsion
 from taichi_cloth.contact.cloth.narrow_phase import LayerDetector
 from taichi_cloth.contact.cloth.pair_kernels import BACK, BEARS, FORCE, GAP, OWN, POTENTIAL, RUB, RUBBED, STIFF, STOPPED
 from taichi_cloth.contact.pair_geometry import between, closing, fading, gap
 from taichi_cloth.scene import intersections
-from taichi_cloth.step.nonlinear.layer_contact import LayerStep
 from taichi_cloth.system.state import ParticleState
 
 THICK = (0.05, 0.03)  # m, of two cloths
@@ -246,14 +243,13 @@ class Solve:
 
 def reference_pairs(sim, p, at, x_0, boost) -> dict:
     """Pairs as found, as the reference has them."""
-    model, mass, yields = sim.model, sim.model.mass, read(sim.contacts.layers.kernels.yields)
+    model, mass = sim.model, sim.model.mass
     mu = np.repeat([0.2, 0.7], [c.mesh.vertex_count for c in sim.scene.cloths])[model.user]
     out = {}
     for k, key in enumerate(p.key.tolist()):
         v = p.vertices[k]
         out[key] = ref.Pair(int(p.pair[k, 2]), at[v], p.weights[k], p.normal[k], float(p.end[k]), float(p.radius[k]),
-                            float(p.normal[k] @ (p.weights[k] @ x_0[v])), mass[v], yields[v],
-                            float(np.sqrt(mu[v[0]] * mu[v[3]])),
+                            float(p.normal[k] @ (p.weights[k] @ x_0[v])), mass[v], float(np.sqrt(mu[v[0]] * mu[v[3]])),
                             float(p.factor[k]), float(boost[v].max()), H / 2)
     return out
 
@@ -293,7 +289,6 @@ def test_solves_are_told_what_the_reference_says(rng):
     layers.intersections.resting[:] = layers.intersections.active = False  # what passes through counts like all else
     layers.detector.let_rest(layers.intersections.resting)
     layers.firmness.boost = rng.choice([1.0, 4.0], size=model.n)
-    write(layers.kernels.yields, 0.003**2 / model.mass * rng.choice([1.0, 0.1], size=model.n))
     x_0, v_0 = model.read_particles()
     model.save()
     ends = [x_0 + 0.005 * rng.normal(size=x_0.shape) for _ in range(3)]
@@ -370,36 +365,14 @@ def test_solves_are_told_what_the_reference_says(rng):
                  for q in reference_pairs(sim, layers.near, model_at, x_0, layers.firmness.boost).values())
     assert layers.energy == pytest.approx(energy, rel=1e-9) and layers.count == len(layers.near.end)
     assert slid > 20 and stuck > 100 and new > 20
-    # what ends with less than .4 of its room gets stiffer, with more than .7 softer again: by as much a usual step, half here
+    # what ends with less than .3 of its room gets stiffer, with more than .7 softer again: by as much a usual step, half here
     p, boost, room = layers.near, layers.firmness.boost, np.full(model.n, np.inf)
     for v, part in zip(p.vertices, (p.end / p.radius - 0.2) / 0.8):
         room[v] = np.minimum(room[v], part)
-    expected = np.where(room < 0.4, np.minimum(2 * boost, 64), np.where(room > 0.7, np.maximum(0.8**0.5 * boost, 1), boost))
+    expected = np.where(room < 0.3, np.minimum(2 * boost, 64), np.where(room > 0.7, np.maximum(0.8**0.5 * boost, 1), boost))
     layers.commit()
     assert np.allclose(layers.firmness.boost, expected, rtol=1e-12) and {1.0, 2.0, 4.0, 8.0} <= set(np.round(expected, 9))
     sim.close()
-
-
-@pytest.mark.parametrize("stretched, least", [(1.3, 0.0), (0.8, 0.9)])
-def test_pairs_are_as_stiff_as_the_cloth_at_them(stretched, least):
-    """How far each particle gives way, from the matrix of a step of 1/60 s: less than by its mass where cloth is under
-    tension, and about as far where it is slack."""
-    scene, mesh = tc.Scene(), tc.grid(0.2, 3)
-    cloth = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, k_d=1.0), tc.Shear(100), tc.Bend(5e-5)), mesh.x * stretched,
-                            contact=tc.ClothContact(0.005, 0.3))
-    scene.pin(cloth, "left")
-    with tc.Simulation(scene, h=1 / 240, integrator="backward_euler", threads=1) as sim:
-        n, order = sim.vertex_count, sim.model.particle
-        m = sim.model.mass[order]
-        unit = np.eye(3 * n).reshape(-1, n, 3)
-        A = np.stack([sim.product(p, 1 / 60).ravel() for p in unit]).reshape(n, 3, n, 3)[range(n), :, range(n)]
-        system = sim.stepper.integrator.policy.system
-        expected = ref.give_way(m, (A - m[:, None, None] * np.eye(3)) * 60**2)
-        LayerStep(system, None, 1 / 240, None, system.meter.measure(), Clock(), [])
-        mine = read(sim.contacts.layers.kernels.yields)[order]
-        assert np.allclose(mine, expected, rtol=1e-9)
-        over = mine * m / 0.003**2
-        assert over.max() <= 1 + 1e-12 and (over.min() > least if least else over.max() < 0.7), over
 
 
 def test_a_step_ends_when_forces_and_friction_agree(rng):

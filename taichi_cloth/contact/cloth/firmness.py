@@ -10,7 +10,7 @@ from ...system.checkpoint import Checkpointed
 from .barrier import room
 from .contact_pairs import ContactPairs
 
-CLOSE, WIDE = 0.4, 0.7  # of a pair's room: what ends with less gets stiffer, with more softer again
+CLOSE, WIDE = 0.3, 0.7  # of a pair's room: what ends with less gets stiffer, with more softer again
 STIFFER, SOFTER, STIFFEST = 4.0, 0.8, 4096.0  # factors from usual step to usual step, and their product at most
 
 

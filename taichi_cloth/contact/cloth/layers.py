@@ -110,12 +110,6 @@ class Layers(Checkpointed):
         self.detector.let_rest(self.intersections.resting, self.waived)
 
     @timed
-    def soften(self, P: Any, c: float) -> None:
-        """Pairs become as stiff as cloth is where the model is; see `PairKernels.soften`."""
-        self.kernels.soften(P, c)
-        self._weighed = None
-
-    @timed
     def begin(self, start: StepStart, guess: bool) -> None:
         """A new attempt; the model is at its predicted end, with `guess` looked at there."""
         self.start, self.stiffened = start, 0.0
@@ -237,7 +231,7 @@ class Layers(Checkpointed):
     def _too_near(self) -> np.ndarray:
         """(k,) which pairs end nearer than a step may leave them, and have not parted: what rests no more may begin nearer."""
         p, was = self.near, float(room(np.array([self.was]), np.ones(1))[0])
-        allowed = FLOOR + (1 - FLOOR) * min(CLOSE / 4, was / 2, 2 * was)
+        allowed = FLOOR + (1 - FLOOR) * min(CLOSE / 3, was / 2, 2 * was)
         return (p.end <= allowed * p.radius) & (p.end <= self._evaluate(p)[0][pair_kernels.BEGAN])
 
     def _stiffen(self) -> None:

@@ -7,15 +7,16 @@ import numpy as np
 import taichi as ti
 
 from ...backend.fields import Fields
-from ...forces.conditions import sym_outer, sym_scaled_identity, sym_unpack
+from ...forces.conditions import sym_outer, sym_scaled_identity
+from ...options import USUAL
 from ...system.state import ParticleState
 from ..geometry import EDGE_EDGE
 from .barrier import SHALLOW, height, law, potential
 
 STEEP = 4.0  # size of a turn from which on friction fades: edges near parallel would turn each other by large normal forces
 FLAT = 1e-6  # over that: from which on there is none
-QUICK = 0.003  # s in which cloth gives way to a pair as far as that does to the cloth, whatever the step is
-STOP = 30.0  # stiffness of what stops an approach over mass / h^2
+PRESS = 12.0  # stiffness of a pair over mass / h^2, h = USUAL whatever the step, so that what rests lies as near
+STOP = 30.0  # the same of what stops an approach, h this step
 SETTLING = 0.3  # radii a second that a pair may come nearer before it is stopped: loads settle as fast whatever h is
 CREEP = 2e-5  # slip [m/s] below which friction between layers is viscous
 CONE = 1.02  # times the most that friction can be, above which what it damps slides
@@ -42,19 +43,6 @@ class PairKernels:
     def __init__(self, fields: Fields, model: ParticleState, friction: np.ndarray) -> None:
         self.model = model
         self.friction = fields.real(model.n, data=friction)
-        self.yields = fields.real(model.n, data=QUICK**2 / model.mass)
-
-    @ti.kernel
-    def soften(self, P: ti.template(), c: float):
-        """How far particles give way [m/N] while those around them stay: the trace of D^-1, in the directions in which they
-        do most, and no more than their masses do; D = M/QUICK^2 + K, from the diagonal blocks P = M + c^2 K [kg] of a system
-        without contact."""
-        for i in range(self.model.rows()):
-            m = self.model.m[i]
-            D = sym_unpack(P[i] / c**2 + sym_scaled_identity(m / ti.static(QUICK**2) - m / c**2))
-            self.yields[i], gives = ti.static(QUICK**2) / m, D.inverse().trace()
-            if gives > 0:  # else K is not semidefinite
-                self.yields[i] = ti.min(self.yields[i], gives)
 
     @ti.kernel
     def evaluate(self, pair: ti.types.ndarray(), vertices: ti.types.ndarray(), weights: ti.types.ndarray(),
@@ -62,13 +50,12 @@ class PairKernels:
                  boost: ti.types.ndarray(), h: float, out: ti.types.ndarray(), turns: ti.types.ndarray()):
         """Pairs as they are, and their turns (k, 4, 3); `boost` (n,) factors of the particles' stiffness."""
         for k in range(vertices.shape[0]):
-            light, gives, more = 0 * weights[k, 0], 0 * weights[k, 0], boost[vertices[k, 0]]
+            light, more = 0 * weights[k, 0], boost[vertices[k, 0]]
             for a in ti.static(range(4)):
                 light += weights[k, a] ** 2 / self.model.m[vertices[k, a]]
-                gives += weights[k, a] ** 2 * self.yields[vertices[k, a]]
                 more = ti.max(more, boost[vertices[k, a]])
             own = 1 / ti.max(light, 1e-30)
-            stiff = self.stiffness(gives, own) * factor[k] * more
+            stiff = ti.static(PRESS / USUAL**2) * own * factor[k] * more
             n = row_of(normals, k)
             began = n.dot(self.at(vertices, weights, k, self.model.x_saved))
             counts = self.turn(pair[k, 2], vertices, k, n, end[k], turns)
@@ -146,11 +133,6 @@ class PairKernels:
             out[RUB, k] = h * bears * ti.select(speed < CREEP, speed**2 / (2 * CREEP), speed - CREEP / 2)
             stop = STOP * weighed[OWN, k] * factor[k] / h**2
             out[STOPPED, k] = stop * ti.max(limit(weighed[BEGAN, k], radius[k], h) - gap, 0.0) ** 2 / 2
-
-    @ti.func
-    def stiffness(self, gives, own):
-        """Of a pair [N/m] at which the cloth gives way by so much [m/N], and whose distance has a mass [kg]."""
-        return 1 / ti.max(gives, 1e-30)
 
     @ti.func
     def at(self, vertices: ti.template(), weights: ti.template(), k, rows: ti.template()):

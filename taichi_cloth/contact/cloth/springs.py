@@ -8,24 +8,18 @@ Differs from [BW98 §6]: a step on whose way cloth would pass through cloth is t
 
 import taichi as ti
 
-from ...options import USUAL
 from ..step_start import StepStart
 from .contact_pairs import ContactPairs
 from .layers import Layers
 from .pair_kernels import PairKernels
 
-STRONG = 300.0  # stiffness of a spring over mass / h^2, h = USUAL
+STRONG = 25.0  # times as stiff as repulsion where cloth begins to touch
 DAMPING = 1.0  # of a spring, over critical
 
 
 @ti.data_oriented
 class SpringKernels(PairKernels):
     """Pairs of a model's cloths with springs between them."""
-
-    @ti.func
-    def stiffness(self, gives, own):
-        """Of a spring [N/m] whose distance has a mass [kg]."""
-        return ti.static(STRONG / USUAL**2) * own
 
     @ti.func
     def where(self, end, radius, began, first):
@@ -35,7 +29,8 @@ class SpringKernels(PairKernels):
     @ti.func
     def pull(self, d, radius, began, stiff, own, factor, h):
         """(force [N] of a pair at a distance d, its slope [N/m] over the step, in which the damper adds to the spring)."""
-        return stiff * ti.max(radius - d, 0.0), stiff + 2 * DAMPING * ti.sqrt(stiff * own) / h
+        spring = STRONG * stiff
+        return spring * ti.max(radius - d, 0.0), spring + 2 * DAMPING * ti.sqrt(spring * own) / h
 
 
 class Springs(Layers):

@@ -17,8 +17,6 @@ import numpy as np
 
 from ...backend.timing import Clock
 from ...contact.contacts import Verdict
-from ...contact.points import Points
-from ...options import USUAL
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
 from ...system.held import Held
@@ -57,14 +55,11 @@ class LayerStep(EulerStep):
                  solutions: list[Solution]) -> None:
         super().__init__(system, energy, None, h, pins, start, clock, solutions)
         self.contacts, self.layers = system.contacts, system.contacts.layers
-        with clock.part("EVAL"):
-            self.contacts.force.set(Points.none())
-            system.linearize(USUAL)  # whatever h is: damping counts as much as it does there
         with clock.part("C-S"):
-            self.layers.soften(system.operator.P, USUAL)
+            known = self.contacts.warm
             predict(system, h, pins, together=True)
             system.start_over()
-            stored = self.layers.energy_here()
+            stored = self.layers.energy if known and not self.layers.freed else self.layers.energy_here()
         self.stiffened = stored - start.energies.get("contact", 0.0)  # J: pairs got stiffer, or rest no more
         self.levels: list[float] = []  # Phi at the start of each Newton step
         self.leads = True  # whether held directions were still on their way to their targets
