@@ -21,8 +21,6 @@ from .solid_contacts import Forces, SolidContacts
 from .vertices import VertexContacts
 
 EARTH = 9.81  # m/s^2: forces are compared with the weight that cloth has there, also where gravity is less
-
-
 Impulses = tuple[np.ndarray, np.ndarray]  # (k, 3) on contacts [N s], and (k,) along their normals
 
 
@@ -63,6 +61,7 @@ class Balance:
 
     Attributes:
         rows: what contacts do in the next solve; f: these contacts, with where they were met.
+        stay: (k, 3) where what sticks is held, from where the solid carried it [m]: 0, but for what has just begun to.
         goal: (k,) gap [m] that each is led to; less than 0 where it starts too deep to come out in a step.
         y: (n, 3) alterations of positions in the first solve [m].
         on: (k, 3) impulses that the law says, of the contacts that bear in the state that was last judged.
@@ -144,7 +143,7 @@ class Balance:
 
     def take(self, found: Found) -> None:
         """What was found is what contacts do next."""
-        known, was = self.rows.of(found.f.key)
+        was = self.rows.of(found.f.key)[1]
         here = tangential(self.solids.near.there[found.f.index] - found.f.carried, found.f.normal)
         self.stay = np.where(was.stick[:, None], 0.0, here)
         self.f, self.rows, self.slip, self.goal, self.on = found.f, found.rows, found.slip, found.goal, found.on
@@ -174,7 +173,7 @@ class Balance:
         return Residual(float(np.sqrt(size.sum())) / acting, int(size.argmax())), rows, p, bears
 
     def go_on(self) -> None:
-        """A further solve follows. Where friction changed in the first one, it is smooth in the next two."""
+        """A further solve follows. Where friction changed in the first one, it is smooth in the next."""
         if self.k == 1 and self.rubbed:
             self.smooth = SMOOTH
         self.smoothed = bool(self.smooth)
