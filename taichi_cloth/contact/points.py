@@ -61,6 +61,12 @@ class Points:
         return float(np.sum((sym_times(self.block, dv) / 2 - self.rhs) * dv))
 
     @staticmethod
+    def at(particles: np.ndarray, block: np.ndarray, rhs: np.ndarray) -> "Points":
+        """Points that are particles (k,)."""
+        vertices, weights = np.repeat(particles[:, None], CORNERS, axis=1), np.tile(np.eye(CORNERS)[0], (len(rhs), 1))
+        return Points(vertices, weights, block, rhs)
+
+    @staticmethod
     def none() -> "Points":
         """No points."""
         return Points(np.zeros((0, CORNERS), dtype=np.int64), np.zeros((0, CORNERS)), np.zeros((0, 6)), np.zeros((0, 3)))

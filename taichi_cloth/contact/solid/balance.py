@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..points import CORNERS, Points, length, rows_of, sym_times, tangential
+from ..points import Points, length, rows_of, sym_times, tangential
 from .active_set import ActiveSet, States, hold_together
 from .coulomb import SMOOTH, Rows, follow, smoothed
 from .sliding import Sliding
@@ -116,7 +116,7 @@ class Balance:
         block = rows.blocks(f.normal)
         against = start.mean(v)[f.index] - (f.carried - start.x[f.index]) / start.h
         push = (f.friction * rows.normal)[:, None] * rows.push - sym_times(block, against)
-        return _points(f, start.c / start.h * block, push)
+        return Points.at(f.index, start.c / start.h * block, push)
 
     def assess(self, b: np.ndarray, v: np.ndarray, taken: Impulses, needed: Impulses, enough: float) -> Found:
         """How far the state that the model is in is from solving the step, and what contacts do next by the law.
@@ -188,17 +188,12 @@ class Balance:
         self.hold()
         slides = ~self.rows.stick
         across, mine = tangential(self.on, f.normal)[slides], f.take(slides)
-        points = _points(mine, np.zeros((len(across), 6)), across)
+        points = Points.at(mine.index, np.zeros((len(across), 6)), across)
         solids.sliding = Sliding(slides, np.full(len(slides), np.inf), points)
         none = np.zeros((0, 3))
         solids.forces = Forces(self.on / start.c, none, none)
         if solids.linearized is not None:
             solids.forces = Forces(self.on / start.c, solids.pressing.rhs / start.c, solids.linearized.of(solids.near.there))
-
-
-def _points(f: VertexContacts, block: np.ndarray, push: np.ndarray) -> Points:
-    """Points of particles in contact, with their blocks (k, 6) and right-hand sides (k, 3)."""
-    return Points(np.repeat(f.index[:, None], CORNERS, axis=1), np.tile(np.eye(CORNERS)[0], (len(f.index), 1)), block, push)
 
 
 def _rows(keys: np.ndarray, values: np.ndarray, wanted: np.ndarray) -> np.ndarray:

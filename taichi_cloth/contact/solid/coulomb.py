@@ -11,7 +11,7 @@ bears, sticks and slides in the next one. A pure active set lets one row of a cl
 slide or stick, Coulomb's law is taken smooth in the next solves, below a slip that shrinks (`SMOOTH`).
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -37,11 +37,11 @@ class Rows:
         drag: (k,) [kg].
     """
 
-    key: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    stick: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    normal: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    push: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
-    drag: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    key: np.ndarray
+    stick: np.ndarray
+    normal: np.ndarray
+    push: np.ndarray
+    drag: np.ndarray
 
     def take(self, which: np.ndarray) -> "Rows":
         """Some of them."""
@@ -56,11 +56,6 @@ class Rows:
             return known, Rows(key, np.zeros(k, dtype=bool), np.zeros(k), np.zeros((k, 3)), np.zeros(k))
         old = self.take(row)
         return known, Rows(key, old.stick & known, old.normal * known, old.push * known[:, None], old.drag * known)
-
-    @property
-    def viscous(self) -> np.ndarray:
-        """(k,) whether friction is a drag in all directions."""
-        return (self.drag > 0) & ~self.push.any(axis=1)
 
     def blocks(self, normals: np.ndarray) -> np.ndarray:
         """(k, 6) drag across the normals (k, 3) and d [kg]."""

@@ -16,7 +16,7 @@ from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.elements import lumped_mass
 from ...system.held import Held
-from ..points import CORNERS, EYE, Points, length, sym_outer, sym_times, tangential, unit
+from ..points import EYE, Points, length, sym_outer, sym_times, tangential, unit
 from ..step_start import StepStart
 from .facing import FacingSurfaces, Sides
 from .query import Scanner
@@ -283,8 +283,7 @@ class Pinches(Checkpointed):
             size = c * self._bearable() / np.maximum(length(self.slip), CREEP)
             block = size[:, None] * (EYE - sym_outer(f.normal))
             against = start.mean(v)[f.index] - (f.carried - start.x[f.index]) / start.h
-            vertices, weights = np.repeat(f.index[:, None], CORNERS, axis=1), np.tile(np.eye(CORNERS)[0], (len(size), 1))
-            self.rubbing = Points(vertices, weights, c / start.h * block, -sym_times(block, against))
+            self.rubbing = Points.at(f.index, c / start.h * block, -sym_times(block, against))
         return self.rubbing
 
     def _slip(self, start: StepStart, there: np.ndarray) -> np.ndarray:

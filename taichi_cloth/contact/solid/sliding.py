@@ -79,5 +79,4 @@ def slide(f: VertexContacts, states: States, slip: np.ndarray, friction: np.ndar
     block = (c * size / speed)[:, None] * (EYE - sym_outer(f.normal) - sym_outer(push))
     against = start.mean(v)[f.index] - (f.carried - start.x[f.index]) / start.h  # slip with which the solve begins
     rhs = (c * size)[:, None] * push - sym_times(block, against)
-    vertices, weights = np.repeat(f.index[:, None], 4, axis=1), np.tile([1.0, 0, 0, 0], (len(u), 1))
-    return Sliding(rows, lag, Points(vertices, weights, start.c / start.h * block, rhs))
+    return Sliding(rows, lag, Points.at(f.index, start.c / start.h * block, rhs))
