@@ -172,10 +172,13 @@ class Balance:
         size = np.einsum("ni,ni->n", total, total)
         return Residual(float(np.sqrt(size.sum())) / acting, int(size.argmax())), rows, p, bears
 
-    def go_on(self) -> None:
-        """A further solve follows. Where friction changed in the first one, it is smooth in the next."""
+    def go_on(self, solved: bool) -> None:
+        """A further solve follows. Where friction changed in the first one, it is smooth in the next, until all is in balance
+        (`solved`)."""
         if self.k == 1 and self.rubbed:
             self.smooth = SMOOTH
+        elif solved:
+            self.smooth = ()
         self.smoothed = bool(self.smooth)
         if self.smooth:
             f, self.smooth, slip = self.f, self.smooth[1:], self.smooth[0]

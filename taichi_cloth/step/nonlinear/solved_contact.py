@@ -59,7 +59,7 @@ class SolvedStep(StepProblem):
         balance, contacts, system = self.balance, self.contacts, self.system
         with self.clock.part("C-S"):
             if k:
-                balance.go_on()
+                balance.go_on(self.residual.off <= self.enough)
                 balance.hold()
                 contacts.base = system.model.read_particles()
             else:
