@@ -111,8 +111,8 @@ class Balance:
 
     def rubs(self, v: np.ndarray) -> Points:
         """Friction of what slides, for a solve that begins with velocities v (n, 3) [m/s]."""
-        alone = ~self.rows.stick & self.solids.active.holding.alone
-        f, rows, start = self.f.take(alone), self.rows.take(alone), self.start
+        slides, start = ~self.rows.stick, self.start
+        f, rows = self.f.take(slides), self.rows.take(slides)
         block = rows.blocks(f.normal)
         against = start.mean(v)[f.index] - (f.carried - start.x[f.index]) / start.h
         push = (f.friction * rows.normal)[:, None] * rows.push - sym_times(block, against)
