@@ -102,8 +102,8 @@ def over(h: float, cells: int, start: int, threads: int, mu: float, shape: str =
 
 @case(50, 100)
 def edge_smooth(h: float, cells: int, start: int, threads: int) -> tuple[Result, ...]:
-    """A strip slides over a table's rounded edge, mu = 0, as a chain does (see `chain`)."""
-    return over(h, cells, start, threads, 0.0)
+    """A strip slides over a table's rounded edge, mu = 0, as a chain does (see `chain`), which leaves the edge at .23 s."""
+    return over(h, cells, start, threads, 0.0, until=0.2)
 
 
 @case(50, 100)

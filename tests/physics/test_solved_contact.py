@@ -16,6 +16,7 @@ LAWS = {
     "turntable": ("slip",),
     "turntable_catches": ("lags", "slip after"),
     "sticks_again": ("slid", "slip after"),
+    "edge_smooth": ("way", "speed"),
     "edge_round": ("way", "speed"),
     "edge_slope": ("way", "speed"),
     "landing_ball": ("gravity's work", "unaccounted"),
@@ -31,6 +32,20 @@ def test_law(name, monkeypatch):
     results = {r.name: r for r in CASES[name].run(1 / 60, CASES[name].cells[0], 0, 1)}
     assert set(results) == set(LAWS[name])
     assert all(r.holds for r in results.values()), ", ".join(map(str, results.values()))
+
+
+def test_what_pins_hold_in_part_is_rubbed_too():
+    """A sheet that slides on a plane, held across its way by pins, is slowed down by mu g, in steps that are all solved."""
+    mu, scene, mesh = 0.3, tc.Scene(), tc.grid(0.1, 3)
+    x = np.column_stack([mesh.uv[:, 0], np.full(len(mesh.uv), 0.004), mesh.uv[:, 1]])
+    cloth = scene.add_cloth(mesh, case.fabric(), positions=x, velocities=(1.0, 0, 0))
+    scene.pin(cloth, np.arange(len(x)), "z")
+    scene.add_solid(tc.Plane(), mu, 0.004)
+    with tc.Simulation(scene, h=1 / 60, threads=1, contact_tol=0.01) as sim:
+        for _ in range(12):
+            sim.step()
+        assert np.allclose(sim.velocities(), [1 - mu * case.G * 0.2, 0, 0], atol=1e-3)
+        assert len(sim.log) == 12 and not sim.notes
 
 
 def test_a_slip_front_goes_through_in_one_step():
@@ -81,13 +96,13 @@ def test_momentum_of_every_step_is_that_of_its_forces():
 
 
 def test_step_that_is_not_solved_is_named():
-    """A single solve cannot meet 1e-9: after small steps it is made as without, and a note says so."""
+    """A single solve cannot meet 1e-9: an eighth of the step is made as without, and a note says so."""
     scene, _ = sheet(0.006)
     with tc.Simulation(scene, h=1 / 60, threads=1, contact_tol=1e-9, newton_max=0) as sim:
         for _ in range(4):
             record = sim.step(1 / 60)
         assert any("contact_tol" in note for note in sim.notes)
-        assert sum(r.rejections.get("NEWTON", 0) for r in sim.log) > 0 and record.h < 1 / 1000
+        assert sum(r.rejections.get("NEWTON", 0) for r in sim.log) > 0 and 0.9 / 480 < record.h < 1.1 / 480
 
 
 def test_a_run_is_resumed_bit_for_bit():

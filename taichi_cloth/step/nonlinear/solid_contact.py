@@ -19,6 +19,8 @@ from .newton import Outcome, StepProblem, minimize
 from .system import System
 
 ANEW = 3  # times that contacts are judged anew after further Newton steps
+FINEST = 8  # times smaller than the usual, a step that is not solved is no longer tried smaller. A sheet on a ball, .7 s: with
+# 4, 8, 16 581, 641, 656 solves and .065, .0035, .0016 J unaccounted for; with 64 a rope of next to no weight takes minutes
 
 
 def predict(system: System, c: float, pins, together: bool) -> None:
@@ -148,7 +150,7 @@ class SolidPolicy(EulerPolicy):
         if self.solved is not None:
             problem = self.solved(self.system, self.energy, self.effort, h, pins, start, clock, solutions)
             made = minimize(problem, 1 + self.system.options.newton_max)
-            if made.rejection is None or not self.system.contacts.start.small:
+            if made.rejection is None or self.system.contacts.start.share > 1.5 / FINEST:
                 return made
             self.system.tell("some steps in contact were not solved to contact_tol, however small: they were made without it")
             self.system.start_over()
