@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import MeshError, did_you_mean, near, shown
 from . import blender, npz
+from .polygon import cut
 
 SCRIPT = Path(__file__).with_name("blendfile_script.py")
 
@@ -82,6 +83,35 @@ def read(path: Path, only: Sequence[str] | None, times: Sequence[float] = (0.0,)
     first, last = got["frames"].tolist()
     return Blend(names, float(got["fps"]), (first, last), float(got["unit"]),
                  {name: _item(name, got) for name in only or names})
+
+
+def whole(path: Path, only: Sequence[str] | None) -> tuple[Item, float]:
+    """The object that cloth is made of, and metres of the file's unit.
+
+    Raises:
+        MeshError: as `read`; several objects, or none that is named of several.
+    """
+    found = read(path, only)
+    if len(found.items) > 1:
+        raise MeshError(f"{path}: cloth is one object of a .blend: name one of them (only=): {', '.join(sorted(found.items))}")
+    return next(iter(found.items.values())), found.unit
+
+
+def triangles(item: Item) -> tuple[np.ndarray, np.ndarray]:
+    """(m, 3) places in `corners` of triangles that an object's polygons are cut into, and (m,) the polygon of each.
+
+    Raises:
+        MeshError: no polygon.
+    """
+    if not len(item.counts):
+        raise MeshError("has no faces")
+    places, polygon = cut(item.x, item.corners, item.counts)
+    return (places[:, [0, 2, 1]] if np.linalg.det(item.world[0, :3, :3]) < 0 else places), polygon
+
+
+def placed(item: Item, k: int = 0) -> np.ndarray:
+    """(n, 3) positions in the world, in the file's unit, z up, by the k-th transform."""
+    return item.x @ item.world[k, :3, :3].T + item.world[k, :3, 3]
 
 
 def _arrays(path: Path, choices: str) -> dict[str, np.ndarray]:

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 ABSENT = "Blender's module bpy is not installed: pip install 'taichi-cloth[blender]'"
-with_blender = [pytest.mark.slow, pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason=ABSENT)]
 UNIT, FPS, FIRST = 0.1, 24, 11  # metres of its unit; frames a second; the scene's first frame
 
 # "Curtain", a grid of quads that a rig leads, in a moving and turning parent, with later modifiers, materials and pins;
@@ -103,6 +102,11 @@ for k in frames:
         got[f"{k:g} {o.name}"] = x @ world[:3, :3].T + world[:3, 3]
 np.savez(out, **got)
 """
+
+
+def with_blender(test):
+    """Marks a test that needs Blender."""
+    return pytest.mark.slow(pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason=ABSENT)(test))
 
 
 def run(code, *words):

@@ -9,6 +9,7 @@ from ...errors import OutputError
 from ...io import blender
 from ..camera import frame as axes_of
 from ..folder import written_aside
+from .polygons import loops
 from .shot import Mesh, Shot
 
 SCRIPT = pathlib.Path(__file__).with_name("blender_script.py")
@@ -62,9 +63,11 @@ def arrays(shot: Shot) -> dict[str, np.ndarray]:
            "eye": up(np.array([c.eye for c in shot.cameras])), "axes": up(np.array([axes_of(c).axes for c in shot.cameras]))}
     for k, mesh in enumerate(shot.meshes):
         surface = mesh.surface(0)
-        out |= {f"faces_{k}": surface.faces, f"x_{k}": up(np.stack(mesh.x)), f"sharp_{k}": sharp_edges(mesh)}
+        places, counts = loops(surface.faces, surface.polygon)
+        out |= {f"corners_{k}": surface.faces.ravel()[places], f"counts_{k}": counts, f"x_{k}": up(np.stack(mesh.x)),
+                f"sharp_{k}": sharp_edges(mesh)}
         if surface.uv is not None:
-            out[f"uv_{k}"] = surface.uv
+            out[f"uv_{k}"] = surface.uv.reshape(-1, 2)[places]
     return out
 
 

@@ -43,14 +43,14 @@ def main(data: str, path: str) -> None:
 
 def add_mesh(collection, name: str, arrays, k: int) -> None:
     """An object with its faces, uv, material and, where it moves, shape keys."""
-    faces, x = arrays[f"faces_{k}"], arrays[f"x_{k}"]
+    corners, counts, x = (arrays[f"{kind}_{k}"] for kind in ("corners", "counts", "x"))
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(x.shape[1])
     mesh.vertices.foreach_set("co", x[0].ravel())
-    mesh.loops.add(faces.size)
-    mesh.loops.foreach_set("vertex_index", faces.ravel())
-    mesh.polygons.add(len(faces))
-    mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
+    mesh.loops.add(len(corners))
+    mesh.loops.foreach_set("vertex_index", corners.astype(np.int32))
+    mesh.polygons.add(len(counts))
+    mesh.polygons.foreach_set("loop_start", (np.cumsum(counts) - counts).astype(np.int32))
     mesh.update(calc_edges=True)
     if f"uv_{k}" in arrays:
         mesh.uv_layers.new(name="pattern").uv.foreach_set("vector", arrays[f"uv_{k}"].ravel().astype(np.float32))

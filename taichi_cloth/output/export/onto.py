@@ -128,10 +128,11 @@ def _write(recording: Recording, source: pathlib.Path, target: pathlib.Path, fou
         raise OutputError(f"cannot write to {folder}: {error.strerror or error}") from None
     for file, cache in zip(files, data):
         write_whole(file, cache)
-    start = found.frames[0] + recording.time(recording.frames()[0]) * found.fps
+    scale = recording.fps / found.fps
+    start = scale * (found.frames[0] + recording.time(recording.frames()[0]) * found.fps)
     caches = [{"object": name, "file": f"{folder.name}/{file.name}", "before": found.items[name].before}
               for file, name in zip(files, chosen.values())]
-    _run(source, target, {"scale": recording.fps / found.fps, "start": start, "caches": caches})
+    _run(source, target, {"scale": scale, "start": start, "caches": caches})
     return [target, *files]
 
 

@@ -31,11 +31,13 @@ class Surface(NamedTuple):
         faces: (m, 3) int32 vertices.
         uv: (m, 3, 2) of corners, the pattern's [m], the mesh's own, or across what is printed on it; None of what has none.
         normal_of: (m, 3) number of each corner's normal: corners round a sharp edge have different ones.
+        polygon: (m,) number of the polygon that each was cut from, or None of what is triangles.
     """
 
     faces: np.ndarray
     uv: np.ndarray | None
     normal_of: np.ndarray
+    polygon: np.ndarray | None = None
 
     def equals(self, other: "Surface") -> bool:
         """Whether all of it is the same."""
@@ -205,7 +207,8 @@ def _cloth(k: int, frames: list[Frame], prints: list[Print | None]) -> Mesh:
             else:
                 uv = image_uv(g)[0][rows]
                 uv = uv if on is None else on.coordinates(uv)
-            surface = Surface((g["faces"][rows] - first).astype(np.int32), uv, numbers)
+            polygon = g["polygon"][rows] if "polygon" in g else None
+            surface = Surface((g["faces"][rows] - first).astype(np.int32), uv, numbers, polygon)
             surfaces.append(surfaces[-1] if surfaces and surface.equals(surfaces[-1]) else surface)
         else:
             surfaces.append(surfaces[-1])
