@@ -86,7 +86,7 @@ MUTATIONS = (
      "relative paths start elsewhere", DESCRIPTION),
     ("taichi_cloth/scene/attachment.py", "if len(shared) and rank < len(old.directions) + len(new.directions):",
      "if len(shared) and rank < len(old.directions):", "two motions of one vertex are taken", DESCRIPTION),
-    ("taichi_cloth/scene/attachment.py", "if old.cloth is not new.cloth or not (old.leads or new.leads):",
+    ("taichi_cloth/scene/attachment.py", "if old.cloth is not new.cloth or not (old.alone or new.alone):",
      "if old.path is None and new.path is None:", "cloths hold each other's vertices", DESCRIPTION),
     ("taichi_cloth/scene/scene.py", "not which(a) else a.vertices[~np.isin(a.vertices, free)]",
      "not which(a) else a.vertices[np.isin(a.vertices, free)]", "unpin keeps what it frees",

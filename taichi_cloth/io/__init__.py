@@ -60,8 +60,8 @@ def load(path: str | Path, scale: float = 1.0, uv: str = "auto", up: str | None 
     Args:
         path: .obj (v, vt, f, g, o, usemtl; polygons, negative indices, seams) or .ply, .stl, .vtk, .vtu, .off; of .glb, .gltf
             (extra `gltf`), .usd, .usda, .usdc, .usdz (extra `usd`), .fbx and .abc (extra `blender`) the meshes as they stand
-            before any animation; of .blend (extra `blender`) one object, with its own order of vertices, as shape keys and a rig
-            have it at the scene's first frame.
+            before any animation; of .blend (extra `blender`) one object with its own order of vertices, as shape keys and a
+            rig have it at the scene's first frame.
         scale: metres per unit of the file; of a file that names its unit, a factor besides.
         uv: "auto" takes the file's texture coordinates as the pattern where they have the mesh's lengths to 3 %, in the
             file's unit, metres, centimetres or millimetres, or all scaled alike; else the mesh's own shape is at rest, and
@@ -167,8 +167,8 @@ def _object(path: Path, inside: bool, only: Sequence[str] | None) -> Surface:
     groups |= {name: index for name, (index, _) in item.groups.items()}
     weights = {name: weight for name, (_, weight) in item.groups.items() if (weight < 1).any()}
     uv = None if item.uv is None else item.uv[places].astype(np.float64)
-    return Surface(blendfile.placed(item), faces, uv, {name: index for name, index in groups.items() if len(index)}, (), unit, "z",
-                   polygon, weights)
+    groups = {name: index for name, index in groups.items() if len(index)}
+    return Surface(blendfile.placed(item), faces, uv, groups, (), unit, "z", polygon, weights)
 
 
 def _still(path: Path, inside: bool, choice: Wanted) -> Surface:

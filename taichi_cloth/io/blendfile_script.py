@@ -111,7 +111,7 @@ def evaluated(item, without) -> np.ndarray:
 
 def transforms(scene, items, times, fps: float) -> dict:
     """World matrices at times."""
-    rows = {item.name: [] for item in items}
+    rows: dict = {item.name: [] for item in items}
     for t in times:
         at(scene, round(t * fps, 6))
         graph = bpy.context.evaluated_depsgraph_get()

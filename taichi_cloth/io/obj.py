@@ -60,8 +60,9 @@ def read_obj(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dic
 
     Returns:
         positions (n, 3), triangles (m, 3), texture coordinates per corner (m, 3, 2) or None where the file has none for
-        some face, rows of triangles by the names of objects, groups and materials, and (m,) the polygon of each. Names of `o` and `usemtl` are the
-        rest of their lines; `g a b` makes a and b, as the format has it, and "a b", as programs mean that write spaces.
+        some face, rows of triangles by the names of objects, groups and materials, and (m,) the polygon of each. Names of
+        `o` and `usemtl` are the rest of their lines; `g a b` makes a and b, as the format has it, and "a b", as programs
+        mean that write spaces.
         A material with the name of a group or an object is left out.
 
     Raises:

@@ -34,9 +34,9 @@ def geometry(sim: Simulation) -> dict[str, np.ndarray]:
 def as_built(scene: Scene) -> dict[str, np.ndarray]:
     """What a scene says by itself, at time 0.
 
-    Faces and uv of all cloths in one, `polygon` of faces that were cut from larger ones, `cloth_start` (first vertex of each and the end), `cloth_names`, `cloth_colors`
-    (NaN where left to the renderer) and what else `described.of_appearances` says; the same for solids (`solid_*`, without
-    those drawn as ground); how it is seen, as `described.of_view` says.
+    Faces and uv of all cloths in one, `polygon` of faces that were cut from larger ones, `cloth_start` (first vertex of each
+    and the end), `cloth_names`, `cloth_colors` (NaN where left to the renderer) and what else `described.of_appearances` says;
+    the same for solids (`solid_*`, without those drawn as ground); how it is seen, as `described.of_view` says.
     """
     cloths, solids = scene.cloths, drawn_solids(scene)
     surfaces = [s.shape.surface() for s in solids]

@@ -32,8 +32,8 @@ class Attachment:
         selected: the vertices that the path speaks of, released ones included.
         order: (k,) rows of the path's value in the order of rising vertex index.
         solid: what the vertices ride on, from where they are when the attachment begins, at time `since` [s]; or None.
-        stiffness: of a spring from each vertex to its place [N/m], one or one for each of `selected`, which pulls with `most` [N]
-            at most; None holds exactly.
+        stiffness: of a spring from each vertex to its place [N/m], one number or (k,) of `selected`, which pulls with `most`
+            [N] at most; None holds exactly.
     """
 
     cloth: Cloth
@@ -54,6 +54,11 @@ class Attachment:
     def leads(self) -> bool:
         """Whether it moves its vertices."""
         return self.path is not None or self.solid is not None
+
+    @property
+    def alone(self) -> bool:
+        """Whether nothing else may hold its vertices in its directions."""
+        return self.leads or self.stiffness is not None
 
     @property
     def springs(self) -> np.ndarray:
@@ -163,8 +168,7 @@ def check_overlap(others: list[Attachment], new: Attachment) -> None:
         SceneError: with the first such vertex.
     """
     for old in others:
-        alike = not (old.leads or new.leads) and old.stiffness is None and new.stiffness is None
-        if old.cloth is not new.cloth or alike:
+        if old.cloth is not new.cloth or not (old.alone or new.alone):
             continue
         shared = np.intersect1d(old.vertices, new.vertices)
         rank = np.linalg.matrix_rank(np.concatenate([old.directions, new.directions]), tol=1e-9)

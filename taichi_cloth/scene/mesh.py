@@ -88,9 +88,9 @@ class TriMesh:
             warnings.warn(note, stacklevel=2)
             notes += (note,)
         notes += open_note(x, borders) + _flips(faces)
-        of = checks.maybe(polygon, checks.indices, "polygons of triangles", len(faces), error=MeshError)
-        if of is not None and len(of) != len(faces):
-            raise MeshError(f"polygons of triangles: {len(of)} numbers for {len(faces)} triangles")
+        of: np.ndarray | None = checks.maybe(polygon, checks.array, "polygons of triangles", (len(faces),), row="face",
+                                             error=MeshError)
+        of = None if of is None else np.unique(of, return_inverse=True)[1].reshape(-1)
         for name, value in (("x", x), ("faces", faces), ("uv", uv), ("texture", image), ("polygon", of)):
             if value is not None:
                 value.setflags(write=False)
@@ -353,8 +353,8 @@ def _weights(weights: Mapping[str, ArrayLike] | None, groups: Mapping[str, np.nd
         out[name] = checks.array(f"weights of group {name!r}", values, (len(groups[name]),), row="vertex", error=MeshError)
         bad = np.flatnonzero((out[name] <= 0) | (out[name] > 1))
         if len(bad):
-            raise MeshError(f"weights of group {name!r}: vertex {groups[name][bad[0]]} has {out[name][bad[0]]:g}: they are above 0, "
-                            "up to 1")
+            vertex, weight = groups[name][bad[0]], out[name][bad[0]]
+            raise MeshError(f"weights of group {name!r}: vertex {vertex} has {weight:g}: they are above 0, up to 1")
         out[name].setflags(write=False)
     return out
 

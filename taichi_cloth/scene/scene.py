@@ -36,8 +36,8 @@ class Scene(Sewn):
         Args:
             vertices: index, list, mask, group name or list of names.
             directions: None (all), axis letters such as "y" or "xz", or (3,) or (1..3, 3) vectors.
-            stiffness: of a group with weights (`TriMesh.weights`): weight 1 holds exactly, and a weight w below it by a spring of
-                `stiffness` w / (1 - w) to where the vertex is [N/m], `stiffness` at one half.
+            stiffness: of a group with weights (`TriMesh.weights`): weight 1 holds exactly, a weight w below it by a spring to
+                where the vertex is, of `stiffness` w / (1 - w) [N/m], which is `stiffness` at one half.
 
         Raises:
             SceneError: weights below 1 without a stiffness, or with directions.
@@ -51,10 +51,10 @@ class Scene(Sewn):
         index = cloth.mesh.select(vertices)
         soft = np.flatnonzero(weights < 1)
         if stiffness is None or directions is not None:
-            what = f"pin: {len(soft)} of {len(index)} vertices in {shown(vertices)} have weights between 0 and 1, as {index[soft[0]]} " \
-                   f"has {weights[soft[0]]:.3g}: "
-            raise SceneError(what + ("springs hold them in all directions: leave out directions" if stiffness is not None else
-                                     "give stiffness= [N/m], of a spring at weight one half, or pin mesh.select(...) to hold all"))
+            way = ("give stiffness= [N/m], of a spring at weight one half, or pin mesh.select(...) to hold all"
+                   if stiffness is None else "springs hold them in all directions: leave out directions")
+            raise SceneError(f"pin: {len(soft)} of {len(index)} vertices in {shown(vertices)} have weights between 0 and 1, "
+                             f"as {index[soft[0]]} has {weights[soft[0]]:.3g}: {way}")
         if len(soft) < len(index):
             self._attach(cloth, index[weights == 1], None, None, False)
         w = weights[soft]

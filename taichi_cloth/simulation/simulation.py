@@ -148,8 +148,8 @@ class Simulation(Queries):
 
     def _refuse_soft(self, what: str) -> None:
         if self.prescribed.pulls is None:
-            raise SceneError(f"{what}: this simulation was made without soft attachments: attach something with a stiffness in "
-                             "its scene before, and detach it by hand, or attach in an event (scene.at)")
+            raise SceneError(f"{what}: this simulation was made without soft attachments: attach something with a stiffness "
+                             "in its scene before, and detach it by hand, or attach in an event (scene.at)")
 
     def detach(self, cloth: Cloth, vertices: object = None) -> None:
         """As `Scene.detach`, for this simulation, from now on."""

@@ -79,14 +79,17 @@ for o in bpy.data.objects:
                     [s.material.name for s in o.material_slots], [c.name for c in o.users_collection]]
     if o.type == "MESH":
         kept[o.name] += [[list(v.co) for v in o.data.vertices], [list(p.vertices) for p in o.data.polygons],
-                         [[g.name, g.index] for g in o.vertex_groups], [[x.group, x.weight] for v in o.data.vertices for x in v.groups],
+                         [[g.name, g.index] for g in o.vertex_groups],
+                         [[x.group, x.weight] for v in o.data.vertices for x in v.groups],
                          [list(d.uv) for u in o.data.uv_layers for d in u.data], [p.material_index for p in o.data.polygons]]
     cache = o.modifiers.get("taichi_cloth")
     got[f"path {o.name}"] = np.array(cache.filepath if cache else "")
 kept[""] = [scene.frame_start, scene.frame_end, scene.render.fps, sorted(a.name for a in bpy.data.actions),
-            sorted(m.name for m in bpy.data.materials), sorted(m.name for m in bpy.data.meshes), scene.unit_settings.scale_length]
+            sorted(m.name for m in bpy.data.materials), sorted(m.name for m in bpy.data.meshes),
+            scene.unit_settings.scale_length]
 got["kept"] = np.array(json.dumps(kept))
-bpy.context.view_layer.layer_collection.children["Closet"].exclude = False
+for hidden in bpy.context.view_layer.layer_collection.children:
+    hidden.exclude = False
 for o in bpy.data.objects:
     o.hide_viewport = False
     at = o.modifiers.find("taichi_cloth")
@@ -111,7 +114,8 @@ def with_blender(test):
 
 def run(code, *words):
     """Runs a script with bpy."""
-    done = subprocess.run([sys.executable, "-c", code, *map(str, words)], capture_output=True, text=True, check=False, timeout=200)
+    done = subprocess.run([sys.executable, "-c", code, *map(str, words)], capture_output=True, text=True, check=False,
+                          timeout=200)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
 
 

@@ -27,7 +27,7 @@ def recorded(folder, rng, pieces, fps=FPS):
     start = np.cumsum([0] + [n for _, n, _ in pieces])
     faces = [np.asarray(f) + k for (_, _, f), k in zip(pieces, start)]
     geometry = {"faces": np.concatenate(faces).astype(np.int32), "cloth_start": start,
-                "cloth_faces": np.cumsum([0] + [len(f) for f in faces]), "cloth_names": np.array([name for name, _, _ in pieces])}
+                "cloth_faces": np.cumsum([0] + [len(f) for f in faces]), "cloth_names": np.array([p[0] for p in pieces])}
     x = rng.normal(size=(COUNT, start[-1], 3)).astype(np.float32)
     out = RunFolder(folder)
     out.write_geometry(geometry)
@@ -78,8 +78,8 @@ def test_a_second_bake_takes_the_place_of_the_first(tmp_path, rng, made_blend, i
 def item(counts=(4, 4), corners=(0, 1, 4, 3, 1, 2, 5, 4), n=6, linked=False, scale=1.0):
     """An object of two quads side by side."""
     world = np.tile(scale * np.eye(4), (COUNT, 1, 1))
-    return blendfile.Item(np.zeros((n, 3)), np.array(corners), np.array(counts), None, np.zeros(len(counts), int), [], {}, world,
-                          "", [], linked)
+    return blendfile.Item(np.zeros((n, 3)), np.array(corners), np.array(counts), None, np.zeros(len(counts), int), [], {},
+                          world, "", [], linked)
 
 
 QUADS = [[0, 1, 4], [0, 4, 3], [1, 2, 4], [2, 5, 4]]  # cut along one diagonal, and along the other

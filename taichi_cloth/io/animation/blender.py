@@ -1,4 +1,4 @@
-"""FBX, Alembic and Blender's own files, by Blender in a process of its own; frames of the first two are kept for the next time."""
+"""FBX, Alembic and Blender's own files, by Blender in a process of its own; frames of the first two are kept."""
 
 from __future__ import annotations
 

@@ -21,8 +21,9 @@ def main(path: str, out: str, choices: str) -> None:
     else:
         bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
+    clips: list = []
     if own:
-        clips, first, last = [], scene.frame_start, scene.frame_end
+        first, last = scene.frame_start, scene.frame_end
         if bpy.data.version[:2] > bpy.app.version[:2]:
             told = ".".join(map(str, bpy.data.version[:2]))
             return save(out, {"refused": np.array(f"Blender {told} saved it, and this is {bpy.app.version_string}")})
@@ -31,7 +32,7 @@ def main(path: str, out: str, choices: str) -> None:
         rate = wanted["fps"] or 24.0
         scene.render.fps, scene.render.fps_base = max(1, round(rate)), max(1, round(rate)) / rate
         bpy.ops.wm.alembic_import(filepath=path, as_background_job=False)
-        clips, first, last = [], scene.frame_start, scene.frame_end
+        first, last = scene.frame_start, scene.frame_end
     elif not hasattr(bpy.ops.wm, "fbx_import") or bpy.app.version < (4, 5):
         return save(out, {"refused": np.array(f"FBX is read by Blender 4.5 or later, and this is {bpy.app.version_string}")})
     else:

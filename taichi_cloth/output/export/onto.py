@@ -88,11 +88,12 @@ def _refuse_other(recording: Recording, k: int, item: Item, what: str) -> None:
     if item.linked:
         raise OutputError(f"{what} is linked from another file: make it local first")
     if len(item.x) != n:
-        raise OutputError(f"{what} has {len(item.x):,} vertices, and cloth {name!r} of the run {n:,}: it was made of another mesh")
+        raise OutputError(f"{what} has {len(item.x):,} vertices, and cloth {name!r} of the run {n:,}: it was made of another "
+                          "mesh")
     faces = g["faces"][g["cloth_faces"][k]:g["cloth_faces"][k + 1]] - first
     if not _are_pieces(faces, item, n):
-        raise OutputError(f"{what} has other faces than cloth {name!r} of the run, or its vertices in another order: load the cloth "
-                          "from the .blend itself, or from an OBJ")
+        raise OutputError(f"{what} has other faces than cloth {name!r} of the run, or its vertices in another order: load the "
+                          "cloth from the .blend itself, or from an OBJ")
     flat = np.abs(np.linalg.det(item.world[:, :3, :3])) < 1e-30
     if flat.any():
         raise OutputError(f"{what} is scaled to nothing at frame {recording.frames()[int(np.argmax(flat))]} of the run")

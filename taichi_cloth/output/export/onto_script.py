@@ -1,8 +1,8 @@
 """Runs inside Blender: gives objects of a .blend caches of positions, as a modifier, and saves it under another name.
 
 Arguments: the file, the one to write, and a JSON object: `scale`, frames of the caches a frame of the scene; `start`, `scale`
-times the scene's frame at which they begin; `caches` with `object`, `file` (relative to the new .blend), and `before`, the modifier after which the
-cache comes. Nothing of the package is imported here: the Python that runs this is Blender's.
+times the scene's frame at which they begin; `caches` with `object`, `file` (relative to the new .blend), and `before`, the
+modifier after which the cache comes. Nothing of the package is imported here: the Python that runs this is Blender's.
 """
 
 import json
