@@ -1,7 +1,10 @@
-"""The command `blend --onto`: a run on the objects of somebody's own .blend."""
+"""The command `blend` besides the export: a run on the objects of somebody's own .blend, and the add-on."""
 
 import argparse
+import pathlib
 from collections.abc import Sequence
+
+ADDON = pathlib.Path(__file__).with_name("blender_addon.py")
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -9,10 +12,37 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--onto", metavar="FILE", help="your own .blend: a copy of it whose objects move as the run's cloths")
     parser.add_argument("--object", action="append", metavar="[CLOTH=]OBJECT",
                         help="the object that a cloth is put onto (that of its name); may come again")
+    parser.add_argument("--addon", metavar="FILE", help="write Blender's add-on to a .py, for its preferences to install")
 
 
-def put_onto(args: argparse.Namespace) -> int:
-    """Writes; returns the exit code."""
+def other(args: argparse.Namespace) -> int | None:
+    """The exit code of `--addon` or `--onto`; None where it is an export."""
+    from ..errors import OutputError
+
+    if args.addon is not None:
+        return _addon(args)
+    if args.run is None:
+        raise OutputError("blend needs a run's folder, or --addon")
+    if args.onto is not None or args.object:
+        return _onto(args)
+    return None
+
+
+def _addon(args: argparse.Namespace) -> int:
+    from ..errors import OutputError
+    from ..output.folder import write_whole
+
+    file = pathlib.Path(args.addon)
+    if args.run is not None or args.onto is not None:
+        raise OutputError("--addon goes without a run")
+    if file.suffix != ".py" or not file.stem.isidentifier():
+        raise OutputError(f"--addon {args.addon!r}: must be a .py whose name is one word, such as taichi_cloth_addon.py")
+    write_whole(file, ADDON.read_bytes())
+    print(f"written to {file}: in Blender, Preferences > Add-ons > Install from Disk")
+    return 0
+
+
+def _onto(args: argparse.Namespace) -> int:
     from ..errors import OutputError
     from ..output.export.onto import onto
     from ..output.recording import Recording
@@ -25,7 +55,7 @@ def put_onto(args: argparse.Namespace) -> int:
     files = onto(recording, args.onto, args.to, objects_of(args.object, recording.geometry["cloth_names"].tolist()))
     for note in recording.notes:
         print(f"note: {note}")
-    print(f"written to {files[0]}, with {len(files) - 1} caches in {files[1].parent}/")
+    print(f"written to {files[0]}, with its caches in {files[1].parent}/: {', '.join(file.name for file in files[1:-1])}")
     return 0
 
 

@@ -31,8 +31,9 @@ def add_parsers(commands) -> None:
     export = commands.add_parser("export", help="geometry for other tools")
     export.add_argument("--format", required=True, help="blend, abc, usda, usdc, glb, gltf, obj, pc2, vtu or ply")
     blend = commands.add_parser("blend", help="a .blend with cloths, solids and camera; or a run put onto your own")
+    export.add_argument("run", help="a run's folder")
+    blend.add_argument("run", nargs="?", help="a run's folder")
     for parser in (export, blend):
-        parser.add_argument("run", help="a run's folder")
         parser.add_argument("--to", metavar="PATH", help="folder, or the file where the format has one (RUN/FORMAT)")
         parts = parser.add_mutually_exclusive_group()
         parts.add_argument("--panels", dest="parts", action="store_const", const="panels",
@@ -102,12 +103,11 @@ def _export(args: argparse.Namespace, format: str | None = None) -> int:
 
 
 def _blend(args: argparse.Namespace) -> int:
-    if args.onto is None and not args.object:
-        return _export(args, "blend")
-    from .blending import put_onto
+    from .blending import other
 
     _check_to(args)
-    return put_onto(args)
+    done = other(args)
+    return _export(args, "blend") if done is None else done
 
 
 def _diff(args: argparse.Namespace) -> int:

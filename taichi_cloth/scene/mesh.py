@@ -347,6 +347,8 @@ def _groups(groups: Mapping[str, ArrayLike] | None, count: int) -> dict[str, np.
 
 def _weights(weights: Mapping[str, ArrayLike] | None, groups: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     out = {}
+    if not isinstance(weights, (Mapping, type(None))):
+        raise MeshError(f"weights = {shown(weights)}: must be a dict of names and weights")
     for name, values in (weights or {}).items():
         if name not in groups:
             raise MeshError(f"weights: no vertex group {shown(name)}; {did_you_mean(name, groups)}")

@@ -21,6 +21,7 @@ from .obj import word
 from .pc2 import pc2
 from .shot import unique
 
+LIST = "caches.json"  # of the caches: object, file, the modifier before, and the modifier's frame_start and frame_scale
 SCRIPT = pathlib.Path(__file__).with_name("onto_script.py")
 
 
@@ -131,10 +132,11 @@ def _write(recording: Recording, source: pathlib.Path, target: pathlib.Path, fou
         write_whole(file, cache)
     scale = recording.fps / found.fps
     start = scale * (found.frames[0] + recording.time(recording.frames()[0]) * found.fps)
-    caches = [{"object": name, "file": f"{folder.name}/{file.name}", "before": found.items[name].before}
+    caches = [{"object": name, "file": file.name, "before": found.items[name].before, "start": start, "scale": scale}
               for file, name in zip(files, chosen.values())]
-    _run(source, target, {"scale": scale, "start": start, "caches": caches})
-    return [target, *files]
+    write_whole(folder / LIST, json.dumps(caches, indent=1).encode())
+    _run(source, target, {"folder": folder.name, "caches": caches})
+    return [target, *files, folder / LIST]
 
 
 def _run(source: pathlib.Path, target: pathlib.Path, choices: dict) -> None:

@@ -1,8 +1,7 @@
 """Runs inside Blender: gives objects of a .blend caches of positions, as a modifier, and saves it under another name.
 
-Arguments: the file, the one to write, and a JSON object: `scale`, frames of the caches a frame of the scene; `start`, `scale`
-times the scene's frame at which they begin; `caches` with `object`, `file` (relative to the new .blend), and `before`, the
-modifier after which the cache comes. Nothing of the package is imported here: the Python that runs this is Blender's.
+Arguments: the file, the one to write, and a JSON object: `folder` of the caches, beside the new file, and `caches` as
+`caches.json` has them. Nothing of the package is imported here: the Python that runs this is Blender's.
 """
 
 import json
@@ -20,10 +19,10 @@ def main(path: str, out: str, choices: str) -> None:
     with open(path, "rb") as file:
         compressed = file.read(7) != b"BLENDER"
     bpy.ops.wm.open_mainfile(filepath=path, load_ui=True)
-    made = [put(bpy.data.objects[c["object"]], c["before"], wanted["start"], wanted["scale"]) for c in wanted["caches"]]
+    made = [put(bpy.data.objects[c["object"]], c["before"], c["start"], c["scale"]) for c in wanted["caches"]]
     bpy.ops.wm.save_as_mainfile(filepath=out, compress=compressed, relative_remap=True, check_existing=False)
     for modifier, cache in zip(made, wanted["caches"]):  # now, as paths beside the new file
-        modifier.filepath = "//" + cache["file"]
+        modifier.filepath = f"//{wanted['folder']}/{cache['file']}"
     bpy.ops.wm.save_mainfile(compress=compressed, check_existing=False)
 
 
