@@ -1,8 +1,8 @@
 """An add-on of Blender: cloth of objects is baked by taichi_cloth in a process of its own, and comes back as their caches.
 
 This file is all of it, and runs in Blender's Python: nothing of the package is imported here. Install it from the preferences,
-and name there the Python that has taichi_cloth. Objects are set up in their physics tab; the bake is there too. All that is
-baked is in a folder beside the .blend: a copy of that, the scene as a script that `taichi-cloth run` takes, the run, the caches.
+and name there the Python that has taichi_cloth. Objects are set up in their physics tab; the bake is there too. All of a bake
+is in a folder beside the .blend: a copy of that, the scene as a script that `taichi-cloth run` takes, the run, the caches.
 """
 
 import json
@@ -54,7 +54,8 @@ class OfObject(bpy.types.PropertyGroup):
 
     role: EnumProperty(name="Role", items=[("NONE", "None", "It takes no part"), ("CLOTH", "Cloth", "It is simulated"),
                                            ("COLLIDER", "Collider", "Cloth meets it, as it moves")])
-    fabric: StringProperty(name="Fabric", default="shirting", search=fabrics, description="One that `taichi-cloth fabrics` lists")
+    fabric: StringProperty(name="Fabric", default="shirting", search=fabrics,
+                           description="One that `taichi-cloth fabrics` lists")
     pins: StringProperty(name="Pins", description="Vertex group: weight 1 is held, weights below by springs")
     stiffness: FloatProperty(name="Pin stiffness", default=20.0, min=1e-6, description="Of a pin at weight one half [N/m]")
     thickness: FloatProperty(name="Thickness", default=0.004, min=1e-6, precision=4, description="Of contact [m]")
@@ -127,10 +128,11 @@ class Bake:
         bpy.ops.wm.save_as_mainfile(filepath=str(self.folder / "scene.blend"), copy=True, check_existing=False)
         run = self.folder / "run"
         self.frames = run / "frames"
-        self.words = [["run", str(self.folder / "scene.py"), "--out", str(run), "--overwrite", "--no-images"],
-                      ["blend", str(run), "--onto", str(self.folder / "scene.blend"), "--to", str(self.folder / "baked.blend")]]
-        self.begun, self.process, self.told = time.time(), None, tempfile.TemporaryFile()
-        self.next()
+        file, copy, baked = (str(self.folder / name) for name in ("scene.py", "scene.blend", "baked.blend"))
+        self.words = [["run", file, "--out", str(run), "--overwrite", "--no-images"],
+                      ["blend", str(run), "--onto", copy, "--to", baked]]
+        self.begun, self.told = time.time(), tempfile.TemporaryFile()
+        self.process = self.started()
 
     def _refuse(self, scene, last: int) -> None:
         cloths = parts(scene, "CLOTH")
@@ -144,13 +146,13 @@ class Bake:
             if item.taichi_cloth.pins and item.taichi_cloth.pins not in item.vertex_groups:
                 raise Problem(f"{item.name}: no vertex group {item.taichi_cloth.pins!r} for pins")
 
-    def next(self) -> None:
-        """Starts the next process."""
+    def started(self) -> subprocess.Popen:
+        """The next process."""
         given = dict(os.environ)
         if bpy.app.binary_path:
             given["TAICHI_CLOTH_BLENDER"] = bpy.app.binary_path
-        self.process = subprocess.Popen([self.program, "-m", "taichi_cloth", *self.words.pop(0)], env=given, cwd=self.folder,
-                                        stdin=subprocess.DEVNULL, stdout=self.told, stderr=subprocess.STDOUT)
+        return subprocess.Popen([self.program, "-m", "taichi_cloth", *self.words.pop(0)], env=given, cwd=self.folder,
+                                stdin=subprocess.DEVNULL, stdout=self.told, stderr=subprocess.STDOUT)
 
     def goes_on(self) -> bool:
         """Whether there is something to wait for; False once caches are on the objects."""
@@ -160,7 +162,7 @@ class Bake:
         if code:
             raise Problem(self.reason())
         if self.words:
-            self.next()
+            self.process = self.started()
             return True
         put(self.folder / "baked_cache" / "caches.json")
         return False
@@ -179,7 +181,7 @@ class Bake:
 
     def end(self) -> None:
         """Ends the process, if it runs still."""
-        if self.process is not None and self.process.poll() is None:
+        if self.process.poll() is None:
             self.process.terminate()
             self.process.wait()
         self.told.close()
