@@ -190,7 +190,9 @@ class Bake:
 def put(listed: pathlib.Path) -> None:
     """Gives objects of the open file their caches."""
     for cache in json.loads(listed.read_text(encoding="utf-8")):
-        item = bpy.data.objects[cache["object"]]
+        item = bpy.data.objects.get(cache["object"])
+        if item is None:
+            raise Problem(f"{cache['object']} is gone; its cache is {listed.parent / cache['file']}")
         old = item.modifiers.get(OWN)
         if old is not None:
             item.modifiers.remove(old)
@@ -254,6 +256,10 @@ class BakeOperator(bpy.types.Operator):
             self.report({"ERROR"}, str(problem))
             return self.over(context, {"CANCELLED"})
         return self.over(context, {"FINISHED"}, f"{self.bake.count} frames are baked")
+
+    def cancel(self, context) -> None:
+        """Called by Blender where another file is opened meanwhile."""
+        self.bake.end()
 
     def over(self, context, result, told=""):
         """Ends timer, process and progress."""

@@ -15,7 +15,7 @@ import subprocess
 import sys
 
 ABSENT = ("neither its module bpy nor the program `blender` is here: pip install 'taichi-cloth[blender]' (Python 3.11 for "
-          "Blender 4.2 to 5.0), or the program on the PATH")
+          "Blender 4.2 to 5.0), or the program on the PATH or named by TAICHI_CLOTH_BLENDER")
 
 
 def command(script: pathlib.Path) -> list[str] | None:

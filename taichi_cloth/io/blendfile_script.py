@@ -6,6 +6,7 @@ Nothing of the package is imported here: the Python that runs this is Blender's.
 """
 
 import json
+import os
 import sys
 
 import bpy
@@ -127,3 +128,5 @@ def save(out: str, arrays) -> None:
 
 
 main(*sys.argv[sys.argv.index("--") + 1:])
+sys.stdout.flush()
+os._exit(0)  # Blender's own end may crash after all is written

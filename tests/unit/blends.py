@@ -58,6 +58,8 @@ scene.collection.children.link(closet)
 closet.objects.link(flag)
 bpy.context.view_layer.layer_collection.children["Closet"].exclude = True
 flag.hide_viewport = True
+label = bpy.data.images.new("label", 4, 4)
+label.source, label.filepath, label.use_fake_user = "FILE", "//tex/label.png", True
 bpy.ops.mesh.primitive_cube_add(size=1, location=(0, -5, 0))
 body = bpy.context.object
 body.name = "Body"
@@ -67,7 +69,7 @@ bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 
 # Writes what there is, and where objects are at frames, with modifiers up to the cache alone.
 READER = """
-import json, sys
+import json, os, sys
 import bpy, numpy as np
 file, out, frames = sys.argv[1], sys.argv[2], json.loads(sys.argv[3])
 bpy.ops.wm.open_mainfile(filepath=file)
@@ -86,7 +88,7 @@ for o in bpy.data.objects:
     got[f"path {o.name}"] = np.array(cache.filepath if cache else "")
 kept[""] = [scene.frame_start, scene.frame_end, scene.render.fps, sorted(a.name for a in bpy.data.actions),
             sorted(m.name for m in bpy.data.materials), sorted(m.name for m in bpy.data.meshes),
-            scene.unit_settings.scale_length]
+            scene.unit_settings.scale_length, [os.path.normpath(bpy.path.abspath(i.filepath)) for i in bpy.data.images]]
 got["kept"] = np.array(json.dumps(kept))
 for hidden in bpy.context.view_layer.layer_collection.children:
     hidden.exclude = False

@@ -4,11 +4,11 @@ import re
 
 import numpy as np
 import pytest
-from blends import FPS, UNIT, content, made_blend, with_blender  # noqa: F401  (a fixture)
+from blends import FPS, UNIT, content, made_blend, run, with_blender  # noqa: F401  (a fixture)
 from test_export import NAMES, make
 
 import taichi_cloth as tc
-from taichi_cloth.io import blender
+from taichi_cloth.io import blender, blendfile
 from taichi_cloth.output.export import export
 from taichi_cloth.output.export.polygons import loops
 from taichi_cloth.recording.record import as_built
@@ -68,6 +68,42 @@ def test_an_object_has_to_be_named(made_blend, only, words):  # noqa: F811
         tc.load(made_blend, only=only)
 
 
+EXPORTER = """
+import sys
+import bpy
+bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
+bpy.data.objects["Curtain"].modifiers.clear()
+bpy.context.scene.frame_set(bpy.context.scene.frame_start)
+bpy.ops.object.select_all(action="DESELECT")
+bpy.data.objects["Curtain"].select_set(True)
+bpy.ops.wm.obj_export(filepath=sys.argv[2], export_selected_objects=True)
+"""
+
+
+def quads(mesh):
+    """The vertices of each polygon, in any order."""
+    return {tuple(np.unique(mesh.faces[mesh.polygon == k])) for k in range(mesh.polygon.max() + 1)}
+
+
+@with_blender
+def test_an_obj_has_the_same_order_and_polygons(made_blend, curtain, tmp_path):  # noqa: F811
+    run(EXPORTER, made_blend, tmp_path / "a.obj")
+    mesh = tc.load(tmp_path / "a.obj", scale=UNIT)
+    assert np.abs(mesh.x + [0, 0.7 * UNIT, 0] - curtain.x).max() < 1e-6  # without the rig's lift
+    assert quads(mesh) == quads(curtain) and len(quads(mesh)) == 12  # which are sorted by their materials
+
+
+def test_the_environment_names_a_program(tmp_path, monkeypatch):
+    program = tmp_path / "my blender"
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("TAICHI_CLOTH_BLENDER", str(program))
+    words = blender.command(tmp_path / "script.py")
+    assert words[0] == str(program) and words[-3:] == ["--python", str(tmp_path / "script.py"), "--"]
+    monkeypatch.setenv("TAICHI_CLOTH_BLENDER", str(tmp_path / "none"))
+    assert blender.command(tmp_path / "script.py") is None
+
+
 @with_blender
 def test_a_file_that_is_none(tmp_path):
     (tmp_path / "a.blend").write_bytes(b"BLENDER-v500" + bytes(500))
@@ -82,6 +118,25 @@ def test_without_blender_it_is_named(tmp_path, monkeypatch):
     for read in (tc.load, tc.load_solid):
         with pytest.raises(tc.MeshError, match="a.blend: a .blend is read by Blender, and neither its module bpy nor"):
             read(tmp_path / "a.blend")
+
+
+def test_an_object_by_hand(tmp_path, monkeypatch):
+    """Two quads that a mirror turns, 10 units a metre, z up."""
+    x = np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [2, 1, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
+    world = np.diag([-1.0, 1.0, 1.0, 1.0])[None] + [[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 3], [0, 0, 0, 0]]
+    groups = {"Pins": (np.array([2, 0]), np.array([0.5, 1.0])), "Whole": (np.array([1]), np.array([1.0])),
+              "hem": (np.array([5]), np.array([1.0])), "none": (np.zeros(0, dtype=int), np.zeros(0))}
+    made = blendfile.Item(x, np.array([0, 1, 4, 5, 1, 2, 3, 4]), np.array([4, 4]), None, np.array([0, 1]), ["cotton", "hem"],
+                          groups, world, "", [], False)
+    monkeypatch.setattr(blendfile, "read", lambda path, only: blendfile.Blend(["a"], 24.0, (1, 2), 0.1, {"a": made}))
+    (tmp_path / "a.blend").write_bytes(b"any")
+    mesh = tc.load(tmp_path / "a.blend")
+    assert mesh.x == pytest.approx(0.1 * np.column_stack([-x[:, 0], x[:, 2] + 3, -x[:, 1]]))
+    a, b, c = mesh.x[mesh.faces].transpose(1, 0, 2)
+    assert (np.cross(b - a, c - a)[:, 1] > 0).all() and mesh.polygon.tolist() == [0, 0, 1, 1]  # up still
+    assert {name: index.tolist() for name, index in mesh.groups.items()} == {
+        "cotton": [0, 1, 4, 5], "hem": [5], "Pins": [2, 0], "Whole": [1]}
+    assert mesh.weights.keys() == {"Pins"} and mesh.select_weights("Pins").tolist() == [0.5, 1.0]
 
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 2 0 0\nv 2 1 0\nv 1 1 0\nv 0 1 0\nf 1 2 5 6\nf 2 3 4\nf 2 4 5\n"

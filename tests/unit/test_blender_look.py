@@ -11,7 +11,7 @@ from taichi_cloth.output.export import export
 
 LIGHT = np.array([0.6, 0.6, -0.3])  # towards the key light
 
-# What is set; and on a white matt plane in place of all meshes, seen from above, the colour; then that of the sky, low and high.
+# What is set; the colour of a white matt plane in place of all meshes, seen from above; that of the sky, low and high.
 READER = """
 import json, sys
 import bpy

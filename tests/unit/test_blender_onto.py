@@ -10,6 +10,7 @@ from taichi_cloth.app.cli import main
 from taichi_cloth.errors import OutputError
 from taichi_cloth.io import blender, blendfile
 from taichi_cloth.output.export.onto import onto
+from taichi_cloth.output.export.pc2 import read_pc2
 from taichi_cloth.output.folder import RunFolder
 from taichi_cloth.output.recording import Recording
 
@@ -80,6 +81,29 @@ def item(counts=(4, 4), corners=(0, 1, 4, 3, 1, 2, 5, 4), n=6, linked=False, sca
     world = np.tile(scale * np.eye(4), (COUNT, 1, 1))
     return blendfile.Item(np.zeros((n, 3)), np.array(corners), np.array(counts), None, np.zeros(len(counts), int), [], {},
                           world, "", [], linked)
+
+
+def test_caches_are_in_the_objects_own_axes(tmp_path, rng, monkeypatch):
+    """What a cache says, moved as its object is at that frame, is the run, z up and in the file's unit."""
+    recording, x = recorded(tmp_path / "run", rng, [("a", 6, QUADS)], 30)
+    world = np.tile(np.eye(4), (COUNT, 1, 1))
+    world[:, :3] += rng.normal(size=(COUNT, 3, 4))
+    found = blendfile.Blend(["a"], 24.0, (5, 9), 0.1, {"a": item()._replace(world=world, before="Led", late=["Hook"])})
+    asked = []
+    monkeypatch.setattr(blendfile, "read", lambda path, only, times: asked.append((only, times)) or found)
+    monkeypatch.setattr("taichi_cloth.output.export.onto._run", lambda source, target, choices: None)
+    (tmp_path / "s.blend").write_bytes(b"any")
+    target, cache, listed = onto(recording, tmp_path / "s.blend")
+    assert target == tmp_path / "run/blend/s.blend" and cache == tmp_path / "run/blend/s_cache/a.pc2"
+    (only, times), local = asked[0], read_pc2(cache)
+    assert only == ["a"] and times == pytest.approx([k / 30 for k in range(2, 2 + COUNT)])
+    for k in range(COUNT):
+        there = local[k].astype(float) @ world[k, :3, :3].T + world[k, :3, 3]
+        assert 0.1 * there == pytest.approx(x[k][:, [0, 2, 1]] * [1, -1, 1], abs=1e-5)
+    assert json.loads(listed.read_text()) == [{"object": "a", "file": "a.pc2", "before": "Led", "scale": 1.25,
+                                               "start": pytest.approx(1.25 * (5 + 2 / 30 * 24))}]
+    assert recording.notes == ["'a': modifier 'Hook' comes after its cache and moves it once more",
+                               "the run ends at frame 15.4, and the scene at 9"]
 
 
 QUADS = [[0, 1, 4], [0, 4, 3], [1, 2, 4], [2, 5, 4]]  # cut along one diagonal, and along the other

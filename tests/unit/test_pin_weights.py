@@ -31,6 +31,22 @@ def test_weights_between_are_springs():
     assert pulled == pytest.approx(-away * np.array([[0.0], [3.0], [1.0]]), rel=1e-6)
 
 
+def test_an_event_pins_softly_too():
+    scene, cloth = weighted()
+    scene.at(0.0, lambda: scene.pin(cloth, "top", stiffness=3.0))
+    with tc.Simulation(scene, h=1 / 60) as sim:
+        sim.run(1 / 30, fps=30)
+        assert sim.attachment_forces()[cloth.mesh.select("top")[1:]].any(axis=1).all()
+
+
+def test_a_garment_keeps_weights_and_polygons(tmp_path):
+    flat = tc.grid(0.2, 2)
+    mesh = tc.TriMesh(flat.x, flat.faces, flat.uv, {"top": flat.select("top")}, weights=WEIGHTS, polygon=np.arange(8) // 2)
+    tc.Garment(mesh, (), mesh.x).save(tmp_path / "a.npz")
+    again = tc.load_garment(tmp_path / "a.npz").mesh
+    assert again.select_weights("top").tolist() == WEIGHTS["top"] and (again.polygon == mesh.polygon).all()
+
+
 @pytest.mark.parametrize("law, words", [
     ({}, "pin: 2 of 3 vertices in 'top' have weights between 0 and 1, as 7 has 0.5: give stiffness="),
     ({"stiffness": 3.0, "directions": "y"}, "springs hold them in all directions: leave out directions"),
