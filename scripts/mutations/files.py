@@ -167,7 +167,7 @@ MUTATIONS = (
      ONTO),
     (OUT + "export/onto.py", "bool(np.isin(sides, made).all())", "True", "cloth of another order is put onto an object",
      ONTO),
-    (OUT + "export/onto.py", "if target.exists() and source.exists() and target.samefile(source):", "if target == source.name:",
+    (OUT + "export/onto.py", "if target.exists() and source.exists() and target.samefile(source):", "if False:",
      "a user's .blend is overwritten", ONTO),
     (OUT + "export/onto.py", "start = scale * (", "start = (", "runs of another rate begin late", ONTO),
     (OUT + "export/polygons.py", "len(out) == len(rows) + 2 == len(onward)", "True", "polygons have corners twice",
