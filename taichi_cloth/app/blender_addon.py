@@ -211,7 +211,7 @@ def place(file: pathlib.Path) -> str:
 class BakeOperator(bpy.types.Operator):
     """Simulates all cloth from the scene's first frame on, and gives the objects their caches."""
 
-    bl_idname, bl_label = "taichi_cloth.bake", "Bake"
+    bl_idname, bl_label, bl_options = "taichi_cloth.bake", "Bake", {"UNDO"}
 
     def execute(self, context):
         """Bakes and waits, as scripts and the background have it."""

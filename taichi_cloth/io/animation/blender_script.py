@@ -114,12 +114,15 @@ def meshes(frames, only):
                 return {"refused": np.array(f"part {name!r}: has other faces at frame {frame:g} than before: a body keeps its "
                                             "vertices and faces; leave the part out (only=)")}
             x = x.reshape(-1, 3).astype(np.float64) @ world[:3, :3].T + world[:3, 3]
-            xs[name].append(np.stack([x[:, 0], x[:, 2], -x[:, 1]], axis=1))
+            x = np.stack([x[:, 0], x[:, 2], -x[:, 1]], axis=1)
+            same = bool(xs[name]) and np.array_equal(xs[name][-1], x)
+            xs[name].append(xs[name][-1] if same else x)
     for name, frames_of in xs.items():
         if len(frames_of) != len(frames):
             return {"refused": np.array(f"part {name!r}: is there in {len(frames_of)} of {len(frames)} frames: leave it out "
                                         "(only=)")}
-        got[f"x {name}"] = np.stack(frames_of)
+        still = all(x is frames_of[0] for x in frames_of)
+        got[f"x {name}"] = np.stack(frames_of[:1] if still else frames_of)
     return got
 
 
