@@ -50,7 +50,7 @@ def fabrics(self, context, text: str) -> list[str]:
 
 
 class OfObject(bpy.types.PropertyGroup):
-    """What an object is in a bake."""
+    """The part of an object in a bake."""
 
     role: EnumProperty(name="Role", items=[("NONE", "None", "It takes no part"), ("CLOTH", "Cloth", "It is simulated"),
                                            ("COLLIDER", "Collider", "Cloth meets it, as it moves")])

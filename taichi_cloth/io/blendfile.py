@@ -24,7 +24,7 @@ class Item(NamedTuple):
         x: (n, 3) its own positions at the scene's first frame, by its shape keys and the modifiers up to `before`.
         corners: vertices of all polygons, one after the other; counts: corners of each.
         uv: (k, 2) texture coordinates of the corners, or None.
-        material: (f,) which of `materials` a polygon has.
+        material: (f,) number among `materials` of each polygon's.
         groups: (vertices, weights above 0) by the names of vertex groups.
         world: (t, 4, 4) transforms to the world, at the times asked for.
         before: the modifier after which its cloth comes, "" where that comes first.

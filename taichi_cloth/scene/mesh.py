@@ -180,7 +180,7 @@ class TriMesh:
         return checks.indices("vertices", [vertices] if one else vertices, len(self.x), error=MeshError)
 
     def select_weights(self, vertices: object) -> np.ndarray:
-        """(k,) weights of what `select` gives: those of a group, 1 where it has none or vertices are given in another way."""
+        """(k,) weights of the vertices that `select` gives: their group's, 1 where it has none or there is no group."""
         if isinstance(vertices, str) and vertices in self.weights:
             return self.weights[vertices]
         if isinstance(vertices, (list, tuple)) and any(isinstance(v, str) and v in self.weights for v in vertices):

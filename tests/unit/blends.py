@@ -67,7 +67,7 @@ keyed(body, "location", ((0, -5, 0), (0, -5, 6)))
 bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 """
 
-# Writes what there is, and where objects are at frames, with modifiers up to the cache alone.
+# Writes the file's content, and places of objects at frames, with modifiers up to the cache alone.
 READER = """
 import json, os, sys
 import bpy, numpy as np
@@ -122,7 +122,7 @@ def run(code, *words):
 
 
 def content(file, frames=()):
-    """(what the file holds besides caches, arrays): x (n, 3) [m] of "FRAME NAME", y up, and "path NAME" of caches."""
+    """(content but for caches, arrays): x (n, 3) [m] of "FRAME NAME", y up, and "path NAME" of caches."""
     out = file.with_suffix(".npz")
     run(READER, file, out, json.dumps(list(frames)))
     got = dict(np.load(out))

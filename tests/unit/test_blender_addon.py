@@ -1,4 +1,4 @@
-"""The add-on, installed and used in a Blender without a window: it registers, bakes, says what is wrong, and goes."""
+"""The add-on, installed and used in a Blender without a window: it registers, bakes, refuses, and goes."""
 
 import ast
 import json

@@ -1,4 +1,4 @@
-"""How a .blend looks when it is rendered: light, background and thickness, by what Cycles makes of it."""
+"""How a .blend looks when it is rendered: light, background and thickness, by pictures of Cycles."""
 
 import json
 
@@ -11,7 +11,7 @@ from taichi_cloth.output.export import export
 
 LIGHT = np.array([0.6, 0.6, -0.3])  # towards the key light
 
-# What is set; the colour of a white matt plane in place of all meshes, seen from above; that of the sky, low and high.
+# Settings; the colour of a white matt plane in place of all meshes, seen from above; that of the sky, low and high.
 READER = """
 import json, sys
 import bpy
@@ -53,7 +53,7 @@ def seen(made, folder):
 
 @with_blender
 def test_light_and_sky_are_those_of_pictures(tmp_path, rng):
-    """White matt ground gets .76 of the key light by its slope and .37 of a blueish sky: what the run's pictures have."""
+    """White matt ground gets .76 of the key light by its slope and .37 of a blueish sky, as in the run's pictures."""
     told = seen(make(tmp_path / "run", rng, light=LIGHT, cloth_thickness=np.array([0.004, np.nan])), tmp_path)
     assert told["set"] == ["CYCLES", "CPU", "Standard", False]
     assert told["down"][:3] == pytest.approx(0.76 * 0.6 / 0.9 + 0.37 * np.array([0.85, 0.93, 1.05]), rel=0.02)

@@ -59,7 +59,7 @@ def test_objects_move_as_the_run_and_all_else_stays(tmp_path, rng, made_blend, i
         assert np.abs(got[f"{frame:g} Flag"] - x[k, :n]).max() < 1e-6 * (1 if fps == FPS else 4)
         assert np.abs(got[f"{frame:g} Curtain"] - x[k, n:]).max() < 1e-6 * (1 if fps == FPS else 4)
     assert made_blend.read_bytes() == bytes_before
-    assert after["Curtain"][4].pop(1) == ["taichi_cloth", "MESH_CACHE", True, True]  # behind what leads it, before the rest
+    assert after["Curtain"][4].pop(1) == ["taichi_cloth", "MESH_CACHE", True, True]  # behind its rig's, before the rest
     assert after["Flag"][4].pop(0) == ["taichi_cloth", "MESH_CACHE", True, True]
     assert after == before
     assert str(got["path Curtain"]) == "//shop_cache/Curtain.pc2" and (files[0].parent / "shop_cache/Curtain.pc2") in files
@@ -84,7 +84,7 @@ def item(counts=(4, 4), corners=(0, 1, 4, 3, 1, 2, 5, 4), n=6, linked=False, sca
 
 
 def test_caches_are_in_the_objects_own_axes(tmp_path, rng, monkeypatch):
-    """What a cache says, moved as its object is at that frame, is the run, z up and in the file's unit."""
+    """Positions of a cache, moved as its object is at that frame, are the run's, z up and in the file's unit."""
     recording, x = recorded(tmp_path / "run", rng, [("a", 6, QUADS)], 30)
     world = np.tile(np.eye(4), (COUNT, 1, 1))
     world[:, :3] += rng.normal(size=(COUNT, 3, 4))
@@ -102,7 +102,8 @@ def test_caches_are_in_the_objects_own_axes(tmp_path, rng, monkeypatch):
         assert 0.1 * there == pytest.approx(x[k][:, [0, 2, 1]] * [1, -1, 1], abs=1e-5)
     assert json.loads(listed.read_text()) == [{"object": "a", "file": "a.pc2", "before": "Led", "scale": 1.25,
                                                "start": pytest.approx(1.25 * (5 + 2 / 30 * 24))}]
-    assert recording.notes == ["'a': modifier 'Hook' comes after its cache and moves it once more",
+    assert recording.notes == ["'a': modifier 'Hook' comes after its cache and moves it once more, as the modifiers "
+                               "before that change its vertices",
                                "the run ends at frame 15.4, and the scene at 9"]
 
 

@@ -19,7 +19,7 @@ def weighted(weights=WEIGHTS) -> tuple[tc.Scene, tc.Cloth]:
 
 @pytest.mark.slow
 def test_weights_between_are_springs():
-    """Weight 1 holds; w pulls with k w / (1 - w) times the distance, and at rest they bear what does not hang on the pin."""
+    """Weight 1 holds; w pulls with k w / (1 - w) times the distance, away from its place."""
     scene, cloth = weighted()
     scene.pin(cloth, "top", stiffness=3.0)
     top = cloth.mesh.select("top")

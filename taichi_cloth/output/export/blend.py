@@ -84,7 +84,7 @@ def surroundings(view: View) -> dict[str, np.ndarray]:
     background = view.background
     sky = np.array([colors.HORIZON, colors.ZENITH] if background == "sky" else
                    [] if background == "transparent" else [background] * 2, dtype=np.float64)
-    # a matt surface gathers 2/3 of what grows with height
+    # a matt surface gathers 2/3 of light that grows with height
     return {"light": up(np.array(view.light)), "key": np.array(colors.KEY), "sun": np.array(2 * np.arctan(colors.LIGHT_SIZE)),
             "sky": sky, "everywhere": np.stack([(above + below) / 2, 3 / 2 * (above - below) / 2])}
 

@@ -31,7 +31,7 @@ class Surface(NamedTuple):
         faces: (m, 3) int32 vertices.
         uv: (m, 3, 2) of corners, the pattern's [m], the mesh's own, or across what is printed on it; None of what has none.
         normal_of: (m, 3) number of each corner's normal: corners round a sharp edge have different ones.
-        polygon: (m,) number of the polygon that each was cut from, or None of what is triangles.
+        polygon: (m,) number of the polygon that each was cut from, or None where all are triangles.
     """
 
     faces: np.ndarray
