@@ -22,8 +22,8 @@ def main(path: str, out: str, choices: str) -> None:
     wanted = json.loads(choices)
     bpy.ops.wm.open_mainfile(filepath=path, load_ui=False)
     if bpy.data.version[:2] > bpy.app.version[:2]:
-        told = ".".join(map(str, bpy.data.version[:2]))
-        return save(out, {"refused": np.array(f"Blender {told} saved it, and this is {bpy.app.version_string}")})
+        told = f"Blender {bpy.data.version[0]}.{bpy.data.version[1]} saved it, and this is {bpy.app.version_string}"
+        return save(out, {"refused": np.array(f"{told}: name that one by TAICHI_CLOTH_BLENDER")})
     scene = bpy.context.scene
     items = {item.name: item for item in bpy.data.objects if item.type == "MESH"}
     unit = scene.unit_settings

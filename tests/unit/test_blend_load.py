@@ -112,6 +112,16 @@ def test_a_file_that_is_none(tmp_path):
             read(tmp_path / "a.blend")
 
 
+@with_blender
+def test_a_file_of_a_newer_blender(made_blend, tmp_path):  # noqa: F811
+    data = made_blend.read_bytes()
+    version = re.search(rb"v0\d\d\d", data)[0]
+    (tmp_path / "a.blend").write_bytes(data.replace(version, b"v0999", 1))
+    for read in (tc.load, tc.load_solid):
+        with pytest.raises(tc.MeshError, match="a.blend: Blender 9.99 saved it, and this is .*TAICHI_CLOTH_BLENDER"):
+            read(tmp_path / "a.blend", only="Body")
+
+
 def test_without_blender_it_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(blender, "command", lambda script: None)
     (tmp_path / "a.blend").write_bytes(b"any")

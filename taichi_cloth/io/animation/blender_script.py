@@ -25,8 +25,8 @@ def main(path: str, out: str, choices: str) -> None:
     if own:
         first, last = scene.frame_start, scene.frame_end
         if bpy.data.version[:2] > bpy.app.version[:2]:
-            told = ".".join(map(str, bpy.data.version[:2]))
-            return save(out, {"refused": np.array(f"Blender {told} saved it, and this is {bpy.app.version_string}")})
+            told = f"Blender {bpy.data.version[0]}.{bpy.data.version[1]} saved it, and this is {bpy.app.version_string}"
+            return save(out, {"refused": np.array(f"{told}: name that one by TAICHI_CLOTH_BLENDER")})
     elif path.lower().endswith(".abc"):
         scene.frame_start = scene.frame_end = 1
         rate = wanted["fps"] or 24.0

@@ -115,8 +115,8 @@ def _codes(a: np.ndarray, b: np.ndarray, n: int) -> np.ndarray:
 
 
 def _doubts(name: str, item: Item) -> list[str]:
-    return [f"{name!r}: modifier {late!r} comes after its cache and moves it once more, as the modifiers before that change its "
-            "vertices" for late in item.late]
+    return [f"{name!r}: modifier {late!r} comes after its cache and moves it once more, as the modifiers before that change "
+            "its vertices" for late in item.late]
 
 
 def _write(recording: Recording, source: pathlib.Path, target: pathlib.Path, found: Blend,
