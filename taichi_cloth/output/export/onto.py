@@ -85,7 +85,7 @@ def _chosen(cloths: Sequence[str], objects: Mapping[str, str] | None) -> dict[st
 def _refuse_other(recording: Recording, k: int, item: Item, what: str) -> None:
     """Refuses an object whose vertices are not those of the k-th cloth, in their order."""
     g = recording.geometry
-    name, first, n = g["cloth_names"][k], int(g["cloth_start"][k]), int(np.diff(g["cloth_start"])[k])
+    name, first, n = str(g["cloth_names"][k]), int(g["cloth_start"][k]), int(np.diff(g["cloth_start"])[k])
     if item.linked:
         raise OutputError(f"{what} is linked from another file: make it local first")
     if len(item.x) != n:
