@@ -67,7 +67,8 @@ OPTIONS = {"h": "1/60", "arch": '"cpu"', "precision": "PRECISION", "integrator":
            "substep": "None", "log": "100"}
 CALLS: list[tuple[str, str, dict[str, str]]] = [
     ("", "tc.TriMesh", {"x": "np.eye(3)", "faces": "[[0, 1, 2]]", "uv": "[[0.0, 0], [1, 0], [0, 1]]", "groups": '{"a": [0]}',
-                        "notes": '("a note",)', "texture": "[[[0.0, 0], [1, 0], [0, 1]]]"}),
+                        "notes": '("a note",)', "texture": "[[[0.0, 0], [1, 0], [0, 1]]]", "polygon": "[0]",
+                        "weights": '{"a": [0.5]}'}),
     ("", "tc.grid", {"size": "(1.0, 2.0)", "cells": "(2, 3)", "diagonals": '"cross"', "plane": '"xy"',
                      "centred": "True"}),
     ("", "tc.strip", {"length": "2.0", "width": "1.0", "cells": "4", "diagonals": '"cross"', "plane": '"xy"',
@@ -166,7 +167,7 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
                                 "color": "(0.5, 0.5, 1)", "parts": "None"}),
     (SCENE, "scene.add_prop", {"shape": "tc.Sphere(1)", "position": "lambda t: (t, 0, 0)", "rotation": "(0, 1, 0)",
                                "name": '"b"', "color": "(0.5, 0.5, 1)"}),
-    (SCENE, "scene.pin", {"cloth": "cloth", "vertices": "[0, 1]", "directions": '"xy"'}),
+    (SCENE, "scene.pin", {"cloth": "cloth", "vertices": "[0, 1]", "directions": '"xy"', "stiffness": "9.0"}),
     (SCENE, "scene.move", {"cloth": "cloth", "vertices": "[0, 1]", "path": "lambda t: (t, 0, 0)", "relative": "True",
                            "directions": '"xy"'}),
     (SCENE + "; scene.pin(cloth, [0, 1])", "scene.unpin", {"cloth": "cloth", "vertices": "[0]"}),
@@ -208,7 +209,7 @@ RUNNING: list[tuple[str, str, dict[str, str]]] = [
     (LOADED + SIMULATED, "sim.add_load", {"cloth": "cloth", "vertices": "[0, 1]", "force": "(0.0, 1.0, 0.0)"}),
     (LOADED + SIMULATED, "sim.remove_load", {"load": "load"}),
     (BLOWN + SIMULATED, "sim.set_wind", {"wind": "(1.0, 0.0, 0.0)"}),
-    (STARTED, "sim.pin", {"cloth": "cloth", "vertices": "[0, 1]", "directions": '"y"'}),
+    (STARTED, "sim.pin", {"cloth": "cloth", "vertices": "[0, 1]", "directions": '"y"', "stiffness": "None"}),
     (STARTED + "; sim.pin(cloth, [0, 1])", "sim.unpin", {"cloth": "cloth", "vertices": "[0]"}),
     (STARTED, "sim.move", {"cloth": "cloth", "vertices": "[0, 1]", "path": "lambda t: (0.0, t, 0.0)", "relative": "True",
                            "directions": "None"}),

@@ -13,6 +13,7 @@ RUN = "tests/cli/test_run_folder.py"
 SCENES = "tests/unit/test_scenefile.py"
 PLAYBACK = "tests/unit/test_playback.py"
 FIT, TABLES = "tests/unit/test_fit.py", "tests/unit/test_tables.py"
+ONTO, BLENDS = "tests/unit/test_blender_onto.py", "tests/unit/test_blend_load.py"
 TESTS = (FOLDER, EXPORT, IO)
 PACKAGE = "taichi_cloth/"
 OUT = PACKAGE + "output/"
@@ -162,6 +163,21 @@ MUTATIONS = (
     (OUT + "export/blend.py", "count > 1]", "count > 2]", "Blender's solids have no sharp edge", SCENE_EXPORT),
     (OUT + "export/blend.py", "if done.returncode or not aside.is_file():", "if done.returncode:",
      "a Blender that wrote nothing is passed over", SCENE_EXPORT),
+    (OUT + "export/onto.py", "len(faces) == int((item.counts - 2).sum()) and ", "", "cloth with holes is put onto an object",
+     ONTO),
+    (OUT + "export/onto.py", "bool(np.isin(sides, made).all())", "True", "cloth of another order is put onto an object",
+     ONTO),
+    (OUT + "export/onto.py", "if target.exists() and source.exists() and target.samefile(source):", "if False:",
+     "a user's .blend is overwritten", ONTO),
+    (OUT + "export/onto.py", "start = scale * (", "start = (", "runs of another rate begin late", ONTO),
+    (OUT + "export/polygons.py", "len(out) == len(rows) + 2 == len(onward)", "True", "polygons have corners twice",
+     BLENDS),
+    (OUT + "export/onto.py", "inverse[t, :3, :3].T + inverse", "inverse[0, :3, :3].T + inverse",
+     "objects that turn leave their cloth", ONTO),
+    (PACKAGE + "io/__init__.py", "if (weight < 1).any()}", "if (weight < 0).any()}", "weights of vertex groups are lost",
+     BLENDS),
+    (PACKAGE + "io/blendfile.py", "if np.linalg.det(item.world[0, :3, :3]) < 0", "if False",
+     "mirrored objects are inside out", BLENDS),
     (OUT + "export/vtu.py", '"velocity": frame["v"]', '"velocity": frame["x"]', "VTU velocities are positions", EXPORT),
     (OUT + "export/vtu.py", 'timestep="{float(frame["t"]):.9g}"', 'timestep="{k}"', "ParaView's times are frame numbers",
      EXPORT),

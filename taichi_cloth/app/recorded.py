@@ -4,6 +4,7 @@ import argparse
 import pathlib
 from collections.abc import Callable
 
+from .blending import add_flags as add_blender
 from .flags import number_of
 from .look_flags import frame_flags, look_flags, look_of, passes_of
 
@@ -29,15 +30,17 @@ def add_parsers(commands) -> None:
     look_flags(compare)
     export = commands.add_parser("export", help="geometry for other tools")
     export.add_argument("--format", required=True, help="blend, abc, usda, usdc, glb, gltf, obj, pc2, vtu or ply")
-    blend = commands.add_parser("blend", help="a .blend with cloths, solids and camera: export --format blend")
+    blend = commands.add_parser("blend", help="a .blend with cloths, solids and camera; or a run put onto your own")
+    export.add_argument("run", help="a run's folder")
+    blend.add_argument("run", nargs="?", help="a run's folder")
     for parser in (export, blend):
-        parser.add_argument("run", help="a run's folder")
         parser.add_argument("--to", metavar="PATH", help="folder, or the file where the format has one (RUN/FORMAT)")
         parts = parser.add_mutually_exclusive_group()
         parts.add_argument("--panels", dest="parts", action="store_const", const="panels",
                            help="a mesh for each panel of a garment")
         parts.add_argument("--weld", dest="parts", action="store_const", const="welded",
                            help="garments welded over their seams")
+    add_blender(blend)
     diff = commands.add_parser("diff", help="what differs between two runs, and where their motion parts")
     diff.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
     diff.add_argument("--tolerance", type=number_of, default=1e-6, metavar="M", help="RMS distance [m] that counts (1e-6)")
@@ -100,7 +103,11 @@ def _export(args: argparse.Namespace, format: str | None = None) -> int:
 
 
 def _blend(args: argparse.Namespace) -> int:
-    return _export(args, "blend")
+    from .blending import other
+
+    _check_to(args)
+    done = other(args)
+    return _export(args, "blend") if done is None else done
 
 
 def _diff(args: argparse.Namespace) -> int:

@@ -67,6 +67,7 @@ def _from_outside(scene: Scene) -> list:
 
 
 def _pulls(scene: Scene) -> bool:
-    """Whether anything is attached softly, or may be by an event."""
+    """Whether anything is held softly, or may be by an event."""
     script = scene.script
-    return any(a.stiffness is not None for a in script.attachments) or bool(script.events and scene.solids)
+    may = scene.solids or any(c.mesh.weights for c in scene.cloths)
+    return any(a.stiffness is not None for a in script.attachments) or bool(script.events and may)

@@ -1,4 +1,4 @@
-"""Soft attachments: springs from vertices to places on solids, none of which pulls with more than a largest force.
+"""Soft attachments and pins: springs from vertices to places, none of which pulls with more than a largest force.
 
 With d = |x - g|, g the place that the vertex rides at,
 
@@ -71,8 +71,7 @@ class Pulls(Force):
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
         self.model, self._fields, self.exact = model, fields, mode == "paper"
-        soft = [a for a in scene.script.attachments if a.stiffness is not None]
-        self.sum_k = sum(len(a.vertices) * a.stiffness for a in soft if a.stiffness is not None)
+        self.sum_k = sum(float(a.springs.sum()) for a in scene.script.attachments)
         self.source: Callable[[float], Pulled] = lambda t: NOTHING
         self.now, self.began = NOTHING, 0.0
         self.attached = np.zeros((0, 3))

@@ -11,6 +11,7 @@ from .. import checks
 from ..errors import MeshError, near
 from ..scene.mesh import TriMesh
 from ..scene.ownshape import twice_area
+from . import blendfile
 from .animation import READERS
 from .animation import read as read_motion
 from .animation.motion import Wanted, wanted
@@ -37,6 +38,8 @@ class Surface(NamedTuple):
         groups: vertices by the names of groups.
         notes: what was left out.
         unit: metres of the file's unit, 1 where it names none; up: the axis that points up, "y" where it names none.
+        polygon: (m,) the polygon that each triangle was cut from, or None where that is not known.
+        weights: of vertices of groups that have any below 1.
     """
 
     x: np.ndarray
@@ -46,6 +49,8 @@ class Surface(NamedTuple):
     notes: tuple[str, ...]
     unit: float = 1.0
     up: str = "y"
+    polygon: np.ndarray | None = None
+    weights: dict[str, np.ndarray] = {}
 
 
 def load(path: str | Path, scale: float = 1.0, uv: str = "auto", up: str | None = None,
@@ -55,7 +60,8 @@ def load(path: str | Path, scale: float = 1.0, uv: str = "auto", up: str | None 
     Args:
         path: .obj (v, vt, f, g, o, usemtl; polygons, negative indices, seams) or .ply, .stl, .vtk, .vtu, .off; of .glb, .gltf
             (extra `gltf`), .usd, .usda, .usdc, .usdz (extra `usd`), .fbx and .abc (extra `blender`) the meshes as they stand
-            before any animation.
+            before any animation; of .blend (extra `blender`) one object with its own order of vertices, as shape keys and a
+            rig have it at the scene's first frame.
         scale: metres per unit of the file; of a file that names its unit, a factor besides.
         uv: "auto" takes the file's texture coordinates as the pattern where they have the mesh's lengths to 3 %, in the
             file's unit, metres, centimetres or millimetres, or all scaled alike; else the mesh's own shape is at rest, and
@@ -68,7 +74,8 @@ def load(path: str | Path, scale: float = 1.0, uv: str = "auto", up: str | None 
         only: names of the parts that are read, of a file with a scene; all where None.
 
     Returns:
-        The mesh, with groups of the file and notes that say what was done with its texture coordinates.
+        The mesh, with groups of the file and notes that say what was done with its texture coordinates. Of .obj and .blend it
+        knows the polygons that triangles were cut from, and of .blend the weights in vertex groups.
 
     Raises:
         MeshError: a missing or unreadable file, or a mesh that cannot be simulated.
@@ -94,17 +101,18 @@ def _mesh(surface: Surface, scale: float, uv: str) -> TriMesh:
     """A mesh with a rest shape and, where the texture coordinates are not that, with these besides."""
     x = checks.array("positions", surface.x, ("n", 3), row="vertex", error=MeshError) * scale
     faces, corner_uv, groups, notes = surface[1:5]
+    more = surface.polygon, surface.weights
     if corner_uv is not None and uv != "pattern":
         checks.array("texture coordinates", corner_uv, (len(faces), 3, 2), row="face", error=MeshError)
         if not twice_area(corner_uv).any():
             corner_uv, notes = None, (*notes, "the file's texture coordinates have no area and are ignored")
     if corner_uv is None or uv == "flatten":
-        return TriMesh(x, faces, None, groups, notes, corner_uv)
+        return TriMesh(x, faces, None, groups, notes, corner_uv, *more)
     if uv == "pattern":
         note = unlike(x, faces, corner_uv * scale)
-        return TriMesh(x, faces, corner_uv * scale, groups, (*notes, note) if note else notes)
+        return TriMesh(x, faces, corner_uv * scale, groups, (*notes, note) if note else notes, None, *more)
     material, apart, note = fit_pattern(x, faces, corner_uv, scale)
-    return TriMesh(x, faces, material, groups, (*notes, note) if note else notes, corner_uv if apart else None)
+    return TriMesh(x, faces, material, groups, (*notes, note) if note else notes, corner_uv if apart else None, *more)
 
 
 def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dict[str, np.ndarray]]:
@@ -130,20 +138,37 @@ def read(path: Path, inside: bool = False, choice: Wanted | None = None) -> Surf
         MeshError: a missing, unknown or unreadable file.
     """
     refuse_absent(path)
+    if path.suffix.lower() == ".blend":
+        return _object(path, inside, None if choice is None else choice.only)
     if path.suffix.lower() in READERS:
         return _still(path, inside, choice or Wanted(moves=False))
     if choice is not None and choice.only is not None:
         raise MeshError(f"{path}: only: a {path.suffix} has no parts to choose from; those that have: {', '.join(READERS)}")
-    x, faces, corner_uv, parts = _triangles(path)
+    x, faces, corner_uv, parts, polygon = _triangles(path)
     whole = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
     if not whole.any():
         raise MeshError(f"{path}: the mesh has no faces{' with three vertices' if len(whole) else ''}")
     groups = {name: _vertices(faces, rows[whole[rows]], whole, inside) for name, rows in parts.items()}
     groups = {name: index for name, index in groups.items() if len(index)}
     if whole.all():
-        return Surface(x, faces, corner_uv, groups, ())
+        return Surface(x, faces, corner_uv, groups, (), polygon=polygon)
     note = f"triangles that name a vertex twice were left out: {int((~whole).sum())}, the first is {int(np.argmin(whole))}"
-    return Surface(x, faces[whole], None if corner_uv is None else corner_uv[whole], groups, (note,))
+    return Surface(x, faces[whole], None if corner_uv is None else corner_uv[whole], groups, (note,),
+                   polygon=None if polygon is None else polygon[whole])
+
+
+def _object(path: Path, inside: bool, only: Sequence[str] | None) -> Surface:
+    """An object of a .blend; groups are its vertex groups and its materials."""
+    item, unit = blendfile.whole(path, only)
+    places, polygon = blendfile.triangles(item)
+    faces, every = item.corners[places], np.ones(len(places), dtype=bool)
+    groups = {name: _vertices(faces, np.flatnonzero(item.material[polygon] == k), every, inside)
+              for k, name in enumerate(item.materials) if name}
+    groups |= {name: index for name, (index, _) in item.groups.items()}
+    weights = {name: weight for name, (_, weight) in item.groups.items() if (weight < 1).any()}
+    uv = None if item.uv is None else item.uv[places].astype(np.float64)
+    groups = {name: index for name, index in groups.items() if len(index)}
+    return Surface(blendfile.placed(item), faces, uv, groups, (), unit, "z", polygon, weights)
 
 
 def _still(path: Path, inside: bool, choice: Wanted) -> Surface:
@@ -182,12 +207,12 @@ def refuse_absent(path: Path, also: Sequence[str] = ()) -> None:
         raise MeshError(f"{path}: unknown mesh format {suffix!r}{hint}; known: {', '.join((*KNOWN, *also))}")
 
 
-def _triangles(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dict[str, np.ndarray]]:
-    """Positions, triangles, texture corners or None, and rows of triangles by the names of groups."""
+def _triangles(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dict[str, np.ndarray], np.ndarray | None]:
+    """Positions, triangles, texture corners or None, rows of triangles by the names of groups, and their polygons or None."""
     suffix = path.suffix.lower()
     if suffix == ".obj":
         return read_obj(path)
     try:
-        return *OTHER[suffix](path), None, {}
+        return *OTHER[suffix](path), None, {}, None
     except (OSError, ValueError, OverflowError) as error:
         raise MeshError(f"{path}: cannot be read: {error}") from None

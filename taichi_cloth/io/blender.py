@@ -1,11 +1,13 @@
 """Blender as a process of its own: how it is told to run a script, and the reason of a failure.
 
-Its module bpy is one Blender a process, has its own numpy, and may be a Blender somebody works in.
+Its module bpy is one Blender a process, has its own numpy, and may be a Blender somebody works in. TAICHI_CLOTH_BLENDER in the
+environment names another program.
 """
 
 from __future__ import annotations
 
 import importlib.util
+import os
 import pathlib
 import shutil
 import signal
@@ -13,15 +15,16 @@ import subprocess
 import sys
 
 ABSENT = ("neither its module bpy nor the program `blender` is here: pip install 'taichi-cloth[blender]' (Python 3.11 for "
-          "Blender 4.2 to 5.0), or the program on the PATH")
+          "Blender 4.2 to 5.0), or the program on the PATH or named by TAICHI_CLOTH_BLENDER")
 
 
 def command(script: pathlib.Path) -> list[str] | None:
-    """The words that run a script, up to its own arguments: by Python with bpy, or else by the program; None where neither is
-    here."""
-    if importlib.util.find_spec("bpy") is not None:
+    """The words that run a script, up to its own arguments: by the program that the environment names, Python with bpy, or the
+    program on the PATH; None where none is here."""
+    named = os.environ.get("TAICHI_CLOTH_BLENDER")
+    if not named and importlib.util.find_spec("bpy") is not None:
         return [sys.executable, str(script), "--"]
-    program = shutil.which("blender")
+    program = shutil.which(named or "blender")
     if program:
         return [program, "--background", "--factory-startup", "--python-exit-code", "1", "--python", str(script), "--"]
     return None

@@ -43,7 +43,8 @@ def _mesh(data: dict[str, np.ndarray]) -> TriMesh:
     groups = {name[6:]: index for name, index in data.items() if name.startswith("group_")}
     flattened = bool(data.get("flattened", False))
     uv = None if flattened else data["uv" if "uv" in data else "corner_uv"]  # older files have these alone
-    mesh = TriMesh(data["x"], data["faces"], uv, groups, texture=data.get("texture"))
+    weights = {name[7:]: values for name, values in data.items() if name.startswith("weight_")}
+    mesh = TriMesh(data["x"], data["faces"], uv, groups, (), data.get("texture"), data.get("polygon"), weights)
     if "notes" in data:
         object.__setattr__(mesh, "notes", tuple(data["notes"].tolist()))
     return mesh

@@ -55,13 +55,14 @@ class _Lines:
         return np.searchsorted(self.numbers[kind], self.numbers["f"])
 
 
-def read_obj(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dict[str, np.ndarray]]:
+def read_obj(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dict[str, np.ndarray], np.ndarray]:
     """Reads v, vt, f, g, o and usemtl; everything else is passed over.
 
     Returns:
         positions (n, 3), triangles (m, 3), texture coordinates per corner (m, 3, 2) or None where the file has none for
-        some face, and rows of triangles by the names of objects, groups and materials. Names of `o` and `usemtl` are the
-        rest of their lines; `g a b` makes a and b, as the format has it, and "a b", as programs mean that write spaces.
+        some face, rows of triangles by the names of objects, groups and materials, and (m,) the polygon of each. Names of
+        `o` and `usemtl` are the rest of their lines; `g a b` makes a and b, as the format has it, and "a b", as programs
+        mean that write spaces.
         A material with the name of a group or an object is left out.
 
     Raises:
@@ -81,7 +82,7 @@ def read_obj(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dic
         raise MeshError(f"{path}: the mesh has no faces")
     places, face = cut(v, vertex, counts)
     uv = vt[texture[places]] if len(vt) and (texture >= 0).all() else None
-    return v, vertex[places], uv, _parts(lines.marks, face)
+    return v, vertex[places], uv, _parts(lines.marks, face), face
 
 
 class _Wrong(ValueError):

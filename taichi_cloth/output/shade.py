@@ -7,10 +7,11 @@ import numpy as np
 import taichi as ti
 
 from . import finish
+from .colors import KEY
 from .coverage import corner, edge, weights, wire
 from .ground import FADE, ground_at
 from .raster import Raster
-from .surroundings import KEY, ambient, sky, soft_checker
+from .surroundings import ambient, sky, soft_checker
 from .uniforms import BACKGROUND, CLOTH, EYE, FLOOR, LIGHT, PLACE, SCENE
 
 BOUNCE = 0.6  # part of the light that what is near throws back

@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-KEY, SKYLIGHT = 0.76, 0.37  # of the key light and from everywhere: together white cloth is just white
+from .colors import ABOVE, BELOW, HORIZON, SKYLIGHT, ZENITH
 
 
 @ti.func
@@ -26,11 +26,11 @@ def soft_checker(q, width):
 def sky(ray):
     """Colour of the sky in a direction."""
     t = ti.max(ray[1], 0.0)
-    return ti.Vector([0.80, 0.86, 0.93]) * (1 - t) + ti.Vector([0.42, 0.60, 0.86]) * t
+    return ti.Vector(HORIZON) * (1 - t) + ti.Vector(ZENITH) * t
 
 
 @ti.func
 def ambient(n):
     """Light from everywhere: blueish from above, warm from the ground."""
     t = 0.5 + 0.5 * n[1]
-    return SKYLIGHT * (ti.Vector([0.85, 0.93, 1.05]) * t + ti.Vector([0.42, 0.38, 0.34]) * (1 - t))
+    return SKYLIGHT * (ti.Vector(ABOVE) * t + ti.Vector(BELOW) * (1 - t))

@@ -5,13 +5,13 @@ import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
+from .colors import LIGHT_SIZE
 from .coverage import corner, edge, weights
 from .ground import FADE, ground_at
 from .raster import Raster
 from .rays import RayTree
 from .uniforms import EYE, LIGHT, PLACE, SCENE, SIDE
 
-SIZE = 0.06  # tangent of half the angle under which the light is seen
 REACH = 2  # pixels around that share what rays found
 OCCLUDE = 0.35  # part of the scene's size beyond which nothing takes ambient light away
 
@@ -90,7 +90,7 @@ class TracedLight:
             r = ti.sqrt(u)
             way, reach = ti.sqrt(1 - u) * flat + r * (ti.cos(w) * side + ti.sin(w) * other), OCCLUDE * size
             if s < self.shadow_rays:
-                r *= SIZE
+                r *= LIGHT_SIZE
                 way = (light + r * (ti.cos(w) * corner(rows, SIDE) + ti.sin(w) * corner(rows, SIDE + 1))).normalized()
                 reach = 1e9
             blocked = self.tree.blocked(origin, way, reach)

@@ -34,9 +34,10 @@ def geometry(sim: Simulation) -> dict[str, np.ndarray]:
 def as_built(scene: Scene) -> dict[str, np.ndarray]:
     """What a scene says by itself, at time 0.
 
-    Faces and uv of all cloths in one, `cloth_start` (first vertex of each and the end), `cloth_names`, `cloth_colors`
-    (NaN where left to the renderer) and what else `described.of_appearances` says; the same for solids (`solid_*`, without
-    those drawn as ground); how it is seen, as `described.of_view` says.
+    Faces and uv of all cloths in one, `polygon` of faces that were cut from larger ones, `cloth_start` (first vertex of each
+    and the end), `cloth_thickness`, `cloth_names`, `cloth_colors` (NaN where left to the renderer) and what else
+    `described.of_appearances` says; the same for solids (`solid_*`, without those drawn as ground); how it is seen, as
+    `described.of_view` says.
     """
     cloths, solids = scene.cloths, drawn_solids(scene)
     surfaces = [s.shape.surface() for s in solids]
@@ -47,6 +48,8 @@ def as_built(scene: Scene) -> dict[str, np.ndarray]:
         "faces": _concatenate([c.whole.faces + c.start for c in cloths], (0, 3)).astype(np.int32),
         "uv": _concatenate([c.mesh.corner_uv for c in cloths], (0, 3, 2)).astype(np.float32),
         **_image_uv(cloths),
+        **_polygons(cloths),
+        **_thickness(cloths),
         "cloth_start": np.array([c.start for c in cloths] + [scene.vertex_count]),
         "cloth_faces": np.cumsum([0] + [c.mesh.face_count for c in cloths]),
         "cloth_names": np.array([c.name for c in cloths], dtype=str),
@@ -69,6 +72,22 @@ def _image_uv(cloths: list[Cloth]) -> dict[str, np.ndarray]:
         return {}
     return {"image_uv": np.concatenate([np.full((c.mesh.face_count, 3, 2), np.nan) if texture is None else texture
                                         for c, texture in zip(cloths, own)]).astype(np.float32)}
+
+
+def _polygons(cloths: list[Cloth]) -> dict[str, np.ndarray]:
+    """`polygon` (m,), the number of the polygon that each face was cut from, where meshes know them."""
+    if all(c.mesh.polygon is None for c in cloths):
+        return {}
+    own = [np.arange(c.mesh.face_count) if c.mesh.polygon is None else c.mesh.polygon for c in cloths]
+    starts = np.cumsum([0] + [int(of.max()) + 1 for of in own])
+    return {"polygon": np.concatenate([of + k for of, k in zip(own, starts)]).astype(np.int32)}
+
+
+def _thickness(cloths: list[Cloth]) -> dict[str, np.ndarray]:
+    """`cloth_thickness` (c,) [m], NaN where a cloth passes through others, where any does not."""
+    if all(c.contact is None for c in cloths):
+        return {}
+    return {"cloth_thickness": np.array([np.nan if c.contact is None else c.contact.thickness for c in cloths])}
 
 
 def _face_colors(cloths: list[Cloth]) -> dict[str, np.ndarray]:

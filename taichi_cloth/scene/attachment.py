@@ -32,7 +32,8 @@ class Attachment:
         selected: the vertices that the path speaks of, released ones included.
         order: (k,) rows of the path's value in the order of rising vertex index.
         solid: what the vertices ride on, from where they are when the attachment begins, at time `since` [s]; or None.
-        stiffness: of a spring from each vertex to its place [N/m], which pulls with `most` [N] at most; None holds exactly.
+        stiffness: of a spring from each vertex to its place [N/m], one number or (k,) of `selected`, which pulls with `most`
+            [N] at most; None holds exactly.
     """
 
     cloth: Cloth
@@ -45,7 +46,7 @@ class Attachment:
     order: np.ndarray
     solid: Placed | None = None
     since: float = 0.0
-    stiffness: float | None = None
+    stiffness: float | np.ndarray | None = None
     most: float = np.inf
     found: dict[bytes, Places] = field(default_factory=dict, repr=False)  # the places that it last rode on
 
@@ -53,6 +54,17 @@ class Attachment:
     def leads(self) -> bool:
         """Whether it moves its vertices."""
         return self.path is not None or self.solid is not None
+
+    @property
+    def alone(self) -> bool:
+        """Whether nothing else may hold its vertices in its directions."""
+        return self.leads or self.stiffness is not None
+
+    @property
+    def springs(self) -> np.ndarray:
+        """(k,) stiffness [N/m] of those to `vertices`; 0 where it holds exactly."""
+        every = np.broadcast_to(0.0 if self.stiffness is None else self.stiffness, len(self.selected))
+        return every[np.searchsorted(self.selected, self.vertices)]
 
     def target(self, t: float, anchor: np.ndarray) -> np.ndarray:
         """(k, 3) positions [m] of `vertices` at time t [s]; `anchor` (n, 3) is the cloth when it began.
@@ -156,7 +168,7 @@ def check_overlap(others: list[Attachment], new: Attachment) -> None:
         SceneError: with the first such vertex.
     """
     for old in others:
-        if old.cloth is not new.cloth or not (old.leads or new.leads):
+        if old.cloth is not new.cloth or not (old.alone or new.alone):
             continue
         shared = np.intersect1d(old.vertices, new.vertices)
         rank = np.linalg.matrix_rank(np.concatenate([old.directions, new.directions]), tol=1e-9)

@@ -36,6 +36,8 @@ class TriMesh:
             triangles that face opposite ways are added here.
         texture: (m, 3, 2) texture coordinates of corners, where images go, 0 to 1 across one; None: they are the material
             coordinates. Where uv is None the warp runs along their u, and a flat mesh has its own plane as its pattern.
+        polygon: (m,) the number of the polygon that each triangle was cut from; None: triangles are all there is.
+        weights: of vertices in groups, above 0 up to 1, by the groups' names; 1 where they are not named.
 
     Attributes:
         flattened: whether each triangle is in a frame of its own.
@@ -51,6 +53,8 @@ class TriMesh:
     groups: Mapping[str, np.ndarray] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     texture: np.ndarray | None = None
+    polygon: np.ndarray | None = None
+    weights: Mapping[str, np.ndarray] = field(default_factory=dict)
     flattened: bool = False
 
     def __init__(
@@ -61,6 +65,8 @@ class TriMesh:
         groups: Mapping[str, ArrayLike] | None = None,
         notes: tuple[str, ...] = (),
         texture: ArrayLike | None = None,
+        polygon: ArrayLike | None = None,
+        weights: Mapping[str, ArrayLike] | None = None,
     ) -> None:
         x = checks.array("positions", x, ("n", 3), row="vertex", error=MeshError)
         faces = face_indices(faces, len(x), MeshError)
@@ -82,12 +88,16 @@ class TriMesh:
             warnings.warn(note, stacklevel=2)
             notes += (note,)
         notes += open_note(x, borders) + _flips(faces)
-        for name, value in (("x", x), ("faces", faces), ("uv", uv), ("texture", image)):
+        of: np.ndarray | None = checks.maybe(polygon, checks.array, "polygons of triangles", (len(faces),), row="face",
+                                             error=MeshError)
+        of = None if of is None else np.unique(of, return_inverse=True)[1].reshape(-1)
+        for name, value in (("x", x), ("faces", faces), ("uv", uv), ("texture", image), ("polygon", of)):
             if value is not None:
                 value.setflags(write=False)
             object.__setattr__(self, name, value)
         object.__setattr__(self, "flattened", own and uv.ndim == 3)
         object.__setattr__(self, "groups", _groups(groups, len(x)))
+        object.__setattr__(self, "weights", _weights(weights, self.groups))
         object.__setattr__(self, "notes", notes)
 
     def __repr__(self) -> str:
@@ -168,6 +178,17 @@ class TriMesh:
             return np.flatnonzero(mask)
         one = isinstance(vertices, numbers.Real) or getattr(vertices, "ndim", None) == 0
         return checks.indices("vertices", [vertices] if one else vertices, len(self.x), error=MeshError)
+
+    def select_weights(self, vertices: object) -> np.ndarray:
+        """(k,) weights of the vertices that `select` gives: their group's, 1 where it has none or there is no group."""
+        if isinstance(vertices, str) and vertices in self.weights:
+            return self.weights[vertices]
+        if isinstance(vertices, (list, tuple)) and any(isinstance(v, str) and v in self.weights for v in vertices):
+            most = np.zeros(len(self.x))
+            for name in vertices:
+                np.maximum.at(most, self.select(name), self.select_weights(name))
+            return most[self.select(vertices)]
+        return np.ones(len(self.select(vertices)))
 
 
 def face_indices(faces: ArrayLike, count: int, error: type[ClothError]) -> np.ndarray:
@@ -321,6 +342,22 @@ def _groups(groups: Mapping[str, ArrayLike] | None, count: int) -> dict[str, np.
         key = checks.name("a vertex group's name", name, MeshError)
         out[key] = checks.indices(f"vertex group {key!r}", index, count, error=MeshError)
         out[key].setflags(write=False)
+    return out
+
+
+def _weights(weights: Mapping[str, ArrayLike] | None, groups: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    out = {}
+    if not isinstance(weights, (Mapping, type(None))):
+        raise MeshError(f"weights = {shown(weights)}: must be a dict of names and weights")
+    for name, values in (weights or {}).items():
+        if name not in groups:
+            raise MeshError(f"weights: no vertex group {shown(name)}; {did_you_mean(name, groups)}")
+        out[name] = checks.array(f"weights of group {name!r}", values, (len(groups[name]),), row="vertex", error=MeshError)
+        bad = np.flatnonzero((out[name] <= 0) | (out[name] > 1))
+        if len(bad):
+            vertex, weight = groups[name][bad[0]], out[name][bad[0]]
+            raise MeshError(f"weights of group {name!r}: vertex {vertex} has {weight:g}: they are above 0, up to 1")
+        out[name].setflags(write=False)
     return out
 
 

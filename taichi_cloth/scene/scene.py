@@ -30,14 +30,35 @@ class Scene(Sewn):
         view: how to draw it.
     """
 
-    def pin(self, cloth: Cloth, vertices: object, directions: object = None) -> None:
+    def pin(self, cloth: Cloth, vertices: object, directions: object = None, stiffness: float | None = None) -> None:
         """Holds vertices where they are, in all directions or in 1, 2 or 3 given ones.
 
         Args:
             vertices: index, list, mask, group name or list of names.
             directions: None (all), axis letters such as "y" or "xz", or (3,) or (1..3, 3) vectors.
+            stiffness: of a group with weights (`TriMesh.weights`): weight 1 holds exactly, a weight w below it by a spring to
+                where the vertex is, of `stiffness` w / (1 - w) [N/m], which is `stiffness` at one half.
+
+        Raises:
+            SceneError: weights below 1 without a stiffness, or with directions.
         """
-        self._attach(cloth, vertices, directions, None, False)
+        stiffness = checks.maybe(stiffness, checks.number, "pin: stiffness", "N/m", positive=True)
+        self._own(cloth)
+        weights = cloth.mesh.select_weights(vertices)
+        if (weights == 1).all():
+            self._attach(cloth, vertices, directions, None, False)
+            return
+        index = cloth.mesh.select(vertices)
+        soft = np.flatnonzero(weights < 1)
+        if stiffness is None or directions is not None:
+            way = ("give stiffness= [N/m], of a spring at weight one half, or pin mesh.select(...) to hold all"
+                   if stiffness is None else "springs hold them in all directions: leave out directions")
+            raise SceneError(f"pin: {len(soft)} of {len(index)} vertices in {shown(vertices)} have weights between 0 and 1, "
+                             f"as {index[soft[0]]} has {weights[soft[0]]:.3g}: {way}")
+        if len(soft) < len(index):
+            self._attach(cloth, index[weights == 1], None, None, False)
+        w = weights[soft]
+        self._attach(cloth, index[soft], None, None, False, stiffness=stiffness * w / (1 - w))
 
     def move(self, cloth: Cloth, vertices: object, path: Path, relative: bool = False,
              directions: object = None) -> None:
@@ -109,7 +130,7 @@ class Scene(Sewn):
         self.script.attachments[:] = kept
 
     def _attach(self, cloth: Cloth, vertices: object, directions: object, path: Path | None, relative: bool,
-                solid: Solid | Prop | None = None, since: float = 0.0, stiffness: float | None = None,
+                solid: Solid | Prop | None = None, since: float = 0.0, stiffness: float | np.ndarray | None = None,
                 most: float = np.inf) -> None:
         self._own(cloth)
         index = used_vertices(cloth, vertices)
@@ -117,7 +138,9 @@ class Scene(Sewn):
         if path is not None and len(np.unique(index)) < len(index):
             raise SceneError("move: a vertex is named twice")
         basis = orthonormal(directions)
-        selected = np.unique(index)
+        selected, first = np.unique(index, return_index=True)
+        if isinstance(stiffness, np.ndarray):
+            stiffness = stiffness[first]
         attachment = Attachment(cloth, selected, basis, path, relative, self.script.made, selected, order, solid, since,
                                 stiffness, most)
         if path is not None:

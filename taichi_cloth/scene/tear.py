@@ -118,7 +118,11 @@ def split(name: str, mesh: TriMesh, tear: Tear) -> Split:
     faces[new] = n + np.arange(new.sum())
     of = np.concatenate([np.arange(n), corner[new]])
     groups = {key: np.concatenate([index, n + np.flatnonzero(np.isin(of[n:], index))]) for key, index in mesh.groups.items()}
-    made = TriMesh(mesh.x[of], faces.reshape(m, 3), uv[of], groups, texture=mesh.texture)
+    weights = {key: np.zeros(n) for key in mesh.weights}
+    for key, whole in weights.items():
+        whole[mesh.groups[key]] = mesh.weights[key]
+    weights = {key: whole[of[groups[key]]] for key, whole in weights.items()}
+    made = TriMesh(mesh.x[of], faces.reshape(m, 3), uv[of], groups, texture=mesh.texture, weights=weights)
     object.__setattr__(made, "notes", mesh.notes)
     edges, sides = _inner(mesh)
     out = Split(mesh, made, of, edges, sides, *(np.zeros(0, dtype=np.int64),) * 4)

@@ -124,9 +124,11 @@ class Simulation(Queries):
             self.contacts.clear()
         self.prescribed.begin_anew()
 
-    def pin(self, cloth: Cloth, vertices: object, directions: object = None) -> None:
+    def pin(self, cloth: Cloth, vertices: object, directions: object = None, stiffness: float | None = None) -> None:
         """As `Scene.pin`, for this simulation, from now on."""
-        self._change(lambda: self.scene.pin(cloth, vertices, directions))
+        if stiffness is not None:
+            self._refuse_soft("pin")
+        self._change(lambda: self.scene.pin(cloth, vertices, directions, stiffness))
 
     def move(self, cloth: Cloth, vertices: object, path: Path, relative: bool = False, directions: object = None) -> None:
         """As `Scene.move`, for this simulation, from now on; the path is a function of the simulation's time."""
@@ -139,11 +141,15 @@ class Simulation(Queries):
         Raises:
             SceneError: with a stiffness, where the scene had nothing attached softly, and no events, when it was begun.
         """
-        if stiffness is not None and self.prescribed.pulls is None:
-            raise SceneError("attach: this simulation was made without soft attachments: attach something with a stiffness in "
-                             "its scene before, and detach it by hand, or attach in an event (scene.at)")
+        if stiffness is not None:
+            self._refuse_soft("attach")
         begins = self.time if since is None else since
         self._change(lambda: self.scene.attach(cloth, vertices, solid, begins, stiffness, most))
+
+    def _refuse_soft(self, what: str) -> None:
+        if self.prescribed.pulls is None:
+            raise SceneError(f"{what}: this simulation was made without soft attachments: attach something with a stiffness "
+                             "in its scene before, and detach it by hand, or attach in an event (scene.at)")
 
     def detach(self, cloth: Cloth, vertices: object = None) -> None:
         """As `Scene.detach`, for this simulation, from now on."""

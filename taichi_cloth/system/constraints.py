@@ -72,7 +72,8 @@ class Attachments:
             return None
         index = np.concatenate([self.model.particle[a.vertices + a.cloth.start] for a in some])
         place = np.concatenate([a.target(t, self.anchors[a.key]) for a in some]) - self.model.origin
-        law = np.concatenate([np.outer(a.cloth.shares(a.vertices), np.array([a.stiffness, a.most])) for a in some])
+        law = np.concatenate([a.cloth.shares(a.vertices)[:, None] * np.stack(np.broadcast_arrays(a.springs, a.most), axis=1)
+                              for a in some])
         return index, place, law
 
     def at(self, attachments: list[Attachment], t: float) -> Held | None:

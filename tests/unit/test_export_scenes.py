@@ -331,7 +331,8 @@ def test_what_blender_is_told_is_the_run(made):
             y = made.frames[j][key][first:last]
             assert (x == np.column_stack([y[:, 0], -y[:, 2], y[:, 1]])).all()
         assert len(told[f"x_{k}"]) == (1 if k == 3 else 3)
-    assert (np.concatenate([told["uv_0"], told["uv_1"]]) == made.geometry["uv"]).all() and "uv_2" not in told
+    assert (np.concatenate([told["uv_0"], told["uv_1"]]) == made.geometry["uv"].reshape(-1, 2)).all() and "uv_2" not in told
+    assert [told[f"counts_{k}"].tolist() for k in range(2)] == [[3, 3], [3, 3, 3]]
     assert len(told["sharp_2"]) == 6 and not len(told["sharp_0"])  # all edges of the tetrahedron
     assert told["numbers"].tolist() == [2, 3, 4] and told["fps"] == FPS and told["eye"][0] == pytest.approx([1, -5, 2])
 

@@ -11,13 +11,13 @@ ROOMS = ("colornames", "errors", "checks", "options", "scene", "io", "backend", 
 NUMPY_ONLY = {"colornames", "errors", "checks", "options", "scene", "io", "backend.ordering", "backend.timing",
               "backend.placement", "system.elements", "system.quantities", "step.ledger", "app.scenefile", "app.recorded",
               "app.studies", "app.flags", "app.look_flags", "app.cli", "app.dressing", "app.fitting", "app.looking",
-              "app.sweeping",
+              "app.sweeping", "app.blending",
               "app.interrupts", "garment.curves", "garment.pattern", "garment.garmentcode", "garment.svg",
               "garment.pathdata", "garment.shapes", "garment.styles", "garment.xmlfile", "garment.drawing", "garment.outlines",
               "garment.freesewing"}
-OUTPUT_MAY = {"colornames", "errors", "checks", "io.blender", "io.npz", "io.jsonfile", "io.sequence", "scene.mesh",
-              "scene.view", "scene.appearance", "backend.runtime", "backend.bvh", "backend.placement", "backend.fields",
-              "backend.rows", "backend.ordering", "system.quantities"}
+OUTPUT_MAY = {"colornames", "errors", "checks", "io.blender", "io.blendfile", "io.npz", "io.jsonfile", "io.sequence",
+              "scene.mesh", "scene.view", "scene.appearance", "backend.runtime", "backend.bvh", "backend.placement",
+              "backend.fields", "backend.rows", "backend.ordering", "system.quantities"}
 
 
 def name_of(path: pathlib.Path) -> str:

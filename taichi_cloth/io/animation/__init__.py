@@ -9,7 +9,7 @@ from ...errors import ClothError, MeshError
 from .motion import Motion, Wanted
 
 READERS = {".glb": "gltf", ".gltf": "gltf", ".usd": "usd", ".usda": "usd", ".usdc": "usd", ".usdz": "usd",
-           ".abc": "blender", ".fbx": "blender"}
+           ".abc": "blender", ".fbx": "blender", ".blend": "blender"}
 
 
 def read(path: Path, wanted: Wanted) -> Motion:

@@ -1,4 +1,4 @@
-"""FBX and Alembic, by Blender: it imports the file in a process of its own, and its frames are kept for the next time."""
+"""FBX, Alembic and Blender's own files, by Blender in a process of its own; frames of the first two are kept."""
 
 from __future__ import annotations
 
@@ -15,17 +15,20 @@ from . import kept
 from .motion import Motion, Part, Wanted, chosen_clips, chosen_parts, finite
 
 SCRIPT = Path(__file__).with_name("blender_script.py")
-KINDS = {".fbx": "FBX", ".abc": "Alembic"}
+KINDS = {".fbx": "FBX", ".abc": "Alembic", ".blend": "a .blend"}
 
 
 def read(path: Path, wanted: Wanted) -> Motion:
-    """The parts of an FBX or Alembic file as Blender has them; its unit is the metre, and y points up here.
+    """The parts of a file as Blender has them; the unit is the metre, but a .blend's own, and y points up here.
 
     Raises:
         MeshError: Blender is not here, or cannot read the file; or the file holds no mesh or no such clip.
     """
     choices = json.dumps(wanted._asdict())
-    got = kept.arrays(path, choices + SCRIPT.read_text(), lambda: _evaluated(path, choices))
+    if path.suffix.lower() == ".blend":  # whose libraries and caches may change while it does not
+        got = _evaluated(path, choices)
+    else:
+        got = kept.arrays(path, choices + SCRIPT.read_text(), lambda: _evaluated(path, choices))
     if "refused" in got:
         raise MeshError(str(got["refused"]))
     names, clips = got["names"].tolist(), got["clips"].tolist()
@@ -36,8 +39,8 @@ def read(path: Path, wanted: Wanted) -> Motion:
     if not parts:
         raise MeshError(f"has no mesh: {chosen[0]!r} has no faces")
     moves = any(len(part.x) > 1 for part in parts)
-    notes = () if path.suffix.lower() == ".fbx" else ("Alembic names no unit: metres are taken (scale=...)",)
-    return Motion(parts, float(got["fps"]) if moves else None, 1.0, "y",
+    notes = ("Alembic names no unit: metres are taken (scale=...)",) if path.suffix.lower() == ".abc" else ()
+    return Motion(parts, float(got["fps"]) if moves else None, float(got["unit"]), "y",
                   tuple(zip(clips, got["seconds"].tolist())), tuple(got["taken"].tolist()), notes)
 
 

@@ -1,4 +1,4 @@
-"""Runs inside Blender: imports an FBX or Alembic file and writes its meshes, frame by frame, as arrays.
+"""Runs inside Blender: imports an FBX or Alembic file, or opens a .blend, and writes its meshes, frame by frame, as arrays.
 
 Arguments: the file, the .npz to write, and a JSON object of choices: `clip` (names or numbers, or null), `fps`, `only` and
 `moves`.
@@ -15,14 +15,24 @@ import numpy as np
 def main(path: str, out: str, choices: str) -> None:
     """Imports, evaluates, writes."""
     wanted = json.loads(choices)
-    bpy.ops.wm.read_factory_settings(use_empty=True)
+    own = path.lower().endswith(".blend")
+    if own:
+        bpy.ops.wm.open_mainfile(filepath=path, load_ui=False)
+    else:
+        bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
-    scene.frame_start = scene.frame_end = 1
-    if path.lower().endswith(".abc"):
+    clips: list = []
+    if own:
+        first, last = scene.frame_start, scene.frame_end
+        if bpy.data.version[:2] > bpy.app.version[:2]:
+            told = f"Blender {bpy.data.version[0]}.{bpy.data.version[1]} saved it, and this is {bpy.app.version_string}"
+            return save(out, {"refused": np.array(f"{told}: name that one by TAICHI_CLOTH_BLENDER")})
+    elif path.lower().endswith(".abc"):
+        scene.frame_start = scene.frame_end = 1
         rate = wanted["fps"] or 24.0
         scene.render.fps, scene.render.fps_base = max(1, round(rate)), max(1, round(rate)) / rate
         bpy.ops.wm.alembic_import(filepath=path, as_background_job=False)
-        clips, first, last = [], scene.frame_start, scene.frame_end
+        first, last = scene.frame_start, scene.frame_end
     elif not hasattr(bpy.ops.wm, "fbx_import") or bpy.app.version < (4, 5):
         return save(out, {"refused": np.array(f"FBX is read by Blender 4.5 or later, and this is {bpy.app.version_string}")})
     else:
@@ -31,7 +41,8 @@ def main(path: str, out: str, choices: str) -> None:
         first, last = play(clips, wanted)
     native = scene.render.fps / scene.render.fps_base
     fps = wanted["fps"] or native
-    got = {"fps": np.array(fps), "clips": np.array([action.name for action in clips], dtype=str),
+    unit = 1.0 if scene.unit_settings.system == "NONE" or not own else scene.unit_settings.scale_length
+    got = {"fps": np.array(fps), "unit": np.array(unit), "clips": np.array([action.name for action in clips], dtype=str),
            "seconds": np.array([np.ptp(action.frame_range) / native for action in clips]),
            "taken": np.array([k for k, action in enumerate(clips) if action.get("taken")], dtype=np.int64)}
     moves = wanted["moves"] and last > first
@@ -103,12 +114,15 @@ def meshes(frames, only):
                 return {"refused": np.array(f"part {name!r}: has other faces at frame {frame:g} than before: a body keeps its "
                                             "vertices and faces; leave the part out (only=)")}
             x = x.reshape(-1, 3).astype(np.float64) @ world[:3, :3].T + world[:3, 3]
-            xs[name].append(np.stack([x[:, 0], x[:, 2], -x[:, 1]], axis=1))
+            x = np.stack([x[:, 0], x[:, 2], -x[:, 1]], axis=1)
+            same = bool(xs[name]) and np.array_equal(xs[name][-1], x)
+            xs[name].append(xs[name][-1] if same else x)
     for name, frames_of in xs.items():
         if len(frames_of) != len(frames):
             return {"refused": np.array(f"part {name!r}: is there in {len(frames_of)} of {len(frames)} frames: leave it out "
                                         "(only=)")}
-        got[f"x {name}"] = np.stack(frames_of)
+        still = all(x is frames_of[0] for x in frames_of)
+        got[f"x {name}"] = np.stack(frames_of[:1] if still else frames_of)
     return got
 
 

@@ -7,8 +7,11 @@ import numpy as np
 
 from ...errors import OutputError
 from ...io import blender
+from ...scene.view import View
+from .. import colors
 from ..camera import frame as axes_of
 from ..folder import written_aside
+from .polygons import loops
 from .shot import Mesh, Shot
 
 SCRIPT = pathlib.Path(__file__).with_name("blender_script.py")
@@ -59,13 +62,31 @@ def arrays(shot: Shot) -> dict[str, np.ndarray]:
     out = {"numbers": np.array(shot.numbers), "fps": np.array(shot.fps), "names": np.array([m.name for m in shot.meshes]),
            "kinds": np.array([m.kind for m in shot.meshes]), "colors": np.array([m.color for m in shot.meshes]),
            "fov": np.radians([c.fov for c in shot.cameras]), "clip": np.array([near, far]),
-           "eye": up(np.array([c.eye for c in shot.cameras])), "axes": up(np.array([axes_of(c).axes for c in shot.cameras]))}
+           "eye": up(np.array([c.eye for c in shot.cameras])), "axes": up(np.array([axes_of(c).axes for c in shot.cameras])),
+           "thickness": np.array([m.thickness or 0.0 for m in shot.meshes]), **surroundings(shot.view)}
     for k, mesh in enumerate(shot.meshes):
         surface = mesh.surface(0)
-        out |= {f"faces_{k}": surface.faces, f"x_{k}": up(np.stack(mesh.x)), f"sharp_{k}": sharp_edges(mesh)}
+        places, counts = loops(surface.faces, surface.polygon)
+        out |= {f"corners_{k}": surface.faces.ravel()[places], f"counts_{k}": counts, f"x_{k}": up(np.stack(mesh.x)),
+                f"sharp_{k}": sharp_edges(mesh)}
         if surface.uv is not None:
-            out[f"uv_{k}"] = surface.uv
+            out[f"uv_{k}"] = surface.uv.reshape(-1, 2)[places]
     return out
+
+
+def surroundings(view: View) -> dict[str, np.ndarray]:
+    """Light and background as pictures here have them, by name.
+
+    `light` is towards the key light, with `key` and angle `sun`; `everywhere` the radiance from all sides, of which the second
+    row is times the height of a direction; `sky` the colours at the horizon and above, none of a transparent background.
+    """
+    above, below = colors.SKYLIGHT * np.array([colors.ABOVE, colors.BELOW])
+    background = view.background
+    sky = np.array([colors.HORIZON, colors.ZENITH] if background == "sky" else
+                   [] if background == "transparent" else [background] * 2, dtype=np.float64)
+    # a matt surface gathers 2/3 of light that grows with height
+    return {"light": up(np.array(view.light)), "key": np.array(colors.KEY), "sun": np.array(2 * np.arctan(colors.LIGHT_SIZE)),
+            "sky": sky, "everywhere": np.stack([(above + below) / 2, 3 / 2 * (above - below) / 2])}
 
 
 def up(x: np.ndarray) -> np.ndarray:

@@ -29,10 +29,13 @@ def main(data: str, path: str) -> None:
         collections[kind] = bpy.data.collections.new(kind)
         scene.collection.children.link(collections[kind])
     for k, (name, kind) in enumerate(zip(arrays["names"].tolist(), arrays["kinds"].tolist())):
-        add_mesh(collections[kind], name, arrays, k)
+        made = add_mesh(collections[kind], name, arrays, k)
+        if kind == "cloth" and not path.endswith(".abc"):
+            thicken(made, float(arrays["thickness"][k]))
     add_camera(scene, arrays)
     if not path.endswith(".abc"):
-        add_light(scene)
+        add_surroundings(scene, arrays)
+        render_on_the_cpu(scene)
     scene.frame_set(scene.frame_start)
     if path.endswith(".abc"):
         bpy.ops.wm.alembic_export(filepath=path, start=scene.frame_start, end=scene.frame_end, as_background_job=False,
@@ -41,16 +44,16 @@ def main(data: str, path: str) -> None:
         bpy.ops.wm.save_as_mainfile(filepath=path, compress=True, check_existing=False)
 
 
-def add_mesh(collection, name: str, arrays, k: int) -> None:
-    """An object with its faces, uv, material and, where it moves, shape keys."""
-    faces, x = arrays[f"faces_{k}"], arrays[f"x_{k}"]
+def add_mesh(collection, name: str, arrays, k: int):
+    """The object of a mesh, with its faces, uv, material and, where it moves, shape keys."""
+    corners, counts, x = (arrays[f"{kind}_{k}"] for kind in ("corners", "counts", "x"))
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(x.shape[1])
     mesh.vertices.foreach_set("co", x[0].ravel())
-    mesh.loops.add(faces.size)
-    mesh.loops.foreach_set("vertex_index", faces.ravel())
-    mesh.polygons.add(len(faces))
-    mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
+    mesh.loops.add(len(corners))
+    mesh.loops.foreach_set("vertex_index", corners.astype(np.int32))
+    mesh.polygons.add(len(counts))
+    mesh.polygons.foreach_set("loop_start", (np.cumsum(counts) - counts).astype(np.int32))
     mesh.update(calc_edges=True)
     if f"uv_{k}" in arrays:
         mesh.uv_layers.new(name="pattern").uv.foreach_set("vector", arrays[f"uv_{k}"].ravel().astype(np.float32))
@@ -61,6 +64,7 @@ def add_mesh(collection, name: str, arrays, k: int) -> None:
     collection.objects.link(cloth)
     if len(x) > 1:
         animate(cloth, x, arrays["numbers"])
+    return cloth
 
 
 def shade(mesh, sharp: np.ndarray) -> None:
@@ -144,20 +148,67 @@ def add_camera(scene, arrays) -> None:
             point.interpolation = "LINEAR"
 
 
-def add_light(scene) -> None:
-    """A sun and a pale sky, so that a first picture is not black."""
+def thicken(cloth, thickness: float) -> None:
+    """Rounder and as thick as in the run, when it is rendered; in the viewport it stays as it was simulated."""
+    rounder = cloth.modifiers.new("rounder", "SUBSURF")
+    rounder.levels, rounder.render_levels, rounder.boundary_smooth = 0, 1, "PRESERVE_CORNERS"
+    rounder.show_viewport = False
+    if thickness > 0:
+        thick = cloth.modifiers.new("thickness", "SOLIDIFY")
+        thick.thickness, thick.offset, thick.show_viewport = thickness, 0.0, False
+
+
+def add_surroundings(scene, arrays) -> None:
+    """The key light, the light from everywhere, and the background, as the run's own pictures have them."""
+    from mathutils import Vector
+
     sun = bpy.data.lights.new("sun", "SUN")
-    sun.energy, sun.angle = 3.0, 0.1
+    sun.energy, sun.angle = np.pi * float(arrays["key"]), float(arrays["sun"])
     light = bpy.data.objects.new("sun", sun)
-    light.rotation_euler = (0.7, 0.15, 0.6)
+    light.rotation_euler = Vector(arrays["light"].tolist()).to_track_quat("Z", "Y").to_euler()
     scene.collection.objects.link(light)
+    scene.view_settings.view_transform = "Standard"
     scene.world = bpy.data.worlds.new("world")
-    scene.world.color = (0.5, 0.5, 0.5)
     if scene.world.node_tree is None:
         scene.world.use_nodes = True
-    sky = next(node for node in scene.world.node_tree.nodes if node.type == "BACKGROUND")
-    sky.inputs["Color"].default_value = (0.7, 0.8, 0.9, 1.0)
-    sky.inputs["Strength"].default_value = 0.5
+    nodes, links = scene.world.node_tree.nodes, scene.world.node_tree.links
+    height = nodes.new("ShaderNodeSeparateXYZ")
+    links.new(nodes.new("ShaderNodeTexCoord").outputs["Generated"], height.inputs[0])
+    half = nodes.new("ShaderNodeMath")
+    half.operation, half.inputs[1].default_value, half.inputs[2].default_value = "MULTIPLY_ADD", 0.5, 0.5
+    links.new(height.outputs["Z"], half.inputs[0])
+    middle, grows = arrays["everywhere"]
+    color = mix(nodes, links, half.outputs[0], middle - grows, middle + grows)
+    if len(arrays["sky"]):
+        seen = mix(nodes, links, height.outputs["Z"], *arrays["sky"])
+        color = mix(nodes, links, nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"], color, seen)
+    scene.render.film_transparent = not len(arrays["sky"])
+    links.new(color, next(node for node in nodes if node.type == "BACKGROUND").inputs["Color"])
+
+
+def mix(nodes, links, factor, *ends):
+    """The output of a node between two colours, each an array or another output."""
+    node = nodes.new("ShaderNodeMix")
+    node.data_type = "RGBA"
+    links.new(factor, node.inputs[0])
+    for end, socket in zip(ends, node.inputs[6:8]):
+        if isinstance(end, np.ndarray):
+            socket.default_value = (*end.tolist(), 1.0)
+        else:
+            links.new(end, socket)
+    return node.outputs[2]
+
+
+def render_on_the_cpu(scene) -> None:
+    """Cycles, which needs no GPU, few samples and a denoiser, where this Blender has them."""
+    if not hasattr(scene, "cycles"):
+        return
+    scene.render.engine = "CYCLES"
+    scene.cycles.device, scene.cycles.samples = "CPU", 64
+    try:
+        scene.cycles.denoiser, scene.cycles.use_denoising = "OPENIMAGEDENOISE", True
+    except TypeError:  # built without it
+        scene.cycles.use_denoising = False
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ import numpy as np
 
 from ...backend.ordering import components
 from ...errors import OutputError
-from ...scene.view import Camera, CameraKeys
+from ...scene.view import Camera, CameraKeys, View
 from ..camera import frame as axes_of
 from ..colors import GROUND, PALETTE, STONE
 from ..described import appearances_of, image_uv, view_of
@@ -31,11 +31,13 @@ class Surface(NamedTuple):
         faces: (m, 3) int32 vertices.
         uv: (m, 3, 2) of corners, the pattern's [m], the mesh's own, or across what is printed on it; None of what has none.
         normal_of: (m, 3) number of each corner's normal: corners round a sharp edge have different ones.
+        polygon: (m,) number of the polygon that each was cut from, or None where all are triangles.
     """
 
     faces: np.ndarray
     uv: np.ndarray | None
     normal_of: np.ndarray
+    polygon: np.ndarray | None = None
 
     def equals(self, other: "Surface") -> bool:
         """Whether all of it is the same."""
@@ -54,6 +56,7 @@ class Mesh:
         x: (n, 3) float32 [m], one or one a frame.
         v: the same [m/s], or none.
         printed: what is on it, or None.
+        thickness: of a cloth [m], or None where none is known.
     """
 
     name: str
@@ -63,6 +66,7 @@ class Mesh:
     x: list[np.ndarray]
     v: list[np.ndarray]
     printed: Print | None = None
+    thickness: float | None = None
 
     @property
     def moves(self) -> bool:
@@ -109,6 +113,7 @@ class Shot:
         meshes: cloths first.
         cameras: one, or one a frame.
         path: of the run.
+        view: how pictures of it are to look.
     """
 
     numbers: list[int]
@@ -117,6 +122,7 @@ class Shot:
     meshes: list[Mesh]
     cameras: list[Camera]
     path: str
+    view: View
 
     @property
     def clipping(self) -> tuple[float, float]:
@@ -156,7 +162,7 @@ def shot(pieces: Cut) -> Shot:
         meshes.append(_ground(float(g["ground"]), meshes))
     names = unique([mesh.name for mesh in meshes])
     meshes = [replace(mesh, name=name) for name, mesh in zip(names, meshes)]
-    return Shot(numbers, pieces.fps, times, meshes, cameras, str(pieces.path))
+    return Shot(numbers, pieces.fps, times, meshes, cameras, str(pieces.path), view_of(g))
 
 
 def unique(names: Iterable[str]) -> list[str]:
@@ -205,7 +211,8 @@ def _cloth(k: int, frames: list[Frame], prints: list[Print | None]) -> Mesh:
             else:
                 uv = image_uv(g)[0][rows]
                 uv = uv if on is None else on.coordinates(uv)
-            surface = Surface((g["faces"][rows] - first).astype(np.int32), uv, numbers)
+            polygon = g["polygon"][rows] if "polygon" in g else None
+            surface = Surface((g["faces"][rows] - first).astype(np.int32), uv, numbers, polygon)
             surfaces.append(surfaces[-1] if surfaces and surface.equals(surfaces[-1]) else surface)
         else:
             surfaces.append(surfaces[-1])
@@ -214,7 +221,9 @@ def _cloth(k: int, frames: list[Frame], prints: list[Print | None]) -> Mesh:
         v.append(frame["v"][first:end])
     g = frames[0].geometry
     steady = all(s is surfaces[0] for s in surfaces)
-    return Mesh(str(g["cloth_names"][k]), "cloth", color, surfaces[:1] if steady else surfaces, x, v, on)
+    thickness = float(g["cloth_thickness"][owner]) if "cloth_thickness" in g else np.nan
+    return Mesh(str(g["cloth_names"][k]), "cloth", color, surfaces[:1] if steady else surfaces, x, v, on,
+                None if np.isnan(thickness) else thickness)
 
 
 def _smooth(faces: np.ndarray, sewn: np.ndarray) -> np.ndarray:
