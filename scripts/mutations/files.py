@@ -11,6 +11,7 @@ STILL = "tests/cli/test_still.py"
 RECORD = "tests/cli/test_record.py"
 RUN = "tests/cli/test_run_folder.py"
 SCENES = "tests/unit/test_scenefile.py"
+TAKES, WORDS = "tests/unit/test_takes.py", "tests/unit/test_words.py"
 PLAYBACK = "tests/unit/test_playback.py"
 FIT, TABLES = "tests/unit/test_fit.py", "tests/unit/test_tables.py"
 TESTS = (FOLDER, EXPORT, IO)
@@ -170,8 +171,17 @@ MUTATIONS = (
      "image, origin, size = whole, origin, size", "the rim of an image moves it", PRINTED),
     (OUT + "export/gltf.py", "REPEAT if on.repeats else CLAMP", "REPEAT", "glTF repeats what is there once", PRINTED),
     # recorded and played from Python
-    (PACKAGE + "app/running.py", "            keep(frame)\n            show", "            show", "frames are not kept",
+    (PACKAGE + "app/running.py", "                writer.write(frame)\n", "                pass\n", "frames are not kept",
      RECORDER),
+    # takes
+    (PACKAGE + "app/takes.py", "(frame - self.frame + 1) / max", "(frame - self.frame) / max", "a blend begins a frame later",
+     TAKES),
+    (PACKAGE + "app/takes.py", "range(max(self.frame, resumed + 1)", "range(max(self.frame, resumed)",
+     "a frame of a blend is counted twice when it is resumed", TAKES),
+    (PACKAGE + "app/takes.py", "a + share * (b - a) for name, b", "b for name, b", "options jump at once", TAKES),
+    (PACKAGE + "app/takes.py", "new.count_on(sim)", "pass", "a take's steps are counted from its blend on", TAKES),
+    (PACKAGE + "scene/blending.py", "np.where(strains > g,", "np.where(strains < 0,", "a curve ends at its last point", WORDS),
+    (PACKAGE + "scene/winds.py", "(-1.0 if axis and axis[1] == \"-\" else 1.0)", "1.0", "a wind blows one way only", WORDS),
     (PACKAGE + "app/recorder.py", "duration, fps = sim.checked_run(duration, fps)", "pass",
      "a wrong duration is found when another run's files are gone", RECORDER),
     (PACKAGE + "recording/play.py", "budget or BUDGET", "BUDGET", "notebooks take all of a long run",

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import Field
 
 from ..options import ARCHS, BY_NAME
-from . import dressing, fitting, looking, sweeping
+from . import dressing, fitting, looking, sweeping, taking
 from . import recorded as cli_recorded
 from . import studies as cli_study
 from .flags import Parser, number_of
@@ -63,8 +63,12 @@ def _dispatch(args: argparse.Namespace) -> int:
 
         print(table())
         return OK
+    if args.command == "winds":
+        return _winds(args)
     if args.command == "dress":
         return dressing.run(args)
+    if args.command == "take":
+        return taking.run(args)
     if args.command == "look":
         return looking.run(args)
     if args.command in cli_recorded.COMMANDS:
@@ -171,6 +175,23 @@ def _doctor() -> int:
     return OK
 
 
+def _winds(args: argparse.Namespace) -> int:
+    from ..scene.fabrics import fabrics
+    from ..scene.winds import table
+    from .scenefile import number
+
+    def density(name: str) -> float:
+        try:
+            return checks.number("--fabric", number(name), "kg/m^2", positive=True)
+        except ValueError:
+            return fabrics[name].density
+
+    from .. import checks
+
+    print(table({name: density(name) for name in args.fabric or ("charmeuse", "denim", "wool_coating")}))
+    return OK
+
+
 def _options(args: argparse.Namespace, scene):
     from dataclasses import replace
 
@@ -178,6 +199,7 @@ def _options(args: argparse.Namespace, scene):
     from ..errors import SceneError, did_you_mean
     from ..simulation.simulation import MOST_FRAMES
     from .running import RunOptions
+    from .scenefile import settings_of
 
     given = {"duration": DURATION, "fps": FPS, **scene.run}
     unknown = [name for name in given if name not in ("duration", "fps", *BY_NAME)]
@@ -186,12 +208,7 @@ def _options(args: argparse.Namespace, scene):
         raise SceneError(f"scene {scene.name}: RUN has no {unknown[0]!r}; {did_you_mean(unknown[0], known)}")
     flags = {name: getattr(args, name, None) for name in ("duration", "fps", *BY_NAME)}
     values = {**given, **{name: value for name, value in flags.items() if value is not None}}
-    settings = {}
-    for item in args.set:
-        name, equals, value = item.partition("=")
-        if not equals:
-            raise SceneError(f"--set {item!r}: needs name=value")
-        settings[name] = value
+    settings: dict[str, object] = {**settings_of(args.set)}
     for name in ("duration", "fps", "h"):
         values[name] = checks.maybe(values.get(name), checks.number, f"--{name}", positive=True)
     duration, fps = values.pop("duration"), values.pop("fps")
@@ -232,11 +249,15 @@ def _parser() -> argparse.ArgumentParser:
     cli_study.add_parsers(commands)
     dressing.add_parser(commands)
     looking.add_parser(commands)
+    taking.add_parser(commands)
     sweeping.add_parser(commands, _simulation_flags)
     fitting.add_parser(commands)
     commands.add_parser("list", help="scenes, one line each")
     commands.add_parser("doctor", help="what runs on this machine")
     commands.add_parser("fabrics", help="measured cloths, with their sources")
+    winds = commands.add_parser("winds", help="winds by name, and how far each lifts cloth")
+    winds.add_argument("--fabric", action="append", default=[], metavar="NAME", help="one that `fabrics` prints, or a density "
+                       "[kg/m^2]; several, one after the other (charmeuse, denim, wool_coating)")
     return parser
 
 

@@ -11,7 +11,7 @@ ROOMS = ("colornames", "errors", "checks", "options", "scene", "io", "backend", 
 NUMPY_ONLY = {"colornames", "errors", "checks", "options", "scene", "io", "backend.ordering", "backend.timing",
               "backend.placement", "system.elements", "system.quantities", "step.ledger", "app.scenefile", "app.recorded",
               "app.studies", "app.flags", "app.look_flags", "app.cli", "app.dressing", "app.fitting", "app.looking",
-              "app.sweeping",
+              "app.sweeping", "app.taking",
               "app.interrupts", "garment.curves", "garment.pattern", "garment.garmentcode", "garment.svg",
               "garment.pathdata", "garment.shapes", "garment.styles", "garment.xmlfile", "garment.drawing", "garment.outlines",
               "garment.freesewing"}
