@@ -21,11 +21,14 @@ def add_parsers(commands) -> None:
     render.add_argument("--mp4", action="store_true", help="also film.mp4 (needs the extra `film`)")
     look_flags(render)
     frame_flags(render)
-    compare = commands.add_parser("compare", help="two runs in one picture, with their difference")
+    compare = commands.add_parser("compare", help="two runs side by side, with their difference frame by frame")
     compare.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
     compare.add_argument("--to", metavar="FILE", help="picture (compare.png in the first run's folder)")
     compare.add_argument("--size", type=size_of, default=(480, 360), metavar="WxH", help="of one frame (480x360)")
     compare.add_argument("--frames", type=int, default=5, metavar="N", help="number of frames in a row")
+    compare.add_argument("--movie", action="store_true", help="also both side by side as a film, .mp4, or .apng without the "
+                         "extra `film`")
+    compare.add_argument("--common", action="store_true", help="the times that both have, where their frames do not match")
     look_flags(compare)
     export = commands.add_parser("export", help="geometry for other tools")
     export.add_argument("--format", required=True, help="blend, abc, usda, usdc, glb, gltf, obj, pc2, vtu or ply")
@@ -74,14 +77,22 @@ def _compare(args: argparse.Namespace) -> int:
     from .. import checks
     from ..errors import OutputError
     from ..output.recording import Recording
-    from ..recording.playback import compare
+    from ..recording.comparing import Pair, Sides, draw, film
 
     _check_to(args)
     checks.integer("--frames", args.frames)
     to = checks.maybe(args.to, checks.png, "--to", OutputError)
-    first, second = map(Recording, args.runs)
-    file = to or first.path / "compare.png"
-    print(f"{compare(first, second, file, args.size, args.frames, _look(args, first))}; written to {file}")
+    pair = Pair(*map(Recording, args.runs), args.common)
+    file = to or pair.a.path / "compare.png"
+    sides, files = Sides(pair, args.size, _look(args, pair.a)), [file]
+    draw(pair, sides, file, args.frames)
+    print("\n".join(pair.said()))
+    if pair.apart is not None:
+        files.append(file.with_suffix(".csv"))
+        pair.written(files[-1])
+    if args.movie:
+        files.append(film(pair, sides, file, args.size))
+    print(f"written to {', '.join(map(str, files))}")
     return 0
 
 
