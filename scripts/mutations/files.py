@@ -11,6 +11,7 @@ STILL = "tests/cli/test_still.py"
 RECORD = "tests/cli/test_record.py"
 RUN = "tests/cli/test_run_folder.py"
 SCENES = "tests/unit/test_scenefile.py"
+RETIMED = "tests/unit/test_retimed.py"
 TAKES, WORDS = "tests/unit/test_takes.py", "tests/unit/test_words.py"
 PLAYBACK = "tests/unit/test_playback.py"
 FIT, TABLES = "tests/unit/test_fit.py", "tests/unit/test_tables.py"
@@ -173,6 +174,11 @@ MUTATIONS = (
     # recorded and played from Python
     (PACKAGE + "app/running.py", "                writer.write(frame)\n", "                pass\n", "frames are not kept",
      RECORDER),
+    # at other times
+    (OUT + "retimed.py", "(off / np.maximum(most, 1e-150)) ** 2", "0 * off", "what is stopped swings on", RETIMED),
+    (OUT + "retimed.py", "r * (first - way) - s * (last - way)", "r * (first - way) + s * (last - way)",
+     "curves leave with another speed than they came", RETIMED),
+    (OUT + "export/shot.py", '"v"][first:end] * speed', '"v"][first:end]', "velocities of a slow film are the run's", RETIMED),
     # takes
     (PACKAGE + "app/takes.py", "(frame - self.frame + 1) / max", "(frame - self.frame) / max", "a blend begins a frame later",
      TAKES),

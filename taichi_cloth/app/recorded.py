@@ -19,6 +19,9 @@ def add_parsers(commands) -> None:
     render.add_argument("--sheet", type=int, default=0, metavar="N", help="also N frames in one picture, sheet.png")
     render.add_argument("--apng", action="store_true", help="also an animated PNG, animation.png")
     render.add_argument("--mp4", action="store_true", help="also film.mp4 (needs the extra `film`)")
+    render.add_argument("--turntable", type=int, default=0, metavar="N", help="N pictures of one frame, from all round")
+    render.add_argument("--frame", type=int, metavar="K", help="that of the turntable (the last)")
+    _retiming(render)
     look_flags(render)
     frame_flags(render)
     compare = commands.add_parser("compare", help="two runs side by side, with their difference frame by frame")
@@ -34,6 +37,7 @@ def add_parsers(commands) -> None:
     export.add_argument("--format", required=True, help="blend, abc, usda, usdc, glb, gltf, obj, pc2, vtu or ply")
     blend = commands.add_parser("blend", help="a .blend with cloths, solids and camera: export --format blend")
     for parser in (export, blend):
+        _retiming(parser)
         parser.add_argument("run", help="a run's folder")
         parser.add_argument("--to", metavar="PATH", help="folder, or the file where the format has one (RUN/FORMAT)")
         parts = parser.add_mutually_exclusive_group()
@@ -62,12 +66,14 @@ def _render(args: argparse.Namespace) -> int:
     checks.integer("--every", args.every)
     checks.integer("--sheet", args.sheet, least=0)
     extras = Extras(*passes_of(args))
-    recording = Recording(args.run)
+    recorded = Recording(args.run)
+    recording = _turntable(args, recorded) if args.turntable or args.frame is not None else _retimed(args, recorded)
     numbers = recording.frames()
-    numbers = (numbers_in(args.frames, numbers) if args.frames else numbers)[::args.every]
+    numbers = (numbers_in(args.frames, numbers) if args.frames and recording is recorded else numbers)[::args.every]
     look = _look(args, recording)
     warn_inside(recording, look)
-    folder = pathlib.Path(args.to) if args.to else recording.path / "images"
+    usual = "images" if recording is recorded else "turntable" if args.turntable else "retimed"
+    folder = pathlib.Path(args.to) if args.to else recording.path / usual
     files = render(recording, folder, args.size, look, numbers, Films(args.sheet, args.apng, args.mp4), extras)
     print(f"{len(files)} files in {folder}/, the last {files[-1].name}")
     return 0
@@ -82,7 +88,8 @@ def _compare(args: argparse.Namespace) -> int:
     _check_to(args)
     checks.integer("--frames", args.frames)
     to = checks.maybe(args.to, checks.png, "--to", OutputError)
-    pair = Pair(*map(Recording, args.runs), args.common)
+    a, b = map(Recording, args.runs)
+    pair = Pair(a, b, args.common)
     file = to or pair.a.path / "compare.png"
     sides, files = Sides(pair, args.size, _look(args, pair.a)), [file]
     draw(pair, sides, file, args.frames)
@@ -101,7 +108,7 @@ def _export(args: argparse.Namespace, format: str | None = None) -> int:
     from ..output.recording import Recording
 
     _check_to(args)
-    recording = Recording(args.run)
+    recording = _retimed(args, Recording(args.run))
     files = export(recording, format or args.format, args.to, args.parts or "cloths")
     for note in recording.notes:
         print(f"note: {note}")
@@ -154,6 +161,50 @@ def _why(args: argparse.Namespace) -> int:
 
 COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "render": _render, "compare": _compare, "export": _export, "blend": _blend, "diff": _diff, "report": _report, "why": _why}
+
+
+def _retiming(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--speed", type=number_of, metavar="X", help="seconds of the run in a second of the film: .5 is half "
+                        "as fast; what is between recorded frames is interpolated")
+    parser.add_argument("--fps", type=number_of, metavar="N", help="frames a second of the film (the run's)")
+
+
+def _retimed(args: argparse.Namespace, recording):
+    """The run at the times that `--speed` and `--fps` ask for; itself where they do not."""
+    from ..errors import SceneError
+    from ..output.retimed import Retimed
+    from ..recording.drawing import numbers_in
+
+    if args.speed is None and args.fps is None:
+        return recording
+    ends: tuple[int, ...] = ()
+    if getattr(args, "frames", ""):
+        numbers = numbers_in(args.frames, recording.frames())
+        if len(numbers) != numbers[-1] - numbers[0] + 1:
+            raise SceneError(f"--frames {args.frames}: with --speed or --fps it is FIRST:LAST of the run, without gaps")
+        ends = numbers[0], numbers[-1]
+    return Retimed(recording, 1.0 if args.speed is None else args.speed, args.fps, *ends)
+
+
+def _turntable(args: argparse.Namespace, recording):
+    """A frame of the run, while the camera goes round once."""
+    from .. import checks
+    from ..errors import SceneError
+    from ..output.framing import fit_round
+    from ..output.retimed import Frozen
+
+    if not args.turntable:
+        raise SceneError("--frame is the one that --turntable N goes round; --frames FIRST:LAST says which are drawn")
+    for flag in ("frames", "speed", "fps", "orbit"):
+        if getattr(args, flag):
+            raise SceneError(f"--turntable: draws one frame from all round; --{flag} says nothing of that: leave it out")
+    count = checks.integer("--turntable", args.turntable, least=2)
+    args.orbit = 360.0 * recording.fps / count  # degrees a second of the film
+    frozen = Frozen(recording, recording.frames()[-1] if args.frame is None else args.frame, count)
+    if args.camera is None:  # the scene's own looks at one side
+        camera = fit_round([frozen.points()], 0.0, args.size[0] / args.size[1])
+        args.camera = [(None, (camera.eye, camera.target, camera.fov))]
+    return frozen
 
 
 def _look(args: argparse.Namespace, recording):

@@ -18,10 +18,13 @@ class Recording:
     Attributes:
         manifest: as it was written.
         notes: what was found damaged, and done about it.
+        speed: seconds of the run in a second of its frames.
 
     Raises:
         OutputError: the folder is no run's, or its manifest is damaged.
     """
+
+    speed = 1.0
 
     def __init__(self, path: str | os.PathLike) -> None:
         self.path = checks.path("recording: path", path, OutputError)
