@@ -12,6 +12,7 @@ RECORD = "tests/cli/test_record.py"
 RUN = "tests/cli/test_run_folder.py"
 SCENES = "tests/unit/test_scenefile.py"
 RETIMED = "tests/unit/test_retimed.py"
+OBJ_GROUPS = "tests/unit/test_obj_groups.py"
 TAKES, WORDS = "tests/unit/test_takes.py", "tests/unit/test_words.py"
 PLAYBACK = "tests/unit/test_playback.py"
 FIT, TABLES = "tests/unit/test_fit.py", "tests/unit/test_tables.py"
@@ -179,6 +180,9 @@ MUTATIONS = (
     (OUT + "retimed.py", "r * (first - way) - s * (last - way)", "r * (first - way) + s * (last - way)",
      "curves leave with another speed than they came", RETIMED),
     (OUT + "export/shot.py", '"v"][first:end] * speed', '"v"][first:end]', "velocities of a slow film are the run's", RETIMED),
+    (OUT + "export/obj.py", "if group != last:", "if last is None:", "only the first group of an object is named", OBJ_GROUPS),
+    (PACKAGE + "recording/record.py", "row + len(names)))", "row[::-1] + len(names)))",
+     "faces are in each other's groups", OBJ_GROUPS),
     # takes
     (PACKAGE + "app/takes.py", "(frame - self.frame + 1) / max", "(frame - self.frame) / max", "a blend begins a frame later",
      TAKES),

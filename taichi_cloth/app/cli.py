@@ -19,6 +19,9 @@ from .look_flags import frame_flags, look_flags, look_of, passes_of
 from .recorded import size_of
 
 DURATION, FPS = 2.0, 30.0  # s, frames a second, where neither flags nor the scene say
+SHOWN = ("While it runs: the frame and how many there are; simulated time; how long it still takes, as frames took so far; "
+         "how many steps went wrong and were tried again, smaller; the last time step's size and its solver's iterations "
+         "(many: stiff cloth or a fine mesh).")
 OK, FAILED, BAD_USAGE, GAVE_UP, OWN_CODE, INTERRUPTED, UNREAD = 0, 1, 2, 3, 4, 130, 141
 
 
@@ -238,7 +241,7 @@ def _options(args: argparse.Namespace, scene):
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="taichi-cloth", description="Implicit cloth simulation on Taichi kernels.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    run_parser = commands.add_parser("run", help="simulate a scene and write pictures")
+    run_parser = commands.add_parser("run", help="simulate a scene and write pictures", epilog=SHOWN)
     run_parser.add_argument("scene", help="a scene file, or the name of one that `list` shows")
     _run_flags(run_parser)
     check = commands.add_parser("check", help="simulate a scene and run its check")

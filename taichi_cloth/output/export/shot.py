@@ -54,6 +54,7 @@ class Mesh:
         x: (n, 3) float32 [m], one or one a frame.
         v: the same, in metres a second of the film, or none.
         printed: what is on it, or None.
+        groups: (m,) names, with blanks between, of the groups that each face is in; None where it has none.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Mesh:
     x: list[np.ndarray]
     v: list[np.ndarray]
     printed: Print | None = None
+    groups: np.ndarray | None = None
 
     @property
     def moves(self) -> bool:
@@ -215,7 +217,11 @@ def _cloth(k: int, frames: list[Frame], prints: list[Print | None], speed: np.fl
         v.append(frame["v"][first:end] * speed)
     g = frames[0].geometry
     steady = all(s is surfaces[0] for s in surfaces)
-    return Mesh(str(g["cloth_names"][k]), "cloth", color, surfaces[:1] if steady else surfaces, x, v, on)
+    groups = None
+    if "face_group" in g:
+        of = g["face_group"][int(g["cloth_faces"][k]): int(g["cloth_faces"][k + 1])]
+        groups = np.where(of < 0, "", g["face_groups"][of])
+    return Mesh(str(g["cloth_names"][k]), "cloth", color, surfaces[:1] if steady else surfaces, x, v, on, groups)
 
 
 def _smooth(faces: np.ndarray, sewn: np.ndarray) -> np.ndarray:
