@@ -186,8 +186,10 @@ MUTATIONS = (
     # takes
     (PACKAGE + "app/takes.py", "(frame - self.frame + 1) / max", "(frame - self.frame) / max", "a blend begins a frame later",
      TAKES),
-    (PACKAGE + "app/takes.py", "range(max(self.frame, resumed + 1)", "range(max(self.frame, resumed)",
-     "a frame of a blend is counted twice when it is resumed", TAKES),
+    (PACKAGE + "app/running.py", "            if frame >= frames:", "            if False:", "a blend outlasts its run",
+     TAKES),
+    (PACKAGE + "app/takes.py", "range(max(self.frame, resumed + 1)", "range(max(self.frame, resumed + 2)",
+     "a frame of a blend is left out when it is resumed", TAKES),
     (PACKAGE + "app/takes.py", "a + share * (b - a) for name, b", "b for name, b", "options jump at once", TAKES),
     (PACKAGE + "app/takes.py", "new.count_on(sim)", "pass", "a take's steps are counted from its blend on", TAKES),
     (PACKAGE + "scene/blending.py", "np.where(strains > g,", "np.where(strains < 0,", "a curve ends at its last point", WORDS),

@@ -98,6 +98,8 @@ def run(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest
                 raise KeyboardInterrupt
 
         for frame, change in changes:
+            if frame >= frames:
+                break
             if resumed is None or frame > resumed:
                 sim.run(frame / options.fps, options.fps, each, resumed)
             sim, resumed = change(sim), frame

@@ -10,6 +10,7 @@ import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.app import cli, scenefile
+from taichi_cloth.app.takes import Take
 from taichi_cloth.output.recording import Recording
 
 SCENE = '''"""A sheet on two corners in a wind."""
@@ -17,10 +18,11 @@ import taichi_cloth as tc
 
 ACT = {}
 
-def build(stretch: float = 10.0, wind: float = 1.0, cells: int = 2):
+def build(stretch: float = 10.0, wind: float = 1.0, cells: int = 2, push: float = 0.0):
     scene = tc.Scene(air=tc.Air(0.5, wind=(wind, 0.0, 0.0)))
     cloth = scene.add_cloth(tc.grid(1.0, cells), tc.Fabric(0.2, tc.Stretch(stretch)))
     scene.pin(cloth, ["top_left", "top_right"])
+    scene.add_load(cloth, "bottom_left", (0.0, 0.0, push))
     scene.at(0.28, lambda s: ACT.get("act", lambda: None)())
     return scene
 '''
@@ -84,11 +86,11 @@ def test_copies_where_there_are_no_links(first, monkeypatch):
 
 
 def by_hand(first: pathlib.Path, blend: int) -> list[np.ndarray]:
-    """Positions at frames 7 and 8 of a take from frame 6, stretch 10 to 40 N/m and wind 1 to 3 m/s."""
+    """Positions at frames 7 and 8 of a take from frame 6, stretch 10 to 40 N/m, wind 1 to 3 m/s, push 0 to .5 N."""
     build, state, out = scenefile.read(str(first.parent / "sheet.py")).build, Recording(first).last_checkpoint(6)[1], []
     for k in (7, 8):
         share = min((k - 6) / blend, 1.0)
-        with tc.Simulation(build(10 + 30 * share, 1 + 2 * share), integrator="verlet", threads=1, h=0.1) as sim:
+        with tc.Simulation(build(10 + 30 * share, 1 + 2 * share, push=share / 2), integrator="verlet", threads=1) as sim:
             sim.resume(dict(state), edited=True)
             sim.run(k / 20, 20, resumed=k - 1)
             state = sim.checkpoint()
@@ -99,13 +101,15 @@ def by_hand(first: pathlib.Path, blend: int) -> list[np.ndarray]:
 @pytest.mark.parametrize("blend, frames", [(0, 1), (2, 2), (4, 4)])
 def test_options_are_blended_in_frame_by_frame(first, blend, frames):
     name = f"blended_{blend}"
-    assert call("take", first, name, "--from-frame", 6, "--blend", blend, "--set", "stretch=40", "--set", "wind=3") == 0
+    new = [word for option in ("stretch=40", "wind=3", "push=1/2") for word in ("--set", option)]
+    assert call("take", first, name, "--from-frame", 6, "--blend", blend, *new) == 0
     out = first.parent / name
     same_frames(first, out, 7)
     for k, x in zip((7, 8), by_hand(first, frames)):
         assert np.array_equal(arrays(out, k)["x"], x), k
         assert not np.array_equal(arrays(first, k)["x"], x)
-    assert Recording(out).manifest["settings"] == {"stretch": 40.0, "wind": 3.0, "cells": 2}
+    assert Recording(out).kept == (0, 8) and len(list((out / "frames").iterdir())) == 9
+    assert Recording(out).manifest["settings"] == {"stretch": 40.0, "wind": 3.0, "cells": 2, "push": 0.5}
 
 
 @pytest.mark.usefixtures("asked_to_end")
@@ -133,8 +137,11 @@ def test_a_take_that_was_interrupted_in_its_blend_is_resumed_bit_for_bit(first, 
 
 
 def test_fabric_and_wind_in_words_go_for_every_scene(first):
-    assert call("take", first, "words", "--from-frame", 6, "--set", "fabric=denim", "--set", "wind=3") == 0
-    assert Recording(first.parent / "words").manifest["settings"]["fabric"] == "denim"
+    file, take = scenefile.read(str(first.parent / "sheet.py")), Take("first", "", 6, 4, {"stretch": 20.0})
+    for frame, share in ((5, 0), (6, 0.25), (8, 0.75), (9, 1), (30, 1)):
+        fabric = take.scene(file, {"fabric": "denim", "wind": "3"}, frame).cloths[0].fabric
+        assert fabric.density == pytest.approx(0.2 + share * 0.124)
+        assert np.array(fabric.stretch.k) == pytest.approx(20 + share * (np.array([411, 2028]) - 20 if share else 0))
     scene = scenefile.read("hang").make({"cells": "2", "fabric": "denim", "wind": "breeze -z"})
     assert scene.cloths[0].fabric is tc.fabrics["denim"]
     assert scene.air.wind_at(0.0).tolist() == [0, 0, -3] and scene.air.normal == 0.3  # the scene's own
