@@ -196,8 +196,9 @@ class Parts:
 
     def count_on(self, other: "Parts") -> None:
         """The log, and what steps add up to, are those of a simulation that this one takes the place of."""
+        records = list(checks.instance("count_on: other", other, Parts).log)
         self.log.clear()
-        self.log.extend(other.log)
+        self.log.extend(records)
         self.tally, self.last = other.tally, other.last
 
     def _made_step(self, record: StepRecord) -> None:
