@@ -179,17 +179,17 @@ def _doctor() -> int:
 
 
 def _winds(args: argparse.Namespace) -> int:
+    from .. import checks
     from ..scene.fabrics import fabrics
     from ..scene.winds import table
     from .scenefile import number
 
     def density(name: str) -> float:
         try:
-            return checks.number("--fabric", number(name), "kg/m^2", positive=True)
+            given = number(name)
         except ValueError:
             return fabrics[name].density
-
-    from .. import checks
+        return checks.number("--fabric", given, "kg/m^2", positive=True)
 
     print(table({name: density(name) for name in args.fabric or ("charmeuse", "denim", "wool_coating")}))
     return OK

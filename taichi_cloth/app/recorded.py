@@ -24,6 +24,20 @@ def add_parsers(commands) -> None:
     _retiming(render)
     look_flags(render)
     frame_flags(render)
+    _add_compare(commands)
+    _add_exports(commands)
+    diff = commands.add_parser("diff", help="what differs between two runs, and where their motion parts")
+    diff.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
+    diff.add_argument("--tolerance", type=number_of, default=1e-6, metavar="M", help="RMS distance [m] that counts (1e-6)")
+    why = commands.add_parser("why", help="which steps cost the most, where, and what helps")
+    why.add_argument("run", help="a run's folder")
+    why.add_argument("--steps", type=int, default=10, metavar="N", help="how many of them (10)")
+    report = commands.add_parser("report", help="one HTML page about a run")
+    report.add_argument("run", help="a run's folder")
+    report.add_argument("--to", metavar="FILE", help="page (RUN/report.html)")
+
+
+def _add_compare(commands) -> None:
     compare = commands.add_parser("compare", help="two runs side by side, with their difference frame by frame")
     compare.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
     compare.add_argument("--to", metavar="FILE", help="picture (compare.png in the first run's folder)")
@@ -33,6 +47,9 @@ def add_parsers(commands) -> None:
                          "extra `film`")
     compare.add_argument("--common", action="store_true", help="the times that both have, where their frames do not match")
     look_flags(compare)
+
+
+def _add_exports(commands) -> None:
     export = commands.add_parser("export", help="geometry for other tools")
     export.add_argument("--format", required=True, help="blend, abc, usda, usdc, glb, gltf, obj, pc2, vtu or ply")
     blend = commands.add_parser("blend", help="a .blend with cloths, solids and camera: export --format blend")
@@ -45,15 +62,6 @@ def add_parsers(commands) -> None:
                            help="a mesh for each panel of a garment")
         parts.add_argument("--weld", dest="parts", action="store_const", const="welded",
                            help="garments welded over their seams")
-    diff = commands.add_parser("diff", help="what differs between two runs, and where their motion parts")
-    diff.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
-    diff.add_argument("--tolerance", type=number_of, default=1e-6, metavar="M", help="RMS distance [m] that counts (1e-6)")
-    why = commands.add_parser("why", help="which steps cost the most, where, and what helps")
-    why.add_argument("run", help="a run's folder")
-    why.add_argument("--steps", type=int, default=10, metavar="N", help="how many of them (10)")
-    report = commands.add_parser("report", help="one HTML page about a run")
-    report.add_argument("run", help="a run's folder")
-    report.add_argument("--to", metavar="FILE", help="page (RUN/report.html)")
 
 
 def _render(args: argparse.Namespace) -> int:

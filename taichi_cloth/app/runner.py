@@ -45,13 +45,8 @@ def simulate(scene_file: SceneFile, options: RunOptions, take: Take | None = Non
     first = kept_from(old, resumed, options.frames)
     told = len(sim.notes)
     # only now, when nothing in the request is wrong any more, may an earlier run's files go
-    kept = None if parent else resumed
-    folder = RunFolder(options.out, options.overwrite, kept, INSTEAD) if options.out else None
+    folder = _folder(options, take, parent, resumed, manifest)
     try:
-        if folder and take and parent and resumed is not None:
-            take = bring(take, parent, folder, resumed, manifest)
-        if take:
-            manifest["take"] = asdict(take)
         sim = run(sim, options, folder, manifest, None, resumed, first, began, lambda error: said(error, scene_file.path),
                   before, changes)
     except ClothError:
@@ -61,6 +56,24 @@ def simulate(scene_file: SceneFile, options: RunOptions, take: Take | None = Non
     finally:
         _print(sim.notes[told:])
     return sim, start
+
+
+def _folder(options: RunOptions, take: Take | None, parent: Recording | None, resumed: int | None, manifest: dict
+            ) -> RunFolder | None:
+    """Where the run writes, with the frames that a take begins with; the manifest says whose they are."""
+    if options.out is None:
+        return None
+    instead = "`taichi-cloth run` of its scene goes on with it, with --resume" if parent else INSTEAD
+    folder = RunFolder(options.out, options.overwrite, None if parent else resumed, instead)
+    try:
+        if take and parent and resumed is not None:
+            take = bring(take, parent, folder, resumed, manifest)
+    except BaseException:
+        folder.close()
+        raise
+    if take:
+        manifest["take"] = asdict(take)
+    return folder
 
 
 def _print(notes: list[str]) -> None:

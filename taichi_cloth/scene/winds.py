@@ -17,7 +17,7 @@ AXIS = re.compile(r"([+-]?)([xyz])")
 
 
 class Named(NamedTuple):
-    """A wind's speed [m/s], its number on Beaufort's scale, and what one sees of it."""
+    """A wind's speed [m/s], its number on Beaufort's scale, and the sign by which it is known."""
 
     speed: float
     force: int
@@ -79,7 +79,7 @@ def table(fabrics: dict[str, float]) -> str:
     """The winds, with how far each lifts fabrics of densities [kg/m^2], as lines of text."""
     names = "".join(f"{name:>18}" for name in fabrics)
     kilos = "".join(f"{density:>12.3f} kg/m2" for density in fabrics.values())
-    lines = [f"{'wind':17}{'m/s':>6}{'Beaufort':>10}{names}  what one sees", f"{'':17}{'':6}{'':10}{kilos}"]
+    lines = [f"{'wind':17}{'m/s':>6}{'Beaufort':>10}{names}  sign", f"{'':17}{'':6}{'':10}{kilos}"]
     for name, (speed, force, sign) in WINDS.items():
         angles = "".join(f"{lifted(speed, density):>16.0f} °" for density in fabrics.values())
         lines.append(f"{name:17}{speed:6.1f}{force:10}{angles}  {sign}")

@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import shutil
 import signal
 
 import numpy as np
@@ -83,6 +84,20 @@ def test_copies_where_there_are_no_links(first, monkeypatch):
     assert call("take", first, "copied", "--from-frame", 6) == 0
     same_frames(first, first.parent / "copied")
     assert json.loads((first.parent / "copied" / "manifest.json").read_text())["take"]["files"] == "copied"
+
+
+def test_a_folder_that_holds_another_run_is_refused_and_a_full_disk_is_named(first, monkeypatch, capsys):
+    assert call("take", first, "twice", "--from-frame", 6) == 0 and call("take", first, "twice", "--from-frame", 6) == 2
+    said = capsys.readouterr().err
+    assert "holds another run's files" in said and "--resume" in said and "--overwrite" not in said
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "link", full)
+    monkeypatch.setattr(shutil, "copyfile", full)
+    assert call("take", first, "full", "--from-frame", 6) == 2
+    assert "No space left on device" in capsys.readouterr().err and not (first.parent / "full" / "run.lock").exists()
 
 
 def by_hand(first: pathlib.Path, blend: int) -> list[np.ndarray]:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
+from taichi_cloth.app import cli
 from taichi_cloth.scene.blending import air_between, fabric_between
 from taichi_cloth.scene.winds import WINDS, lifted
 
@@ -108,6 +109,16 @@ def test_winds_in_words():
             tc.Air(1.0, wind=wrong)
     speeds = [wind.speed for wind in WINDS.values()]
     assert speeds == sorted(speeds) and [w.force for w in WINDS.values()] == sorted(w.force for w in WINDS.values())
+
+
+def test_the_command_lists_winds(capsys):
+    assert cli.main(["winds", "--fabric", "denim", "--fabric", "0.1"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    breeze = next(line for line in lines if line.startswith("breeze ")).split()
+    assert breeze[1:3] == ["3.0", "2"] and breeze[3] == f"{lifted(3.0, 0.324):.0f}" and breeze[5] == f"{lifted(3.0, 0.1):.0f}"
+    assert len(lines) == len(WINDS) + 4
+    for wrong, said in (("denin", "unknown fabric 'denin'; did you mean 'denim'"), ("-1", "--fabric = -1.0 kg/m^2: must be")):
+        assert cli.main(["winds", "--fabric", wrong]) == 2 and said in capsys.readouterr().err
 
 
 def test_beauforts_numbers():
