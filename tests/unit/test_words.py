@@ -136,3 +136,16 @@ def test_cloth_hangs_where_weight_and_air_point_along_it(speed, density):
     c = abs(normal @ e)
     force = -0.6 * speed**2 * (1.2 * c * e + 0.8 * ((normal @ e) * normal - c**2 * e)) + [0, -9.81 * density]
     assert abs(force @ normal) < 1e-6 * np.linalg.norm(force) and force @ along > 0
+
+
+def test_a_sweep_varies_fabric_and_wind_of_every_scene():
+    from taichi_cloth.app import scenefile, sweeping
+    from taichi_cloth.sweeps.plan import runs_of
+
+    scene = scenefile.read("hang")
+    grid = sweeping.grid_of(["cells=2", "fabric=denim,canvas", "wind=breeze -z"], scene)
+    build = sweeping.FromFile(scene.path)
+    runs = runs_of(build, grid, {}, {})
+    assert [run.settings for run in runs] == [{"cells": 2, "fabric": f, "wind": "breeze -z"} for f in ("denim", "canvas")]
+    made = build(**runs[1].settings)
+    assert made.cloths[0].fabric is tc.fabrics["canvas"] and made.air.wind_at(0.0).tolist() == [0, 0, -3]
