@@ -91,8 +91,8 @@ def test_what_turns_goes_round(tmp_path):
     chord = 1 - np.cos(w / 120)
     for k in range(8, 73):
         exact = x_of(k / 240)
-        assert np.abs(made.frame(k)["x"] - exact).max() < chord / 250
-        assert np.abs(made.frame(k)["solid_x"] - exact).max() < chord / 20
+        assert np.abs(made.frame(k)["x"] - exact).max() < chord / 150
+        assert np.abs(made.frame(k)["solid_x"] - exact).max() < chord / 15
 
 
 def test_a_part_of_a_run(flight):
