@@ -11,6 +11,9 @@ STILL = "tests/cli/test_still.py"
 RECORD = "tests/cli/test_record.py"
 RUN = "tests/cli/test_run_folder.py"
 SCENES = "tests/unit/test_scenefile.py"
+RETIMED = "tests/unit/test_retimed.py"
+OBJ_GROUPS = "tests/unit/test_obj_groups.py"
+TAKES, WORDS = "tests/unit/test_takes.py", "tests/unit/test_words.py"
 PLAYBACK = "tests/unit/test_playback.py"
 FIT, TABLES = "tests/unit/test_fit.py", "tests/unit/test_tables.py"
 ONTO, BLENDS = "tests/unit/test_blender_onto.py", "tests/unit/test_blend_load.py"
@@ -186,8 +189,27 @@ MUTATIONS = (
      "image, origin, size = whole, origin, size", "the rim of an image moves it", PRINTED),
     (OUT + "export/gltf.py", "REPEAT if on.repeats else CLAMP", "REPEAT", "glTF repeats what is there once", PRINTED),
     # recorded and played from Python
-    (PACKAGE + "app/running.py", "            keep(frame)\n            show", "            show", "frames are not kept",
+    (PACKAGE + "app/running.py", "                writer.write(frame)\n", "                pass\n", "frames are not kept",
      RECORDER),
+    # at other times
+    (OUT + "retimed.py", "(off / np.maximum(most, 1e-150)) ** 2", "0 * off", "what is stopped swings on", RETIMED),
+    (OUT + "retimed.py", "r * (first - way) - s * (last - way)", "r * (first - way) + s * (last - way)",
+     "curves leave with another speed than they came", RETIMED),
+    (OUT + "export/shot.py", '"v"][first:end] * speed', '"v"][first:end]', "velocities of a slow film are the run's", RETIMED),
+    (OUT + "export/obj.py", "if group != last:", "if last is None:", "only the first group of an object is named", OBJ_GROUPS),
+    (PACKAGE + "recording/record.py", "row + len(names)))", "row[::-1] + len(names)))",
+     "faces are in each other's groups", OBJ_GROUPS),
+    # takes
+    (PACKAGE + "app/takes.py", "(frame - self.frame + 1) / max", "(frame - self.frame) / max", "a blend begins a frame later",
+     TAKES),
+    (PACKAGE + "app/running.py", "            if frame >= frames:", "            if False:", "a blend outlasts its run",
+     TAKES),
+    (PACKAGE + "app/takes.py", "range(max(self.frame, resumed + 1)", "range(max(self.frame, resumed + 2)",
+     "a frame of a blend is left out when it is resumed", TAKES),
+    (PACKAGE + "app/takes.py", "a + share * (b - a) for name, b", "b for name, b", "options jump at once", TAKES),
+    (PACKAGE + "app/takes.py", "new.count_on(sim)", "pass", "a take's steps are counted from its blend on", TAKES),
+    (PACKAGE + "scene/blending.py", "np.where(strains > g,", "np.where(strains < 0,", "a curve ends at its last point", WORDS),
+    (PACKAGE + "scene/winds.py", "(-1.0 if axis and axis[1] == \"-\" else 1.0)", "1.0", "a wind blows one way only", WORDS),
     (PACKAGE + "app/recorder.py", "duration, fps = sim.checked_run(duration, fps)", "pass",
      "a wrong duration is found when another run's files are gone", RECORDER),
     (PACKAGE + "recording/play.py", "budget or BUDGET", "BUDGET", "notebooks take all of a long run",

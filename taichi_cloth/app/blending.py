@@ -2,7 +2,7 @@
 
 import argparse
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 ADDON = pathlib.Path(__file__).with_name("blender_addon.py")
 
@@ -15,8 +15,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--addon", metavar="FILE", help="write Blender's add-on to a .py, for its preferences to install")
 
 
-def other(args: argparse.Namespace) -> int | None:
-    """The exit code of `--addon` or `--onto`; None where it is an export."""
+def other(args: argparse.Namespace, retimed: Callable) -> int | None:
+    """The exit code of `--addon` or `--onto`; None where it is an export.
+
+    Args:
+        retimed: a recording at the times that are asked for, of the arguments and the recording.
+    """
     from ..errors import OutputError
 
     if args.addon is not None:
@@ -24,7 +28,7 @@ def other(args: argparse.Namespace) -> int | None:
     if args.run is None:
         raise OutputError("blend needs a run's folder, or --addon")
     if args.onto is not None or args.object:
-        return _onto(args)
+        return _onto(args, retimed)
     return None
 
 
@@ -42,7 +46,7 @@ def _addon(args: argparse.Namespace) -> int:
     return 0
 
 
-def _onto(args: argparse.Namespace) -> int:
+def _onto(args: argparse.Namespace, retimed: Callable) -> int:
     from ..errors import OutputError
     from ..output.export.onto import onto
     from ..output.recording import Recording
@@ -51,7 +55,7 @@ def _onto(args: argparse.Namespace) -> int:
         raise OutputError("--object says where --onto puts cloth: name a .blend with --onto")
     if args.parts is not None:
         raise OutputError("--onto takes cloths as they are: leave out --panels and --weld")
-    recording = Recording(args.run)
+    recording = retimed(args, Recording(args.run))
     files = onto(recording, args.onto, args.to, objects_of(args.object, recording.geometry["cloth_names"].tolist()))
     for note in recording.notes:
         print(f"note: {note}")

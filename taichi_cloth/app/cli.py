@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import Field
 
 from ..options import ARCHS, BY_NAME
-from . import dressing, fitting, looking, sweeping
+from . import dressing, fitting, looking, sweeping, taking
 from . import recorded as cli_recorded
 from . import studies as cli_study
 from .flags import Parser, number_of
@@ -19,6 +19,9 @@ from .look_flags import frame_flags, look_flags, look_of, passes_of
 from .recorded import size_of
 
 DURATION, FPS = 2.0, 30.0  # s, frames a second, where neither flags nor the scene say
+SHOWN = ("While it runs: the frame and how many there are; simulated time; how long it still takes, as frames took so far; "
+         "how many steps went wrong and were tried again, smaller; the last time step's size and its solver's iterations "
+         "(many: stiff cloth or a fine mesh).")
 OK, FAILED, BAD_USAGE, GAVE_UP, OWN_CODE, INTERRUPTED, UNREAD = 0, 1, 2, 3, 4, 130, 141
 
 
@@ -63,8 +66,12 @@ def _dispatch(args: argparse.Namespace) -> int:
 
         print(table())
         return OK
+    if args.command == "winds":
+        return _winds(args)
     if args.command == "dress":
         return dressing.run(args)
+    if args.command == "take":
+        return taking.run(args)
     if args.command == "look":
         return looking.run(args)
     if args.command in cli_recorded.COMMANDS:
@@ -171,6 +178,23 @@ def _doctor() -> int:
     return OK
 
 
+def _winds(args: argparse.Namespace) -> int:
+    from .. import checks
+    from ..scene.fabrics import fabrics
+    from ..scene.winds import table
+    from .scenefile import number
+
+    def density(name: str) -> float:
+        try:
+            given = number(name)
+        except ValueError:
+            return fabrics[name].density
+        return checks.number("--fabric", given, "kg/m^2", positive=True)
+
+    print(table({name: density(name) for name in args.fabric or ("charmeuse", "denim", "wool_coating")}))
+    return OK
+
+
 def _options(args: argparse.Namespace, scene):
     from dataclasses import replace
 
@@ -178,6 +202,7 @@ def _options(args: argparse.Namespace, scene):
     from ..errors import SceneError, did_you_mean
     from ..simulation.simulation import MOST_FRAMES
     from .running import RunOptions
+    from .scenefile import settings_of
 
     given = {"duration": DURATION, "fps": FPS, **scene.run}
     unknown = [name for name in given if name not in ("duration", "fps", *BY_NAME)]
@@ -186,12 +211,7 @@ def _options(args: argparse.Namespace, scene):
         raise SceneError(f"scene {scene.name}: RUN has no {unknown[0]!r}; {did_you_mean(unknown[0], known)}")
     flags = {name: getattr(args, name, None) for name in ("duration", "fps", *BY_NAME)}
     values = {**given, **{name: value for name, value in flags.items() if value is not None}}
-    settings = {}
-    for item in args.set:
-        name, equals, value = item.partition("=")
-        if not equals:
-            raise SceneError(f"--set {item!r}: needs name=value")
-        settings[name] = value
+    settings: dict[str, object] = {**settings_of(args.set)}
     for name in ("duration", "fps", "h"):
         values[name] = checks.maybe(values.get(name), checks.number, f"--{name}", positive=True)
     duration, fps = values.pop("duration"), values.pop("fps")
@@ -221,7 +241,7 @@ def _options(args: argparse.Namespace, scene):
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="taichi-cloth", description="Implicit cloth simulation on Taichi kernels.")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    run_parser = commands.add_parser("run", help="simulate a scene and write pictures")
+    run_parser = commands.add_parser("run", help="simulate a scene and write pictures", epilog=SHOWN)
     run_parser.add_argument("scene", help="a scene file, or the name of one that `list` shows")
     _run_flags(run_parser)
     check = commands.add_parser("check", help="simulate a scene and run its check")
@@ -232,11 +252,15 @@ def _parser() -> argparse.ArgumentParser:
     cli_study.add_parsers(commands)
     dressing.add_parser(commands)
     looking.add_parser(commands)
+    taking.add_parser(commands)
     sweeping.add_parser(commands, _simulation_flags)
     fitting.add_parser(commands)
     commands.add_parser("list", help="scenes, one line each")
     commands.add_parser("doctor", help="what runs on this machine")
     commands.add_parser("fabrics", help="measured cloths, with their sources")
+    winds = commands.add_parser("winds", help="winds by name, and how far each lifts cloth")
+    winds.add_argument("--fabric", action="append", default=[], metavar="NAME", help="one that `fabrics` prints, or a density "
+                       "[kg/m^2]; several, one after the other (charmeuse, denim, wool_coating)")
     return parser
 
 

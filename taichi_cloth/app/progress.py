@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from ..simulation import Simulation
 
 Show = Callable[[Simulation, int], None]
+BAR = 10  # letters wide
 PAUSE = 0.1  # s from one picture of a bar to the next, at least
 
 
@@ -17,20 +18,48 @@ def progress(frames: int) -> Iterator[Show]:
     """A function (simulation, frame) that shows how far a run of so many frames is."""
     from rich.console import Console
 
-    console = Console(stderr=True)
+    console, left = Console(stderr=True), Left(frames)
     if console.is_jupyter:
-        yield _in_notebook(frames)
+        yield _in_notebook(frames, left)
         return
     if not sys.stderr.isatty():
-        yield lambda sim, frame: _line(sim, frame, frames)
+        yield lambda sim, frame: _line(sim, frame, frames, left)
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, TextColumn
 
-    columns = (TextColumn("frame {task.completed}/{task.total}"), BarColumn(), TimeRemainingColumn(),
-               TextColumn("{task.fields[state]}"))
+    columns = (TextColumn("frame {task.completed}/{task.total}"), BarColumn(BAR), TextColumn("{task.fields[state]}"))
+    room = console.width - len(f"frame {frames}/{frames}") - BAR - 2
     with Progress(*columns, console=console) as bar:
         task = bar.add_task("", total=frames, state="")
-        yield lambda sim, frame: bar.update(task, completed=frame, state=_state(sim))
+        yield lambda sim, frame: bar.update(task, completed=frame, state=_state(sim, left(frame), room))
+
+
+class Left:
+    """How long a run goes on, if its frames go on to take as long as so far; the first, which compiles, does not count."""
+
+    def __init__(self, frames: int) -> None:
+        self.frames = frames
+        self.first: tuple[int, float] | None = None  # frame, time [s], where counting began
+        self.seen = 0
+
+    def __call__(self, frame: int) -> str:
+        """In words, at the end of a frame; "" where nothing is known."""
+        now = time.perf_counter()
+        self.seen += 1
+        if self.seen == 2:
+            self.first = frame, now
+        if self.first is None or frame <= self.first[0] or frame >= self.frames:
+            return ""
+        each = (now - self.first[1]) / (frame - self.first[0])
+        return f"about {in_words(each * (self.frames - frame))} left"
+
+
+def in_words(seconds: float) -> str:
+    """A duration such as "40 s", "12 min" or "3 h 20 min"."""
+    minutes = round(seconds / 60)
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60} min"
 
 
 class Bar:
@@ -46,7 +75,7 @@ class Bar:
         return f'<progress value="{self.frame}" max="{self.frames}"></progress> {html.escape(repr(self))}'
 
 
-def _in_notebook(frames: int) -> Show:
+def _in_notebook(frames: int, left: Left) -> Show:
     from IPython.display import display
 
     handle = display(Bar(0, frames, "compiling"), display_id=True)
@@ -54,21 +83,29 @@ def _in_notebook(frames: int) -> Show:
 
     def show(sim: Simulation, frame: int) -> None:
         nonlocal drawn
+        more = left(frame)
         if frame == frames or time.perf_counter() - drawn > PAUSE:
             drawn = time.perf_counter()
-            handle.update(Bar(frame, frames, _state(sim)))
+            handle.update(Bar(frame, frames, _state(sim, more)))
 
     return show
 
 
-def _line(sim: Simulation, frame: int, frames: int) -> None:
-    every = max(1, frames // 10)
+def _line(sim: Simulation, frame: int, frames: int, left: Left) -> None:
+    more, every = left(frame), max(1, frames // 10)
     if frame % every == 0 or frame == frames:
-        print(f"frame {frame}/{frames}  {_state(sim)}", file=sys.stderr, flush=True)
+        print(f"frame {frame}/{frames}  {_state(sim, more)}", file=sys.stderr, flush=True)
 
 
-def _state(sim: Simulation) -> str:
+def _state(sim: Simulation, left: str, room: int = 1000) -> str:
+    """Simulated time, how long it goes on, steps that were tried again, the last one's size and CG iterations; what there is
+    no room for is left out."""
     if not sim.last:
         return "compiling"
     last, rejected = sim.last, sim.tally.rejections.total()
-    return f"t {sim.time:.3f} s  h {last.h * 1e3:.2f} ms  CG {last.iterations}  rejected {rejected}"
+    parts = [f"{sim.time:.3f} s simulated", left, f"{rejected} steps tried again" if rejected else "",
+             f"step {last.h * 1e3:.3g} ms", f"{last.iterations} iterations"]
+    parts = [part for part in parts if part]
+    while len(", ".join(parts)) > room and len(parts) > 1:
+        parts.pop()
+    return ", ".join(parts)

@@ -20,27 +20,13 @@ def add_parsers(commands) -> None:
     render.add_argument("--sheet", type=int, default=0, metavar="N", help="also N frames in one picture, sheet.png")
     render.add_argument("--apng", action="store_true", help="also an animated PNG, animation.png")
     render.add_argument("--mp4", action="store_true", help="also film.mp4 (needs the extra `film`)")
+    render.add_argument("--turntable", type=int, default=0, metavar="N", help="N pictures of one frame, from all round")
+    render.add_argument("--frame", type=int, metavar="K", help="that of the turntable (the last)")
+    _retiming(render)
     look_flags(render)
     frame_flags(render)
-    compare = commands.add_parser("compare", help="two runs in one picture, with their difference")
-    compare.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
-    compare.add_argument("--to", metavar="FILE", help="picture (compare.png in the first run's folder)")
-    compare.add_argument("--size", type=size_of, default=(480, 360), metavar="WxH", help="of one frame (480x360)")
-    compare.add_argument("--frames", type=int, default=5, metavar="N", help="number of frames in a row")
-    look_flags(compare)
-    export = commands.add_parser("export", help="geometry for other tools")
-    export.add_argument("--format", required=True, help="blend, abc, usda, usdc, glb, gltf, obj, pc2, vtu or ply")
-    blend = commands.add_parser("blend", help="a .blend with cloths, solids and camera; or a run put onto your own")
-    export.add_argument("run", help="a run's folder")
-    blend.add_argument("run", nargs="?", help="a run's folder")
-    for parser in (export, blend):
-        parser.add_argument("--to", metavar="PATH", help="folder, or the file where the format has one (RUN/FORMAT)")
-        parts = parser.add_mutually_exclusive_group()
-        parts.add_argument("--panels", dest="parts", action="store_const", const="panels",
-                           help="a mesh for each panel of a garment")
-        parts.add_argument("--weld", dest="parts", action="store_const", const="welded",
-                           help="garments welded over their seams")
-    add_blender(blend)
+    _add_compare(commands)
+    _add_exports(commands)
     diff = commands.add_parser("diff", help="what differs between two runs, and where their motion parts")
     diff.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
     diff.add_argument("--tolerance", type=number_of, default=1e-6, metavar="M", help="RMS distance [m] that counts (1e-6)")
@@ -50,6 +36,35 @@ def add_parsers(commands) -> None:
     report = commands.add_parser("report", help="one HTML page about a run")
     report.add_argument("run", help="a run's folder")
     report.add_argument("--to", metavar="FILE", help="page (RUN/report.html)")
+
+
+def _add_compare(commands) -> None:
+    compare = commands.add_parser("compare", help="two runs side by side, with their difference frame by frame")
+    compare.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
+    compare.add_argument("--to", metavar="FILE", help="picture (compare.png in the first run's folder)")
+    compare.add_argument("--size", type=size_of, default=(480, 360), metavar="WxH", help="of one frame (480x360)")
+    compare.add_argument("--frames", type=int, default=5, metavar="N", help="number of frames in a row")
+    compare.add_argument("--movie", action="store_true", help="also both side by side as a film, .mp4, or .apng without the "
+                         "extra `film`")
+    compare.add_argument("--common", action="store_true", help="the times that both have, where their frames do not match")
+    look_flags(compare)
+
+
+def _add_exports(commands) -> None:
+    export = commands.add_parser("export", help="geometry for other tools")
+    export.add_argument("--format", required=True, help="blend, abc, usda, usdc, glb, gltf, obj, pc2, vtu or ply")
+    export.add_argument("run", help="a run's folder")
+    blend = commands.add_parser("blend", help="a .blend with cloths, solids and camera; or a run put onto your own")
+    blend.add_argument("run", nargs="?", help="a run's folder")
+    for parser in (export, blend):
+        _retiming(parser)
+        parser.add_argument("--to", metavar="PATH", help="folder, or the file where the format has one (RUN/FORMAT)")
+        parts = parser.add_mutually_exclusive_group()
+        parts.add_argument("--panels", dest="parts", action="store_const", const="panels",
+                           help="a mesh for each panel of a garment")
+        parts.add_argument("--weld", dest="parts", action="store_const", const="welded",
+                           help="garments welded over their seams")
+    add_blender(blend)
 
 
 def _render(args: argparse.Namespace) -> int:
@@ -62,12 +77,14 @@ def _render(args: argparse.Namespace) -> int:
     checks.integer("--every", args.every)
     checks.integer("--sheet", args.sheet, least=0)
     extras = Extras(*passes_of(args))
-    recording = Recording(args.run)
+    recorded = Recording(args.run)
+    recording = _turntable(args, recorded) if args.turntable or args.frame is not None else _retimed(args, recorded)
     numbers = recording.frames()
-    numbers = (numbers_in(args.frames, numbers) if args.frames else numbers)[::args.every]
+    numbers = (numbers_in(args.frames, numbers) if args.frames and recording is recorded else numbers)[::args.every]
     look = _look(args, recording)
     warn_inside(recording, look)
-    folder = pathlib.Path(args.to) if args.to else recording.path / "images"
+    usual = "images" if recording is recorded else "turntable" if args.turntable else "retimed"
+    folder = pathlib.Path(args.to) if args.to else recording.path / usual
     files = render(recording, folder, args.size, look, numbers, Films(args.sheet, args.apng, args.mp4), extras)
     print(f"{len(files)} files in {folder}/, the last {files[-1].name}")
     return 0
@@ -77,14 +94,23 @@ def _compare(args: argparse.Namespace) -> int:
     from .. import checks
     from ..errors import OutputError
     from ..output.recording import Recording
-    from ..recording.playback import compare
+    from ..recording.comparing import Pair, Sides, draw, film
 
     _check_to(args)
     checks.integer("--frames", args.frames)
     to = checks.maybe(args.to, checks.png, "--to", OutputError)
-    first, second = map(Recording, args.runs)
-    file = to or first.path / "compare.png"
-    print(f"{compare(first, second, file, args.size, args.frames, _look(args, first))}; written to {file}")
+    a, b = map(Recording, args.runs)
+    pair = Pair(a, b, args.common)
+    file = to or pair.a.path / "compare.png"
+    sides, files = Sides(pair, args.size, _look(args, pair.a)), [file]
+    draw(pair, sides, file, args.frames)
+    print("\n".join(pair.said()))
+    if pair.apart is not None:
+        files.append(file.with_suffix(".csv"))
+        pair.written(files[-1])
+    if args.movie:
+        files.append(film(pair, sides, file, args.size))
+    print(f"written to {', '.join(map(str, files))}")
     return 0
 
 
@@ -93,7 +119,7 @@ def _export(args: argparse.Namespace, format: str | None = None) -> int:
     from ..output.recording import Recording
 
     _check_to(args)
-    recording = Recording(args.run)
+    recording = _retimed(args, Recording(args.run))
     files = export(recording, format or args.format, args.to, args.parts or "cloths")
     for note in recording.notes:
         print(f"note: {note}")
@@ -106,7 +132,7 @@ def _blend(args: argparse.Namespace) -> int:
     from .blending import other
 
     _check_to(args)
-    done = other(args)
+    done = other(args, _retimed)
     return _export(args, "blend") if done is None else done
 
 
@@ -150,6 +176,50 @@ def _why(args: argparse.Namespace) -> int:
 
 COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "render": _render, "compare": _compare, "export": _export, "blend": _blend, "diff": _diff, "report": _report, "why": _why}
+
+
+def _retiming(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--speed", type=number_of, metavar="X", help="seconds of the run in a second of the film: .5 is half "
+                        "as fast; what is between recorded frames is interpolated")
+    parser.add_argument("--fps", type=number_of, metavar="N", help="frames a second of the film (the run's)")
+
+
+def _retimed(args: argparse.Namespace, recording):
+    """The run at the times that `--speed` and `--fps` ask for; itself where they do not."""
+    from ..errors import SceneError
+    from ..output.retimed import Retimed
+    from ..recording.drawing import numbers_in
+
+    if args.speed is None and args.fps is None:
+        return recording
+    ends: tuple[int, ...] = ()
+    if getattr(args, "frames", ""):
+        numbers = numbers_in(args.frames, recording.frames())
+        if len(numbers) != numbers[-1] - numbers[0] + 1:
+            raise SceneError(f"--frames {args.frames}: with --speed or --fps it is FIRST:LAST of the run, without gaps")
+        ends = numbers[0], numbers[-1]
+    return Retimed(recording, 1.0 if args.speed is None else args.speed, args.fps, *ends)
+
+
+def _turntable(args: argparse.Namespace, recording):
+    """A frame of the run, while the camera goes round once."""
+    from .. import checks
+    from ..errors import SceneError
+    from ..output.framing import fit_round
+    from ..output.retimed import Frozen
+
+    if not args.turntable:
+        raise SceneError("--frame is the one that --turntable N goes round; --frames FIRST:LAST says which are drawn")
+    for flag in ("frames", "speed", "fps", "orbit"):
+        if getattr(args, flag):
+            raise SceneError(f"--turntable: draws one frame from all round; --{flag} says nothing of that: leave it out")
+    count = checks.integer("--turntable", args.turntable, least=2)
+    args.orbit = 360.0 * recording.fps / count  # degrees a second of the film
+    frozen = Frozen(recording, recording.frames()[-1] if args.frame is None else args.frame, count)
+    if args.camera is None:  # the scene's own looks at one side
+        camera = fit_round([frozen.points()], 0.0, args.size[0] / args.size[1])
+        args.camera = [(None, (camera.eye, camera.target, camera.fov))]
+    return frozen
 
 
 def _look(args: argparse.Namespace, recording):

@@ -2,40 +2,53 @@
 
 import sys
 import time
+from dataclasses import asdict
 
-from ..errors import ClothError, ScriptError
+from ..errors import ClothError, OutputError, ScriptError
 from ..output.folder import RunFolder, hash_of_file
 from ..output.recording import Recording
 from ..recording.resuming import kept_from, resume
 from ..simulation import Simulation
 from .running import RunOptions, run
-from .scenefile import SceneFile, said
+from .scenefile import SceneFile, plain, said
 from .summary import described
+from .takes import Take, bring
 
 INSTEAD = "--resume goes on with that run, --overwrite removes them"
 
 
-def simulate(scene_file: SceneFile, options: RunOptions) -> tuple[Simulation, float]:
+def simulate(scene_file: SceneFile, options: RunOptions, take: Take | None = None, parent: Recording | None = None
+             ) -> tuple[Simulation, float]:
     """Builds the scene, runs it, writes its folder; the simulation, and its time [s] where this began.
+
+    Args:
+        take, parent: how, and from which run, the new run in this folder goes on.
 
     Raises:
         ClothError: by what went wrong; the frames so far are whole.
     """
-    scene, began = scene_file.make(options.settings), time.perf_counter()
+    old = parent or (Recording(options.out) if options.resume and options.out else None)
+    take = take or Take.of(old, options.from_frame)
+    at = Recording(old.path).last_checkpoint(options.from_frame)[0] if old and take else 0
+    scene = take.scene(scene_file, options.settings, at) if take else scene_file.make(options.settings)
+    began = time.perf_counter()
     sim = Simulation(scene, **options.simulation)
     _print(sim.notes)
     manifest = _manifest(scene_file, sim, options)
-    old = Recording(options.out) if options.resume and options.out else None
     last = round(options.duration * options.fps)
     resumed, before = resume(sim, old, manifest, last, options.from_frame, options.force) if old else (None, None)
     start = sim.time
+    if take and resumed is not None and take.share(at) != take.share(resumed):
+        raise OutputError(f"{options.out}: the checkpoint of frame {at} is of another run, or its telemetry is damaged: take "
+                          "it again")
+    changes = take.changes(scene_file, options.settings, options.simulation, resumed or 0) if take else []
     first = kept_from(old, resumed, options.frames)
     told = len(sim.notes)
     # only now, when nothing in the request is wrong any more, may an earlier run's files go
-    folder = RunFolder(options.out, options.overwrite, resumed, INSTEAD) if options.out else None
+    folder = _folder(options, take, parent, resumed, manifest)
     try:
-        run(sim, options, folder, manifest, None, resumed, first, began, lambda error: said(error, scene_file.path),
-            before)
+        sim = run(sim, options, folder, manifest, None, resumed, first, began, lambda error: said(error, scene_file.path),
+                  before, changes)
     except ClothError:
         raise
     except Exception as error:
@@ -45,15 +58,31 @@ def simulate(scene_file: SceneFile, options: RunOptions) -> tuple[Simulation, fl
     return sim, start
 
 
+def _folder(options: RunOptions, take: Take | None, parent: Recording | None, resumed: int | None, manifest: dict
+            ) -> RunFolder | None:
+    """Where the run writes, with the frames that a take begins with; the manifest says whose they are."""
+    if options.out is None:
+        return None
+    instead = "`taichi-cloth run` of its scene goes on with it, with --resume" if parent else INSTEAD
+    folder = RunFolder(options.out, options.overwrite, None if parent else resumed, instead)
+    try:
+        if take and parent and resumed is not None:
+            take = bring(take, parent, folder, resumed, manifest)
+    except BaseException:
+        folder.close()
+        raise
+    if take:
+        manifest["take"] = asdict(take)
+    return folder
+
+
 def _print(notes: list[str]) -> None:
     for note in notes:
         print(f"note: {note}", file=sys.stderr)
 
 
 def _manifest(scene_file: SceneFile, sim: Simulation, options: RunOptions) -> dict:
-    resolved = {name: p.default for name, p in scene_file.options.items() if p.default is not p.empty}
-    settings = scene_file.typed(options.settings)
     return {
         **described(sim, options.duration, options.fps, options.size), "scene": scene_file.name,
         "path": scene_file.path, "source": hash_of_file(scene_file.path),
-        "settings": {k: v if isinstance(v, (int, float, bool)) else str(v) for k, v in {**resolved, **settings}.items()}}
+        "settings": {name: plain(value) for name, value in scene_file.settings(options.settings).items()}}

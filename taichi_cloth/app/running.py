@@ -20,6 +20,8 @@ from .interrupts import after_this_frame
 from .progress import progress
 from .summary import summary
 
+Change = tuple[int, Callable[[Simulation], Simulation]]
+
 
 @dataclass(frozen=True)
 class RunOptions:
@@ -68,8 +70,10 @@ class RunOptions:
 def run(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest: dict,
         on_frame: Callable[[Simulation, int], None] | None = None, resumed: int | None = None, first: int | None = 0,
         began: float | None = None, said: Callable[[Exception], str] | None = None,
-        before: Sequence[StepRecord] | None = None) -> None:
+        before: Sequence[StepRecord] | None = None, changes: Iterable[Change] = ()) -> Simulation:
     """Runs a simulation and keeps its frames; whatever ends it, they are whole and the manifest says what it was.
+
+    Returns the simulation, or the last that took its place.
 
     Args:
         folder: to be closed at the end; None keeps nothing.
@@ -78,35 +82,46 @@ def run(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest
         began: when it did, by `time.perf_counter`; now where None.
         said: an exception of the user's code in words.
         before: steps that were made before; those of the log where None.
+        changes: by frame, functions of the simulation that return another, which goes on from there.
     """
     frames = max(1, round(options.duration * options.fps))
     began, before = time.perf_counter() if began is None else began, sim.log if before is None else before
-    with (_kept(sim, options, folder, manifest, resumed, first, began, said or _said, before) as keep,
+    with (_kept(sim, options, folder, manifest, resumed, first, began, said or _said, before) as writer,
           progress(frames) as show, after_this_frame() as interrupted):
         def each(sim: Simulation, frame: int) -> None:
             if on_frame is not None:
                 on_frame(sim, frame)
-            keep(frame)
+            if writer:
+                writer.write(frame)
             show(sim, frame)
             if interrupted():
                 raise KeyboardInterrupt
 
+        for frame, change in changes:
+            if frame >= frames:
+                break
+            if resumed is None or frame > resumed:
+                sim.run(frame / options.fps, options.fps, each, resumed)
+            sim, resumed = change(sim), frame
+            if writer:
+                writer.follow(sim)
         sim.run(options.duration, options.fps, each, resumed)
+    return sim
 
 
 @contextlib.contextmanager
 def _kept(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest: dict, resumed: int | None,
           first: int | None, began: float, said: Callable[[Exception], str], before: Sequence[StepRecord]
-          ) -> Iterator[Callable[[int], None]]:
-    """A function that keeps a frame; the folder's manifest says what becomes of the run."""
+          ) -> Iterator["Writer | None"]:
+    """What keeps frames; the folder's manifest says what becomes of the run."""
     if folder is None:
-        yield lambda frame: None
+        yield None
         return
     outcome, writer = "interrupted", None
     try:
         folder.write_manifest({**manifest, "status": "running", "frames": None if first is None else [first, None]})
         writer = Writer(folder, sim, options, resumed, first, run_of(manifest), before)
-        yield writer.write
+        yield writer
         writer.check()
         outcome = "finished"
     except Exception as error:
@@ -118,6 +133,7 @@ def _kept(sim: Simulation, options: RunOptions, folder: RunFolder | None, manife
                                           else contextlib.nullcontext()):
             if writer:
                 writer.finish(outcome)
+                sim = writer.sim
                 sim.watchers.remove(writer.steps.append)
             folder.write_manifest({**manifest, "status": outcome, "frames": writer.kept if writer else None,
                                    "simulated_s": sim.time, "wall_s": round(time.perf_counter() - began, 3),
@@ -170,6 +186,12 @@ class Writer:
             self._keep_state()
         self.seconds["draw"] += drawn - begun
         self.seconds["write"] += time.perf_counter() - drawn
+
+    def follow(self, sim: Simulation) -> None:
+        """Another simulation goes on with the run; its cloth may be of another fabric."""
+        self.sim, self.geometry = sim, record.geometry(sim)
+        sim.watchers.append(self.steps.append)
+        self.folder.write_geometry(self.geometry)
 
     def _keep_state(self) -> None:
         """A checkpoint of the last frame, where the simulation is."""

@@ -14,11 +14,16 @@ import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 from ..errors import ClothError, SceneError, ScriptError, did_you_mean, near, shown
 from .waiting import waiting
 
+if TYPE_CHECKING:
+    from ..scene.scene import Scene
+
 OWN = pathlib.Path("scenes")  # where scenes of one's own are looked for by name
+EVERY = ("fabric", "wind")  # options that every scene has: what is said of them is done to the scene that was built
 
 
 @dataclass(frozen=True)
@@ -53,7 +58,8 @@ class SceneFile:
         """
         try:
             with waiting(" ".join([f"building {self.name}", *(f"{name}={value}" for name, value in settings.items())])):
-                scene = self.build(**self.typed(settings))
+                said_of_all = {name: value for name, value in self.typed(settings).items() if name not in self.options}
+                scene = self.build(**{name: value for name, value in self.typed(settings).items() if name in self.options})
         except ClothError:
             raise
         except Exception as error:
@@ -62,6 +68,19 @@ class SceneFile:
 
         if not isinstance(scene, Scene):
             raise SceneError(f"scene {self.name}: build() returned {type(scene).__name__}, not a Scene")
+        return self._told(scene, **said_of_all)
+
+    def _told(self, scene: "Scene", fabric: Any = None, wind: Any = None) -> "Scene":
+        """A scene with what can be said of every one: the fabric of all its cloths, and a wind, in air as plates feel it."""
+        from ..scene.air import Air
+        from ..scene.winds import DRAG, LIFT
+
+        for cloth in scene.cloths if fabric is not None else ():
+            scene.set_fabric(cloth, fabric, panels=True)
+        if wind is not None and scene.air is None:
+            scene.air = Air(wind=wind, drag=DRAG, lift=LIFT)
+        elif wind is not None:
+            scene.set_wind(wind)
         return scene
 
     def typed(self, settings: dict[str, object]) -> dict[str, object]:
@@ -72,9 +91,21 @@ class SceneFile:
         """
         return {name: self._typed(name, value) for name, value in settings.items()}
 
+    def settings(self, settings: dict[str, object]) -> dict[str, object]:
+        """All options with their values: those that are set, and the defaults of the others."""
+        left = {name: p.default for name, p in self.options.items() if p.default is not p.empty}
+        return left | self.typed(settings)
+
+    def changed(self, recorded: dict[str, object]) -> dict[str, object]:
+        """The settings of a manifest that are not what the scene leaves them at."""
+        left = {name: plain(value) for name, value in self.settings({}).items()}
+        return {name: value for name, value in recorded.items() if name not in left or value != left[name]}
+
     def _typed(self, name: str, value: object):
         if name not in self.options:
-            raise SceneError(f"scene {self.name} has no option {name!r}; {did_you_mean(name, self.options)}")
+            if name in EVERY:
+                return value
+            raise SceneError(f"scene {self.name} has no option {name!r}; {did_you_mean(name, (*self.options, *EVERY))}")
         kind = type(self.options[name].default)
         if not isinstance(value, str) or kind is str:
             return value
@@ -103,6 +134,26 @@ def own_lines(error: BaseException) -> str:
     first = next((k for k, p in enumerate(places) if not p.filename.startswith(others)), 0)
     lines = traceback.StackSummary.from_list(places[first:]).format() + traceback.format_exception_only(error)
     return "Traceback (most recent call last):\n" + "".join(lines)
+
+
+def settings_of(words: Iterable[str]) -> dict[str, str]:
+    """Options of a scene from NAME=VALUE.
+
+    Raises:
+        SceneError: a word that is not.
+    """
+    settings = {}
+    for word in words:
+        name, equals, value = word.partition("=")
+        if not equals:
+            raise SceneError(f"--set {word!r}: needs name=value")
+        settings[name] = value
+    return settings
+
+
+def plain(value: object) -> int | float | str:
+    """An option's value as a manifest has it."""
+    return value if isinstance(value, (int, float)) else str(value)
 
 
 def number(text: str, kind: type = float):

@@ -35,7 +35,11 @@ class FromFile:
 
     @property
     def __signature__(self) -> inspect.Signature:
-        return inspect.signature(self.file.build)
+        own = inspect.signature(self.file.build)
+        more = [inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None) for name in scenefile.EVERY
+                if name not in own.parameters]
+        any_name = [p for p in own.parameters.values() if p.kind is p.VAR_KEYWORD]
+        return own.replace(parameters=[*(p for p in own.parameters.values() if p not in any_name), *more, *any_name])
 
     def __call__(self, **settings: Any):
         return self.file.make(settings)
@@ -113,7 +117,7 @@ def grid_of(items: list[str], scene: scenefile.SceneFile) -> dict[str, list]:
         if name in grid:
             raise SceneError(f"--set {name}: twice; all its values go with commas after one: --set {name}=a,b")
         values = [value for value in text.split(",") if value]
-        if name in scene.options:
+        if name in scene.options or name in scenefile.EVERY:
             grid[name] = [scene.typed({name: value})[name] for value in values]
         elif name in BY_NAME:
             grid[name] = [_option(name, value) for value in values]

@@ -16,6 +16,7 @@ import numpy as np
 from .. import checks
 from ..errors import BackendError
 from ..options import ARCHS, PRECISIONS
+from .quota import cores
 
 TASK = 512  # iterations of a loop that Taichi gives to a CPU thread at once
 MOST_THREADS = 64  # that may be asked for where there are fewer cores: thousands take minutes to start
@@ -63,11 +64,6 @@ class Runtime:
 _current: Runtime | None = None
 _generation = 0
 _holders: weakref.WeakSet = weakref.WeakSet()  # of fields
-
-
-def cores() -> int:
-    """CPU cores that the process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None, quiet: bool = True,

@@ -17,6 +17,7 @@ from .. import checks
 from ..errors import SceneError, SimulationError
 from ..scene.air import Air
 from ..scene.fabric import ClothContact, Fabric
+from ..scene.fabrics import as_fabric
 from ..scene.garment import Garment
 from ..scene.intersections import count_crossings, self_crossings
 from ..scene.scene import Scene
@@ -70,7 +71,7 @@ class Dressed:
         return f"seams closed after {self.sewn:.2f} s, {rest} after {self.settled:.2f} s more{crossed}"
 
 
-def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact | None = None, longest: float = 4.0,
+def dress(garment: Garment, fabric: Fabric | str, body: Scene, contact: ClothContact | None = None, longest: float = 4.0,
           h: float = 1 / 60, tell: Callable[[str], None] | None = None, pull: float | None = PULL,
           meets: bool = True) -> Dressed:
     """Dresses the solids of a scene, as they are at time 0.
@@ -96,7 +97,7 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
     doubts = [doubt for solid in body.solids for doubt in doubts_of_solid(solid)]
     if doubts:
         raise SceneError(f"dress: {doubts[0]}")
-    checks.instance("dress: fabric", fabric, Fabric)
+    fabric = as_fabric("dress: fabric", fabric)
     checks.maybe(contact, checks.instance, "dress: contact", ClothContact)
     checks.maybe(tell, checks.function, "dress: tell", "line")
     h = checks.number("dress: h", h, "s", positive=True, most=0.1)

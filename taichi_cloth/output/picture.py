@@ -126,7 +126,7 @@ class Artist:
         t = float(frame["t"])
         camera = camera_at(self.camera, t)
         eye, target = np.array(camera.eye), np.array(camera.target)
-        angle = np.radians(self.look.orbit * t)
+        angle = np.radians(self.look.orbit * float(frame.get("clock", t)))  # a film of its own has its own time
         c, s = np.cos(angle), np.sin(angle)
         arm = (eye - target) @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
         if self.look.follow and len(frame["x"]):

@@ -18,10 +18,13 @@ class Recording:
     Attributes:
         manifest: as it was written.
         notes: what was found damaged, and done about it.
+        speed: seconds of the run in a second of its frames.
 
     Raises:
         OutputError: the folder is no run's, or its manifest is damaged.
     """
+
+    speed = 1.0
 
     def __init__(self, path: str | os.PathLike) -> None:
         self.path = checks.path("recording: path", path, OutputError)
@@ -56,7 +59,7 @@ class Recording:
         Raises:
             OutputError: there are none, or some are missing.
         """
-        there = self._numbers(FRAMES)
+        there = self.numbers(FRAMES)
         if not there:
             raise OutputError(f"{self.path} has no frames: the run kept none (--no-frames) or ended before the first")
         first, last = self.kept or ((self.manifest.get("frames") or [there[0]])[0], there[-1])
@@ -124,7 +127,7 @@ class Recording:
         Raises:
             OutputError: there is none.
         """
-        numbers = [k for k in self._numbers(CHECKPOINTS) if frame is None or k <= frame]
+        numbers = [k for k in self.numbers(CHECKPOINTS) if frame is None or k <= frame]
         for number in reversed(numbers):
             path = self.path / numbered(CHECKPOINTS, number)
             try:
@@ -155,7 +158,8 @@ class Recording:
             raise OutputError(f"{path} is damaged: it is {written}")
         return arrays
 
-    def _numbers(self, kind: str) -> list[int]:
+    def numbers(self, kind: str) -> list[int]:
+        """Of the files of a kind, `FRAMES` or `CHECKPOINTS`, whether they are whole or not."""
         return sorted(int(f.stem) for f in (self.path / kind).glob("*.npz") if f.stem.isascii() and f.stem.isdigit())
 
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from .. import checks
 from ..errors import OutputError
-from ..output.colors import draw_bar, heat_colors
 from ..output.folder import write_whole
 from ..output.look import Heat, Look
 from ..output.movie import encoder, write_mp4
@@ -113,7 +112,7 @@ def distances(a: Recording, b: Recording) -> dict[int, np.ndarray]:
     Raises:
         OutputError: the runs are of other cloths, or have no time in common.
     """
-    common = _same_times(a, b)
+    common = same_times(a, b)
     other = None if _same_mesh(a, b) else SameMaterial(a.geometry, b.geometry)
     out = {}
     for k, j in common:
@@ -127,29 +126,9 @@ def weights(a: Recording, b: Recording) -> np.ndarray | None:
     return None if _same_mesh(a, b) else SameMaterial(a.geometry, b.geometry).area
 
 
-def compare(a: Recording, b: Recording, file: pathlib.Path, size: tuple[int, int], count: int,
-            look: Look) -> str:
-    """Draws both runs and their difference, row by row, into one picture; how far they are apart, in a sentence."""
-    apart, other = distances(a, b), dict(_same_times(a, b))
-    high = max(max(float(d.max()) for d in apart.values()), 1e-12)
-    rows: list[list[np.ndarray]] = [[], [], []]
-    numbers = spread(list(apart), count)
-    first, second = (Artist(run.geometry, size, look, lambda: (f for r in (a, b) for f in frames_of(r))) for run in (a, b))
-    for k in numbers:
-        frame = a.frame(k)
-        rows[0].append(first.draw(frame, k))
-        rows[1].append(second.draw(b.frame(other[k]), k))
-        image = first.draw(frame, k, heat_colors(apart[k], 0.0, high, False))
-        if not rows[2]:
-            draw_bar(image, 0.0, high, False, "distance [m]")
-        rows[2].append(image)
-    write_whole(file, encode_png(contact_sheet([image for row in rows for image in row], len(numbers))))
-    return apart_in_all(apart, weights(a, b))
-
-
 def apart_in_all(apart: dict[int, np.ndarray], of: np.ndarray | None) -> str:
     """How far two runs are apart in all frames, in a sentence; `apart` as `distances`, `of` as `weights` gives it."""
-    rms = _rms([_rms([d], of) for d in apart.values()])
+    rms = rms_of([rms_of([d], of) for d in apart.values()])
     return f"in all {len(apart)} frames: RMS {rms:.3g} m, largest {max(float(d.max()) for d in apart.values()):.3g} m"
 
 
@@ -157,12 +136,12 @@ def parting(a: Recording, b: Recording, tolerance: float) -> list[str]:
     """Sentences on where the motion of two runs parts, and on how far they are apart at the end."""
     apart, of = distances(a, b), weights(a, b)
     last, size = max(apart), float(np.linalg.norm(np.ptp(a.frame(max(apart))["x"], axis=0))) or 1.0
-    off = _rms([apart[last]], of)
+    off = rms_of([apart[last]], of)
     counts = len(apart[last]), len(b.geometry["x"])
     where = "" if of is None else f" of {counts[0]:,} vertices against {counts[1]:,}, by material coordinates"
     end = f"at the end, t = {a.time(last):.4g} s{where}: RMS {off:.3g} m, {off / size:.2%} of the size {size:.3g} m"
     for k, d in apart.items():
-        rms = _rms([d], of)
+        rms = rms_of([d], of)
         if rms > tolerance:
             worst = int(np.argmax(d))
             return [f"the motion parts at frame {k} (t = {a.time(k):.4g} s): RMS {rms:.3g} m, "
@@ -175,7 +154,7 @@ def _same_mesh(a: Recording, b: Recording) -> bool:
     return np.array_equal(a.geometry["faces"], b.geometry["faces"]) and len(a.geometry["x"]) == len(b.geometry["x"])
 
 
-def _same_times(a: Recording, b: Recording) -> list[tuple[int, int]]:
+def same_times(a: Recording, b: Recording) -> list[tuple[int, int]]:
     """Frames of both, at the same times.
 
     Raises:
@@ -189,7 +168,7 @@ def _same_times(a: Recording, b: Recording) -> list[tuple[int, int]]:
     return common
 
 
-def _rms(parts: list, of: np.ndarray | None = None) -> float:
+def rms_of(parts: list, of: np.ndarray | None = None) -> float:
     """Root of the mean square of all numbers, weighted by `of` (n,) where given."""
     values = np.concatenate([np.atleast_1d(p) for p in parts])
     return float(np.sqrt(np.average(values**2, weights=of)))

@@ -35,8 +35,8 @@ def as_built(scene: Scene) -> dict[str, np.ndarray]:
     """What a scene says by itself, at time 0.
 
     Faces and uv of all cloths in one, `polygon` of faces that were cut from larger ones, `cloth_start` (first vertex of each
-    and the end), `cloth_thickness`, `cloth_names`, `cloth_colors` (NaN where left to the renderer) and what else
-    `described.of_appearances` says; the same for solids (`solid_*`, without those drawn as ground); how it is seen, as
+    and the end), `cloth_thickness`, `cloth_names`, `cloth_colors` (NaN where left to the renderer), groups of faces, and what
+    else `described.of_appearances` says; the same for solids (`solid_*`, without those drawn as ground); how it is seen, as
     `described.of_view` says.
     """
     cloths, solids = scene.cloths, drawn_solids(scene)
@@ -55,6 +55,7 @@ def as_built(scene: Scene) -> dict[str, np.ndarray]:
         "cloth_names": np.array([c.name for c in cloths], dtype=str),
         **described.of_appearances([c.appearance for c in cloths]),
         **_face_colors(cloths),
+        **_face_groups(cloths),
         "x": _concatenate([c.positions for c in cloths], (0, 3)),
         "solid_faces": _concatenate([f + k for (_, f), k in zip(surfaces, starts)], (0, 3)).astype(np.int32),
         "solid_start": starts,
@@ -97,6 +98,24 @@ def _face_colors(cloths: list[Cloth]) -> dict[str, np.ndarray]:
         return {}
     return {"face_colors": np.concatenate([np.full((c.mesh.face_count, 3), np.nan) if colors is None else colors
                                            for c, colors in zip(cloths, own)])}
+
+
+def _face_groups(cloths: list[Cloth]) -> dict[str, np.ndarray]:
+    """`face_group` (m,), row of `face_groups` (names, blanks between several of a face) or -1, where meshes have groups that
+    are made of faces: all of their vertices are corners of faces that have all of theirs in the group."""
+    labels: list[np.ndarray] = []
+    names: list[str] = []
+    for cloth in cloths:
+        faces = cloth.whole.faces
+        of_face = np.full(len(faces), "", dtype=object)
+        for name, index in cloth.whole.groups.items():
+            inside = np.isin(faces, index).all(axis=1)
+            if len(np.unique(faces[inside])) == len(np.unique(index)):
+                of_face[inside] += " " + "_".join(name.split())
+        found, row = np.unique(of_face.astype(str), return_inverse=True)
+        labels.append(np.where(of_face == "", -1, row + len(names)))
+        names += [name.strip() for name in found]
+    return {"face_group": np.concatenate(labels), "face_groups": np.array(names, dtype=str)} if any(names) else {}
 
 
 def _sewn(sim: Simulation) -> dict[str, np.ndarray]:

@@ -11,6 +11,7 @@ from .. import checks
 from ..errors import OutputError
 from ..output import recording
 from ..output.export import export
+from ..output.retimed import Retimed
 from .play import Playback
 
 
@@ -58,6 +59,22 @@ class Recording(recording.Recording):
 
         return render(self, path, **options)  # type: ignore[arg-type]
 
+    def retimed(self, speed: float = 1.0, fps: float | None = None) -> "Recording":
+        """The run as if it had been recorded at other times, to be drawn, exported and played like any other.
+
+        Args:
+            speed: seconds of the run in a second of the film; .5 is half as fast.
+            fps: frames a second of the film; the run's where None.
+
+        Returns:
+            Frames numbered from 0; between recorded ones points go along curves, as `output/retimed.py` says.
+
+        Raises:
+            SceneError: a speed or a number of frames that is not positive.
+            OutputError: the run has no frames.
+        """
+        return _Retimed(self, speed, fps)
+
     def play(self) -> Playback:
         """The run's motion, to be played and turned in a notebook, or in a browser: `recording.play().show()`.
 
@@ -90,3 +107,7 @@ class Recording(recording.Recording):
         file = self.path / "report.html" if path is None else checks.path("report: path", path, OutputError)
         write_report(self, file)
         return file
+
+
+class _Retimed(Retimed, Recording):
+    """A run at other times, with what can be done with it."""

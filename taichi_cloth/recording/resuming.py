@@ -31,7 +31,7 @@ def resume(sim: Simulation, old: Recording, manifest: dict, last: int, from_fram
         changes = differences({k: old.manifest.get(k) for k in DECIDES}, {k: manifest[k] for k in DECIDES})
         if changes:
             raise SceneError(f"{old.path} was run differently: {'; '.join(changes)}. --force goes on all the same, "
-                             "--from-frame K from frame K")
+                             "--from-frame K from frame K, and `taichi-cloth take` in a folder of its own")
     there = old.manifest.get("frames")
     if from_frame is not None and there and there[1] is not None and from_frame > there[1]:
         raise SceneError(f"{old.path}: frame {from_frame} is not there; there are {there[0]} to {there[1]}")

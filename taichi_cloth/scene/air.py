@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..errors import SceneError
+from .winds import velocity
 
-Wind = ArrayLike | Callable[[float], ArrayLike] | Callable[[np.ndarray, float], ArrayLike]
+Wind = str | ArrayLike | Callable[[float], ArrayLike] | Callable[[np.ndarray, float], ArrayLike]
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,8 @@ class Air:
     Args:
         normal, tangential: viscous coefficients [N s/m^3].
         wind: velocity of the air [m/s]: (3,), or a function of time [s] that returns it, or a function of positions (n, 3) [m]
-            and time that returns (n, 3), or (3,) for all of them.
+            and time that returns (n, 3), or (3,) for all of them. In words, "breeze" blows along x and "gale -z" along -z;
+            `taichi-cloth winds` lists them.
         drag, lift: coefficients C_D and C_L of a plate; lift at most drag.
         density: of the air [kg/m^3].
     """
@@ -40,7 +42,9 @@ class Air:
         for name, unit in (("normal", "N s/m^3"), ("tangential", "N s/m^3"), ("drag", ""), ("lift", "")):
             object.__setattr__(self, name, checks.number(f"air {name}", getattr(self, name), unit, least=0.0))
         object.__setattr__(self, "density", checks.number("air density", self.density, "kg/m^3", positive=True))
-        if not callable(self.wind):
+        if isinstance(self.wind, str):
+            object.__setattr__(self, "wind", velocity("air wind", self.wind))
+        elif not callable(self.wind):
             object.__setattr__(self, "wind", checks.vector("air wind", self.wind))
         elif checks.takes(self.wind, 1) is False and checks.takes(self.wind, 2) is False:
             raise SceneError(f"air wind = {checks.shown(self.wind)}: must be a function of time, or of positions and time")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from .. import checks
 from ..errors import SceneError, shown
 from .appearance import Appearance, appearance
 from .fabric import ClothContact, Fabric
+from .fabrics import as_fabric
 from .mesh import TriMesh
 from .tear import Split, Tear
 from .view import Color
@@ -44,7 +46,7 @@ class Cloth:
     def __post_init__(self) -> None:
         what = checks.name("cloth name", self.name)
         n = checks.instance(f"mesh of {what!r}", self.mesh, TriMesh).vertex_count
-        checks.instance(f"fabric of {what!r}", self.fabric, Fabric)
+        object.__setattr__(self, "fabric", as_fabric(f"fabric of {what!r}", self.fabric))
         object.__setattr__(self, "positions", checks.array(f"positions of {what!r}", self.positions, (n, 3), row="vertex"))
         v = checks.array(f"velocities of {what!r}", self.velocities, (n, 3), (3,), row="vertex")
         object.__setattr__(self, "velocities", np.broadcast_to(v, (n, 3)).copy())
@@ -66,6 +68,16 @@ class Cloth:
         models = {f.bend.model for f in self.fabrics if f.bend}
         if len(models) > 1 or (self.panels and models == {"curvature"}):
             raise SceneError(f"panels of {what!r}: all fabrics of a cloth bend over hinges, or it has one fabric")
+
+    def of_fabric(self, fabric: Fabric | str, panels: tuple[tuple[np.ndarray, Fabric], ...]) -> None:
+        """Makes it of another fabric, and its panels; `Scene.set_fabric` is what users call.
+
+        Raises:
+            SceneError: a fabric that it cannot be of; it stays as it was.
+        """
+        new = replace(self, fabric=as_fabric(f"fabric of {self.name!r}", fabric), panels=panels, color=self.appearance)
+        for name in ("fabric", "panels"):
+            object.__setattr__(self, name, getattr(new, name))
 
     def __repr__(self) -> str:
         return f"<Cloth {self.name!r} of {self.whole.vertex_count:,} vertices, {self.whole.face_count:,} triangles>"
@@ -120,16 +132,15 @@ def _checked_panels(what: str, panels: object, count: int) -> tuple[tuple[np.nda
     out = []
     for rows, fabric in panels:
         index = checks.indices(f"panels of {what!r}: faces", rows, count)
-        out.append((index, checks.instance(f"panels of {what!r}: fabric", fabric, Fabric)))
+        out.append((index, as_fabric(f"panels of {what!r}: fabric", fabric)))
     return tuple(out)
 
 
-def panels_of(mesh: TriMesh, fabrics: dict[str, Fabric]) -> tuple[tuple[np.ndarray, Fabric], ...]:
+def panels_of(mesh: TriMesh, fabrics: Mapping[str, Fabric | str]) -> tuple[tuple[np.ndarray, Fabric], ...]:
     """(rows of faces, fabric) of groups of vertices."""
     out = []
     for name, fabric in fabrics.items():
-        checks.instance(f"fabric of panel {name!r}", fabric, Fabric)
-        out.append((panel_faces(mesh, name), fabric))
+        out.append((panel_faces(mesh, name), as_fabric(f"fabric of panel {name!r}", fabric)))
     return tuple(out)
 
 

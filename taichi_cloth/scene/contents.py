@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -85,13 +85,14 @@ class Contents:
         props = f"; props: {', '.join(p.name for p in self.props)}" if self.props else ""
         return f"<Scene of {cloths}; solids: {solids}{props}; {len(self.seams)} seams>"
 
-    def add_cloth(self, mesh: TriMesh, fabric: Fabric, positions: ArrayLike | None = None,
+    def add_cloth(self, mesh: TriMesh, fabric: Fabric | str, positions: ArrayLike | None = None,
                   velocities: ArrayLike | None = None, name: str | None = None,
                   color: str | Color | Appearance | None = None, contact: ClothContact | None = None,
-                  panels: dict[str, Fabric] | None = None, tear: Tear | None = None) -> Cloth:
+                  panels: Mapping[str, Fabric | str] | None = None, tear: Tear | None = None) -> Cloth:
         """Adds a piece of cloth.
 
         Args:
+            fabric: one, or the name of a measured one, such as "denim"; `tc.fabrics` has them.
             positions: (n, 3) at time 0 [m]; the mesh's own where None.
             velocities: (n, 3) or (3,) at time 0 [m/s]; zero where None.
             color: for pictures: a name of CSS, "#rrggbb" in sRGB, or linear RGB in 0..1; or an `Appearance`.
@@ -116,6 +117,20 @@ class Contents:
             self.seams.append(corners(cloth))
         units.say(units.doubts(cloth, self.gravity))
         return cloth
+
+    def set_fabric(self, cloth: Cloth, fabric: Fabric | str, panels: bool = False) -> None:
+        """Makes a cloth of another fabric.
+
+        Args:
+            fabric: one, or the name of a measured one.
+            panels: whether panels of fabrics of their own are of this one too.
+
+        Raises:
+            SceneError: a fabric that this cloth cannot be of.
+        """
+        self._own(cloth)
+        self._refuse_followed("set_fabric")
+        cloth.of_fabric(fabric, () if checks.flag("set_fabric: panels", panels) else cloth.panels)
 
     def add_solid(self, shape: Shape, friction: float, thickness: float, position: Value = (0.0, 0.0, 0.0),
                   rotation: Value = (0.0, 0.0, 0.0), name: str | None = None,

@@ -50,6 +50,14 @@ class Stretch:
                 if not limit > max(b, 1.0):
                     raise SceneError(f"stretch limit = {limit:g}: must be more than 1, and than the rest stretch b = {b:g}")
 
+    def scaled(self, factor: float) -> "Stretch":
+        """With all its tensions times a factor: k and its damping, or the curve's."""
+        if self.curve is None:
+            return replace(self, k=_times(self.k, factor), k_d=_times(self.k_d, factor))
+        two = isinstance(self.curve[0][0], tuple)
+        parts = [tuple((strain, tension * factor) for strain, tension in self.curve_of(axis)) for axis in range(1 + two)]
+        return replace(self, k=None, k_d=_times(self.k_d, factor), curve=tuple(parts) if two else parts[0])  # type: ignore[arg-type]
+
     def k_of(self, axis: int) -> float:
         """k [N/m] of warp (0) or weft (1)."""
         assert self.k is not None
@@ -94,6 +102,10 @@ class Shear:
         _check(self, "shear", "k_d", "N s/m", zero=True)
         if self.limit is not None:
             _check(self, "shear", "limit", "", zero=False)
+
+    def scaled(self, factor: float) -> "Shear":
+        """With stiffness and damping times a factor."""
+        return replace(self, k=self.k * factor, k_d=self.k_d * factor)
 
 
 @dataclass(frozen=True)
@@ -146,6 +158,10 @@ class Bend:
             object.__setattr__(self, "rest", tuple(angles.tolist()))
         else:
             checks.maybe(self.rest, checks.choice, "bend rest", ("flat", "given"))
+
+    def scaled(self, factor: float) -> "Bend":
+        """With all its moments times a factor: rigidity, damping and friction."""
+        return replace(self, D=_times(self.D, factor), k_d=_times(self.k_d, factor), friction=_times(self.friction, factor))
 
 
 @dataclass(frozen=True)
@@ -204,10 +220,34 @@ class Fabric:
             raise SceneError("elastic: the fabric has no stretch")
         return replace(self, stretch=replace(self.stretch, b=rest))
 
+    def scaled(self, density: float = 1.0, stretch: float = 1.0, shear: float = 1.0, bend: float = 1.0) -> "Fabric":
+        """The fabric with its numbers times factors: `scaled(density=2, stretch=.5)` is twice as heavy, half as stiff.
+
+        A factor is for stiffness and damping alike, and for friction of bending. Limits, rest shapes and the curvature
+        beyond which it yields stay.
+
+        Raises:
+            SceneError: a factor that is not positive, or one for what the fabric does not have.
+        """
+        factors = {"stretch": stretch, "shear": shear, "bend": bend}
+        changes: dict = {"density": self.density * checks.number("scaled: density", density, positive=True)}
+        for name, factor in factors.items():
+            factor, part = checks.number(f"scaled: {name}", factor, positive=True), getattr(self, name)
+            if factor != 1 and part is None:
+                raise SceneError(f"scaled: {name} = {factor:g}: the fabric has no {name}")
+            if factor != 1:
+                changes[name] = part.scaled(factor)
+        return replace(self, **changes)
+
 
 def pair(value: Pair) -> tuple[float, float]:
     """(warp, weft) from a number or a pair."""
     return value if isinstance(value, tuple) else (value, value)
+
+
+def _times(value: Pair | None, factor: float) -> Pair:
+    assert value is not None
+    return (value[0] * factor, value[1] * factor) if isinstance(value, tuple) else value * factor
 
 
 def remembers(bend: Bend) -> bool:

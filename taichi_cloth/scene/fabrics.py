@@ -18,6 +18,7 @@ your own. Where a cloth yields was measured for none of them.
 from dataclasses import dataclass
 from typing import TypeVar
 
+from .. import checks
 from ..errors import NameUnknown, did_you_mean, shown
 from .fabric import Bend, Fabric, Shear, Stretch
 
@@ -41,6 +42,10 @@ class Measured(Fabric):
     source: str = ""
     thickness: float | None = None
     far: tuple[float, float] | None = None
+
+    def scaled(self, density: float = 1.0, stretch: float = 1.0, shear: float = 1.0, bend: float = 1.0) -> Fabric:
+        """As `Fabric.scaled`; the result is a plain `Fabric`, as nobody measured it."""
+        return Fabric(self.density, self.stretch, self.shear, self.bend).scaled(density, stretch, shear, bend)
 
 
 @dataclass(frozen=True)
@@ -111,6 +116,15 @@ bends: Table[MeasuredBend] = Table("bend", {
     "denim_e": _kes(20.30, 2.099, DENIMS),
     "denim_f": _kes(14.51, 1.559, DENIMS),
 })
+
+
+def as_fabric(what: str, value: object) -> Fabric:
+    """A fabric, or the measured one of a name, such as "denim".
+
+    Raises:
+        SceneError: it is neither.
+    """
+    return fabrics[value] if isinstance(value, str) else checks.instance(what, value, Fabric)
 
 
 def table() -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -23,13 +25,13 @@ from .view import Color
 class Sewn(Contents):
     """The part of a `Scene` that makes garments."""
 
-    def add_garment(self, garment: Garment, fabric: Fabric, velocities: ArrayLike | None = None, name: str | None = None,
+    def add_garment(self, garment: Garment, fabric: Fabric | str, velocities: ArrayLike | None = None, name: str | None = None,
                     color: str | Color | Appearance | None = None, contact: ClothContact | None = None,
-                    panels: dict[str, Fabric] | None = None, pull: float | None = None) -> Cloth:
+                    panels: Mapping[str, Fabric | str] | None = None, pull: float | None = None) -> Cloth:
         """Adds a garment's panels as one piece of cloth, and sews its seams.
 
         Args:
-            velocities, name, color, contact, panels: as in `add_cloth`; pull: as in `sew`.
+            fabric, velocities, name, color, contact, panels: as in `add_cloth`; pull: as in `sew`.
         """
         checks.instance("add_garment: garment", garment, Garment)
         cloth = self.add_cloth(garment.mesh, fabric, garment.positions, velocities, name, color, contact, panels)

@@ -194,6 +194,13 @@ class Parts:
         self.tally = Tally.of(records)
         self.last = records[-1] if records else None
 
+    def count_on(self, other: "Parts") -> None:
+        """The log, and what steps add up to, are those of a simulation that this one takes the place of."""
+        records = list(checks.instance("count_on: other", other, Parts).log)
+        self.log.clear()
+        self.log.extend(records)
+        self.tally, self.last = other.tally, other.last
+
     def _made_step(self, record: StepRecord) -> None:
         """A step was made."""
         self.log.append(record)

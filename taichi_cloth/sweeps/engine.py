@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .. import checks
+from ..backend.quota import cores
 from ..errors import BackendError, SceneError, near, shown
 from .task import LOST, Outcome, Task, perform
 
@@ -95,8 +96,8 @@ def _perform_there(task: Task, local: bool, gpu: bool) -> Outcome:
         if gpu:
             os.environ["CUDA_VISIBLE_DEVICES"] = str(number)
         elif hasattr(os, "sched_setaffinity"):
-            cores = _cores()
-            os.sched_setaffinity(0, {cores[int(number) % len(cores)]})
+            there = _cores()
+            os.sched_setaffinity(0, {there[int(number) % len(there)]})
     return perform(task)
 
 
@@ -118,7 +119,7 @@ def places(gpu: bool) -> int:
         except OSError:
             found = ""
         return max(1, sum(line.startswith("GPU ") for line in found.splitlines()))
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return cores()
 
 
 def needs(package: str, what: str, install: str = '"taichi-cloth[sweep]"'):

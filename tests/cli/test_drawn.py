@@ -60,6 +60,27 @@ def test_all_of_the_cloth_is_in_all_pictures(fallen, tmp_path):
     assert np.ptp(across) > 0.75 * 64 or np.ptp(down) > 0.75 * 48, "and fills them"
 
 
+def test_a_turntable_sees_a_frame_from_all_round(fallen, tmp_path):
+    """The handkerchief is nearly a square that is moved level: after a quarter turn it looks the same, after an eighth not."""
+    flags = ["--to", str(tmp_path), *SMALL, "--background", "transparent", "--floor", "none", "--turntable", "8"]
+    assert cli.main(["render", str(fallen), *flags, "--frame", "4"]) == 0
+    files = sorted(tmp_path.glob("*.png"))
+    assert [f.name for f in files] == [f"{k:05d}.png" for k in range(8)]
+    seen = [alpha_of(f).astype(int) for f in files]
+    for alpha in seen:
+        assert alpha.max() == 255 and not (alpha[0].any() or alpha[-1].any() or alpha[:, 0].any() or alpha[:, -1].any())
+    apart = [np.abs(alpha - seen[0]).mean() for alpha in seen]
+    assert max(apart[2], apart[4], apart[6]) < 0.5 * min(apart[1], apart[3], apart[5], apart[7])
+
+
+def test_a_slow_film_has_the_frames_between(fallen, tmp_path):
+    flags = ["--to", str(tmp_path), *SMALL, "--background", "transparent", "--speed", "0.5", "--frames", "3:5"]
+    assert cli.main(["render", str(fallen), *flags, "--camera", "0,1,3:0.5,0,0"]) == 0
+    across = [np.flatnonzero(alpha_of(f).any(axis=0)).mean() for f in sorted(tmp_path.glob("*.png"))]
+    steps = np.diff(across)
+    assert len(across) == 5 and (steps > 0.4).all() and np.ptp(steps) < 1.1  # level and steady, within a pixel
+
+
 @pytest.mark.slow
 def test_python_and_the_command_draw_the_same(fallen, tmp_path):
     pil = pytest.importorskip("PIL.Image")

@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.app.progress import progress
+from taichi_cloth.app import progress as progress_module
+from taichi_cloth.app.progress import Left, in_words, progress
 from taichi_cloth.step.tally import Tally
 
 
@@ -38,15 +39,41 @@ def test_a_notebook_shows_a_bar(notebook, tmp_path, capsys):
         tc.record(sim, tmp_path / "run", 0.1, 30)
     text = [what._repr_html_() for what in notebook]
     assert text[0].startswith('<progress value="0" max="3"></progress>') and "compiling" in text[0]
-    assert text[-1].startswith('<progress value="3" max="3"></progress> frame 3/3  t 0.100 s') and len(text) <= 5
+    assert text[-1].startswith('<progress value="3" max="3"></progress> frame 3/3  0.100 s simulated, step ')
+    assert len(text) <= 5
     assert not re.search("frame", capsys.readouterr().err)
 
 
-def test_elsewhere_there_are_lines(capsys):
+def test_elsewhere_there_are_lines(capsys, monkeypatch):
+    """The first frame compiles for 30 s; then each takes .5 s."""
+    clock = iter([0.0, *(30 + 0.5 * k for k in range(40))])
+    monkeypatch.setattr(progress_module.time, "perf_counter", lambda: next(clock))
     sim = SimpleNamespace(time=0.5, last=SimpleNamespace(h=0.01, iterations=3), tally=Tally())
     sim.tally.rejections["ENERGY"] = 2
     with progress(40) as show:
         for frame in range(41):
             show(sim, frame)
     lines = capsys.readouterr().err.splitlines()
-    assert lines == [f"frame {k}/40  t 0.500 s  h 10.00 ms  CG 3  rejected 2" for k in range(0, 41, 4)]
+    left = ["", *(f", about {0.5 * (40 - k):.0f} s left" for k in range(4, 40, 4)), ""]
+    assert lines == [f"frame {k}/40  0.500 s simulated{more}, 2 steps tried again, step 10 ms, 3 iterations"
+                     for k, more in zip(range(0, 41, 4), left)]
+
+
+@pytest.mark.parametrize("seconds, words", [(0.2, "0 s"), (99.4, "99 s"), (100, "2 min"), (754, "13 min"), (5940, "99 min"),
+                                            (12000, "3 h 20 min")])
+def test_durations_in_words(seconds, words):
+    assert in_words(seconds) == words
+
+
+@pytest.mark.parametrize("room, said", [(80, "0.500 s simulated, about 9 min left, step 10 ms, 3 iterations"),
+                                        (50, "0.500 s simulated, about 9 min left, step 10 ms"), (5, "0.500 s simulated")])
+def test_what_there_is_no_room_for_is_left_out(room, said):
+    sim = SimpleNamespace(time=0.5, last=SimpleNamespace(h=0.01, iterations=3), tally=Tally())
+    assert progress_module._state(sim, "about 9 min left", room) == said
+
+
+def test_a_run_that_is_gone_on_with_counts_from_where_it_goes_on(monkeypatch):
+    clock = iter([100.0, 104.0, 106.0])
+    monkeypatch.setattr(progress_module.time, "perf_counter", lambda: next(clock))
+    left = Left(30)
+    assert [left(k) for k in (21, 22, 23)] == ["", "", "about 14 s left"]

@@ -171,9 +171,12 @@ def test_drawn_again_and_compared(whole, tmp_path):
     assert sheet.shape == (128, 192, 3) and (sheet[64:, 96:] == last).all() and len(np.unique(last)) > 50
     data = (tmp_path / "again" / "animation.png").read_bytes()
     assert data.count(b"fcTL") == 4 and data.count(b"fdAT") == 3 and data[data.index(b"acTL") + 7] == 4
-    done = call_apart("compare", whole, whole, "--to", tmp_path / "both.png", "--size", "64x48", "--frames", "3")
+    done = call_apart("compare", whole, whole, "--to", tmp_path / "both.png", "--size", "64x48", "--frames", "3", "--movie")
     assert "in all 16 frames: RMS 0 m, largest 0 m" in done.stdout
     assert read_png(tmp_path / "both.png").shape == (3 * 48, 3 * 64, 3)
+    assert len((tmp_path / "both.csv").read_text().splitlines()) == 17
+    assert any((tmp_path / f"both.{kind}").stat().st_size > 500 for kind in ("mp4", "apng") if
+               (tmp_path / f"both.{kind}").exists())
 
 
 def test_a_film_is_written(whole, tmp_path):

@@ -38,7 +38,7 @@ def test_a_recorded_simulation_is_what_it_was(sim, tmp_path, capsys):
     assert [float(again.frame(k)["t"]) for k in again.frames()] == pytest.approx([begun, begun + 0.05, begun + 0.1])
     assert (again.frame(0)["x"] == recording.frame(4)["x"]).all()
     assert [again.time(k) for k in again.frames()] == pytest.approx([begun, begun + 0.05, begun + 0.1])
-    assert playback._same_times(recording, again) == [(4, 0)] and playback._same_times(again, recording) == [(0, 4)]
+    assert playback.same_times(recording, again) == [(4, 0)] and playback.same_times(again, recording) == [(0, 4)]
     assert "agrees in all 1 frames" in playback.parting(recording, again, 1e-9)[0]
     assert again.last_checkpoint()[0] == 2, "the end of a run is kept, whatever comes between checkpoints"
     number, state = again.last_checkpoint(1)

@@ -236,3 +236,24 @@ def test_a_wind_that_turns_bad_on_the_way_is_named():
     with tc.Simulation(scene, h=1 / 50) as sim, pytest.raises(tc.SceneError, match="wind at t = 0.05.* s.*not finite"):
         for _ in range(5):
             sim.step()
+
+
+SLOW = [pytest.param(*words, marks=pytest.mark.slow) for words in (("draught", "charmeuse"), ("light_breeze", "wool_coating"))]
+
+
+@pytest.mark.parametrize("wind, fabric", [("breeze", "denim"), *SLOW])
+def test_a_named_wind_lifts_cloth_by_the_angle_of_the_table(wind, fabric):
+    """1.5 degrees: cloth stretches, bends at its upper edge, and still swings a little."""
+    from taichi_cloth.app import scenefile
+
+    scene = scenefile.read("wind")
+    with tc.Simulation(scene.make({"cells": 3, "wind": wind, "fabric": fabric}), h=1 / 60) as sim:
+        sim.run(3.0, 10)
+        x, mesh = sim.positions(), sim.scene.cloths[0].mesh
+    down, away = x[mesh.select("top")].mean(axis=0) - x[mesh.select("bottom")].mean(axis=0), np.array([-1, 0, 0])
+    density, speed = tc.fabrics[fabric].density, {"draught": 0.5, "breeze": 3.0, "light_breeze": 2.5}[wind]
+    a = np.arctan2(down @ away, down[1])
+    q, s, c = 0.6 * speed**2, np.sin(a), np.cos(a)  # weight and air force across the cloth are as large
+    slope = density * 9.81 * c + q * (1.2 * np.sin(2 * a) + 0.8 * (s**3 - 2 * s * c**2))  # of their difference, by the angle
+    off = np.degrees((density * 9.81 * s - q * c * (1.2 * c + 0.8 * s**2)) / slope)
+    assert abs(off) < 1.5

@@ -9,9 +9,10 @@ ROOMS = ("colornames", "errors", "checks", "options", "scene", "io", "backend", 
          "step", "simulation", "garment", "output", "recording", "studies", "sweeps", "fitting", "app", "__main__",
          "__init__")
 NUMPY_ONLY = {"colornames", "errors", "checks", "options", "scene", "io", "backend.ordering", "backend.timing",
-              "backend.placement", "system.elements", "system.quantities", "step.ledger", "app.scenefile", "app.recorded",
+              "backend.placement", "backend.quota", "system.elements", "system.quantities", "step.ledger", "app.scenefile",
+              "app.recorded",
               "app.studies", "app.flags", "app.look_flags", "app.cli", "app.dressing", "app.fitting", "app.looking",
-              "app.sweeping", "app.blending",
+              "app.sweeping", "app.blending", "app.taking",
               "app.interrupts", "garment.curves", "garment.pattern", "garment.garmentcode", "garment.svg",
               "garment.pathdata", "garment.shapes", "garment.styles", "garment.xmlfile", "garment.drawing", "garment.outlines",
               "garment.freesewing"}

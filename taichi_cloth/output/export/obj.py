@@ -1,4 +1,4 @@
-"""A sequence of OBJ files, an object a mesh, with the colours in an MTL beside them."""
+"""A sequence of OBJ files, an object a mesh, with its groups of faces, and the colours in an MTL beside them."""
 
 import pathlib
 import re
@@ -16,22 +16,24 @@ def write(shot: Shot, folder: pathlib.Path) -> list[pathlib.Path]:
     """`00000.obj ...`, `cloth.mtl` and the images of what is printed."""
     words = unique(word(mesh.name) for mesh in shot.meshes)
     files = colors(words, shot.meshes, folder)
+    grouped = any(mesh.groups is not None for mesh in shot.meshes)
     for k, number in enumerate(shot.numbers):
         lines = ["mtllib cloth.mtl"]
         bases: Bases = (1, 1, 1)
         for name, mesh in zip(words, shot.meshes):
-            more, bases = object_lines(name, mesh, k, bases, normals=True)
+            more, bases = object_lines(name, mesh, k, bases, True, grouped)
             lines += more
         files.append(folder / f"{number:05d}.obj")
         write_whole(files[-1], ("\n".join(lines) + "\n").encode())
     return files
 
 
-def object_lines(name: str, mesh: Mesh, k: int, bases: Bases, normals: bool) -> tuple[list[str], Bases]:
+def object_lines(name: str, mesh: Mesh, k: int, bases: Bases, normals: bool, grouped: bool = False) -> tuple[list[str], Bases]:
     """The lines of an object at the k-th frame, and the numbers that the next vertex, uv and normal will have.
 
     Args:
         bases: the numbers that its own first ones have.
+        grouped: whether other objects have groups, which would hold for this one too.
     """
     x, surface = mesh.position(k), mesh.surface(k)
     lines = [f"o {name}", *(f"v {a:.9g} {b:.9g} {c:.9g}" for a, b, c in x.tolist())]
@@ -50,8 +52,22 @@ def object_lines(name: str, mesh: Mesh, k: int, bases: Bases, normals: bool) -> 
     corner = {(True, True): "{}/{}/{}", (True, False): "{}/{}", (False, True): "{}//{}", (False, False): "{}"}[
         surface.uv is not None, normals]
     row = "f " + " ".join([corner] * 3)
-    lines += [row.format(*numbers) for numbers in np.stack(index, axis=2).reshape(len(surface.faces), -1).tolist()]
-    return lines, tuple(b + c for b, c in zip(bases, counts))
+    faces = [row.format(*numbers) for numbers in np.stack(index, axis=2).reshape(len(surface.faces), -1).tolist()]
+    return lines + _grouped(name, faces, mesh.groups, grouped), tuple(b + c for b, c in zip(bases, counts))
+
+
+def _grouped(name: str, faces: list[str], groups: np.ndarray | None, own: bool) -> list[str]:
+    """Lines of faces, with one of their groups wherever that changes; what is in none is in the object's own."""
+    if groups is None or not groups.any():
+        return [f"g {name}", *faces] if own else faces
+    out: list[str] = []
+    last = None
+    for line, group in zip(faces, groups.tolist()):
+        if group != last:
+            out.append(f"g {' '.join(map(word, group.split())) or name}")
+        out.append(line)
+        last = group
+    return out
 
 
 def colors(words: list[str], meshes: list[Mesh], folder: pathlib.Path) -> list[pathlib.Path]:

@@ -172,7 +172,8 @@ def _welded(g: Arrays, turned: np.ndarray) -> tuple[np.ndarray, Arrays]:
 
 def _made(g: Arrays, takes: list, faces: list, rows: list, names: np.ndarray) -> tuple[np.ndarray, Arrays]:
     owner = [int(np.searchsorted(g["cloth_start"], take[0], side="right")) - 1 for take in takes]
-    of_faces = {name: g[name][np.concatenate(rows)] for name in ("uv", "image_uv", "face_colors", "polygon") if name in g}
+    per_face = ("uv", "image_uv", "face_colors", "polygon", "face_group")
+    of_faces = {name: g[name][np.concatenate(rows)] for name in per_face if name in g}
     return np.concatenate(takes), g | of_faces | {
         "faces": np.concatenate(faces).astype(np.int32), "cloth_names": names,
         "cloth_colors": g["cloth_colors"][owner], "piece_cloth": np.array(owner),

@@ -54,9 +54,10 @@ class Mesh:
         color: (3,) linear RGB.
         surfaces: one, or one a frame where the faces change.
         x: (n, 3) float32 [m], one or one a frame.
-        v: the same [m/s], or none.
+        v: the same, in metres a second of the film, or none.
         printed: what is on it, or None.
         thickness: of a cloth [m], or None where none is known.
+        groups: (m,) names, with blanks between, of the groups that each face is in; None where it has none.
     """
 
     name: str
@@ -67,6 +68,7 @@ class Mesh:
     v: list[np.ndarray]
     printed: Print | None = None
     thickness: float | None = None
+    groups: np.ndarray | None = None
 
     @property
     def moves(self) -> bool:
@@ -154,7 +156,8 @@ def shot(pieces: Cut) -> Shot:
     numbers, frames = pieces.frames(), list(pieces.checked())
     g = frames[0].geometry
     prints = _prints(pieces.recording.geometry)
-    meshes = [_cloth(k, frames, prints) for k in range(len(g["cloth_names"]))]
+    speed = np.float32(pieces.recording.speed)
+    meshes = [_cloth(k, frames, prints, speed) for k in range(len(g["cloth_names"]))]
     meshes += [_solid(k, g, frames) for k in range(len(g["solid_names"]))]
     times = np.array([float(f["t"]) for f in frames])
     cameras = _cameras(g, times, meshes)
@@ -190,7 +193,7 @@ def _prints(g: Arrays) -> list[Print | None]:
     return out
 
 
-def _cloth(k: int, frames: list[Frame], prints: list[Print | None]) -> Mesh:
+def _cloth(k: int, frames: list[Frame], prints: list[Print | None], speed: np.float32) -> Mesh:
     owner = int(frames[0].geometry["piece_cloth"][k]) if "piece_cloth" in frames[0].geometry else k
     on, color, colors = prints[owner], *_colors_of(k, owner, frames[0].geometry)
     if on is None and len(colors) > 1:
@@ -218,12 +221,16 @@ def _cloth(k: int, frames: list[Frame], prints: list[Print | None]) -> Mesh:
             surfaces.append(surfaces[-1])
         last = g
         x.append(frame["x"][first:end])
-        v.append(frame["v"][first:end])
+        v.append(frame["v"][first:end] * speed)
     g = frames[0].geometry
     steady = all(s is surfaces[0] for s in surfaces)
     thickness = float(g["cloth_thickness"][owner]) if "cloth_thickness" in g else np.nan
+    groups = None
+    if "face_group" in g:
+        of = g["face_group"][int(g["cloth_faces"][k]): int(g["cloth_faces"][k + 1])]
+        groups = np.where(of < 0, "", g["face_groups"][of])
     return Mesh(str(g["cloth_names"][k]), "cloth", color, surfaces[:1] if steady else surfaces, x, v, on,
-                None if np.isnan(thickness) else thickness)
+                None if np.isnan(thickness) else thickness, groups)
 
 
 def _smooth(faces: np.ndarray, sewn: np.ndarray) -> np.ndarray:

@@ -1,0 +1,133 @@
+"""A take: a recorded run that goes on from one of its frames in a folder of its own, with other options, blended in.
+
+The frames up to there are the run's, by hard links where the file system has them. From then on every frame of the blend has
+a scene of its own, from options between the old ones and the new, and goes on from the state at the end of the one before.
+"""
+
+import os
+import pathlib
+import shutil
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from ..errors import OutputError, SceneError
+from ..output.folder import CHECKPOINTS, FRAMES, RunFolder, numbered
+from ..output.recording import Recording
+from ..recording.resuming import run_of
+from ..scene.blending import blend
+from ..scene.scene import Scene
+from ..simulation import Simulation
+from .running import Change
+from .scenefile import SceneFile
+
+
+@dataclass(frozen=True)
+class Take:
+    """What a take's manifest says of where it comes from.
+
+    Attributes:
+        parent: folder of the run that it goes on from, as seen from the take's own.
+        started: when that run was.
+        frame: the last one that they have in common.
+        blend: over how many frames options become the new ones.
+        was: options of the scene up to then, those that were not left to the scene.
+        files: how the run's frames came into this folder, "linked" or "copied".
+    """
+
+    parent: str
+    started: str
+    frame: int
+    blend: int
+    was: dict
+    files: str = ""
+
+    @classmethod
+    def of(cls, old: Recording | None, from_frame: int | None) -> "Take | None":
+        """That of a run that is gone on with; None where it is none, or goes on from before the options were all new."""
+        said = None if old is None else old.manifest.get("take")
+        if not said:
+            return None
+        take = cls(**said)
+        return take if from_frame is None or from_frame >= take.frame + take.blend else None
+
+    def share(self, frame: int) -> float:
+        """Of the change, from a frame to the next."""
+        return min(max((frame - self.frame + 1) / max(self.blend, 1), 0.0), 1.0)
+
+    def scene(self, scene_file: SceneFile, settings: dict[str, object], frame: int) -> Scene:
+        """The scene from a frame to the next."""
+        share = self.share(frame)
+        if share in (0.0, 1.0):
+            return scene_file.make(settings if share else self.was)
+        first, last = (scene_file.settings(of) for of in (self.was, settings))
+        between = {name: a + share * (b - a) for name, b in last.items()
+                   if isinstance(b, float) and isinstance(a := first.get(name), float)}
+        return blend(scene_file.make(last | between), scene_file.make(first), scene_file.make(last), share)
+
+    def changes(self, scene_file: SceneFile, settings: dict[str, object], simulation: dict[str, Any], resumed: int
+                ) -> list[Change]:
+        """The frames from `resumed` on from which the scene is another, with what goes on there; none where it stays."""
+        frames = range(max(self.frame, resumed + 1), self.frame + max(self.blend, 1))
+        if not frames or scene_file.settings(settings) == scene_file.settings(self.was):
+            return []
+        self._check_same(*(scene_file.make(of) for of in (self.was, settings)))
+
+        def change(frame: int) -> Callable[[Simulation], Simulation]:
+            return lambda sim: _going_on(sim, self.scene(scene_file, settings, frame), simulation)
+
+        return [(k, change(k)) for k in frames]
+
+    def _check_same(self, was: Scene, becomes: Scene) -> None:
+        """Refuses other meshes, before anything is written."""
+        first, last = ([(c.name, c.mesh.vertex_count) for c in s.cloths] for s in (was, becomes))
+        for (name, count), (_, other) in zip(first, last):
+            if count != other:
+                raise SceneError(f"take: {name!r} has {count} vertices up to frame {self.frame} and {other} with the new "
+                                 "options: a run goes on with the mesh that it has")
+        if len(first) != len(last):
+            raise SceneError(f"take: the scene has {len(first)} cloths up to frame {self.frame}, and {len(last)} with the new "
+                             "options: a run goes on with those that it has")
+
+
+def _going_on(sim: Simulation, scene: Scene, options: dict[str, Any]) -> Simulation:
+    """A simulation of another scene that goes on where one is, and counts on; that one is closed."""
+    new = Simulation(scene, **options)
+    new.resume(sim.checkpoint(), edited=True)
+    new.count_on(sim)
+    for note in new.notes:
+        if note not in sim.notes:
+            print(f"note: {note}", file=sys.stderr)
+    sim.close()
+    return new
+
+
+def bring(take: Take, parent: Recording, folder: RunFolder, frame: int, manifest: dict) -> Take:
+    """Brings the run's frames and checkpoints up to `frame` into a take's folder; the take, with how.
+
+    The last checkpoint becomes the take's own, so that `--resume` goes on from it.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    first = (parent.manifest.get("frames") or [frame + 1])[0]
+    states = [k for k in parent.numbers(CHECKPOINTS) if k < frame]
+    files = [numbered(FRAMES, k) for k in range(first, frame + 1)] + [numbered(CHECKPOINTS, k) for k in states]
+    how = {_bring(parent.path / name, folder.path / name) for name in files} or {"linked"}
+    state = parent.last_checkpoint(frame)[1]
+    folder.write_checkpoint(frame, state, run_of(manifest))
+    return Take(**{**asdict(take), "files": max(how, key=["linked", "copied"].index)})
+
+
+def _bring(source: pathlib.Path, to: pathlib.Path) -> str:
+    try:
+        to.parent.mkdir(exist_ok=True)
+        try:
+            os.link(source, to)
+            return "linked"
+        except OSError:  # another file system, or one without links
+            shutil.copyfile(source, to)
+            return "copied"
+    except OSError as error:
+        raise OutputError(f"cannot write {to}: {error.strerror or error}") from None

@@ -1,0 +1,126 @@
+"""Two recorded runs beside each other, through one camera: pictures, a film, and how far they are apart frame by frame."""
+
+import pathlib
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import OutputError
+from ..output.colors import draw_bar, heat_colors
+from ..output.folder import write_whole
+from ..output.look import Look
+from ..output.movie import encoder, write_mp4
+from ..output.picture import Artist, contact_sheet
+from ..output.png import encode_apng, encode_png
+from ..output.recording import Recording
+from ..output.text import draw_text
+from .drawing import frames_of
+from .playback import apart_in_all, distances, rms_of, same_times, spread, weights
+
+ROWS = 12  # of the table that is printed; the file has all
+
+
+class Pair:
+    """Two runs with the frames at which both are compared.
+
+    Args:
+        common: whether only times that both have are, where their frames do not match.
+
+    Raises:
+        OutputError: their frames do not match.
+
+    Attributes:
+        frames: of the second by those of the first.
+        apart: by frame of the first, distances as `playback.distances` gives them; None where `why` says why not.
+    """
+
+    def __init__(self, a: Recording, b: Recording, common: bool = False) -> None:
+        self.a, self.b = a, b
+        if not common and (a.fps != b.fps or a.frames() != b.frames()):
+            first, second = (f"{run.path} has frames {run.frames()[0]} to {run.frames()[-1]}, {run.fps:g} a second"
+                             for run in (a, b))
+            raise OutputError(f"{first}, and {second}: --common compares the times that both have")
+        self.frames = dict(same_times(a, b))
+        self.apart: dict[int, np.ndarray] | None = None
+        self.why = ""
+        try:
+            self.apart, self.of = distances(a, b), weights(a, b)
+        except OutputError as error:
+            self.why = f"{error}: no distances"
+        folders = [run.path.absolute() for run in (a, b)]
+        self.names = [f.name for f in folders] if folders[0].name != folders[1].name else [f"{f.parent.name}/{f.name}"
+                                                                                           for f in folders]
+
+    def table(self) -> list[tuple[int, float, float, float]]:
+        """(frame, t [s], largest, RMS distance [m]) of every frame; none where there are no distances."""
+        return [(k, self.a.time(k), float(d.max()), rms_of([d], self.of)) for k, d in (self.apart or {}).items()]
+
+    def said(self) -> list[str]:
+        """Lines for a reader: some rows of the table, and how far they are apart in all."""
+        if self.apart is None:
+            return [f"note: {self.why}"]
+        rows = self.table()
+        picked = spread(list(range(len(rows))), ROWS)
+        return [f"{'frame':>6}{'t [s]':>9}{'largest [m]':>13}{'RMS [m]':>11}",
+                *("{:6d}{:9.3f}{:13.4g}{:11.4g}".format(*rows[i]) for i in picked), apart_in_all(self.apart, self.of)]
+
+    def written(self, file: pathlib.Path) -> None:
+        """The table as CSV, all of it."""
+        lines = ["frame,t_s,largest_m,rms_m", *(f"{k},{t:.9g},{most:.6g},{mean:.6g}" for k, t, most, mean in self.table())]
+        write_whole(file, ("\n".join(lines) + "\n").encode())
+
+
+class Sides:
+    """Draws both runs of a pair through the camera of the first, each with its name."""
+
+    def __init__(self, pair: Pair, size: tuple[int, int], look: Look) -> None:
+        self.pair = pair
+
+        def frames() -> Iterator[dict[str, np.ndarray]]:
+            for run in (pair.a, pair.b):
+                yield from frames_of(run)
+
+        self.first = Artist(pair.a.geometry, size, look, frames)
+        self.second = Artist(pair.b.geometry, size, replace(look, camera=self.first.camera), frames)
+
+    def both(self, k: int) -> list[np.ndarray]:
+        """Pictures of a frame of the first run and of that of the second at its time."""
+        pair = self.pair
+        images = [self.first.draw(pair.a.frame(k), k), self.second.draw(pair.b.frame(pair.frames[k]), pair.frames[k])]
+        for image, name in zip(images, pair.names):
+            scale = max(1, image.shape[0] // 360)
+            draw_text(image, name, 10 * scale, image.shape[0] - 20 * scale, scale)
+        return images
+
+    def difference(self, k: int, high: float) -> np.ndarray:
+        """The first run's cloth at a frame, coloured by its distance from the other's, up to `high` [m]."""
+        assert self.pair.apart is not None
+        return self.first.draw(self.pair.a.frame(k), k, heat_colors(self.pair.apart[k], 0.0, high, False))
+
+
+def draw(pair: Pair, sides: Sides, file: pathlib.Path, count: int) -> None:
+    """One picture: a column a frame, with both runs and, where they have distances, the difference below."""
+    numbers = spread(list(pair.frames), count)
+    rows = [list(row) for row in zip(*map(sides.both, numbers))]
+    if pair.apart is not None:
+        high = max(max(float(d.max()) for d in pair.apart.values()), 1e-12)
+        rows.append([sides.difference(k, high) for k in numbers])
+        draw_bar(rows[2][0], 0.0, high, False, "distance [m]")
+    write_whole(file, encode_png(contact_sheet([image for row in rows for image in row], len(numbers))))
+
+
+def film(pair: Pair, sides: Sides, file: pathlib.Path, size: tuple[int, int]) -> pathlib.Path:
+    """Both runs side by side as a film: `file` with .mp4, or .apng where the package for films is absent."""
+    images = (np.concatenate(sides.both(k), axis=1) for k in pair.frames)
+    numbers = list(pair.frames)
+    fps = pair.a.fps * (len(numbers) - 1) / max(numbers[-1] - numbers[0], 1) or pair.a.fps
+    try:
+        encoder()
+    except OutputError:
+        out = file.with_suffix(".apng")
+        write_whole(out, encode_apng(list(images), fps))
+        return out
+    out = file.with_suffix(".mp4")
+    write_mp4(out, images, (2 * size[0], size[1]), fps)
+    return out

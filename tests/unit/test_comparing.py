@@ -1,0 +1,72 @@
+"""Two runs beside each other: which frames, how far apart, and what the pictures show."""
+
+import csv
+
+import numpy as np
+import pytest
+from test_playback import run
+
+from taichi_cloth.errors import OutputError
+from taichi_cloth.recording.comparing import Pair, film
+
+
+def test_distances_are_a_row_a_frame(tmp_path):
+    pair = Pair(run(tmp_path / "a", 30), run(tmp_path / "b", 30, off=0.25))
+    rows = pair.table()
+    assert [k for k, *_ in rows] == list(range(31)) and rows[2][1:] == (0.2, 0, 0)
+    assert rows[3][1:] == pytest.approx((0.3, 0.25, 0.125))  # one vertex of four
+    said = pair.said()
+    assert len(said) == 14 and "   30    3.000         0.25      0.125" in said[-2]
+    assert said[-1].startswith("in all 31 frames: RMS 0.119 m, largest 0.25 m")  # 28 of 124 distances are .25
+    pair.written(tmp_path / "apart.csv")
+    with open(tmp_path / "apart.csv") as lines:
+        table = list(csv.DictReader(lines))
+    assert len(table) == 31 and float(table[7]["largest_m"]) == 0.25 and float(table[7]["t_s"]) == pytest.approx(0.7)
+    assert float(table[7]["rms_m"]) == pytest.approx(0.125)
+
+
+@pytest.mark.parametrize("last, fps, said", [(5, 10, "frames 0 to 5, 10 a second"),
+                                             (4, 20, "frames 0 to 4, 20 a second")])
+def test_runs_whose_frames_do_not_match_are_named(tmp_path, last, fps, said):
+    a, b = run(tmp_path / "a", 4), run(tmp_path / "b", last, fps)
+    with pytest.raises(OutputError, match=said) as error:
+        Pair(a, b)
+    assert str(a.path) in str(error.value) and str(b.path) in str(error.value) and "--common" in str(error.value)
+    assert list(Pair(a, b, True).frames) == ([0, 1, 2] if fps == 20 else [0, 1, 2, 3, 4])
+
+
+def test_names_are_the_folders_or_more_of_their_paths_where_they_are_the_same(tmp_path):
+    for folder in ("x", "y"):
+        (tmp_path / folder).mkdir()
+    a, b, c = run(tmp_path / "x" / "a", 1), run(tmp_path / "y" / "a", 1), run(tmp_path / "b", 1)
+    assert Pair(a, c).names == ["a", "b"] and Pair(a, b).names == ["x/a", "y/a"]
+
+
+def test_runs_of_other_cloths_have_no_distances_and_say_why(tmp_path):
+    pair = Pair(run(tmp_path / "a", 1), run(tmp_path / "b", 1, n=5))
+    assert pair.apart is None and pair.table() == []
+    assert pair.said() == ["note: the runs are of other cloths: cloth of 4 and cloth of 5: no distances"]
+
+
+class Flat:
+    """Pictures of one grey each, instead of drawn ones."""
+
+    def __init__(self, pair):
+        self.pair = pair
+
+    def both(self, k):
+        return [np.full((8, 12, 3), 10 * k, dtype=np.uint8), np.full((8, 12, 3), 10 * k + 5, dtype=np.uint8)]
+
+
+def test_a_film_has_both_side_by_side(tmp_path, monkeypatch):
+    from taichi_cloth.recording import comparing
+
+    def refuse():
+        raise OutputError("absent")
+
+    monkeypatch.setattr(comparing, "encoder", refuse)
+    pair = Pair(run(tmp_path / "a", 3), run(tmp_path / "b", 3))
+    out = film(pair, Flat(pair), tmp_path / "both.png", (12, 8))
+    data = out.read_bytes()
+    assert out.name == "both.apng" and data.count(b"fcTL") == 4
+    assert data[16:24] == (24).to_bytes(4, "big") + (8).to_bytes(4, "big")  # wide as both
