@@ -52,7 +52,7 @@ def _from_outside(scene: Scene) -> list:
         from .loads import Loads
 
         kinds.append(Loads)
-    if _pulls(scene):
+    if pulled_softly(scene):
         kinds.append(Pulls)
     if any(s.pulls.any() for s in scene.seams):
         from .closing import Closing
@@ -66,7 +66,7 @@ def _from_outside(scene: Scene) -> list:
     return kinds
 
 
-def _pulls(scene: Scene) -> bool:
+def pulled_softly(scene: Scene) -> bool:
     """Whether anything is attached softly, or may be by an event."""
     script = scene.script
     return any(a.stiffness is not None for a in script.attachments) or bool(script.events and scene.solids)

@@ -1,0 +1,80 @@
+"""Parameters of a scene's build function, as a page shows them: by their defaults, and by RANGES of the scene's file."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from .. import checks
+from ..errors import SceneError, did_you_mean, shown
+
+WIDE = {int: 2, float: 4}  # times the default value, to which a range goes where the scene's file names none
+STEPS = 200  # of a slider for numbers, at least
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One that can be changed.
+
+    Attributes:
+        value: where it begins; its type is the parameter's: bool, int, float or str.
+        range: (low, high) of a slider; None where nothing says how far it goes.
+    """
+
+    name: str
+    value: bool | int | float | str
+    range: tuple[float, float] | None = None
+
+    @property
+    def step(self) -> float:
+        """From one place of the slider to the next: 1, 2 or 5 times a power of ten."""
+        if self.range is None or isinstance(self.value, int):
+            return 1
+        finest = (self.range[1] - self.range[0]) / STEPS
+        power = 10.0 ** math.floor(math.log10(finest))
+        return next(power * k for k in (5, 2, 1) if power * k <= finest)
+
+
+def parameters(options: Mapping[str, inspect.Parameter], ranges: Mapping[str, object], given: Mapping[str, object] | None = None
+               ) -> tuple[Parameter, ...]:
+    """Those with a default that a page can show, in order.
+
+    Args:
+        options: of the build function; ranges: the scene file's RANGES.
+        given: values in place of the defaults.
+
+    Raises:
+        SceneError: RANGES is no table of pairs, or names what there is not.
+    """
+    for name in checks.instance("RANGES", ranges, Mapping):
+        if name not in options:
+            raise SceneError(f"RANGES has {shown(name)}, which build() does not take; {did_you_mean(name, options)}")
+    out = []
+    for name, option in options.items():
+        if type(option.default) in (bool, int, float, str):
+            value = (given or {}).get(name, option.default)
+            out.append(Parameter(name, value, _range(name, option.default, value, ranges)))  # type: ignore[arg-type]
+    return tuple(out)
+
+
+def _range(name: str, default: object, value: object, ranges: Mapping[str, object]) -> tuple[float, float] | None:
+    """That of the file, or from 0 (1 for whole numbers) to some times the default; always with the value in it."""
+    if isinstance(default, (bool, str)):
+        return None
+    if name in ranges:
+        pair = ranges[name]
+        if not checks.is_sequence(pair) or len(pair) != 2:  # type: ignore[arg-type]
+            raise SceneError(f"RANGES[{name!r}] = {shown(pair)}: must be a pair of numbers")
+        low, high = (checks.number(f"RANGES[{name!r}]", end) for end in pair)  # type: ignore[attr-defined]
+        if not low < high:
+            raise SceneError(f"RANGES[{name!r}] = ({low:g}, {high:g}): the first must be less")
+    elif not default:
+        return None
+    else:
+        least = 1 if isinstance(default, int) else 0
+        ends = (math.copysign(least, default), WIDE[type(default)] * default)  # type: ignore[arg-type, index, operator]
+        low, high = min(ends), max(ends)
+    kind = type(default)
+    return min(kind(low), value), max(kind(high), value)  # type: ignore[return-value, type-var]

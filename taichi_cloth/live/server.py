@@ -1,0 +1,70 @@
+"""The package that shows pages, and the port that one is shown at."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import socket
+
+from .. import checks
+from ..errors import OutputError
+
+FIRST, TRIES = 8080, 100  # ports that are looked at where none is asked for
+HOST = "127.0.0.1"  # this machine alone
+
+
+def package():
+    """viser.
+
+    Raises:
+        OutputError: it is not installed.
+    """
+    try:
+        import viser  # type: ignore[import-not-found]
+    except ImportError:
+        raise OutputError("a page needs the package viser: pip install 'taichi-cloth[view]'") from None
+    return viser
+
+
+def free_port(host: str, port: int | None) -> int:
+    """A port that can be listened at: the one asked for, or the first of some that is free.
+
+    Raises:
+        OutputError: it is not free, or none is, or there is no such host.
+    """
+    if port is not None:
+        checks.integer("--port", port, least=1, most=65535, error=OutputError)
+    for one in range(FIRST, FIRST + TRIES) if port is None else (port,):
+        try:
+            with socket.create_server((host, one)):
+                return one
+        except (OSError, UnicodeError) as error:
+            if isinstance(error, (socket.gaierror, UnicodeError)):
+                raise OutputError(f"--host {host!r}: there is no such host; {HOST} is this machine") from None
+            trouble = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+    if port is not None:
+        raise OutputError(f"port {port} of {host} cannot be had ({trouble}): choose another with --port, or leave it out")
+    raise OutputError(f"none of the ports {FIRST} to {FIRST + TRIES - 1} of {host} can be had ({trouble}): choose one with --port")
+
+
+def start(host: str, port: int | None):
+    """A server of pages, and its address.
+
+    Raises:
+        OutputError: no viser, or no port.
+    """
+    viser = package()
+    chosen = free_port(host, port)
+    with contextlib.redirect_stdout(io.StringIO()):  # its own words
+        server = viser.ViserServer(host=host, port=chosen, verbose=False)
+    if port is not None and server.get_port() != port:
+        stop(server)
+        raise OutputError(f"port {port} of {host} was taken meanwhile: choose another with --port, or leave it out")
+    shown = "localhost" if host in ("0.0.0.0", "::", "") else host
+    return server, f"http://{f'[{shown}]' if ':' in shown else shown}:{server.get_port()}"
+
+
+def stop(server) -> None:
+    """The server is over."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        server.stop()
