@@ -73,7 +73,7 @@ class Controls:
     def _when(self, register: Callable, call: Callable[[], object], key: str = "") -> None:
         """A person's change becomes an order; one that the program made does not."""
 
-        def ask(event: Any) -> None:
+        async def ask(event: Any) -> None:  # in the server's own thread, where events keep their order
             if event.client is not None:
                 self.session.orders.put(call, key)
 

@@ -38,7 +38,8 @@ class Page:
         self._geometry: Arrays | None = None
         self.thread: Any = None
         self._worded = 0.0
-        server.gui.configure_theme(show_logo=False, show_share_button=False, control_layout="collapsible")
+        server.gui.configure_theme(show_logo=False, show_share_button=False)
+        server.gui.main_panel.dock_right()
         server.gui.set_panel_label(title)
         server.scene.set_up_direction("+y")
 
@@ -53,8 +54,9 @@ class Page:
                 mesh.remove()
             self.meshes.clear()
             self._geometry, self.shapes = session.geometry, Shapes(session.geometry)
-            self.controls.offer(session.heats() if session.sim is not None else [])
-        heat = heat_of(session.heat, session.geometry) if session.heat else None
+            if not session.preview:
+                self.controls.offer(session.heats())
+        heat = heat_of(session.heat, session.geometry) if session.heat and not session.preview else None
         with self.server.atomic():
             self._draw(session, self.shapes.pieces(session.geometry, session.arrays, heat))
             self._hand(session)
@@ -83,7 +85,8 @@ class Page:
                 self.meshes[name] = mesh
             mesh.wireframe = wire and piece.cloth
 
-    def _dragged(self, event: Any) -> None:
+    async def _dragged(self, event: Any) -> None:
+        """In the server's own thread, where events keep their order."""
         session = self._session
         assert session is not None
         start, end = np.array(event.start_position), np.array(event.end_position)

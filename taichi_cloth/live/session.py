@@ -54,7 +54,8 @@ class Session:
     Attributes:
         running: whether step follows step; over: whether it is to end.
         trouble: what went wrong last, in a line; "" where nothing did.
-        geometry, arrays: what there is to be seen, as `record` has it.
+        geometry, arrays: what there is to be seen, as `record` has it; preview: they are the scene's as it was built, which is
+            there before the simulation and has no heat maps.
         heat: the quantity that colours the cloth, or "".
         sim: None until `begin`.
     """
@@ -62,7 +63,7 @@ class Session:
     def __init__(self, source: Source, show: Callable[[Session], object]) -> None:
         self.source, self.show, self.orders = source, show, Orders()
         self.settings: dict[str, object] = {p.name: p.value for p in source.parameters}
-        self.running = self.over = False
+        self.running, self.over, self.preview = False, False, True
         self.trouble = self.heat = ""
         self.sim: Simulation | None = None
         self.hand: Hand | None = None
@@ -179,7 +180,7 @@ class Session:
         """A simulation of the scene in place of the one before, which stays where there can be none of it."""
         built, before = record.as_built(scene), self.sim
         if state is None and self.source.again:
-            self.geometry, self.arrays = built, _at_rest(built)
+            self.geometry, self.arrays, self.preview = built, _at_rest(built), True
             self.show(self)
         sim = self.source.simulation(scene)
         try:
@@ -191,7 +192,8 @@ class Session:
         self.hand = None
         if before is not None:
             before.close()
-        self.scene, self.sim, self._built, self.geometry = scene, sim, built, record.geometry(sim)
+        self.scene, self.sim, self._built = scene, sim, built
+        self._see()
         self.heat = self.heat if self.heat in self.heats() else ""
         self._clock = time.monotonic() - sim.time
         self._blow()
@@ -200,8 +202,14 @@ class Session:
         if self.breeze.any() or (self.scene.air is not None and self._live.prescribed.script.air is not None):
             self._live.set_wind(added(self.scene.air, self.breeze) if self.scene.air else self.breeze)
 
+    def _see(self) -> None:
+        """What does not change while this simulation is there."""
+        self.geometry, self.preview = record.geometry(self._live), False
+
     def _look(self) -> None:
         if self.sim is not None:
+            if self.preview:  # of a scene that no simulation could be made of
+                self._see()
             self.arrays = record.frame(self.sim)
         self._drawn = time.monotonic()
         self.show(self)

@@ -17,7 +17,8 @@ def state(session: Session) -> str:
         return "loading compiled kernels"
     mode = "runs" if session.running else "paused"
     pulled = ", pulled" if session.hand is not None else ""
-    return f"{mode} at t = {session.sim.time:.3f} s{pulled}" + (f". Error: {session.trouble}" if session.trouble else "")
+    t = float(session.arrays["t"])
+    return f"{mode} at t = {t:.3f} s{pulled}" + (f". Error: {session.trouble}" if session.trouble else "")
 
 
 def last_step(record: StepRecord) -> str:
