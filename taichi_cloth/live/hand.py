@@ -53,15 +53,15 @@ class Hand:
 
     def __init__(self, sim: Simulation, point: np.ndarray) -> None:
         if sim.prescribed.pulls is None:
-            raise SceneError("this simulation was made without soft attachments, so nothing can pull: tc.view(scene) makes one "
-                             "that can be pulled at")
+            raise SceneError("this simulation was made without soft attachments, so nothing can pull: tc.view(scene) makes "
+                             "one that can be pulled at")
         self.sim = sim
         self.cloth, self.patch, self.vertex = self._patch(np.asarray(point, dtype=np.float64))
         self._start = sim.positions()[self.cloth.start + self.vertex]
         self.place = self._start
         size = float(np.linalg.norm(np.ptp(self.cloth.positions, axis=0)))
-        weight = float((self.cloth.mesh.material_areas * self.cloth.density).sum()) * (np.linalg.norm(sim.scene.gravity) or EARTH)
-        most = float(WEIGHTS * weight / len(self.patch))
+        mass = float((self.cloth.mesh.material_areas * self.cloth.density).sum())
+        most = WEIGHTS * mass * (float(np.linalg.norm(sim.scene.gravity)) or EARTH) / len(self.patch)
         sim.move(self.cloth, self.patch, lambda t: self.place - self._start, relative=True,
                  stiffness=most / (REACH * size), most=most)
 

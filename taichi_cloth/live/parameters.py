@@ -6,6 +6,7 @@ import inspect
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from .. import checks
 from ..errors import SceneError, did_you_mean, shown
@@ -37,7 +38,7 @@ class Parameter:
         return next(power * k for k in (5, 2, 1) if power * k <= finest)
 
 
-def parameters(options: Mapping[str, inspect.Parameter], ranges: Mapping[str, object], given: Mapping[str, object] | None = None
+def parameters(options: Mapping[str, inspect.Parameter], ranges: object, given: Mapping[str, object] | None = None
                ) -> tuple[Parameter, ...]:
     """Those with a default that a page can show, in order.
 
@@ -48,33 +49,36 @@ def parameters(options: Mapping[str, inspect.Parameter], ranges: Mapping[str, ob
     Raises:
         SceneError: RANGES is no table of pairs, or names what there is not.
     """
-    for name in checks.instance("RANGES", ranges, Mapping):
+    table: Mapping[str, object] = checks.instance("RANGES", ranges, Mapping)
+    for name in table:
         if name not in options:
             raise SceneError(f"RANGES has {shown(name)}, which build() does not take; {did_you_mean(name, options)}")
     out = []
     for name, option in options.items():
-        if type(option.default) in (bool, int, float, str):
-            value = (given or {}).get(name, option.default)
-            out.append(Parameter(name, value, _range(name, option.default, value, ranges)))  # type: ignore[arg-type]
+        default: Any = option.default
+        value: Any = (given or {}).get(name, default)
+        if type(default) in (int, float):
+            pair = _pair(name, table[name]) if name in table else _usual(default)
+            kind = type(default)
+            out.append(Parameter(name, value, pair and (min(kind(pair[0]), value), max(kind(pair[1]), value))))
+        elif type(default) in (bool, str):
+            out.append(Parameter(name, value))
     return tuple(out)
 
 
-def _range(name: str, default: object, value: object, ranges: Mapping[str, object]) -> tuple[float, float] | None:
-    """That of the file, or from 0 (1 for whole numbers) to some times the default; always with the value in it."""
-    if isinstance(default, (bool, str)):
+def _pair(name: str, pair: Any) -> tuple[float, float]:
+    """A range as the file has it."""
+    if not checks.is_sequence(pair) or len(pair) != 2:
+        raise SceneError(f"RANGES[{name!r}] = {shown(pair)}: must be a pair of numbers")
+    low, high = (checks.number(f"RANGES[{name!r}]", end) for end in pair)
+    if not low < high:
+        raise SceneError(f"RANGES[{name!r}] = ({low:g}, {high:g}): the first must be less")
+    return low, high
+
+
+def _usual(default: int | float) -> tuple[float, float] | None:
+    """From 0 (1 for whole numbers) to some times the default, on its side of 0; None where that is 0."""
+    if not default:
         return None
-    if name in ranges:
-        pair = ranges[name]
-        if not checks.is_sequence(pair) or len(pair) != 2:  # type: ignore[arg-type]
-            raise SceneError(f"RANGES[{name!r}] = {shown(pair)}: must be a pair of numbers")
-        low, high = (checks.number(f"RANGES[{name!r}]", end) for end in pair)  # type: ignore[attr-defined]
-        if not low < high:
-            raise SceneError(f"RANGES[{name!r}] = ({low:g}, {high:g}): the first must be less")
-    elif not default:
-        return None
-    else:
-        least = 1 if isinstance(default, int) else 0
-        ends = (math.copysign(least, default), WIDE[type(default)] * default)  # type: ignore[arg-type, index, operator]
-        low, high = min(ends), max(ends)
-    kind = type(default)
-    return min(kind(low), value), max(kind(high), value)  # type: ignore[return-value, type-var]
+    ends = math.copysign(1 if isinstance(default, int) else 0, default), WIDE[type(default)] * default
+    return min(ends), max(ends)

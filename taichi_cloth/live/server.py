@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import os
 import socket
 
 from .. import checks
@@ -34,17 +35,21 @@ def free_port(host: str, port: int | None) -> int:
     """
     if port is not None:
         checks.integer("--port", port, least=1, most=65535, error=OutputError)
+    try:
+        family = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)[0][0]
+    except (OSError, UnicodeError):
+        raise OutputError(f"--host {host!r}: there is no such host; {HOST} is this machine") from None
+    trouble = ""
     for one in range(FIRST, FIRST + TRIES) if port is None else (port,):
         try:
-            with socket.create_server((host, one)):
+            with socket.create_server((host, one), family=family):
                 return one
-        except (OSError, UnicodeError) as error:
-            if isinstance(error, (socket.gaierror, UnicodeError)):
-                raise OutputError(f"--host {host!r}: there is no such host; {HOST} is this machine") from None
-            trouble = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        except OSError as error:
+            trouble = os.strerror(error.errno) if error.errno else str(error)
     if port is not None:
         raise OutputError(f"port {port} of {host} cannot be had ({trouble}): choose another with --port, or leave it out")
-    raise OutputError(f"none of the ports {FIRST} to {FIRST + TRIES - 1} of {host} can be had ({trouble}): choose one with --port")
+    raise OutputError(f"none of the ports {FIRST} to {FIRST + TRIES - 1} of {host} can be had ({trouble}): choose one with "
+                      "--port")
 
 
 def start(host: str, port: int | None):

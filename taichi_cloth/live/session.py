@@ -131,7 +131,8 @@ class Session:
 
     def heats(self) -> list[str]:
         """Quantities that this scene has."""
-        return [name for name in QUANTITIES if MARKS.get(name, "faces") in self.geometry]
+        touches = self.sim is not None and self.sim.contacts is not None
+        return [name for name in QUANTITIES if MARKS.get(name, "faces") in self.geometry and (touches or name != "contact")]
 
     def grab(self, point: np.ndarray) -> None:
         """Takes hold of the cloth near a point (3,) [m]."""

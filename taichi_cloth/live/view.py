@@ -45,7 +45,8 @@ class Made:
 class Given:
     """The one simulation that there is."""
 
-    again, parameters = False, ()
+    again = False
+    parameters: tuple[Parameter, ...] = ()
 
     def __init__(self, sim: Simulation) -> None:
         self.sim = sim

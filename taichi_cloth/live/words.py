@@ -27,7 +27,8 @@ def last_step(record: StepRecord) -> str:
             f"{_many(record.solves, 'solve')}, {_many(record.iterations, 'iteration')}; "
             f"the largest stretch is {record.stretch:.3f}."]
     if record.contacts or record.layers:
-        said.append(f"Cloth touches solids in {_many(record.contacts, 'place')}, and cloth in {_many(record.layers, 'place')}.")
+        said.append(f"Cloth touches solids in {_many(record.contacts, 'place')}, and cloth in "
+                    f"{_many(record.layers, 'place')}.")
     if record.fell_back:
         said.append(f"It was taken by backward Euler instead: {record.fell_back}.")
     if compiling := record.seconds.get("compiling", 0.0):

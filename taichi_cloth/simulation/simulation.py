@@ -151,8 +151,8 @@ class Simulation(Queries):
 
     def _check_soft(self, what: str, stiffness: float | None) -> None:
         if stiffness is not None and self.prescribed.pulls is None:
-            raise SceneError(f"{what}: this simulation was made without soft attachments: attach something with a stiffness in "
-                             "its scene before, and detach it by hand, or attach in an event (scene.at)")
+            raise SceneError(f"{what}: this simulation was made without soft attachments: attach something with a stiffness "
+                             "in its scene before, and detach it by hand, or attach in an event (scene.at)")
 
     def detach(self, cloth: Cloth, vertices: object = None) -> None:
         """As `Scene.detach`, for this simulation, from now on."""
