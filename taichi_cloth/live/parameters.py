@@ -49,7 +49,7 @@ def parameters(options: Mapping[str, inspect.Parameter], ranges: object, given: 
     Raises:
         SceneError: RANGES is no table of pairs, or names what there is not.
     """
-    table: Mapping[str, object] = checks.instance("RANGES", ranges, Mapping)
+    table: dict[str, object] = checks.instance("RANGES", ranges, dict)
     for name in table:
         if name not in options:
             raise SceneError(f"RANGES has {shown(name)}, which build() does not take; {did_you_mean(name, options)}")
