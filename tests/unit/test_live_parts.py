@@ -245,3 +245,13 @@ def test_without_air_there_is_no_wind_to_add():
     gui = Gui()
     Controls(gui, Asked())
     assert "x" not in gui.made and "cells" in gui.made
+
+
+def test_ranges_of_the_scenes_are_possible():
+    from taichi_cloth.app import scenefile
+
+    named = [scenefile.read(str(path)) for path in scenefile.available().values() if "RANGES = " in path.read_text()]
+    assert {"hang", "flag", "laundry"} <= {scene.name for scene in named}
+    for scene in named:
+        for p in parameters(scene.options, scene.ranges):
+            assert p.range is None or p.range[0] <= p.value <= p.range[1], (scene.name, p)
