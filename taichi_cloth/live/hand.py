@@ -55,6 +55,9 @@ class Hand:
         if sim.prescribed.pulls is None:
             raise SceneError("this simulation was made without soft attachments, so nothing can pull: tc.view(scene) makes "
                              "one that can be pulled at")
+        if sim.integrator.system is None:  # it takes the jump of a place from step to step for energy from nowhere
+            raise SceneError(f"cloth of the explicit method {sim.integrator_name!r} cannot be pulled at: choose another "
+                             "integrator")
         self.sim = sim
         self.cloth, self.patch, self.vertex = self._patch(np.asarray(point, dtype=np.float64))
         self._start = sim.positions()[self.cloth.start + self.vertex]

@@ -101,7 +101,8 @@ class Page:
         if session.hand is not None:
             ends = np.array([[session.hand.held_at(), session.hand.place]], dtype=np.float32)
             if self.thread is None:
-                self.thread = self.server.scene.add_line_segments("/hand", ends, THREAD, thickness=3.0, thickness_units="screen")
+                self.thread = self.server.scene.add_line_segments("/hand", ends, THREAD, thickness=3.0,
+                                                                  thickness_units="screen")
             self.thread.points = ends
         if self.thread is not None:
             self.thread.visible = session.hand is not None

@@ -166,6 +166,15 @@ def test_a_hand_takes_what_is_free(session):
     assert "held already" in session.trouble
 
 
+def test_cloth_of_an_explicit_method_is_not_pulled_at():
+    source = Made(build, Options(h=H, integrator="verlet"), PARAMETERS)
+    session = Session(source, lambda s: None)
+    session.begin(plays=False)
+    ask(session, lambda: session.grab(np.zeros(3)))
+    assert "explicit method 'verlet' cannot be pulled at" in session.trouble and session.hand is None
+    session.end()
+
+
 def test_a_wind_is_added_and_stays_when_it_begins_again(session):
     weight = DENSITY * 0.25 * 9.81
     assert session.sim.forces()[:, 1].sum() == pytest.approx(-weight, rel=1e-9)
