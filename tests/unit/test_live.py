@@ -95,12 +95,12 @@ def test_it_keeps_to_the_clock_and_does_not_rush_after_what_it_lost(session):
 
 def test_another_stiffness_goes_on_with_the_cloth_as_it_is(session):
     ask(session, *[session.step] * 5)
-    x, v, t = session.sim.positions(), session.sim.velocities(), session.sim.time
+    x, v, t, was = session.sim.positions(), session.sim.velocities(), session.sim.time, session.sim
     session.seen.clear()
     ask(session, lambda: session.set("k", 900.0))
     assert np.allclose(session.sim.positions(), x, atol=1e-12) and np.allclose(session.sim.velocities(), v, atol=1e-12)
     assert session.sim.time == t and session.settings["k"] == session.sim.scene.cloths[0].fabrics[0].stretch.k == 900.0
-    assert session.seen == [(False, 25)] and session.trouble == ""
+    assert session.seen == [(False, 25)] and session.trouble == "" and not was.is_open
     ask(session, session.step)
     assert session.sim.time == pytest.approx(t + H)
 
