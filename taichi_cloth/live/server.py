@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import os
 import socket
+from collections.abc import Iterator
+
+import rich
 
 from .. import checks
 from ..errors import OutputError
@@ -60,7 +62,7 @@ def start(host: str, port: int | None):
     """
     viser = package()
     chosen = free_port(host, port)
-    with contextlib.redirect_stdout(io.StringIO()):  # its own words
+    with _quiet():
         server = viser.ViserServer(host=host, port=chosen, verbose=False)
     if port is not None and server.get_port() != port:
         stop(server)
@@ -71,5 +73,16 @@ def start(host: str, port: int | None):
 
 def stop(server) -> None:
     """The server is over."""
-    with contextlib.redirect_stdout(io.StringIO()):
+    with _quiet():
         server.stop()
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Within it viser says nothing of its own."""
+    console = rich.get_console()
+    was, console.quiet = console.quiet, True
+    try:
+        yield
+    finally:
+        console.quiet = was
