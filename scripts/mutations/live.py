@@ -19,5 +19,9 @@ MUTATIONS = (
      PARTS + "of_orders_with_one_key_the_last_is_made"),
     (LIVE + "controls.py", "if event.client is not None:", "if True:", "the program's own changes are orders",
      PARTS + "every_control_asks_for_what_it_says"),
+    (LIVE + "teller.py", "if self._busy and", "if False and", "a page is told faster than it shows",
+     RUNS + "a_page_is_told_no_faster_than_it_shows"),
+    (LIVE + "teller.py", "        if late:\n", "        if False:\n", "what a page was too slow for stays away",
+     RUNS + "a_page_is_told_no_faster_than_it_shows"),
     ("taichi_cloth/scene/scene.py", "relative), None, 0.0, *soft)", "relative))", "motions are never soft", SOFT),
 )

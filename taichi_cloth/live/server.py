@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import os
 import socket
 from collections.abc import Iterator
@@ -16,17 +17,18 @@ FIRST, TRIES = 8080, 100  # ports that are looked at where none is asked for
 HOST = "127.0.0.1"  # this machine alone
 
 
-def package():
-    """viser.
+def installed() -> None:
+    """Nothing, where viser is.
 
     Raises:
-        OutputError: it is not installed.
+        OutputError: it is not.
     """
     try:
-        import viser  # type: ignore[import-not-found]
-    except ImportError:
-        raise OutputError("a page needs the package viser: pip install 'taichi-cloth[view]'") from None
-    return viser
+        there = importlib.util.find_spec("viser") is not None
+    except ValueError:
+        there = False
+    if not there:
+        raise OutputError("a page needs the package viser: pip install 'taichi-cloth[view]'")
 
 
 def free_port(host: str, port: int | None) -> int:
@@ -54,21 +56,18 @@ def free_port(host: str, port: int | None) -> int:
                       "--port")
 
 
-def start(host: str, port: int | None):
-    """A server of pages, and its address.
+def started(host: str, port: int):
+    """viser's server, at the port or the next one that is free."""
+    import viser  # type: ignore[import-not-found]
 
-    Raises:
-        OutputError: no viser, or no port.
-    """
-    viser = package()
-    chosen = free_port(host, port)
     with _quiet():
-        server = viser.ViserServer(host=host, port=chosen, verbose=False)
-    if port is not None and server.get_port() != port:
-        stop(server)
-        raise OutputError(f"port {port} of {host} was taken meanwhile: choose another with --port, or leave it out")
+        return viser.ViserServer(host=host, port=port, verbose=False)
+
+
+def address_of(host: str, port: int) -> str:
+    """Where a page is."""
     shown = "localhost" if host in ("0.0.0.0", "::", "") else host
-    return server, f"http://{f'[{shown}]' if ':' in shown else shown}:{server.get_port()}"
+    return f"http://{f'[{shown}]' if ':' in shown else shown}:{port}"
 
 
 def stop(server) -> None:

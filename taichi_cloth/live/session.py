@@ -1,6 +1,6 @@
 """A simulation that is played, paused, stepped, begun again, changed and pulled at, in the one thread that simulates.
 
-A page, or whatever shows it, puts calls into `orders` from any thread; nothing of the simulation is touched from there.
+A page, or whatever shows it, asks from any thread, or puts calls into `orders`; it touches nothing of the simulation.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from .parameters import Parameter
 
 IDLE = 0.5  # s that a paused session waits at a time: a wait without end would keep Ctrl-C from some systems
 PICTURE = 1 / 30  # s from picture to picture of a cloth that moves, at least
+ASKED = ("play", "pause", "step", "reset", "set", "blow", "color_by", "look", "grab", "drag", "drop", "finish")
 SAME = ("x", "faces", "uv", "solid_x", "solid_faces", "cloth_start")  # of a scene as built: what a run can go on with
 
 
@@ -97,6 +98,11 @@ class Session:
         if self.source.again and self.sim is not None:
             self.sim.close()
 
+    def ask(self, name: str, values: tuple = (), key: str = "") -> None:
+        """One of `ASKED` is to be done, in its turn; of those with one key only the last. From any thread."""
+        checks.choice("ask", name, ASKED)
+        self.orders.put(lambda: getattr(self, name)(*values), key)
+
     # what can be asked for
 
     def play(self) -> None:
@@ -149,6 +155,9 @@ class Session:
         if self.hand is not None:
             hand, self.hand = self.hand, None
             hand.let_go()
+
+    def look(self) -> None:
+        """Nothing: after any order there is something to be seen."""
 
     def finish(self) -> None:
         """The session is to end."""

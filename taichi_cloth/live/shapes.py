@@ -1,33 +1,16 @@
-"""What a page draws of a scene: pieces of one colour each. numpy only, but for the colours of the look."""
+"""What a page draws of a scene: pieces of one colour each."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 import numpy as np
 
 from ..output.colors import heat_colors, to_srgb
 from ..output.look import Heat, Look
 from ..output.picture import surfaces
+from .seen import Piece
 
 BANDS = 16  # colours of a heat map: a piece has one
 Arrays = dict[str, np.ndarray]
-
-
-@dataclass(frozen=True)
-class Piece:
-    """Triangles of one colour.
-
-    Attributes:
-        cloth: whether they are cloth's, and no solid's.
-        index: (k,) their vertices, those of cloth and then those of solids; faces: (m, 3) among these.
-        color: sRGB, 0 to 255.
-    """
-
-    cloth: bool
-    index: np.ndarray
-    faces: np.ndarray
-    color: tuple[int, int, int]
 
 
 class Shapes:

@@ -14,10 +14,11 @@ from ..options import Options
 from ..scene.scene import Scene
 from ..simulation import Simulation
 from .hand import pullable
-from .page import Page
+from .link import Link
 from .parameters import Parameter
-from .server import HOST, package, start, stop
+from .server import HOST
 from .session import Session, Source
+from .teller import Teller
 
 KEPT = 600  # steps of the log that a page reads, where the options do not say
 
@@ -100,31 +101,31 @@ def serve(source: Source, title: str, host: str, port: int | None, opens: bool, 
     Raises:
         ClothError: see `view`; also what the scene's own making raises.
     """
-    package()
-    session = Session(source, lambda session: page.show(session))
-    server, address = start(host, port)
+    link = Link(host, port)  # starts while the scene is built
     try:
-        page = Page(server, title)
-        page.show(session)
+        teller = Teller(title, link.tell)
+        session = Session(source, teller)
+        address = link.wait()
+        teller(session)
+        link.listen(session, teller)
         tells(f"{title} is shown at {address}: End there, or Ctrl-C here, ends it")
         if opens:
             _open(address)
-        with _until_interrupted():
+        with _ended(session), contextlib.suppress(KeyboardInterrupt):  # the usual end
             session.begin(plays)
             while not session.over:
                 session.turn()
     finally:
-        try:
-            session.end()
-        finally:
-            stop(server)
+        link.close()
 
 
 @contextlib.contextmanager
-def _until_interrupted() -> Iterator[None]:
-    """Ctrl-C is the usual end."""
-    with contextlib.suppress(KeyboardInterrupt):
+def _ended(session: Session) -> Iterator[None]:
+    """The session is over after it."""
+    try:
         yield
+    finally:
+        session.end()
 
 
 def _open(address: str) -> None:

@@ -16,7 +16,9 @@ import taichi_cloth as tc
 from taichi_cloth.live import server
 from taichi_cloth.live.page import Page
 from taichi_cloth.live.parameters import Parameter
+from taichi_cloth.live.seen import Opening
 from taichi_cloth.live.session import Session
+from taichi_cloth.live.teller import Teller
 from taichi_cloth.live.view import Made
 from taichi_cloth.options import Options
 from taichi_cloth.output.camera import frame
@@ -41,13 +43,21 @@ def build(settings: dict) -> tc.Scene:
 
 @pytest.fixture
 def shown():
-    """A session, its page and the page's address."""
-    session = Session(Made(build, Options(h=1 / 60), (Parameter("cells", 8, (2, 20)),)), lambda session: page.show(session))
-    served, address = server.start(server.HOST, None)
-    page = Page(served, "sheet")
-    page.show(session)
+    """A session, its page in this process, and the page's address."""
+    served, made = server.started(server.HOST, server.free_port(server.HOST, None)), []
+
+    def send(message) -> None:
+        if isinstance(message, Opening):
+            made.append(Page(served, message, session.ask))
+        else:
+            made[0].show(message)
+            teller.shown(session)
+
+    teller = Teller("sheet", send)
+    session = Session(Made(build, Options(h=1 / 60), (Parameter("cells", 8, (2, 20)),)), teller)
+    teller(session)
     session.begin(plays=False)
-    yield session, page, address
+    yield session, made[0], server.address_of(server.HOST, served.get_port())
     session.end()
     server.stop(served)
 

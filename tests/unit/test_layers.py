@@ -12,6 +12,7 @@ NUMPY_ONLY = {"colornames", "errors", "checks", "options", "scene", "io", "backe
               "backend.placement", "system.elements", "system.quantities", "step.ledger", "app.scenefile", "app.recorded",
               "app.studies", "app.flags", "app.look_flags", "app.cli", "app.dressing", "app.fitting", "app.looking",
               "app.sweeping", "app.viewing", "live.orders", "live.parameters", "live.server",
+              "live.seen", "live.controls", "live.page", "live.pages",
               "app.interrupts", "garment.curves", "garment.pattern", "garment.garmentcode", "garment.svg",
               "garment.pathdata", "garment.shapes", "garment.styles", "garment.xmlfile", "garment.drawing", "garment.outlines",
               "garment.freesewing"}

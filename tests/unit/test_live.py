@@ -1,16 +1,16 @@
 """A session: played, paused, stepped, begun again, changed and pulled at, with a real simulation and no page."""
 
-import types
-
 import numpy as np
 import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.errors import SimulationError
 from taichi_cloth.live import session as module
+from taichi_cloth.live import view
 from taichi_cloth.live.hand import WEIGHTS
 from taichi_cloth.live.parameters import Parameter
 from taichi_cloth.live.session import Session
+from taichi_cloth.live.teller import Teller
 from taichi_cloth.live.view import Given, Made, serve
 from taichi_cloth.live.words import costly, state
 from taichi_cloth.options import Options
@@ -228,26 +228,80 @@ def test_a_given_simulation_goes_on_from_where_it_is_and_stays_open():
         sim.view()
 
 
-def test_a_page_is_served_until_it_is_ended_or_interrupted(monkeypatch):
-    """With a page and a server that stand for viser's."""
-    from taichi_cloth.live import view
+class Told:
+    """Stands for the process of a page."""
 
-    for end in ("click", "interrupt"):
-        calls = []
+    address, made = "http://there:1", []
 
-        class Page:
-            def __init__(self, server, title):
-                calls.append(title)
+    def __init__(self, host, port):
+        self.messages, self.open = [], True
+        Told.made.append(self)
 
-            def show(self, session):
-                if session.sim is not None and session.sim.time > 3 * H:
-                    if end == "interrupt":  # noqa: B023
-                        raise KeyboardInterrupt
-                    session.finish()
+    def wait(self) -> str:
+        return self.address
 
-        stubs = {"package": lambda: None, "Page": Page, "start": lambda host, port: ("server", "http://there"),
-                 "stop": calls.append, "webbrowser": types.SimpleNamespace(open=calls.append)}
-        for name, stub in stubs.items():
-            monkeypatch.setattr(view, name, stub)
-        serve(Made(build, Options(h=H), PARAMETERS), "title", "host", None, True, True, calls.append)
-        assert calls[0] == "title" and "http://there" in calls[1] and calls[2:] == ["http://there", "server"]
+    def tell(self, message):
+        self.messages.append(message)
+
+    def listen(self, session, teller):
+        self.session, self.teller = session, teller
+
+    def close(self):
+        self.open = False
+
+
+@pytest.mark.parametrize("end", ["click", "interrupt", "error"])
+def test_a_page_is_served_until_it_is_ended(monkeypatch, end):
+    class Ends(Told):
+        def tell(self, message):
+            super().tell(message)
+            if len(self.messages) > 2:  # the opening, the preview, a picture
+                if end == "interrupt":
+                    raise KeyboardInterrupt
+                self.session.ask("finish")
+
+    def fails(scene):
+        raise tc.SceneError("no simulation of it")
+
+    said, source = [], Made(build, Options(h=H), PARAMETERS)
+    monkeypatch.setattr(view, "Link", Ends)
+    monkeypatch.setattr(view.webbrowser, "open", said.append)
+    if end == "error":
+        monkeypatch.setattr(source, "simulation", fails)
+        with pytest.raises(tc.SceneError, match="no simulation of it"):
+            serve(source, "title", "host", None, True, True, said.append)
+    else:
+        serve(source, "title", "host", None, True, True, said.append)
+    link = Told.made[-1]
+    assert said[0].startswith("title is shown at http://there:1") and said[1:] == ["http://there:1"] and not link.open
+    assert link.messages[0].title == "title" and link.messages[0].airy and link.messages[1].heats is None
+
+
+def test_a_page_is_told_no_faster_than_it_shows(session):
+    told = []
+    teller = Teller("title", told.append)
+    session.show = teller
+    ask(session, session.step)
+    opened, first = told
+    assert opened.parameters == PARAMETERS and opened.again
+    assert np.allclose(first.x, session.sim.positions(), atol=1e-6)
+    assert sum(len(piece.faces) for piece in first.pieces.values()) == 32
+    ask(session, session.step)
+    ask(session, session.step)
+    assert len(told) == 2  # it has not shown the first yet
+    teller.shown(session)
+    session.turn()
+    assert len(told) == 3 and told[2].pieces is None and "t = 0.050 s" in told[2].state
+    assert np.allclose(told[2].x, session.sim.positions(), atol=1e-6) and "A step of 16.7 ms" in told[2].last
+    teller.shown(session)
+    session.turn()
+    assert len(told) == 3  # it has shown all there is
+    ask(session, lambda: session.set("cells", 6))
+    assert told[3].heats is None and told[3].number != told[2].number and len(told[3].x) == 49  # the preview, at once
+    teller.shown(session)
+    session.turn()
+    assert told[4].heats == ("stretch", "shear", "bend", "speed") and len(told) == 5
+    x = session.sim.positions()[10]
+    teller.shown(session)
+    ask(session, lambda: session.grab(x), lambda: session.drag(x + [0, 0, 0.1]), lambda: session.color_by("speed"))
+    assert told[5].hand == pytest.approx(np.array([x, x + [0, 0, 0.1]]), abs=1e-6) and told[5].heat.text == "0 to 2 m/s"

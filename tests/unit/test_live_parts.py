@@ -1,6 +1,7 @@
 """Parts of a live page that need neither a simulation nor viser: parameters, orders, ports, winds, pieces, controls."""
 
 import inspect
+import io
 import socket
 import sys
 import threading
@@ -10,12 +11,13 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.live import server
+from taichi_cloth.live import pages, server
 from taichi_cloth.live.controls import LOOK, Controls
 from taichi_cloth.live.hand import pullable
 from taichi_cloth.live.orders import Orders
 from taichi_cloth.live.parameters import Parameter, parameters
-from taichi_cloth.live.session import added
+from taichi_cloth.live.seen import Opening, Scale, Seen
+from taichi_cloth.live.session import ASKED, added
 from taichi_cloth.live.shapes import BANDS, Shapes, points
 from taichi_cloth.live.words import last_step
 from taichi_cloth.output.look import Heat
@@ -181,7 +183,7 @@ class Gui:
 
     def __getattr__(self, kind):
         def add(label="", *args, **options):
-            control = types.SimpleNamespace(kind=kind, label=label, args=args, options=options, calls=[], value=None)
+            control = types.SimpleNamespace(kind=kind, label=label, args=args, options=options, calls=[], content="")
             control.value = args[-1] if args else options.get("initial_value")
             if kind == "add_dropdown":
                 control.options, control.value = args[0], options["initial_value"]
@@ -206,45 +208,57 @@ class Folder:
     __enter__ = __exit__ = lambda *_: None
 
 
-class Asked:
-    """Stands for a session: remembers what it was asked for."""
+def opened(airy: bool) -> Opening:
+    offered = parameters(options(build), {})
+    return Opening("a title", offered, True, airy, (0, 0, 1), (0, 0, 0), (0, 1, 0), 35.0, (0, 0, 0), 1.0)
 
-    def __init__(self, air=None):
-        self.orders, self.running, self.done = Orders(), False, []
-        self.source = types.SimpleNamespace(parameters=parameters(options(build), {}), again=True)
-        self.scene = types.SimpleNamespace(air=air)
 
-    def __getattr__(self, name):
-        return lambda *values: self.done.append((name, *values))
+def seen(**changed) -> Seen:
+    usual = {"number": 1, "x": np.zeros((0, 3)), "pieces": {}, "state": "paused", "running": False,
+             "heats": ("stretch", "bend"), "heat": None, "hand": None, "last": None, "costly": None}
+    return Seen(**{**usual, **changed})
 
 
 def test_every_control_asks_for_what_it_says():
-    gui, session = Gui(), Asked(tc.Air(1.0))
-    controls = Controls(gui, session)
-    controls.offer(["stretch", "bend"])
+    gui, asked = Gui(), []
+    controls = Controls(gui, opened(airy=True), lambda *wish: asked.append(wish))
+    controls.show(seen())
+    assert gui.made["by"].options == (LOOK, "stretch", "bend") and gui.made["Play"].label == "Play"
     turned = {"Play": None, "Step": None, "Reset": None, "cells": 12.0, "speed": 3, "itself": True, "clip": "walk", "x": 4.0}
-    for label, value in {**turned, "by": "bend", "End": None}.items():
+    for label, value in {**turned, "by": "bend", "edges": True, "End": None}.items():
         gui.clicked(label, value)
-    for call in session.orders.take():
-        call()
-    assert session.done[:7] == [("play",), ("step",), ("reset",), ("set", "cells", 12), ("set", "speed", 3.0),
-                                ("set", "itself", True), ("set", "clip", "walk")]
-    assert type(session.done[3][2]) is int and type(session.done[4][2]) is float
-    assert session.done[7][0] == "blow" and session.done[7][1].tolist() == [4.0, 0.0, 0.0]
-    assert session.done[8:] == [("color_by", "bend"), ("finish",)]
+    assert asked[:7] == [("play", (), "run"), ("step", (), ""), ("reset", (), "reset"), ("set", ("cells", 12), "set cells"),
+                         ("set", ("speed", 3.0), "set speed"), ("set", ("itself", True), "set itself"),
+                         ("set", ("clip", "walk"), "set clip")]
+    assert type(asked[3][1][1]) is int and type(asked[4][1][1]) is float
+    assert asked[7][0] == "blow" and asked[7][1][0].tolist() == [4.0, 0.0, 0.0]
+    assert asked[8:] == [("color_by", ("bend",), "heat"), ("look", (), "look"), ("finish", (), "")]
+    assert {name for name, *_ in asked} | {"pause", "grab", "drag", "drop"} == set(ASKED)
     gui.clicked("by", LOOK)
-    gui.clicked("cells", 5, client=None)  # the program's own change is no order
-    session.running = True
+    gui.clicked("cells", 5, client=None)  # the program's own change is no wish
+    controls.show(seen(running=True, last="a step", costly="one\ntwo", heat=Scale(np.zeros((1, 1, 3)), "0 to 1 m")))
     gui.clicked("Play")
-    for call in session.orders.take():
-        call()
-    assert session.done[10:] == [("color_by", ""), ("pause",)]
+    assert asked[11:] == [("color_by", ("",), "heat"), ("pause", (), "run")]
+    assert controls.last.content == "a step" and controls.costly.content == "one\n\ntwo" and controls.bar.visible
+    controls.show(seen(heats=("speed",)))
+    assert gui.made["by"].options == (LOOK, "speed") and controls.last.content == "a step" and not controls.bar.visible
 
 
 def test_without_air_there_is_no_wind_to_add():
     gui = Gui()
-    Controls(gui, Asked())
+    Controls(gui, opened(airy=False), print)
     assert "x" not in gui.made and "cells" in gui.made
+
+
+def test_messages_of_processes_are_whole_or_none():
+    file = io.BytesIO()
+    pages.write(file, seen(state="one"))
+    pages.write(file, ("two", 2))
+    file.seek(0)
+    assert pages.read(file).state == "one" and pages.read(file) == ("two", 2) and pages.read(file) is None
+    file.close()
+    pages.write(file, "nobody reads this")
+    assert pages.read(io.BytesIO(b"\x80 no pickle")) is None
 
 
 def test_ranges_of_the_scenes_are_possible():
