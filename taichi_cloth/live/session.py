@@ -25,6 +25,7 @@ from .parameters import Parameter
 IDLE = 0.5  # s that a paused session waits at a time: a wait without end would keep Ctrl-C from some systems
 PICTURE = 1 / 30  # s from picture to picture of a cloth that moves, at least
 ASKED = ("play", "pause", "step", "reset", "set", "blow", "color_by", "look", "grab", "drag", "drop", "finish")
+ASIDE = ("look", "drag", "drop")  # these leave what is said of the last trouble
 SAME = ("x", "faces", "uv", "solid_x", "solid_faces", "cloth_start")  # of a scene as built: what a run can go on with
 
 
@@ -85,7 +86,6 @@ class Session:
         """Does what was asked for, then a step where steps follow each other and it is time for one; else waits for it."""
         calls = self.orders.take(min(self._ahead(), IDLE) if self.running else IDLE)
         for call in calls:
-            self.trouble = ""
             self._try(call)
         if self.running and self._ahead() <= 0:
             self._try(self._advance)
@@ -101,7 +101,13 @@ class Session:
     def ask(self, name: str, values: tuple = (), key: str = "") -> None:
         """One of `ASKED` is to be done, in its turn; of those with one key only the last. From any thread."""
         checks.choice("ask", name, ASKED)
-        self.orders.put(lambda: getattr(self, name)(*values), key)
+
+        def do() -> None:
+            if name not in ASIDE:
+                self.trouble = ""
+            getattr(self, name)(*values)
+
+        self.orders.put(do, key)
 
     # what can be asked for
 

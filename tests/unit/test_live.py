@@ -120,7 +120,11 @@ def test_an_impossible_value_is_told_and_the_scene_before_goes_on(session):
         assert said in session.trouble.lower() and "Error: " in state(session), name
         assert session.sim is was and was.is_open and session.settings == settings
         assert session.seen[-1] == (False, 25)
-    ask(session, session.step)
+    session.ask("look")
+    session.turn()
+    assert "wind" in session.trouble  # it stays while the page is only looked at
+    session.ask("step")
+    session.turn()
     assert session.trouble == "" and session.sim.time == pytest.approx(2 * H)
 
 
