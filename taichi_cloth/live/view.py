@@ -81,6 +81,7 @@ def view(what: Scene | Simulation, *, host: str = HOST, port: int | None = None,
     for name, value in (("opens", opens), ("plays", plays)):
         checks.flag(f"view: {name}", value)
     checks.instance("view: host", host, str)
+    checks.maybe(port, checks.integer, "view: port", least=1, most=65535)
     source: Source
     if isinstance(what, Simulation):
         if options:

@@ -89,8 +89,9 @@ def test_it_keeps_to_the_clock_and_does_not_rush_after_what_it_lost(session):
     assert clock.now - began - 2 * H < session.sim.time <= clock.now - began + H and session.sim.tally.steps < 80
     before = session.sim.time
     clock.now += 1000.0  # the machine slept
-    turns(session, 5)
-    assert session.sim.time - before < 10 * H
+    began = clock.now
+    turns(session, 100)
+    assert session.sim.time - before <= clock.now - began + 2 * H
 
 
 def test_another_stiffness_goes_on_with_the_cloth_as_it_is(session):
@@ -141,6 +142,7 @@ def test_what_cannot_be_simulated_leaves_the_one_before(session, monkeypatch):
 
 
 def test_a_hand_pulls_with_so_many_weights_at_most_and_lets_go(session):
+    ask(session, lambda: session.set("cells", 16))
     x = session.sim.positions()
     vertex = int(np.argmin(np.linalg.norm(x - [0.25, 0, -0.25], axis=1)))
     weight = DENSITY * 0.25 * 9.81
@@ -148,7 +150,7 @@ def test_a_hand_pulls_with_so_many_weights_at_most_and_lets_go(session):
     assert session.hand.vertex == vertex and not session.sim.attachment_forces().any()
     ask(session, lambda: session.drag(x[vertex] + [0, 3.0, 0]))
     force = session.sim.attachment_forces()
-    assert np.flatnonzero(force.any(axis=1)).tolist() == session.hand.patch.tolist()
+    assert np.flatnonzero(force.any(axis=1)).tolist() == session.hand.patch.tolist() and len(session.hand.patch) > 3
     assert force.sum(axis=0) == pytest.approx([0, WEIGHTS * weight, 0], rel=1e-9)
     for _ in range(20):
         ask(session, session.step)

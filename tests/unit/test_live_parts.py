@@ -112,6 +112,16 @@ def test_without_viser_one_line_says_how_to_get_it(monkeypatch, capsys):
     assert main(["view", "hnag", "--no-open"]) == 2 and "did you mean 'hang'" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("odd", [{"host": 3}, {"host": None}, {"port": "x"}, {"port": 0}, {"port": 1.5}, {"port": 70_000},
+                                 {"opens": 3}, {"plays": None}, {"h": -1.0}, {"colour": "red"}])
+def test_odd_arguments_of_a_view_are_refused_before_anything_starts(monkeypatch, odd):
+    from taichi_cloth.live import view
+
+    monkeypatch.setattr(view, "serve", lambda *_: pytest.fail("it started"))
+    with pytest.raises(tc.SceneError, match=next(iter(odd))):
+        tc.view(tc.Scene(), **odd)
+
+
 @pytest.mark.parametrize("what, named", [(3, "must be a Scene or a Simulation"), ("hang", "Scene")])
 def test_only_scenes_and_simulations_are_shown(what, named):
     with pytest.raises(tc.SceneError, match=named):
