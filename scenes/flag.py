@@ -7,6 +7,7 @@ import numpy as np
 import taichi_cloth as tc
 
 RUN = {"duration": 3.0, "fps": 30, "h": 1 / 60}
+RANGES = {"cells": (8, 80), "speed": (0, 15)}
 SMALL = {"cells": 10}
 
 

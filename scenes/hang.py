@@ -5,6 +5,7 @@ import numpy as np
 import taichi_cloth as tc
 
 RUN = {"duration": 2.0, "fps": 30, "h": 1 / 60}
+RANGES = {"cells": (4, 100), "size": (0.2, 2), "stretch": (50, 5000), "density": (0.03, 0.6)}
 SMALL = {"cells": 12}
 
 

@@ -5,6 +5,7 @@ import numpy as np
 import taichi_cloth as tc
 
 RUN = {"duration": 3.0, "fps": 30, "h": 1 / 60}
+RANGES = {"cells": (8, 72), "speed": (0, 6), "gusts": (0.1, 4), "seed": (1, 20)}
 SMALL = {"cells": 10}
 
 

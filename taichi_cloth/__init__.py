@@ -40,10 +40,11 @@ _NAMES = {
     "recording.still": "render render_frames passes",
     "sweeps.sweep": "sweep",
     "fitting.fit": "fit",
+    "live.view": "view",
     "app.cli": "run", "app.recorder": "record",
     "errors": "ClothError MeshError SceneError BackendError OutputError ScriptError SimulationError",
 }
-_SHOWN = ("Scene", "Simulation")  # in notebooks by recording.shown: drawing is beyond the rooms that they are in
+_SHOWN = ("Scene", "Simulation")  # in notebooks by recording.shown; browsers by live.view: beyond the rooms that they are in
 _WHERE = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = ["__version__", *_WHERE]
@@ -54,6 +55,8 @@ def __getattr__(name: str):
         found = getattr(importlib.import_module(f".{_WHERE[name]}", __name__), name)
         if name in _SHOWN:
             found._repr_html_ = _in_html
+        if name == "Simulation":
+            found.view = _view
         return found
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
@@ -63,6 +66,13 @@ def _in_html(what) -> str:
     from .recording.shown import in_html
 
     return in_html(what)
+
+
+def _view(sim, **options) -> None:
+    """Shows the simulation in the browser as it goes on: `tc.view` with its arguments."""
+    from .live.view import view
+
+    view(sim, **options)
 
 
 def __dir__() -> list[str]:

@@ -170,7 +170,7 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
                                "name": '"b"', "color": "(0.5, 0.5, 1)"}),
     (SCENE, "scene.pin", {"cloth": "cloth", "vertices": "[0, 1]", "directions": '"xy"', "stiffness": "9.0"}),
     (SCENE, "scene.move", {"cloth": "cloth", "vertices": "[0, 1]", "path": "lambda t: (t, 0, 0)", "relative": "True",
-                           "directions": '"xy"'}),
+                           "directions": '"xy"', "stiffness": "None", "most": "None"}),
     (SCENE + "; scene.pin(cloth, [0, 1])", "scene.unpin", {"cloth": "cloth", "vertices": "[0]"}),
     (SCENE, "scene.at", {"t": "0.1", "f": "lambda s: None"}),
     (SCENE, "scene.add_force", {"make": "lambda fields, model, scene, K: None"}),
@@ -214,7 +214,7 @@ RUNNING: list[tuple[str, str, dict[str, str]]] = [
     (STARTED, "sim.pin", {"cloth": "cloth", "vertices": "[0, 1]", "directions": '"y"', "stiffness": "None"}),
     (STARTED + "; sim.pin(cloth, [0, 1])", "sim.unpin", {"cloth": "cloth", "vertices": "[0]"}),
     (STARTED, "sim.move", {"cloth": "cloth", "vertices": "[0, 1]", "path": "lambda t: (0.0, t, 0.0)", "relative": "True",
-                           "directions": "None"}),
+                           "directions": "None", "stiffness": "None", "most": "None"}),
     (STARTED.replace("sim =", "ball = scene.add_solid(tc.Sphere(0.1), 0.3, 0.01); sim ="), "sim.attach",
      {"cloth": "cloth", "vertices": "[0, 1]", "solid": "ball", "since": "None", "stiffness": "None", "most": "None"}),
     (HELD + SIMULATED, "sim.detach", {"cloth": "cloth", "vertices": "[0]"}),
@@ -389,14 +389,14 @@ def missing() -> list[str]:
     """What of the package's public names and their arguments the tables do not have."""
     there = {what: set(right) for _, what, right in CALLS + RUNNING}
     out = []
-    for name in set(tc.__all__) - {"__version__", "run"}:  # run takes the process's flags, and ends it
+    for name in set(tc.__all__) - {"__version__", "run", "view"}:  # run takes the process's flags, and ends it; a page stays
         thing = getattr(tc, name)
         if not callable(thing) or isinstance(thing, type) and issubclass(thing, Exception):
             continue
         out += [f"tc.{name}({a})" for a in set(_arguments(thing)) - there.get(f"tc.{name}", set())]
     for kind, name in ((tc.Scene, "scene"), (tc.Simulation, "sim")):
         for method, thing in inspect.getmembers(kind, inspect.isfunction):
-            if method[0] != "_" and method not in ("running", "fire", "passes"):  # what only a simulation calls
+            if method[0] != "_" and method not in ("running", "fire", "passes", "view"):  # what only a simulation calls
                 out += [f"{name}.{method}({a})" for a in set(_arguments(thing)) - there.get(f"{name}.{method}", set())]
     return out
 

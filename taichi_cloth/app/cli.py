@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import Field
 
 from ..options import ARCHS, BY_NAME
-from . import dressing, fitting, looking, sweeping, taking
+from . import dressing, fitting, looking, sweeping, taking, viewing
 from . import recorded as cli_recorded
 from . import studies as cli_study
 from .flags import Parser, number_of
@@ -85,6 +85,9 @@ def _dispatch(args: argparse.Namespace) -> int:
     scene, mine = scenefile.read(args.scene), scenefile.own(args.scene)
     if mine:
         print(f"note: scene {args.scene} is {mine}", file=sys.stderr)
+    if args.command == "view":
+        options = _options(args, scene)
+        return viewing.run(args, scene, options.settings, options.simulation)
     return _run(args, scene) if args.command == "run" else _check(args, scenefile.checked(scene))
 
 
@@ -253,6 +256,7 @@ def _parser() -> argparse.ArgumentParser:
     dressing.add_parser(commands)
     looking.add_parser(commands)
     taking.add_parser(commands)
+    viewing.add_parser(commands, _option_flags)
     sweeping.add_parser(commands, _simulation_flags)
     fitting.add_parser(commands)
     commands.add_parser("list", help="scenes, one line each")
@@ -283,6 +287,11 @@ def _simulation_flags(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--duration", type=number_of, metavar="S", help="simulated time [s]")
     add("--fps", type=number_of, metavar="N", help="frames a second")
+    _option_flags(parser)
+
+
+def _option_flags(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument
     for name, option in BY_NAME.items():
         if option.metadata["flag"]:
             add(option.metadata["flag"], dest=name, **_how(option))

@@ -2,7 +2,7 @@
 
 A scene file has a docstring whose first line says what it shows, `build(**options) -> Scene`, and may have
 `check(sim)`, which yields (sentence, passed) pairs, `metrics(sim)`, figures by name for `sweep`, `RUN`, defaults for the run
-(duration, fps, h, ...), and `SMALL`, options that make it quick.
+(duration, fps, h, ...), `SMALL`, options that make it quick, and `RANGES`, (low, high) of options' sliders by name for `view`.
 """
 
 import importlib.util
@@ -44,6 +44,7 @@ class SceneFile:
     run: dict = field(default_factory=dict)
     small: dict = field(default_factory=dict)
     metrics: Callable | None = None
+    ranges: object = field(default_factory=dict)
 
     @property
     def options(self) -> dict[str, inspect.Parameter]:
@@ -234,7 +235,8 @@ def of_module(build: Callable, module: ModuleType | None = None) -> SceneFile:
     path = getattr(module, "__file__", None) or build.__name__
     summary = (module.__doc__ or "").strip().split("\n")[0]
     return SceneFile(pathlib.Path(path).stem, str(path), summary, build, getattr(module, "check", None),
-                     dict(getattr(module, "RUN", {})), dict(getattr(module, "SMALL", {})), getattr(module, "metrics", None))
+                     dict(getattr(module, "RUN", {})), dict(getattr(module, "SMALL", {})), getattr(module, "metrics", None),
+                     getattr(module, "RANGES", {}))
 
 
 def checked(scene: SceneFile) -> SceneFile:

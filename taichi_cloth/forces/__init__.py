@@ -52,7 +52,7 @@ def _from_outside(scene: Scene) -> list:
         from .loads import Loads
 
         kinds.append(Loads)
-    if _pulls(scene):
+    if pulled_softly(scene):
         kinds.append(Pulls)
     if any(s.pulls.any() for s in scene.seams):
         from .closing import Closing
@@ -66,8 +66,8 @@ def _from_outside(scene: Scene) -> list:
     return kinds
 
 
-def _pulls(scene: Scene) -> bool:
-    """Whether anything is held softly, or may be by an event."""
+def pulled_softly(scene: Scene) -> bool:
+    """Whether anything is attached softly, or may be by an event."""
     script = scene.script
     may = scene.solids or any(c.mesh.weights for c in scene.cloths)
     return any(a.stiffness is not None for a in script.attachments) or bool(script.events and may)

@@ -1,5 +1,9 @@
 """What a run records of its cloth and solids: once what stays, and frame by frame what moves. Arrays by name."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..backend.ordering import components
@@ -10,7 +14,9 @@ from ..scene.primitives import Plane
 from ..scene.scene import Scene
 from ..scene.solids import Placed
 from ..scene.view import CameraKeys
-from ..simulation import Simulation
+
+if TYPE_CHECKING:  # what a scene says by itself needs no Taichi
+    from ..simulation import Simulation
 
 
 def geometry(sim: Simulation) -> dict[str, np.ndarray]:

@@ -1,5 +1,8 @@
 """Which steps of a recorded run cost the most, where cloth was in trouble then, and what helps."""
 
+from collections.abc import Sequence
+from typing import Any
+
 from ..errors import OutputError
 from ..output.recording import Recording
 from ..step.stepper import ADVICE
@@ -15,6 +18,11 @@ def costliest(recording: Recording, count: int = 10) -> str:
     log = recording.telemetry()
     if not log:
         raise OutputError(f"{recording.path} has no telemetry: nothing was simulated")
+    return costliest_of(log, count, str(recording.manifest.get("status", "")))
+
+
+def costliest_of(log: Sequence[dict[str, Any]], count: int, status: str = "") -> str:
+    """The same of the steps of a log (1 or more), each as telemetry has it; `status` says how they ended."""
     cost = [r["seconds"].get("total", 0.0) for r in log]
     total = max(sum(cost), 1e-300)
     chosen = sorted(range(len(log)), key=lambda k: -cost[k])[:count]
@@ -34,7 +42,7 @@ def costliest(recording: Recording, count: int = 10) -> str:
             what = f"{trouble.name} at h = {1e3 * trouble.h:.3g} ms" if trouble.name else "slow to solve"
             detail = f" ({trouble.detail})" if trouble.detail else ""
             lines.append(f"    {what}{detail}: {trouble}")
-    if (status := str(recording.manifest.get("status", ""))).startswith("gave up"):
+    if status.startswith("gave up"):
         lines.append(f"then it {status}")
     lines += [f"{name}: {ADVICE[name]}" for name in sorted(set(names), key=names.index)]
     return "\n".join(lines)

@@ -61,17 +61,24 @@ class Scene(Sewn):
         self._attach(cloth, index[soft], None, None, False, stiffness=stiffness * w / (1 - w))
 
     def move(self, cloth: Cloth, vertices: object, path: Path, relative: bool = False,
-             directions: object = None) -> None:
-        """Leads vertices along a path.
+             directions: object = None, stiffness: float | None = None, most: float | None = None) -> None:
+        """Leads vertices along a path, exactly, or by springs that pull them after it.
 
         Args:
             path: function of time [s] that returns (k, 3) positions [m] of the k selected vertices in the order
                 given ((3,) where k is 1); with `relative`, displacements from where they are when the motion
                 begins, (k, 3) or one (3,) for all.
             directions: as in `pin`; the other directions stay free.
+            stiffness, most: of springs, as in `attach`; they pull in all directions.
+
+        Raises:
+            SceneError: a wrong shape, a largest force or directions that do not go with the stiffness.
         """
         checks.function("move: path", path, "time")
-        self._attach(cloth, vertices, directions, path, checks.flag("move: relative", relative))
+        soft = _spring("move", stiffness, most)
+        if stiffness is not None and directions is not None:
+            raise SceneError("move: a spring pulls in all directions: leave out directions, or the stiffness")
+        self._attach(cloth, vertices, directions, path, checks.flag("move: relative", relative), None, 0.0, *soft)
 
     def attach(self, cloth: Cloth, vertices: object, solid: Solid | Prop, since: float = 0.0,
                stiffness: float | None = None, most: float | None = None) -> None:
@@ -93,11 +100,7 @@ class Scene(Sewn):
             names = [s.name for s in there]
             raise SceneError(f"attach: not a solid of this scene: {shown(getattr(solid, 'name', solid))}; there are {names}")
         since = checks.number("attach: since", since, "s", least=0.0)
-        if most is not None and stiffness is None:
-            raise SceneError("attach: most bounds the force of a spring: give a stiffness with it")
-        stiffness = checks.maybe(stiffness, checks.number, "attach: stiffness", "N/m", positive=True)
-        most = np.inf if most is None else checks.number("attach: most", most, "N", positive=True)
-        self._attach(cloth, vertices, None, None, False, solid, since, stiffness, most)
+        self._attach(cloth, vertices, None, None, False, solid, since, *_spring("attach", stiffness, most))
 
     def detach(self, cloth: Cloth, vertices: object = None) -> None:
         """Releases vertices (all of the cloth's where None) from solids that they are attached to; pins and motions stay.
@@ -275,3 +278,15 @@ class Scene(Sewn):
     def fire(self, event: Event) -> None:
         """Calls an event's function with as many arguments as it takes: none, or this scene."""
         event.action(*([] if checks.takes(event.action, 0) else [self]))
+
+
+def _spring(what: str, stiffness: float | None, most: float | None) -> tuple[float | None, float]:
+    """Stiffness [N/m] and largest force [N] of soft attachments; (None, infinite) where they are exact.
+
+    Raises:
+        SceneError: an impossible value, or a largest force without a stiffness.
+    """
+    if most is not None and stiffness is None:
+        raise SceneError(f"{what}: most bounds the force of a spring: give a stiffness with it")
+    return (checks.maybe(stiffness, checks.number, f"{what}: stiffness", "N/m", positive=True),
+            np.inf if most is None else checks.number(f"{what}: most", most, "N", positive=True))

@@ -126,13 +126,18 @@ class Simulation(Queries):
 
     def pin(self, cloth: Cloth, vertices: object, directions: object = None, stiffness: float | None = None) -> None:
         """As `Scene.pin`, for this simulation, from now on."""
-        if stiffness is not None:
-            self._refuse_soft("pin")
+        self._check_soft("pin", stiffness)
         self._change(lambda: self.scene.pin(cloth, vertices, directions, stiffness))
 
-    def move(self, cloth: Cloth, vertices: object, path: Path, relative: bool = False, directions: object = None) -> None:
-        """As `Scene.move`, for this simulation, from now on; the path is a function of the simulation's time."""
-        self._change(lambda: self.scene.move(cloth, vertices, path, relative, directions))
+    def move(self, cloth: Cloth, vertices: object, path: Path, relative: bool = False, directions: object = None,
+             stiffness: float | None = None, most: float | None = None) -> None:
+        """As `Scene.move`, for this simulation, from now on; the path is a function of the simulation's time.
+
+        Raises:
+            SceneError: with a stiffness, as `attach`.
+        """
+        self._check_soft("move", stiffness)
+        self._change(lambda: self.scene.move(cloth, vertices, path, relative, directions, stiffness, most))
 
     def attach(self, cloth: Cloth, vertices: object, solid: Solid | Prop, since: float | None = None,
                stiffness: float | None = None, most: float | None = None) -> None:
@@ -141,13 +146,12 @@ class Simulation(Queries):
         Raises:
             SceneError: with a stiffness, where the scene had nothing attached softly, and no events, when it was begun.
         """
-        if stiffness is not None:
-            self._refuse_soft("attach")
+        self._check_soft("attach", stiffness)
         begins = self.time if since is None else since
         self._change(lambda: self.scene.attach(cloth, vertices, solid, begins, stiffness, most))
 
-    def _refuse_soft(self, what: str) -> None:
-        if self.prescribed.pulls is None:
+    def _check_soft(self, what: str, stiffness: float | None) -> None:
+        if stiffness is not None and self.prescribed.pulls is None:
             raise SceneError(f"{what}: this simulation was made without soft attachments: attach something with a stiffness "
                              "in its scene before, and detach it by hand, or attach in an event (scene.at)")
 
@@ -269,8 +273,8 @@ class Simulation(Queries):
         as `edited`.
 
         Args:
-            edited: the scene may have been edited since: another integrator begins anew, and what the scene no longer has is
-                left out; `notes` say so.
+            edited: the scene may have been edited since: another integrator begins anew, what the scene no longer has and
+                what was changed by hand is left out; `notes` say so.
 
         Raises:
             SceneError: the state is of another mesh, of a scene without what this one has or, unless it was edited, with
@@ -283,6 +287,8 @@ class Simulation(Queries):
         for name, value in state.items():
             if (name in ("time", "step.h") or name.startswith("script.")) and not np.isfinite(value).all():
                 raise SceneError(f"the checkpoint's {name} is not finite")
+        if edited:
+            state = self._without_hands(state)
         try:
             self.time = float(state["time"])
             for name, part in self._going_on(state, edited).items():
@@ -296,6 +302,15 @@ class Simulation(Queries):
             self.integrator.reset()
             if self.integrator.system is not None:
                 self.integrator.system.loosen()
+
+    def _without_hands(self, state: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        """The checkpoint as one of a simulation that was changed by hand as this one was."""
+        changes = self.prescribed.changes
+        if int(state.get("script.changed", changes)) == changes:
+            return state
+        self.notes.append("what was changed by hand (sim.pin, unpin, move, attach, add_load, set_wind and so on) before the "
+                          "checkpoint is left out")
+        return {**state, "script.changed": np.array(changes)}
 
     def _going_on(self, state: dict[str, np.ndarray], edited: bool) -> dict[str, Any]:
         """The parts that go on from a checkpoint; all of them, unless the scene was edited."""

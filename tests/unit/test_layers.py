@@ -6,13 +6,14 @@ import pathlib
 PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
 
 ROOMS = ("colornames", "errors", "checks", "options", "scene", "io", "backend", "system", "forces", "contact", "solver",
-         "step", "simulation", "garment", "output", "recording", "studies", "sweeps", "fitting", "app", "__main__",
+         "step", "simulation", "garment", "output", "recording", "studies", "sweeps", "fitting", "live", "app", "__main__",
          "__init__")
 NUMPY_ONLY = {"colornames", "errors", "checks", "options", "scene", "io", "backend.ordering", "backend.timing",
               "backend.placement", "backend.quota", "system.elements", "system.quantities", "step.ledger", "app.scenefile",
               "app.recorded",
               "app.studies", "app.flags", "app.look_flags", "app.cli", "app.dressing", "app.fitting", "app.looking",
-              "app.sweeping", "app.blending", "app.taking",
+              "app.sweeping", "app.blending", "app.taking", "app.viewing", "live.orders", "live.parameters", "live.server",
+              "live.seen", "live.controls", "live.page", "live.pages",
               "app.interrupts", "garment.curves", "garment.pattern", "garment.garmentcode", "garment.svg",
               "garment.pathdata", "garment.shapes", "garment.styles", "garment.xmlfile", "garment.drawing", "garment.outlines",
               "garment.freesewing"}

@@ -173,6 +173,37 @@ def test_events_by_hand_and_checkpoints():
 
 
 @pytest.mark.slow
+def test_springs_along_a_path_pull_as_those_to_a_prop_that_goes_the_same_way():
+    """In the scene, and by hand, positions are those of an attachment to what moves along; on the way it is let go."""
+    mesh, law, ends = tc.grid(0.4, 4), {"stiffness": STIFF, "most": MOST}, []
+
+    def path(t: float) -> tuple[float, float, float]:
+        return 0.4 * t, 0.3 * t, 2.0 * t * t
+
+    for way in ("prop", "scene", "by hand"):
+        scene = tc.Scene()
+        cloth = scene.add_cloth(mesh, FABRIC)
+        prop = scene.add_prop(tc.Box((0.5, 0.01, 0.01)), position=path)
+        if way == "scene":
+            scene.move(cloth, "top", path, relative=True, **law)
+        else:
+            scene.attach(cloth, "top", prop, **law)
+        with tc.Simulation(scene, h=1 / 60, integrator="backward_euler") as sim:
+            if way == "by hand":
+                sim.detach(cloth)
+                sim.move(cloth, "top", path, relative=True, **law)
+            sim.run(0.3, fps=20)
+            pull = np.linalg.norm(sim.attachment_forces(), axis=1)
+            assert (pull <= MOST * (1 + 1e-9)).all() and (pull[cloth.mesh.select("top")] > 0).all(), way
+            sim.unpin(cloth)
+            assert not sim.attachment_forces().any(), way
+            sim.run(0.1, fps=20)
+            ends.append(sim.positions())
+    assert np.abs(ends[0] - mesh.x).max() > 0.05
+    assert ends[1] == pytest.approx(ends[0], abs=1e-9) and ends[2] == pytest.approx(ends[0], abs=1e-9)
+
+
+@pytest.mark.slow
 def test_what_is_soft_gives_where_a_solid_presses():
     """A ball presses on the middle of a sheet that is attached there to the floor: soft it gives way, hard it is squeezed,
     which rejected steps say, with what to do."""
@@ -209,6 +240,12 @@ def test_what_cannot_be_attached_softly():
     for law in ({"stiffness": 0.0}, {"stiffness": 1.0, "most": -1.0}, {"stiffness": np.nan}):
         with pytest.raises(tc.SceneError, match="attach"):
             scene.attach(cloth, "bottom", ball, **law)
+        with pytest.raises(tc.SceneError, match="move"):
+            scene.move(cloth, "bottom", lambda t: (0, 0, 0), True, **law)
+    with pytest.raises(tc.SceneError, match="move: .*stiffness"):
+        scene.move(cloth, "bottom", lambda t: (0, 0, 0), True, most=1.0)
+    with pytest.raises(tc.SceneError, match="move: .*directions"):
+        scene.move(cloth, "bottom", lambda t: (0, 0, 0), True, "y", stiffness=1.0)
     with pytest.raises(tc.SceneError, match="already held"):
         scene.pin(cloth, "top")
     with pytest.raises(tc.SceneError, match="detach: no such vertex"):
@@ -219,4 +256,6 @@ def test_what_cannot_be_attached_softly():
     sim = tc.Simulation(scene)
     with pytest.raises(tc.SceneError, match="without soft attachments"):
         sim.attach(cloth, "top", ball, stiffness=STIFF)
+    with pytest.raises(tc.SceneError, match="move: .*without soft attachments"):
+        sim.move(cloth, "top", lambda t: (0, 0, 0), True, stiffness=STIFF)
     sim.close()

@@ -1,0 +1,37 @@
+"""The command `view`: a scene in the browser as it runs."""
+
+import argparse
+from collections.abc import Callable
+
+from .scenefile import SceneFile
+
+
+def add_parser(commands, simulation_flags: Callable[[argparse.ArgumentParser], None]) -> None:
+    """`view` and its flags."""
+    parser = commands.add_parser("view", help="show a scene in the browser as it runs")
+    add = parser.add_argument
+    add("scene", help="a scene file or name")
+    add("--small", action="store_true", help="with the scene's quick options")
+    add("--paused", action="store_true", help="no step is made before Play is clicked")
+    add("--host", default="127.0.0.1", metavar="NAME", help="from where it can be reached (127.0.0.1: this machine alone)")
+    add("--port", type=int, metavar="N", help="of the page (the first that is free from 8080 on)")
+    add("--no-open", action="store_true", help="open no browser")
+    simulation_flags(parser)
+
+
+def run(args: argparse.Namespace, scene: SceneFile, settings: dict[str, str], simulation: dict) -> int:
+    """Shows; returns the exit code.
+
+    Args:
+        settings: of the scene, as `--set` gives them; simulation: arguments of `Simulation`.
+    """
+    from ..live.parameters import parameters
+    from ..live.view import Made, serve
+    from ..options import Options
+
+    given = scene.typed({**(scene.small if args.small else {}), **settings})
+    source = Made(lambda changed: scene.make({**given, **changed}), Options.named(simulation),
+                  parameters(scene.options, scene.ranges, given))
+    serve(source, scene.name, args.host, args.port, not args.no_open, not args.paused,
+          lambda line: print(line, flush=True))
+    return 0

@@ -1,0 +1,29 @@
+"""What a page asks a session for: from the threads of the page to the one thread that simulates."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+
+class Orders:
+    """Calls that wait to be made, in order. Of those with one key only the last is made: a slider's, a mouse's."""
+
+    def __init__(self) -> None:
+        self._ready = threading.Condition()
+        self._waiting: list[tuple[str, Callable[[], object]]] = []
+
+    def put(self, call: Callable[[], object], key: str = "") -> None:
+        """One more, in place of an earlier one with its key."""
+        with self._ready:
+            if key:
+                self._waiting = [one for one in self._waiting if one[0] != key]
+            self._waiting.append((key, call))
+            self._ready.notify_all()
+
+    def take(self, wait: float | None = 0.0) -> list[Callable[[], object]]:
+        """All that wait, and none are left; where there are none, waits for the first for so long [s], or for ever."""
+        with self._ready:
+            self._ready.wait_for(lambda: self._waiting, wait)
+            out, self._waiting = [call for _, call in self._waiting], []
+        return out

@@ -1,0 +1,95 @@
+"""The page of a session: its cloth, its buttons and sliders, by viser. Only what is on the page is known here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from .controls import Controls
+from .seen import Opening, Seen
+
+TILES = 40  # of the ground, along a side
+THREAD = (255, 140, 0)  # sRGB
+Ask = Callable[[str, tuple, str], object]  # what a session is to do, with which values; of one key only the last counts
+
+
+class Page:
+    """Shows what it is told, and asks for what is clicked, turned and dragged.
+
+    Args:
+        server: of viser's; opened: what stays.
+    """
+
+    def __init__(self, server: Any, opened: Opening, ask: Ask) -> None:
+        self.server, self.ask = server, ask
+        self.meshes: dict[str, Any] = {}
+        self.thread: Any = None
+        self.number, self.pieces = 0, {}  # type: ignore[var-annotated]
+        server.gui.configure_theme(show_logo=False, show_share_button=False)
+        server.gui.main_panel.dock_right()
+        server.gui.set_panel_label(opened.title)
+        server.scene.set_up_direction("+y")
+        self._place(opened)
+        self.controls = Controls(server.gui, opened, ask)
+
+    def show(self, seen: Seen) -> None:
+        """A picture."""
+        if seen.number != self.number:
+            for mesh in self.meshes.values():
+                mesh.remove()
+            self.meshes.clear()
+            self.number = seen.number
+        if seen.pieces is not None:
+            self.pieces = seen.pieces
+        with self.server.atomic():
+            self._draw(seen.x, fresh=seen.pieces is not None)
+            self._pull(seen.hand)
+        self.controls.show(seen)
+
+    def _draw(self, x: np.ndarray, fresh: bool) -> None:
+        """Meshes are changed in place, and hidden where they have no triangles: one that goes ends a drag of it."""
+        for name, mesh in self.meshes.items():
+            mesh.visible = name in self.pieces
+        for name, piece in self.pieces.items():
+            mesh = self.meshes.get(name)
+            if mesh is None:
+                mesh = self.server.scene.add_mesh_simple(f"/{name}", x[piece.index], piece.faces, color=piece.color,
+                                                         side="double")
+                if piece.cloth:
+                    mesh.on_drag(self._dragged)
+                self.meshes[name] = mesh
+            else:
+                mesh.vertices = x[piece.index]
+                if fresh:
+                    mesh.faces = piece.faces.astype(np.uint32)
+            mesh.wireframe = self.controls.wire.value and piece.cloth
+
+    async def _dragged(self, event: Any) -> None:
+        """In the server's own thread, where events keep their order."""
+        if event.phase == "start":
+            self.ask("grab", (np.array(event.start_position),), "")
+        self.ask("drag", (np.array(event.end_position),), "drag")
+        if event.phase == "end":
+            self.ask("drop", (), "")
+
+    def _pull(self, hand: np.ndarray | None) -> None:
+        """A thread from the cloth to the hand, while it pulls."""
+        if hand is not None:
+            if self.thread is None:
+                self.thread = self.server.scene.add_line_segments("/hand", hand[None], THREAD, thickness=3.0,
+                                                                  thickness_units="screen")
+            self.thread.points = hand[None]
+        if self.thread is not None:
+            self.thread.visible = hand is not None
+
+    def _place(self, opened: Opening) -> None:
+        """The camera and the ground."""
+        camera, size = self.server.initial_camera, opened.size
+        camera.position, camera.look_at, camera.up = opened.eye, opened.target, opened.up
+        camera.fov = float(np.radians(opened.fov))
+        camera.near, camera.far = 1e-3 * size, 1e3 * size
+        tile = 10.0 ** np.floor(np.log10(size)) / 2
+        self.server.scene.add_grid("/ground", TILES * tile, TILES * tile, plane="xz", cell_size=tile, section_size=2 * tile,
+                                   position=opened.middle)

@@ -1,0 +1,80 @@
+"""What a page is told of a session, which is in another process: once what stays, then picture by picture. numpy only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .parameters import Parameter
+
+
+@dataclass(frozen=True)
+class Opening:
+    """What a page begins with.
+
+    Attributes:
+        parameters: that can be changed; again: whether it can begin again; airy: whether there is air, and so wind.
+        eye, target, up: (3,) of the camera [m]; fov: its opening angle [degrees].
+        middle: (3,) of the ground [m]; size: of the scene [m].
+    """
+
+    title: str
+    parameters: tuple[Parameter, ...]
+    again: bool
+    airy: bool
+    eye: tuple[float, ...]
+    target: tuple[float, ...]
+    up: tuple[float, ...]
+    fov: float
+    middle: tuple[float, ...]
+    size: float
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Triangles of one colour.
+
+    Attributes:
+        cloth: whether they are cloth's, and no solid's.
+        index: (k,) their vertices, those of cloth and then those of solids; faces: (m, 3) among these.
+        color: sRGB, 0 to 255.
+    """
+
+    cloth: bool
+    index: np.ndarray
+    faces: np.ndarray
+    color: tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Scale:
+    """The colours of a heat map: (h, w, 3) uint8, and the text below."""
+
+    bar: np.ndarray
+    text: str
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A picture.
+
+    Attributes:
+        number: of the scene; another one has other pieces.
+        x: (n, 3) f32 vertices [m]; pieces: what is drawn of them, by name; None where they are those of the picture before.
+        state: one line; running: whether step follows step.
+        heats: that there are; None before they are known. heat: that the cloth is coloured by, or None.
+        hand: (2, 3) where the cloth is held, and the hand; None while it does not pull.
+        last, costly: what steps did; None where it is as before.
+    """
+
+    number: int
+    x: np.ndarray
+    pieces: dict[str, Piece] | None
+    state: str
+    running: bool
+    heats: tuple[str, ...] | None
+    heat: Scale | None
+    hand: np.ndarray | None
+    last: str | None
+    costly: str | None

@@ -1,0 +1,88 @@
+"""Tells a page what a session has to be seen, as fast as the page shows it: the session never waits for it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from ..output.camera import ground_height
+from ..output.described import view_of
+from ..output.framing import fit_all
+from ..recording.playback import heat_of
+from ..scene.view import camera_at
+from .seen import Opening, Scale, Seen
+from .session import Session
+from .shapes import Arrays, Shapes, bar, points
+from .words import costly, last_step, state
+
+ASPECT = 1.3  # of a window, about, beside its controls
+WORDS = 0.5  # s from one reading of the log to the next
+
+
+class Teller:
+    """A session's `show`.
+
+    Args:
+        title: of the page.
+        send: hands an `Opening`, then each `Seen`, to the page.
+    """
+
+    def __init__(self, title: str, send: Callable[[Opening | Seen], object]) -> None:
+        self.title, self.send = title, send
+        self._lock = threading.Lock()
+        self._busy = self._late = False  # the page still shows what it was told; there is more
+        self._geometry: Arrays | None = None
+        self._number, self._worded = 0, 0.0
+        self._told: object = None  # the pieces that the page has
+
+    def __call__(self, session: Session) -> None:
+        """Tells of the session now, or later where the page is still busy."""
+        if self._geometry is None:
+            self.send(opening(session, self.title))
+        with self._lock:
+            if self._busy and not session.preview:  # a preview is all that is to be seen for a while
+                self._late = True
+                return
+            self._busy, self._late = True, False
+        if session.geometry is not self._geometry:
+            self._geometry, self.shapes = session.geometry, Shapes(session.geometry)
+            self._number, self._told = self._number + 1, None
+        self.send(self._seen(session))
+
+    def shown(self, session: Session) -> None:
+        """The page has shown what it was told last; may be called from any thread."""
+        with self._lock:
+            self._busy, late = False, self._late
+        if late:
+            session.ask("look", key="look")
+
+    def _seen(self, session: Session) -> Seen:
+        heat = heat_of(session.heat, session.geometry) if session.heat and not session.preview else None
+        pieces = self.shapes.pieces(session.geometry, session.arrays, heat)
+        fresh, self._told = pieces is not self._told, pieces
+        scale = None
+        if heat is not None:
+            scale = Scale(bar(heat), f"{heat.range[0]:.3g} to {heat.range[1]:.3g} {heat.unit}".strip())
+        hand = None if session.hand is None else np.array([session.hand.held_at(), session.hand.place], dtype=np.float32)
+        now, words = time.monotonic(), (None, None)
+        if session.sim is not None and (not session.running or now - self._worded > WORDS):
+            self._worded = now
+            words = last_step(session.sim.last) if session.sim.last else "", costly(session)  # type: ignore[assignment]
+        return Seen(self._number, points(session.geometry, session.arrays), pieces if fresh else None, state(session),
+                    session.running, None if session.preview else tuple(session.heats()), scale, hand, *words)
+
+
+def opening(session: Session, title: str) -> Opening:
+    """What a page of the session begins with."""
+    geometry = session.geometry
+    x = np.concatenate([geometry["x"], geometry["solid_x"]])
+    view = view_of(geometry)
+    camera = fit_all([x], view.reach, ASPECT) if view.camera is None else camera_at(view.camera, 0.0)
+    middle = (x.min(axis=0) + x.max(axis=0)) / 2
+    middle[1] = ground_height(x, view)
+    return Opening(title, session.source.parameters, session.source.again, session.scene.air is not None, tuple(camera.eye),
+                   tuple(camera.target), tuple(camera.up), camera.fov, tuple(middle.tolist()),
+                   float(np.linalg.norm(np.ptp(x, axis=0))))

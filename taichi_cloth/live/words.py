@@ -1,0 +1,50 @@
+"""What a page says of a session, in sentences."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+
+from ..recording.why import costliest_of
+from ..step.stepper import ADVICE, StepRecord
+from .session import Session
+
+COSTLY = 3  # steps that are named
+
+
+def state(session: Session) -> str:
+    """One line: where it is, and what went wrong."""
+    if session.sim is None:
+        return "loading compiled kernels"
+    mode = "runs" if session.running else "paused"
+    pulled = ", pulled" if session.hand is not None else ""
+    t = float(session.arrays["t"])
+    return f"{mode} at t = {t:.3f} s{pulled}" + (f". Error: {session.trouble}" if session.trouble else "")
+
+
+def last_step(record: StepRecord) -> str:
+    """What a step did, and why it took as long as it did."""
+    said = [f"A step of {1e3 * record.h:.3g} ms to t = {record.t:.4g} s took {1e3 * record.seconds.get('total', 0.0):.3g} ms: "
+            f"{_many(record.solves, 'solve')}, {_many(record.iterations, 'iteration')}; "
+            f"the largest stretch is {record.stretch:.3f}."]
+    if record.contacts or record.layers:
+        said.append(f"Cloth touches solids in {_many(record.contacts, 'place')}, and cloth in "
+                    f"{_many(record.layers, 'place')}.")
+    if record.fell_back:
+        said.append(f"It was taken by backward Euler instead: {record.fell_back}.")
+    if compiling := record.seconds.get("compiling", 0.0):
+        said.append(f"Of its time {1e3 * compiling:.3g} ms went into loading or compiling kernels.")
+    for name, count in record.rejections.items():
+        said.append(f"Before it {_many(count, 'longer attempt')} failed in {name}"
+                    + (f": {ADVICE[name]}." if name in ADVICE else "."))
+    return " ".join(said)
+
+
+def costly(session: Session) -> str:
+    """The steps of the log that took longest, where cloth was in trouble, and what helps; "" before the first."""
+    if session.sim is None or not session.sim.log:
+        return ""
+    return costliest_of([asdict(r) for r in session.sim.log], COSTLY)
+
+
+def _many(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"

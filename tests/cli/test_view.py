@@ -1,0 +1,172 @@
+"""The page of `taichi-cloth view`: by viser, in a headless browser where there is one, and as a process."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import urllib.request
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth.live import server
+from taichi_cloth.live.page import Page
+from taichi_cloth.live.parameters import Parameter
+from taichi_cloth.live.seen import Opening
+from taichi_cloth.live.session import Session
+from taichi_cloth.live.teller import Teller
+from taichi_cloth.live.view import Made
+from taichi_cloth.options import Options
+from taichi_cloth.output.camera import frame
+
+pytest.importorskip("viser", reason="the page needs the extra `view`: pip install viser")
+pytestmark = pytest.mark.slow
+
+BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
+SOFTLY = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+CAMERA = tc.Camera((0.5, 0.5, 2.2), (0.5, 0.5, 0.0), 35.0)
+
+
+def build(settings: dict) -> tc.Scene:
+    """A red sheet in front of the camera, which hangs from its upper edge."""
+    scene = tc.Scene(view=tc.View(CAMERA, ground=-0.5))
+    fabric = tc.Fabric(0.2, tc.Stretch(300, 0.3), tc.Shear(30))
+    cloth = scene.add_cloth(tc.grid(1.0, settings["cells"], plane="xy"), fabric, color=(0.8, 0, 0))
+    scene.pin(cloth, "top")
+    scene.add_prop(tc.Sphere(0.1), position=(0.5, -0.3, 0.0))
+    return scene
+
+
+@pytest.fixture
+def shown():
+    """A session, its page in this process, and the page's address."""
+    served, made = server.started(server.HOST, server.free_port(server.HOST, None)), []
+
+    def send(message) -> None:
+        if isinstance(message, Opening):
+            made.append(Page(served, message, session.ask))
+        else:
+            made[0].show(message)
+            teller.shown(session)
+
+    teller = Teller("sheet", send)
+    session = Session(Made(build, Options(h=1 / 60), (Parameter("cells", 8, (2, 20)),)), teller)
+    teller(session)
+    session.begin(plays=False)
+    yield session, made[0], server.address_of(server.HOST, served.get_port())
+    session.end()
+    server.stop(served)
+
+
+def turns(session: Session, seconds: float = 60.0, until=lambda: False) -> None:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end and not until():
+        session.turn()
+
+
+def cloth_on(page: Page) -> np.ndarray:
+    """Rows of all triangles of cloth that the page shows, sorted."""
+    visible = [m for name, m in page.meshes.items() if name.startswith("cloth") and m.visible]
+    return np.sort(np.concatenate([m.vertices[m.faces] for m in visible]).reshape(-1, 9), axis=0)
+
+
+def test_the_page_has_the_cloth_and_follows_it(shown):
+    session, page, address = shown
+    assert urllib.request.urlopen(address, timeout=20).status == 200
+
+    def cloth() -> np.ndarray:
+        x = session.sim.positions().astype(np.float32)
+        return np.sort(x[session.sim.faces()].reshape(-1, 9), axis=0)
+
+    assert np.array_equal(cloth_on(page), cloth())
+    for name, call in (("step", session.step), ("heat", lambda: session.color_by("speed")), ("step", session.step),
+                       ("other mesh", lambda: session.set("cells", 6)), ("look", lambda: session.color_by(""))):
+        session.orders.put(call)
+        session.turn()
+        assert np.array_equal(cloth_on(page), cloth()) and session.trouble == "", name
+    assert [m.color for n, m in page.meshes.items() if n.startswith("cloth") and m.visible][0][1:] == (0, 0)
+    x = session.sim.positions()
+    session.orders.put(lambda: session.grab(x[10]))
+    session.orders.put(lambda: session.drag(x[10] + [0, 0, 0.3]))
+    session.turn()
+    assert page.thread.visible and np.allclose(page.thread.points[0], [x[10], x[10] + [0, 0, 0.3]], atol=1e-6)
+    session.orders.put(session.drop)
+    session.turn()
+    assert not page.thread.visible
+
+
+def test_a_browser_shows_the_cloth_and_changes_it(shown):
+    if BROWSER is None:
+        pytest.skip("no Chromium is installed")
+    playwright = pytest.importorskip("playwright.sync_api", reason="a browser is led by playwright: pip install playwright")
+    session, _, address = shown
+    with playwright.sync_playwright() as started, started.chromium.launch(executable_path=BROWSER, args=SOFTLY) as browser:
+        tab = browser.new_page(viewport={"width": 760, "height": 440})
+        tab.set_default_timeout(60_000)
+        tab.goto(address)
+        tab.wait_for_selector("canvas")
+        turns(session, 20, lambda: redness(tab, project(tab, [0.5, 0.5, 0.0])) > 2.0)
+        assert redness(tab, project(tab, [0.5, 0.5, 0.0])) > 2.0 > 1.2 > redness(tab, project(tab, [1.2, 0.5, 0.0]))
+        box = next(b for b in tab.locator("input[type=text]").all() if b.input_value() == "8")
+        box.fill("12")
+        box.press("Enter")
+        turns(session, 20, lambda: session.settings["cells"] == 12)
+        assert session.sim.vertex_count == 13 * 13
+        tab.get_by_role("button", name="Play").click(force=True)
+        turns(session, 20, lambda: session.running)
+        at = session.sim.positions()
+        vertex = int(np.argmin(np.linalg.norm(at - [0.5, 0.3, 0.0], axis=1)))
+        x, y = project(tab, at[vertex])
+        tab.mouse.move(x, y)
+        tab.mouse.down()
+        for k in range(1, 6):
+            tab.mouse.move(x + 8 * k, y - 4 * k)
+            turns(session, 0.2)
+        turns(session, 20, lambda: session.hand is not None and
+              bool(np.linalg.norm(project(tab, session.hand.place) - [x + 40, y - 20]) < 3))
+        hand = session.hand
+        assert hand.vertex == vertex and project(tab, hand.place) == pytest.approx([x + 40, y - 20], abs=3)
+        turns(session, 20, lambda: project(tab, hand.held_at())[0] > x + 10)
+        assert project(tab, hand.held_at())[0] > x + 10  # it follows
+        tab.mouse.up()
+        turns(session, 20, lambda: session.hand is None)
+        tab.get_by_role("button", name="End").click(force=True)
+        turns(session, 20, lambda: session.over)
+        assert session.over and session.trouble == ""
+
+
+def project(tab, x) -> np.ndarray:
+    """(2,) pixel of a point in the tab's picture."""
+    box = tab.query_selector("canvas").bounding_box()
+    return frame(CAMERA).project(np.array([x], dtype=float), box["width"], box["height"])[0, :2]
+
+
+def redness(tab, pixel) -> float:
+    """Red over green of a pixel on the screen."""
+    import io
+
+    image = pytest.importorskip("PIL.Image").open(io.BytesIO(tab.screenshot())).convert("RGB")
+    r, g, _ = image.getpixel((round(pixel[0]), round(pixel[1])))
+    return r / max(g, 1)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of other systems are other ones")
+def test_the_command_says_where_and_ctrl_c_ends_it_cleanly():
+    command = [sys.executable, "-m", "taichi_cloth", "view", "hang", "--set", "cells=4", "--no-open"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        said = process.stdout.readline()
+        address = re.search(r"http://[\w.:]+\d", said)[0]
+        assert urllib.request.urlopen(address, timeout=20).status == 200 and "Ctrl-C" in said
+        port = int(address.rpartition(":")[2])
+        again = subprocess.run([*command, "--port", str(port)], capture_output=True, text=True, timeout=120, check=False)
+        assert again.returncode == 2 and again.stderr.count("\n") == 1 and f"port {port}" in again.stderr
+        process.send_signal(signal.SIGINT)
+        out, error = process.communicate(timeout=60)
+        assert process.returncode == 0 and out == error == ""
+    finally:
+        process.kill()
