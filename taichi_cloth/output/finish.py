@@ -5,7 +5,7 @@ import taichi as ti
 
 from ..colornames import from_srgb, to_srgb
 from ..scene.appearance import WEAVES, Appearance
-from .surroundings import checker
+from .surroundings import soft_checker
 
 # columns of an object's row
 CHECK = 0  # how much darker every other square of the pattern is
@@ -13,8 +13,10 @@ TEXTURE = 1  # 0 none, 1 an image that repeats, 2 one that does not; then:
 ORIGIN, SIZE, FIRST, LEVELS, BOTH = 2, 4, 6, 7, 8  # two [m], two [m], first level, number of levels, whether on both sides
 WEAVE = 9  # 0 none, else 1 + its place in WEAVES; then:
 SPACING, RELIEF = 10, 11  # [m], factor
-COLUMNS = 12
+SHEEN, SPECULAR, SHARPNESS = 12, 13, 14  # along the rim, of light that falls straight on it, of its highlight
+COLUMNS = 15
 DARKER = 0.16  # the squares
+SHINE = 0.1, 0.015, 0.6  # sheen, specular and roughness where an appearance says none
 SLOPE = 0.75  # how much threads tilt the normal at their rim
 FINE, GONE = 3.0, 1.2  # pixels from thread to thread at which threads are drawn in full, and no longer
 
@@ -72,6 +74,8 @@ def object_row(look: Appearance, uv: np.ndarray, textures: Textures, unit: float
     """(COLUMNS,) f32 of a cloth whose faces have the corners uv (m, 3, 2) [m]; unit: as in `Texture.place`."""
     row = np.zeros(COLUMNS, dtype=np.float32)
     row[CHECK] = DARKER if look.has_squares else 0.0
+    sheen, specular, roughness = (usual if said is None else said for said, usual in zip(look.shine, SHINE))
+    row[SHEEN], row[SPECULAR], row[SHARPNESS] = sheen, specular, 2 / roughness**4 - 2  # as wide as a lobe of that roughness
     if look.texture is not None:
         t = look.texture
         row[TEXTURE] = 1 if t.repeat else 2
@@ -85,9 +89,9 @@ def object_row(look: Appearance, uv: np.ndarray, textures: Textures, unit: float
 
 
 @ti.func
-def squared(base, uv, side, objects: ti.template(), o):
-    """The colour with every other square darker."""
-    return base * (1.0 - objects[o, CHECK] * checker(uv / side))
+def squared(base, uv, footprint, side, objects: ti.template(), o):
+    """The colour with every other square darker; footprint [m]: what is covered of the pattern."""
+    return base * (1.0 - objects[o, CHECK] * soft_checker(uv / side, footprint / side))
 
 
 @ti.func

@@ -8,7 +8,7 @@ import numpy as np
 from .. import checks
 from ..errors import SceneError, did_you_mean, shown
 from ..scene.appearance import Appearance
-from ..scene.view import FLOORS, AnyCamera, Camera, Color, View, any_camera, color_or, direction
+from ..scene.view import FLOORS, AnyCamera, Camera, Color, View, any_camera, color_or, light_or
 from .renderer import QUALITY
 from .smooth import MOST
 
@@ -62,7 +62,7 @@ class Look:
     caption: str = ""
     floor: str | Color | None = None
     background: str | Color | None = None
-    light: tuple[float, float, float] | None = None
+    light: str | tuple[float, float, float] | None = None
     smooth: int = 0
     bits: int = 8
     cloths: Mapping[str, Appearance] = field(default_factory=dict)
@@ -82,7 +82,7 @@ class Look:
         object.__setattr__(self, "floor", checks.maybe(self.floor, color_or, "floor", FLOORS))
         object.__setattr__(self, "background",
                            checks.maybe(self.background, color_or, "background", ("sky", "transparent")))
-        object.__setattr__(self, "light", checks.maybe(self.light, lambda what, v: direction(what, v), "light"))
+        object.__setattr__(self, "light", checks.maybe(self.light, lambda what, v: light_or(what, v), "light"))
         object.__setattr__(self, "smooth", checks.integer("smooth", self.smooth, least=0, most=MOST))
         object.__setattr__(self, "bits", checks.integer("bits", self.bits, least=8, most=16))
         if self.bits not in BITS:

@@ -180,8 +180,8 @@ def surfaces(geometry: Frame, look: Look, smooth: Smooth | None) -> Surfaces:
         colors, backs = ([np.repeat(c, smooth.each, axis=0) for c in part] for part in (colors, backs))
     solid = np.searchsorted(geometry["solid_start"], solid_faces[:, 0], side="right") - 1
     stone = np.array([STONE if np.isnan(c).any() else c for c in geometry["solid_colors"]]).reshape(-1, 3)
-    objects = np.zeros((len(rows) + len(stone), COLUMNS), dtype=np.float32)
-    objects[: len(rows)] = np.array(rows).reshape(-1, COLUMNS)
+    rows += [object_row(Appearance(squares=False), np.zeros((0, 3, 2)), textures)] * len(stone)
+    objects = np.array(rows).reshape(-1, COLUMNS)
     uv = np.concatenate([corner_uv, np.zeros((len(solid_faces), 3, 2), dtype=np.float32)])
     return Surfaces(np.concatenate([faces, solid_faces + n]), uv, np.concatenate([*colors, stone[solid]]),
                     np.concatenate([*backs, stone[solid]]), np.concatenate([owner, solid + len(names)]), objects, len(faces),

@@ -17,6 +17,7 @@ from ..system.quantities import vertex_normals
 from .camera import frame, ground_height
 from .colors import to_srgb
 from .raster import Raster
+from .rig import Rig, rig_of
 from .shade import Around, Shader
 from .shadow_map import MAP, ShadowMap
 from .surfaces import Surfaces
@@ -47,18 +48,19 @@ class Renderer:
         self.size = max(size, 1e-9)
         extent = np.ptp(surfaces.corner_uv.reshape(-1, 2), axis=0).max()
         self.checks = float(extent) / 20 if extent > 0 else 1.0
-        self.light = light_frame(view.light)
+        self.rig = rig_of(view.light, self.camera)
+        self.light = light_frame(self.rig.key)
         self.view = view
-        around = around_of(view)
+        around = around_of(view, self.rig)
         fields = Fields(np.float32, pooled=runtime.on_cpu())
-        self.raster = Raster(fields, width * samples, height * samples, 0 if rays[0] else MAP * MAP)
+        self.raster = Raster(fields, width * samples, height * samples, samples, 0 if rays[0] else MAP * MAP)
         self.lighting: Any = ShadowMap(self.raster)
         if rays[0]:
             self.lighting = TracedLight(fields, self.raster, samples, around.floor != "none", len(surfaces.faces),
                                         (rays[0], rays[1]))
         fields.allocate()
         self.fields = fields  # given back when nobody has the renderer any more
-        self.shader = Shader(self.raster, samples, self.lighting, around, surfaces.textured, surfaces.woven)
+        self.shader = Shader(self.raster, self.lighting, around, surfaces.textured, surfaces.woven)
         images = surfaces.textures
         self.images = images.texels, images.levels, images.decode
         runtime.hold(self)
@@ -97,7 +99,7 @@ class Renderer:
         self.raster.see(screen, s.faces, c.near)
         shadow = self.lighting.prepare(x, s.faces, self.light)
         rows = uniforms(c, self.light, self.ground, self.tile, shadow, self.checks, s.cloth_faces, wire, colors is not None,
-                        self.size, rgb(self.view.background), rgb(self.view.drawn_floor))
+                        self.size, rgb(self.view.background), rgb(self.view.drawn_floor), self.rig)
         paint = np.zeros((1, 3), dtype=np.float32) if colors is None else np.ascontiguousarray(colors, dtype=np.float32)
         points, normals = x.astype(np.float32), vertex_normals(x, s.faces).astype(np.float32)
         self.lighting.trace(screen, points, s.faces, rows)
@@ -113,10 +115,11 @@ def light_frame(direction: Color) -> np.ndarray:
     return np.stack([side, np.cross(light, side), light])
 
 
-def around_of(view: View) -> Around:
-    """Of which kind background and floor are."""
+def around_of(view: View, rig: Rig) -> Around:
+    """Of which kind background, floor and lights are."""
     background, floor = view.background, view.drawn_floor
-    return Around(background if isinstance(background, str) else "color", floor if isinstance(floor, str) else "plain")
+    return Around(background if isinstance(background, str) else "color", floor if isinstance(floor, str) else "plain",
+                  any(rig.power), any(rig.fill + rig.rim))
 
 
 def rgb(color: str | Color) -> np.ndarray:
