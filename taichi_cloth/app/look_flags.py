@@ -1,6 +1,7 @@
 """Flags that say how to draw, and what they mean."""
 
 import argparse
+import functools
 
 from .flags import number_of
 
@@ -19,13 +20,18 @@ def look_flags(parser: argparse.ArgumentParser) -> None:
     add("--follow", action="store_true", help="the camera moves with the cloth")
     add("--background", metavar="COLOR", help="sky, transparent, or a colour: crimson, #dc143c")
     add("--floor", metavar="KIND", help="checker, plain, shadow (nothing but shadows), none, or a colour")
-    add("--light", type=_vector, metavar="X,Y,Z", help="direction towards the key light")
+    add("--light", type=_light, metavar="NAME", help="day, studio, sun, soft, or X,Y,Z: the day's with a direction to the key light")
     add("--color", action="append", default=[], metavar="[CLOTH=]COLOR", help="of all cloths or of one")
     add("--back", action="append", default=[], metavar="[CLOTH=]COLOR", help="of the other side")
     add("--texture", action="append", default=[], metavar="[CLOTH=]FILE[@SIZE]",
         help="an image on the pattern, over all of it or repeated every SIZE, such as plaid.png@0.2 or @0.2x0.3 [m]")
     add("--weave", action="append", default=[], metavar="[CLOTH=]SPACING[:KIND]",
         help="threads that show, so far apart [m]; plain or twill")
+    add("--sheen", action="append", default=[], metavar="[CLOTH=]PART", help="light along outlines, as of velvet, 0 to 1 (0.1)")
+    add("--specular", action="append", default=[], metavar="[CLOTH=]PART[:ROUGHNESS]",
+        help="light in a highlight, 0 to 1 (0.015), and how wide that is, 0.1 to 1 (0.6): satin is 0.2:0.35")
+    add("--hem", action="append", default=[], metavar="[CLOTH=]WIDTH", help="a hem along borders that are not sewn [m]")
+    add("--thickness", action="append", default=[], metavar="[CLOTH=]M", help="with which cloth is drawn [m]")
     add("--no-squares", action="store_true", help="draw no squares on the cloth")
     add("--smooth", type=int, default=0, metavar="N", help="halve the triangles' edges N times, for round outlines (0 to 3)")
     add("--bits", type=int, default=8, metavar="N", help="of a number in the PNG: 8 or 16")
@@ -79,10 +85,12 @@ def _cloths(args: argparse.Namespace) -> dict:
     from ..scene.appearance import Appearance
 
     said: dict[str, dict] = {"": {"squares": False}} if args.no_squares else {}
-    for flag, make in (("color", str), ("back", str), ("texture", _texture), ("weave", _weave)):
+    for flag, make in (("color", str), ("back", str), ("texture", _texture), ("weave", _weave), ("specular", _specular),
+                       *((name, functools.partial(_number, name)) for name in ("sheen", "hem", "thickness"))):
         for text in getattr(args, flag):
             name, equals, value = text.partition("=")
-            said.setdefault(name if equals else "", {})[flag] = make(value if equals else text)
+            made = make(value if equals else text)
+            said.setdefault(name if equals else "", {}).update(made if isinstance(made, dict) else {flag: made})
     return {name: Appearance(**parts) for name, parts in said.items()}
 
 
@@ -113,6 +121,20 @@ def _weave(text: str):
         raise SceneError(f"--weave {text!r}: needs SPACING [m] or SPACING:KIND, such as 0.002:twill") from None
 
 
+def _number(flag: str, text: str) -> float:
+    from ..errors import SceneError
+
+    try:
+        return number_of(text)
+    except argparse.ArgumentTypeError:
+        raise SceneError(f"--{flag} {text!r}: needs a number") from None
+
+
+def _specular(text: str) -> dict[str, float]:
+    part, colon, roughness = text.partition(":")
+    return {"specular": _number("specular", part)} | ({"roughness": _number("specular", roughness)} if colon else {})
+
+
 def _range(text: str) -> tuple[float, float]:
     low, colon, high = text.partition(":")
     if not colon or not number_of(low) < number_of(high):
@@ -120,7 +142,10 @@ def _range(text: str) -> tuple[float, float]:
     return number_of(low), number_of(high)
 
 
-def _vector(text: str) -> tuple[float, ...]:
+def _light(text: str) -> str | tuple[float, ...]:
+    """A name, which is checked with the rest of the look, or a direction."""
+    if text.isalpha():
+        return text
     numbers = tuple(number_of(v) for v in text.split(","))
     if len(numbers) != 3:
         raise argparse.ArgumentTypeError(f"{text!r}: needs X,Y,Z, such as 0.5,0.8,0.5")

@@ -60,7 +60,7 @@ class Renderer:
                                         (rays[0], rays[1]))
         fields.allocate()
         self.fields = fields  # given back when nobody has the renderer any more
-        self.shader = Shader(self.raster, self.lighting, around, surfaces.textured, surfaces.woven)
+        self.shader = Shader(self.raster, self.lighting, around, surfaces.textured, surfaces.woven, surfaces.hemmed)
         images = surfaces.textures
         self.images = images.texels, images.levels, images.decode
         runtime.hold(self)
@@ -104,7 +104,7 @@ class Renderer:
         points, normals = x.astype(np.float32), vertex_normals(x, s.faces).astype(np.float32)
         self.lighting.trace(screen, points, s.faces, rows)
         return self.shader.shade(screen, points, normals, s.faces, s.corner_uv, s.colors, s.backs, s.owner, s.objects,
-                                 *self.images, rows, paint)
+                                 *self.images, s.borders, rows, paint)
 
 
 def light_frame(direction: Color) -> np.ndarray:

@@ -36,13 +36,13 @@ class Shader:
 
     Args:
         light: `ShadowMap` or `TracedLight`.
-        around: what there is: background and floor; textured, woven: whether any cloth has these. What is not there is not
-            compiled.
+        around: what there is: background and floor; textured, woven, hemmed: whether any cloth is. What is not
+            there is not compiled.
     """
 
-    def __init__(self, raster: Raster, light: Any, around: "Around", textured: bool, woven: bool) -> None:
+    def __init__(self, raster: Raster, light: Any, around: "Around", textured: bool, woven: bool, hemmed: bool) -> None:
         self.raster, self.light = raster, light
-        self.around, self.textured, self.woven = around, textured, woven
+        self.around, self.textured, self.woven, self.hemmed = around, textured, woven, hemmed
         self.width, self.height = raster.w // raster.samples, raster.h // raster.samples
         self.turns = raster.turns(self.height)
 
@@ -56,7 +56,7 @@ class Shader:
     def _shade(self, p: ti.types.ndarray(), x: ti.types.ndarray(), normals: ti.types.ndarray(),
                faces: ti.types.ndarray(), corner_uv: ti.types.ndarray(), colors: ti.types.ndarray(), backs: ti.types.ndarray(),
                owner: ti.types.ndarray(), objects: ti.types.ndarray(), texels: ti.types.ndarray(),
-               levels: ti.types.ndarray(), decode: ti.types.ndarray(), rows: ti.types.ndarray(), paint: ti.types.ndarray(),
+               levels: ti.types.ndarray(), decode: ti.types.ndarray(), borders: ti.types.ndarray(), rows: ti.types.ndarray(), paint: ti.types.ndarray(),
                image: ti.types.ndarray()):
         """Each face that is seen in a pixel is shaded once there, in the middle of the samples that see it."""
         n = self.raster.samples
@@ -75,7 +75,7 @@ class Shader:
                         at /= count
                         if f >= 0:
                             color = self.surface(f, at, ti.sqrt(count), row, column, p, x, normals, faces, corner_uv, colors,
-                                                 backs, owner, objects, texels, levels, decode, rows, paint)
+                                                 backs, owner, objects, texels, levels, decode, borders, rows, paint)
                             total += count * ti.Vector([color[0], color[1], color[2], 1.0])
                         else:
                             total += count * self.background(at, row, column, rows)
@@ -86,7 +86,7 @@ class Shader:
     def surface(self, f, at, wide, row, column, p: ti.template(), x: ti.template(), normals: ti.template(), faces: ti.template(),
                 corner_uv: ti.template(), colors: ti.template(), backs: ti.template(), owner: ti.template(),
                 objects: ti.template(), texels: ti.template(), levels: ti.template(), decode: ti.template(),
-                rows: ti.template(), paint: ti.template()):
+                borders: ti.template(), rows: ti.template(), paint: ti.template()):
         """Colour of a face at a place of the picture; wide: of a square of so many samples."""
         i, j, l = faces[f, 0], faces[f, 1], faces[f, 2]
         a, b, c = corner(p, i), corner(p, j), corner(p, l)
@@ -121,6 +121,11 @@ class Shader:
                         u, v, shade = finish.threads(uv, footprint(f, corner_uv, area) * self.raster.samples, objects, owner[f])
                         base *= shade
                         n = tilted(n, u, v, f, faces, x, corner_uv)
+            if ti.static(self.hemmed):
+                if objects[owner[f], finish.HEM] > 0:
+                    u, v, shade = finish.hemmed(uv, footprint(f, corner_uv, area) * self.raster.samples, borders, f, objects, owner[f])
+                    base *= shade
+                    n = tilted(n, u, v, f, faces, x, corner_uv)
         if rows[CLOTH, 2] > 0:
             base *= wire(a, b, c, area, flat_k, self.raster.samples)
         reached, open_sky = self.light.at(position, flat, row, column, rows)
@@ -162,7 +167,7 @@ class Shader:
         out = corner(rows, FLOOR)
         if ti.static(self.around.floor == "checker"):
             width = t / (rows[PLACE, 0] * self.height * ti.max(-ray[1], 0.02))  # of a pixel on the ground, along the view
-            base = 0.42 + 0.12 * soft_checker(ti.Vector([hit[0], hit[2]]) / rows[PLACE, 2], width / rows[PLACE, 2])
+            base = 0.45 + 0.06 * soft_checker(ti.Vector([hit[0], hit[2]]) / rows[PLACE, 2], width / rows[PLACE, 2])
             out = base * ti.Vector([1.0, 0.98, 0.95])
         return out
 

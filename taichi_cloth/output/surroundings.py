@@ -19,7 +19,7 @@ def soft_checker(q, width):
 @ti.func
 def sky(ray, rows: ti.template()):
     """Colour of the sky in a direction."""
-    t = ti.max(ray[1], 0.0)
+    t = ti.sqrt(ti.max(ray[1], 0.0))  # paler only near the horizon
     return corner(rows, HORIZON) * (1 - t) + corner(rows, ZENITH) * t
 
 

@@ -107,6 +107,8 @@ class Appearance:
         sheen: light that fibres throw along outlines, as velvet does, 0 to 1 (0.1).
         specular: part of the light that is thrown back in a highlight where it falls straight on the cloth, 0 to 1 (0.015);
             roughness: how wide that is, from 0.1, silk, to 1 (0.6).
+        hem: width [m] of a hem along borders that are not sewn; None for none.
+        thickness: [m] with which the cloth is drawn, half of it to each side, and walls along borders; None draws a sheet.
     """
 
     color: str | Color | None = None
@@ -118,6 +120,8 @@ class Appearance:
     sheen: float | None = None
     specular: float | None = None
     roughness: float | None = None
+    hem: float | None = None
+    thickness: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("color", "back"):
@@ -129,6 +133,9 @@ class Appearance:
             object.__setattr__(self, name, checks.maybe(
                 getattr(self, name), lambda what, v, least=least: checks.number(what, v, least=least, most=1.0),
                 f"appearance {name}"))
+        for name in ("hem", "thickness"):
+            object.__setattr__(self, name, checks.maybe(
+                getattr(self, name), lambda what, v: checks.number(what, v, "m", positive=True), f"appearance {name}"))
         if self.panels is not None:
             if not isinstance(self.panels, Mapping):
                 raise SceneError(f"appearance panels = {shown(self.panels)}: must be colours by the names of a mesh's groups")
@@ -141,9 +148,9 @@ class Appearance:
                              for f in fields(self)})
 
     @property
-    def shine(self) -> tuple[float | None, float | None, float | None]:
-        """Sheen, specular, roughness."""
-        return self.sheen, self.specular, self.roughness
+    def surface(self) -> tuple[float | None, ...]:
+        """Sheen, specular, roughness, hem, thickness."""
+        return self.sheen, self.specular, self.roughness, self.hem, self.thickness
 
     @property
     def has_squares(self) -> bool:
