@@ -21,6 +21,8 @@ def look_flags(parser: argparse.ArgumentParser) -> None:
     add("--background", metavar="COLOR", help="sky, transparent, or a colour: crimson, #dc143c")
     add("--floor", metavar="KIND", help="checker, plain, shadow (nothing but shadows), none, or a colour")
     add("--light", type=_light, metavar="NAME", help="day, studio, sun, soft, or X,Y,Z: the day's with a direction to the key light")
+    add("--aperture", type=number_of, default=0.0, metavar="M", help="diameter of the lens [m]: what is out of focus is blurred")
+    add("--focus", type=number_of, metavar="M", help="distance that is sharp [m]; the middle of the cloth where absent")
     add("--color", action="append", default=[], metavar="[CLOTH=]COLOR", help="of all cloths or of one")
     add("--back", action="append", default=[], metavar="[CLOTH=]COLOR", help="of the other side")
     add("--texture", action="append", default=[], metavar="[CLOTH=]FILE[@SIZE]",
@@ -63,8 +65,9 @@ def look_of(args: argparse.Namespace) -> dict:
 
     if args.heat:
         checks.choice("quantity", args.heat, QUANTITIES)
-    names = "quality", "wire", "caption", "orbit", "follow", "background", "floor", "light", "smooth", "bits"
-    look = {**{name: getattr(args, name) for name in names}, "camera": _cameras(args.camera), "cloths": _cloths(args)}
+    names = "quality", "wire", "caption", "orbit", "follow", "background", "floor", "light", "smooth", "bits", \
+        "aperture", "focus"
+    look = {**{name: getattr(args, name) for name in names}, "shutter": getattr(args, "shutter", 0.0), "camera": _cameras(args.camera), "cloths": _cloths(args)}
     Look(**look)  # what is wrong with it is said before anything runs
     return {**look, "heat": (args.heat, args.range) if args.heat else None}
 

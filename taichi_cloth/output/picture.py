@@ -12,12 +12,17 @@ from .camera import ground_height
 from .colors import draw_bar, heat_colors
 from .described import view_of
 from .drawn import Frame, shell_of, surfaces
+from .exposure import between, focused, spots, through
 from .framing import fit_all, fit_round
 from .look import Look
 from .passes import PassRaster
 from .renderer import Renderer, developed
 from .smooth import Smooth
 from .text import draw_text
+
+
+EXPOSURES = {"fast": 16, "standard": 32, "high": 96}  # where a picture is the mean of many
+Next = tuple[Frame | None, float] | None
 
 
 class Artist:
@@ -46,30 +51,53 @@ class Artist:
         view = self._placed(view, first, frames)
         self.camera = view.camera
         view = replace(view, camera=camera_at(view.camera, 0.0))
-        self.renderer = Renderer(*size, surfaces(geometry, look, self.smooth, self.shell), first, view, look.quality)
+        self.renderer = Renderer(*size, surfaces(geometry, look, self.smooth, self.shell), first, view, look.quality, look.exposed)
         self._passes: PassRaster | None = None
 
-    def draw(self, frame: Frame, number: int = 0, colors: np.ndarray | None = None) -> np.ndarray:
+    def draw(self, frame: Frame, number: int = 0, colors: np.ndarray | None = None, next_: Next = None) -> np.ndarray:
         """(height, width, 3) picture of a frame, uint8 or uint16; (height, width, 4) where the background is transparent.
 
         Args:
             colors: (n, 3) linear RGB of vertices, instead of the look's; there is no caption then.
+            next_: as in `light`.
         """
-        image = developed(self.light(frame, colors), self.look.bits, self.renderer.transparent)
+        image = developed(self.light(frame, colors, next_), self.look.bits, self.renderer.transparent)
         return self.captioned(image, frame, number) if colors is None else image
 
-    def light(self, frame: Frame, colors: np.ndarray | None = None) -> np.ndarray:
-        """(height, width, 4) f32 linear RGB of a frame, multiplied by its alpha; no caption."""
+    def light(self, frame: Frame, colors: np.ndarray | None = None, next_: Next = None) -> np.ndarray:
+        """(height, width, 4) f32 linear RGB of a frame, multiplied by its alpha; no caption.
+
+        Args:
+            next_: the frame after it, None at the end, and the time between frames [s]; for a shutter.
+        """
         look = self.look
         self._follow(frame)
-        self._aim(frame)
         if look.heat is not None and colors is None:
             colors = heat_colors(look.heat.values(frame), *look.heat.range, look.heat.diverging)
         if colors is not None and self.smooth is not None:
             colors = self.smooth.linear(colors)
         if colors is not None and self.shell is not None:
             colors = self.shell.linear(colors)
+        if look.exposed:
+            return self._exposed(frame, colors, next_ or (None, 0.0))
+        self._aim(frame)
         return self.renderer.light_of(self.points(frame), colors, look.wire)
+
+    def _exposed(self, frame: Frame, colors: np.ndarray | None, next_: tuple[Frame | None, float]) -> np.ndarray:
+        """The mean of many exposures."""
+        look, r = self.look, self.renderer
+        count, total = EXPOSURES[look.quality], np.zeros((self.size[1], self.size[0], 4), np.float32)
+        pinhole = r.camera
+        for k, (time, lens, pixel) in enumerate(spots(count)):
+            moment = between(frame, next_[0], time * look.shutter, next_[1]) if look.shutter else frame
+            r.camera = pinhole
+            self._aim(moment)
+            pinhole = r.camera
+            focus = focused(pinhole, look.focus, moment["x"] if len(moment["x"]) else self.geometry["solid_x"])
+            r.camera = through(pinhole, lens * look.aperture / 2, focus, pixel / self.size[1])
+            total += r.light_of(self.points(moment), colors, look.wire, k)
+        r.camera = pinhole
+        return total / count
 
     def captioned(self, image: np.ndarray, frame: Frame, number: int = 0) -> np.ndarray:
         """The same picture with what is written into it."""
@@ -128,7 +156,7 @@ class Artist:
             self.smooth = Smooth(g["faces"], len(g["x"]), look.smooth, g.get("sewn"))
         self.shell = shell_of(g, look, self.smooth)
         x = np.concatenate([g["x"], g["solid_x"]])
-        self.renderer = Renderer(*self.size, surfaces(g, look, self.smooth, self.shell), x, old.view, look.quality)
+        self.renderer = Renderer(*self.size, surfaces(g, look, self.smooth, self.shell), x, old.view, look.quality, look.exposed)
         self.renderer.camera = old.camera
 
     def _aim(self, frame: Frame) -> None:

@@ -25,7 +25,7 @@ from .traced_light import TracedLight
 from .uniforms import uniforms
 
 QUALITY = {"fast": (2, 0, 0), "standard": (2, 2, 4), "high": (3, 6, 12)}  # samples an axis, shadow and ambient rays each
-PLAIN = (0.48, 0.4704, 0.456)  # the floor's colour, the mean of its squares
+EXPOSED = {"fast": (1, 0, 0), "standard": (1, 1, 1), "high": (1, 1, 2)}  # in one of many exposures
 
 
 class Renderer:
@@ -35,11 +35,12 @@ class Renderer:
         width, height: of the picture [pixels].
         x: (n, 3) first positions [m], by which ground and shadows take their size.
         view: with one camera; what is round the cloth.
-        quality: one of QUALITY.
+        quality: one of QUALITY; exposed: whether a picture is the mean of many exposures.
     """
 
-    def __init__(self, width: int, height: int, surfaces: Surfaces, x: np.ndarray, view: View, quality: str = "fast") -> None:
-        samples, *rays = QUALITY[checks.choice("quality", quality, QUALITY)]
+    def __init__(self, width: int, height: int, surfaces: Surfaces, x: np.ndarray, view: View, quality: str = "fast",
+                 exposed: bool = False) -> None:
+        samples, *rays = (EXPOSED if exposed else QUALITY)[checks.choice("quality", quality, QUALITY)]
         self.surfaces = surfaces
         self.camera = frame(checks.instance("renderer: view camera", view.camera, Camera))
         self.ground = ground_height(x, view)
@@ -88,8 +89,12 @@ class Renderer:
         """
         return developed(self.light_of(x, colors, wire), bits, self.transparent)
 
-    def light_of(self, x: np.ndarray, colors: np.ndarray | None = None, wire: bool = False) -> np.ndarray:
-        """(height, width, 4) f32 linear RGB, already multiplied by the alpha behind it; see `render`."""
+    def light_of(self, x: np.ndarray, colors: np.ndarray | None = None, wire: bool = False, exposure: int = 0) -> np.ndarray:
+        """(height, width, 4) f32 linear RGB, already multiplied by the alpha behind it; see `render`.
+
+        Args:
+            exposure: its number, where a picture is the mean of many: rays of each go other ways.
+        """
         if self.generation != runtime.generation():
             raise BackendError("this renderer ended when a simulation was started with a different arch, precision or number "
                                "of threads: make another")
@@ -99,7 +104,7 @@ class Renderer:
         self.raster.see(screen, s.faces, c.near)
         shadow = self.lighting.prepare(x, s.faces, self.light)
         rows = uniforms(c, self.light, self.ground, self.tile, shadow, self.checks, s.cloth_faces, wire, colors is not None,
-                        self.size, rgb(self.view.background), rgb(self.view.drawn_floor), self.rig)
+                        self.size, rgb(self.view.background, self.rig), rgb(self.view.drawn_floor, self.rig), self.rig, exposure)
         paint = np.zeros((1, 3), dtype=np.float32) if colors is None else np.ascontiguousarray(colors, dtype=np.float32)
         points, normals = x.astype(np.float32), vertex_normals(x, s.faces).astype(np.float32)
         self.lighting.trace(screen, points, s.faces, rows)
@@ -122,9 +127,9 @@ def around_of(view: View, rig: Rig) -> Around:
                   any(rig.power), any(rig.fill + rig.rim))
 
 
-def rgb(color: str | Color) -> np.ndarray:
+def rgb(color: str | Color, rig: Rig) -> np.ndarray:
     """(3,) linear RGB; that of the plain floor for what is no colour."""
-    return np.array(PLAIN if isinstance(color, str) else color)
+    return np.array(rig.floor if isinstance(color, str) else color)
 
 
 def developed(light: np.ndarray, bits: int, alpha: bool) -> np.ndarray:

@@ -7,7 +7,8 @@ import numpy as np
 from ..scene.view import Color
 from .camera import Frame
 
-WHITE, DARK = (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)
+DARK = (0.0, 0.0, 0.0)
+PLAIN = (0.48, 0.4704, 0.456)  # the mean of the floor's squares
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,7 @@ class Rig:
             is seen.
         fill, rim: directions, as long as they are strong, of lights that throw no shadow: into the shadows, and along edges.
         up, down: light from the sky above and from the ground below; zenith, horizon: colours of the sky that is seen.
+        floor: colour of a plain floor.
         turned: whether directions are in the camera's axes (right, up, back), as if lights were set up round it.
     """
 
@@ -31,6 +33,7 @@ class Rig:
     horizon: Color
     fill: Color = DARK
     rim: Color = DARK
+    floor: Color = PLAIN
     turned: bool = False
 
 
@@ -38,11 +41,12 @@ DAY = Rig((0.45, 0.8, 0.5), (0.76, 0.76, 0.76), 0.06, (0.315, 0.344, 0.389), (0.
           (0.42, 0.60, 0.86), (0.80, 0.86, 0.93))
 RIGS = {
     "day": DAY,
-    "studio": Rig((-0.70, 1.0, 0.65), (0.86, 0.83, 0.79), 0.22, (0.17, 0.175, 0.185), (0.12, 0.115, 0.11),
-                  (0.03, 0.034, 0.042), (0.33, 0.335, 0.35), (0.14, 0.03, 0.07), (0.40, 0.30, -0.45), True),
+    "studio": Rig((-0.95, 0.95, 0.45), (0.88, 0.86, 0.83), 0.2, (0.20, 0.205, 0.215), (0.17, 0.165, 0.16),
+                  (0.52, 0.525, 0.54), (0.64, 0.64, 0.65), (0.18, 0.04, 0.12), (0.45, 0.35, -0.45), (0.80, 0.79, 0.78), True),
     "sun": Rig((0.75, 0.62, 0.45), (1.02, 0.90, 0.72), 0.0047, (0.17, 0.23, 0.34), (0.13, 0.11, 0.09),
                (0.16, 0.36, 0.74), (0.66, 0.78, 0.92)),
-    "soft": Rig((0.0, 1.0, 0.0), DARK, 0.0, (0.98, 0.99, 1.0), (0.42, 0.41, 0.40), (0.80, 0.84, 0.90), (0.90, 0.91, 0.92)),
+    "soft": Rig((0.0, 1.0, 0.0), DARK, 0.0, (0.98, 0.99, 1.0), (0.42, 0.41, 0.40), (0.70, 0.74, 0.80), (0.72, 0.72, 0.73),
+                floor=(0.72, 0.715, 0.71)),
 }
 
 

@@ -9,7 +9,7 @@ from .coverage import corner, edge, spot, weights
 from .ground import FADE, ground_at
 from .raster import Raster
 from .rays import RayTree
-from .uniforms import EYE, LIGHT, PLACE, SCENE, SIDE
+from .uniforms import EYE, LENS, LIGHT, PLACE, SCENE, SIDE
 
 REACH = 2  # pixels around that share what rays found
 ACROSS = 2 * REACH + 1
@@ -87,7 +87,7 @@ class TracedLight:
         dark, closed = 0.0, 0.0
         first, last = self._worth(place, OCCLUDE * size, light, rows[SCENE, 2])
         for s in range(first, last):
-            u, w = spread(row, column, s)
+            u, w = spread(row, column, s, rows[LENS, 2])
             r = ti.sqrt(u)
             way, reach = ti.sqrt(1 - u) * flat + r * (ti.cos(w) * side + ti.sin(w) * other), OCCLUDE * size
             if s < self.shadow_rays:
@@ -135,12 +135,12 @@ class TracedLight:
 
 
 @ti.func
-def spread(row, column, s):
+def spread(row, column, s, exposure):
     """A point of [0, 1) x [0, 2 pi) for ray s of a pixel.
 
     Pixels that share what they found have different parts of one low-discrepancy sequence, all of it together: where they see
     one surface there is no noise. [A. Keller, W. Heidrich: Interleaved Sampling, 2001]
     """
-    k = row % ACROSS * ACROSS + column % ACROSS + ACROSS * ACROSS * s + 0.5
+    k = row % ACROSS * ACROSS + column % ACROSS + ACROSS * ACROSS * (s + 16 * exposure) + 0.5
     a, b = 0.7548777 * k, 0.5698403 * k
     return a - ti.floor(a), 6.2831853 * (b - ti.floor(b))

@@ -19,11 +19,13 @@ POWER = 14  # linear RGB of the key light
 FILL, RIM = 15, 16  # directions of lights without shadows, as long as they are strong
 UP, DOWN = 17, 18  # linear RGB of the light from above and from below
 ZENITH, HORIZON = 19, 20  # linear RGB of the sky
+LENS = 21  # by how much the picture is moved, right and up [picture heights]; number of the exposure
 
 
 def uniforms(camera: Frame, light: np.ndarray, ground: float, tile: float, shadow: np.ndarray, checks: float, cloth_faces: int,
-             wire: bool, painted: bool, size: float, background: np.ndarray, floor: np.ndarray, rig: Rig) -> np.ndarray:
-    """(21, 3) f32 rows, as named above; light: (3, 3) two rows across it, and towards it."""
+             wire: bool, painted: bool, size: float, background: np.ndarray, floor: np.ndarray, rig: Rig, exposure: int = 0) -> np.ndarray:
+    """(22, 3) f32 rows, as named above; light: (3, 3) two rows across it, and towards it."""
     rows = [*camera.axes, camera.eye, *light, [camera.focal, ground, tile], *shadow, [checks, cloth_faces, wire],
-            [painted, size, rig.size], background, floor, rig.power, rig.fill, rig.rim, rig.up, rig.down, rig.zenith, rig.horizon]
+            [painted, size, rig.size], background, floor, rig.power, rig.fill, rig.rim, rig.up, rig.down, rig.zenith, rig.horizon,
+            [*camera.shift, exposure]]
     return np.array(rows, dtype=np.float32)
