@@ -40,7 +40,8 @@ def view_of(g: dict[str, np.ndarray]) -> View:
 
 def of_appearances(looks: Sequence[Appearance]) -> dict[str, np.ndarray]:
     """`cloth_colors` and, where they are anything more, `cloth_backs` (NaN where left to the renderer), `cloth_finish`
-    (squares or NaN, weave, its spacing [m], relief), `cloth_surface` (sheen, specular, roughness, hem [m], thickness [m], or NaN), `texture_K` and `texture_place_K` (size, origin or NaN, repeat)."""
+    (squares or NaN, weave, its spacing [m], relief), `cloth_surface` (sheen, specular, roughness, hem [m], thickness [m], or
+    NaN), `texture_K` and `texture_place_K` (size, origin or NaN, repeat)."""
     out = {"cloth_colors": np.array([look.color or (np.nan,) * 3 for look in looks]).reshape(-1, 3)}
     for k, look in enumerate(looks):
         if look.texture is not None:

@@ -1,4 +1,4 @@
-"""What a recorded geometry is drawn of: its triangles with their colours, finer and with a thickness where that is asked for."""
+"""What a recorded geometry is drawn of: triangles with their colours, finer and with a thickness where that is asked for."""
 
 import numpy as np
 

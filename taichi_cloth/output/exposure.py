@@ -11,7 +11,7 @@ STEPS = (0.8566749, 0.7338919, 0.6287067, 0.5385973)  # of a low-discrepancy seq
 
 
 def spots(count: int) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
-    """Part of the time [0, 1), (2,) a point of the lens in the circle of radius 1, (2,) of the pixel, +-1/2, of each exposure."""
+    """Of each exposure: part of the time [0, 1), (2,) point of the lens in a circle of radius 1, (2,) of the pixel, +-1/2."""
     for k in range(count):
         u, w, *pixel = (0.5 + k * np.array(STEPS)) % 1
         lens = np.sqrt(u) * np.array([np.cos(2 * np.pi * w), np.sin(2 * np.pi * w)])
@@ -19,7 +19,7 @@ def spots(count: int) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
 
 
 def through(camera: Frame, lens: np.ndarray, focus: float, pixel: np.ndarray) -> Frame:
-    """A camera from a point of its lens (2,) [m], which leaves the plane at the distance `focus` [m] where it was in the picture.
+    """A camera from a point of its lens (2,) [m]; the plane at the distance `focus` [m] stays where it is in the picture.
 
     Args:
         pixel: (2,) by how much the picture is moved [picture heights].
@@ -33,7 +33,8 @@ def focused(camera: Frame, focus: float | None, x: np.ndarray) -> float:
     return focus if focus is not None else max(float(camera.axes[2] @ (camera.eye - x.mean(axis=0))), 10 * camera.near)
 
 
-def between(frame: dict[str, np.ndarray], after: dict[str, np.ndarray] | None, part: float, step: float) -> dict[str, np.ndarray]:
+def between(frame: dict[str, np.ndarray], after: dict[str, np.ndarray] | None, part: float,
+            step: float) -> dict[str, np.ndarray]:
     """A frame at a part of the time until the next one: cloth by cubics with its velocities, solids along straight lines.
 
     Args:

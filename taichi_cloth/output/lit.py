@@ -36,7 +36,10 @@ def lit(base, n, view, reached, open_sky, objects: ti.template(), o, rows: ti.te
 
 @ti.func
 def gloss(n, view, way, objects: ti.template(), o):
-    """What a surface throws back of light from a direction, by what white cloth does. [J. Blinn 1977, normalised; C. Schlick 1994]"""
+    """What a surface throws back of light from a direction, by what white cloth does.
+
+    [J. Blinn: Models of Light Reflection, 1977, normalised; C. Schlick: An Inexpensive BRDF Model, 1994]
+    """
     half = (way + view).normalized(1e-12)
     least, sharp = objects[o, SPECULAR], objects[o, SHARPNESS]
     part = least + (ti.min(50 * least, 1.0) - least) * (1 - ti.max(half.dot(view), 0.0)) ** 5

@@ -20,7 +20,6 @@ from .renderer import Renderer, developed
 from .smooth import Smooth
 from .text import draw_text
 
-
 EXPOSURES = {"fast": 16, "standard": 32, "high": 96}  # where a picture is the mean of many
 Next = tuple[Frame | None, float] | None
 
@@ -51,7 +50,8 @@ class Artist:
         view = self._placed(view, first, frames)
         self.camera = view.camera
         view = replace(view, camera=camera_at(view.camera, 0.0))
-        self.renderer = Renderer(*size, surfaces(geometry, look, self.smooth, self.shell), first, view, look.quality, look.exposed)
+        drawn = surfaces(geometry, look, self.smooth, self.shell)
+        self.renderer = Renderer(*size, drawn, first, view, look.quality, look.exposed)
         self._passes: PassRaster | None = None
 
     def draw(self, frame: Frame, number: int = 0, colors: np.ndarray | None = None, next_: Next = None) -> np.ndarray:
@@ -156,7 +156,8 @@ class Artist:
             self.smooth = Smooth(g["faces"], len(g["x"]), look.smooth, g.get("sewn"))
         self.shell = shell_of(g, look, self.smooth)
         x = np.concatenate([g["x"], g["solid_x"]])
-        self.renderer = Renderer(*self.size, surfaces(g, look, self.smooth, self.shell), x, old.view, look.quality, look.exposed)
+        drawn = surfaces(g, look, self.smooth, self.shell)
+        self.renderer = Renderer(*self.size, drawn, x, old.view, look.quality, look.exposed)
         self.renderer.camera = old.camera
 
     def _aim(self, frame: Frame) -> None:

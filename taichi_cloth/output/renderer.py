@@ -24,7 +24,8 @@ from .surfaces import Surfaces
 from .traced_light import TracedLight
 from .uniforms import uniforms
 
-QUALITY = {"fast": (2, 0, 0), "standard": (2, 2, 4), "high": (3, 6, 12)}  # samples an axis, shadow and ambient rays each
+LARGE = 0.1  # size of a light whose wide shadows take twice the rays
+QUALITY = {"fast": (2, 0, 0), "standard": (2, 1, 2), "high": (3, 6, 12)}  # samples an axis, shadow and ambient rays each
 EXPOSED = {"fast": (1, 0, 0), "standard": (1, 1, 1), "high": (1, 1, 2)}  # in one of many exposures
 
 
@@ -57,8 +58,9 @@ class Renderer:
         self.raster = Raster(fields, width * samples, height * samples, samples, 0 if rays[0] else MAP * MAP)
         self.lighting: Any = ShadowMap(self.raster)
         if rays[0]:
+            shadow = (rays[0] if around.key else 0) * (2 if self.rig.size > LARGE else 1)
             self.lighting = TracedLight(fields, self.raster, samples, around.floor != "none", len(surfaces.faces),
-                                        (rays[0], rays[1]))
+                                        (shadow, rays[1]))
         fields.allocate()
         self.fields = fields  # given back when nobody has the renderer any more
         self.shader = Shader(self.raster, self.lighting, around, surfaces.textured, surfaces.woven, surfaces.hemmed)
@@ -103,8 +105,9 @@ class Renderer:
         screen = c.project(x, self.raster.w, self.raster.h).astype(np.float32)
         self.raster.see(screen, s.faces, c.near)
         shadow = self.lighting.prepare(x, s.faces, self.light)
+        behind, floor = (rgb(color, self.rig) for color in (self.view.background, self.view.drawn_floor))
         rows = uniforms(c, self.light, self.ground, self.tile, shadow, self.checks, s.cloth_faces, wire, colors is not None,
-                        self.size, rgb(self.view.background, self.rig), rgb(self.view.drawn_floor, self.rig), self.rig, exposure)
+                        self.size, behind, floor, self.rig, exposure)
         paint = np.zeros((1, 3), dtype=np.float32) if colors is None else np.ascontiguousarray(colors, dtype=np.float32)
         points, normals = x.astype(np.float32), vertex_normals(x, s.faces).astype(np.float32)
         self.lighting.trace(screen, points, s.faces, rows)

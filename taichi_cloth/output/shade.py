@@ -56,8 +56,8 @@ class Shader:
     def _shade(self, p: ti.types.ndarray(), x: ti.types.ndarray(), normals: ti.types.ndarray(),
                faces: ti.types.ndarray(), corner_uv: ti.types.ndarray(), colors: ti.types.ndarray(), backs: ti.types.ndarray(),
                owner: ti.types.ndarray(), objects: ti.types.ndarray(), texels: ti.types.ndarray(),
-               levels: ti.types.ndarray(), decode: ti.types.ndarray(), borders: ti.types.ndarray(), rows: ti.types.ndarray(), paint: ti.types.ndarray(),
-               image: ti.types.ndarray()):
+               levels: ti.types.ndarray(), decode: ti.types.ndarray(), borders: ti.types.ndarray(), rows: ti.types.ndarray(),
+               paint: ti.types.ndarray(), image: ti.types.ndarray()):
         """Each face that is seen in a pixel is shaded once there, in the middle of the samples that see it."""
         n = self.raster.samples
         for t in range(self.turns):
@@ -83,9 +83,9 @@ class Shader:
                     image[row, column, c] = ti.cast(total[c] / (n * n), ti.f32)
 
     @ti.func
-    def surface(self, f, at, wide, row, column, p: ti.template(), x: ti.template(), normals: ti.template(), faces: ti.template(),
-                corner_uv: ti.template(), colors: ti.template(), backs: ti.template(), owner: ti.template(),
-                objects: ti.template(), texels: ti.template(), levels: ti.template(), decode: ti.template(),
+    def surface(self, f, at, wide, row, column, p: ti.template(), x: ti.template(), normals: ti.template(),
+                faces: ti.template(), corner_uv: ti.template(), colors: ti.template(), backs: ti.template(),
+                owner: ti.template(), objects: ti.template(), texels: ti.template(), levels: ti.template(), decode: ti.template(),
                 borders: ti.template(), rows: ti.template(), paint: ti.template()):
         """Colour of a face at a place of the picture; wide: of a square of so many samples."""
         i, j, l = faces[f, 0], faces[f, 1], faces[f, 2]
@@ -104,28 +104,29 @@ class Shader:
             n = -n
             flat = -flat
             base, front = corner(backs, f), 0
-        uv = ti.Vector([0.0, 0.0])
+        uv, tilt = ti.Vector([0.0, 0.0]), ti.Vector([0.0, 0.0])
         for d in ti.static(range(2)):
             uv[d] = k[0] * corner_uv[f, 0, d] + k[1] * corner_uv[f, 1, d] + k[2] * corner_uv[f, 2, d]
         if f < rows[CLOTH, 1] and rows[SCENE, 0] > 0:
             base = k[0] * corner(paint, i) + k[1] * corner(paint, j) + k[2] * corner(paint, l)
         else:
-            seen = footprint(f, corner_uv, area) * wide
-            base = finish.squared(base, uv, seen, rows[CLOTH, 0], objects, owner[f])
-            if ti.static(self.textured or self.woven):
-                if ti.static(self.textured):
-                    if objects[owner[f], finish.TEXTURE] > 0 and (front == 1 or objects[owner[f], finish.BOTH] > 0):
-                        base = finish.printed(base, uv, seen, objects, owner[f], texels, levels, decode)
-                if ti.static(self.woven):
-                    if objects[owner[f], finish.WEAVE] > 0:
-                        u, v, shade = finish.threads(uv, footprint(f, corner_uv, area) * self.raster.samples, objects, owner[f])
-                        base *= shade
-                        n = tilted(n, u, v, f, faces, x, corner_uv)
-            if ti.static(self.hemmed):
-                if objects[owner[f], finish.HEM] > 0:
-                    u, v, shade = finish.hemmed(uv, footprint(f, corner_uv, area) * self.raster.samples, borders, f, objects, owner[f])
+            of_sample, o = footprint(f, corner_uv, area), owner[f]
+            base = finish.squared(base, uv, of_sample * wide, rows[CLOTH, 0], objects, o)
+            if ti.static(self.textured):
+                if objects[o, finish.TEXTURE] > 0 and (front == 1 or objects[o, finish.BOTH] > 0):
+                    base = finish.printed(base, uv, of_sample * wide, objects, o, texels, levels, decode)
+            if ti.static(self.woven):
+                if objects[o, finish.WEAVE] > 0:
+                    u, v, shade = finish.threads(uv, of_sample * self.raster.samples, objects, o)
                     base *= shade
-                    n = tilted(n, u, v, f, faces, x, corner_uv)
+                    tilt += ti.Vector([u, v])
+            if ti.static(self.hemmed):
+                if objects[o, finish.HEM] > 0:
+                    u, v, shade = finish.hemmed(uv, of_sample * self.raster.samples, borders, f, objects, o)
+                    base *= shade
+                    tilt += ti.Vector([u, v])
+            if ti.static(self.woven or self.hemmed):
+                n = tilted(n, tilt[0], tilt[1], f, faces, x, corner_uv)
         if rows[CLOTH, 2] > 0:
             base *= wire(a, b, c, area, flat_k, self.raster.samples)
         reached, open_sky = self.light.at(position, flat, row, column, rows)
@@ -166,7 +167,7 @@ class Shader:
         """Colour of the ground."""
         out = corner(rows, FLOOR)
         if ti.static(self.around.floor == "checker"):
-            width = t / (rows[PLACE, 0] * self.height * ti.max(-ray[1], 0.02))  # of a pixel on the ground, along the view
+            width = t / (rows[PLACE, 0] * self.height * ti.max(-ray[1], 0.02))  # of a pixel, along the view
             base = 0.45 + 0.06 * soft_checker(ti.Vector([hit[0], hit[2]]) / rows[PLACE, 2], width / rows[PLACE, 2])
             out = base * ti.Vector([1.0, 0.98, 0.95])
         return out

@@ -99,7 +99,7 @@ class TracedLight:
                 dark += blocked
             else:
                 closed += blocked
-        return 1 - dark / self.shadow_rays, 1 - 0.85 * closed / self.ambient_rays
+        return 1 - dark / ti.max(self.shadow_rays, 1), 1 - 0.85 * closed / self.ambient_rays
 
     @ti.func
     def _worth(self, place, reach, light, wide):

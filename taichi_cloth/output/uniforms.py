@@ -23,9 +23,10 @@ LENS = 21  # by how much the picture is moved, right and up [picture heights]; n
 
 
 def uniforms(camera: Frame, light: np.ndarray, ground: float, tile: float, shadow: np.ndarray, checks: float, cloth_faces: int,
-             wire: bool, painted: bool, size: float, background: np.ndarray, floor: np.ndarray, rig: Rig, exposure: int = 0) -> np.ndarray:
+             wire: bool, painted: bool, size: float, background: np.ndarray, floor: np.ndarray, rig: Rig,
+             exposure: int = 0) -> np.ndarray:
     """(22, 3) f32 rows, as named above; light: (3, 3) two rows across it, and towards it."""
     rows = [*camera.axes, camera.eye, *light, [camera.focal, ground, tile], *shadow, [checks, cloth_faces, wire],
-            [painted, size, rig.size], background, floor, rig.power, rig.fill, rig.rim, rig.up, rig.down, rig.zenith, rig.horizon,
-            [*camera.shift, exposure]]
+            [painted, size, rig.size], background, floor, rig.power, rig.fill, rig.rim, rig.up, rig.down, rig.zenith,
+            rig.horizon, [*camera.shift, exposure]]
     return np.array(rows, dtype=np.float32)

@@ -57,8 +57,8 @@ def render(what: Drawable, path: str | Path | None = None, frame: int | None = N
         appearance: of all cloths, or appearances by the cloths' names; what they leave open is the scene's.
         smooth: how often triangles' edges are halved, 0 to 3: round outlines, for the picture only.
         bits: of a number, 8 or 16.
-        aperture: diameter of the lens [m]: what is nearer or farther than `focus` [m], None for the cloth's middle, is blurred.
-        shutter: of a recorded run: part of the time until the next frame that the picture takes, 0 to 1; what moves is blurred.
+        aperture: diameter of the lens [m]: blurs what is not as far away as `focus` [m], None for the cloth's middle.
+        shutter: of a recorded run: part of the time until the next frame that the picture takes, 0 to 1; blurs what moves.
 
     Returns:
         (height, width, 3), uint8 or uint16; (height, width, 4) where the background is transparent. A notebook shows it as a
