@@ -85,8 +85,8 @@ class Shader:
     @ti.func
     def surface(self, f, at, wide, row, column, p: ti.template(), x: ti.template(), normals: ti.template(),
                 faces: ti.template(), corner_uv: ti.template(), colors: ti.template(), backs: ti.template(),
-                owner: ti.template(), objects: ti.template(), texels: ti.template(), levels: ti.template(), decode: ti.template(),
-                borders: ti.template(), rows: ti.template(), paint: ti.template()):
+                owner: ti.template(), objects: ti.template(), texels: ti.template(), levels: ti.template(),
+                decode: ti.template(), borders: ti.template(), rows: ti.template(), paint: ti.template()):
         """Colour of a face at a place of the picture; wide: of a square of so many samples."""
         i, j, l = faces[f, 0], faces[f, 1], faces[f, 2]
         a, b, c = corner(p, i), corner(p, j), corner(p, l)
