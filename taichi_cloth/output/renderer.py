@@ -58,9 +58,10 @@ class Renderer:
         self.raster = Raster(fields, width * samples, height * samples, samples, 0 if rays[0] else MAP * MAP)
         self.lighting: Any = ShadowMap(self.raster)
         if rays[0]:
-            shadow = (rays[0] if around.key else 0) * (2 if self.rig.size > LARGE else 1)
+            shadow, ambient = rays if around.key else (0, 2 * rays[1])
+            shadow *= 2 if self.rig.size > LARGE else 1
             self.lighting = TracedLight(fields, self.raster, samples, around.floor != "none", len(surfaces.faces),
-                                        (shadow, rays[1]))
+                                        (shadow, ambient))
         fields.allocate()
         self.fields = fields  # given back when nobody has the renderer any more
         self.shader = Shader(self.raster, self.lighting, around, surfaces.textured, surfaces.woven, surfaces.hemmed)

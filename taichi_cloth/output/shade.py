@@ -151,7 +151,7 @@ class Shader:
                 if t < FADE * rows[PLACE, 2]:
                     reached, open_sky = self.light.at(hit, up_n, row, column, rows)
                 sun, above = corner(rows, POWER) * ti.max(corner(rows, LIGHT)[1], 0.0), corner(rows, UP)
-                fade = ti.exp(-t / (FADE * rows[PLACE, 2])) * ti.min(1.0, -ray[1] * 12)
+                fade = ti.exp(-((t / (FADE * rows[PLACE, 2])) ** 2)) * ti.min(1.0, -ray[1] * 12)
                 if ti.static(self.around.floor == "shadow"):
                     left = (sun[1] * reached + open_sky * above[1]) / (sun[1] + above[1])
                     color *= 1 - fade * (1 - left)
@@ -168,7 +168,7 @@ class Shader:
         out = corner(rows, FLOOR)
         if ti.static(self.around.floor == "checker"):
             width = t / (rows[PLACE, 0] * self.height * ti.max(-ray[1], 0.02))  # of a pixel, along the view
-            base = 0.45 + 0.06 * soft_checker(ti.Vector([hit[0], hit[2]]) / rows[PLACE, 2], width / rows[PLACE, 2])
+            base = 0.455 + 0.05 * soft_checker(ti.Vector([hit[0], hit[2]]) / rows[PLACE, 2], width / rows[PLACE, 2])
             out = base * ti.Vector([1.0, 0.98, 0.95])
         return out
 
