@@ -1,9 +1,10 @@
 """One-line bugs in pictures, and the tests that are to notice them."""
 
 PICTURES = "tests/unit/test_pictures.py"
+LOOKS = "tests/unit/test_looks.py"
 DRAWN = "tests/cli/test_drawn.py"
 OUTPUT = "tests/unit/test_output.py"
-TESTS = (PICTURES, DRAWN, OUTPUT)
+TESTS = (PICTURES, DRAWN, OUTPUT, LOOKS)
 PACKAGE = "taichi_cloth/"
 OUT = PACKAGE + "output/"
 MUTATIONS = (
@@ -51,6 +52,15 @@ MUTATIONS = (
     (PACKAGE + "recording/expected.py", "out.append(start[a.vertices] + max(drop, 0.0) * down)", "pass",
      "a camera that does not foresee that cloth hangs down", PICTURES),
     (PACKAGE + "app/flags.py", 'joined[-1] += "=" + word', "joined.append(word)", "negative numbers are flags", DRAWN),
+    (OUT + "coverage.py", "x + (n - y % n - 0.5) / n", "x + 0.5", "samples of a pixel in two columns", LOOKS),
+    (OUT + "lit.py", "* (sharp + 8) / 8 *", "*", "highlights lose their light", LOOKS),
+    (OUT + "hems.py", "order = np.lexsort((known, away), axis=1)", "order = np.lexsort((away, known), axis=1)",
+     "hems along any borders", LOOKS),
+    (OUT + "shell.py", "[i, i + low, j + low, i, j + low, j]", "[i, j + low, i + low, i, j + low, j]", "walls face inwards",
+     LOOKS),
+    (OUT + "exposure.py", "shift=lens * camera.focal / focus + pixel", "shift=pixel", "nothing is in focus", LOOKS),
+    (OUT + "exposure.py", "step * ((s**3 - 2 * s**2 + s) * v", "step * (0 * v", "cloth stands still at a frame", LOOKS),
+    (OUT + "rig.py", "np.arctan2(back[0], back[2])", "np.arctan2(back[2], back[0])", "a studio's lights stand anywhere", LOOKS),
     (PACKAGE + "colornames.py", "<= 0.04045, encoded / 12.92", "<= 0.04045, encoded / 1.0",
      "dark colours too light", PICTURES),
 )
