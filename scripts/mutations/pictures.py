@@ -60,7 +60,7 @@ MUTATIONS = (
      LOOKS),
     (OUT + "exposure.py", "shift=lens * camera.focal / focus + pixel", "shift=pixel", "nothing is in focus", LOOKS),
     (OUT + "exposure.py", "step * ((s**3 - 2 * s**2 + s) * v", "step * (0 * v", "cloth stands still at a frame", LOOKS),
-    (OUT + "rig.py", "np.arctan2(back[0], back[2])", "np.arctan2(back[2], back[0])", "a studio's lights stand anywhere", LOOKS),
+    (OUT + "rig.py", "np.arctan2(back[0], back[2])", "np.arctan2(back[2], back[0])", "a studio's lights anywhere", LOOKS),
     (PACKAGE + "colornames.py", "<= 0.04045, encoded / 12.92", "<= 0.04045, encoded / 1.0",
      "dark colours too light", PICTURES),
 )

@@ -25,7 +25,7 @@ from .traced_light import TracedLight
 from .uniforms import uniforms
 
 LARGE = 0.1  # size of a light whose wide shadows take twice the rays
-QUALITY = {"fast": (2, 0, 0), "standard": (2, 1, 2), "high": (3, 6, 12)}  # samples an axis, shadow and ambient rays each
+QUALITY = {"fast": (2, 0, 0), "standard": (2, 1, 2), "high": (3, 4, 8)}  # samples an axis, shadow and ambient rays each
 EXPOSED = {"fast": (1, 0, 0), "standard": (1, 1, 1), "high": (1, 1, 2)}  # in one of many exposures
 
 

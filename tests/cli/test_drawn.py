@@ -86,8 +86,9 @@ def test_python_and_the_command_draw_the_same(fallen, tmp_path):
 
 @pytest.mark.slow
 def test_a_shutter_is_open_until_the_next_frame(fallen, tmp_path):
-    """Cloth that goes 4 m/s: its picture reaches as far as it gets until the next frame, of which there is none for the last."""
-    look = {"size": SIZE, "quality": "fast", "background": "transparent", "camera": tc.Camera((0.6, -0.2, 4), (0.6, -0.2, 0), 35)}
+    """Cloth that goes 4 m/s is seen as far as it gets until the next frame, of which there is none for the last."""
+    look = {"size": SIZE, "quality": "fast", "background": "transparent",
+            "camera": tc.Camera((0.6, -0.2, 4), (0.6, -0.2, 0), 35)}
     recording = tc.Recording(fallen)
 
     def ends(frame, **more):
@@ -97,8 +98,9 @@ def test_a_shutter_is_open_until_the_next_frame(fallen, tmp_path):
     first, second, blurred = ends(4), ends(5), ends(4, shutter=1)
     assert second[1] > first[1] + 1 and abs(blurred[0] - first[0]) <= 1 and abs(blurred[1] - second[1]) <= 1
     assert ends(9, shutter=1)[1] > ends(9)[1] + 1
-    assert cli.main(["render", str(fallen), "--to", str(tmp_path), *SMALL, "--frames", "4", "--shutter", "1", "--aperture", "0.1",
-                     "--light", "studio", "--hem", "0.02", "--specular", "0.2:0.3", "--thickness", "0.01"]) == 0
+    assert cli.main(["render", str(fallen), "--to", str(tmp_path), *SMALL, "--frames", "4", "--shutter", "1",
+                     "--aperture", "0.1", "--light", "studio", "--hem", "0.02", "--specular", "0.2:0.3",
+                     "--thickness", "0.01"]) == 0
 
 
 def test_exr_has_light_and_passes(fallen, tmp_path):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth import colornames
 from taichi_cloth.output import rig
 from taichi_cloth.output.camera import frame
 from taichi_cloth.output.exposure import between, spots
@@ -79,8 +78,9 @@ def test_a_highlight_holds_the_light_that_is_thrown_back(geometry, monkeypatch):
 def test_sheen_is_along_outlines(geometry):
     """As much of what white cloth throws back as the cube of what the view is off the normal."""
     steep = Camera((0.5, 0.5, 0.25), (0.5, 0.5, 0), 120)
-    white, matt, velvet = (light(geometry, camera=steep, **PLAIN, cloths={"": tc.Appearance(
-        color, squares=False, sheen=sheen, specular=0)})[60, :, :3] for color, sheen in (("white", 0), ("navy", 0), ("navy", 0.8)))
+    looks = (tc.Appearance(color, squares=False, sheen=sheen, specular=0) for color, sheen in
+             (("white", 0), ("navy", 0), ("navy", 0.8)))
+    white, matt, velvet = (light(geometry, camera=steep, cloths={"": one}, **PLAIN)[60, :, :3] for one in looks)
     across = (np.arange(120) + 0.5 - 60) / 60 * np.tan(np.radians(60))
     cos = 1 / np.sqrt(1 + across**2 + (0.5 / 60 * np.tan(np.radians(60))) ** 2)
     assert velvet - matt == pytest.approx((0.8 * (1 - cos) ** 3)[:, None] * white, abs=1e-5) and (velvet - matt).max() > 0.05
@@ -189,7 +189,8 @@ def test_a_shutter_blurs_by_the_way_that_is_gone(geometry):
 
 def test_between_frames_cloth_falls_as_it_does(rng):
     x, v, g, h = rng.normal(size=(5, 3)), rng.normal(size=(5, 3)), np.array([0, -9.81, 0]), 0.04
-    frames = [{"t": np.array(t), "x": x + t * v + t * t / 2 * g, "v": v + t * g, "solid_x": np.full((1, 3), t)} for t in (0, h)]
+    frames = [{"t": np.array(t), "x": x + t * v + t * t / 2 * g, "v": v + t * g, "solid_x": np.full((1, 3), t)}
+              for t in (0, h)]
     for s in (0.0, 0.3, 1.0):
         out = between(*frames, s, h)
         t = s * h
