@@ -52,10 +52,7 @@ def distance(at: np.ndarray, ends: np.ndarray) -> np.ndarray:
 
 
 def _nearest(known: np.ndarray, away: np.ndarray) -> np.ndarray:
-    """(m, NEAREST) different ones of known (m, k) that are the least away, -1 where there are none; ties by number."""
-    known = np.where(np.isfinite(away), known, -1)
-    order = np.lexsort((known, away), axis=1)
-    known, away = (np.take_along_axis(a, order, axis=1) for a in (known, away))
+    """(m, NEAREST) different ones of known (m, k) that are the least away, the first of those alike; -1 where there are none."""
     out = []
     for _ in range(NEAREST):
         k = away.argmin(axis=1)[:, None]
