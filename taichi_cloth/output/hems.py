@@ -52,7 +52,7 @@ def distance(at: np.ndarray, ends: np.ndarray) -> np.ndarray:
 
 
 def _nearest(known: np.ndarray, away: np.ndarray) -> np.ndarray:
-    """(m, NEAREST) different ones of known (m, k) that are the least away, the first of those alike; -1 where there are none."""
+    """(m, NEAREST) different ones of known (m, k) that are the least away, the first of those alike; -1 for none."""
     out = []
     for _ in range(NEAREST):
         k = away.argmin(axis=1)[:, None]
