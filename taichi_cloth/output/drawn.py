@@ -35,8 +35,9 @@ def joined(geometry: Frame) -> np.ndarray:
     return geometry["sewn"][geometry["faces"]] if "sewn" in geometry else geometry["faces"]
 
 
-def surfaces(geometry: Frame, look: Look, smooth: Smooth | None, shell: Shell | None = None) -> Surfaces:
-    """What is drawn of a geometry: cloths one after the other, then solids."""
+def surfaces(geometry: Frame, look: Look, smooth: Smooth | None, shell: Shell | None = None,
+             whole: Frame | None = None) -> Surfaces:
+    """What is drawn of a geometry: cloths one after the other, then solids; whole: as it was before it tore, for hems."""
     faces, (corner_uv, units), solid_faces = geometry["faces"], image_uv(geometry), geometry["solid_faces"]
     starts, names = geometry["cloth_faces"], [str(name) for name in geometry["cloth_names"]]
     corner_uv = corner_uv * np.repeat(np.where(np.isnan(units), 1.0, units), np.diff(starts))[:, None, None].astype(np.float32)
@@ -56,7 +57,7 @@ def surfaces(geometry: Frame, look: Look, smooth: Smooth | None, shell: Shell | 
     near = np.zeros((1, 8))
     hem = np.array([row[HEM] for row in rows])
     if hem.any():
-        near = borders(joined(geometry), corner_uv.astype(np.float64), hem[owner])
+        near = borders(joined(whole or geometry), corner_uv.astype(np.float64), hem[owner])
     n = len(geometry["x"])
     if smooth is not None:
         faces, corner_uv, n = smooth.faces, smooth.corners(corner_uv), smooth.count

@@ -156,7 +156,7 @@ class Artist:
             self.smooth = Smooth(g["faces"], len(g["x"]), look.smooth, g.get("sewn"))
         self.shell = shell_of(g, look, self.smooth)
         x = np.concatenate([g["x"], g["solid_x"]])
-        drawn = surfaces(g, look, self.smooth, self.shell)
+        drawn = surfaces(g, look, self.smooth, self.shell, g | self._first)
         self.renderer = Renderer(*self.size, drawn, x, old.view, look.quality, look.exposed)
         self.renderer.camera = old.camera
 
