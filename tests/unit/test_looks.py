@@ -181,6 +181,7 @@ def test_a_lens_blurs_by_its_circle_of_confusion(geometry):
     assert edge(aperture=0.15) < 0.6, "the middle of the cloth is sharp"
 
 
+@pytest.mark.slow
 def test_a_shutter_blurs_by_the_way_that_is_gone(geometry):
     moved = {"v": np.broadcast_to([1.5, 0, 0], geometry["x"].shape)}
     after = {"t": np.array(0.1), "x": geometry["x"] + [0.15, 0, 0], "v": moved["v"]}
