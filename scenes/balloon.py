@@ -11,7 +11,8 @@ RADIUS, FILLED, SHUT = 0.22, 0.6, 0.8  # m, s, s
 
 def build(rings: int = 14, pressure: float = 150.0) -> tc.Scene:
     """Rings of either disk's mesh, pressure of the hose [Pa]."""
-    scene = tc.Scene(air=tc.Air(normal=0.4), view=tc.View(tc.Camera((0.75, 0.1, 0.95), (0.02, -0.21, 0.0), 34.0), ground=-0.6))
+    scene = tc.Scene(air=tc.Air(normal=0.4), view=tc.View(
+        tc.Camera((0.52, 0.02, 0.85), (-0.03, -0.21, 0.14), 34.0), ground=-0.6))
     disk = tc.disk(RADIUS, rings, plane="xy")
     n, rim = disk.vertex_count, disk.groups["rim"]
     bulge = np.outer(0.02 * (1 - (disk.x**2).sum(axis=1) / RADIUS**2), [0, 0, 1])

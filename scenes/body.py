@@ -30,7 +30,7 @@ def build(cells: int = 50, data: str = "", friction: float = 0.4, size: float = 
           scale: float = 1.0, clip: str = "") -> tc.Scene:
     """A sheet falls on the figure's head and shoulders while it moves; `itself`: its folds meet each other too; `scale` and
     `clip`: of the file, as tc.load_solid takes them."""
-    scene = tc.Scene(view=tc.View(ground=-0.02, camera=tc.Camera((1.6, 1.5, 2.4), (0, 0.85, 0.05), 36)))
+    scene = tc.Scene(view=tc.View(ground=-0.02, camera=tc.Camera((1.19, 1.48, 1.83), (-0.05, 0.98, 0.02), 36)))
     if data:
         body = tc.load_solid(data, scale, clip=clip or None)
         scene.add_solid(body, friction, THICKNESS, name="body")

@@ -39,7 +39,7 @@ def build(cells: int = 50, mesh: str = "", friction: float = 0.4) -> tc.Scene:
     x = (x - (x.min(axis=0) + x.max(axis=0)) / 2) * (SIZE / np.ptp(x, axis=0).max())
     shape = tc.SolidMesh(x, shape.faces)
     cloth = tc.grid(1.0, cells)
-    scene = tc.Scene(view=tc.View(camera=tc.Camera((1.1, 0.75, 1.5), (0, -0.03, 0), 36)))
+    scene = tc.Scene(view=tc.View(camera=tc.Camera((1.1, 0.76, 1.56), (-0.02, -0.03, 0.03), 36)))
     scene.add_cloth(cloth, tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5)),
                     positions=cloth.x + [-0.5, x[:, 1].max() + THICKNESS + 0.02, 0.5])
     scene.add_solid(shape, friction=friction, thickness=THICKNESS, name="bunny")

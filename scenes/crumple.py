@@ -23,7 +23,7 @@ def size(t: float) -> np.ndarray:
 def build(cells: int = 24, yields: float = 60.0, friction: float = 0.3) -> tc.Scene:
     """Cells along the sheet's side; curvature [1/m] beyond which it stays bent."""
     mesh = tc.grid(SIDE, cells)
-    scene = tc.Scene(air=tc.Air(0.5, 0.1), view=tc.View(tc.Camera((0.28, 0.40, 0.52), (0, 0.03, 0.0), 28.0), ground=0.0))
+    scene = tc.Scene(air=tc.Air(0.5, 0.1), view=tc.View(tc.Camera((0.33, 0.47, 0.65), (-0.01, 0.01, 0), 28.0), ground=0.0))
     u, v = mesh.uv.T / SIDE - 0.5
     start = np.column_stack([SIDE * u, 0.05 + 0.015 * np.sin(7 * u + 2 * v) + 0.008 * np.cos(9 * v - 3 * u), -SIDE * v])
     fabric = tc.Fabric(0.12, tc.Stretch(600, 0.6), tc.Shear(100, 0.1),

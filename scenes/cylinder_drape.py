@@ -14,7 +14,7 @@ RADIUS, LENGTH, THICKNESS = 0.2, 0.8, 0.005
 def build(cells: int = 50, friction: float = 0.3, stretch: float = 1000.0) -> tc.Scene:
     """A sheet of 1 m x 1 m; in the paper 50 cells a side."""
     mesh = tc.grid(1.0, cells)
-    scene = tc.Scene(view=tc.View(ground=-0.75, camera=tc.Camera((1.4, 0.75, 1.8), (0, -0.15, 0), 36)))
+    scene = tc.Scene(view=tc.View(ground=-0.75, camera=tc.Camera((1.16, 0.69, 1.54), (0, -0.06, 0.05), 36)))
     scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(stretch), tc.Shear(stretch / 10), tc.Bend(5e-5)),
                     positions=mesh.x + [-0.5, RADIUS + THICKNESS + 0.05, 0.5])
     scene.add_solid(tc.Cylinder(RADIUS, LENGTH), friction=friction, thickness=THICKNESS, name="cylinder",

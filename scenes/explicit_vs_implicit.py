@@ -14,7 +14,7 @@ DENSITY = 0.2
 def build(cells: int = 20, stretch: float = 20000.0) -> tc.Scene:
     """Cells along a side of 1 m, stretch stiffness [N/m]; held at its upper edge, dropped from horizontal."""
     fabric = tc.Fabric(DENSITY, tc.Stretch(stretch), tc.Shear(stretch / 10), tc.Bend(5e-5))
-    scene = tc.Scene(view=tc.View(reach=0.7))
+    scene = tc.Scene(view=tc.View(reach=0.3))
     cloth = scene.add_cloth(tc.grid(1.0, cells), fabric)
     scene.pin(cloth, "top")
     return scene

@@ -15,8 +15,9 @@ def build(cells: int = 50, size: float = 1.0, stretch: float = 1000.0, density: 
     fabric = tc.Fabric(density, tc.Stretch(stretch, k_d=stretch * 1e-3), tc.Shear(stretch / 10, k_d=stretch * 1e-4),
                        tc.Bend(5e-5, k_d=2e-7))
     scene = tc.Scene(air=tc.Air(normal=0.3, tangential=0.02), view=tc.View(tc.Camera(
-        (1.75 * size, 0.35 * size, 1.75 * size), (0.5 * size, -0.45 * size, -0.1 * size), 38.0), ground=-1.25 * size))
-    cloth = scene.add_cloth(mesh, fabric)
+        (1.57 * size, 0.25 * size, 1.11 * size), (0.34 * size, -0.54 * size, -0.7 * size), 38.0),
+        ground=-1.25 * size, light="studio"))
+    cloth = scene.add_cloth(mesh, fabric, color=tc.Appearance(hem=0.015 * size))
     scene.pin(cloth, "top_left")
     scene.pin(cloth, "top_right")
     return scene

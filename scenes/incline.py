@@ -16,7 +16,7 @@ MU = (0.1, 0.2, 0.3, 0.36, 0.37)
 def build(cells: int = 10) -> tc.Scene:
     """One patch for each coefficient of friction, side by side, each on a plank of its own."""
     slope = rotation_matrix((0.0, 0.0, -ANGLE))
-    scene = tc.Scene(view=tc.View(ground=-1.0, camera=tc.Camera((0.9, 1.1, 3.3), (0.45, -0.25, 0.55), 30)))
+    scene = tc.Scene(view=tc.View(ground=-1.0, camera=tc.Camera((0.88, 1, 3.06), (0.5, -0.16, 0.69), 30)))
     mesh = tc.grid(SIZE, cells)
     for k, mu in enumerate(MU):
         along = (SIZE + GAP) * k

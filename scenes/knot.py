@@ -35,7 +35,7 @@ def build(along: int = 400, across: int = 5, pull: float = 0.43, friction: float
     mesh = tc.strip(length, WIDTH, (along, across))
     row = np.linspace(-WIDTH / 2, WIDTH / 2, across + 1)
     positions = (x[None] + row[:, None, None] * side[None]).reshape(-1, 3)
-    scene = tc.Scene(gravity=None, view=tc.View(camera=tc.Camera((0.25, -0.05, 1.3), (0, -0.05, 0), 36)))
+    scene = tc.Scene(gravity=None, view=tc.View(camera=tc.Camera((0.248, -0.018, 0.754), (0.099, -0.018, -0.017), 36)))
     cloth = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, k_d=1.0), tc.Shear(100, k_d=0.1), tc.Bend(2e-5, k_d=2e-6)),
                             positions=positions, color=(0.6, 0.15, 0.1), contact=tc.ClothContact(THICKNESS, friction))
     for name, k in (("left", 0), ("right", along)):

@@ -22,7 +22,7 @@ def needle() -> tuple[np.ndarray, np.ndarray]:
 def build(cells: int = 30, side: int = 4, friction: float = 0.3) -> tc.Scene:
     """side x side needles under a sheet of 0.8 m x 0.8 m."""
     mesh = tc.grid(0.8, cells)
-    scene = tc.Scene(view=tc.View(ground=-HEIGHT, camera=tc.Camera((1.1, 0.7, 1.5), (0, -0.12, 0), 36)))
+    scene = tc.Scene(view=tc.View(ground=-HEIGHT, camera=tc.Camera((0.87, 0.45, 1.24), (-0.03, -0.22, 0), 36)))
     scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, k_d=0.5), tc.Shear(100, k_d=0.05), tc.Bend(5e-5)),
                     positions=mesh.x + [-0.4, 0.03, 0.4])
     scene.add_solid(tc.Plane(), friction=friction, thickness=THICKNESS, position=(0.0, -HEIGHT, 0.0), name="floor")

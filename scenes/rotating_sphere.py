@@ -19,7 +19,7 @@ def build(cells: int = 40, friction: float = 0.5, turns: float = 0.25) -> tc.Sce
         return 0.0, 2 * math.pi * turns * (s - 0.5 + 0.5 * math.exp(-2 * s)), 0.0
 
     mesh = tc.grid(1.0, cells)
-    scene = tc.Scene(view=tc.View(ground=-1.0, camera=tc.Camera((1.3, 0.8, 1.9), (0, -0.12, 0), 38)))
+    scene = tc.Scene(view=tc.View(ground=-1.0, camera=tc.Camera((0.98, 0.72, 1.52), (-0.04, 0, 0.03), 38)))
     scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, k_d=0.5), tc.Shear(100, k_d=0.05), tc.Bend(5e-5, k_d=1e-6)),
                     positions=mesh.x + [-0.5, RADIUS + THICKNESS + 0.02, 0.5])
     scene.add_solid(tc.Sphere(RADIUS), friction=friction, thickness=THICKNESS, rotation=rotation, name="ball")

@@ -43,7 +43,7 @@ def build(cells: int = 40, stays: float = 0.9) -> tc.Scene:
     yields = (np.pi - 0.1 - stays / (1 - HARDENING)) / size
     fabric = tc.Fabric(0.15, tc.Stretch(600, 0.6), tc.Shear(100, 0.1),
                        tc.Bend(5e-5, 1e-7, friction=2e-4, yield_=yields, hardening=HARDENING))
-    scene = tc.Scene(air=tc.Air(0.6, 0.1), view=tc.View(tc.Camera((0.4, 0.95, 1.85), (0, 0.36, 0.1), 36), ground=0.0))
+    scene = tc.Scene(air=tc.Air(0.6, 0.1), view=tc.View(tc.Camera((0.44, 0.97, 2.06), (-0.02, 0.29, 0.05), 36), ground=0.0))
     look = tc.Appearance((0.55, 0.66, 0.74), squares=False)
     cloth = scene.add_cloth(mesh, fabric, name="shirt", color=look, contact=tc.ClothContact(0.002, 0.2))
     u, v = mesh.uv.T

@@ -28,7 +28,7 @@ def build(pleats: int = 15, cells: int = 2, friction: float = 0.3, ironed: float
     """`pleats` of two sides each, every side `cells` edges wide; `ironed` [rad] is the angle of folds at rest."""
     columns, rows = 2 * pleats * cells, round(LENGTH / WIDTH * cells)
     mesh = tc.grid((2 * pleats * WIDTH, LENGTH), (columns, rows))
-    scene = tc.Scene(air=tc.Air(0.6, 0.1), view=tc.View(ground=0.0, camera=tc.Camera((0.75, 1.15, 1.3), (0, 0.84, 0), 34)))
+    scene = tc.Scene(air=tc.Air(0.6, 0.1), view=tc.View(ground=0.0, camera=tc.Camera((0.49, 1.01, 0.84), (0, 0.81, 0), 34)))
 
     def turn(t: float) -> tuple[float, float, float]:
         return 0.0, TURNED * np.sin(RATE * t) ** 2 * np.sign(np.sin(RATE * t)), 0.0

@@ -15,7 +15,7 @@ def build(cells: int = 50, friction: float = 0.4, stretch: float = 1000.0, heigh
     they pass through each other."""
     mesh = tc.grid(1.0, cells)
     x = mesh.x + [-0.5, RADIUS + THICKNESS + height, 0.5]
-    scene = tc.Scene(view=tc.View(ground=-1.0, camera=tc.Camera((1.3, 0.7, 1.9), (0, -0.12, 0), 38)))
+    scene = tc.Scene(view=tc.View(ground=-1.0, camera=tc.Camera((1, 0.68, 1.55), (-0.03, 0.02, 0.04), 38)))
     scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(stretch), tc.Shear(stretch / 10), tc.Bend(5e-5)), positions=x,
                     contact=tc.ClothContact(THICKNESS, friction) if itself else None)
     scene.add_solid(tc.Sphere(RADIUS), friction=friction, thickness=THICKNESS, name="ball")

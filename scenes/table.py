@@ -13,7 +13,7 @@ def build(cells: int = 40, friction: float = 0.4, mesh: bool = False) -> tc.Scen
     """The cloth is 1.1 m x 1.1 m; `mesh` gives the table top as triangles instead of a box."""
     cloth = tc.grid(1.1, cells)
     x = cloth.x + [-0.55, TOP[1] / 2 + THICKNESS + 0.05, 0.55]
-    scene = tc.Scene(view=tc.View(ground=-0.75, camera=tc.Camera((1.5, 0.9, 2.0), (0, -0.2, 0), 38)))
+    scene = tc.Scene(view=tc.View(ground=-0.75, camera=tc.Camera((1.18, 0.51, 1.64), (-0.02, -0.37, 0.04), 38)))
     scene.add_cloth(cloth, tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5)), positions=x)
     box = tc.Box(TOP)
     scene.add_solid(tc.SolidMesh(*box.core()[:2]) if mesh else box, friction=friction, thickness=THICKNESS, name="top")

@@ -16,7 +16,7 @@ def build(cells: int = 50, friction: float = 0.25, acceleration: float = 8.0) ->
         s, up = max(t - REST, 0.0), SPEED / acceleration
         return (acceleration * min(s, up) ** 2 / 2 + SPEED * max(s - up, 0.0), 0.0, 0.0)
 
-    scene = tc.Scene(view=tc.View(camera=tc.Camera((0.95, 0.85, 1.5), (0.85, 0, 0.0), 50), ground=-0.005))
+    scene = tc.Scene(view=tc.View(camera=tc.Camera((1.15, 0.98, 1.98), (1.02, -0.11, 0.06), 50), ground=-0.005))
     fabric = tc.Fabric(0.2, tc.Stretch(1000, k_d=0.5), tc.Shear(100, k_d=0.05), tc.Bend(5e-5, k_d=1e-6))
     lower = tc.grid((0.8, 0.6), (cells, 3 * cells // 4))
     upper = tc.grid(0.3, 3 * cells // 8)

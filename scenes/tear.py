@@ -11,7 +11,7 @@ SIZE, SLIT = (0.3, 0.2), 0.06
 
 def build(cells: int = 20, strength: float = 300.0, speed: float = 0.12) -> tc.Scene:
     """Cells along the sheet's .3 m, its strength [N/m], at which speed its ends part [m/s]."""
-    scene = tc.Scene(view=tc.View(camera=tc.Camera((0.15, 0.35, 0.75), (0.15, 0.06, 0), 38)))
+    scene = tc.Scene(view=tc.View(camera=tc.Camera((0.15, 0.382, 0.692), (0.15, 0.113, -0.004), 38)))
     mesh = tc.grid(SIZE, (cells, round(cells * 2 / 3)), plane="xy")
     fabric = tc.Fabric(0.15, tc.Stretch(1500, 1.5), tc.Shear(300, 0.3), tc.Bend(3e-5, 3e-7))
     cloth = scene.add_cloth(mesh, fabric, color=(0.62, 0.25, 0.2), tear=tc.Tear(strength, length=0.02))

@@ -15,7 +15,7 @@ def build(cells: int = 28, speed: float = 9.0, gusts: float = 2.5, seed: int = 3
     cells -= cells % 4
     wind = tc.Gusts((0.15 * speed, 0.0, speed), gusts, length=2.0, seed=seed)
     air = tc.Air(wind=lambda x, t: min(1.0, t / RISES) * wind(x, t), drag=1.1, lift=0.9)
-    scene = tc.Scene(air=air, view=tc.View(tc.Camera((3.6, 1.5, -2.6), (0.0, 0.42, 0.0), 34.0), ground=0.0))
+    scene = tc.Scene(air=air, view=tc.View(tc.Camera((2.8, 1.09, -1.88), (0.11, 0.28, 0.07), 34.0), ground=0.0))
     slant = np.hypot(HEIGHT, HALF)
     sheet = tc.grid((SLACK * LENGTH, 2 * SLACK * slant), (cells, cells))
     along, down = sheet.uv[:, 0] / (SLACK * LENGTH), sheet.uv[:, 1] / (SLACK * slant) - 1  # down from the ridge, -1 to 1

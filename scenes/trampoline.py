@@ -16,7 +16,7 @@ def build(rings: int = 24, stretch: float = 3000.0) -> tc.Scene:
     """rings of a disk of radius 1 m, stretch stiffness [N/m]."""
     mesh = tc.disk(1.0, rings)
     fabric = tc.Fabric(0.3, tc.Stretch(stretch, k_d=0.5, b=0.98), tc.Shear(stretch / 5, k_d=0.1), tc.Bend(1e-4, k_d=1e-7))
-    scene = tc.Scene(view=tc.View(tc.Camera((0.0, 1.3, 2.9), (0.0, -0.15, 0.0), 40.0), ground=-0.6))
+    scene = tc.Scene(view=tc.View(tc.Camera((0, 0.99, 2.46), (0, -0.2, 0.08), 40.0), ground=-0.6))
     cloth = scene.add_cloth(mesh, fabric, color=(0.06, 0.19, 0.46))
     scene.pin(cloth, "rim")
     middle = np.flatnonzero(np.linalg.norm(mesh.x, axis=1) < 0.26)

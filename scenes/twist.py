@@ -14,7 +14,7 @@ RADIUS, LENGTH, THICKNESS = 0.1, 0.5, 0.004
 def build(around: int = 64, along: int = 50, turns: float = 2.0, friction: float = 0.2) -> tc.Scene:
     """The tube's ends turn `turns` against each other in 2.5 s, and come together by a third of its length."""
     mesh = tc.cylinder(RADIUS, LENGTH, (around, along))
-    scene = tc.Scene(gravity=None, view=tc.View(camera=tc.Camera((0.75, 0.55, 0.75), (0, 0.25, 0), 36)))
+    scene = tc.Scene(gravity=None, view=tc.View(camera=tc.Camera((0.68, 0.51, 0.68), (0, 0.24, 0), 36)))
     cloth = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(500, k_d=1.0), tc.Shear(50, k_d=0.1), tc.Bend(2e-5, k_d=2e-6)),
                             color=(0.5, 0.12, 0.1), contact=tc.ClothContact(THICKNESS, friction))
     for name, sign in (("bottom", -1), ("top", 1)):

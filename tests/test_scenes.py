@@ -8,6 +8,9 @@ from reference.geometry import against_solids
 
 import taichi_cloth as tc
 from taichi_cloth.app import scenefile
+from taichi_cloth.output.camera import frame
+from taichi_cloth.recording import record
+from taichi_cloth.scene.view import camera_at
 
 pytestmark = pytest.mark.slow
 
@@ -30,6 +33,22 @@ def clear_of_solids(sim: tc.Simulation, frame: int) -> None:
         assert force == pytest.approx(-loads, abs=1e-4 * (1e-3 + np.abs(force).max())), f"frame {frame}"
 
 
+WORN = ("dress_up", "incline", "shirt", "skirt_pleats")  # whose cameras look at the cloth, not at all that it is on
+
+
+def framed(name: str, sim: tc.Simulation, frames: list[dict]) -> None:
+    """All of the motion is in the picture, in its middle, with air round it, and fills it: in pictures of 16:9 and 4:3."""
+    if sim.scene.view.camera is None:
+        return
+    camera, solids = frame(camera_at(sim.scene.view.camera, 0.0)), record.geometry(sim)["solid_x"]
+    x = np.concatenate([f["x"] if name in WORN else np.concatenate([f["x"], f.get("solid_x", solids)]) for f in frames])
+    for width in (640, 480):
+        at = camera.project(x.astype(np.float64), width, 360)[:, :2] / [width, 360]
+        low, high = at.min(axis=0), at.max(axis=0)
+        assert low.min() > 0.04 and high.max() < 0.96 and np.abs((low + high) / 2 - 0.5).max() < 0.1, (low, high)
+        assert (high - low).max() > 0.4
+
+
 def run(name: str, duration: float | None = None, **kwargs) -> tuple[scenefile.SceneFile, tc.Simulation]:
     scene = scenefile.read(str(FOLDER / f"{name}.py"))
     plan = dict(scene.run)
@@ -37,7 +56,14 @@ def run(name: str, duration: float | None = None, **kwargs) -> tuple[scenefile.S
     plan.pop("duration")
     sim = tc.Simulation(scene.make(scene.small), **{**plan, **kwargs})
     sim.nearest = NEAREST.get(name, 0.0)
-    sim.run(length, fps, clear_of_solids)
+    frames: list[dict] = []
+
+    def each(sim: tc.Simulation, number: int) -> None:
+        clear_of_solids(sim, number)
+        frames.append(record.frame(sim))
+
+    sim.run(length, fps, each)
+    framed(name, sim, frames)
     return scene, sim
 
 

@@ -1,9 +1,10 @@
 """One-line bugs in pictures, and the tests that are to notice them."""
 
 PICTURES = "tests/unit/test_pictures.py"
+LOOKS = "tests/unit/test_looks.py"
 DRAWN = "tests/cli/test_drawn.py"
 OUTPUT = "tests/unit/test_output.py"
-TESTS = (PICTURES, DRAWN, OUTPUT)
+TESTS = (PICTURES, DRAWN, OUTPUT, LOOKS)
 PACKAGE = "taichi_cloth/"
 OUT = PACKAGE + "output/"
 MUTATIONS = (
@@ -12,7 +13,7 @@ MUTATIONS = (
      "the camera looks past the middle", OUTPUT),
     (OUT + "picture.py", "for frame in frames() if frames and (self.fitted or stands) else ():", "for frame in ():",
      "only the first frame is fitted", DRAWN),
-    (OUT + "picture.py", "mine = np.where(np.isnan(panels), mine, panels)", "mine = mine",
+    (OUT + "drawn.py", "mine = np.where(np.isnan(panels), mine, panels)", "mine = mine",
      "panels have no colours of their own", PICTURES),
     (OUT + "picture.py", "ground=solid if solid <= cloth", "ground=solid if solid <= first[0, 1]",
      "the ground is where cloth comes through it", PICTURES),
@@ -51,6 +52,14 @@ MUTATIONS = (
     (PACKAGE + "recording/expected.py", "out.append(start[a.vertices] + max(drop, 0.0) * down)", "pass",
      "a camera that does not foresee that cloth hangs down", PICTURES),
     (PACKAGE + "app/flags.py", 'joined[-1] += "=" + word', "joined.append(word)", "negative numbers are flags", DRAWN),
+    (OUT + "coverage.py", "y + (x % n + 0.5) / n", "y + 0.5", "samples of a pixel in two rows", LOOKS),
+    (OUT + "lit.py", "* (sharp + 8) / 8 *", "*", "highlights lose their light", LOOKS),
+    (OUT + "hems.py", "away = np.where(known == one, np.inf, away)", "pass", "one border in a corner", LOOKS),
+    (OUT + "shell.py", "[i, i + low, j + low, i, j + low, j]", "[i, j + low, i + low, i, j + low, j]", "walls face inwards",
+     LOOKS),
+    (OUT + "exposure.py", "shift=lens * camera.focal / focus + pixel", "shift=pixel", "nothing is in focus", LOOKS),
+    (OUT + "exposure.py", "step * ((s**3 - 2 * s**2 + s) * v", "step * (0 * v", "cloth stands still at a frame", LOOKS),
+    (OUT + "rig.py", "np.arctan2(back[0], back[2])", "np.arctan2(back[2], back[0])", "a studio's lights anywhere", LOOKS),
     (PACKAGE + "colornames.py", "<= 0.04045, encoded / 12.92", "<= 0.04045, encoded / 1.0",
      "dark colours too light", PICTURES),
 )

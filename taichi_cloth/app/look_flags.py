@@ -1,6 +1,7 @@
 """Flags that say how to draw, and what they mean."""
 
 import argparse
+from collections.abc import Callable
 
 from .flags import number_of
 
@@ -19,13 +20,20 @@ def look_flags(parser: argparse.ArgumentParser) -> None:
     add("--follow", action="store_true", help="the camera moves with the cloth")
     add("--background", metavar="COLOR", help="sky, transparent, or a colour: crimson, #dc143c")
     add("--floor", metavar="KIND", help="checker, plain, shadow (nothing but shadows), none, or a colour")
-    add("--light", type=_vector, metavar="X,Y,Z", help="direction towards the key light")
+    add("--light", type=_light, metavar="NAME", help="day, studio, sun or soft; X,Y,Z is the day with light from there")
+    add("--aperture", type=number_of, default=0.0, metavar="M", help="diameter of the lens [m]: blurs what is out of focus")
+    add("--focus", type=number_of, metavar="M", help="distance that is sharp [m]; the middle of the cloth where absent")
     add("--color", action="append", default=[], metavar="[CLOTH=]COLOR", help="of all cloths or of one")
     add("--back", action="append", default=[], metavar="[CLOTH=]COLOR", help="of the other side")
     add("--texture", action="append", default=[], metavar="[CLOTH=]FILE[@SIZE]",
         help="an image on the pattern, over all of it or repeated every SIZE, such as plaid.png@0.2 or @0.2x0.3 [m]")
     add("--weave", action="append", default=[], metavar="[CLOTH=]SPACING[:KIND]",
         help="threads that show, so far apart [m]; plain or twill")
+    add("--sheen", action="append", default=[], metavar="[CLOTH=]PART", help="light along outlines, as of velvet (0.1)")
+    add("--specular", action="append", default=[], metavar="[CLOTH=]PART[:ROUGHNESS]",
+        help="light in a highlight, 0 to 1 (0.015), and how wide that is, 0.1 to 1 (0.6): satin is 0.2:0.35")
+    add("--hem", action="append", default=[], metavar="[CLOTH=]WIDTH", help="a hem along borders that are not sewn [m]")
+    add("--thickness", action="append", default=[], metavar="[CLOTH=]M", help="with which cloth is drawn [m]")
     add("--no-squares", action="store_true", help="draw no squares on the cloth")
     add("--smooth", type=int, default=0, metavar="N", help="halve the triangles' edges N times, for round outlines (0 to 3)")
     add("--bits", type=int, default=8, metavar="N", help="of a number in the PNG: 8 or 16")
@@ -57,8 +65,10 @@ def look_of(args: argparse.Namespace) -> dict:
 
     if args.heat:
         checks.choice("quantity", args.heat, QUANTITIES)
-    names = "quality", "wire", "caption", "orbit", "follow", "background", "floor", "light", "smooth", "bits"
-    look = {**{name: getattr(args, name) for name in names}, "camera": _cameras(args.camera), "cloths": _cloths(args)}
+    names = ("quality", "wire", "caption", "orbit", "follow", "background", "floor", "light", "aperture", "focus", "smooth",
+             "bits")
+    look = {**{name: getattr(args, name) for name in names}, "shutter": getattr(args, "shutter", 0.0),
+            "camera": _cameras(args.camera), "cloths": _cloths(args)}
     Look(**look)  # what is wrong with it is said before anything runs
     return {**look, "heat": (args.heat, args.range) if args.heat else None}
 
@@ -79,38 +89,62 @@ def _cloths(args: argparse.Namespace) -> dict:
     from ..scene.appearance import Appearance
 
     said: dict[str, dict] = {"": {"squares": False}} if args.no_squares else {}
-    for flag, make in (("color", str), ("back", str), ("texture", _texture), ("weave", _weave)):
+    for flag, read in PARTS.items():
         for text in getattr(args, flag):
             name, equals, value = text.partition("=")
-            said.setdefault(name if equals else "", {})[flag] = make(value if equals else text)
+            said.setdefault(name if equals else "", {}).update(read(flag, value if equals else text))
     return {name: Appearance(**parts) for name, parts in said.items()}
 
 
-def _texture(text: str):
+def _word(flag: str, text: str) -> dict:
+    return {flag: text}
+
+
+def _number(flag: str, text: str) -> dict:
+    from ..errors import SceneError
+
+    try:
+        return {flag: number_of(text)}
+    except argparse.ArgumentTypeError:
+        raise SceneError(f"--{flag} {text!r}: needs a number") from None
+
+
+def _specular(flag: str, text: str) -> dict:
+    part, colon, roughness = text.partition(":")
+    return _number(flag, part) | ({"roughness": _number(flag, roughness)[flag]} if colon else {})
+
+
+def _texture(flag: str, text: str) -> dict:
     from ..errors import SceneError
     from ..scene.appearance import Texture
 
     file, at, size = text.rpartition("@")
     if not at:
-        return Texture(text)  # type: ignore[arg-type]
+        return {flag: Texture(text)}  # type: ignore[arg-type]
     try:
         numbers = tuple(number_of(part) for part in size.split("x"))
     except argparse.ArgumentTypeError:
         numbers = ()
     if len(numbers) not in (1, 2):
         raise SceneError(f"--texture {text!r}: after @ it needs WIDTH or WIDTHxHEIGHT [m], such as plaid.png@0.2x0.3")
-    return Texture(file, numbers[0] if len(numbers) == 1 else numbers)  # type: ignore[arg-type]
+    return {flag: Texture(file, numbers[0] if len(numbers) == 1 else numbers)}  # type: ignore[arg-type]
 
 
-def _weave(text: str):
+def _weave(flag: str, text: str) -> dict:
     from ..errors import SceneError
     from ..scene.appearance import Weave
 
     spacing, colon, kind = text.partition(":")
     try:
-        return Weave(number_of(spacing), 1.0, kind if colon else "plain")
+        return {flag: Weave(number_of(spacing), 1.0, kind if colon else "plain")}
     except argparse.ArgumentTypeError:
         raise SceneError(f"--weave {text!r}: needs SPACING [m] or SPACING:KIND, such as 0.002:twill") from None
+
+
+# how flags of a cloth are read: arguments of an appearance
+PARTS: dict[str, Callable[[str, str], dict]] = {
+    "color": _word, "back": _word, "texture": _texture, "weave": _weave, "sheen": _number, "specular": _specular,
+    "hem": _number, "thickness": _number}
 
 
 def _range(text: str) -> tuple[float, float]:
@@ -120,7 +154,10 @@ def _range(text: str) -> tuple[float, float]:
     return number_of(low), number_of(high)
 
 
-def _vector(text: str) -> tuple[float, ...]:
+def _light(text: str) -> str | tuple[float, ...]:
+    """A name, which is checked with the rest of the look, or a direction."""
+    if text.isalpha():
+        return text
     numbers = tuple(number_of(v) for v in text.split(","))
     if len(numbers) != 3:
         raise argparse.ArgumentTypeError(f"{text!r}: needs X,Y,Z, such as 0.5,0.8,0.5")

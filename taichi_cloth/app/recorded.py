@@ -17,6 +17,8 @@ def add_parsers(commands) -> None:
     render.add_argument("--size", type=size_of, default=(1280, 720), metavar="WxH", help="of the images (1280x720)")
     render.add_argument("--every", type=int, default=1, metavar="N", help="every Nth frame")
     render.add_argument("--arch", default="cpu", help="cpu, cuda, vulkan or metal")
+    render.add_argument("--shutter", type=number_of, default=0.0, metavar="PART",
+                        help="of the time until the next frame that a picture takes, 0 to 1: what moves is blurred")
     render.add_argument("--sheet", type=int, default=0, metavar="N", help="also N frames in one picture, sheet.png")
     render.add_argument("--apng", action="store_true", help="also an animated PNG, animation.png")
     render.add_argument("--mp4", action="store_true", help="also film.mp4 (needs the extra `film`)")

@@ -1,6 +1,6 @@
 """Cameras as matrices. numpy only."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,19 +19,22 @@ class Frame:
         axes: (3, 3) rows right, up, backward.
         focal: picture heights per unit of tangent: height/2 / tan(fov/2), in units of height.
         near: [m].
+        shift: (2,) by how much the picture is moved to the right and up [picture heights].
     """
 
     eye: np.ndarray
     axes: np.ndarray
     focal: float
     near: float
+    shift: np.ndarray = field(default_factory=lambda: np.zeros(2))
 
     def project(self, x: np.ndarray, width: int, height: int) -> np.ndarray:
         """(n, 3) pixel column, pixel row, 1/depth [1/m] of points (n, 3); depth is negative behind the camera."""
         local = (x - self.eye) @ self.axes.T
         depth = np.where(np.abs(local[:, 2]) < 1e-12, 1e-12, -local[:, 2])
         scale = self.focal * height / depth
-        return np.column_stack([width / 2 + local[:, 0] * scale, height / 2 - local[:, 1] * scale, 1 / depth])
+        across, up = width / 2 + self.shift[0] * height, height / 2 - self.shift[1] * height
+        return np.column_stack([across + local[:, 0] * scale, up - local[:, 1] * scale, 1 / depth])
 
 
 def frame(camera: Camera) -> Frame:

@@ -5,15 +5,9 @@ import numpy as np
 from .. import colornames
 from .text import HEIGHT, draw_text, ink, text_width
 
-# linear RGB of solids, of cloths in turn, and of the ground, where a scene names no colour
+# linear RGB of solids, and of cloths in turn, where a scene names no colour
 STONE = (0.52, 0.50, 0.47)
 PALETTE = ((0.62, 0.07, 0.08), (0.06, 0.19, 0.46), (0.08, 0.36, 0.20), (0.62, 0.36, 0.05), (0.32, 0.10, 0.42))
-GROUND = (0.48, 0.47, 0.456)  # the mean of the checker's tiles
-
-KEY, SKYLIGHT = 0.76, 0.37  # of the key light and from everywhere: together white cloth is just white
-LIGHT_SIZE = 0.06  # tangent of half the angle under which the key light is seen
-HORIZON, ZENITH = (0.80, 0.86, 0.93), (0.42, 0.60, 0.86)  # of the sky as it is seen
-ABOVE, BELOW = (0.85, 0.93, 1.05), (0.42, 0.38, 0.34)  # of the light from everywhere: blueish from above, warm from the ground
 
 # linear light at even steps: dark blue to yellow for what grows from 0, blue over white to red for what has a middle
 _RISING = np.array([(0.02, 0.01, 0.10), (0.16, 0.03, 0.36), (0.45, 0.06, 0.30),

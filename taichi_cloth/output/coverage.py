@@ -16,6 +16,12 @@ def wire(a, b, c, area, k, samples: ti.template()):
     return 0.35 + 0.65 * ti.min(1.0, ti.min(x, y, z) / (0.7 * samples))
 
 
+@ti.func
+def spot(x, y, n):
+    """Where sample (x, y) is taken, n samples a pixel across: one in each of the pixel's n^2 columns and rows of it."""
+    return ti.Vector([x + (n - y % n - 0.5) / n, y + (x % n + 0.5) / n])
+
+
 def pieces(p: np.ndarray, faces: np.ndarray, w: int, h: int, near: float) -> np.ndarray:
     """The work of rasterising triangles in equal pieces of PIECE pixels, so that large and small ones share threads well.
 

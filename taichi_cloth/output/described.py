@@ -35,12 +35,13 @@ def view_of(g: dict[str, np.ndarray]) -> View:
         camera = camera_of(g["camera"])
     return View(camera, None if np.isnan(ground) else ground, float(g["reach"]),
                 _word(g["floor"]) if "floor" in g else None, _word(g["background"]) if "background" in g else "sky",
-                tuple(g["light"].tolist()) if "light" in g else LIGHT)
+                _word(g["light"]) if "light" in g else LIGHT)
 
 
 def of_appearances(looks: Sequence[Appearance]) -> dict[str, np.ndarray]:
     """`cloth_colors` and, where they are anything more, `cloth_backs` (NaN where left to the renderer), `cloth_finish`
-    (squares or NaN, weave, its spacing [m], relief), `texture_K` and `texture_place_K` (size, origin or NaN, repeat)."""
+    (squares or NaN, weave, its spacing [m], relief), `cloth_surface` (sheen, specular, roughness, hem [m], thickness [m], or
+    NaN), `texture_K` and `texture_place_K` (size, origin or NaN, repeat)."""
     out = {"cloth_colors": np.array([look.color or (np.nan,) * 3 for look in looks]).reshape(-1, 3)}
     for k, look in enumerate(looks):
         if look.texture is not None:
@@ -52,6 +53,8 @@ def of_appearances(looks: Sequence[Appearance]) -> dict[str, np.ndarray]:
         out["cloth_backs"] = np.array([look.back or (np.nan,) * 3 for look in looks])
     if any(look.squares is not None or look.weave is not None for look in looks):
         out["cloth_finish"] = np.array([_finish(look) for look in looks])
+    if any(number is not None for look in looks for number in look.surface):
+        out["cloth_surface"] = np.array([look.surface for look in looks], dtype=np.float64)
     return out
 
 
@@ -84,11 +87,13 @@ def appearances_of(g: dict[str, np.ndarray]) -> list[Appearance]:
     count = len(g["cloth_names"])
     backs = g.get("cloth_backs", np.full((count, 3), np.nan))
     finish = g.get("cloth_finish", np.tile([np.nan, 0, 0, 0], (count, 1)))
+    surface = g.get("cloth_surface", np.full((count, 5), np.nan))
     out = []
     for k, (color, back, (squares, kind, spacing, relief)) in enumerate(zip(g["cloth_colors"], backs, finish)):
         weave = Weave(spacing, relief, WEAVES[int(kind) - 1]) if kind else None
         has_squares = None if np.isnan(squares) else bool(squares)
-        out.append(Appearance(_color(color), _color(back), has_squares, _texture(g, k), weave))
+        numbers = (None if np.isnan(v) else float(v) for v in surface[k])
+        out.append(Appearance(_color(color), _color(back), has_squares, _texture(g, k), weave, None, *numbers))
     return out
 
 
@@ -113,7 +118,7 @@ def _color(numbers: np.ndarray) -> Color | None:
 
 
 def _word(array: np.ndarray) -> str | Color:
-    """A word or a colour."""
+    """A word, or three numbers."""
     if array.dtype.kind == "U":
         return str(array)
     red, green, blue = array.tolist()

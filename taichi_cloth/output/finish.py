@@ -5,7 +5,7 @@ import taichi as ti
 
 from ..colornames import from_srgb, to_srgb
 from ..scene.appearance import WEAVES, Appearance
-from .surroundings import checker
+from .surroundings import soft_checker
 
 # columns of an object's row
 CHECK = 0  # how much darker every other square of the pattern is
@@ -13,8 +13,12 @@ TEXTURE = 1  # 0 none, 1 an image that repeats, 2 one that does not; then:
 ORIGIN, SIZE, FIRST, LEVELS, BOTH = 2, 4, 6, 7, 8  # two [m], two [m], first level, number of levels, whether on both sides
 WEAVE = 9  # 0 none, else 1 + its place in WEAVES; then:
 SPACING, RELIEF = 10, 11  # [m], factor
-COLUMNS = 12
+SHEEN, SPECULAR, SHARPNESS = 12, 13, 14  # along the rim, of light that falls straight on it, of its highlight
+HEM = 15  # width [m], 0 for none
+COLUMNS = 16
 DARKER = 0.16  # the squares
+SHINE = 0.1, 0.015, 0.6  # sheen, specular and roughness where an appearance says none
+ROUND, EDGE, SEWN, STITCH, LAYERS = 0.7, 0.18, 0.78, 0.4, 0.08  # a hem's tilt, where, its seam, stitches; parts of it
 SLOPE = 0.75  # how much threads tilt the normal at their rim
 FINE, GONE = 3.0, 1.2  # pixels from thread to thread at which threads are drawn in full, and no longer
 
@@ -72,6 +76,9 @@ def object_row(look: Appearance, uv: np.ndarray, textures: Textures, unit: float
     """(COLUMNS,) f32 of a cloth whose faces have the corners uv (m, 3, 2) [m]; unit: as in `Texture.place`."""
     row = np.zeros(COLUMNS, dtype=np.float32)
     row[CHECK] = DARKER if look.has_squares else 0.0
+    sheen, specular, roughness = (usual if said is None else said for said, usual in zip(look.surface[:3], SHINE))
+    row[SHEEN], row[SPECULAR], row[SHARPNESS] = sheen, specular, 2 / roughness**4 - 2  # as wide as a lobe of that roughness
+    row[HEM] = look.hem or 0.0
     if look.texture is not None:
         t = look.texture
         row[TEXTURE] = 1 if t.repeat else 2
@@ -85,9 +92,9 @@ def object_row(look: Appearance, uv: np.ndarray, textures: Textures, unit: float
 
 
 @ti.func
-def squared(base, uv, side, objects: ti.template(), o):
-    """The colour with every other square darker."""
-    return base * (1.0 - objects[o, CHECK] * checker(uv / side))
+def squared(base, uv, footprint, side, objects: ti.template(), o):
+    """The colour with every other square darker; footprint [m]: what is covered of the pattern."""
+    return base * (1.0 - objects[o, CHECK] * soft_checker(uv / side, footprint / side))
 
 
 @ti.func
@@ -148,3 +155,27 @@ def threads(uv, footprint, objects: ti.template(), o):
     if warp == 0:
         tilt = ti.Vector([tilt[1], tilt[0]])
     return tilt[0], tilt[1], shade
+
+
+@ti.func
+def hemmed(uv, footprint, borders: ti.template(), f, objects: ti.template(), o):
+    """(tilt along u, tilt along v, shade) of cloth that is turned over and sewn along a border; footprint: as `threads`."""
+    width, away, along = objects[o, HEM], 1e9, 0.0
+    out = ti.Vector([0.0, 0.0])
+    for k in ti.static(range(2)):
+        a = ti.Vector([borders[f, 4 * k], borders[f, 4 * k + 1]])
+        way = ti.Vector([borders[f, 4 * k + 2], borders[f, 4 * k + 3]]) - a
+        t = ti.min(ti.max((uv - a).dot(way) / ti.max(way.dot(way), 1e-30), 0.0), 1.0)
+        to = uv - a - t * way
+        if to.norm() < away:
+            away, along, out = to.norm(), (uv - a).dot(way.normalized(1e-12)), -to.normalized(1e-12)
+    s, pixel = away / width, footprint / width
+    shown = ti.min(ti.max((1 / pixel - GONE) / (FINE - GONE), 0.0), 1.0)
+    tilt, shade = 0.0, 1.0
+    if s < 1:
+        tilt = shown * (ROUND * ti.max(1 - s / EDGE, 0.0) - ROUND * ti.max(1 - (1 - s) / EDGE, 0.0))
+        beat = along / (STITCH * width)
+        line = ti.max(1 - ti.abs(s - SEWN) / (EDGE / 3 + pixel), 0.0) * ti.cast(beat - ti.floor(beat) < 0.7, ti.f32)
+        step = ti.max(1 - (1 - s) / (EDGE / 2 + pixel), 0.0)
+        shade = 1 - shown * (LAYERS + (1 - LAYERS) * ti.max(0.3 * line, 0.35 * step))
+    return tilt * out[0], tilt * out[1], shade

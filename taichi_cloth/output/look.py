@@ -8,7 +8,7 @@ import numpy as np
 from .. import checks
 from ..errors import SceneError, did_you_mean, shown
 from ..scene.appearance import Appearance
-from ..scene.view import FLOORS, AnyCamera, Camera, Color, View, any_camera, color_or, direction
+from ..scene.view import FLOORS, AnyCamera, Camera, Color, View, any_camera, color_or, light_or
 from .renderer import QUALITY
 from .smooth import MOST
 
@@ -45,6 +45,9 @@ class Look:
         wire: whether edges are drawn; heat: what colours the cloth, or None.
         caption: text, in which {t} and {frame} stand for the time and the frame; "" draws none.
         floor, background, light: as those of `View`.
+        aperture: diameter of the lens [m], 0 where all is sharp.
+        focus: distance along the view that is sharp [m], None for that of the cloth's middle.
+        shutter: part of the time between two frames that a picture takes, 0 to 1: what moves is blurred.
         smooth: how often triangles' edges are halved, for round outlines.
         bits: of a number in the picture, 8 or 16.
         cloths: appearances by the cloths' names, "" for all; what they leave open is the scene's.
@@ -62,7 +65,10 @@ class Look:
     caption: str = ""
     floor: str | Color | None = None
     background: str | Color | None = None
-    light: tuple[float, float, float] | None = None
+    light: str | tuple[float, float, float] | None = None
+    aperture: float = 0.0
+    focus: float | None = None
+    shutter: float = 0.0
     smooth: int = 0
     bits: int = 8
     cloths: Mapping[str, Appearance] = field(default_factory=dict)
@@ -82,7 +88,11 @@ class Look:
         object.__setattr__(self, "floor", checks.maybe(self.floor, color_or, "floor", FLOORS))
         object.__setattr__(self, "background",
                            checks.maybe(self.background, color_or, "background", ("sky", "transparent")))
-        object.__setattr__(self, "light", checks.maybe(self.light, lambda what, v: direction(what, v), "light"))
+        object.__setattr__(self, "light", checks.maybe(self.light, lambda what, v: light_or(what, v), "light"))
+        object.__setattr__(self, "aperture", checks.number("aperture", self.aperture, "m", least=0.0))
+        object.__setattr__(self, "focus", checks.maybe(self.focus, lambda what, v: checks.number(what, v, "m", positive=True),
+                                                       "focus"))
+        object.__setattr__(self, "shutter", checks.number("shutter", self.shutter, least=0.0, most=1.0))
         object.__setattr__(self, "smooth", checks.integer("smooth", self.smooth, least=0, most=MOST))
         object.__setattr__(self, "bits", checks.integer("bits", self.bits, least=8, most=16))
         if self.bits not in BITS:
@@ -92,6 +102,11 @@ class Look:
         for name, one in self.cloths.items():
             if checks.instance(f"appearance of {name!r}", one, Appearance).panels:
                 raise SceneError(f"appearance of {name!r}: panels have colours from the scene (add_cloth), as their groups")
+
+    @property
+    def exposed(self) -> bool:
+        """Whether a picture is the mean of many exposures."""
+        return self.aperture > 0 or self.shutter > 0
 
     def caption_at(self, t: float, number: int) -> str:
         """The caption of a frame at time t [s]."""

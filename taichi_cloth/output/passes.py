@@ -40,7 +40,7 @@ class PassRaster:
         screen = c.project(x, self.width, self.height).astype(np.float32)
         self.raster.see(screen, s.faces, c.near)
         rows = uniforms(c, renderer.light, renderer.ground, renderer.tile, np.zeros((2, 3)), 1.0, s.cloth_faces, False, False,
-                        renderer.size, np.zeros(3), np.zeros(3))
+                        renderer.size, np.zeros(3), np.zeros(3), renderer.rig)
         shape = self.height, self.width
         depth, number = np.full(shape, np.inf, np.float32), np.zeros(shape, np.int32)
         normal = np.zeros((*shape, 3), np.float32)
@@ -70,7 +70,7 @@ class PassRaster:
                         n = -n
                     number[row, column] = owner[f] + 1
                 elif floor > 0:
-                    away, ray = ground_at(column, row, self.width, self.height, rows)
+                    away, ray = ground_at(ti.Vector([column + 0.5, row + 0.5]), self.width, self.height, rows)
                     if away > 0 and away < FADE * rows[PLACE, 2]:
                         depth[row, column] = ti.cast(-away * ray.dot(corner(rows, AXES + 2)), ti.f32)
                         n = ti.Vector([0.0, 1.0, 0.0])

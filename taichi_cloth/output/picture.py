@@ -7,21 +7,21 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import OutputError
-from ..scene.appearance import Appearance
 from ..scene.view import Camera, CameraKeys, View, camera_at
 from .camera import ground_height
-from .colors import PALETTE, STONE, draw_bar, heat_colors
-from .described import appearances_of, image_uv, view_of
-from .finish import COLUMNS, Textures, object_row
+from .colors import draw_bar, heat_colors
+from .described import view_of
+from .drawn import Frame, shell_of, surfaces
+from .exposure import between, focused, spots, through
 from .framing import fit_all, fit_round
 from .look import Look
 from .passes import PassRaster
 from .renderer import Renderer, developed
 from .smooth import Smooth
-from .surfaces import Surfaces, back_of
 from .text import draw_text
 
-Frame = dict[str, np.ndarray]
+EXPOSURES = {"fast": 16, "standard": 32, "high": 96}  # where a picture is the mean of many
+Next = tuple[Frame | None, float] | None
 
 
 class Artist:
@@ -43,34 +43,61 @@ class Artist:
         self.smooth = (Smooth(geometry["faces"], len(geometry["x"]), look.smooth, geometry.get("sewn")) if look.smooth
                        else None)
         first = np.concatenate([geometry["x"], geometry["solid_x"]])
+        self.shell = shell_of(geometry, look, self.smooth)
         self.centre = (geometry["x"] if len(geometry["x"]) else first).mean(axis=0)
         view = look.view(view_of(geometry))
         self.fitted = view.camera is None
         view = self._placed(view, first, frames)
         self.camera = view.camera
         view = replace(view, camera=camera_at(view.camera, 0.0))
-        self.renderer = Renderer(*size, surfaces(geometry, look, self.smooth), first, view, look.quality)
+        drawn = surfaces(geometry, look, self.smooth, self.shell)
+        self.renderer = Renderer(*size, drawn, first, view, look.quality, look.exposed)
         self._passes: PassRaster | None = None
 
-    def draw(self, frame: Frame, number: int = 0, colors: np.ndarray | None = None) -> np.ndarray:
+    def draw(self, frame: Frame, number: int = 0, colors: np.ndarray | None = None, next_: Next = None) -> np.ndarray:
         """(height, width, 3) picture of a frame, uint8 or uint16; (height, width, 4) where the background is transparent.
 
         Args:
             colors: (n, 3) linear RGB of vertices, instead of the look's; there is no caption then.
+            next_: as in `light`.
         """
-        image = developed(self.light(frame, colors), self.look.bits, self.renderer.transparent)
+        image = developed(self.light(frame, colors, next_), self.look.bits, self.renderer.transparent)
         return self.captioned(image, frame, number) if colors is None else image
 
-    def light(self, frame: Frame, colors: np.ndarray | None = None) -> np.ndarray:
-        """(height, width, 4) f32 linear RGB of a frame, multiplied by its alpha; no caption."""
+    def light(self, frame: Frame, colors: np.ndarray | None = None, next_: Next = None) -> np.ndarray:
+        """(height, width, 4) f32 linear RGB of a frame, multiplied by its alpha; no caption.
+
+        Args:
+            next_: the frame after it, None at the end, and the time between frames [s]; for a shutter.
+        """
         look = self.look
         self._follow(frame)
-        self._aim(frame)
         if look.heat is not None and colors is None:
             colors = heat_colors(look.heat.values(frame), *look.heat.range, look.heat.diverging)
         if colors is not None and self.smooth is not None:
             colors = self.smooth.linear(colors)
+        if colors is not None and self.shell is not None:
+            colors = self.shell.linear(colors)
+        if look.exposed:
+            return self._exposed(frame, colors, next_ or (None, 0.0))
+        self._aim(frame)
         return self.renderer.light_of(self.points(frame), colors, look.wire)
+
+    def _exposed(self, frame: Frame, colors: np.ndarray | None, next_: tuple[Frame | None, float]) -> np.ndarray:
+        """The mean of many exposures."""
+        look, r = self.look, self.renderer
+        count, total = EXPOSURES[look.quality], np.zeros((self.size[1], self.size[0], 4), np.float32)
+        pinhole = r.camera
+        for k, (time, lens, pixel) in enumerate(spots(count)):
+            moment = between(frame, next_[0], time * look.shutter, next_[1]) if look.shutter else frame
+            r.camera = pinhole
+            self._aim(moment)
+            pinhole = r.camera
+            focus = focused(pinhole, look.focus, moment["x"] if len(moment["x"]) else self.geometry["solid_x"])
+            r.camera = through(pinhole, lens * look.aperture / 2, focus, pixel / self.size[1])
+            total += r.light_of(self.points(moment), colors, look.wire, k)
+        r.camera = pinhole
+        return total / count
 
     def captioned(self, image: np.ndarray, frame: Frame, number: int = 0) -> np.ndarray:
         """The same picture with what is written into it."""
@@ -100,8 +127,9 @@ class Artist:
     def points(self, frame: Frame) -> np.ndarray:
         """(k, 3) what the renderer draws: cloth's vertices, finer ones where drawn smooth, then those of solids [m]."""
         x = frame["x"].astype(np.float64)
-        return np.concatenate([x if self.smooth is None else self.smooth.points(x),
-                               frame.get("solid_x", self.geometry["solid_x"]).astype(np.float64)])
+        for finer in (self.smooth, self.shell):
+            x = x if finer is None else finer.points(x)
+        return np.concatenate([x, frame.get("solid_x", self.geometry["solid_x"]).astype(np.float64)])
 
     def _follow(self, frame: Frame) -> None:
         """Takes over the faces that a frame has of its own, where cloth tears, and what is sewn in it."""
@@ -111,12 +139,26 @@ class Artist:
             return
         self.geometry = g = g | own
         faces = g["faces"]
+        if self.shell is not None:
+            self._anew()
+            return
         if self.smooth is not None:
             before = self.smooth.count
             self.smooth = Smooth(faces, len(g["x"]), self.look.smooth, g.get("sewn"))
             faces = self.smooth.faces
             drawn.faces[drawn.cloth_faces:] += self.smooth.count - before
         drawn.faces[: drawn.cloth_faces] = faces
+
+    def _anew(self) -> None:
+        """Another renderer, where the borders of thick cloth are others than before."""
+        g, look, old = self.geometry, self.look, self.renderer
+        if self.smooth is not None:
+            self.smooth = Smooth(g["faces"], len(g["x"]), look.smooth, g.get("sewn"))
+        self.shell = shell_of(g, look, self.smooth)
+        x = np.concatenate([g["x"], g["solid_x"]])
+        drawn = surfaces(g, look, self.smooth, self.shell, g | self._first)
+        self.renderer = Renderer(*self.size, drawn, x, old.view, look.quality, look.exposed)
+        self.renderer.camera = old.camera
 
     def _aim(self, frame: Frame) -> None:
         if self.look.orbit or self.look.follow or isinstance(self.camera, CameraKeys):
@@ -153,39 +195,6 @@ class Artist:
             view = replace(view, ground=solid if solid <= cloth else min(ground, cloth, solid) if self.fitted else ground)
         fit = fit_round if self.look.orbit else fit_all
         return replace(view, camera=fit(sets, view.reach, self.size[0] / self.size[1])) if self.fitted else view
-
-
-def surfaces(geometry: Frame, look: Look, smooth: Smooth | None) -> Surfaces:
-    """What is drawn of a geometry: cloths one after the other, then solids."""
-    faces, (corner_uv, units), solid_faces = geometry["faces"], image_uv(geometry), geometry["solid_faces"]
-    starts, names = geometry["cloth_faces"], [str(name) for name in geometry["cloth_names"]]
-    corner_uv = corner_uv * np.repeat(np.where(np.isnan(units), 1.0, units), np.diff(starts))[:, None, None].astype(np.float32)
-    textures = Textures()
-    colors, backs, rows = [], [], []
-    for k, (name, own) in enumerate(zip(names, appearances_of(geometry))):
-        one = look.appearance(name, own)
-        color = np.array(PALETTE[k % len(PALETTE)] if one.color is None else one.color)
-        mine = np.tile(color, (int(starts[k + 1] - starts[k]), 1))
-        if "face_colors" in geometry and look.appearance(name, Appearance()).color is None:
-            panels = geometry["face_colors"][starts[k]: starts[k + 1]]
-            mine = np.where(np.isnan(panels), mine, panels)
-        colors.append(mine)
-        backs.append(back_of(mine) if one.back is None else np.tile(one.back, (len(mine), 1)))
-        rows.append(object_row(one, corner_uv[starts[k]: starts[k + 1]], textures, units[k]))
-    owner = np.repeat(np.arange(len(names)), np.diff(starts))
-    n = len(geometry["x"])
-    if smooth is not None:
-        faces, corner_uv, n = smooth.faces, smooth.corners(corner_uv), smooth.count
-        owner = np.repeat(owner, smooth.each)
-        colors, backs = ([np.repeat(c, smooth.each, axis=0) for c in part] for part in (colors, backs))
-    solid = np.searchsorted(geometry["solid_start"], solid_faces[:, 0], side="right") - 1
-    stone = np.array([STONE if np.isnan(c).any() else c for c in geometry["solid_colors"]]).reshape(-1, 3)
-    objects = np.zeros((len(rows) + len(stone), COLUMNS), dtype=np.float32)
-    objects[: len(rows)] = np.array(rows).reshape(-1, COLUMNS)
-    uv = np.concatenate([corner_uv, np.zeros((len(solid_faces), 3, 2), dtype=np.float32)])
-    return Surfaces(np.concatenate([faces, solid_faces + n]), uv, np.concatenate([*colors, stone[solid]]),
-                    np.concatenate([*backs, stone[solid]]), np.concatenate([owner, solid + len(names)]), objects, len(faces),
-                    textures)
 
 
 def contact_sheet(images: list[np.ndarray], columns: int) -> np.ndarray:

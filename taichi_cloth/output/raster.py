@@ -5,7 +5,7 @@ import taichi as ti
 
 from ..backend.fields import Fields
 from ..backend.runtime import TASK
-from .coverage import PIECE, corner, edge, pieces, weights
+from .coverage import PIECE, corner, edge, pieces, spot, weights
 
 BANDS = 16  # of a picture, of which rows are taken in turn: those with cloth cost most, and each thread has a run of turns
 SAME = 8  # roundings by which depths of one sample may differ between the two passes: not all backends round alike
@@ -17,15 +17,15 @@ class Raster:
 
     Args:
         fields: where its own are declared; who has them allocates.
-        w, h: samples of the picture, across and down.
+        w, h: samples of the picture, across and down; samples: of a pixel, across.
         behind: samples of the other map.
 
     Attributes:
         depth: bits of an f32 from 0 up, 0 where nothing is; face: -1 where nothing is.
     """
 
-    def __init__(self, fields: Fields, w: int, h: int, behind: int = 0) -> None:
-        self.w, self.h = w, h
+    def __init__(self, fields: Fields, w: int, h: int, samples: int = 1, behind: int = 0) -> None:
+        self.w, self.h, self.samples = w, h, samples
         self.wide = ti.cfg.arch not in (ti.x64, ti.arm64)
         self.grain = 1 if self.wide else TASK
         self.depth, self.face = (fields.integer(w * h + behind) for _ in range(2))
@@ -47,11 +47,11 @@ class Raster:
         self._clear()
         seen = pieces(screen, faces, self.w, self.h, 1 / near)
         for identify in range(2):
-            self._raster(screen, faces, seen, self.w, 0, identify)
+            self._raster(screen, faces, seen, self.w, 0, identify, self.samples)
 
     def see_behind(self, points: np.ndarray, faces: np.ndarray, side: int) -> None:
         """Rasterises depths into the other map, a square."""
-        self._raster(points, faces, pieces(points, faces, side, side, np.inf), side, self.w * self.h, 0)
+        self._raster(points, faces, pieces(points, faces, side, side, np.inf), side, self.w * self.h, 0, 1)
 
     @ti.kernel
     def _clear(self):
@@ -61,24 +61,25 @@ class Raster:
 
     @ti.kernel
     def _raster(self, p: ti.types.ndarray(), faces: ti.types.ndarray(), pieces: ti.types.ndarray(), w: int, offset: int,
-                identify: int):
+                identify: int, n: int):
         """Nearest depth in each pixel; then, with `identify`, which face it was that has it."""
         if ti.static(self.wide):
             for i in range(pieces.shape[0] * PIECE):
-                self._touch(p, faces, pieces, i // PIECE, i % PIECE, w, offset, identify)
+                self._touch(p, faces, pieces, i // PIECE, i % PIECE, w, offset, identify, n)
         else:
             for piece in range(pieces.shape[0]):
                 for i in range(PIECE):
-                    self._touch(p, faces, pieces, piece, i, w, offset, identify)
+                    self._touch(p, faces, pieces, piece, i, w, offset, identify, n)
 
     @ti.func
-    def _touch(self, p: ti.template(), faces: ti.template(), pieces: ti.template(), piece, i, w, offset, identify):
+    def _touch(self, p: ti.template(), faces: ti.template(), pieces: ti.template(), piece, i, w, offset, identify, n):
         """One pixel of a piece of a triangle's box."""
         f, i_box, across = pieces[piece, 0], pieces[piece, 1] + i, pieces[piece, 4]
         if i_box < pieces[piece, 5]:
             a, b, c = corner(p, faces[f, 0]), corner(p, faces[f, 1]), corner(p, faces[f, 2])
             x, y = pieces[piece, 2] + i_box % across, pieces[piece, 3] + i_box // across
-            k = weights(a, b, c, edge(a, b, c[0], c[1]), x + 0.5, y + 0.5)
+            at = spot(x, y, n)
+            k = weights(a, b, c, edge(a, b, c[0], c[1]), at[0], at[1])
             if k.min() >= 0:
                 pixel = offset + y * w + x
                 here = ti.bit_cast(ti.cast(k.dot(ti.Vector([a[2], b[2], c[2]])), ti.f32), ti.i32)

@@ -17,14 +17,16 @@ from ..system.quantities import vertex_normals
 from .camera import frame, ground_height
 from .colors import to_srgb
 from .raster import Raster
+from .rig import Rig, rig_of
 from .shade import Around, Shader
 from .shadow_map import MAP, ShadowMap
 from .surfaces import Surfaces
 from .traced_light import TracedLight
 from .uniforms import uniforms
 
-QUALITY = {"fast": (2, 0, 0), "standard": (2, 2, 4), "high": (3, 6, 12)}  # samples an axis, shadow and ambient rays each
-PLAIN = (0.48, 0.4704, 0.456)  # the floor's colour, the mean of its squares
+LARGE = 0.1  # size of a light whose wide shadows take twice the rays
+QUALITY = {"fast": (2, 0, 0), "standard": (2, 1, 2), "high": (3, 4, 8)}  # samples an axis, shadow and ambient rays each
+EXPOSED = {"fast": (1, 0, 0), "standard": (1, 1, 1), "high": (1, 1, 2)}  # in one of many exposures
 
 
 class Renderer:
@@ -34,11 +36,12 @@ class Renderer:
         width, height: of the picture [pixels].
         x: (n, 3) first positions [m], by which ground and shadows take their size.
         view: with one camera; what is round the cloth.
-        quality: one of QUALITY.
+        quality: one of QUALITY; exposed: whether a picture is the mean of many exposures.
     """
 
-    def __init__(self, width: int, height: int, surfaces: Surfaces, x: np.ndarray, view: View, quality: str = "fast") -> None:
-        samples, *rays = QUALITY[checks.choice("quality", quality, QUALITY)]
+    def __init__(self, width: int, height: int, surfaces: Surfaces, x: np.ndarray, view: View, quality: str = "fast",
+                 exposed: bool = False) -> None:
+        samples, *rays = (EXPOSED if exposed else QUALITY)[checks.choice("quality", quality, QUALITY)]
         self.surfaces = surfaces
         self.camera = frame(checks.instance("renderer: view camera", view.camera, Camera))
         self.ground = ground_height(x, view)
@@ -47,18 +50,21 @@ class Renderer:
         self.size = max(size, 1e-9)
         extent = np.ptp(surfaces.corner_uv.reshape(-1, 2), axis=0).max()
         self.checks = float(extent) / 20 if extent > 0 else 1.0
-        self.light = light_frame(view.light)
+        self.rig = rig_of(view.light, self.camera)
+        self.light = light_frame(self.rig.key)
         self.view = view
-        around = around_of(view)
+        around = around_of(view, self.rig)
         fields = Fields(np.float32, pooled=runtime.on_cpu())
-        self.raster = Raster(fields, width * samples, height * samples, 0 if rays[0] else MAP * MAP)
+        self.raster = Raster(fields, width * samples, height * samples, samples, 0 if rays[0] else MAP * MAP)
         self.lighting: Any = ShadowMap(self.raster)
         if rays[0]:
+            shadow, ambient = rays if around.key else (0, 2 * rays[1])
+            shadow *= 2 if self.rig.size > LARGE else 1
             self.lighting = TracedLight(fields, self.raster, samples, around.floor != "none", len(surfaces.faces),
-                                        (rays[0], rays[1]))
+                                        (shadow, ambient))
         fields.allocate()
         self.fields = fields  # given back when nobody has the renderer any more
-        self.shader = Shader(self.raster, samples, self.lighting, around, surfaces.textured, surfaces.woven)
+        self.shader = Shader(self.raster, self.lighting, around, surfaces.textured, surfaces.woven, surfaces.hemmed)
         images = surfaces.textures
         self.images = images.texels, images.levels, images.decode
         runtime.hold(self)
@@ -86,8 +92,12 @@ class Renderer:
         """
         return developed(self.light_of(x, colors, wire), bits, self.transparent)
 
-    def light_of(self, x: np.ndarray, colors: np.ndarray | None = None, wire: bool = False) -> np.ndarray:
-        """(height, width, 4) f32 linear RGB, already multiplied by the alpha behind it; see `render`."""
+    def light_of(self, x: np.ndarray, colors: np.ndarray | None = None, wire: bool = False, exposure: int = 0) -> np.ndarray:
+        """(height, width, 4) f32 linear RGB, already multiplied by the alpha behind it; see `render`.
+
+        Args:
+            exposure: its number, where a picture is the mean of many: rays of each go other ways.
+        """
         if self.generation != runtime.generation():
             raise BackendError("this renderer ended when a simulation was started with a different arch, precision or number "
                                "of threads: make another")
@@ -96,13 +106,14 @@ class Renderer:
         screen = c.project(x, self.raster.w, self.raster.h).astype(np.float32)
         self.raster.see(screen, s.faces, c.near)
         shadow = self.lighting.prepare(x, s.faces, self.light)
+        behind, floor = (rgb(color, self.rig) for color in (self.view.background, self.view.drawn_floor))
         rows = uniforms(c, self.light, self.ground, self.tile, shadow, self.checks, s.cloth_faces, wire, colors is not None,
-                        self.size, rgb(self.view.background), rgb(self.view.drawn_floor))
+                        self.size, behind, floor, self.rig, exposure)
         paint = np.zeros((1, 3), dtype=np.float32) if colors is None else np.ascontiguousarray(colors, dtype=np.float32)
         points, normals = x.astype(np.float32), vertex_normals(x, s.faces).astype(np.float32)
         self.lighting.trace(screen, points, s.faces, rows)
         return self.shader.shade(screen, points, normals, s.faces, s.corner_uv, s.colors, s.backs, s.owner, s.objects,
-                                 *self.images, rows, paint)
+                                 *self.images, s.borders, rows, paint)
 
 
 def light_frame(direction: Color) -> np.ndarray:
@@ -113,15 +124,16 @@ def light_frame(direction: Color) -> np.ndarray:
     return np.stack([side, np.cross(light, side), light])
 
 
-def around_of(view: View) -> Around:
-    """Of which kind background and floor are."""
+def around_of(view: View, rig: Rig) -> Around:
+    """Of which kind background, floor and lights are."""
     background, floor = view.background, view.drawn_floor
-    return Around(background if isinstance(background, str) else "color", floor if isinstance(floor, str) else "plain")
+    return Around(background if isinstance(background, str) else "color", floor if isinstance(floor, str) else "plain",
+                  any(rig.power), any(rig.fill + rig.rim))
 
 
-def rgb(color: str | Color) -> np.ndarray:
+def rgb(color: str | Color, rig: Rig) -> np.ndarray:
     """(3,) linear RGB; that of the plain floor for what is no colour."""
-    return np.array(PLAIN if isinstance(color, str) else color)
+    return np.array(rig.floor if isinstance(color, str) else color)
 
 
 def developed(light: np.ndarray, bits: int, alpha: bool) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Colours of a picture's samples: cloth and solids in the light that reaches them, ground and sky around."""
+"""Colours of a picture: cloth and solids in the light that reaches them, ground and sky around."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,22 +7,27 @@ import numpy as np
 import taichi as ti
 
 from . import finish
-from .colors import KEY
-from .coverage import corner, edge, weights, wire
+from .coverage import corner, edge, spot, weights, wire
 from .ground import FADE, ground_at
+from .lit import lit
 from .raster import Raster
-from .surroundings import ambient, sky, soft_checker
-from .uniforms import BACKGROUND, CLOTH, EYE, FLOOR, LIGHT, PLACE, SCENE
-
-BOUNCE = 0.6  # part of the light that what is near throws back
+from .surroundings import sky, soft_checker
+from .uniforms import BACKGROUND, CLOTH, EYE, FLOOR, LIGHT, PLACE, POWER, SCENE, UP
 
 
 @dataclass(frozen=True)
 class Around:
-    """What is round the cloth: background "sky", "transparent" or "color"; floor "checker", "plain", "shadow" or "none"."""
+    """What is round the cloth.
+
+    Attributes:
+        background: "sky", "transparent" or "color"; floor: "checker", "plain", "shadow" or "none".
+        key, accents: whether there is a light that throws shadows, and others that throw none.
+    """
 
     background: str
     floor: str
+    key: bool
+    accents: bool
 
 
 @ti.data_oriented
@@ -30,16 +35,15 @@ class Shader:
     """Shades what a raster has seen.
 
     Args:
-        samples: of a pixel, across.
         light: `ShadowMap` or `TracedLight`.
-        around: what there is: background and floor; textured, woven: whether any cloth has these. What is not there is not
-            compiled.
+        around: what there is: background and floor; textured, woven, hemmed: whether any cloth is. What is not
+            there is not compiled.
     """
 
-    def __init__(self, raster: Raster, samples: int, light: Any, around: "Around", textured: bool, woven: bool) -> None:
-        self.raster, self.samples, self.light = raster, samples, light
-        self.around, self.textured, self.woven = around, textured, woven
-        self.width, self.height = raster.w // samples, raster.h // samples
+    def __init__(self, raster: Raster, light: Any, around: "Around", textured: bool, woven: bool, hemmed: bool) -> None:
+        self.raster, self.light = raster, light
+        self.around, self.textured, self.woven, self.hemmed = around, textured, woven, hemmed
+        self.width, self.height = raster.w // raster.samples, raster.h // raster.samples
         self.turns = raster.turns(self.height)
 
     def shade(self, *arrays: np.ndarray) -> np.ndarray:
@@ -52,34 +56,42 @@ class Shader:
     def _shade(self, p: ti.types.ndarray(), x: ti.types.ndarray(), normals: ti.types.ndarray(),
                faces: ti.types.ndarray(), corner_uv: ti.types.ndarray(), colors: ti.types.ndarray(), backs: ti.types.ndarray(),
                owner: ti.types.ndarray(), objects: ti.types.ndarray(), texels: ti.types.ndarray(),
-               levels: ti.types.ndarray(), decode: ti.types.ndarray(), rows: ti.types.ndarray(), paint: ti.types.ndarray(),
-               image: ti.types.ndarray()):
+               levels: ti.types.ndarray(), decode: ti.types.ndarray(), borders: ti.types.ndarray(), rows: ti.types.ndarray(),
+               paint: ti.types.ndarray(), image: ti.types.ndarray()):
+        """Each face that is seen in a pixel is shaded once there, in the middle of the samples that see it."""
+        n = self.raster.samples
         for t in range(self.turns):
             row = self.raster.row(t, self.turns, self.height)
             for column in range(ti.select(row < self.height, self.width, 0)):
-                total = ti.Vector([0.0, 0.0, 0.0, 0.0])
-                for s in range(self.samples * self.samples):
-                    px, py = column * self.samples + s % self.samples, row * self.samples + s // self.samples
-                    f = self.raster.face[py * self.raster.w + px]
-                    if f >= 0:
-                        color = self.surface(f, px, py, p, x, normals, faces, corner_uv, colors, backs, owner, objects,
-                                             texels, levels, decode, rows, paint)
-                        total += ti.Vector([color[0], color[1], color[2], 1.0])
-                    else:
-                        total += self.background(px, py, rows)
+                total, done = ti.Vector([0.0, 0.0, 0.0, 0.0]), 0
+                for s in range(n * n):
+                    if (done >> s) & 1 == 0:
+                        f = self.raster.face[(row * n + s // n) * self.raster.w + column * n + s % n]
+                        at, count = ti.Vector([0.0, 0.0]), 0
+                        for r in range(s, n * n):
+                            px, py = column * n + r % n, row * n + r // n
+                            if self.raster.face[py * self.raster.w + px] == f:
+                                at, count, done = at + spot(px, py, n), count + 1, done | (1 << r)
+                        at /= count
+                        if f >= 0:
+                            color = self.surface(f, at, ti.sqrt(count), row, column, p, x, normals, faces, corner_uv, colors,
+                                                 backs, owner, objects, texels, levels, decode, borders, rows, paint)
+                            total += count * ti.Vector([color[0], color[1], color[2], 1.0])
+                        else:
+                            total += count * self.background(at, row, column, rows)
                 for c in ti.static(range(4)):
-                    image[row, column, c] = ti.cast(total[c] / (self.samples * self.samples), ti.f32)
+                    image[row, column, c] = ti.cast(total[c] / (n * n), ti.f32)
 
     @ti.func
-    def surface(self, f, px, py, p: ti.template(), x: ti.template(), normals: ti.template(), faces: ti.template(),
-                corner_uv: ti.template(), colors: ti.template(), backs: ti.template(), owner: ti.template(),
-                objects: ti.template(), texels: ti.template(), levels: ti.template(), decode: ti.template(),
-                rows: ti.template(), paint: ti.template()):
-        """Colour of a face at a sample."""
+    def surface(self, f, at, wide, row, column, p: ti.template(), x: ti.template(), normals: ti.template(),
+                faces: ti.template(), corner_uv: ti.template(), colors: ti.template(), backs: ti.template(),
+                owner: ti.template(), objects: ti.template(), texels: ti.template(), levels: ti.template(),
+                decode: ti.template(), borders: ti.template(), rows: ti.template(), paint: ti.template()):
+        """Colour of a face at a place of the picture; wide: of a square of so many samples."""
         i, j, l = faces[f, 0], faces[f, 1], faces[f, 2]
         a, b, c = corner(p, i), corner(p, j), corner(p, l)
         area = edge(a, b, c[0], c[1])
-        flat_k = weights(a, b, c, area, px + 0.5, py + 0.5)
+        flat_k = weights(a, b, c, area, at[0], at[1])
         k = flat_k * ti.Vector([a[2], b[2], c[2]])
         k /= k.sum()
         position = k[0] * corner(x, i) + k[1] * corner(x, j) + k[2] * corner(x, l)
@@ -92,41 +104,41 @@ class Shader:
             n = -n
             flat = -flat
             base, front = corner(backs, f), 0
-        uv = ti.Vector([0.0, 0.0])
+        uv, tilt = ti.Vector([0.0, 0.0]), ti.Vector([0.0, 0.0])
         for d in ti.static(range(2)):
             uv[d] = k[0] * corner_uv[f, 0, d] + k[1] * corner_uv[f, 1, d] + k[2] * corner_uv[f, 2, d]
         if f < rows[CLOTH, 1] and rows[SCENE, 0] > 0:
             base = k[0] * corner(paint, i) + k[1] * corner(paint, j) + k[2] * corner(paint, l)
         else:
-            base = finish.squared(base, uv, rows[CLOTH, 0], objects, owner[f])
-            if ti.static(self.textured or self.woven):
-                seen = footprint(f, corner_uv, area)
-                if ti.static(self.textured):
-                    if objects[owner[f], finish.TEXTURE] > 0 and (front == 1 or objects[owner[f], finish.BOTH] > 0):
-                        base = finish.printed(base, uv, seen, objects, owner[f], texels, levels, decode)
-                if ti.static(self.woven):
-                    if objects[owner[f], finish.WEAVE] > 0:
-                        u, v, shade = finish.threads(uv, seen * self.samples, objects, owner[f])
-                        base *= shade
-                        n = tilted(n, u, v, f, faces, x, corner_uv)
+            of_sample, o = footprint(f, corner_uv, area), owner[f]
+            base = finish.squared(base, uv, of_sample * wide, rows[CLOTH, 0], objects, o)
+            if ti.static(self.textured):
+                if objects[o, finish.TEXTURE] > 0 and (front == 1 or objects[o, finish.BOTH] > 0):
+                    base = finish.printed(base, uv, of_sample * wide, objects, o, texels, levels, decode)
+            if ti.static(self.woven):
+                if objects[o, finish.WEAVE] > 0:
+                    u, v, shade = finish.threads(uv, of_sample * self.raster.samples, objects, o)
+                    base *= shade
+                    tilt += ti.Vector([u, v])
+            if ti.static(self.hemmed):
+                if objects[o, finish.HEM] > 0:
+                    u, v, shade = finish.hemmed(uv, of_sample * self.raster.samples, borders, f, objects, o)
+                    base *= shade
+                    tilt += ti.Vector([u, v])
+            if ti.static(self.woven or self.hemmed):
+                n = tilted(n, tilt[0], tilt[1], f, faces, x, corner_uv)
         if rows[CLOTH, 2] > 0:
-            base *= wire(a, b, c, area, flat_k, self.samples)
-        light = corner(rows, LIGHT)
-        reached, open_sky = self.light.at(position, flat, px, py, rows)
-        lit = ti.max(n.dot(light), 0.0) * reached
-        half = (light + view).normalized(1e-12)
-        gloss = 0.03 * ti.max(n.dot(half), 0.0) ** 16 * lit
-        rim = 0.10 * (1 - ti.max(n.dot(view), 0.0)) ** 3
-        around = (open_sky + (1 - open_sky) * BOUNCE * base) * ambient(n)  # folds are lit by the cloth around them
-        return base * (KEY * lit + around) + gloss + rim * around
+            base *= wire(a, b, c, area, flat_k, self.raster.samples)
+        reached, open_sky = self.light.at(position, flat, row, column, rows)
+        return lit(base, n, view, reached, open_sky, objects, owner[f], rows, self.around.key, self.around.accents)
 
     @ti.func
-    def background(self, px, py, rows: ti.template()):
+    def background(self, at, row, column, rows: ti.template()):
         """What is seen where no surface is: ground that fades into the sky; alpha last."""
-        t, ray = ground_at(px, py, self.raster.w, self.raster.h, rows)
+        t, ray = ground_at(at, self.raster.w, self.raster.h, rows)
         color, alpha = ti.Vector([0.0, 0.0, 0.0]), 1.0
         if ti.static(self.around.background == "sky"):
-            color = sky(ray)
+            color = sky(ray, rows)
         elif ti.static(self.around.background == "color"):
             color = corner(rows, BACKGROUND)
         else:
@@ -137,15 +149,15 @@ class Shader:
                 up_n = ti.Vector([0.0, 1.0, 0.0])
                 reached, open_sky = 1.0, 1.0
                 if t < FADE * rows[PLACE, 2]:
-                    reached, open_sky = self.light.at(hit, up_n, px, py, rows)
-                sun = KEY * ti.max(corner(rows, LIGHT)[1], 0.0)
-                fade = ti.exp(-t / (FADE * rows[PLACE, 2])) * ti.min(1.0, -ray[1] * 12)
+                    reached, open_sky = self.light.at(hit, up_n, row, column, rows)
+                sun, above = corner(rows, POWER) * ti.max(corner(rows, LIGHT)[1], 0.0), corner(rows, UP)
+                fade = ti.exp(-((t / (FADE * rows[PLACE, 2])) ** 2)) * ti.min(1.0, -ray[1] * 12)
                 if ti.static(self.around.floor == "shadow"):
-                    left = (sun * reached + open_sky * ambient(up_n)[1]) / (sun + ambient(up_n)[1])
+                    left = (sun[1] * reached + open_sky * above[1]) / (sun[1] + above[1])
                     color *= 1 - fade * (1 - left)
                     alpha += (1 - alpha) * fade * (1 - left)
                 else:
-                    ground = self.ground(hit, t, ray, rows) * (sun * reached + open_sky * ambient(up_n))
+                    ground = self.ground(hit, t, ray, rows) * (sun * reached + open_sky * above)
                     color = fade * ground + (1 - fade) * color
                     alpha = fade + (1 - fade) * alpha
         return ti.Vector([color[0], color[1], color[2], alpha])
@@ -155,8 +167,8 @@ class Shader:
         """Colour of the ground."""
         out = corner(rows, FLOOR)
         if ti.static(self.around.floor == "checker"):
-            width = t / (rows[PLACE, 0] * self.raster.h * ti.max(-ray[1], 0.02))  # of a sample on the ground, along the view
-            base = 0.42 + 0.12 * soft_checker(ti.Vector([hit[0], hit[2]]) / rows[PLACE, 2], width / rows[PLACE, 2])
+            width = t / (rows[PLACE, 0] * self.height * ti.max(-ray[1], 0.02))  # of a pixel, along the view
+            base = 0.455 + 0.05 * soft_checker(ti.Vector([hit[0], hit[2]]) / rows[PLACE, 2], width / rows[PLACE, 2])
             out = base * ti.Vector([1.0, 0.98, 0.95])
         return out
 

@@ -38,7 +38,7 @@ class ShadowMap:
         """Nothing: the map is all there is."""
 
     @ti.func
-    def at(self, position, flat, px, py, rows: ti.template()):
+    def at(self, position, flat, row, column, rows: ti.template()):
         """(share of the light, share of the sky) at a sample."""
         return self._reaches(position + flat * 0.004 / rows[SHADOW + 1, 2], rows), 1.0
 

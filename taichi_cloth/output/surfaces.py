@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..scene.appearance import Appearance
-from .finish import BOTH, FIRST, LEVELS, TEXTURE, WEAVE, Textures, object_row
+from .finish import BOTH, FIRST, HEM, LEVELS, TEXTURE, WEAVE, Textures, object_row
 
 
 @dataclass(frozen=True)
@@ -18,6 +18,7 @@ class Surfaces:
         owner: (m,) the object that a face belongs to; objects: (k, COLUMNS) `finish.object_row` of each.
         cloth_faces: how many of the faces, the first ones, are cloth.
         textures: images that the objects name.
+        borders: (m, 8) as `hems.borders` gives them; (1, 8) where nothing has a hem.
     """
 
     faces: np.ndarray
@@ -28,10 +29,11 @@ class Surfaces:
     objects: np.ndarray
     cloth_faces: int
     textures: Textures = field(default_factory=Textures)
+    borders: np.ndarray = field(default_factory=lambda: np.zeros((1, 8)))
 
     def __post_init__(self) -> None:
         for name, dtype in (("faces", np.int32), ("corner_uv", np.float32), ("colors", np.float32), ("backs", np.float32),
-                            ("owner", np.int32), ("objects", np.float32)):
+                            ("owner", np.int32), ("objects", np.float32), ("borders", np.float32)):
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=dtype))
 
     @property
@@ -43,6 +45,11 @@ class Surfaces:
     def woven(self) -> bool:
         """Whether threads show on anything."""
         return bool((self.objects[:, WEAVE] > 0).any())
+
+    @property
+    def hemmed(self) -> bool:
+        """Whether anything has a hem."""
+        return bool((self.objects[:, HEM] > 0).any())
 
     def mean_color(self, face: int, front: bool) -> np.ndarray:
         """(3,) linear RGB of a side of a face; where an image is on it, with the mean of that."""

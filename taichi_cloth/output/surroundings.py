@@ -2,19 +2,13 @@
 
 import taichi as ti
 
-from .colors import ABOVE, BELOW, HORIZON, SKYLIGHT, ZENITH
-
-
-@ti.func
-def checker(q):
-    """1 and 0 in turn."""
-    cell = ti.cast(ti.floor(q[0]), int) + ti.cast(ti.floor(q[1]), int)
-    return ti.cast(cell & 1, float)
+from .coverage import corner
+from .uniforms import DOWN, HORIZON, UP, ZENITH
 
 
 @ti.func
 def soft_checker(q, width):
-    """The mean of `checker` over a square of this width: its edges are as soft as a sample is wide."""
+    """1 and 0 in turn, the mean of it over a square of this width: its edges are as soft as a sample is wide."""
     side = 1.0
     for d in ti.static(range(2)):
         low, high = (q[d] - 0.5 * width) / 2, (q[d] + 0.5 * width) / 2
@@ -23,14 +17,14 @@ def soft_checker(q, width):
 
 
 @ti.func
-def sky(ray):
+def sky(ray, rows: ti.template()):
     """Colour of the sky in a direction."""
-    t = ti.max(ray[1], 0.0)
-    return ti.Vector(HORIZON) * (1 - t) + ti.Vector(ZENITH) * t
+    t = ti.sqrt(ti.max(ray[1], 0.0))  # paler only near the horizon
+    return corner(rows, HORIZON) * (1 - t) + corner(rows, ZENITH) * t
 
 
 @ti.func
-def ambient(n):
-    """Light from everywhere: blueish from above, warm from the ground."""
+def ambient(n, rows: ti.template()):
+    """Light from everywhere: of the sky from above, of the ground from below."""
     t = 0.5 + 0.5 * n[1]
-    return SKYLIGHT * (ti.Vector(ABOVE) * t + ti.Vector(BELOW) * (1 - t))
+    return corner(rows, UP) * t + corner(rows, DOWN) * (1 - t)

@@ -5,14 +5,14 @@ import numpy as np
 import taichi as ti
 
 from ..backend.fields import Fields
-from .colors import LIGHT_SIZE
-from .coverage import corner, edge, weights
+from .coverage import corner, edge, spot, weights
 from .ground import FADE, ground_at
 from .raster import Raster
 from .rays import RayTree
-from .uniforms import EYE, LIGHT, PLACE, SCENE, SIDE
+from .uniforms import EYE, LENS, LIGHT, PLACE, SCENE, SIDE
 
 REACH = 2  # pixels around that share what rays found
+ACROSS = 2 * REACH + 1
 OCCLUDE = 0.35  # part of the scene's size beyond which nothing takes ambient light away
 
 
@@ -34,7 +34,7 @@ class TracedLight:
         self.shadow_rays, self.ambient_rays = rays
         self.tree = RayTree(fields, triangles)
         # by pixel: what light reaches it, where it is, which way it faces
-        self.lit, self.spot, self.facing = (fields.real(self.width * self.height, k, dtype=ti.f32) for k in (2, 3, 3))
+        self.lit, self.place, self.facing = (fields.real(self.width * self.height, k, dtype=ti.f32) for k in (2, 3, 3))
 
     def prepare(self, x: np.ndarray, faces: np.ndarray, light: np.ndarray) -> np.ndarray:
         """Takes points (n, 3)."""
@@ -52,45 +52,46 @@ class TracedLight:
             row = self.raster.row(t, self.turns, self.height)
             for column in range(ti.select(row < self.height, self.width, 0)):
                 px, py = column * self.samples + self.samples // 2, row * self.samples + self.samples // 2
-                f = self.raster.face[py * self.raster.w + px]
-                there, spot, flat = 0, ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 1.0, 0.0])
+                f, at = self.raster.face[py * self.raster.w + px], spot(px, py, self.samples)
+                there, place, flat = 0, ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 1.0, 0.0])
                 if f >= 0:
                     a, b, c = corner(p, faces[f, 0]), corner(p, faces[f, 1]), corner(p, faces[f, 2])
-                    k = weights(a, b, c, edge(a, b, c[0], c[1]), px + 0.5, py + 0.5) * ti.Vector([a[2], b[2], c[2]])
+                    k = weights(a, b, c, edge(a, b, c[0], c[1]), at[0], at[1]) * ti.Vector([a[2], b[2], c[2]])
                     k /= k.sum()
                     q, r, s = corner(x, faces[f, 0]), corner(x, faces[f, 1]), corner(x, faces[f, 2])
-                    spot, there = k[0] * q + k[1] * r + k[2] * s, 1
+                    place, there = k[0] * q + k[1] * r + k[2] * s, 1
                     flat = (r - q).cross(s - q).normalized(1e-12)
-                    if flat.dot(corner(rows, EYE) - spot) < 0:
+                    if flat.dot(corner(rows, EYE) - place) < 0:
                         flat = -flat
                 elif ti.static(self.floor):
-                    away, ray = ground_at(px, py, self.raster.w, self.raster.h, rows)
+                    away, ray = ground_at(at, self.raster.w, self.raster.h, rows)
                     if away > 0 and away < FADE * rows[PLACE, 2]:
-                        spot, there = corner(rows, EYE) + away * ray, 1
+                        place, there = corner(rows, EYE) + away * ray, 1
                 reached, open_sky = 1.0, 1.0
                 if there == 1:
-                    reached, open_sky = self._from(spot, flat, px * 73 + py * 9781, rows)
+                    reached, open_sky = self._from(place, flat, row, column, rows)
                 pixel = row * self.width + column
                 self.lit[pixel] = ti.Vector([reached, open_sky])
-                self.spot[pixel], self.facing[pixel] = spot, flat * there
+                self.place[pixel], self.facing[pixel] = place, flat * there
 
     @ti.func
-    def _from(self, spot, flat, seed, rows: ti.template()):
+    def _from(self, place, flat, row, column, rows: ti.template()):
         """Rays to the light, which is round, and over the hemisphere."""
         size, light = rows[SCENE, 1], corner(rows, LIGHT)
-        origin = spot + flat * (3e-4 * size)
+        origin = place + flat * (3e-4 * size)
         side = flat.cross(ti.Vector([0.31, 0.2, 0.93]))
         if side.norm() < 0.1:
             side = flat.cross(ti.Vector([0.9, 0.1, 0.2]))
         side = side.normalized()
         other = flat.cross(side)
         dark, closed = 0.0, 0.0
-        for s in range(self.shadow_rays + self.ambient_rays):
-            u, w = spread(seed, s)
+        first, last = self._worth(place, OCCLUDE * size, light, rows[SCENE, 2])
+        for s in range(first, last):
+            u, w = spread(row, column, s, rows[LENS, 2])
             r = ti.sqrt(u)
             way, reach = ti.sqrt(1 - u) * flat + r * (ti.cos(w) * side + ti.sin(w) * other), OCCLUDE * size
             if s < self.shadow_rays:
-                r *= LIGHT_SIZE
+                r *= rows[SCENE, 2]
                 way = (light + r * (ti.cos(w) * corner(rows, SIDE) + ti.sin(w) * corner(rows, SIDE + 1))).normalized()
                 reach = 1e9
             blocked = self.tree.blocked(origin, way, reach)
@@ -98,12 +99,25 @@ class TracedLight:
                 dark += blocked
             else:
                 closed += blocked
-        return 1 - dark / self.shadow_rays, 1 - 0.85 * closed / self.ambient_rays
+        return 1 - dark / ti.max(self.shadow_rays, 1), 1 - 0.85 * closed / self.ambient_rays
 
     @ti.func
-    def at(self, position, flat, px, py, rows: ti.template()):
-        """(share of the light, share of the sky) at a sample: of pixels around that see the same surface."""
-        row, column = py // self.samples, px // self.samples
+    def _worth(self, place, reach, light, wide):
+        """First and last of the rays from a place that may meet anything: what stays away from the bounds of all does not."""
+        low, high = self.tree.boxes.low[1], self.tree.boxes.high[1]
+        first, last = self.shadow_rays, self.shadow_rays
+        if ti.max(low - place, place - high, 0.0).norm() < reach:
+            last += self.ambient_rays
+        to = (low + high) / 2 - place
+        along = to.dot(light)
+        radius = (high - low).norm() / 2
+        if (to - along * light).norm() < radius + wide * ti.max(along + radius, 0.0) and along > -radius:
+            first = 0
+        return first, last
+
+    @ti.func
+    def at(self, position, flat, row, column, rows: ti.template()):
+        """(share of the light, share of the sky) in a pixel: of pixels around that see the same surface."""
         eye = corner(rows, EYE)
         width = (position - eye).norm() / (rows[PLACE, 0] * self.height)  # of a pixel there
         total, weight = ti.Vector([0.0, 0.0]), 1e-12
@@ -112,7 +126,7 @@ class TracedLight:
                 y, z = row + dy, column + dx
                 if 0 <= y and y < self.height and 0 <= z and z < self.width:
                     pixel = y * self.width + z
-                    away = ti.abs((self.spot[pixel] - position).dot(flat)) / (2 * width)
+                    away = ti.abs((self.place[pixel] - position).dot(flat)) / (2 * width)
                     alike = ti.max(self.facing[pixel].dot(flat), 0.0)
                     w = ti.exp(-away * away) * alike * alike + 1e-9
                     total += w * self.lit[pixel]
@@ -121,11 +135,12 @@ class TracedLight:
 
 
 @ti.func
-def spread(seed, s):
-    """A point of [0, 1) x [0, 2 pi): rays of a sample in a low-discrepancy sequence, turned from sample to sample."""
-    h = ti.cast(seed, ti.u32) * ti.u32(2654435761)
-    h = (h ^ (h >> 15)) * ti.u32(2246822519)
-    h = h ^ (h >> 13)
-    a = ti.cast(h & ti.u32(65535), ti.f32) / 65536.0 + 0.7548777 * s
-    b = ti.cast(h >> 16, ti.f32) / 65536.0 + 0.5698403 * s
+def spread(row, column, s, exposure):
+    """A point of [0, 1) x [0, 2 pi) for ray s of a pixel.
+
+    Pixels that share what they found have different parts of one low-discrepancy sequence, all of it together: where they see
+    one surface there is no noise. [A. Keller, W. Heidrich: Interleaved Sampling, 2001]
+    """
+    k = row % ACROSS * ACROSS + column % ACROSS + ACROSS * ACROSS * (s + 16 * exposure) + 0.5
+    a, b = 0.7548777 * k, 0.5698403 * k
     return a - ti.floor(a), 6.2831853 * (b - ti.floor(b))

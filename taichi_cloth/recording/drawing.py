@@ -9,8 +9,9 @@ import numpy as np
 from .. import checks
 from ..errors import SceneError, shown
 from ..output.exr import encode_exr
+from ..output.look import Look
 from ..output.passes import PASSES, named
-from ..output.picture import Artist
+from ..output.picture import Artist, Next
 from ..output.png import encode_png
 from ..output.recording import Recording
 from ..output.renderer import developed
@@ -35,9 +36,10 @@ class Extras:
         checks.choice("format of passes", self.format, FORMATS)
 
 
-def files_of(artist: Artist, frame: dict[str, np.ndarray], number: int, extras: Extras) -> tuple[np.ndarray, dict[str, bytes]]:
-    """A frame's picture, and the files of it by their ending, such as ".png" and ".depth.npy"."""
-    light = artist.light(frame)
+def files_of(artist: Artist, frame: dict[str, np.ndarray], number: int, extras: Extras,
+             next_: Next = None) -> tuple[np.ndarray, dict[str, bytes]]:
+    """A frame's picture, and the files of it by their ending, such as ".png" and ".depth.npy"; next_: as in `Artist.light`."""
+    light = artist.light(frame, next_=next_)
     image = artist.captioned(developed(light, artist.look.bits, artist.renderer.transparent), frame, number)
     out = {".png": encode_png(image)}
     if not extras.passes:
@@ -56,6 +58,13 @@ def files_of(artist: Artist, frame: dict[str, np.ndarray], number: int, extras: 
 def frames_of(recording: Recording) -> Iterator[dict[str, np.ndarray]]:
     """All recorded frames, which a fitted camera has to have in its picture."""
     return (recording.frame(k) for k in recording.frames())
+
+
+def next_of(recording: Recording, number: int, look: Look) -> Next:
+    """The frame after one, and the time between, for a shutter."""
+    if not look.shutter:
+        return None
+    return recording.frame(number + 1) if number + 1 in recording.frames() else None, 1 / recording.fps
 
 
 def numbers_in(text: str, there: Iterable[int]) -> list[int]:

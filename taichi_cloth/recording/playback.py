@@ -17,7 +17,7 @@ from ..output.png import encode_apng, encode_png
 from ..output.recording import Recording
 from ..scene.view import camera_at
 from ..system.quantities import QUANTITIES, evaluate, require
-from .drawing import Extras, files_of, frames_of
+from .drawing import Extras, files_of, frames_of, next_of
 from .material import SameMaterial
 
 NOTHING = Extras()
@@ -73,7 +73,7 @@ def render(recording: Recording, folder: pathlib.Path, size: tuple[int, int], lo
         raise OutputError(f"cannot write to {folder}: {error.strerror or error}") from None
     picked = set(spread(numbers, films.sheet)) if films.sheet else set()
     for k in numbers:
-        image, parts = files_of(artist, recording.frame(k), k, extras)
+        image, parts = files_of(artist, recording.frame(k), k, extras, next_of(recording, k, look))
         for ending, data in parts.items():
             files.append(folder / f"{k:05d}{ending}")
             write_whole(files[-1], data)

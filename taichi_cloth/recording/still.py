@@ -23,7 +23,7 @@ from ..scene.view import AnyCamera, Camera, Color
 from ..simulation import Simulation
 from ..system.quantities import QUANTITIES
 from . import record
-from .drawing import Extras, frames_of, numbers_in
+from .drawing import Extras, frames_of, next_of, numbers_in
 from .playback import Films, heat_of
 from .playback import render as render_files
 
@@ -37,8 +37,8 @@ def render(what: Drawable, path: str | Path | None = None, frame: int | None = N
            size: tuple[int, int] = (1280, 720), quality: str = "standard", heat: str | None = None,
            limits: tuple[float, float] | None = None, camera: Cameras = None, wire: bool = False, caption: str = "", *,
            orbit: float = 0.0, follow: bool = False, background: str | Color | None = None, floor: str | Color | None = None,
-           light: tuple[float, float, float] | None = None, appearance: Looks = None, smooth: int = 0,
-           bits: int = 8) -> np.ndarray:
+           light: str | tuple[float, float, float] | None = None, appearance: Looks = None, smooth: int = 0, bits: int = 8,
+           aperture: float = 0.0, focus: float | None = None, shutter: float = 0.0) -> np.ndarray:
     """Draws a picture.
 
     Args:
@@ -57,6 +57,8 @@ def render(what: Drawable, path: str | Path | None = None, frame: int | None = N
         appearance: of all cloths, or appearances by the cloths' names; what they leave open is the scene's.
         smooth: how often triangles' edges are halved, 0 to 3: round outlines, for the picture only.
         bits: of a number, 8 or 16.
+        aperture: diameter of the lens [m]: blurs what is not as far away as `focus` [m], None for the cloth's middle.
+        shutter: of a recorded run: part of the time until the next frame that the picture takes, 0 to 1; blurs what moves.
 
     Returns:
         (height, width, 3), uint8 or uint16; (height, width, 4) where the background is transparent. A notebook shows it as a
@@ -69,8 +71,9 @@ def render(what: Drawable, path: str | Path | None = None, frame: int | None = N
     path = None if path is None else checks.png("render: path", path, OutputError)
     artist, arrays, number = _artist("render", what, frame, size, heat, limits, quality=quality, camera=camera, wire=wire,
                                      caption=caption, orbit=orbit, follow=follow, background=background, floor=floor,
-                                     light=light, appearance=appearance, smooth=smooth, bits=bits)
-    image = artist.draw(arrays, number)
+                                     light=light, appearance=appearance, smooth=smooth, bits=bits, aperture=aperture,
+                                     focus=focus, shutter=shutter)
+    image = artist.draw(arrays, number, next_=next_of(what, number, artist.look) if isinstance(what, Recording) else None)
     if path is not None:
         write_whole(path, encode_png(image))
     return image.view(Picture)
@@ -150,6 +153,8 @@ def _artist(name: str, what: object, frame: int | None, size: object, heat: str 
         runtime.go_on()
         return Artist(geometry, (width, height), _look(heat, limits, geometry, recorded, look),
                       lambda: frames_of(recorded)), arrays, number
+    if look.get("shutter"):
+        raise SceneError(f"{name}: shutter: only a recorded run knows how cloth and solids move on: tc.record keeps one")
     if frame is not None:
         raise SceneError(f"{name}: frame: a simulation is drawn as it now is; frames are those of a recorded run")
     if isinstance(what, Scene):

@@ -104,6 +104,11 @@ class Appearance:
         weave: threads that show.
         panels: colours of faces all of whose corners are in a group of the cloth's mesh, by the groups' names; later ones go
             over earlier ones, and all over `color`. A scene's to say, in `add_cloth` and `add_garment`.
+        sheen: light that fibres throw along outlines, as velvet does, 0 to 1 (0.1).
+        specular: part of the light that is thrown back in a highlight where it falls straight on the cloth, 0 to 1 (0.015);
+            roughness: how wide that is, from 0.1, silk, to 1 (0.6).
+        hem: width [m] of a hem along borders that are not sewn; None for none.
+        thickness: [m] with which the cloth is drawn, half of it to each side, and walls along borders; None draws a sheet.
     """
 
     color: str | Color | None = None
@@ -112,6 +117,11 @@ class Appearance:
     texture: Texture | None = None
     weave: Weave | None = None
     panels: Mapping[str, str | Color] | None = None
+    sheen: float | None = None
+    specular: float | None = None
+    roughness: float | None = None
+    hem: float | None = None
+    thickness: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("color", "back"):
@@ -119,6 +129,13 @@ class Appearance:
         object.__setattr__(self, "squares", checks.maybe(self.squares, checks.flag, "appearance squares"))
         checks.maybe(self.texture, checks.instance, "appearance texture", Texture)
         checks.maybe(self.weave, checks.instance, "appearance weave", Weave)
+        for name, least in (("sheen", 0.0), ("specular", 0.0), ("roughness", 0.1)):
+            object.__setattr__(self, name, checks.maybe(
+                getattr(self, name), lambda what, v, least=least: checks.number(what, v, least=least, most=1.0),
+                f"appearance {name}"))
+        for name in ("hem", "thickness"):
+            object.__setattr__(self, name, checks.maybe(
+                getattr(self, name), lambda what, v: checks.number(what, v, "m", positive=True), f"appearance {name}"))
         if self.panels is not None:
             if not isinstance(self.panels, Mapping):
                 raise SceneError(f"appearance panels = {shown(self.panels)}: must be colours by the names of a mesh's groups")
@@ -129,6 +146,11 @@ class Appearance:
         """This one, and what it leaves open from another."""
         return Appearance(**{f.name: getattr(other, f.name) if getattr(self, f.name) is None else getattr(self, f.name)
                              for f in fields(self)})
+
+    @property
+    def surface(self) -> tuple[float | None, ...]:
+        """Sheen, specular, roughness, hem, thickness."""
+        return self.sheen, self.specular, self.roughness, self.hem, self.thickness
 
     @property
     def has_squares(self) -> bool:

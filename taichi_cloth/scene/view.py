@@ -11,6 +11,7 @@ from ..errors import SceneError, shown
 Color = tuple[float, float, float]
 FLOORS = ("checker", "plain", "shadow", "none")
 LIGHT = (0.45, 0.8, 0.5)  # towards the key light
+LIGHTS = ("day", "studio", "sun", "soft")
 
 
 @dataclass(frozen=True)
@@ -106,9 +107,10 @@ class View:
             lowest solid, if nothing comes lower in all frames, else some way below all of them.
         reach: room [m] that the cloth will need round its first shape, for the fitted camera.
         floor: the ground: "checker", "plain", "shadow" (nothing but the shadows on it), "none", or a colour. None is
-            "none" where the background is transparent, "checker" elsewhere.
+            "none" where the background is transparent, "plain" in the lights "studio" and "soft", "checker" elsewhere.
         background: "sky", "transparent" or a colour. Colours are names of CSS, "#rrggbb" in sRGB, or linear RGB.
-        light: direction towards the key light.
+        light: direction towards the key light of the day; or lights by name: "day", "studio" (a large light, one that fills
+            shadows and one from behind, round the camera), "sun" (low, warm, hard shadows), "soft" (an overcast sky alone).
     """
 
     camera: AnyCamera | Mapping[float, Camera] | None = None
@@ -116,7 +118,7 @@ class View:
     reach: float = 0.0
     floor: str | Color | None = None
     background: str | Color = "sky"
-    light: tuple[float, float, float] = LIGHT
+    light: str | tuple[float, float, float] = LIGHT
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "camera", any_camera("view camera", self.camera))
@@ -124,12 +126,14 @@ class View:
         object.__setattr__(self, "reach", checks.number("view reach", self.reach, "m", least=0.0))
         object.__setattr__(self, "floor", checks.maybe(self.floor, color_or, "floor", FLOORS))
         object.__setattr__(self, "background", color_or("background", self.background, ("sky", "transparent")))
-        object.__setattr__(self, "light", direction("light", self.light))
+        object.__setattr__(self, "light", light_or("light", self.light))
 
     @property
     def drawn_floor(self) -> str | Color:
         """The floor, decided."""
-        return self.floor if self.floor is not None else "none" if self.background == "transparent" else "checker"
+        if self.floor is not None:
+            return self.floor
+        return "none" if self.background == "transparent" else "plain" if self.light in ("studio", "soft") else "checker"
 
 
 def direction(what: str, value: object) -> tuple[float, float, float]:
@@ -138,6 +142,11 @@ def direction(what: str, value: object) -> tuple[float, float, float]:
     if not (x or y or z):
         raise SceneError(f"{what} = (0, 0, 0): needs a direction, such as (0.45, 0.8, 0.5) towards the light")
     return x, y, z
+
+
+def light_or(what: str, value: object) -> str | tuple[float, float, float]:
+    """Lights by name, or a direction."""
+    return checks.choice(what, value, LIGHTS) if isinstance(value, str) else direction(what, value)
 
 
 def color_or(what: str, value: object, words: tuple[str, ...]) -> str | Color:

@@ -105,6 +105,25 @@ def test_python_and_the_command_draw_the_same(fallen, tmp_path):
     assert tc.render(recording, frame=4, size=SIZE, **look).dtype == np.uint16
 
 
+@pytest.mark.slow
+def test_a_shutter_is_open_until_the_next_frame(fallen, tmp_path):
+    """Cloth that goes 4 m/s is seen as far as it gets until the next frame, of which there is none for the last."""
+    look = {"size": SIZE, "quality": "fast", "background": "transparent",
+            "camera": tc.Camera((0.6, -0.2, 4), (0.6, -0.2, 0), 35)}
+    recording = tc.Recording(fallen)
+
+    def ends(frame, **more):
+        at = np.flatnonzero((tc.render(recording, frame=frame, **look, **more)[..., 3] > 8).any(axis=0))
+        return at[0], at[-1]
+
+    first, second, blurred = ends(4), ends(5), ends(4, shutter=1)
+    assert second[1] > first[1] + 1 and abs(blurred[0] - first[0]) <= 1 and abs(blurred[1] - second[1]) <= 1
+    assert ends(9, shutter=1)[1] > ends(9)[1] + 1
+    assert cli.main(["render", str(fallen), "--to", str(tmp_path), *SMALL, "--frames", "4", "--shutter", "1",
+                     "--aperture", "0.1", "--light", "studio", "--hem", "0.02", "--specular", "0.2:0.3",
+                     "--thickness", "0.01"]) == 0
+
+
 def test_exr_has_light_and_passes(fallen, tmp_path):
     reader = pytest.importorskip("OpenEXR")
     assert cli.main(["render", str(fallen), "--to", str(tmp_path), *SMALL, "--frames", "3", "--passes", "depth,normal,id",
@@ -162,7 +181,10 @@ def test_pictures_are_png_by_name_too(fallen, tmp_path, capsys, name):
     (["--color", "redd"], "'redd': is no colour"), (["--background", "sea"], "'sea'"), (["--passes", "deep"], "'deep'"),
     (["--pass-format", "tiff"], "'tiff'"), (["--texture", "no.png"], "'no.png': there is no such file"),
     (["--texture", "no.png@a"], "WIDTHxHEIGHT"), (["--weave", "wide"], "SPACING"), (["--smooth", "9"], "smooth = 9"),
-    (["--bits", "4"], "bits = 4"), (["--light", "0,0,0"], "light"), (["--mp4", "--background", "transparent"], "transparent")])
+    (["--bits", "4"], "bits = 4"), (["--light", "0,0,0"], "light"), (["--mp4", "--background", "transparent"], "transparent"),
+    (["--light", "studoi"], "did you mean 'studio'"), (["--hem", "cloth=wide"], "--hem 'wide': needs a number"),
+    (["--hem", "0"], "hem = 0"), (["--specular", "0.2:rough"], "--specular 'rough'"), (["--sheen", "3"], "sheen = 3"),
+    (["--thickness", "-1"], "thickness = -1"), (["--aperture", "-1"], "aperture = -1"), (["--shutter", "2"], "shutter = 2")])
 def test_mistakes_are_named(fallen, tmp_path, capsys, flags, what):
     assert cli.main(["render", str(fallen), "--to", str(tmp_path / "none"), *SMALL, *flags]) == 2
     assert what in capsys.readouterr().err and not list(tmp_path.rglob("*.png"))

@@ -231,7 +231,8 @@ def test_a_full_disk_leaves_what_is_written_whole(limit, culprit, tmp_path):
                       "folder.write_whole = limited\n"
                       "sys.exit(main(sys.argv[1:]))\n")
     folder = tmp_path / "out"
-    done = subprocess.run([sys.executable, str(script), "run", "hang", "--out", str(folder), *QUICK, "--size", "640x480"],
+    done = subprocess.run([sys.executable, str(script), "run", "hang", "--out", str(folder), *QUICK, "--size", "640x480",
+                           "--floor", "checker"],
                           capture_output=True, text=True, check=False, timeout=120, cwd=ROOT,
                           env={**os.environ, "PYTHONPATH": str(ROOT)})
     assert done.returncode == 2 and culprit in done.stderr and "File too large" in done.stderr, done.stderr

@@ -95,7 +95,7 @@ def read_obj(path):
         if word == "Kd":
             colors[name] = np.array(rest, dtype=np.float32)
     tables = {word: np.array([line[1:] for line in lines if line[0] == word], dtype=np.float32) for word in ("v", "vt", "vn")}
-    assert {line[0] for line in lines} <= {"v", "vt", "vn", "f", "o", "usemtl", "mtllib"}
+    assert {line[0] for line in lines} <= {"v", "vt", "vn", "f", "o", "g", "usemtl", "mtllib"}
     out, of, material = {}, {}, {}
     for line in lines:
         if line[0] == "o":

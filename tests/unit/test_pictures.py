@@ -117,16 +117,19 @@ def test_a_camera_goes_through_its_keys():
 def test_what_is_recorded_of_a_view_and_of_appearances_comes_back(rng):
     image = rng.integers(0, 256, (5, 7, 4), dtype=np.uint8)
     looks = [tc.Appearance("crimson", "navy"), tc.Appearance(), tc.Appearance(
-        squares=True, texture=tc.Texture(image, 0.7, (0.1, 0.2), False), weave=tc.Weave(0.003, 0.5, "twill"))]
+        squares=True, texture=tc.Texture(image, 0.7, (0.1, 0.2), False), weave=tc.Weave(0.003, 0.5, "twill"),
+        sheen=0.5, roughness=0.3, hem=0.01)]
     g = of_appearances(looks) | {"cloth_names": np.array(["a", "b", "c"])}
     back = appearances_of(g)
     for one, other in zip(looks, back):
         assert (one.color, one.back, one.squares, one.weave) == (other.color, other.back, other.squares, other.weave)
+        assert one.surface == other.surface
     assert (back[2].texture.image == image).all() and back[2].texture.size == pytest.approx((0.7, 0.5))
     assert back[2].texture.origin == (0.1, 0.2) and not back[2].texture.repeat and back[1].texture is None
     assert set(of_appearances([tc.Appearance("red")])) == {"cloth_colors"}, "nothing more where nothing more is said"
     for view in (View(), View(AHEAD, 0.5, 0.1), View({0: AHEAD, 1: Camera((1, 1, 1), (0, 0, 0))}, background="transparent",
-                                                     floor="shadow", light=(0, 1, 0)), View(background="tan", floor="plum")):
+                                                     floor="shadow", light=(0, 1, 0)), View(background="tan", floor="plum"),
+                 View(light="studio")):
         again = view_of(of_view(view, view.ground))
         assert (again.ground, again.reach, again.floor, again.background) == (view.ground, view.reach, view.floor,
                                                                               view.background)
@@ -159,8 +162,9 @@ def test_background_floor_and_light_are_as_said(sim):
     image, _ = shot(sim, background="#204060", floor="none")
     assert image[2, 2].tolist() == [0x20, 0x40, 0x60] and image[-2, 2].tolist() == [0x20, 0x40, 0x60]
     above = Camera((0.5, 3, 3), (0.5, -5, -4))
-    plain, checker = (shot(sim, floor=f, camera=above)[0][100:, :20].astype(int) for f in ("tan", "checker"))
-    assert np.ptp(plain, axis=(0, 1)).max() < 12 < np.ptp(checker, axis=(0, 1)).max() + 4
+    plain, checker = (shot(sim, floor=f, camera=above)[0][90:, :40].astype(int) for f in ("tan", "checker"))
+    apart = [np.abs(np.diff(floor.mean(axis=2), axis=1)).max() for floor in (plain, checker)]
+    assert apart[0] < 1.1 < 1.4 < apart[1], "squares have edges"
     assert plain[10, 10, 0] > plain[10, 10, 2] + 5, "tan, as far as distance leaves it"
     shadow, _ = shot(sim, floor="shadow", background="transparent", camera=above, light=(0, 1, 0.01))
     assert 0 < shadow[..., 3][shadow[..., :3].max(axis=2) == 0].max() < 255, "black, as dense as the shadow"

@@ -8,9 +8,10 @@ import numpy as np
 from ...errors import OutputError
 from ...io import blender
 from ...scene.view import View
-from .. import colors
+from ..camera import Frame
 from ..camera import frame as axes_of
 from ..folder import written_aside
+from ..rig import rig_of
 from .polygons import loops
 from .shot import Mesh, Shot
 
@@ -63,7 +64,7 @@ def arrays(shot: Shot) -> dict[str, np.ndarray]:
            "kinds": np.array([m.kind for m in shot.meshes]), "colors": np.array([m.color for m in shot.meshes]),
            "fov": np.radians([c.fov for c in shot.cameras]), "clip": np.array([near, far]),
            "eye": up(np.array([c.eye for c in shot.cameras])), "axes": up(np.array([axes_of(c).axes for c in shot.cameras])),
-           "thickness": np.array([m.thickness or 0.0 for m in shot.meshes]), **surroundings(shot.view)}
+           "thickness": np.array([m.thickness or 0.0 for m in shot.meshes]), **surroundings(shot.view, axes_of(shot.cameras[0]))}
     for k, mesh in enumerate(shot.meshes):
         surface = mesh.surface(0)
         places, counts = loops(surface.faces, surface.polygon)
@@ -74,18 +75,21 @@ def arrays(shot: Shot) -> dict[str, np.ndarray]:
     return out
 
 
-def surroundings(view: View) -> dict[str, np.ndarray]:
-    """Light and background as pictures here have them, by name.
+def surroundings(view: View, camera: Frame) -> dict[str, np.ndarray]:
+    """Lights and background as pictures here have them, by name.
 
-    `light` is towards the key light, with `key` and angle `sun`; `everywhere` the radiance from all sides, of which the second
-    row is times the height of a direction; `sky` the colours at the horizon and above, none of a transparent background.
+    `lights` are the ways towards the key light and those that throw no shadow, (k, 3), of linear RGB `powers` (k, 3), the first
+    seen under the angle `sun`; `everywhere` is the radiance from all sides, of which the second row is times the height of a
+    direction; `sky` the colours at the horizon and above, none of a transparent background.
     """
-    above, below = colors.SKYLIGHT * np.array([colors.ABOVE, colors.BELOW])
-    background = view.background
-    sky = np.array([colors.HORIZON, colors.ZENITH] if background == "sky" else
+    rig = rig_of(view.light, camera)
+    others = [way for way in (rig.fill, rig.rim) if any(way)]
+    powers = [rig.power] + [(float(np.linalg.norm(way)),) * 3 for way in others]
+    above, below, background = np.array(rig.up), np.array(rig.down), view.background
+    sky = np.array([rig.horizon, rig.zenith] if background == "sky" else
                    [] if background == "transparent" else [background] * 2, dtype=np.float64)
     # a matt surface gathers 2/3 of light that grows with height
-    return {"light": up(np.array(view.light)), "key": np.array(colors.KEY), "sun": np.array(2 * np.arctan(colors.LIGHT_SIZE)),
+    return {"lights": up(np.array([rig.key, *others])), "powers": np.array(powers), "sun": np.array(2 * np.arctan(rig.size)),
             "sky": sky, "everywhere": np.stack([(above + below) / 2, 3 / 2 * (above - below) / 2])}
 
 

@@ -159,14 +159,9 @@ def thicken(cloth, thickness: float) -> None:
 
 
 def add_surroundings(scene, arrays) -> None:
-    """The key light, the light from everywhere, and the background, as the run's own pictures have them."""
-    from mathutils import Vector
-
-    sun = bpy.data.lights.new("sun", "SUN")
-    sun.energy, sun.angle = np.pi * float(arrays["key"]), float(arrays["sun"])
-    light = bpy.data.objects.new("sun", sun)
-    light.rotation_euler = Vector(arrays["light"].tolist()).to_track_quat("Z", "Y").to_euler()
-    scene.collection.objects.link(light)
+    """The lights, the light from everywhere, and the background, as the run's own pictures have them."""
+    for k, (way, power) in enumerate(zip(arrays["lights"], arrays["powers"])):
+        add_sun(scene, way, power, float(arrays["sun"]) if k == 0 else None)
     scene.view_settings.view_transform = "Standard"
     scene.world = bpy.data.worlds.new("world")
     if scene.world.node_tree is None:
@@ -180,10 +175,27 @@ def add_surroundings(scene, arrays) -> None:
     middle, grows = arrays["everywhere"]
     color = mix(nodes, links, half.outputs[0], middle - grows, middle + grows)
     if len(arrays["sky"]):
-        seen = mix(nodes, links, height.outputs["Z"], *arrays["sky"])
+        root = nodes.new("ShaderNodeMath")  # paler only near the horizon
+        root.operation, root.inputs[1].default_value = "POWER", 0.5
+        links.new(height.outputs["Z"], root.inputs[0])
+        seen = mix(nodes, links, root.outputs[0], *arrays["sky"])
         color = mix(nodes, links, nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"], color, seen)
     scene.render.film_transparent = not len(arrays["sky"])
     links.new(color, next(node for node in nodes if node.type == "BACKGROUND").inputs["Color"])
+
+
+def add_sun(scene, way, power, angle: float | None) -> None:
+    """A light from far away, of linear RGB (3,); without an angle under which it is seen it throws no shadow."""
+    from mathutils import Vector
+
+    most = float(max(power))
+    if not most > 0:
+        return
+    sun = bpy.data.lights.new("sun", "SUN")
+    sun.energy, sun.color, sun.angle, sun.use_shadow = np.pi * most, power / most, angle or 0.0, angle is not None
+    light = bpy.data.objects.new("sun", sun)
+    light.rotation_euler = Vector(way.tolist()).to_track_quat("Z", "Y").to_euler()
+    scene.collection.objects.link(light)
 
 
 def mix(nodes, links, factor, *ends):

@@ -14,9 +14,10 @@ from ...backend.ordering import components
 from ...errors import OutputError
 from ...scene.view import Camera, CameraKeys, View
 from ..camera import frame as axes_of
-from ..colors import GROUND, PALETTE, STONE
+from ..colors import PALETTE, STONE
 from ..described import appearances_of, image_uv, view_of
 from ..framing import fit_all
+from ..rig import rig_of
 from .pieces import Arrays, Cut, Frame, turned
 from .printed import Print, in_palette, palette, printed
 
@@ -162,7 +163,7 @@ def shot(pieces: Cut) -> Shot:
     times = np.array([float(f["t"]) for f in frames])
     cameras = _cameras(g, times, meshes)
     if not np.isnan(g["ground"]):
-        meshes.append(_ground(float(g["ground"]), meshes))
+        meshes.append(_ground(float(g["ground"]), meshes, view_of(g), cameras[0]))
     names = unique([mesh.name for mesh in meshes])
     meshes = [replace(mesh, name=name) for name, mesh in zip(names, meshes)]
     return Shot(numbers, pieces.fps, times, meshes, cameras, str(pieces.path), view_of(g))
@@ -301,10 +302,12 @@ def _cameras(g: Arrays, times: np.ndarray, meshes: list[Mesh]) -> list[Camera]:
     return [fit_all((x.astype(np.float64) for mesh in meshes for x in mesh.x), 0.0, ASPECT)]
 
 
-def _ground(height: float, meshes: list[Mesh]) -> Mesh:
-    """A square under everything."""
+def _ground(height: float, meshes: list[Mesh], view: View, camera: Camera) -> Mesh:
+    """A square under everything, of the floor's colour in pictures."""
+    rig, floor = rig_of(view.light, axes_of(camera)), view.drawn_floor
+    color = rig.floor if isinstance(floor, str) else floor
     low, high = bounds(meshes)
     (a, _, c), r = (low + high) / 2, 4 * float(np.linalg.norm(high - low))
     x = np.array([[a - r, height, c + r], [a + r, height, c + r], [a + r, height, c - r], [a - r, height, c - r]])
     faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
-    return Mesh("ground", "solid", np.array(GROUND), [Surface(faces, None, faces)], [x.astype(np.float32)], [])
+    return Mesh("ground", "solid", np.array(color), [Surface(faces, None, faces)], [x.astype(np.float32)], [])
