@@ -125,7 +125,8 @@ def build(spacing: float = 0.03, friction: float = 0.4, walk: bool = False) -> t
     firm = tc.Fabric(0.25, tc.Stretch(600, 0.6), tc.Shear(80, 0.08), tc.Bend(5e-5, 5e-7))
     dress = scene.add_garment(under, light, name="dress", color=(0.72, 0.66, 0.50), contact=tc.ClothContact(0.003, friction),
                               pull=PULL)
-    coat = scene.add_garment(over, firm, name="jacket", color=(0.13, 0.20, 0.36),
+    coat = scene.add_garment(over, firm, name="jacket",
+                             color=tc.Appearance((0.13, 0.20, 0.36), panels={POCKET: (0.45, 0.16, 0.14)}, squares=False),
                              contact=tc.ClothContact(0.003, friction, layer=1), pull=PULL)
     scene.pin(dress, "shoulder", "y")
     scene.pin(coat, range(over.mesh.vertex_count))
