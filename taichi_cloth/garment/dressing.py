@@ -43,7 +43,8 @@ PATIENCE = 4  # tenths of a second in which some crossing has to come apart
 
 def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact | None = None, longest: float = 4.0,
           h: float = 1 / 60, tell: Callable[[str], None] | None = None, pull: float | None = PULL,
-          meets: bool = True, over: Sequence[Worn] = (), name: str = "garment") -> Dressed:
+          meets: bool = True, over: Sequence[Worn] = (), name: str = "garment",
+          panels: dict[str, Fabric] | None = None) -> Dressed:
     """Dresses the solids of a scene, as they are at time 0.
 
     Args:
@@ -57,7 +58,7 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
             dress with pleats takes little more than half the time.
         over: what is worn already, from inside outwards, such as another's `Dressed.worn`. Panels that would start within it
             hang further out, what lies over them too, and it is moved as the garment moves it.
-        name: of the garment, in reports.
+        name: of the garment, in reports; panels: fabrics of some of its panels, as in `Scene.add_cloth`.
 
     Raises:
         SceneError: a body without solids, or of a size that shows another unit; panels that start inside the body, or seams
@@ -74,14 +75,14 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
         assert contact is not None
         hung, moved = hung_outside(garment, worn, contact.thickness, body)
         notes += moved
-    all_of = [*worn, Worn(hung, fabric, contact, name)]
+    all_of = [*worn, Worn(hung, fabric, contact, name, panels)]
     whole = [replace(w, garment=_unrippable(w.garment)) for w in all_of]  # none rips meanwhile
     placed, sewn = _sewn(whole if meets else [replace(whole[0], contact=None)], still, h, pull, tell)
     settling = [replace(w, garment=p, contact=c) for w, p, c in zip(whole, placed, _contacts(all_of, placed))]
     scene = Scene(gravity=body.gravity, air=body.air)
     scene.solids += still
     for w in settling:
-        scene.add_garment(w.garment, w.fabric, name=w.name, contact=w.contact)
+        scene.add_garment(w.garment, w.fabric, name=w.name, contact=w.contact, panels=w.panels)
     sim = Simulation(scene, h=h, cg_tol=ROUGH)
     try:
         speed, crossed = np.inf, [0 if contact is None else sim.intersections()]
@@ -141,7 +142,7 @@ def _sewn(worn: Sequence[Worn], solids: list[Solid], h: float, pull: float | Non
     scene.solids += [replace(s, thickness=SPARED * s.thickness, friction=0.0) for s in solids]
     for w in worn:
         contact = None if w.contact is None else replace(w.contact, thickness=SPARED * w.contact.thickness, layer=0)
-        scene.add_garment(w.garment, w.fabric, name=w.name, contact=contact, pull=pull)
+        scene.add_garment(w.garment, w.fabric, name=w.name, contact=contact, panels=w.panels, pull=pull)
     sim, meets = Simulation(scene, h=h, cg_tol=ROUGH), contact is not None
     try:
         _refuse_inside(sim, worn)

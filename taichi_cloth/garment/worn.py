@@ -24,12 +24,14 @@ class Worn:
     Attributes:
         contact: how it meets itself and what is worn over it.
         name: by which reports call it, and the cloth that it becomes.
+        panels: fabrics of some panels, as in `Scene.add_cloth`.
     """
 
     garment: Garment
     fabric: Fabric
     contact: ClothContact | None
     name: str = "garment"
+    panels: dict[str, Fabric] | None = None
 
     def __post_init__(self) -> None:
         checks.instance("worn: garment", self.garment, Garment)
