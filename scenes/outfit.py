@@ -31,7 +31,7 @@ def panel(name: str, corners, edges, at, back: bool = False) -> tc.Panel:
 
 def front(name: str, side: int, z: float) -> tc.Panel:
     """The half of the front on that side (1 or -1), which goes 3 cm over the middle."""
-    corners = [(-3, 18), (26.5, 18), (24.5, 39), (20.5, 60), (9, 64), (-3, 40)]
+    corners = [(-3, 18), (25, 18), (22.5, 41), (19.5, 59), (8, 63), (-3, 40)]
     hole = (0.1144, 0.1865), (0.4766, 0.1928)
     edges = (tc.Curve(0, 1, label="hem"), tc.Curve(1, 2), tc.Curve(2, 3, "cubic", hole), tc.Curve(3, 4, label="shoulder"),
              tc.Curve(4, 5), tc.Curve(5, 0))
@@ -47,7 +47,7 @@ def jacket() -> tc.Pattern:
     """Two fronts that overlap, a back, sleeves, and a pocket on the left front."""
     hole = (0.1144, 0.1865), (0.4766, 0.1928)
     other = tuple((1 - u, v) for u, v in hole[::-1])
-    corners = [(-26.5, 18), (26.5, 18), (24.5, 39), (20.5, 60), (9, 64), (-9, 64), (-20.5, 60), (-24.5, 39)]
+    corners = [(-25, 18), (25, 18), (22.5, 41), (19.5, 59), (8, 63), (-8, 63), (-19.5, 59), (-22.5, 41)]
     edges = (tc.Curve(0, 1, label="hem"), tc.Curve(1, 2), tc.Curve(2, 3, "cubic", hole), tc.Curve(3, 4, label="shoulder"),
              tc.Curve(4, 5, "quadratic", ((0.5, 0.2),)), tc.Curve(5, 6, label="shoulder"),
              tc.Curve(6, 7, "cubic", other), tc.Curve(7, 0))
@@ -60,13 +60,26 @@ def jacket() -> tc.Pattern:
     pattern = tc.Pattern((*parts, *(sleeve(f"{name} sleeve") for name in ("left", "right"))), tuple(seams()))
     for side, name in ((1, "left"), (-1, "right")):
         arm = np.array([[0.2071 * side, 1.3696, 0], [0.5008 * side, 1.1905, 0]])
-        pattern = pattern.wrap(f"{name} sleeve", arm, 0.08, side * np.pi / 2)
+        pattern = pattern.wrap(f"{name} sleeve", arm, 0.07, side * np.pi / 2)
     return pattern
+
+
+def dress() -> tc.Pattern:
+    """That of the file, nearer to the figure, with armholes cut lower, so that nothing sticks out at the sides."""
+    pattern = tc.load_pattern(DRESS)
+
+    def cut(p: tc.Panel) -> tc.Panel:
+        corners = p.corners.copy()
+        if p.name.startswith("bodice"):
+            corners[[2, 7]] = (0.20, 0.20), (-0.20, 0.20)
+        return replace(p, corners=corners, translation=p.translation * [1, 1, 0.62])
+
+    return replace(pattern, panels=tuple(cut(p) for p in pattern.panels))
 
 
 def sleeve(name: str) -> tc.Panel:
     """Before it is bent round an arm."""
-    corners = np.array([(-14.5, 0), (14.5, 0), (18.5, 26), (0, 34.4), (-18.5, 26)]) / 100
+    corners = np.array([(-13.5, 0), (13.5, 0), (17.5, 26), (0, 34.4), (-17.5, 26)]) / 100
     cap = (0.2389, 0.0975), (0.6052, -0.1895)
     return tc.Panel(name, corners, (tc.Curve(0, 1, label="cuff"), tc.Curve(1, 2), tc.Curve(2, 3, "cubic", cap),
                                     tc.Curve(3, 4, "cubic", tuple((1 - u, v) for u, v in cap[::-1])), tc.Curve(4, 0)))
@@ -118,24 +131,22 @@ def build(spacing: float = 0.03, friction: float = 0.4, walk: bool = False) -> t
     view = tc.View(ground=0.0, camera=tc.Camera((0.9, 1.4, 2.4), (0, 1.08, 0), 36))
     scene = tc.Scene(air=tc.Air(0.5, 0.1), view=view)
     figure(scene, friction, walk)
-    pattern = tc.load_pattern(DRESS)
-    nearer = tuple(replace(p, translation=p.translation * [1, 1, 0.62]) for p in pattern.panels)
-    under, over = replace(pattern, panels=nearer).mesh(spacing), jacket().mesh(spacing)
+    under, over = dress().mesh(spacing), jacket().mesh(spacing)
     light = tc.Fabric(0.15, tc.Stretch(400, 0.4), tc.Shear(50, 0.05), tc.Bend(1e-5, 1e-7))
     firm = tc.Fabric(0.25, tc.Stretch(600, 0.6), tc.Shear(80, 0.08), tc.Bend(5e-5, 5e-7))
-    dress = scene.add_garment(under, light, name="dress", color=(0.72, 0.66, 0.50), contact=tc.ClothContact(0.003, friction),
+    frock = scene.add_garment(under, light, name="dress", color=(0.72, 0.66, 0.50), contact=tc.ClothContact(0.003, friction),
                               pull=PULL)
     coat = scene.add_garment(over, firm, name="jacket",
                              color=tc.Appearance((0.13, 0.20, 0.36), panels={POCKET: (0.45, 0.16, 0.14)}, squares=False),
                              contact=tc.ClothContact(0.003, friction, layer=1), pull=FIRM)
-    scene.pin(dress, "shoulder", "y")
+    scene.pin(frock, "shoulder", "y")
     scene.pin(coat, range(over.mesh.vertex_count))
 
     def put_on() -> None:
         scene.unpin(coat)
         scene.pin(coat, "shoulder", "y")
 
-    scene.at(DRESSED, lambda: scene.unpin(dress))
+    scene.at(DRESSED, lambda: scene.unpin(frock))
     scene.at(BEGUN, put_on)
     scene.at(SEWN, lambda: scene.unpin(coat))
     return scene
