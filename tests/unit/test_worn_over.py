@@ -6,6 +6,7 @@ from reference.geometry import count_crossings, count_self_crossings
 
 import taichi_cloth as tc
 from taichi_cloth.garment.outside import hung_outside
+from taichi_cloth.garment.worn import Dressed
 
 pytest.importorskip("scipy", reason="meshing patterns needs the extra `garment`")
 
@@ -118,28 +119,36 @@ def test_what_cannot_be_dressed_over_is_named_before_anything_is_computed(change
         tc.dress(garment, FABRIC, trunk(), **{"contact": CONTACT, "over": [tube(0.16, 0.3)], "name": "vest", **change})
 
 
+@pytest.fixture(scope="module")
+def under() -> Dressed:
+    """A skirt that is worn."""
+    return tc.dress(skirt(0.3, 0.205, 0.4, 0.7, 0.16).mesh(0.04), FABRIC, trunk(), CONTACT, longest=0.6, name="skirt")
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("top", [0.235, 0.215])
-def test_a_garment_is_sewn_over_a_worn_one(top):
-    """A wide and a narrow band over the waist of a skirt: nothing crosses, and the band is outside wherever one is over the
-    other, though its panels begin within the skirt's."""
-    under = tc.dress(skirt(0.3, 0.205, 0.4, 0.7, 0.16).mesh(0.04), FABRIC, trunk(), CONTACT, longest=0.6, name="skirt")
+@pytest.mark.parametrize("elastic", [None, FABRIC.elastic((0.9, 1))])
+def test_a_garment_is_sewn_over_a_worn_one(under, elastic):
+    """A band over the waist of a skirt, and one that is elastic, as a belt: nothing crosses, and the band is outside wherever
+    one is over the other, though its panels begin within the skirt's. The belt is drawn tight, the band hangs loose."""
     assert [w.name for w in under.worn] == ["skirt"] and under.notes == ()
-    made = tc.dress(skirt(0.25, top, 0.3, 0.85, 0.15).mesh(0.045), FABRIC, trunk(), CONTACT, longest=0.6, over=under.worn,
-                    name="band")
+    panels = None if elastic is None else {"front": elastic, "back": elastic}
+    pattern = skirt(0.235, 0.235, 0.08, 1.0, 0.15) if elastic else skirt(0.25, 0.235, 0.3, 0.85, 0.15)
+    made = tc.dress(pattern.mesh(0.045), FABRIC, trunk(), CONTACT, longest=0.6, over=under.worn, name="band", panels=panels)
     inner, outer = (w.garment for w in made.worn)
     assert [w.name for w in made.worn] == ["skirt", "band"] and len(made.notes) == 2 and outer is made.garment
     assert count_crossings(inner.positions, inner.mesh.faces, outer.positions, outer.mesh.faces) == 0
     assert sum(count_self_crossings(g.positions, g.mesh.faces) for g in (inner, outer)) == made.intersections == 0
     assert inner.gap() == outer.gap() == 0 and "with what is under it" in made.report()
     r, angle = np.hypot(*outer.positions[:, [0, 2]].T), np.arctan2(*outer.positions[:, [0, 2]].T)
-    for x in inner.positions[inner.positions[:, 1] > outer.positions[:, 1].min() + 0.05]:
+    for x in inner.positions[inner.positions[:, 1] > outer.positions[:, 1].min() + 0.03]:
         round_it = r * np.angle(np.exp(1j * (angle - np.arctan2(x[0], x[2]))))
         near = np.argsort(np.hypot(round_it, outer.positions[:, 1] - x[1]))[:3]
         assert np.hypot(x[0], x[2]) < r[near].max()
+    waist = outer.positions[outer.mesh.groups["waist"]]
+    assert np.median(np.hypot(waist[:, 0], waist[:, 2])) < 0.147 if elastic else made.worn[-1].panels is None
     scene = tc.Scene()
     for w in made.worn:
-        scene.add_garment(w.garment, w.fabric, name=w.name, contact=w.contact)
+        scene.add_garment(w.garment, w.fabric, name=w.name, contact=w.contact, panels=w.panels)
     assert scene.cloths[0].positions == pytest.approx(inner.positions)
 
 
