@@ -69,13 +69,12 @@ def dress(garment: Garment, fabric: Fabric, body: Scene, contact: ClothContact |
     if worn and not meets:
         raise SceneError("dress: over worn garments, cloth has to meet what is under it: leave out meets=False")
     still = [_still(s) for s in body.solids]
-    notes = garment.loose()
-    hung = garment
+    new, notes = Worn(garment, fabric, contact, name, panels), garment.loose()
     if worn:
         assert contact is not None
         hung, moved = hung_outside(garment, worn, contact.thickness, body)
-        notes += moved
-    all_of = [*worn, Worn(hung, fabric, contact, name, panels)]
+        new, notes = replace(new, garment=hung), notes + moved
+    all_of = [*worn, new]
     whole = [replace(w, garment=_unrippable(w.garment)) for w in all_of]  # none rips meanwhile
     placed, sewn = _sewn(whole if meets else [replace(whole[0], contact=None)], still, h, pull, tell)
     settling = [replace(w, garment=p, contact=c) for w, p, c in zip(whole, placed, _contacts(all_of, placed))]

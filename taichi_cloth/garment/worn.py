@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import checks
 from ..errors import SceneError, shown
+from ..scene.cloth import panels_of
 from ..scene.fabric import ClothContact, Fabric
 from ..scene.garment import Garment
 from ..scene.intersections import self_crossings
@@ -38,6 +39,8 @@ class Worn:
         checks.instance("worn: fabric", self.fabric, Fabric)
         checks.maybe(self.contact, checks.instance, "worn: contact", ClothContact)
         object.__setattr__(self, "name", checks.name("worn: name", self.name))
+        if self.panels is not None:
+            panels_of(self.garment.mesh, checks.instance("worn: panels", self.panels, dict))
 
     def __repr__(self) -> str:
         return f"<Worn {self.name!r}, {self.garment.mesh.vertex_count:,} vertices>"

@@ -112,10 +112,11 @@ def test_panels_that_do_not_come_outside_are_named():
     ({"over": "skirt"}, "over = 'skirt': must be what is worn"), ({"over": [3]}, "dress: over"),
     ({"name": "tube"}, "two garments are named 'tube'"), ({"contact": None}, "'vest' has no contact"),
     ({"over": [tc.Worn(tube(0.16, 0.3).garment, FABRIC, None, "silk")]}, "'silk' has no contact"),
-    ({"meets": False}, "leave out meets=False"), ({"name": ""}, "dress: name")])
+    ({"meets": False}, "leave out meets=False"), ({"name": ""}, "dress: name"), ({"panels": {"cuff": FABRIC}}, "cuff"),
+    ({"panels": {"front": 3}}, "fabric of panel 'front'")])
 def test_what_cannot_be_dressed_over_is_named_before_anything_is_computed(change, what):
     garment = skirt(0.25, 0.22, 0.3, 0.85, 0.16).mesh(0.1)
-    with pytest.raises(tc.SceneError, match=what):
+    with pytest.raises((tc.SceneError, tc.MeshError), match=what):
         tc.dress(garment, FABRIC, trunk(), **{"contact": CONTACT, "over": [tube(0.16, 0.3)], "name": "vest", **change})
 
 
