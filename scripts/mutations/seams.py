@@ -34,6 +34,8 @@ LOADED = "taichi_cloth/io/garment.py"
 QUERIES = "taichi_cloth/simulation/queries.py"
 REMESH, REMESHED = "taichi_cloth/garment/remesh.py", "tests/unit/test_remesh.py"
 DRESSING, PLACED = "taichi_cloth/garment/dressing.py", "tests/unit/test_placed_panels.py"
+OUTSIDE, WORN, OVER = "taichi_cloth/garment/outside.py", "taichi_cloth/garment/worn.py", "tests/unit/test_worn_over.py"
+STITCH, INSIDE = "taichi_cloth/garment/stitch.py", "tests/unit/test_sewn_inside.py"
 STITCHED, SEWN_SHAPE = "taichi_cloth/garment/stitched.py", "taichi_cloth/contact/cloth/sewn_shape.py"
 EITHER_END = "tests/unit/test_stitched.py::test_a_stitch_may_name_its_edge_from_either_end"
 IN_ORDER = "tests/unit/test_stitched.py::test_places_on_an_edge_are_in_order_from_whichever_end_they_are_named"
@@ -233,7 +235,7 @@ MUTATIONS = (
      f"{PATTERNS}::test_a_body_through_a_panel_between_its_vertices_is_refused"),
     (DRESSING, "for doubt in doubts_of_solid(solid)", "for doubt in ()", "bodies of 140 m are dressed",
      f"{PATTERNS}::test_the_command_dresses"),
-    (DRESSING, "for e, f in zip(edges[:, 0]", "for e, f in zip(edges[:1, 0]", "crossings are named in part", PLACED),
+    (WORN, "for e, f in zip(edges[:, 0]", "for e, f in zip(edges[:1, 0]", "crossings are named in part", PLACED),
     (QUERIES, '"closing" if gap > 0 else', "", "what closes is closed", "tests/physics/test_resewn.py"),
     (LOADED, 'Garment(_mesh(data), _seams(data), data["positions"])', "Garment(_mesh(data), _seams(data))",
      "where a dressed garment is, is lost", PATTERNS),
@@ -256,11 +258,23 @@ MUTATIONS = (
      "a garment of which nothing crosses settles on",
      "tests/unit/test_patterns.py::test_a_garment_settles_as_long_as_crossings_become_fewer"),
     (DRESSING, "if firm < FIRMEST:", "if False:", "what no longer closes gets no stronger pull", PLACED),
-    (DRESSING, "contact if meets else None, tell)", "None, tell)", "cloth does not meet itself while it is sewn", PLACED),
-    (DRESSING, "if contact is not None and firm >= FIRM:", "if False:", "what does not close meets all beside it", PLACED),
+    (DRESSING, "whole if meets else [", "[", "cloth does not meet itself while it is sewn", PLACED),
+    (DRESSING, "if meets and firm >= FIRM and len(worn) == 1:", "if False:", "what does not close meets all by it", PLACED),
     (DRESSING, "sim.contacts.layers.release_around(np.array(nearest.particles))", "pass",
      "layers that no step parts do not rest", PLACED),
     (DRESSING, "                finest = 0.0\n", "                raise\n", "what solids stop ends the sewing", PLACED),
+    (DRESSING, "and (not finest or _of_one(sim, nearest.particles))", "", "layers of two garments rest at once", PLACED),
+    (DRESSING, "if height[rows].min() > lowest:", "if height.min() > lowest:", "a panel that falls off is not told of", OVER),
+    (OUTSIDE, "        far += lack\n", "        return far + lack\n", "panels go out once, however far it is", OVER),
+    (OUTSIDE, "np.arctan2(b, a) * self.radius / (self.radius + by)", "np.arctan2(b, a)",
+     "sleeves that are bent wider are stretched", OVER),
+    (OUTSIDE, "if by[j] > by[k] and panels[k].lies_over(panels[j])", "if False", "pockets stay where they are", OVER),
+    (WORN, "if bare is None and worn and contact is None:", "if False:", "cloth over cloth that passes through it", OVER),
+    (PATTERN, "number[key] = len(border) + len(inside)", "number[key] = len(border)", "points within are mixed up", INSIDE),
+    (PATTERN, "if not (corner | within).all():", "if False:", "points beyond a panel are sewn", INSIDE),
+    (STITCH, "if points[0] != points[1]:", "if False:", "a point is sewn to an edge", INSIDE),
+    (MESHER, "pieces, k)\n    if len(lost):", "pieces[:len(border)], k)\n    if len(lost):", "lines may cross", INSIDE),
+    (REMESH, "            if within:\n", "            if False:\n", "seams along lines within panels are lost", INSIDE),
     ("taichi_cloth/contact/cloth/layers.py", "near[particles] = True", "near[:] = True", "all of the cloth rests", AROUND),
     ("taichi_cloth/contact/cloth/layers.py", "self.intersections.release(np.flatnonzero(near))\n        self._let_rest()",
      "self.intersections.release(np.flatnonzero(near))", "what is to rest does not", AROUND),

@@ -22,6 +22,9 @@ def add_parser(commands) -> None:
     add("--spacing", type=number_of, default=0.02, metavar="M", help="edge length of the cloth's triangles (0.02)")
     add("--thickness", type=number_of, default=0.003, metavar="M", help="of the cloth and of the body's skin (0.003)")
     add("--friction", type=number_of, default=0.3, metavar="X", help="of cloth on the body and on itself (0.3)")
+    add("--over", metavar="FILE", action="append", default=[], help="a worn garment, a .npz, that it is put on over; again for"
+        " what is over that; as they lie then they are written beside --out")
+    add("--over-fabric", metavar="NAME", help="of those (as --fabric)")
     add("--pull", type=number_of, default=5.0, metavar="N/M", help="force a length that closes seams (5)")
     add("--no-meets", action="store_false", dest="meets", help="cloth passes through itself while it is sewn (quicker)")
     add("--longest", type=number_of, default=4.0, metavar="S", help="simulated time after which settling ends (4)")
@@ -32,6 +35,8 @@ def run(args: argparse.Namespace) -> int:
     from .. import checks
     from ..garment import load_pattern
     from ..garment.dressing import dress
+    from ..garment.worn import Worn, worn_under
+    from ..io.garment import load_garment
     from ..io.solid import load_solid
     from ..scene.fabric import ClothContact
     from ..scene.fabrics import fabrics
@@ -39,7 +44,9 @@ def run(args: argparse.Namespace) -> int:
     from .waiting import waiting
 
     name = checks.choice("--fabric", args.fabric, tuple(fabrics))
-    out = _checked_out(args.out)
+    under = fabrics[checks.choice("--over-fabric", args.over_fabric or name, tuple(fabrics))]
+    out, contact = _checked_out(args.out), ClothContact(args.thickness, args.friction)
+    worn = worn_under([Worn(load_garment(file), under, contact, Path(file).stem) for file in args.over], contact, out.stem)
     with waiting(f"loading {args.pattern}"):
         garment = load_pattern(args.pattern, args.side).mesh(args.spacing)
     print(f"{len(garment.seams)} seams, {garment.mesh.vertex_count} vertices, {garment.mesh.face_count} triangles")
@@ -49,10 +56,14 @@ def run(args: argparse.Namespace) -> int:
     with waiting(f"loading {args.body}"):
         solid = load_solid(args.body, args.scale, up=args.up)
     body.add_solid(solid, friction=args.friction, thickness=args.thickness, name="body")
-    made = dress(garment, fabrics[name], body, ClothContact(args.thickness, args.friction), args.longest, tell=print,
-                 pull=args.pull, meets=args.meets)
-    made.garment.save(out)
-    print(f"{made.report()}\nwritten to {out}")
+    made = dress(garment, fabrics[name], body, contact, args.longest, tell=print, pull=args.pull, meets=args.meets, over=worn,
+                 name=out.stem)
+    for note in made.notes:
+        print(f"note: {note}", file=sys.stderr)
+    files = [*(out.with_name(f"{out.stem}-over-{w.name}.npz") for w in worn), out]
+    for one, file in zip(made.worn, files):
+        one.garment.save(file)
+    print(f"{made.report()}\nwritten to {', '.join(map(str, files))}")
     return 0
 
 

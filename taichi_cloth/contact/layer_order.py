@@ -75,7 +75,7 @@ def put_in_order(scan: Scanner, model: ParticleState, scene: Scene, fixed: np.nd
         fixed: (k,) particles that stay.
     """
     order = sorted((c.contact.layer, k, c) for k, c in enumerate(scene.cloths) if c.contact is not None)
-    (x, v), solid = model.read(), _solids(scene)
+    (x, v), solid = model.read(), surface_of_solids(scene)
     still = np.zeros(model.n, dtype=bool)
     still[fixed] = True
     knots = np.arange(model.n) if model.sewn is None else model.sewn.knot
@@ -88,8 +88,8 @@ def put_in_order(scan: Scanner, model: ParticleState, scene: Scene, fixed: np.nd
         if not inside:
             continue
         rows = _rows(outer)
-        lower = _Surface.join([_surface(c, x[_rows(c)], _facing(c, x[_rows(c)], solid)) for c in inside])
-        there, count = _out_of(outer, x[rows], _facing(outer, x[rows], solid), lower)
+        lower = _Surface.join([_surface(c, x[_rows(c)], facing(c.mesh.faces, x[_rows(c)], solid)) for c in inside])
+        there, count = _out_of(outer, x[rows], facing(outer.mesh.faces, x[rows], solid), lower)
         if not count:
             continue
         by = np.zeros_like(x)
@@ -158,7 +158,7 @@ def _above(x: np.ndarray, surface: _Surface) -> _Above:
     low, high = surface.x.min(axis=0) - DEEPEST, surface.x.max(axis=0) + DEEPEST
     rows = np.flatnonzero(((x > low) & (x < high)).all(axis=1))
     on = np.flatnonzero(surface.normal.any(axis=1))  # vertices of no face lie on nothing
-    near = on[_nearest(x[rows], surface.x[on])]
+    near = on[nearest(x[rows], surface.x[on])]
     off = x[rows] - surface.x[near]
     height = np.einsum("ki,ki->k", off, surface.normal[near])
     beside = np.linalg.norm(off - height[:, None] * surface.normal[near], axis=1)
@@ -166,7 +166,7 @@ def _above(x: np.ndarray, surface: _Surface) -> _Above:
     return _Above(rows[there], near[there], height[there])
 
 
-def _nearest(x: np.ndarray, among: np.ndarray) -> np.ndarray:
+def nearest(x: np.ndarray, among: np.ndarray) -> np.ndarray:
     """(n,) the nearest of points among (m, 3) to each of x (n, 3)."""
     out, size = np.zeros(len(x), dtype=np.int64), np.einsum("ki,ki->k", among, among)
     for k in range(0, len(x), ROWS):
@@ -174,7 +174,7 @@ def _nearest(x: np.ndarray, among: np.ndarray) -> np.ndarray:
     return out
 
 
-def _solids(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
+def surface_of_solids(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
     """((k, 3) vertices of all solids as they are at the start [m], (k, 3) normals out of them); None without solids."""
     parts = [(s.surface_at(0.0), s.shape.surface()[1]) for s in scene.solids]
     if not parts:
@@ -182,9 +182,9 @@ def _solids(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
     return np.concatenate([x for x, _ in parts]), np.concatenate([vertex_normals(x, faces) for x, faces in parts])
 
 
-def _facing(cloth: Cloth, x: np.ndarray, solid: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
-    """(n,) 1, or -1 for vertices of a cloth at x (n, 3) [m] whose panel's triangles face the solids."""
-    faces, out = cloth.mesh.faces, np.ones(len(x))
+def facing(faces: np.ndarray, x: np.ndarray, solid: tuple[np.ndarray, np.ndarray] | None) -> np.ndarray:
+    """(n,) 1, or -1 for vertices of a cloth at x (n, 3) [m] whose panel's triangles (m, 3) face the solids."""
+    out = np.ones(len(x))
     if solid is None:
         return out
     edges = face_edges(faces)
@@ -194,7 +194,7 @@ def _facing(cloth: Cloth, x: np.ndarray, solid: tuple[np.ndarray, np.ndarray] | 
     for first in np.unique(panel[faces[:, 0]]):
         some = np.flatnonzero(panel[faces[:, 0]] == first)
         some = some[:: max(1, len(some) // SAMPLE)]
-        away = solid[1][_nearest(centre[some], solid[0])]
+        away = solid[1][nearest(centre[some], solid[0])]
         if np.einsum("ki,ki->", area[some], away) < 0:
             out[panel == first] = -1
     return out

@@ -5,11 +5,12 @@
    their thickness: where no step passes they rest, and in the end all that is beside what is still apart.
 2. Settling: gravity, the body's friction; until the cloth rests, and no more of what passed through itself while it was sewn
    comes apart.
+
+What is worn already is there from the start: panels hang outside it (`outside`), and it gives way as it does.
 """
 
-from collections import Counter
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,11 +20,13 @@ from ..scene.air import Air
 from ..scene.fabric import ClothContact, Fabric
 from ..scene.fabrics import as_fabric
 from ..scene.garment import Garment
-from ..scene.intersections import count_crossings, self_crossings
+from ..scene.intersections import count_crossings
 from ..scene.scene import Scene
 from ..scene.solids import Solid, SolidMesh
 from ..scene.units import doubts_of_solid
 from ..simulation import Simulation
+from .outside import hung_outside
+from .worn import Dressed, Worn, crossed_of, worn_under
 
 CALM = 2.0  # N s/m^3, drag of the air in which seams are closed
 SEWING = 3.0  # s in which seams have to close
@@ -36,60 +39,70 @@ ROUGH = 1e-3  # relative residual of the solves: only the rest shape counts
 SPARED = 0.5  # of the solids' thickness that cloth keeps from them meanwhile
 SLOW, SHORTEST = 0.05, 0.5  # m/s, RMS, at which cloth rests, not before so many s
 TENTH, ROUND = 0.1, 1e-9  # s after which it is seen how far things are; part of it that is too little for a step
-NAMED = 3  # pairs of panels that a report names
 PATIENCE = 4  # tenths of a second in which some crossing has to come apart
-
-
-@dataclass(frozen=True)
-class Dressed:
-    """What came of dressing.
-
-    Attributes:
-        garment: as it is worn.
-        sewn: s that closing the seams took; settled: s until it came to rest, or was told to end; rests: which of them.
-        speed: RMS at the end [m/s].
-        intersections: edges of cloth through triangles of cloth at the end, counted exactly; None where it does not meet
-            itself.
-        crossed: how many of them are between which two panels, the most first.
-    """
-
-    garment: Garment
-    sewn: float
-    settled: float
-    rests: bool
-    speed: float
-    intersections: int | None
-    crossed: tuple[tuple[str, str, int], ...] = ()
-
-    def report(self) -> str:
-        """A few words."""
-        crossed = "" if self.intersections is None else f", {self.intersections} crossings with itself"
-        if self.crossed:
-            crossed += " (" + ", ".join(f"{n} of {a!r} and {b!r}" for a, b, n in self.crossed[:NAMED])
-            crossed += ", ...)" if len(self.crossed) > NAMED else ")"
-        rest = "at rest" if self.rests else f"still moving at {self.speed:.2g} m/s"
-        return f"seams closed after {self.sewn:.2f} s, {rest} after {self.settled:.2f} s more{crossed}"
 
 
 def dress(garment: Garment, fabric: Fabric | str, body: Scene, contact: ClothContact | None = None, longest: float = 4.0,
           h: float = 1 / 60, tell: Callable[[str], None] | None = None, pull: float | None = PULL,
-          meets: bool = True) -> Dressed:
+          meets: bool = True, over: Sequence[Worn] = (), name: str = "garment",
+          panels: dict[str, Fabric] | None = None) -> Dressed:
     """Dresses the solids of a scene, as they are at time 0.
 
     Args:
         garment: panels round the body, outside of it.
-        contact: how the cloth meets itself.
+        contact: how the cloth meets itself, and what it is worn over.
         longest: s after which settling ends, at rest or not.
         tell: called with a line a tenth of a second of simulated time.
         pull: force a length [N/m] that closes seams, four times as much and again where they close no further; None closes
             them by whatever force it takes.
         meets: whether cloth with a contact meets itself while it is sewn too. So layers keep their order; where not, sewing a
             dress with pleats takes little more than half the time.
+        over: what is worn already, from inside outwards, such as another's `Dressed.worn`. Panels that would start within it
+            hang further out, what lies over them too, and it is moved as the garment moves it.
+        name: of the garment, in reports; panels: fabrics of some of its panels, as in `Scene.add_cloth`.
 
     Raises:
         SceneError: a body without solids, or of a size that shows another unit; panels that start inside the body, or seams
-            that do not close, by name; a garment that falls off the body.
+            that do not close, by name; a garment, or a panel that nothing holds, that falls off the body.
     """
+    fabric = as_fabric("dress: fabric", fabric)
+    h, longest = _checked(garment, body, contact, h, longest, tell, meets)
+    worn = worn_under(over, contact, checks.name("dress: name", name))
+    if worn and not meets:
+        raise SceneError("dress: over worn garments, cloth has to meet what is under it: leave out meets=False")
+    still = [_still(s) for s in body.solids]
+    new, notes = Worn(garment, fabric, contact, name, panels), garment.loose()
+    if worn:
+        assert contact is not None
+        hung, moved = hung_outside(garment, worn, contact.thickness, body)
+        new, notes = replace(new, garment=hung), notes + moved
+    all_of = [*worn, new]
+    whole = [replace(w, garment=_unrippable(w.garment)) for w in all_of]  # none rips meanwhile
+    placed, sewn = _sewn(whole if meets else [replace(whole[0], contact=None)], still, h, pull, tell)
+    settling = [replace(w, garment=p, contact=c) for w, p, c in zip(whole, placed, _contacts(all_of, placed))]
+    scene = Scene(gravity=body.gravity, air=body.air)
+    scene.solids += still
+    for w in settling:
+        scene.add_garment(w.garment, w.fabric, name=w.name, contact=w.contact, panels=w.panels)
+    sim = Simulation(scene, h=h, cg_tol=ROUGH)
+    try:
+        speed, crossed = np.inf, [0 if contact is None else sim.intersections()]
+        while sim.time < longest and (speed > SLOW or sim.time < SHORTEST or _part(crossed)):
+            _advance(sim, tell, "settling" + (f", {speed:.2g} m/s" if np.isfinite(speed) else ""))
+            speed = float(np.sqrt(np.mean(np.sum(sim.velocities() ** 2, axis=1))))
+            _refuse_fallen(sim, whole[-1].garment, still)
+            if contact is not None:
+                crossed.append(sim.intersections())
+        now = [replace(w, garment=replace(w.garment, positions=x)) for w, x in zip(all_of, _each(sim))]
+        count, where = (None, ()) if contact is None else (crossed[-1], crossed_of(now))
+        return Dressed(now[-1].garment, sewn, sim.time, speed <= SLOW, speed, count, where, tuple(now), notes)
+    finally:
+        sim.close()
+
+
+def _checked(garment: Garment, body: Scene, contact: ClothContact | None, h: float, longest: float,
+             tell: Callable[[str], None] | None, meets: bool) -> tuple[float, float]:
+    """(h, longest) of `dress`, whose arguments are looked at here."""
     checks.instance("dress: garment", garment, Garment)
     checks.instance("dress: body", body, Scene)
     if not body.solids:
@@ -97,68 +110,73 @@ def dress(garment: Garment, fabric: Fabric | str, body: Scene, contact: ClothCon
     doubts = [doubt for solid in body.solids for doubt in doubts_of_solid(solid)]
     if doubts:
         raise SceneError(f"dress: {doubts[0]}")
-    fabric = as_fabric("dress: fabric", fabric)
     checks.maybe(contact, checks.instance, "dress: contact", ClothContact)
     checks.maybe(tell, checks.function, "dress: tell", "line")
-    h = checks.number("dress: h", h, "s", positive=True, most=0.1)
-    longest = checks.number("dress: longest", longest, "s", positive=True)
     checks.flag("dress: meets", meets)
-    still = [_still(s) for s in body.solids]
-    whole = replace(garment, seams=tuple(seam._replace(strength=None) for seam in garment.seams))  # none rips meanwhile
-    x, sewn = _sewn(whole, fabric, still, h, pull, contact if meets else None, tell)
-    scene = Scene(gravity=body.gravity, air=body.air)
-    scene.solids += still
-    scene.add_garment(replace(whole, positions=x), fabric, contact=contact)
-    sim = Simulation(scene, h=h, cg_tol=ROUGH)
-    try:
-        speed, crossed = np.inf, [0 if contact is None else sim.intersections()]
-        while sim.time < longest and (speed > SLOW or sim.time < SHORTEST or _part(crossed)):
-            _advance(sim, tell, "settling" + (f", {speed:.2g} m/s" if np.isfinite(speed) else ""))
-            speed = float(np.sqrt(np.mean(np.sum(sim.velocities() ** 2, axis=1))))
-            if _below(sim.positions(), still, body.gravity):
-                raise SceneError("dress: the garment slid off the body and fell: is the body too small for it, or in another "
-                                 "unit (--scale)?")
-            if contact is not None:
-                crossed.append(sim.intersections())
-        made = replace(garment, positions=sim.positions())
-        count, where = (None, ()) if contact is None else (crossed[-1], _crossed(made))
-        return Dressed(made, sewn, sim.time, speed <= SLOW, speed, count, where)
-    finally:
-        sim.close()
+    h = checks.number("dress: h", h, "s", positive=True, most=0.1)
+    return h, checks.number("dress: longest", longest, "s", positive=True)
 
 
-def _sewn(garment: Garment, fabric: Fabric, solids: list[Solid], h: float, pull: float | None, contact: ClothContact | None,
-          tell: Callable[[str], None] | None) -> tuple[np.ndarray, float]:
-    """(positions (n, 3) [m] in which all seams are closed, s that it took); see `dress`."""
-    scene = Scene(gravity=None, air=Air(CALM, CALM))
+def _unrippable(garment: Garment) -> Garment:
+    return replace(garment, seams=tuple(seam._replace(strength=None) for seam in garment.seams))
+
+
+def _each(sim: Simulation) -> list[np.ndarray]:
+    """Positions (n, 3) [m] of each cloth."""
+    x = sim.positions()
+    return [x[c.start:c.start + c.mesh.vertex_count] for c in sim.scene.cloths]
+
+
+def _contacts(worn: Sequence[Worn], placed: Sequence[Garment]) -> list[ClothContact | None]:
+    """How each meets others while it settles: where one passes through another after sewing, as layers."""
+    ends = [(g.positions, g.mesh.faces) for g in placed]
+    if any(count_crossings(*a, *b) for k, a in enumerate(ends) for b in ends[:k]):
+        return [None if w.contact is None else replace(w.contact, layer=k) for k, w in enumerate(worn)]
+    return [w.contact for w in worn]
+
+
+def _sewn(worn: Sequence[Worn], solids: list[Solid], h: float, pull: float | None,
+          tell: Callable[[str], None] | None) -> tuple[list[Garment], float]:
+    """(the garments where all seams of the last, the outermost, are closed, s that it took); see `dress`."""
+    scene, garment = Scene(gravity=None, air=Air(CALM, CALM)), worn[-1].garment
     scene.solids += [replace(s, thickness=SPARED * s.thickness, friction=0.0) for s in solids]
-    if contact is not None:
-        contact = replace(contact, thickness=SPARED * contact.thickness)
-    scene.add_garment(garment, fabric, contact=contact, pull=pull)
-    sim = Simulation(scene, h=h, cg_tol=ROUGH)
+    for w in worn:
+        contact = None if w.contact is None else replace(w.contact, thickness=SPARED * w.contact.thickness, layer=0)
+        scene.add_garment(w.garment, w.fabric, name=w.name, contact=contact, panels=w.panels, pull=pull)
+    sim, meets = Simulation(scene, h=h, cg_tol=ROUGH), contact is not None
     try:
-        _refuse_inside(sim, garment)
+        _refuse_inside(sim, worn)
         firm, before = 1.0, np.inf
         while (gap := sim.seam_gaps().max(initial=0.0)) > 0:
             if sim.time > SEWING:
-                raise SceneError(_left_open(sim.positions(), garment))
+                raise SceneError(_left_open(_each(sim)[-1], garment))
             if pull is not None and before - gap < min(NEARER * before, SLOWEST * TENTH):
-                if contact is not None and firm >= FIRM:
+                if meets and firm >= FIRM and len(worn) == 1:
                     sim.contacts.layers.release_around(sim.giving.stitches.apart)
                 if firm < FIRMEST:
                     firm *= FIRMER
                     sim.stepper.pull_firmer(FIRMER)
             before = gap
-            _advance(sim, tell, f"sewing, gap {gap:.3g} m", h / FINEST if contact is not None else 0.0)
-        return sim.positions(), sim.time
+            _advance(sim, tell, f"sewing, gap {gap:.3g} m", h / FINEST if meets else 0.0)
+        return [replace(w.garment, positions=x) for w, x in zip(worn, _each(sim))], sim.time
     finally:
         sim.close()
 
 
-def _below(x: np.ndarray, solids: list[Solid], gravity: np.ndarray) -> bool:
-    """Whether cloth at x (n, 3) [m] has fallen past all solids."""
-    lowest = max(float((solid.surface_at(0.0) @ gravity).max()) for solid in solids)
-    return bool(gravity.any() and (x @ gravity).min() > lowest)
+def _refuse_fallen(sim: Simulation, garment: Garment, solids: list[Solid]) -> None:
+    """Refuses a garment, or a part that no seam holds to the rest, that has fallen past all solids."""
+    g = sim.scene.gravity
+    if not g.any():
+        return
+    height, parts = _each(sim)[-1] @ g, garment.parts()
+    lowest = max(float((solid.surface_at(0.0) @ g).max()) for solid in solids)
+    for rows in parts:
+        if height[rows].min() > lowest:
+            if len(parts) > 1:
+                raise SceneError(f"dress: {garment.panel_of(int(rows[0]))!r} fell off the body: no seam holds it to the rest "
+                                 "of the garment")
+            raise SceneError("dress: the garment slid off the body and fell: is the body too small for it, or in another unit "
+                             "(--scale)?")
 
 
 def _part(crossed: list[int]) -> bool:
@@ -167,26 +185,32 @@ def _part(crossed: list[int]) -> bool:
 
 
 def _advance(sim: Simulation, tell: Callable[[str], None] | None, what: str, finest: float = 0.0) -> None:
-    """A tenth of a second. Where no step of `finest` [s] passes for layers that are pressed together, they rest; else smaller
-    ones are tried."""
-    end, usual = sim.time + TENTH, sim.control
+    """A tenth of a second. Where no step of `finest` [s] passes for layers of one garment that are pressed together, they
+    rest; else smaller ones are tried, and where none passes layers of two garments rest as well."""
+    end, usual, meets = sim.time + TENTH, sim.control, finest > 0
     while end - sim.time > ROUND * TENTH:
         if finest:
             sim.stepper.control = replace(usual, h_min=finest)
         try:
             sim.step(min(usual.h_max, end - sim.time))
         except SimulationError:
-            if not finest:
-                raise
-            nearest = sim.contacts.layers.nearest()
-            if nearest is not None and nearest.gap < LOCKED:
+            nearest = sim.contacts.layers.nearest() if meets else None
+            if nearest is not None and nearest.gap < LOCKED and (not finest or _of_one(sim, nearest.particles)):
                 sim.contacts.layers.release_around(np.array(nearest.particles))
                 sim.stepper.h = usual.h_max
-            else:
+            elif finest:
                 finest = 0.0
+            else:
+                raise
         sim.stepper.control = usual
     if tell is not None:
         tell(f"{sim.time:.1f} s, {what}")
+
+
+def _of_one(sim: Simulation, particles: Sequence[int]) -> bool:
+    """Whether particles are of one cloth."""
+    starts = [c.start for c in sim.scene.cloths]
+    return len(set(np.searchsorted(starts, sim.model.user[list(particles)], "right").tolist())) == 1
 
 
 def _still(solid: Solid) -> Solid:
@@ -198,7 +222,7 @@ def _still(solid: Solid) -> Solid:
     return replace(solid, shape=shape, position=p, rotation=R)
 
 
-def _refuse_inside(sim: Simulation, garment: Garment) -> None:
+def _refuse_inside(sim: Simulation, worn: Sequence[Worn]) -> None:
     """Refuses panels that start inside a solid, or through one."""
     if sim.contacts is None:
         return
@@ -208,12 +232,14 @@ def _refuse_inside(sim: Simulation, garment: Garment) -> None:
     found = scan.detect()
     inside = found.start_gap + scan.thickness[found.solid] < 0
     if not inside.any():
-        _refuse_through(sim.scene.solids, garment)
+        _refuse_through(sim.scene.solids, worn[-1].garment)
         return
     vertex = model.user[found.index[inside]]
     solid = sim.scene.solids[int(found.solid[inside][0])].name
+    cloth = next(c for c in sim.scene.cloths if vertex[0] < c.start + c.mesh.vertex_count)
+    garment = worn[sim.scene.cloths.index(cloth)].garment
     raise SceneError(f"dress: {len(np.unique(vertex))} vertices start inside the body, the first of them of "
-                     f"{garment.panel_of(vertex[0])!r} in {solid!r}: hang the panels further out")
+                     f"{garment.panel_of(vertex[0] - cloth.start)!r} in {solid!r}: hang the panels further out")
 
 
 def _refuse_through(solids: list[Solid], garment: Garment) -> None:
@@ -225,13 +251,6 @@ def _refuse_through(solids: list[Solid], garment: Garment) -> None:
             if count:
                 raise SceneError(f"dress: panels pass through {solid.name!r}, in {count} pairs of an edge and a triangle: "
                                  "hang them further out")
-
-
-def _crossed(garment: Garment) -> tuple[tuple[str, str, int], ...]:
-    """(panel, panel, number) of what passes through itself, the most first."""
-    edges, faces = self_crossings(garment.positions, garment.mesh.faces)
-    pairs = (sorted((garment.panel_of(e), garment.panel_of(f))) for e, f in zip(edges[:, 0], garment.mesh.faces[faces, 0]))
-    return tuple((a, b, n) for (a, b), n in Counter((a, b) for a, b in pairs).most_common())
 
 
 def _left_open(x: np.ndarray, garment: Garment) -> str:

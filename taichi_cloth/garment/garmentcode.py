@@ -4,8 +4,9 @@ Panels have corners [cm], edges that are straight or curved, a translation [cm] 
 stitches join two edges, the start of one to the end of the other unless "right_wrong" says otherwise.
 
 Beyond the format: a panel may be bent, as a sleeve round an arm, by `around`, the ends of an axis [cm], `radius` [cm] and
-`turn` [degrees]; other programs see its translation and rotation. And the two edges of a stitch may be followed by what the
-seam is like, {"rest": degrees, "flat" or "given", "stiffness": factor, "strength": N/m}, as in `Scene.sew`.
+`turn` [degrees]; other programs see its translation and rotation. In the place of `edge`, an end of a stitch may have
+`points` [cm], a line or a point within the panel. And the two ends of a stitch may be followed by what the seam is like,
+{"rest": degrees, "flat" or "given", "stiffness": factor, "strength": N/m}, as in `Scene.sew`.
 """
 
 import math
@@ -17,7 +18,8 @@ from .. import checks
 from ..errors import SceneError, near
 from ..io.jsonfile import parse_json
 from .curves import Curve
-from .pattern import Panel, Pattern, Stitch
+from .pattern import Panel, Pattern
+from .stitch import End, Stitch
 
 LIKE = ("rest", "stiffness", "strength")  # of a seam
 CENTIMETRES = 100.0  # units in a metre, where a file does not say
@@ -42,7 +44,7 @@ def read_garmentcode(path: Path) -> Pattern:
             raise SceneError(f"units_in_meter = {per_metre}: must be a positive number")
         order = body.get("panel_order") or list(body["panels"])
         panels = tuple(_panel(name, body["panels"][name], per_metre) for name in order)
-        pattern = Pattern(panels, tuple(stitch_of(k, s) for k, s in enumerate(body.get("stitches", []))))
+        pattern = Pattern(panels, tuple(stitch_of(k, s, per_metre) for k, s in enumerate(body.get("stitches", []))))
         for name in order:
             if "around" in body["panels"][name]:
                 pattern = bent(pattern, name, body["panels"][name], per_metre)
@@ -106,11 +108,11 @@ def _edge(panel: str, k: int, edge: dict, corners: np.ndarray, per_metre: float)
     return Curve(start, end, kind, tuple(map(tuple, control.tolist())), label)
 
 
-def stitch_of(k: int, stitch: list) -> Stitch:
-    """A stitch as the format has it."""
+def stitch_of(k: int, stitch: list, per_metre: float) -> Stitch:
+    """A stitch as the format has it, of lengths in that many units a metre."""
     if not isinstance(stitch, list) or len(stitch) < 2:
         raise SceneError(f"stitch {k} must be two edges")
-    a, b = ((str(end["panel"]), int(end["edge"])) for end in stitch[:2])
+    a, b = (_end_of(f"stitch {k}", end, per_metre) for end in stitch[:2])
     like = next((dict(part) for part in stitch[2:] if isinstance(part, dict)), {})
     for name in like:
         checks.choice(f"word of stitch {k}", name, LIKE)
@@ -120,3 +122,11 @@ def stitch_of(k: int, stitch: list) -> Stitch:
         return Stitch(a, b, together="right_wrong" in stitch[2:], **like)
     except SceneError as error:
         raise SceneError(f"stitch {k}: {error}") from None
+
+
+def _end_of(what: str, end: dict, per_metre: float) -> End:
+    """(panel, number of an edge), or (panel, points [m])."""
+    if "points" not in end:
+        return str(end["panel"]), int(end["edge"])
+    points = checks.array(f"{what}: points", end["points"], ("n", 2), row="point") / per_metre
+    return str(end["panel"]), tuple(map(tuple, points.tolist()))

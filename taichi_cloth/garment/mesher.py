@@ -18,6 +18,7 @@ CHUNK = 1 << 20  # points, or pairs of a point and a piece of the border, looked
 CELL = math.sqrt(3) / 2  # of the spacing squared: area of the lattice for each vertex
 MOST_VERTICES = 2_000_000  # of all panels together: some 4 GB while they are meshed
 SWEPT = 32  # pairs of pieces for each, of which as many are found by sorting along an axis
+NO_POINTS, NO_LINES = np.zeros((0, 2)), np.zeros((0, 2), dtype=np.int64)
 
 
 def refuse_too_many(what: str, spacing: float, area: float, border: float, corners: int) -> None:
@@ -44,16 +45,19 @@ def refuse_too_many(what: str, spacing: float, area: float, border: float, corne
                     f"take {math.ceil(least / step) * step:.2g} m or more")
 
 
-def mesh_polygon(border: np.ndarray, spacing: float, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """(points (n, 2), triangles (m, 3) that go round to the left); the first points are the border's, in its order.
+def mesh_polygon(border: np.ndarray, spacing: float, name: str, inside: np.ndarray = NO_POINTS,
+                 lines: np.ndarray = NO_LINES) -> tuple[np.ndarray, np.ndarray]:
+    """(points (n, 2), triangles (m, 3) that go round to the left); the first points are the border's, in its order, and then
+    those that have to be inside.
 
     Args:
         border: (k, 2) of a closed line that does not cross itself, the last joined to the first.
         spacing: length [m] of edges inside.
         name: of the panel, for errors.
+        inside: (j, 2) further points; lines: (p, 2) which points, by their numbers, an edge has to join.
 
     Raises:
-        MeshError: SciPy is missing, the line crosses itself, or the spacing is too large for its shape.
+        MeshError: SciPy is missing, the line crosses itself, lines inside cross, or the spacing is too large for its shape.
     """
     try:
         from scipy.spatial import Delaunay, QhullError
@@ -62,8 +66,10 @@ def mesh_polygon(border: np.ndarray, spacing: float, name: str) -> tuple[np.ndar
     crossed = crossing(border)
     if crossed is not None:
         raise MeshError(f"panel {name!r}: its border crosses itself near {border[crossed[0]].round(4).tolist()} m")
-    k = len(border)
-    points = np.concatenate([border, _lattice(border, spacing)])
+    fixed, k = np.concatenate([border, inside]), len(border) + len(inside)
+    pieces = np.concatenate([np.column_stack([np.arange(len(border)), (np.arange(len(border)) + 1) % len(border)]), lines])
+    alone = np.repeat(np.arange(len(border), k), 2).reshape(-1, 2)
+    points = np.concatenate([fixed, _lattice(border, fixed[np.concatenate([pieces, alone])], spacing)])
     for again in range(SMOOTHED + 1):
         try:
             faces = Delaunay(points).simplices
@@ -73,26 +79,26 @@ def mesh_polygon(border: np.ndarray, spacing: float, name: str) -> tuple[np.ndar
         if again < SMOOTHED and len(points) > k:
             points[k:] = _smoothed(points, faces, k)
     used = np.unique(faces)
-    lost = _lost(faces, k)
+    lost = _lost(faces, pieces, k)
     if len(lost):
-        raise MeshError(f"panel {name!r}: its border is lost near {border[lost[0]].round(4).tolist()} m: "
-                        "take a smaller spacing")
+        what = "its border" if lost[0] < len(border) else "a line within it that is sewn"
+        raise MeshError(f"panel {name!r}: {what} is lost near {fixed[pieces[lost[0], 0]].round(4).tolist()} m: "
+                        "take a smaller spacing, and no lines that cross")
     keep = np.union1d(used, np.arange(k))
     new = np.full(len(points), -1)
     new[keep] = np.arange(len(keep))
     return points[keep], new[faces]
 
 
-def _lost(faces: np.ndarray, k: int) -> np.ndarray:
-    """Those of k pieces of the border that are no edge of a triangle."""
+def _lost(faces: np.ndarray, pieces: np.ndarray, k: int) -> np.ndarray:
+    """Those of pieces (p, 2) between the first k points that are no edge of a triangle."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     edges = np.sort(edges[(edges < k).all(axis=1)], axis=1)
-    pieces = np.sort(np.column_stack([np.arange(k), (np.arange(k) + 1) % k]), axis=1)
-    return np.flatnonzero(~np.isin(pieces @ [k, 1], edges @ [k, 1]))
+    return np.flatnonzero(~np.isin(np.sort(pieces, axis=1) @ [k, 1], edges @ [k, 1]))
 
 
-def _lattice(border: np.ndarray, spacing: float) -> np.ndarray:
-    """(j, 2) lattice points inside that keep clear of the border."""
+def _lattice(border: np.ndarray, pieces: np.ndarray, spacing: float) -> np.ndarray:
+    """(j, 2) lattice points inside that keep clear of pieces of lines (p, 2, 2), the border among them."""
     low, high = border.min(axis=0), border.max(axis=0)
     out, some, many = [np.zeros((0, 2))], [], 0
     rows = np.arange(low[1], high[1], spacing * CELL)
@@ -105,7 +111,7 @@ def _lattice(border: np.ndarray, spacing: float) -> np.ndarray:
             out.append(points[contains(border, points)])
             some, many = [], 0
     points = np.concatenate(out)
-    return points[~_near(border, points, CLEAR * spacing)]
+    return points[~near_line(pieces, points, CLEAR * spacing)]
 
 
 def contains(border: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -138,17 +144,17 @@ def _ranges(first: np.ndarray, count: np.ndarray) -> Iterator[tuple[np.ndarray, 
         start = stop
 
 
-def _near(border: np.ndarray, points: np.ndarray, reach: float) -> np.ndarray:
-    """(j,) whether points are as near to the line [m]."""
+def near_line(pieces: np.ndarray, points: np.ndarray, reach: float) -> np.ndarray:
+    """(j,) whether points are as near to pieces of lines (p, 2, 2) [m]."""
     out = np.zeros(len(points), dtype=bool)
-    way = np.roll(border, -1, axis=0) - border
-    for i, k in near(_flat(points[:, None] + np.array([[-reach, -reach], [reach, reach]])), _flat(_pieces(border))):
-        t = np.clip(((points[i] - border[k]) * way[k]).sum(axis=1) / np.maximum((way[k]**2).sum(axis=1), 1e-300), 0, 1)
-        out[i[np.linalg.norm(points[i] - border[k] - t[:, None] * way[k], axis=1) <= reach]] = True
+    start, way = pieces[:, 0], pieces[:, 1] - pieces[:, 0]
+    for i, k in near(_flat(points[:, None] + np.array([[-reach, -reach], [reach, reach]])), _flat(pieces)):
+        t = np.clip(((points[i] - start[k]) * way[k]).sum(axis=1) / np.maximum((way[k]**2).sum(axis=1), 1e-300), 0, 1)
+        out[i[np.linalg.norm(points[i] - start[k] - t[:, None] * way[k], axis=1) <= reach]] = True
     return out
 
 
-def _pieces(border: np.ndarray) -> np.ndarray:
+def pieces_of(border: np.ndarray) -> np.ndarray:
     """(k, 2, 2) the ends of each."""
     return np.stack([border, np.roll(border, -1, axis=0)], axis=1)
 
@@ -197,7 +203,7 @@ def crossing(border: np.ndarray) -> tuple[int, int] | None:
     def side(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
         return (q[:, 0] - p[:, 0]) * (r[:, 1] - p[:, 1]) - (q[:, 1] - p[:, 1]) * (r[:, 0] - p[:, 0])
 
-    for i, j in _meeting(_pieces(border)):
+    for i, j in _meeting(pieces_of(border)):
         i, j = np.minimum(i, j), np.maximum(i, j)
         apart = (j - i > 1) & (j - i < n - 1)
         i, j = i[apart], j[apart]

@@ -1,4 +1,4 @@
-"""A sewing pattern: panels in the plane, where they hang round the body, and which edges are sewn to each other."""
+"""A sewing pattern: panels in the plane, where they hang round the body, and what is sewn to each other."""
 
 from __future__ import annotations
 
@@ -11,17 +11,19 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..errors import SceneError, shown
-from ..scene.garment import Garment, SewnRows, seam_angle, seam_strength
+from ..scene.garment import Garment, SewnRows
 from ..scene.mesh import TriMesh
 from ..scene.units import TYPICAL
 from .curves import Curve
-from .mesher import crossing, mesh_polygon, refuse_too_many, signed_area
+from .mesher import contains, crossing, mesh_polygon, near_line, pieces_of, refuse_too_many, signed_area
+from .stitch import End, Line, Stitch, is_point, line_divided, line_length, place_of
 
 MOST_RATIO = 3.0  # of the lengths of two edges that are sewn to each other
 LEAST, MOST = 0.02, 10.0  # m that a pattern may be wide or tall where it hangs
 UNITS = {10: ("millimetres", "centimetres"), 100: ("centimetres", "metres"), 1000: ("millimetres", "metres")}  # by their ratio
 NO_AREA = 1e-9  # of the square of a panel's size
 PIECES = 48  # of a curve, where panels are looked at for crossings
+SAME = 9  # digits of coordinates [m] of places that are one
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,22 @@ class Panel:
         lines = [self.corners[e.start][None] if e.kind == "line" else e.points(self.corners, t)[:-1] for e in self.edges]
         return np.concatenate(lines), np.repeat(np.arange(len(lines)), [len(line) for line in lines])
 
+    def refuse_outside(self, what: str, line: Line) -> None:
+        """Refuses points, or a line through them, that are not within the panel; corners are."""
+        border = self.outline()[0]
+        size = float(np.ptp(border, axis=0).max())
+        points = np.array(line)
+        corner = (np.abs(points[:, None] - self.corners).max(axis=2) < 10.0**-SAME).any(axis=1)
+        within = contains(border, points) & ~near_line(pieces_of(border), points, 1e-6 * size)
+        if not (corner | within).all():
+            u, v = points[~(corner | within)][0]
+            raise SceneError(f"{what}: ({u:.4g}, {v:.4g}) m is not within panel {self.name!r}, nor a corner of it: it reaches "
+                             f"from {border.min(axis=0).round(4).tolist()} to {border.max(axis=0).round(4).tolist()} m")
+        fine = line_divided(line, PIECES * len(line))[1:-1]
+        out = fine[~contains(border, fine)]
+        if len(out):
+            raise SceneError(f"{what}: the line leaves panel {self.name!r} near {out[0].round(4).tolist()} m")
+
     def _refuse_crossings(self) -> None:
         points, edge = self.outline()
         crossed = crossing(points)
@@ -92,36 +110,6 @@ class Panel:
             angle = uv[:, 0] / self.round_radius
             flat[:, 0], flat[:, 2] = self.round_radius * np.sin(angle), self.round_radius * np.cos(angle)
         return flat @ self.rotation.T + self.translation
-
-
-@dataclass(frozen=True)
-class Stitch:
-    """Two edges that are sewn to each other.
-
-    Attributes:
-        a, b: (name of the panel, number of the edge).
-        together: whether both run the same way; else the start of one meets the end of the other.
-        rest, stiffness, strength: angle of the seam at rest, factor of its hinges' stiffness, force a length [N/m] at which it
-            rips, as in `Scene.sew`.
-    """
-
-    a: tuple[str, int]
-    b: tuple[str, int]
-    together: bool = False
-    rest: float | str = "flat"
-    stiffness: float = 1.0
-    strength: float | None = None
-
-    def __post_init__(self) -> None:
-        for name in ("a", "b"):
-            end = getattr(self, name)
-            if not (isinstance(end, (list, tuple)) and len(end) == 2 and isinstance(end[0], str)):
-                raise SceneError(f"stitch: {name} = {shown(end)}: must be (name of a panel, number of an edge)")
-            object.__setattr__(self, name, (end[0], checks.integer(f"stitch: {name}, edge", end[1], least=0)))
-        object.__setattr__(self, "together", checks.flag("stitch: together", self.together))
-        object.__setattr__(self, "rest", seam_angle("stitch: rest", self.rest))
-        object.__setattr__(self, "stiffness", checks.number("stitch: stiffness", self.stiffness, least=0.0))
-        object.__setattr__(self, "strength", seam_strength("stitch: strength", self.strength))
 
 
 @dataclass(frozen=True)
@@ -151,36 +139,48 @@ class Pattern:
         if len(by_name) < len(self.panels):
             twice = next(name for name, many in Counter(p.name for p in self.panels).items() if many > 1)
             raise SceneError(f"pattern: two panels have one name, {twice!r}")
-        seen: dict[tuple[str, int], int] = {}
+        seen: dict[End, int] = {}
         for k, stitch in enumerate(self.stitches):
             if stitch.a == stitch.b:
-                raise SceneError(f"stitch {k}: sews edge {stitch.a[1]} of panel {stitch.a[0]!r} to itself")
-            for name, edge in (stitch.a, stitch.b):
-                if name not in by_name:
-                    raise SceneError(f"stitch {k}: there is no panel {name!r}; there are {', '.join(by_name)}")
-                if not 0 <= edge < len(by_name[name].edges):
-                    raise SceneError(f"stitch {k}: panel {name!r} has no edge {edge}; it has {len(by_name[name].edges)}")
-                if (name, edge) in seen:
-                    raise SceneError(f"edge {edge} of panel {name!r} is sewn twice, by stitches {seen[name, edge]} and {k}")
-                seen[name, edge] = k
-            one, other = (self.length(*end) for end in (stitch.a, stitch.b))
+                raise SceneError(f"stitch {k}: sews {place_of(stitch.a)} to itself")
+            for end in (stitch.a, stitch.b):
+                self._refuse_end(k, end, by_name)
+                if end in seen and not is_point(end):
+                    raise SceneError(f"{place_of(end)} is sewn twice, by stitches {seen[end]} and {k}")
+                seen[end] = k
+            one, other = (self._long(end) for end in (stitch.a, stitch.b))
             if max(one, other) > MOST_RATIO * min(one, other):
-                raise SceneError(f"stitch {k}: edge {stitch.a[1]} of {stitch.a[0]!r} is {one:.4g} m long and edge "
-                                 f"{stitch.b[1]} of {stitch.b[0]!r} {other:.4g} m: more than {MOST_RATIO:g} to 1 is no "
-                                 "gathering")
+                raise SceneError(f"stitch {k}: {place_of(stitch.a)} is {one:.4g} m long and {place_of(stitch.b)} {other:.4g} "
+                                 f"m: more than {MOST_RATIO:g} to 1 is no gathering")
             self._refuse_folded(k, stitch)
         self._refuse_units()
 
     def __repr__(self) -> str:
         return f"<Pattern of {len(self.panels)} panels, {len(self.stitches)} stitches>"
 
+    def _refuse_end(self, k: int, end: End, by_name: dict[str, Panel]) -> None:
+        """Refuses an end of a stitch that names no panel, no edge of it, or no place within it."""
+        name, place = end
+        if name not in by_name:
+            raise SceneError(f"stitch {k}: there is no panel {name!r}; there are {', '.join(by_name)}")
+        if isinstance(place, tuple):
+            by_name[name].refuse_outside(f"stitch {k}", place)
+        elif not 0 <= place < len(by_name[name].edges):
+            raise SceneError(f"stitch {k}: panel {name!r} has no edge {place}; it has {len(by_name[name].edges)}")
+
+    def _long(self, end: End) -> float:
+        """Length [m] of an edge or a line; of a point 0."""
+        name, place = end
+        return line_length(place) if isinstance(place, tuple) else self.length(name, place)
+
     def _refuse_folded(self, k: int, stitch: Stitch) -> None:
         """Refuses a stitch that sews the corner that two edges share to both their other ends."""
-        if stitch.together and stitch.a[0] == stitch.b[0]:
-            name, edges = stitch.a[0], next(p for p in self.panels if p.name == stitch.a[0]).edges
-            one, other = edges[stitch.a[1]], edges[stitch.b[1]]
+        (name, a), (also, b) = stitch.a, stitch.b
+        if stitch.together and name == also and not isinstance(a, tuple) and not isinstance(b, tuple):
+            edges = next(p for p in self.panels if p.name == name).edges
+            one, other = edges[a], edges[b]
             if one.end == other.start or other.end == one.start:
-                raise SceneError(f"stitch {k}: edges {stitch.a[1]} and {stitch.b[1]} of panel {name!r} share a corner and are "
+                raise SceneError(f"stitch {k}: edges {a} and {b} of panel {name!r} share a corner and are "
                                  "sewn the same way round, which closes each onto itself: sew them start to end")
 
     def _refuse_units(self) -> None:
@@ -251,13 +251,15 @@ class Pattern:
         return ()
 
     def mesh(self, spacing: float) -> Garment:
-        """Triangles with edges about `spacing` [m] long; edges that are sewn to each other have as many points.
+        """Triangles with edges about `spacing` [m] long; edges and lines that are sewn to each other have as many points, and
+        the mesh has vertices and edges where they are.
 
         Raises:
             MeshError: a panel that crosses itself, or has no triangles of that size; a spacing that makes too many.
         """
         spacing = checks.number("spacing", spacing, "m", positive=True)
-        length = {(p.name, k): e.length(p.corners) for p in self.panels for k, e in enumerate(p.edges)}
+        length: dict[End, float] = {(p.name, k): e.length(p.corners) for p in self.panels for k, e in enumerate(p.edges)}
+        length |= {end: self._long(end) for s in self.stitches for end in (s.a, s.b)}
         area = sum(abs(signed_area(p.outline()[0])) for p in self.panels)
         refuse_too_many("the pattern", spacing, area, sum(length.values()), len(length))
         count = {edge: max(1, math.ceil(long / spacing - 1e-6)) for edge, long in length.items()}
@@ -266,11 +268,15 @@ class Pattern:
         x, uv, faces, start = [], [], [], 0
         labels: dict[str, list[np.ndarray]] = {}
         groups: dict[str, np.ndarray] = {}
-        rows: dict[tuple[str, int], np.ndarray] = {}
+        rows: dict[End, np.ndarray] = {}
         for panel in self.panels:
             lines = [edge.divided(panel.corners, count[panel.name, k]) for k, edge in enumerate(panel.edges)]
             border = np.concatenate([line[:-1] for line in lines])
-            points, triangles = mesh_polygon(border, spacing, panel.name)
+            within = {end: line_divided(end[1], count[end]) for end in count
+                      if end[0] == panel.name and isinstance(end[1], tuple)}
+            numbers, inside, pieces = _numbered(border, list(within.values()))
+            points, triangles = mesh_polygon(border, spacing, panel.name, inside, pieces)
+            rows |= {end: start + row for end, row in zip(within, numbers)}
             at = start
             for k, (edge, line) in enumerate(zip(panel.edges, lines)):
                 row = start + (at - start + np.arange(len(line))) % len(border)
@@ -287,8 +293,27 @@ class Pattern:
             groups[label] = np.unique(np.concatenate([*index, groups.get(label, index[0])]))
         seams = tuple(SewnRows(rows[s.a], rows[s.b] if s.together else rows[s.b][::-1], s.rest, s.stiffness, s.strength)
                       for s in self.stitches)
-        mesh = TriMesh(np.concatenate(x), np.concatenate(faces), np.concatenate(uv), groups, self.notes + self._in_one_place())
-        return Garment(mesh, seams)
+        parts = np.concatenate(x), np.concatenate(faces), np.concatenate(uv), groups
+        notes = self.notes + self._in_one_place() + Garment(TriMesh(*parts), seams).loose()
+        return Garment(TriMesh(*parts, notes), seams)
+
+
+def _numbered(border: np.ndarray, lines: list[np.ndarray]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+    """(numbers (k,) of each line's points (k, 2) among those of the border and then those inside, the latter (j, 2), pairs of
+    numbers (p, 2) of points that follow each other); what is in one place is one."""
+    number = {key: k for k, key in enumerate(map(tuple, border.round(SAME).tolist()))}
+    inside: list[np.ndarray] = []
+    rows = []
+    for line in lines:
+        row = []
+        for point, key in zip(line, map(tuple, line.round(SAME).tolist())):
+            if key not in number:
+                number[key] = len(border) + len(inside)
+                inside.append(point)
+            row.append(number[key])
+        rows.append(np.array(row))
+    pairs = np.concatenate([np.zeros((0, 2), dtype=np.int64), *(np.column_stack([row[:-1], row[1:]]) for row in rows)])
+    return rows, np.array(inside).reshape(-1, 2), pairs
 
 
 def axis_of(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:

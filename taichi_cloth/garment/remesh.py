@@ -55,7 +55,7 @@ def remesh(garment: Garment, spacing: float) -> Garment:
     Seams, groups, where panels hang and where a dressed garment is are kept; between vertices they are interpolated.
 
     Raises:
-        SceneError: a panel with a hole, or panels that share vertices.
+        SceneError: a panel with a hole, panels that share vertices, or a seam along a line within a panel.
         MeshError: SciPy is missing, or the spacing is too large for the shape of a panel, or makes too many vertices.
     """
     checks.instance("remesh: garment", garment, Garment)
@@ -78,11 +78,21 @@ class _Remeshed:
         self.along = _joined(n, [seam for seam in garment.seams if len(seam.a) > 1])  # without single stitches
         self.members = np.bincount(self.cluster)  # of each cluster
         self.loops = self._loops(face_edges(faces)[list(self.mesh.border_edges.values())].tolist())
+        self._refuse_inside()
         self.like: dict[int, SewnRows] = {}  # of a class of edges that are sewn to each other, a seam
         self.sewn = self._sewn_edges()
         self.size: dict[int, int] = defaultdict(int)
         for edge_class in self.sewn.values():
             self.size[edge_class] += 1
+
+    def _refuse_inside(self) -> None:
+        """Refuses a seam along a line within a panel: borders alone are divided anew."""
+        border = {v for loop in self.loops for v in loop}
+        for k, seam in enumerate(self.garment.seams):
+            within = [v for row in (seam.a, seam.b) if len(row) > 1 for v in row.tolist() if v not in border]
+            if within:
+                raise SceneError(f"remesh: seam {k} is sewn to a line within panel {self.garment.panel_of(within[0])!r}: mesh "
+                                 "its pattern with the other spacing, by Pattern.mesh")
 
     def made(self, spacing: float) -> Garment:
         """The garment. Where two corners of a triangle are sewn to each other, which would close it to a line, the edge

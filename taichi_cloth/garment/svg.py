@@ -120,7 +120,7 @@ def _joined(panels: tuple[Panel, ...], side: Path | None) -> Pattern:
         named = {p.name: p for p in panels}
         if len(named) == len(panels):  # else the pattern refuses them
             panels = _labelled(named, data.get("labels", {}))
-        pattern = Pattern(panels, tuple(stitch_of(k, s) for k, s in enumerate(data.get("stitches", []))))
+        pattern = Pattern(panels, tuple(stitch_of(k, s, CENTIMETRES) for k, s in enumerate(data.get("stitches", []))))
         for name, place in data.get("placement", {}).items():
             panel = _known({p.name: p for p in pattern.panels}, name, "placement")
             pattern = _placed(pattern, panel, place)

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from .. import checks
 from ..errors import SceneError, shown
-from .mesh import TriMesh
+from .connected import components
+from .mesh import TriMesh, face_edges
 
 FLAT = 1e-2  # of its width by which a flat panel's vertices may be off its plane
 
@@ -68,6 +69,22 @@ class Garment:
         """The panel that a vertex is of: of the groups that have it the largest, labels of edges being smaller."""
         having = {name: len(index) for name, index in self.mesh.groups.items() if vertex in index}
         return max(having, key=having.__getitem__, default="the garment")
+
+    def parts(self) -> list[np.ndarray]:
+        """The vertices (k,) of each part that seams or triangles hold together, the largest first."""
+        edges, none = face_edges(self.mesh.faces), np.zeros(0, dtype=np.int64)
+        a, b = (np.concatenate([edges[:, k], *(seam[k] for seam in self.seams), none]) for k in (0, 1))
+        label = components(self.mesh.vertex_count, a, b)
+        parts = [np.flatnonzero(label == k) for k in np.unique(label[self.mesh.faces])]
+        return sorted(parts, key=len, reverse=True)
+
+    def loose(self) -> tuple[str, ...]:
+        """A note on the panels that no seam holds to the rest of a garment that has seams."""
+        apart = self.parts()[1:] if self.seams else []
+        if not apart:
+            return ()
+        names = ", ".join(repr(self.panel_of(int(rows[0]))) for rows in apart)
+        return (f"no seam holds {names} to the rest of the garment: nothing keeps it there while it is put on",)
 
     def moved(self, panel: str, by: ArrayLike) -> Garment:
         """The garment with a panel brought by (3,) [m] from where it hangs.

@@ -483,7 +483,17 @@ def test_the_command_dresses(tmp_path, capsys):
     assert made.gap() == 0 and np.hypot(x[:, 0], x[:, 2]).min() > 0.124 and count_self_crossings(x, mesh.faces) == 0
     assert 0.7 < x[mesh.groups["hem"], 1].mean() < 0.95 and x[mesh.groups["waist"], 1].mean() > 1.25
     for change, what in (({"--fabric": "velvet"}, "velvet"), ({"--out": str(tmp_path / "no" / "a.npz")}, "a.npz"),
-                         ({"--body": "nobody.obj"}, "nobody.obj")):
+                         ({"--body": "nobody.obj"}, "nobody.obj"), ({"--over": "nothing.npz"}, "nothing.npz"),
+                         ({"--over": str(out)}, "two garments are named 'worn'"),
+                         ({"--over-fabric": "velvet"}, "--over-fabric")):
         other = [part for flag, value in change.items() for part in (flag, value)]
         assert cli.main([*command, "--scale", "0.01", *other]) == 2 and what in capsys.readouterr().err
     assert load_garment(out).positions == pytest.approx(x)  # what was there stays
+    pattern.write_text(json.dumps(skirt(units_in_meter=95)))
+    coat, under = tmp_path / "coat.npz", tmp_path / "coat-over-worn.npz"
+    assert cli.main([*command[:5], str(coat), *command[6:], "--scale", "0.01", "--over", str(out)]) == 0
+    said = capsys.readouterr()
+    assert "further out, over what is worn" in said.err and f"written to {under}, {coat}" in said.out
+    (inner, outer), y = (load_garment(file) for file in (under, coat)), x
+    assert count_crossings(inner.positions, inner.mesh.faces, outer.positions, outer.mesh.faces) == 0
+    assert inner.gap() == outer.gap() == 0 and (load_garment(out).positions == y).all()

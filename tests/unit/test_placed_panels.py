@@ -8,6 +8,7 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth.contact.cloth.layers import Layers
 from taichi_cloth.garment import dressing
+from taichi_cloth.garment.worn import Dressed, crossed_of
 from taichi_cloth.scene.intersections import count_crossings, count_self_crossings
 from taichi_cloth.step.stepper import Control
 
@@ -58,13 +59,13 @@ def test_a_report_says_which_panels_cross():
     mesh = tc.TriMesh(np.concatenate(places), np.concatenate([sheet.faces + n * k for k in range(3)]),
                       np.concatenate([sheet.uv + [k, 0] for k in range(3)]),
                       {name: np.arange(n) + n * k for k, name in enumerate(("flat", "front", "side"))})
-    crossed = dressing._crossed(tc.Garment(mesh, ()))
+    crossed = crossed_of([tc.Worn(tc.Garment(mesh, ()), FABRIC, None)])
     assert {(a, b) for a, b, _ in crossed} == {("flat", "front"), ("flat", "side"), ("front", "side")}
     assert sum(k for *_, k in crossed) == count_self_crossings(mesh.x, mesh.faces)
     for a, b, k in crossed:
         pair = [np.arange(n) + n * ("flat", "front", "side").index(name) for name in (a, b)]
         assert k == count_crossings(mesh.x[pair[0]], sheet.faces, mesh.x[pair[1]], sheet.faces)
-    said = dressing.Dressed(tc.Garment(mesh, ()), 1.0, 0.5, True, 0.01, 7, (("a", "b", 4), ("a", "c", 3))).report()
+    said = Dressed(tc.Garment(mesh, ()), 1.0, 0.5, True, 0.01, 7, (("a", "b", 4), ("a", "c", 3))).report()
     assert said.endswith("7 crossings with itself (4 of 'a' and 'b', 3 of 'a' and 'c')")
 
 
@@ -128,14 +129,15 @@ def test_what_is_too_tight_for_the_usual_pull_is_closed_by_more(monkeypatch, con
 
 
 def pressed() -> tuple[tc.Simulation, int]:
-    """Two sheets that a row of stitches draws together by 1 kN each, with a strip between them; how many stitches."""
+    """Two sheets of a garment that a row of stitches draws together by 1 kN each, with a strip of it between them; how many
+    stitches."""
     sheet, strip = tc.grid(0.1, 10), tc.grid((0.06, 0.14), (6, 14))
     n = sheet.vertex_count
-    two = tc.TriMesh(np.concatenate([sheet.x, sheet.x + [0, 0.03, 0]]), np.concatenate([sheet.faces, sheet.faces + n]),
-                     np.concatenate([sheet.uv, sheet.uv + [0.2, 0]]))
+    parts = [sheet.x, sheet.x + [0, 0.03, 0], strip.x + [0.002, 0.015, 0.003]]
     scene, contact = tc.Scene(gravity=None), tc.ClothContact(0.004, 0.3)
-    cloth = scene.add_cloth(two, FABRIC, contact=contact)
-    scene.add_cloth(strip, FABRIC, positions=strip.x + [0.002, 0.015, 0.003], contact=contact)
+    three = tc.TriMesh(np.concatenate(parts), np.concatenate([sheet.faces, sheet.faces + n, strip.faces + 2 * n]),
+                       np.concatenate([sheet.uv, sheet.uv + [0.2, 0], strip.uv + [0.4, 0]]))
+    cloth = scene.add_cloth(three, FABRIC, contact=contact)
     middle = np.flatnonzero(abs(sheet.uv[:, 0] - 0.05) < 1e-6)
     scene.sew(cloth, middle, middle + n, stiffness=0.0, pull=1e5)
     return tc.Simulation(scene, h=1 / 60, cg_tol=1e-3, integrator="backward_euler"), len(middle)
@@ -176,3 +178,24 @@ def test_what_no_layers_stop_is_tried_by_smaller_steps():
     assert made.time == pytest.approx(0.1) and made.stepper.control is made.control
     with pytest.raises(tc.SimulationError):
         dressing._advance(sim(1e-6), None, "", 1 / 60 / 32)
+
+
+@pytest.mark.parametrize("particles, passes, released", [((0, 1, 2, 3), 1 / 60 / 128, 1), ((0, 1, 2, 4), 1 / 60 / 128, 0),
+                                                         ((0, 1, 2, 4), 1e-6, 1)])
+def test_layers_of_two_garments_rest_where_no_step_passes_at_all(particles, passes, released):
+    """Those of one garment rest where no step passes that is a 32nd of the usual one; of two, smaller ones go first."""
+    rests: list = []
+    control = Control(1 / 60, 1e-5)
+    layers = SimpleNamespace(nearest=lambda: SimpleNamespace(gap=0.1, particles=particles), release_around=rests.append)
+    one = SimpleNamespace(time=0.0, control=control, stepper=SimpleNamespace(control=control, h=control.h_max),
+                          contacts=SimpleNamespace(layers=layers), model=SimpleNamespace(user=np.arange(8)[::-1]),
+                          scene=SimpleNamespace(cloths=[SimpleNamespace(start=0), SimpleNamespace(start=4)]))
+
+    def step(h: float) -> None:
+        if one.stepper.control.h_min > passes and not rests:
+            raise tc.SimulationError("no step passes", "CONTACT", one.time)
+        one.time += h
+
+    one.step = step
+    dressing._advance(one, None, "", 1 / 60 / 32)
+    assert len(rests) == released and one.time == pytest.approx(0.1)

@@ -1,0 +1,194 @@
+"""Panels that are sewn over worn garments hang outside them: how far each has to go is found from positions. numpy only.
+
+A panel goes out until each of its places is outside the nearest place of what is worn: along the way it faces, away from the
+figure, or, where it is bent round a limb, by being bent wider. What lies over a panel goes out with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..contact.layer_order import facing, nearest, surface_of_solids
+from ..errors import SceneError
+from ..scene.connected import components
+from ..scene.garment import FLAT, Garment
+from ..scene.intersections import count_crossings, count_self_crossings
+from ..scene.mesh import face_edges
+from ..scene.scene import Scene
+from ..system.quantities import vertex_normals
+from .worn import Worn
+
+NEAR = 1e-2  # of what layers keep from each other that panels may be nearer
+ONE_WAY = 0.5  # length of the mean of a panel's normals, below which it faces all ways: one of half a circle has .64
+
+
+@dataclass(frozen=True)
+class _Sheet:
+    """Vertices x (n, 3) [m] with normals (n, 3) away from the figure, and edges of at most a length [m]."""
+
+    x: np.ndarray
+    normal: np.ndarray
+    longest: float
+
+    @staticmethod
+    def of(garment: Garment, figure: tuple[np.ndarray, np.ndarray] | None) -> _Sheet:
+        """A garment as it hangs or is worn."""
+        x, faces = garment.positions, garment.mesh.faces
+        edges = face_edges(faces)
+        away = facing(faces, x, figure)[:, None] * vertex_normals(x, faces)
+        return _Sheet(x, away, float(np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1).max()))
+
+    def worn(self) -> _Sheet:
+        """The vertices that have triangles."""
+        return self.part(np.flatnonzero(self.normal.any(axis=1)))
+
+    def part(self, rows: np.ndarray) -> _Sheet:
+        """Some of it."""
+        return _Sheet(self.x[rows], self.normal[rows], self.longest)
+
+
+class _Flat:
+    """A panel that goes out along the way it faces."""
+
+    def __init__(self, sheet: _Sheet) -> None:
+        self.sheet = sheet
+        mean = sheet.normal.mean(axis=0)
+        long = float(np.linalg.norm(mean))
+        self.out = mean / long if long > ONE_WAY else np.zeros(3)
+
+    def lies_over(self, under: _Flat) -> bool:
+        """Whether some of it is over another panel that faces the same way, or beside it in its plane."""
+        across = np.linalg.svd(under.out[None])[2][1:]
+        x, own = self.sheet.x @ across.T, under.sheet.x @ across.T
+        near = nearest(x, own)
+        there = np.linalg.norm(x - own[near], axis=1) < self.sheet.longest + under.sheet.longest
+        height = (self.sheet.x - under.sheet.x[near]) @ under.out
+        return bool(self.out @ under.out > 0 and (height[there] >= -FLAT * self.sheet.longest).any())
+
+    def moved(self, by: float) -> tuple[np.ndarray, np.ndarray]:
+        """Its vertices (n, 3), that far out, and the ways out there (n, 3)."""
+        return self.sheet.x + by * self.out, np.broadcast_to(self.out, self.sheet.x.shape)
+
+
+class _Bent:
+    """A panel that is bent round an axis through `middle`, at a radius [m]; axes (3, 3): across, across, along."""
+
+    def __init__(self, sheet: _Sheet, middle: np.ndarray, axes: np.ndarray, radius: float) -> None:
+        self.sheet, self.middle, self.radius = sheet, middle, radius
+        along = axes[2]
+        off = (sheet.x - middle) @ axes[:2].T
+        angle = np.sort(np.arctan2(off[:, 1], off[:, 0]))
+        gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))
+        k = int(gaps.argmax())
+        front = angle[k] + gaps[k] / 2 + np.pi  # opposite the middle of what is open
+        first = np.cos(front) * axes[0] + np.sin(front) * axes[1]
+        self.axes = np.stack([first, np.cross(along, first), along])
+
+    @staticmethod
+    def found(sheet: _Sheet, uv: np.ndarray) -> _Bent | None:
+        """The panel, where it is bent so: along the axis places are linear in the pattern's coordinates (n, 2)."""
+        x, linear = sheet.x, np.column_stack([uv, np.ones(len(uv))])
+        bulge = x - linear @ np.linalg.lstsq(linear, x, rcond=None)[0]
+        if np.abs(bulge).max() <= FLAT * np.ptp(uv, axis=0).min():
+            return None
+        axes = np.linalg.svd(bulge, full_matrices=False)[2]
+        flat = x @ axes[:2].T
+        a, b, c = np.linalg.lstsq(np.column_stack([flat, np.ones(len(x))]), (flat**2).sum(axis=1), rcond=None)[0]
+        centre, radius = np.array([a, b]) / 2, float(np.sqrt(max(c + (a * a + b * b) / 4, 0.0)))
+        off = flat - centre
+        if np.abs(np.linalg.norm(off, axis=1) - radius).max() > FLAT * radius:
+            return None
+        if np.einsum("ki,ki->", off @ axes[:2], sheet.normal) <= 0:
+            return None  # the limb would be outside
+        return _Bent(sheet, centre @ axes[:2], axes, radius)
+
+    def moved(self, by: float) -> tuple[np.ndarray, np.ndarray]:
+        """As `_Flat.moved`, bent wider by that much; no length changes."""
+        a, b, s = self.axes @ (self.sheet.x - self.middle).T
+        angle, r = np.arctan2(b, a) * self.radius / (self.radius + by), np.hypot(a, b) + by
+        ways = np.cos(angle)[:, None] * self.axes[0] + np.sin(angle)[:, None] * self.axes[1]
+        return self.middle + r[:, None] * ways + s[:, None] * self.axes[2], ways
+
+
+def hung_outside(garment: Garment, worn: Sequence[Worn], thickness: float, body: Scene) -> tuple[Garment, tuple[str, ...]]:
+    """The garment with its panels outside what is worn, and a note on each that had to go further out.
+
+    Args:
+        thickness: of the garment [m]; it keeps the mean of its own and another's.
+
+    Raises:
+        SceneError: a panel that passes through what is worn, or through another panel, however it is hung.
+    """
+    figure = surface_of_solids(body)
+    whole, inner = _Sheet.of(garment, figure), [_Sheet.of(w.garment, figure).worn() for w in worn]
+    edges = face_edges(garment.mesh.faces)
+    label = components(garment.mesh.vertex_count, edges[:, 0], edges[:, 1])
+    rows = [np.flatnonzero(label == k) for k in np.unique(label[garment.mesh.faces])]
+    panels = [_panel(whole.part(r), garment.mesh.vertex_uv, r) for r in rows]
+    keeps = [(thickness + w.contact.thickness) / 2 for w in worn if w.contact is not None]
+    by = [_way_out(panel, inner, keeps) for panel in panels]
+    stuck = next((garment.panel_of(int(r[0])) for r, far in zip(rows, by) if np.isinf(far)), None)
+    if stuck is not None:
+        raise SceneError(f"dress: panel {stuck!r} does not come outside what is worn along the way it faces: place it "
+                         "outside, by its translation or Garment.moved")
+    flat = [k for k, panel in enumerate(panels) if isinstance(panel, _Flat)]
+    for _ in flat:  # what lies over a panel goes out with it
+        for k in flat:
+            by[k] = max([by[k]] + [by[j] for j in flat if by[j] > by[k] and panels[k].lies_over(panels[j])])  # type: ignore
+    x, notes = garment.positions.copy(), []
+    for panel, r, far in zip(panels, rows, by):
+        if far > 0:
+            x[r] = panel.moved(far)[0]
+            notes.append(f"panel {garment.panel_of(int(r[0]))!r} was hung {100 * far:.2g} cm further out, over what is worn")
+    hung = replace(garment, positions=x)
+    _refuse_crossings(hung, count_self_crossings(garment.positions, garment.mesh.faces), worn)
+    return hung, tuple(notes)
+
+
+def _panel(sheet: _Sheet, uv: np.ndarray | None, rows: np.ndarray) -> _Flat | _Bent:
+    return (None if uv is None else _Bent.found(sheet, uv[rows])) or _Flat(sheet)
+
+
+def _way_out(panel: _Flat | _Bent, inner: Sequence[_Sheet], keeps: Sequence[float]) -> float:
+    """[m] by which a panel has to go out to keep a distance [m] of each sheet; infinite where it comes to no end."""
+    far, widest = 0.0, max(float(np.ptp(sheet.x, axis=0).max()) for sheet in inner)
+    while far <= widest:
+        lack = max(_lack(*panel.moved(far), panel.sheet.longest, sheet, keep) for sheet, keep in zip(inner, keeps))
+        if lack <= NEAR * min(keeps):
+            return far
+        far += lack
+    return float("inf")
+
+
+def _lack(x: np.ndarray, ways: np.ndarray, longest: float, sheet: _Sheet, keeps: float) -> float:
+    """[m] that a panel with vertices x (n, 3), ways out (n, 3) and edges of at most a length [m] lacks to be as far outside a
+    sheet as it keeps: they over the sheet, and the sheet's vertices under the panel."""
+    near = nearest(x, sheet.x)
+    height, beside = _over(x - sheet.x[near], sheet.normal[near])
+    lack = float((keeps - height)[beside < sheet.longest].max(initial=0.0))
+    near = nearest(sheet.x, x)
+    height, beside = _over(sheet.x - x[near], ways[near])
+    pokes = (beside < longest) & (height < longest) & (np.einsum("ki,ki->k", sheet.normal, ways[near]) > 0)
+    return max(lack, float((height + keeps)[pokes].max(initial=0.0)))
+
+
+def _over(off: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(heights (k,), distances beside the normals (k,)) of offsets (k, 3) from places with normals (k, 3) [m]."""
+    height = np.einsum("ki,ki->k", off, normal)
+    return height, np.linalg.norm(off - height[:, None] * normal, axis=1)
+
+
+def _refuse_crossings(hung: Garment, before: int, worn: Sequence[Worn]) -> None:
+    x, faces = hung.positions, hung.mesh.faces
+    for w in worn:
+        count = count_crossings(x, faces, w.garment.positions, w.garment.mesh.faces)
+        if count:
+            raise SceneError(f"dress: panels start through {w.name!r}, in {count} pairs of an edge and a triangle, however "
+                             "far out they hang: place them round it, by their translation or Garment.moved")
+    count = count_self_crossings(x, faces)
+    if count > before:
+        raise SceneError(f"dress: hung outside what is worn, panels pass through each other in {count} pairs of an edge and a "
+                         "triangle: place them further apart, by their translation or Garment.moved")
