@@ -126,7 +126,8 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
                      "floor": '"plain"', "background": '"#224466"', "light": "(0, 1, 0)"}),
     ("", "tc.Appearance", {"color": '"crimson"', "back": '"#102030"', "squares": "True",
                            "texture": "tc.Texture(np.zeros((2, 2, 3), np.uint8))", "weave": "tc.Weave()",
-                           "panels": '{"a": "red"}'}),
+                           "panels": '{"a": "red"}', "sheen": "0.5", "specular": "0.2", "roughness": "0.3", "hem": "0.01",
+                           "thickness": "0.002"}),
     ("", "tc.Texture", {"image": "np.zeros((2, 3, 4), np.uint8)", "size": "(0.1, 0.2)", "origin": "(0.0, 0.1)",
                         "repeat": "False"}),
     ("", "tc.Weave", {"spacing": "0.002", "relief": "0.5", "kind": '"twill"'}),
@@ -229,7 +230,7 @@ RUNNING: list[tuple[str, str, dict[str, str]]] = [
                             "heat": '"stretch"', "limits": "(0.9, 1.1)", "camera": "tc.Camera((1, 1, 1), (0, 0, 0))",
                             "wire": "True", "caption": '"{t}"', "orbit": "1.0", "follow": "True", "background": '"white"',
                             "floor": '"none"', "light": "(0, 1, 0)", "appearance": 'tc.Appearance("red")', "smooth": "1",
-                            "bits": "16"}),
+                            "bits": "16", "aperture": "0.01", "focus": "1.5", "shutter": "0.0"}),
     (STARTED, "tc.passes", {"what": "sim", "frame": "None", "size": "(32, 16)", "names": '("id",)'}),
     (STARTED, "tc.render_frames", {
         "recording": "sim", "folder": '"film"', "frames": '"1:2"', "size": "(32, 16)", "heat": "None", "limits": "None",

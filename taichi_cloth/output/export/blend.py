@@ -64,7 +64,8 @@ def arrays(shot: Shot) -> dict[str, np.ndarray]:
            "kinds": np.array([m.kind for m in shot.meshes]), "colors": np.array([m.color for m in shot.meshes]),
            "fov": np.radians([c.fov for c in shot.cameras]), "clip": np.array([near, far]),
            "eye": up(np.array([c.eye for c in shot.cameras])), "axes": up(np.array([axes_of(c).axes for c in shot.cameras])),
-           "thickness": np.array([m.thickness or 0.0 for m in shot.meshes]), **surroundings(shot.view, axes_of(shot.cameras[0]))}
+           "thickness": np.array([m.thickness or 0.0 for m in shot.meshes])}
+    out |= surroundings(shot.view, axes_of(shot.cameras[0]))
     for k, mesh in enumerate(shot.meshes):
         surface = mesh.surface(0)
         places, counts = loops(surface.faces, surface.polygon)
@@ -78,9 +79,9 @@ def arrays(shot: Shot) -> dict[str, np.ndarray]:
 def surroundings(view: View, camera: Frame) -> dict[str, np.ndarray]:
     """Lights and background as pictures here have them, by name.
 
-    `lights` are the ways towards the key light and those that throw no shadow, (k, 3), of linear RGB `powers` (k, 3), the first
-    seen under the angle `sun`; `everywhere` is the radiance from all sides, of which the second row is times the height of a
-    direction; `sky` the colours at the horizon and above, none of a transparent background.
+    `lights` are the ways towards the key light and those that throw no shadow, (k, 3), of linear RGB `powers` (k, 3), the
+    first seen under the angle `sun`; `everywhere` is the radiance from all sides, of which the second row is times the height
+    of a direction; `sky` the colours at the horizon and above, none of a transparent background.
     """
     rig = rig_of(view.light, camera)
     others = [way for way in (rig.fill, rig.rim) if any(way)]
