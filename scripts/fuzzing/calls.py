@@ -183,7 +183,8 @@ CALLS: list[tuple[str, str, dict[str, str]]] = [
 SIMULATED = "; sim = tc.Simulation(scene, precision=PRECISION, threads=1)"
 STARTED = SCENE + SIMULATED
 MAY_BE_INFINITE = ("bears",)  # what never gives
-MAY_BE_NONE = ("h", "cg_tol", "h_min", "threads", "newton_tol", "contact_tol", "tolerance", "substep")  # of the options
+MAY_BE_NONE = ("h", "cg_tol", "h_min", "threads", "newton_tol", "contact_tol", "tolerance", "substep",  # of the options
+               "sheen", "specular", "roughness", "hem", "thickness")  # of looks
 # These start Taichi.
 RUNNING: list[tuple[str, str, dict[str, str]]] = [
     (SCENE, "tc.Simulation", {"scene": "scene", **OPTIONS}),
