@@ -225,6 +225,8 @@ MUTATIONS = (
      "positions go all the way", f"{INSIDE}::test_newton_goes_no_further_than_its_potential_falls"),
     # Verlet
     ("taichi_cloth/step/integrators/verlet.py", "share = 0.5", "share = 1.0", "whole kicks at the ends", VERLET),
+    ("taichi_cloth/step/integrators/verlet.py", "part = 0.5", "part = 1.0", "the work of places by whole halves",
+     "tests/unit/test_soft_attach.py::test_explicit_steps_count_the_work_of_places_that_move"),
     ("taichi_cloth/step/integrators/verlet.py", "self.model.v[i] = u + 0.5 * a * f", "self.model.v[i] = u",
      "damping by the half-step velocity", VERLET),
     ("taichi_cloth/step/integrators/verlet.py", "self.model.m[i] * change.dot(along)", "self.model.m[i] * change.dot(change)",

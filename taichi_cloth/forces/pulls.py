@@ -88,10 +88,14 @@ class Pulls(Force):
     def set_time(self, t: float) -> None:
         """Places, as they are at t [s]."""
         self.now = self.source(t)
-        self.attached = np.column_stack([self.now.index, self.now.law])
-        for field, some in ((self.law, self.now.law), (self.place, self.now.place)):
+        self.put(self.now)
+
+    def put(self, pulled: Pulled) -> None:
+        """These are attached, at their places."""
+        self.attached = np.column_stack([pulled.index, pulled.law])
+        for field, some in ((self.law, pulled.law), (self.place, pulled.place)):
             rows: np.ndarray = np.zeros((self.model.n, some.shape[1]), dtype=self.model.exchange)
-            rows[self.now.index] = some
+            rows[pulled.index] = some
             write(field, rows)
 
     def led(self, before: float, part: float) -> float:

@@ -7,6 +7,8 @@ On the CPU all substeps of a step are one launch, by a phase scheduler.
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -15,6 +17,7 @@ from ...backend.fields import Fields
 from ...backend.phases import END, TASK, PhaseScheduler
 from ...backend.runtime import Runtime
 from ...backend.timing import Clock
+from ...forces.pulls import Pulled, Pulls
 from ...scene.scene import Scene
 from ...system.assembler import Assembler, Measures
 from ...system.checkpoint import Checkpointed
@@ -23,7 +26,7 @@ from ...system.held import Held
 from ...system.state import ParticleState
 from ..attempt import ENERGY, NOT_FINITE, Attempt
 from ..choice import SAFETY, stable_step
-from ..ledger import Work, gained, many_steps
+from ..ledger import Work, gained, many_steps, with_attachments
 from ..pump import Pump
 
 SLOW = 16  # substeps between two evaluations of bending, at most
@@ -31,6 +34,7 @@ SLOW_SAFETY = 0.5  # part of bending's own stable step that these take together
 STRAIGHT = 8  # substeps in which held particles that are led go along a line
 FORCE, MOVE = 1, 2  # kinds of a phase scheduler's phases
 ROUNDING = 64  # roundings of its terms by which energy may grow, and of positions
+PULLS = Pulls.energies[0]
 GAIN = 0.001  # part of the motion's scale by which energy may grow in a step
 
 
@@ -55,6 +59,9 @@ class Verlet(Checkpointed):
         self.slow = [f for f in forces if f.slow]
         self.f, self.f_slow = fields.real(model.n, 3), fields.real(model.n if self.slow else 1, 3)
         self.u = fields.real(model.n, 3)  # velocity half a substep ahead or behind
+        self.soft: Any = next((f for f in forces if isinstance(f, Pulls)), None)
+        self.tows = self.soft is not None
+        self.towed = fields.real(1, dtype=ti.f32 if runtime.sums == "f32" else ti.f64)  # the same of places that pull softly
         self.pulled = fields.real(1, dtype=ti.f32 if runtime.sums == "f32" else ti.f64)  # work of what is led [J]
         self.drag = next((f for f in forces if f.uniform), None)
         self.ramps, self.gusty = self.drag is not None, any(f.gusty for f in forces)
@@ -93,23 +100,32 @@ class Verlet(Checkpointed):
         every = self.every if count % self.every == 0 else 1
         small, done = h / count, 0
         with clock.part("EVAL"):
-            self.pulled[0] = 0
+            self.pulled[0] = self.towed[0] = 0
             if self.ramps:
                 held_at(0.0)
             wind = self._wind()
-            held, pumped = held_at(h), 0.0
-            moving = self.pump.runs or (held is not None and held.moving)
-            if self.pump.runs:
+            held, pumped, led = held_at(h), 0.0, 0.0
+            moving = self.pump.runs or self.soft is not None or (held is not None and held.moving)
+            if self.pump.runs or self.soft is not None:
                 held_at(0.0)
+            if self.soft is not None:
+                led = self.soft.now.energy(self.model.read_particles()[0]) - start.energies[PULLS]
             chunk = count if not moving else max(every, STRAIGHT // every * every)
             while done < count:
                 steps = min(chunk, count - done)
+                ways = self.free[0], self.free[2]
                 if moving:
+                    before = None if self.soft is None else self.soft.now
                     held, work_in = self.pump.go_on(held_at, (done + steps) * small)
                     pumped += work_in
-                self._go(small, steps, every, held, wind)
+                    if before is not None:
+                        ways, begun = self._ways(before, steps)
+                        led += begun
+                self._go(small, steps, every, held, wind, ways)
                 done, wind = done + steps, self._wind()
-            measures = self.meter.measure()
+            measures, led = self.meter.measure(), led + float(self.towed[0])
+            if led:
+                start = replace(start, energies={**start.energies, PULLS: start.energies[PULLS] + led})
             work = Work(pins=float(self.pulled[0]) if moving else 0.0, gas=pumped)
         evaluations = count + math.ceil(count / chunk)
         rejection, detail = None if measures.finite else NOT_FINITE, f"{count} substeps of {small:.3g} s"
@@ -121,7 +137,18 @@ class Verlet(Checkpointed):
             rejection = ENERGY
         self.gained = rejection is not None
         return Attempt(rejection, detail, measures, (), clock.seconds, evaluations=evaluations, order=2,
-                       ledger=many_steps(start, measures, work))
+                       ledger=with_attachments(many_steps(start, measures, work), led))
+
+    def _ways(self, before: Pulled, steps: int) -> tuple[tuple[np.ndarray, np.ndarray], float]:
+        """((particles (k,), ways (k, 3) [m] that their places go), work [J] of the first half substep, or of what begins to
+        pull or lets go): places, which are at the end of some substeps, go back to where they were `before` these."""
+        now, x = self.soft.now, self.model.read_particles()[0]
+        if np.array_equal(before.index, now.index) and np.array_equal(before.law, now.law):
+            self.soft.put(before)
+            way = now.place - before.place
+            begun = float(np.sum(before.forces(x) * way)) / (2 * steps)
+            return (now.index.astype(np.int32), way.astype(self.exchange)), begun
+        return (self.free[0], self.free[2]), now.energy(x) - before.energy(x)
 
     def commit(self, taken: float = 0.0) -> None:
         """The attempt was accepted; what remembers took so much [J] after it."""
@@ -135,9 +162,10 @@ class Verlet(Checkpointed):
         """Of the time that constraints were last asked for [m/s]."""
         return np.zeros(3) if self.drag is None else self.drag.now
 
-    def _go(self, h: float, steps: int, every: int, held: Held | None, wind: np.ndarray) -> None:
-        """Substeps, in which held particles go along lines to their targets and arrive with the lines' velocity; the wind
-        changes evenly from what it was."""
+    def _go(self, h: float, steps: int, every: int, held: Held | None, wind: np.ndarray,
+            ways: tuple[np.ndarray, np.ndarray]) -> None:
+        """Substeps, in which held particles go along lines to their targets and arrive with the lines' velocity, places that
+        pull softly go their ways, and the wind changes evenly from what it was."""
         pins, gust = self.free, (self._wind() - wind) / steps
         if held is not None:
             x = self.model.read_particles()[0][held.index].astype(self.exchange) if held.moving else held.target
@@ -146,15 +174,15 @@ class Verlet(Checkpointed):
             self.drag.set_wind(wind)
             self.drag.now = wind + steps * gust
         if self.together:
-            self._together(h, steps, every, *gust, *pins)
+            self._together(h, steps, every, *gust, *pins, *ways)
             return
         for s in range(steps + 1):
-            self._substep(h, s, steps, every, *gust, *pins)
+            self._substep(h, s, steps, every, *gust, *pins, *ways)
 
     @ti.kernel
     def _together(self, h: float, steps: int, every: int, gust_x: float, gust_y: float, gust_z: float,
                   index: ti.types.ndarray(), projector: ti.types.ndarray(), start: ti.types.ndarray(),
-                  target: ti.types.ndarray()):
+                  target: ti.types.ndarray(), soft: ti.types.ndarray(), way: ti.types.ndarray()):
         """All substeps, by a phase scheduler."""
         self.phases.start(FORCE)
         for t in range(self.phases.tasks):
@@ -173,6 +201,7 @@ class Verlet(Checkpointed):
                             if self.phases.last(phase):
                                 if kind == MOVE:
                                     self.lead(h, s, steps, index, projector, start, target)
+                                    self.tow(s, steps, soft, way)
                                     self.blow(s, steps, gust_x, gust_y, gust_z)
                                     following = FORCE
                                     if s == steps:
@@ -182,7 +211,7 @@ class Verlet(Checkpointed):
     @ti.kernel
     def _substep(self, h: float, s: int, steps: int, every: int, gust_x: float, gust_y: float, gust_z: float,
                  index: ti.types.ndarray(), projector: ti.types.ndarray(), start: ti.types.ndarray(),
-                 target: ti.types.ndarray()):
+                 target: ti.types.ndarray(), soft: ti.types.ndarray(), way: ti.types.ndarray()):
         """Substep s on all threads."""
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
@@ -193,6 +222,7 @@ class Verlet(Checkpointed):
         ti.loop_config(serialize=True)
         for _ in range(1):
             self.lead(h, s, steps, index, projector, start, target)
+            self.tow(s, steps, soft, way)
             self.blow(s, steps, gust_x, gust_y, gust_z)
 
     @ti.func
@@ -252,6 +282,22 @@ class Verlet(Checkpointed):
             change = project(projector, k, along - self.u[i])
             self.u[i] += change
             self.pulled[0] = self.pulled[0] + self.model.m[i] * change.dot(along)  # an impulse, on the way that it goes
+
+    @ti.func
+    def tow(self, s, steps, soft: ti.template(), way: ti.template()):
+        """Places that pull softly go on after substep s. Their work is that of f on their ways by the trapezoidal rule, as the
+        kicks are on the cloth's; the first half of it is `_ways`'s."""
+        if ti.static(self.tows):
+            if s < steps:
+                part = 1.0
+                if s + 1 == steps:
+                    part = 0.5
+                for k in range(soft.shape[0]):
+                    i, way_k = soft[k], row(way, k) / steps
+                    self.soft.place[i] += way_k
+                    x = self.model.x[i]
+                    ratio = self.soft.pull(i, x)[2]
+                    self.towed[0] = self.towed[0] + part * ratio * (self.soft.place[i] - x).dot(way_k)
 
     @ti.func
     def blow(self, s, steps, x, y, z):
