@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from .flags import number_of
+from .flags import number_of, vector_of
 
 
 def add_parser(commands) -> None:
@@ -17,6 +17,9 @@ def add_parser(commands) -> None:
     add("--body", required=True, metavar="MESH", help="the body, as tc.load_solid takes it; the first frame of a sequence")
     add("--scale", type=number_of, default=1.0, metavar="M", help="metres per unit of the body's file (1)")
     add("--up", choices=("y", "z"), help="axis of the body's file that points up (its own, or y)")
+    add("--turn", type=number_of, default=0.0, metavar="DEG", help="turns the pattern about the vertical, z towards x, to "
+        "where the body faces (0)")
+    add("--shift", type=vector_of, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="then moves it [m]")
     add("--out", required=True, metavar="FILE", help="the garment, a .npz for tc.load_garment")
     add("--fabric", default="shirting", help="one of those that `fabrics` prints (shirting)")
     add("--spacing", type=number_of, default=0.02, metavar="M", help="edge length of the cloth's triangles (0.02)")
@@ -48,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     out, contact = _checked_out(args.out), ClothContact(args.thickness, args.friction)
     worn = worn_under([Worn(load_garment(file), under, contact, Path(file).stem) for file in args.over], contact, out.stem)
     with waiting(f"loading {args.pattern}"):
-        garment = load_pattern(args.pattern, args.side).mesh(args.spacing)
+        garment = load_pattern(args.pattern, args.side).mesh(args.spacing).placed(args.turn, args.shift)
     print(f"{len(garment.seams)} seams, {garment.mesh.vertex_count} vertices, {garment.mesh.face_count} triangles")
     for note in garment.mesh.notes:
         print(f"note: {note}", file=sys.stderr)

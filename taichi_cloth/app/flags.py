@@ -57,6 +57,14 @@ class Parser(argparse.ArgumentParser):
         super().error(message)
 
 
+def vector_of(text: str) -> tuple[float, ...]:
+    """Three numbers such as 0,-.1,1e-2, for argparse."""
+    parts = text.split(",")
+    if len(parts) != 3:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be three numbers, X,Y,Z")
+    return tuple(map(number_of, parts))
+
+
 def number_of(text: str) -> float:
     """A number such as 1e-3 or 1/60, for argparse."""
     from .scenefile import number

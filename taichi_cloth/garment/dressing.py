@@ -235,11 +235,14 @@ def _refuse_inside(sim: Simulation, worn: Sequence[Worn]) -> None:
         _refuse_through(sim.scene.solids, worn[-1].garment)
         return
     vertex = model.user[found.index[inside]]
+    deep = -float((found.start_gap + scan.thickness[found.solid]).min())
     solid = sim.scene.solids[int(found.solid[inside][0])].name
     cloth = next(c for c in sim.scene.cloths if vertex[0] < c.start + c.mesh.vertex_count)
     garment = worn[sim.scene.cloths.index(cloth)].garment
     raise SceneError(f"dress: {len(np.unique(vertex))} vertices start inside the body, the first of them of "
-                     f"{garment.panel_of(vertex[0] - cloth.start)!r} in {solid!r}: hang the panels further out")
+                     f"{garment.panel_of(vertex[0] - cloth.start)!r} in {solid!r}, at most {1e3 * deep:.3g} mm deep: hang the "
+                     "panels further out (Garment.moved), or turn and move the garment to where the body stands "
+                     "(Garment.placed; --turn, --shift)")
 
 
 def _refuse_through(solids: list[Solid], garment: Garment) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -85,6 +86,18 @@ class Garment:
             return ()
         names = ", ".join(repr(self.panel_of(int(rows[0]))) for rows in apart)
         return (f"no seam holds {names} to the rest of the garment: nothing keeps it there while it is put on",)
+
+    def placed(self, turn: float = 0.0, shift: ArrayLike = (0.0, 0.0, 0.0)) -> Garment:
+        """The garment turned as a whole about the vertical through the origin, and then moved, to where a body stands.
+
+        Args:
+            turn: [degrees], from z towards x.
+            shift: (3,) [m].
+        """
+        angle = math.radians(checks.number("placed: turn", turn, "degrees"))
+        c, s = math.cos(angle), math.sin(angle)
+        x = self.positions @ np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]])
+        return replace(self, positions=x + checks.vector("placed: shift", shift, "m"))
 
     def moved(self, panel: str, by: ArrayLike) -> Garment:
         """The garment with a panel brought by (3,) [m] from where it hangs.

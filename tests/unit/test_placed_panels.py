@@ -26,6 +26,8 @@ def test_a_panel_is_moved_and_the_others_stay():
     two = tc.TriMesh(np.concatenate([mesh.x, mesh.x + [0.5, 0, 0]]), np.concatenate([mesh.faces, mesh.faces + 25]),
                      np.concatenate([mesh.uv, mesh.uv + [0.5, 0]]), {"left": np.arange(25), "right": np.arange(25, 50)})
     garment = tc.Garment(two, ())
+    turned = garment.placed(90.0, (0.0, 0.5, 0.0)).positions  # z comes to x, x to -z
+    assert np.allclose(turned, garment.positions[:, [2, 1, 0]] * [1, 1, -1] + [0, 0.5, 0], atol=1e-12)
     by = garment.moved("right", (0.1, -0.2, 0.3)).positions - garment.positions
     assert (by[:25] == 0).all() and by[25:] == pytest.approx(np.tile([0.1, -0.2, 0.3], (25, 1)))
     with pytest.raises(tc.SceneError, match="there is no panel 'middle'; there are left, right"):

@@ -16,6 +16,7 @@ OWN = "taichi_cloth"
 def main(path: str, out: str, choices: str) -> None:
     """Opens, adds, saves."""
     wanted = json.loads(choices)
+    bpy.context.preferences.filepaths.save_version = 0  # the second save would leave a copy of the first beside it
     with open(path, "rb") as file:
         compressed = file.read(7) != b"BLENDER"
     bpy.ops.wm.open_mainfile(filepath=path, load_ui=True)
