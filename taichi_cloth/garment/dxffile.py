@@ -4,6 +4,7 @@ A piece is a block; its layers are numbers. [AAMA-DXF-292, ASTM D6673]
 """
 
 import io
+import logging
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,11 +18,14 @@ from .xmlfile import bytes_of
 
 LINES = ("LINE", "POLYLINE", "LWPOLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE")
 FLAT = 1e-5  # of a curve's size within which straight pieces follow it
+PARTS = 8  # Bezier curves that stand for an arc: they follow it as near
 SAYS = re.compile(r"\s*([A-Za-z][A-Za-z ]*?)\s*:\s*(.*?)\s*$")
 WORDS = {"metric": 1e-3, "mm": 1e-3, "cm": 1e-2, "english": 0.0254, "inch": 0.0254, "inches": 0.0254}  # metres
 INSUNITS = {1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0, 14: 0.1}  # metres
 NO_UNIT = ("no unit of length is named, neither by a text 'Units: METRIC' (millimetres) or 'Units: ENGLISH' (inches) nor by "
            "$INSUNITS: scale=0.001 takes its numbers for millimetres")
+
+logging.getLogger("ezdxf").addHandler(logging.NullHandler())  # what it mends it would print
 
 
 class Piece(NamedTuple):
@@ -144,7 +148,7 @@ def _flattened(entity: Any) -> np.ndarray:
     """(k, 2) points of a line, in the file's units; more than its own only where it is curved."""
     from ezdxf import path
 
-    drawn = path.make_path(entity)
+    drawn = path.make_path(entity, segments=PARTS)
     own = np.array([(p.x, p.y) for p in drawn.control_vertices()]).reshape(-1, 2)
     size = float(np.ptp(own, axis=0).max()) if len(own) else 0.0
     if not (drawn.has_curves and 0 < size <= checks.LARGEST):
