@@ -63,12 +63,12 @@ def test_look_at_a_pattern(tmp_path):
     assert done.returncode == 0 and lines[0].endswith(f"shirt.json: {pattern!r}"), done.stderr
     for line, panel, again in zip(lines[1:], pattern.panels, tc.load_pattern(to).panels, strict=False):
         wide, high = np.ptp(panel.outline()[0], axis=0)
-        assert line.startswith(f"panel   {panel.name!r}, {wide:.4g} x {high:.4g} m, warp at 0 degrees, {len(panel.edges)} edge")
+        assert line.startswith(f"panel   {panel.name!r}, {wide:.4g} x {high:.4g} m, warp at 0 degrees, {len(panel.edges)} ")
         assert f"{panel.edges[0].length(panel.corners):.3f}" in line
         one, other = (p.outline()[0] - p.corners[0] for p in (panel, again))
         assert panel.name == again.name and np.abs(one - other).max() < 1e-5
     for words, message in ((("--to", "a.png"), "must end with .svg"), (("--clip", "Walk"), "is a sewing pattern"),
-                           (("--pattern-size", "M"), "has one size"), (("--to", tmp_path / "none" / "a.svg"), "none")):
+                           (("--pattern-size", "M"), "has one size")):
         done = call("look", path, *words)
         assert done.returncode == 2 and message in done.stderr
     done = call("look", drum(tmp_path / "a.npz"), "--pattern-size", "M")

@@ -175,6 +175,12 @@ def test_copies_and_mirrored_ones(load):
     assert np.abs(one.outline()[0] * [-1, 1] - other.outline()[0]).max() < 1e-12
     assert (one.outline()[1] == other.outline()[1]).all() and one.grain + other.grain == pytest.approx(math.pi)
     assert any("quantity is 0: OLD" in note for note in pattern.notes)
+    pytest.importorskip("scipy")
+    side = {"stitches": [[{"panel": "FRONT", "edge": 3}, {"panel": "FRONT mirrored", "edge": 3}, "right_wrong"]]}
+    garment = load(front(Quantity="1,1"), side=side).mesh(0.06)
+    sewn, = garment.seams
+    one, other = (garment.mesh.x[rows] for rows in sewn[:2])
+    assert len(one) == 8 and np.abs(one * [-1, 1, 1] - other).max() < 1e-12  # in the middle, where both hang unplaced
 
 
 def test_sizes(load):
