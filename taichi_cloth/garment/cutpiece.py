@@ -77,8 +77,8 @@ class Cut(NamedTuple):
         return Panel(name, points[at], edges, grain=self.grain % math.pi)
 
 
-def corners_of(points: np.ndarray, turns: np.ndarray, curved: np.ndarray) -> np.ndarray:
-    """(n,) where edges end on a closed line: at turn points, or, where it has fewer than two, where it turns sharply.
+def corners_of(points: np.ndarray, turns: np.ndarray, curved: np.ndarray) -> tuple[np.ndarray, bool]:
+    """((n,) where edges end on a closed line, whether these are turn points: with fewer than two, where it turns sharply).
 
     Args:
         turns, curved: (k, 2) points that are marked as corners and as points of curves.
@@ -88,8 +88,8 @@ def corners_of(points: np.ndarray, turns: np.ndarray, curved: np.ndarray) -> np.
     for mask, some in zip(marked, (turns, curved)):
         for point in some:
             mask[places.at(point)] = True
-    corner = marked[0]
-    if corner.sum() < 2:
+    corner, known = marked[0], bool(marked[0].sum() > 1)
+    if not known:
         way = np.roll(points, -1, axis=0) - points
         before = np.roll(way, 1, axis=0)
         turn = np.arctan2(before[:, 0] * way[:, 1] - before[:, 1] * way[:, 0], (before * way).sum(axis=1))
@@ -98,7 +98,7 @@ def corners_of(points: np.ndarray, turns: np.ndarray, curved: np.ndarray) -> np.
         first = int(np.argmax(corner))
         long = np.cumsum(np.linalg.norm(np.diff(np.roll(points, -first, axis=0), axis=0), axis=1))
         corner[[first, (first + 1 + int(np.searchsorted(long, long[-1] / 2))) % len(points)]] = True
-    return corner
+    return corner, known
 
 
 def _edge(points: np.ndarray, i: int, j: int, start: int, end: int) -> Curve:

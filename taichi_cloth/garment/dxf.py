@@ -101,10 +101,10 @@ def _cut(piece: Piece, notes: Notes) -> Cut:
     fold, grain = (_longest(piece.lines.get(layer, [])) for layer in (MIRROR, GRAIN))
     points = _border(piece, fold, notes)
     points = points[np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1) > SAME * np.ptp(points, axis=0).max()]
-    turns = piece.points.get(TURNS, NONE)
-    if not len(turns):
-        notes["without turn points (layer 2): edges end at corners of more than 30 degrees"].append(piece.name)
-    cut = Cut(points, corners_of(points, turns, piece.points.get(CURVED, NONE)), 0.0)
+    corner, known = corners_of(points, piece.points.get(TURNS, NONE), piece.points.get(CURVED, NONE))
+    if not known:
+        notes["with fewer than two turn points (layer 2) on the border: edges end at corners of 30 degrees"].append(piece.name)
+    cut = Cut(points, corner, 0.0)
     if grain is not None:
         cut = cut._replace(grain=math.atan2(*(grain[1] - grain[0])[::-1]))
     else:

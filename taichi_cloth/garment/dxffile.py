@@ -25,7 +25,17 @@ INSUNITS = {1: 0.0254, 2: 0.3048, 4: 1e-3, 5: 1e-2, 6: 1.0, 14: 0.1}  # metres
 NO_UNIT = ("no unit of length is named, neither by a text 'Units: METRIC' (millimetres) or 'Units: ENGLISH' (inches) nor by "
            "$INSUNITS: scale=0.001 takes its numbers for millimetres")
 
-logging.getLogger("ezdxf").addHandler(logging.NullHandler())  # what it mends it would print
+
+class Heard(logging.Handler):
+    """What a library warns of, in place of printing it."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.said: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keeps a message."""
+        self.said.append(record.getMessage())
 
 
 class Piece(NamedTuple):
@@ -58,7 +68,7 @@ def read_sheet(path: Path, scale: float | None) -> Sheet:
         SceneError: ezdxf is not installed, a file that cannot be read, has no pieces or no unit.
     """
     data = bytes_of(path)
-    document, lost = _document(data)
+    document, mended = _document(data)
     if not data.rstrip().endswith(b"EOF"):
         raise SceneError("is cut off: a DXF ends with EOF")
     said = _said(document.modelspace())
@@ -73,22 +83,26 @@ def read_sheet(path: Path, scale: float | None) -> Sheet:
                          "trade have it (AAMA, ASTM D6673)")
     metres, notes = _metres(said.get("units", ""), int(document.header.get("$INSUNITS", 0)), scale)
     _refuse_scaled(document.modelspace(), {b.name for b in blocks})
-    if lost:
-        notes += (f"parts of the file that are damaged, and left out: {lost}",)
+    if mended:
+        notes += (f"the file is damaged, and mended as far as it goes: {mended[-1]}",)
     return Sheet([_piece(b, texts[b.name], metres) for b in blocks], said, notes)
 
 
-def _document(data: bytes) -> tuple[Any, int]:
-    """(the document, how much of it is damaged)."""
+def _document(data: bytes) -> tuple[Any, list[str]]:
+    """(the document, what of it is damaged)."""
     try:
         from ezdxf import recover
     except ImportError:
         raise SceneError("DXF is read by the package ezdxf: pip install 'taichi-cloth[dxf]'") from None
+    heard, log = Heard(), logging.getLogger("ezdxf")
+    log.addHandler(heard)
     try:
         document, auditor = recover.read(io.BytesIO(data), errors="ignore")
     except Exception as error:  # of any kind: of the parser, of its tables, of numbers
         raise SceneError(f"is no DXF file, or a damaged one: {type(error).__name__}: {shown(str(error))}") from None
-    return document, len(auditor.errors)
+    finally:
+        log.removeHandler(heard)
+    return document, [*heard.said, *(error.message for error in auditor.errors)]
 
 
 def _said(entities: Iterable[Any]) -> dict[str, str]:

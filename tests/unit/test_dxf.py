@@ -202,6 +202,9 @@ def test_marks_are_told(load):
     pattern = load(front(points(4, [(100, 0), (150, 0)]), points(13, [(100, 50)]), polyline(11, [(9, 9), (12, 9), (12, 12)])))
     assert "drawn in the pieces, and no part of the panels: 2 notches, 1 cutouts, 1 drill holes" in pattern.notes
     assert any("grain line" in note and note.endswith("FRONT") for note in pattern.notes)
+    square = block("A", polyline(1, SQUARE))
+    assert any("turn points" in note and note.endswith("A") for note in load(square).notes)
+    assert any("is damaged" in note and "100mm" in note for note in load(square.replace("20\n100\n", "20\n100mm\n", 1)).notes)
 
 
 SQUARE = [(0, 0), (100, 0), (100, 100), (0, 100)]
