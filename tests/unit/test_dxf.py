@@ -13,6 +13,7 @@ pytest.importorskip("ezdxf", reason="reading DXF needs the extra `dxf`")
 
 FRONT = [(0, 0), (300, 0), (280, 250), (220, 400), (160, 330), (90, 330), (0, 420)]  # a curve from 280,250 to 220,400 and on
 TURNS = [(0, 0), (300, 0), (220, 400), (0, 420)]
+SQUARE = [(0, 0), (100, 0), (100, 100), (0, 100)]
 
 
 def entity(kind: str, layer, **codes) -> str:
@@ -116,6 +117,13 @@ def test_lines_and_arcs_in_any_order_are_one_outline(load):
     assert np.ptp(border, axis=0) == pytest.approx([0.2, 0.1], rel=1e-4) and len(border) > 50
 
 
+def test_corners_where_none_are_marked(load):
+    """At sharp turns, but not at points of curves; a sixteenth of a circle turns by 22.5 degrees."""
+    assert len(load(block("A", polyline(1, SQUARE), points(3, [(100, 100)]))).panels[0].edges) == 3
+    round_ = [(100 + 100 * math.cos(k * math.pi / 8), 100 * math.sin(k * math.pi / 8)) for k in range(9)]
+    assert [e.kind for e in load(block("A", polyline(1, round_))).panels[0].edges] == ["polyline", "line"]
+
+
 def test_a_smooth_outline_is_cut_in_two(load):
     panel, = load(block("A", entity("CIRCLE", 1, _10=5, _20=5, _40=100))).panels
     one, other = (e.length(panel.corners) for e in panel.edges)
@@ -207,9 +215,6 @@ def test_marks_are_told(load):
     assert any("is damaged" in note and "100mm" in note for note in load(square.replace("20\n100\n", "20\n100mm\n", 1)).notes)
 
 
-SQUARE = [(0, 0), (100, 0), (100, 100), (0, 100)]
-
-
 @pytest.mark.parametrize("blocks, more, words", [
     ((), {}, "there are no pieces in it"),
     ((block("A", polyline(8, SQUARE)),), {}, "piece 'A': has no outline: there is no line on its layer 1"),
@@ -236,7 +241,8 @@ def test_what_is_wrong_is_named(load, blocks, more, words):
 
 def test_files_that_are_none(tmp_path):
     path = tmp_path / "a.dxf"
-    for data in (b"", b"no drawing", b"\x00\x01\x02", b"0\nSECTION\n", dxf(front()).encode()[:500]):
+    whole = dxf(front()).encode()
+    for data in (b"", b"no drawing", b"\x00\x01\x02", b"0\nSECTION\n", whole[:500], whole[:-6]):
         path.write_bytes(data)
         with pytest.raises(SceneError, match="a.dxf: "):
             tc.load_pattern(path)
