@@ -27,7 +27,8 @@ SOFT, WORKED = SPRINGS + "derivatives", SPRINGS + "all_of_their_work_is_accounte
 CURVES, PATTERN = "taichi_cloth/garment/curves.py", "taichi_cloth/garment/pattern.py"
 MESHER, MESHED = "taichi_cloth/garment/mesher.py", "tests/unit/test_mesher.py"
 PATHS, DRAWING, OUTLINES = (f"taichi_cloth/garment/{name}.py" for name in ("pathdata", "drawing", "outlines"))
-SVG = "tests/unit/test_svg.py"
+SVG, DXF = "tests/unit/test_svg.py", "tests/unit/test_dxf.py"
+CUT_OUT = "taichi_cloth/garment/cutpiece.py"
 COMMANDS = f"{SVG}::test_path_commands"
 FILE, GARMENT = "taichi_cloth/garment/garmentcode.py", "taichi_cloth/scene/garment.py"
 LOADED = "taichi_cloth/io/garment.py"
@@ -147,7 +148,7 @@ MUTATIONS = (
     (PATTERN, "if stitch.a == stitch.b:", "if False:", "an edge is sewn to itself", PATTERNS),
     (PATTERN, "one.end == other.start or other.end == one.start", "False", "a corner is sewn to both its edges' other ends",
      PATTERNS),
-    (PATTERN, "t = np.linspace(0, 1, PIECES + 1)", "t = np.linspace(0, 1, 2)", "curves that cross other edges", PATTERNS),
+    (PATTERN, "e.drawn(self.corners, PIECES)", "e.drawn(self.corners, 1)", "curves that cross other edges", PATTERNS),
     (PATTERN, "key=lambda r: abs(", "key=lambda r: -abs(", "the least likely unit is named", PATTERNS),
     (MESHER, "(j - i > 1) & (j - i < n - 1)", "(j - i > 1) & (j < n - 1)", "the last edge may cross others",
      f"{MESHED}::test_crossings_of_random_lines"),
@@ -165,6 +166,14 @@ MUTATIONS = (
     (OUTLINES, "elif not subpath.closed and abs(", "elif False and abs(", "open lines are panels",
      f"{SVG}::test_open_lines_are_no_panels"),
     (OUTLINES, "math.atan2(axes[1, 0], axes[0, 0])", "0.0", "ellipses are not turned", f"{SVG}::test_arcs_of_ellipses"),
+    (CUT_OUT, "if away.min() < -near and away.max() > near:", "if True:", "halves stay halves",
+     f"{DXF}::test_a_half_is_unfolded"),
+    (CUT_OUT, "math.pi - self.grain", "self.grain", "mirrored panels have the grain of the other side",
+     f"{DXF}::test_copies_and_mirrored_ones"),
+    ("taichi_cloth/garment/dxf.py", "    if sewn:\n", "    if False:\n", "panels keep their seam allowance",
+     f"{DXF}::test_the_sew_line_is_the_border"),
+    (PATTERN, "uv.append(panel.material(points))", "uv.append(points)", "the warp runs across whatever the grain",
+     f"{DXF}::test_the_grain_line_is_the_warp"),
     (DRAWING, 'if style.get("display") == "none":', "if False:", "hidden layers are panels",
      f"{SVG}::test_hidden_shapes_are_left_out"),
     (DRAWING, "if id_ in visit.used or target", "if target", "a use that draws itself",

@@ -11,9 +11,10 @@ def add_parser(commands) -> None:
     """`dress` and its flags."""
     parser = commands.add_parser("dress", help="sew a pattern round a body and let it down")
     add = parser.add_argument
-    add("pattern", help="a pattern in GarmentCode's JSON format, panels in an SVG, or meshed ones with stitches in an OBJ")
-    add("--side", metavar="FILE", help="of an SVG, stitches, labels and placement (the .json of its name); "
+    add("pattern", help="in GarmentCode's JSON format, panels in an SVG or DXF, or meshed ones with stitches in an OBJ")
+    add("--side", metavar="FILE", help="of an SVG or a DXF, stitches, labels and placement (the .json of its name); "
         "of an OBJ, a .csv of stitches (its own)")
+    add("--pattern-size", metavar="NAME", help="of a DXF with several sizes")
     add("--body", required=True, metavar="MESH", help="the body, as tc.load_solid takes it; the first frame of a sequence")
     add("--scale", type=number_of, default=1.0, metavar="M", help="metres per unit of the body's file (1)")
     add("--up", choices=("y", "z"), help="axis of the body's file that points up (its own, or y)")
@@ -51,7 +52,8 @@ def run(args: argparse.Namespace) -> int:
     out, contact = _checked_out(args.out), ClothContact(args.thickness, args.friction)
     worn = worn_under([Worn(load_garment(file), under, contact, Path(file).stem) for file in args.over], contact, out.stem)
     with waiting(f"loading {args.pattern}"):
-        garment = load_pattern(args.pattern, args.side).mesh(args.spacing).placed(args.turn, args.shift)
+        pattern = load_pattern(args.pattern, args.side, size=args.pattern_size)
+        garment = pattern.mesh(args.spacing).placed(args.turn, args.shift)
     print(f"{len(garment.seams)} seams, {garment.mesh.vertex_count} vertices, {garment.mesh.face_count} triangles")
     for note in garment.mesh.notes:
         print(f"note: {note}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""The command `look`: the content of a mesh, a sequence or a file with a scene, as a solid has it."""
+"""The command `look`: the content of a mesh, a sequence or a file with a scene, as a solid has it, or of a pattern."""
 
 import argparse
 import warnings
@@ -9,10 +9,11 @@ from .recorded import size_of
 
 def add_parser(commands) -> None:
     """`look` and its flags."""
-    parser = commands.add_parser("look", help="describe a mesh or an animation: parts, clips, size, closed or not")
+    parser = commands.add_parser("look", help="describe a mesh, an animation or a sewing pattern: parts, clips, size")
     add = parser.add_argument
-    add("file", help="as tc.load_solid takes it: .obj, .npz, .glb, .usd, .fbx, .abc, ...")
-    add("--to", metavar="FILE", help="also a picture of a few moments, a .png")
+    add("file", help="as tc.load_solid takes it (.obj, .npz, .glb, .usd, .fbx, .abc, ...), or a pattern (.svg, .dxf, .json)")
+    add("--to", metavar="FILE", help="also a picture of a few moments, a .png; of a pattern a drawing, a .svg")
+    add("--pattern-size", metavar="NAME", help="of a DXF pattern with several sizes")
     add("--size", type=size_of, default=(480, 480), metavar="WxH", help="of each moment's picture (480x480)")
     add("--clip", action="append", metavar="NAME", help="of a file with several animations, by name or number; may come again")
     add("--only", action="append", metavar="PART", help="of a file with several parts; may come again")
@@ -30,8 +31,13 @@ def run(args: argparse.Namespace) -> int:
     from ..errors import OutputError
     from ..io.animation.motion import wanted
     from ..io.solid import loaded
+    from .patterns import is_pattern, look_at
     from .waiting import waiting
 
+    if is_pattern(args.file):
+        return look_at(args)
+    if args.pattern_size is not None:
+        raise OutputError(f"--pattern-size: {args.file} is no sewing pattern")
     to = checks.maybe(args.to, checks.png, "--to", OutputError)
     clips = [int(name) if checks.is_whole(name) else name for name in args.clip or ()] or None
     with warnings.catch_warnings(record=True) as warned, waiting(f"loading {args.file}"):

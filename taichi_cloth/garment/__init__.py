@@ -9,32 +9,45 @@ from .garmentcode import read_garmentcode
 from .pattern import Pattern
 from .stitched import StitchedPattern
 
+OWN_UNITS, WITH_SIDE = (".svg", ".svgz", ".json"), (".svg", ".svgz", ".dxf", ".obj")
 
-def load_pattern(path: str | Path, side: str | Path | None = None, scale: float = 1.0,
-                 up: str = "y") -> Pattern | StitchedPattern:
-    """A sewing pattern from a file in GarmentCode's JSON format, from panels drawn in an SVG, or from meshed panels in an OBJ.
+
+def load_pattern(path: str | Path, side: str | Path | None = None, scale: float = 1.0, up: str = "y",
+                 size: str | None = None) -> Pattern | StitchedPattern:
+    """A sewing pattern from a file in GarmentCode's JSON format, from panels drawn in an SVG, from a DXF of the apparel trade
+    (AAMA, ASTM D6673; needs the extra `dxf`), or from meshed panels in an OBJ.
 
     Args:
-        side: of an SVG, the JSON file with its stitches, labels and placement (see `garment.svg`); the one of its name where
-            None. Of an OBJ, the .csv with its stitches (see `load_stitched`); its own lines where None.
-        scale: of an OBJ, metres per unit of the file; others name their units.
+        side: of an SVG or a DXF, the JSON file with its stitches, labels and placement (see `garment.sidefile`); the one of
+            its name where None. Of an OBJ, the .csv with its stitches (see `load_stitched`); its own lines where None.
+        scale: of an OBJ, and of a DXF that names no unit, metres per unit of the file; others name their units.
         up: of an OBJ, the file's axis that points up, "y" or "z"; others place their panels themselves.
+        size: of a DXF with several sizes, one of them, by name.
 
     Raises:
         SceneError: a missing or unreadable file, or a pattern that cannot be sewn, with the panel or stitch that is wrong.
     """
     path = checks.path("path", path, SceneError)
     scale, up = checks.number("scale", scale, positive=True), checks.choice("up", up, UP)
-    if (scale, up) != (1.0, "y") and path.suffix.lower() in (".svg", ".svgz", ".json"):
+    kind = path.suffix.lower()
+    size = checks.maybe(size, checks.name, "size")
+    if (scale != 1.0 and kind in OWN_UNITS) or (up != "y" and kind in (*OWN_UNITS, ".dxf")):
         raise SceneError(f"{path}: has its units and its axes itself: only an OBJ has a scale and an axis up")
-    if path.suffix.lower() in (".svg", ".svgz"):
+    if size is not None and kind != ".dxf":
+        raise SceneError(f"{path}: has one size: only a DXF may have several")
+    beside = checks.path("side", side, SceneError) if side is not None and kind in WITH_SIDE else None
+    if kind == ".dxf":
+        from .dxf import read_dxf
+
+        return read_dxf(path, beside, size, None if scale == 1.0 else scale)
+    if kind in (".svg", ".svgz"):
         from .svg import read_svg
 
-        return read_svg(path, None if side is None else checks.path("side", side, SceneError))
-    if path.suffix.lower() == ".obj":
-        return StitchedPattern(path, side, scale, up)
-    if path.suffix.lower() != ".json":
-        raise SceneError(f"{path}: patterns are read from .json files in GarmentCode's format, from .svg and from .obj files")
+        return read_svg(path, beside)
+    if kind == ".obj":
+        return StitchedPattern(path, beside, scale, up)
+    if kind != ".json":
+        raise SceneError(f"{path}: patterns are read from .json files in GarmentCode's format, from .svg, .dxf and .obj files")
     if side is not None:
-        raise SceneError(f"{path}: has its stitches itself: only an SVG or an OBJ has a side file")
+        raise SceneError(f"{path}: has its stitches itself: only an SVG, a DXF or an OBJ has a side file")
     return read_garmentcode(path)

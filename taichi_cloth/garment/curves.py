@@ -1,4 +1,4 @@
-"""Edges of a panel: straight, Bezier, circular and elliptic, and points at equal arc length on them. numpy only."""
+"""Edges of a panel, straight or curved, and points at equal arc length on them. numpy only."""
 
 import math
 from dataclasses import dataclass
@@ -18,10 +18,11 @@ class Curve:
 
     Attributes:
         start, end: numbers of the corners.
-        kind: "line", "quadratic", "cubic", "circle" or "ellipse".
+        kind: "line", "polyline", "quadratic", "cubic", "circle" or "ellipse".
         parameters: of the Bezier curves control points (1 or 2, 2) against the edge, along it and to its left, in parts of its
-            length; of the circle (radius, whether it is the large arc, whether it bends to the right); of the ellipse (radius,
-            other radius, angle of the first to the panel's u axis [rad], large, right).
+            length; of the polyline so the points (n, 2) between its ends; of the circle (radius, whether it is the large arc,
+            whether it bends to the right); of the ellipse (radius, other radius, angle of the first to the panel's u axis
+            [rad], large, right).
         label: what the file calls it, or "".
     """
 
@@ -35,7 +36,7 @@ class Curve:
         set_ = object.__setattr__
         for name in ("start", "end"):
             set_(self, name, checks.integer(f"curve: {name}", getattr(self, name), least=0))
-        checks.choice("curve: kind", self.kind, ("line", *CONTROLS, "circle", "ellipse"))
+        checks.choice("curve: kind", self.kind, ("line", "polyline", *CONTROLS, "circle", "ellipse"))
         if not (isinstance(self.label, str) and not self.label):
             set_(self, "label", checks.name("curve: label", self.label))
         if not isinstance(self.parameters, (list, tuple)):
@@ -51,7 +52,7 @@ class Curve:
                 checks.number(f"curve: {name}", value, "rad" if name == "angle" else "m", positive=name != "angle")
                 for name, value in zip(names, self.parameters)))
         elif self.kind != "line":
-            points = checks.array("curve: control points", self.parameters, (CONTROLS[self.kind], 2), row="point")
+            points = checks.array("curve: control points", self.parameters, (CONTROLS.get(self.kind, "n"), 2), row="point")
             set_(self, "parameters", tuple(map(tuple, points.tolist())))
 
     def points(self, corners: np.ndarray, t: np.ndarray) -> np.ndarray:
@@ -68,6 +69,10 @@ class Curve:
             stretch = np.array([[c * long, -s * short], [s * long, c * short]])  # of the circle of radius 1
             start, end = np.linalg.solve(stretch, np.array([a, b]).T).T
             return _arc(start, end, t, 1.0, large, right) @ stretch.T
+        if self.kind == "polyline":
+            line = self.drawn(corners, FINE)
+            way = _way(line)
+            return np.column_stack([np.interp(t[:, 0] * way[-1], way, column) for column in line.T])
         along = b - a
         left = np.array([-along[1], along[0]])
         control = [a + p[0] * along + p[1] * left for p in self.parameters]
@@ -75,21 +80,36 @@ class Curve:
             return (1 - t) ** 2 * a + 2 * t * (1 - t) * control[0] + t**2 * b
         return (1 - t) ** 3 * a + 3 * t * (1 - t) ** 2 * control[0] + 3 * t**2 * (1 - t) * control[1] + t**3 * b
 
+    def drawn(self, corners: np.ndarray, pieces: int) -> np.ndarray:
+        """(k, 2) points, both ends among them, of straight pieces that stand for it: its own, or as many of a curve."""
+        if self.kind == "line":
+            return corners[[self.start, self.end]]
+        if self.kind != "polyline":
+            return self.points(corners, np.linspace(0, 1, pieces + 1))
+        a, along = corners[self.start], corners[self.end] - corners[self.start]
+        own = a + np.array(self.parameters) @ np.array([along, [-along[1], along[0]]])
+        return np.concatenate([corners[[self.start]], own, corners[[self.end]]])
+
     def length(self, corners: np.ndarray) -> float:
         """[m]"""
         if self.kind == "line":
             return math.dist(corners[self.start], corners[self.end])
-        return float(np.linalg.norm(np.diff(self.points(corners, np.linspace(0, 1, FINE + 1)), axis=0), axis=1).sum())
+        return float(_way(self.drawn(corners, FINE))[-1])
 
     def divided(self, corners: np.ndarray, count: int) -> np.ndarray:
         """(count + 1, 2) points, both ends among them, at equal arc length."""
-        if self.kind == "line":
+        if self.kind in ("line", "polyline"):
             return self.points(corners, np.linspace(0, 1, count + 1))
         t = np.linspace(0, 1, FINE + 1)
-        way = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(self.points(corners, t), axis=0), axis=1))])
+        way = _way(self.points(corners, t))
         out = self.points(corners, np.interp(np.linspace(0, way[-1], count + 1), way, t))
         out[0], out[-1] = corners[self.start], corners[self.end]
         return out
+
+
+def _way(line: np.ndarray) -> np.ndarray:
+    """(k,) lengths from the first of points (k, 2) on."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
 
 
 def _arc(a: np.ndarray, b: np.ndarray, t: np.ndarray, radius: float, large: bool, right: bool) -> np.ndarray:

@@ -35,6 +35,7 @@ class Panel:
         edges: k curves, each from the end of the one before.
         translation: (3,) [m]; rotation: (3, 3): where (u, v, 0) hangs.
         round_radius: [m] the panel is bent round its v axis, as a sleeve round an arm; 0 leaves it flat.
+        grain: [rad] from its u axis to the warp, to the left: pi / 2 where the warp runs down.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Panel:
     translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
     rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
     round_radius: float = 0.0
+    grain: float = 0.0
 
     def __post_init__(self) -> None:
         what, set_ = f"panel {checks.name('panel name', self.name)!r}: ", object.__setattr__
@@ -56,6 +58,7 @@ class Panel:
             raise SceneError(f"{what}the matrix is no rotation")
         set_(self, "rotation", R)
         set_(self, "round_radius", checks.number(what + "round_radius", self.round_radius, "m", least=0.0))
+        set_(self, "grain", checks.number(what + "grain", self.grain, "rad"))
         last = max((max(e.start, e.end) for e in self.edges), default=-1)
         if last >= len(self.corners):
             raise SceneError(f"{what}an edge ends at corner {last}; there are {len(self.corners)}")
@@ -72,8 +75,7 @@ class Panel:
 
     def outline(self) -> tuple[np.ndarray, np.ndarray]:
         """(k, 2) [m] points of the border as it is drawn, and (k,) which edge goes on from each."""
-        t = np.linspace(0, 1, PIECES + 1)
-        lines = [self.corners[e.start][None] if e.kind == "line" else e.points(self.corners, t)[:-1] for e in self.edges]
+        lines = [e.drawn(self.corners, PIECES)[:-1] for e in self.edges]
         return np.concatenate(lines), np.repeat(np.arange(len(lines)), [len(line) for line in lines])
 
     def refuse_outside(self, what: str, line: Line) -> None:
@@ -110,6 +112,14 @@ class Panel:
             angle = uv[:, 0] / self.round_radius
             flat[:, 0], flat[:, 2] = self.round_radius * np.sin(angle), self.round_radius * np.cos(angle)
         return flat @ self.rotation.T + self.translation
+
+
+    def material(self, uv: np.ndarray) -> np.ndarray:
+        """(n, 2) [m] along warp and weft, of pattern coordinates (n, 2)."""
+        if self.grain == 0:
+            return uv
+        c, s = math.cos(self.grain), math.sin(self.grain)
+        return uv @ np.array([[c, -s], [s, c]])
 
 
 @dataclass(frozen=True)
@@ -285,7 +295,7 @@ class Pattern:
                 if edge.label:
                     labels.setdefault(edge.label, []).append(row)
             groups[panel.name] = start + np.arange(len(points))
-            uv.append(points)
+            uv.append(panel.material(points))
             x.append(panel.placed(points))
             faces.append(triangles + start)
             start += len(points)

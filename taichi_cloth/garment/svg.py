@@ -1,29 +1,20 @@
-"""Panels drawn in an SVG file, and what a side file says of them: stitches, labels, where they hang. numpy only.
+"""Panels drawn in an SVG file. numpy only.
 
 Every closed outline is a panel; each segment of its border is an edge, counted from 0 in the order of the drawing, with a
-closing line where the last one does not end at the first point. Open lines are no panels. The side file is JSON:
-
-    {"stitches": [[{"panel": "front", "edge": 1}, {"panel": "back", "edge": 3}], ...],   as in GarmentCode's format
-     "labels": {"waist": [{"panel": "front", "edge": 2}, ...]},
-     "placement": {"front": {"translation": [0, 90, 15], "rotation": [0, 0, 0]},        of the panel's middle, cm and degrees
-                   "sleeve": {"around": [[40, 115, 0], [19, 138, 0]], "radius": 6, "turn": 180}}}
+closing line where the last one does not end at the first point. Open lines are no panels.
 """
 
 from dataclasses import replace
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
-import numpy as np
-
 from .. import checks
-from ..errors import SceneError, did_you_mean
-from ..io.jsonfile import parse_json
-from .curves import Curve
+from ..errors import SceneError
 from .drawing import SVG, Drawing, Shape
 from .freesewing import cut_on_fold, is_freesewing, seam_lines
-from .garmentcode import CENTIMETRES, bent, stitch_of, turned
 from .outlines import Outline, outlines_of
 from .pattern import Panel, Pattern
+from .sidefile import joined, side_of
 from .xmlfile import parse
 
 NAMED = 5  # names that a note has at most
@@ -40,11 +31,11 @@ def read_svg(path: Path, side: Path | None) -> Pattern:
     root = parse(path)
     if root.tag.removeprefix(SVG) != "svg":
         raise SceneError(f"{path}: is no SVG: its root is <{root.tag.rpartition('}')[2]}>")
-    side = side or (path.with_suffix(".json") if path.with_suffix(".json").is_file() else None)
+    side = side or side_of(path)
     notes: tuple[str, ...] = ()
     try:
         panels, notes = _panels(root)
-        return replace(_joined(panels, side), notes=notes)
+        return replace(joined(panels, side), notes=notes)
     except SceneError as error:
         raise SceneError(f"{path}: {error}{'; ' + UNBOXED if UNBOXED in notes else ''}") from None
 
@@ -106,54 +97,3 @@ def _some(names: list[str]) -> str:
     """The first of them, in brackets."""
     known = sorted({name for name in names if name})
     return f" ({', '.join(known[:NAMED])}{', ...' if len(known) > NAMED else ''})" if known else ""
-
-
-def _joined(panels: tuple[Panel, ...], side: Path | None) -> Pattern:
-    """Panels with what a side file says."""
-    if side is None:
-        return Pattern(panels)
-    try:
-        data = parse_json(side.read_bytes())
-    except (OSError, ValueError) as error:
-        raise SceneError(f"{side}: cannot be read: {error}") from None
-    try:
-        named = {p.name: p for p in panels}
-        if len(named) == len(panels):  # else the pattern refuses them
-            panels = _labelled(named, data.get("labels", {}))
-        pattern = Pattern(panels, tuple(stitch_of(k, s, CENTIMETRES) for k, s in enumerate(data.get("stitches", []))))
-        for name, place in data.get("placement", {}).items():
-            panel = _known({p.name: p for p in pattern.panels}, name, "placement")
-            pattern = _placed(pattern, panel, place)
-        return pattern
-    except SceneError as error:
-        raise SceneError(f"{side}: {error}") from None
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise SceneError(f"{side}: is no side file of a drawing: {type(error).__name__}: {error}") from None
-
-
-def _labelled(panels: dict[str, Panel], labels: dict) -> tuple[Panel, ...]:
-    """The panels with labels of edges."""
-    edges: dict[str, list[Curve]] = {}
-    for label, ends in labels.items():
-        for end in ends:
-            panel = _known(panels, str(end["panel"]), f"label {label!r}")
-            k = checks.integer(f"label {label!r}: edge of panel {panel.name!r}", end["edge"], least=0,
-                               most=len(panel.edges) - 1)
-            own = edges.setdefault(panel.name, list(panel.edges))
-            own[k] = replace(own[k], label=label)
-    return tuple(replace(p, edges=tuple(edges[p.name])) if p.name in edges else p for p in panels.values())
-
-
-def _known(panels: dict[str, Panel], name: str, what: str) -> Panel:
-    if name not in panels:
-        raise SceneError(f"{what}: there is no panel {name!r}; {did_you_mean(name, list(panels))}")
-    return panels[name]
-
-
-def _placed(pattern: Pattern, panel: Panel, place: dict) -> Pattern:
-    what = f"of panel {panel.name!r}"
-    if "around" in place:
-        return bent(pattern, panel.name, place, CENTIMETRES)
-    R = turned(np.radians(checks.vector(f"rotation {what}", place.get("rotation", (0, 0, 0)), "degrees")))
-    at = checks.vector(f"translation {what}", place.get("translation", (0, 0, 0)), "cm") / CENTIMETRES
-    return pattern.with_panel(replace(panel, rotation=R, translation=at))

@@ -22,7 +22,7 @@ def parse(path: Path) -> Element:
     Raises:
         SceneError: a file that cannot be read, is too large, is no XML, or declares entities that could grow without bound.
     """
-    data = _bytes(path)
+    data = bytes_of(path)
     builder, parser = TreeBuilder(), expat.ParserCreate(namespace_separator="}")
     parser.buffer_text = True
 
@@ -45,7 +45,12 @@ def parse(path: Path) -> Element:
         raise SceneError(f"{path}: is no XML: {error}") from None
 
 
-def _bytes(path: Path) -> bytes:
+def bytes_of(path: Path) -> bytes:
+    """The content of a file, unpacked where it is compressed by gzip.
+
+    Raises:
+        SceneError: a file that cannot be read, or is too large.
+    """
     try:
         with open(path, "rb") as file:
             packed = file.read(len(GZIP)) == GZIP

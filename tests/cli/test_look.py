@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from inside import call
+from inside import ROOT, call
 from test_cli import read_png
 
 import taichi_cloth as tc
@@ -53,6 +53,26 @@ def test_look_refuses_before_it_draws(tmp_path):
                            ((path, "--clip", "Walk"), "clip: has no animations to choose from")):
         done = call("look", *words)
         assert done.returncode == 2 and message in done.stderr and not list(tmp_path.glob("*.jpg"))
+
+
+def test_look_at_a_pattern(tmp_path):
+    """In words and as a drawing, whose panels are read as those of any other SVG."""
+    path, to = ROOT / "scenes" / "patterns" / "shirt.json", tmp_path / "sheet.svg"
+    done = call("look", path, "--to", to)
+    pattern, lines = tc.load_pattern(path), done.stdout.splitlines()
+    assert done.returncode == 0 and lines[0].endswith(f"shirt.json: {pattern!r}"), done.stderr
+    for line, panel, again in zip(lines[1:], pattern.panels, tc.load_pattern(to).panels, strict=False):
+        wide, high = np.ptp(panel.outline()[0], axis=0)
+        assert line.startswith(f"panel   {panel.name!r}, {wide:.4g} x {high:.4g} m, warp at 0 degrees, {len(panel.edges)} ")
+        assert f"{panel.edges[0].length(panel.corners):.3f}" in line
+        one, other = (p.outline()[0] - p.corners[0] for p in (panel, again))
+        assert panel.name == again.name and np.abs(one - other).max() < 1e-5
+    for words, message in ((("--to", "a.png"), "must end with .svg"), (("--clip", "Walk"), "is a sewing pattern"),
+                           (("--pattern-size", "M"), "has one size")):
+        done = call("look", path, *words)
+        assert done.returncode == 2 and message in done.stderr
+    done = call("look", drum(tmp_path / "a.npz"), "--pattern-size", "M")
+    assert done.returncode == 2 and "is no sewing pattern" in done.stderr
 
 
 @pytest.mark.slow

@@ -497,3 +497,19 @@ def test_the_command_dresses(tmp_path, capsys):
     (inner, outer), y = (load_garment(file) for file in (under, coat)), x
     assert count_crossings(inner.positions, inner.mesh.faces, outer.positions, outer.mesh.faces) == 0
     assert inner.gap() == outer.gap() == 0 and (load_garment(out).positions == y).all()
+
+
+def test_an_edge_through_points_is_as_long_as_they_are():
+    """And it is divided along them, crossings of its pieces are refused, and the warp is along the grain."""
+    corners = np.array([[0, 0], [0.3, 0], [0.3, 0.2], [0, 0.2]])
+    lines = [tc.Curve(k, (k + 1) % 4) for k in range(4)]
+    stairs = tc.Curve(0, 1, "polyline", ((0.5, 0.0), (0.5, -1 / 6), (1.0, -1 / 6)))  # .15 m on, .05 m out, and again
+    panel = tc.Panel("a", corners, (stairs, *lines[1:]), grain=np.pi / 2)
+    assert stairs.length(corners) == pytest.approx(0.4, abs=1e-15)
+    want = np.array([[0, 0], [0.1, 0], [0.15, -0.05], [0.25, -0.05], [0.3, 0]])
+    assert np.abs(stairs.divided(corners, 4) - want).max() < 1e-15
+    assert np.abs(panel.outline()[0][:4] - [[0, 0], [0.15, 0], [0.15, -0.05], [0.3, -0.05]]).max() < 1e-15
+    mesh = tc.Pattern((panel,)).mesh(0.05).mesh
+    assert mesh.uv == pytest.approx(mesh.x[:, [1, 0]] * [1, -1], abs=1e-15)
+    with pytest.raises(tc.SceneError, match="panel 'a': edges 0 and 2 cross"):
+        tc.Panel("a", corners, (replace(stairs, parameters=((0.4, 0.9), (0.6, 0.9))), *lines[1:]))
