@@ -157,7 +157,8 @@ def redness(tab, pixel) -> float:
 @pytest.mark.skipif(os.name != "posix", reason="signals of other systems are other ones")
 def test_the_command_says_where_and_ctrl_c_ends_it_cleanly():
     command = [sys.executable, "-m", "taichi_cloth", "view", "hang", "--set", "cells=4", "--no-open"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,  # also where it is ignored
+                               preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
     try:
         said = process.stdout.readline()
         address = re.search(r"http://[\w.:]+\d", said)[0]
