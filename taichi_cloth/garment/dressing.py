@@ -6,7 +6,7 @@
 2. Settling: gravity, the body's friction; until the cloth rests, and no more of what passed through itself while it was sewn
    comes apart.
 
-What is worn already is there from the start: panels hang outside it (`outside`), and it gives way as it does.
+Garments that are worn already are there from the start: panels hang outside them (`outside`), and they give way.
 """
 
 from collections.abc import Callable, Sequence
@@ -57,7 +57,7 @@ def dress(garment: Garment, fabric: Fabric | str, body: Scene, contact: ClothCon
             them by whatever force it takes.
         meets: whether cloth with a contact meets itself while it is sewn too. So layers keep their order; where not, sewing a
             dress with pleats takes little more than half the time.
-        over: what is worn already, from inside outwards, such as another's `Dressed.worn`. Panels that would start within it
+        over: garments worn already, from inside outwards, such as another's `Dressed.worn`. Panels that would start within it
             hang further out, what lies over them too, and it is moved as the garment moves it.
         name: of the garment, in reports; panels: fabrics of some of its panels, as in `Scene.add_cloth`.
 

@@ -13,6 +13,12 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
+
+import numpy as np
+
+from ..errors import MeshError
+from . import npz
 
 ABSENT = ("neither its module bpy nor the program `blender` is here: pip install 'taichi-cloth[blender]' (Python 3.11 for "
           "Blender 4.2 to 5.0), or the program on the PATH or named by TAICHI_CLOTH_BLENDER")
@@ -33,6 +39,26 @@ def command(script: pathlib.Path) -> list[str] | None:
 def run(words: list[str]) -> subprocess.CompletedProcess:
     """Runs it to its end."""
     return subprocess.run(words, capture_output=True, text=True, errors="replace", check=False)
+
+
+def arrays(script: pathlib.Path, path: pathlib.Path, choices: str, kind: str) -> dict[str, np.ndarray]:
+    """The arrays that a script makes of a file.
+
+    Args:
+        kind: of file, for the error of a machine without Blender.
+
+    Raises:
+        MeshError: Blender is not here, or cannot read the file.
+    """
+    words = command(script)
+    if words is None:
+        raise MeshError(f"{kind} is read by Blender, and {ABSENT}. Files in glTF, USD and OBJ need none of it")
+    with tempfile.TemporaryDirectory() as folder:
+        out = pathlib.Path(folder) / "made.npz"
+        done = run([*words, str(path.absolute()), str(out), choices])
+        if done.returncode or not out.is_file():
+            raise MeshError(f"cannot be read: {reason(done)}")
+        return npz.read(out)
 
 
 def reason(done: subprocess.CompletedProcess) -> str:

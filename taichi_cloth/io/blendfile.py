@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..errors import MeshError, did_you_mean, near, shown
-from . import blender, npz
+from . import blender
 from .polygon import cut
 
 SCRIPT = Path(__file__).with_name("blendfile_script.py")
@@ -115,15 +114,10 @@ def placed(item: Item, k: int = 0) -> np.ndarray:
 
 
 def _arrays(path: Path, choices: str) -> dict[str, np.ndarray]:
-    words = blender.command(SCRIPT)
-    if words is None:
-        raise MeshError(f"{path}: a .blend is read by Blender, and {blender.ABSENT}. Blender exports OBJ, glTF and USD")
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "objects.npz"
-        done = blender.run([*words, str(path.absolute()), str(out), choices])
-        if done.returncode or not out.is_file():
-            raise MeshError(f"{path}: cannot be read: {blender.reason(done)}")
-        got = npz.read(out)
+    try:
+        got = blender.arrays(SCRIPT, path, choices, "a .blend")
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from None
     if "refused" in got:
         raise MeshError(f"{path}: {got['refused']}")
     return got

@@ -74,6 +74,7 @@ def test_a_second_bake_takes_the_place_of_the_first(tmp_path, rng, made_blend, i
     assert main(["blend", str(tmp_path / "run"), "--onto", str(one), "--object", "sheet=Curtain", "--to", str(two)]) == 0
     assert "two_cache" in capsys.readouterr().out
     assert content(two)[0] == content(one)[0]
+    assert sorted(f.name for f in tmp_path.glob("*.blend*")) == ["one.blend", "two.blend"]  # no copy of Blender's own
 
 
 def item(counts=(4, 4), corners=(0, 1, 4, 3, 1, 2, 5, 4), n=6, linked=False, scale=1.0):

@@ -1,12 +1,12 @@
-"""The contacts of a step that is solved: what solids hold from solve to solve, and how far forces are from balance.
+"""The contacts of a step that is solved: their states from solve to solve, and how far forces are from balance.
 
 Newton's method on the whole problem: with b the impulses that the step lacks, M (v_base - v) + c f at its end, and p those of
-contacts by Coulomb's law (`coulomb`), the step is solved where b + p = 0 in every direction that is not pinned. What bears is
-held along its normal by the next linear solve, what sticks in all directions, what slides feels drag (`SolidContacts` keeps
-how). numpy only.
+contacts by Coulomb's law (`coulomb`), the step is solved where b + p = 0 in every direction that is not pinned. A contact
+that bears is held along its normal by the next linear solve. One that sticks is held in all directions, one that slides feels
+drag. numpy only.
 
-What is inside a solid at the start, or is predicted to end there, is brought to the surface by y in the first solve. What
-enters later is led there, with the velocity that this takes.
+A particle that is inside a solid at the start, or is predicted to end there, is brought to the surface by y in the first
+solve. One that enters later is led there, with the velocity that this takes.
 """
 
 from dataclasses import dataclass, replace
@@ -41,7 +41,7 @@ class Residual:
 
 @dataclass(frozen=True)
 class Found:
-    """What contacts do by the law in a state: `Balance`'s attributes.
+    """The contacts of a state, by the law: `Balance`'s attributes.
 
     Attributes:
         rubbed: whether friction is to change.
@@ -60,8 +60,8 @@ class Balance:
     """Of a step from the saved state, in contact with solids.
 
     Attributes:
-        rows: what contacts do in the next solve; f: these contacts, with where they were met.
-        stay: (k, 3) where what sticks is held, from where the solid carried it [m]: 0, but for what has just begun to.
+        rows: the contacts' states in the next solve; f: these contacts, with where they were met.
+        stay: (k, 3) where a sticking contact is held, from where the solid carried it [m]; 0 unless it has just begun.
         goal: (k,) gap [m] that each is led to; less than 0 where it starts too deep to come out in a step.
         y: (n, 3) alterations of positions in the first solve [m].
         on: (k, 3) impulses that the law says, of the contacts that bear in the state that was last judged.
@@ -76,7 +76,7 @@ class Balance:
         self.smoothed = self.rubbed = False
 
     def begin(self) -> None:
-        """What the first solve holds: as `SolidContacts.hold` chooses it; `solids.active`."""
+        """The contacts of the first solve, `solids.active`: those that `SolidContacts.hold` chooses."""
         self.closing = self.solids.hold()
         a = self.solids.active
         self.stay = np.zeros((len(a.contacts.index), 3))
@@ -96,7 +96,7 @@ class Balance:
         self.rows = Rows(self.f.key, a.states.stick, p_n, push, drag)
 
     def hold(self) -> None:
-        """What a further solve holds: contacts that bear, where the law leads them."""
+        """The contacts of a further solve: those that bear, where the law leads them."""
         rows, start = self.rows, self.start
         f = replace(self.f, carried=self.f.carried + self.stay)
         lift = self.goal - f.start_gap
@@ -110,7 +110,7 @@ class Balance:
         self.solids.active = ActiveSet(f, states, self.slip, lift, replace(holding, held=held))
 
     def rubs(self, v: np.ndarray) -> Points:
-        """Friction of what slides, for a solve that begins with velocities v (n, 3) [m/s]."""
+        """Friction of sliding contacts, for a solve that begins with velocities v (n, 3) [m/s]."""
         slides, start = ~self.rows.stick, self.start
         f, rows = self.f.take(slides), self.rows.take(slides)
         block = rows.blocks(f.normal)
@@ -119,13 +119,13 @@ class Balance:
         return Points.at(f.index, start.c / start.h * block, push)
 
     def assess(self, b: np.ndarray, v: np.ndarray, taken: Impulses, needed: Impulses, enough: float) -> Found:
-        """How far the state that the model is in is from solving the step, and what contacts do next by the law.
+        """How far the state that the model is in is from solving the step, and the contacts' next states by the law.
 
         Args:
-            b: (n, 3) impulses [N s] that the step lacks there, without friction of what slides on solids.
+            b: (n, 3) impulses [N s] that the step lacks there, without friction of contacts that slide on solids.
             v: (n, 3) velocities there [m/s].
-            taken: what the last solve's contacts bore, as it has it: they decide what contacts do in the next.
-            needed: what they have to bear for balance where it ended: with these the step is solved sooner.
+            taken: impulses that contacts bore in the last linear solve: by them goes the next one.
+            needed: impulses that balance the state where it ended: with these the step is solved sooner.
             enough: `off` with which it is.
         """
         solids = self.solids
@@ -142,7 +142,7 @@ class Balance:
         return Found(r, f.take(bears), rows.take(bears), slip[bears], goal, p[bears], rubbed)
 
     def take(self, found: Found) -> None:
-        """What was found is what contacts do next."""
+        """The contacts go on as found."""
         was = self.rows.of(found.f.key)[1]
         here = tangential(self.solids.near.there[found.f.index] - found.f.carried, found.f.normal)
         self.stay = np.where(was.stick[:, None], 0.0, here)
@@ -152,7 +152,7 @@ class Balance:
 
     def _by(self, impulses: Impulses, f: VertexContacts, slip: np.ndarray, b: np.ndarray, v: np.ndarray,
             ) -> tuple[Residual, Rows, np.ndarray, np.ndarray]:
-        """(residual, what contacts do next, what they bear, whether they do) by the law with such impulses."""
+        """(residual, next states, impulses (k, 3), whether each contact bears) by the law with such impulses."""
         solids, start, n = self.solids, self.start, len(b)
         known, was = self.rows.of(f.key)
         held, normal, goal = (_rows(self.rows.key, values, f.key) for values in (*impulses, self.goal))
@@ -185,7 +185,7 @@ class Balance:
             self.rows = smoothed(f.key, f.friction * self.rows.normal, self.rows.normal, self.slip, slip)
 
     def finish(self) -> None:
-        """The step is accepted: contacts bear what the law says."""
+        """The step is accepted: contacts bear the impulses of the law."""
         solids, start, f = self.solids, self.start, self.f
         solids.trial = States(f.key, self.rows.stick, self.rows.normal / start.c, self.rows.push)
         self.hold()

@@ -5,10 +5,11 @@ those of the law where
 
     p_n = max(0, p_n - m g/c),    p_t = (p_t - m u) min(1, mu p_n / |p_t - m u|):
 
-then nothing pulls, nothing is inside, what is apart bears nothing; what bears less than mu p_n across sticks, and what slides
-bears as much against its slip [Alart and Curnier 1991]. With the p of a linear solve on the right, the left side says what
-bears, sticks and slides in the next one. A pure active set lets one row of a cloth slip at a time: where contacts begin to
-slide or stick, Coulomb's law is taken smooth in the next solves, below a slip that shrinks (`SMOOTH`).
+then no contact pulls, none is inside, and one that is apart bears nothing. A contact that bears less than mu p_n across
+sticks; one that slides bears as much against its slip [Alart and Curnier 1991]. With the p of a linear solve on the right, the
+left side gives the states in the next one: apart, sticking or sliding. A pure active set lets one row of a cloth slip at a
+time: where contacts begin to slide or stick, Coulomb's law is taken smooth in the next solves, below a slip that shrinks
+(`SMOOTH`), until all is in balance.
 """
 
 from dataclasses import dataclass, fields
@@ -19,13 +20,13 @@ from ..points import EYE, length, rows_of, sym_outer, tangential
 from .vertices import VertexContacts
 
 SMOOTH = (0.1, 1e-2, 1e-3)  # slip [m/s] below which friction is viscous, in three solves
-MOST = 0.999  # of the cone, by which what slides bears in the linearisation: at the cone's edge drag is without bound
+MOST = 0.999  # of the cone, that a sliding contact bears in the linearisation: at the cone's edge drag is without bound
 EXACT = 1e-12  # m: a gap that is none
 
 
 @dataclass(frozen=True)
 class Rows:
-    """What contacts do in a linear solve, sorted by key; what sticks is held, what slides or is viscous feels
+    """The states of contacts in a linear solve, sorted by key. A sticking one is held; a sliding or viscous one feels
 
         p_t = mu p_n d - drag (u across d),    d = 0 where it is viscous.
 
@@ -33,7 +34,7 @@ class Rows:
         key: (k,) particle and solid.
         stick: (k,) whether all directions are held.
         normal: (k,) p_n [N s] that friction goes by.
-        push: (k, 3) d, the direction of friction on what slides; 0 elsewhere.
+        push: (k, 3) d, the direction of friction on a sliding contact; 0 elsewhere.
         drag: (k,) [kg].
     """
 
@@ -78,7 +79,7 @@ def borne(f: VertexContacts, was: Rows, slip: np.ndarray, held: np.ndarray) -> n
     """(k, 3) tangential impulses [N s] that a linear solve took, which ended with slip (k, 3) [m/s].
 
     Args:
-        held: (k, 3) impulses on what it held, as it has them.
+        held: (k, 3) impulses on held contacts, by the solve.
     """
     cone = f.friction * was.normal
     along = np.einsum("ki,ki->k", slip, was.push)
@@ -92,12 +93,12 @@ def follow(f: VertexContacts, was: Rows, slip: np.ndarray, held: np.ndarray, nor
     """The rule above, after a linear solve.
 
     Args:
-        f: contacts where it ended, with their gaps; was: what they did in it; slip: (k, 3) there [m/s].
-        held: (k, 3) impulses [N s] on what it held; normal: (k,) along the normals.
+        f: contacts where it ended, with their gaps; was: their states in it; slip: (k, 3) there [m/s].
+        held: (k, 3) impulses [N s] on held contacts; normal: (k,) along the normals.
         mass: (k,) of the particles [kg].
 
     Returns:
-        (what they do next, impulses (k, 3) that the law says, whether they bear anything).
+        (their next states, impulses (k, 3) by the law, whether they bear anything).
     """
     gap = np.where(np.abs(f.gap) < EXACT, 0.0, f.gap)
     p_n = np.maximum(normal - mass * gap / c, 0.0)

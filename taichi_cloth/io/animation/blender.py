@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from pathlib import Path
 
 import numpy as np
 
 from ...errors import MeshError
-from .. import blender, npz
+from .. import blender
 from ..polygon import cut
 from . import kept
 from .motion import Motion, Part, Wanted, chosen_clips, chosen_parts, finite
@@ -46,15 +45,7 @@ def read(path: Path, wanted: Wanted) -> Motion:
 
 def _evaluated(path: Path, choices: str) -> dict[str, np.ndarray]:
     """The arrays that the script makes of a file."""
-    words = blender.command(SCRIPT)
-    if words is None:
-        raise MeshError(f"{KINDS[path.suffix.lower()]} is read by Blender, and {blender.ABSENT}. glTF and USD need no Blender")
-    with tempfile.TemporaryDirectory() as folder:
-        out = Path(folder) / "frames.npz"
-        done = blender.run([*words, str(path.absolute()), str(out), choices])
-        if done.returncode or not out.is_file():
-            raise MeshError(f"cannot be read: {blender.reason(done)}")
-        return npz.read(out)
+    return blender.arrays(SCRIPT, path, choices, KINDS[path.suffix.lower()])
 
 
 def _part(name: str, got: dict[str, np.ndarray]) -> Part:
