@@ -52,7 +52,7 @@ def test_momenta_are_conserved_through_steps(rng):
     scene = tc.Scene(gravity=None)
     scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(500, 0.5), tc.Shear(50, 0.05), tc.Bend(1e-3, 1e-5)),
                     mesh.x + 0.01 * rng.normal(size=mesh.x.shape), velocities=np.cross([0, 2.0, 1.0], mesh.x))
-    # Gauss-Newton forces act along the conditions' gradients at the start of the step: no torque (DESIGN.md)
+    # Gauss-Newton forces act along the conditions' gradients at the start of the step: no torque
     sim = tc.Simulation(scene, K="gauss_newton", cg_tol=1e-13, h=1 / 200, adaptive=False, integrator="backward_euler")
     m = np.zeros((mesh.vertex_count, 1))
     m[sim.model.user, 0] = sim.model.mass
