@@ -3,7 +3,8 @@
 What Taichi draws for its messages, and looks up again and again, is replaced where the kernel, the class or the field is the
 package's own. Those of others keep all of it: their source lines underlined in errors, and where their fields were declared.
 Measured in docs/decisions/071-compile-once.md. Parts that another version of Taichi lacks stay as they are there. Import it
-before any class with kernels is made, best before Taichi itself. The environment variable TAICHI_CLOTH_PATCHES=0 leaves Taichi as it is.
+before any class with kernels is made, best before Taichi itself. With the environment variable TAICHI_CLOTH_PATCHES=0 Taichi
+stays as it is.
 """
 
 import functools

@@ -7,17 +7,17 @@ import pytest
 
 ROOT = pathlib.Path(__file__).parents[2]
 DECISIONS = sorted((ROOT / "docs/decisions").glob("[0-9]*.md"))
-SHAPE = re.compile(r"# (?P<title>.+)\n\n\*\*Question\.\*\* (?P<question>.+)\n\n\*\*Choice\.\*\* .+\n\n\*\*Date\.\*\* \d{4}-\d\d-\d\d.*\n\n"
-                   r"## Findings\n\n.+", re.DOTALL)
+SHAPE = re.compile(r"# (.+)\n\n\*\*Question\.\*\* (.+)\n\n\*\*Choice\.\*\* .+\n\n"
+                   r"\*\*Date\.\*\* \d{4}-\d\d-\d\d.*\n\n## Findings\n\n.+")
 
 
 @pytest.mark.parametrize("page", DECISIONS, ids=lambda page: page.stem)
 def test_a_decision_has_its_parts_and_is_listed(page):
     found = SHAPE.match(page.read_text())
     assert re.fullmatch(r"\d{3}-[a-z0-9-]+", page.stem) and found, f"{page.name}: title, Question, Choice, Date, Findings"
-    assert f"[{page.stem[:3]} {found['title'].splitlines()[0]}](docs/decisions/{page.name})" in (ROOT / "DESIGN.md").read_text()
-    index = (page.parent / "index.md").read_text()
-    assert f"| [{found['title'].splitlines()[0]}]({page.name}) | {found['question'].splitlines()[0]} |" in index
+    title, question = found.groups()
+    assert f"- [{page.stem[:3]} {title}](docs/decisions/{page.name})\n" in (ROOT / "DESIGN.md").read_text()
+    assert f"| [{title}]({page.name}) | {question} |\n" in (page.parent / "index.md").read_text()
 
 
 def test_numbers_of_decisions_are_unique():
