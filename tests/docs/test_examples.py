@@ -98,12 +98,22 @@ def test_scripts_are_there():
 LINKED = [*PAGES, ROOT / "DESIGN.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
 
 
+def anchors(page: pathlib.Path) -> set[str]:
+    """The names by which a page's headings are linked to: lower case, words joined by hyphens, as mkdocs makes them."""
+    headings = re.findall(r"^#+ (.*)$", BLOCK.sub("", page.read_text()), re.MULTILINE)
+    return {re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower()) for heading in headings}
+
+
 @pytest.mark.parametrize("page", LINKED, ids=lambda page: page.stem)
 def test_links_lead_somewhere(page):
+    """Files are there, and headings within them."""
     text = BLOCK.sub("", page.read_text())
-    for target in re.findall(r"\]\(([^)#\s]+)", text):
-        if "://" not in target:
-            assert os.path.exists(page.parent / target), f"{page.name}: {target}"
+    for target, anchor in re.findall(r"\]\(([^)#\s]*)(?:#([^)\s]+))?\)", text):
+        if "://" in target:
+            continue
+        assert os.path.exists(page.parent / target), f"{page.name}: {target}"
+        if anchor and (not target or target.endswith(".md")):
+            assert anchor in anchors(page.parent / target if target else page), f"{page.name}: {target}#{anchor}"
 
 
 FILES = {path.relative_to(ROOT).as_posix(): path for folder in ("taichi_cloth", "scripts", "tests")
