@@ -53,7 +53,7 @@ def main() -> int:
     parser.add_argument("--meshes", type=int, default=1, help="of each case's, from the coarsest on")
     parser.add_argument("--steps", type=Fraction, nargs="+", default=[Fraction(1, 60)], help="[s], 1/60 for example")
     parser.add_argument("--threads", type=int, nargs="+", default=[1])
-    parser.add_argument("--contact-tol", type=float, help="solve steps in contact with solids to this (see docs/contact-laws.md)")
+    parser.add_argument("--contact-tol", type=float, help="solve contact with solids to this (see docs/contact-laws.md)")
     parser.add_argument("--out", type=pathlib.Path, help="a file for the table, beside what is printed")
     args = parser.parse_args()
     if unknown := set(args.cases) - set(CASES):

@@ -5,9 +5,9 @@
     python scripts/prose.py docs/limits.md         # these files
 
 A sentence ends with its paragraph, list item or quotation, or where a full stop, question mark or exclamation mark is followed
-by a capital letter. Code blocks, tables, headings and formulas on lines of their own are left out; formulas and code within a line
-count as one word each. "What" counts unless its sentence is a question. An opening counts where a sentence begins with What, Of,
-That or As and goes on without a comma, or with Where or So: words by which a reader cannot find a subject.
+by a capital letter. Code blocks, tables, headings and formulas on lines of their own are left out. Formulas and code within a
+line count as one word each. "What" counts unless its sentence is a question; "whatever" does not. An opening counts where a
+sentence begins with What, Where, Of, So, As or That: words that hide its subject.
 """
 
 import argparse
@@ -18,12 +18,13 @@ from dataclasses import dataclass
 
 ROOT = pathlib.Path(__file__).parents[1]
 LONG = 35  # words; sentences beyond are counted
-SKIPPED = re.compile(r"^(```.*?^```|\$\$.*?\$\$|<!--.*?-->|\|.*?$|#.*?$|!\[.*?$|    \S.*?$)", re.DOTALL | re.MULTILINE)
+SKIPPED = re.compile(r"^(```.*?^```|\$\$.*?\$\$|<!--.*?-->|\|.*?$|#.*?$|!\[.*?$|(?<=\n\n)    \S.*?$)",
+                     re.DOTALL | re.MULTILINE)
 WHOLE = re.compile(r"``.*?``|`[^`\n]*`|\$[^$]*\$")  # one word each
 LINK = re.compile(r"\[([^\]]*)\]\([^)]*\)")
-BLOCK = re.compile(r"\n\s*\n|\n\s*(?:[-*]|\d+\.)\s+")
+BLOCK = re.compile(r"\n\s*\n|\n\s*(?:[-*]|\d+\.)\s+|\n    (?=\w[\w, ]*: )|:\n(?=    )")  # items of lists and Google's sections
 END = re.compile(r"(?<=[.!?])(?<!e\.g\.)(?<!i\.e\.)[\"')*]*\s+(?=[\"'(*]*[A-ZΔΦ])")
-OPENS = re.compile(r"(?:What|Where|So|Whatever)\b(?!\s+\S*\?)|(?:Of|That|As)\b[^,:]*(?:$|\.)")
+OPENS = re.compile(r"(?:What|Where|Of|So|As|That)\b")
 
 
 @dataclass
@@ -31,8 +32,8 @@ class Measured:
     """Counts of one text.
 
     Attributes:
-        words: in sentences; sentences: of them; long: those with more than `LONG` words; whats: uses of "what" outside questions;
-            openings: sentences that begin with a pronoun or preposition in the place of a subject
+        words: in sentences; sentences: of them; long: those with more than `LONG` words; whats: uses of "what" outside
+            questions; openings: sentences that begin with a pronoun or preposition in the place of a subject
     """
 
     words: int = 0
@@ -79,7 +80,7 @@ def measure(text: str) -> Measured:
         words = [word for word in sentence.split() if re.search(r"\w", word)]
         asks = sentence.endswith("?")
         out += Measured(len(words), 1, len(words) > LONG,
-                        0 if asks else len(re.findall(r"\bwhat(?:ever)?\b", sentence, re.IGNORECASE)),
+                        0 if asks else len(re.findall(r"\bwhat\b", sentence, re.IGNORECASE)),
                         not asks and bool(OPENS.match(sentence)))
     return out
 

@@ -1,0 +1,63 @@
+"""Pages stay readable: short sentences, "what" only in questions. `scripts/prose.py` counts, and is checked by hand here."""
+
+import importlib.util
+import pathlib
+import sys
+
+import pytest
+
+ROOT = pathlib.Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def prose():
+    spec = importlib.util.spec_from_file_location("prose", ROOT / "scripts/prose.py")
+    module = sys.modules["prose"] = importlib.util.module_from_spec(spec)  # where dataclasses look
+    spec.loader.exec_module(module)
+    return module
+
+
+TEXT = """# What is not counted
+
+Cloth falls on a ball, with [friction](what.md) of .4 N. So it sticks! What holds it?
+It keeps what it gets (see `what.py` and $x = 2 y$).
+
+- One item
+- Of two: this is the other.
+
+| what | is in a table |
+
+```
+what is code
+```
+
+That is all
+"""
+
+
+def test_counts_are_those_by_hand(prose):
+    assert prose.sentences(TEXT) == ["Cloth falls on a ball, with friction of .4 N.", "So it sticks!", "What holds it?",
+                                     "It keeps what it gets (see X and X).", "One item", "Of two: this is the other.",
+                                     "That is all"]
+    found = prose.measure(TEXT)
+    assert (found.words, found.sentences, found.whats, found.openings) == (10 + 3 + 3 + 9 + 2 + 6 + 3, 7, 1, 3)
+    assert found.long == 0 and prose.measure("A " + "word " * 40 + "ends here. Short one.").long == 1
+    assert prose.measure("A word.\n\nArgs:\n    x: of two words\n    y: what it is").words == 2 + 1 + 4 + 4
+
+
+PAGES = [page for page in [*sorted((ROOT / "docs").rglob("*.md")), *(ROOT / f"{name}.md" for name in
+         ("README", "DESIGN", "CONTRIBUTING", "CHANGELOG"))] if page.name != "trust.md"]  # a log of trials, mostly tables
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_page_is_plain(prose, page):
+    """At most 25 words a sentence on average, and "what" twice outside questions, as in the title of another page."""
+    found = prose.measure(page.read_text())
+    assert found.mean <= 25, f"{found.mean:.1f} words a sentence, {found.long} sentences of more than {prose.LONG}"
+    assert found.whats <= 2, f"{found.whats} times 'what' as a pronoun: name the thing"
+
+
+def test_pages_together_are_plain(prose):
+    total = sum((prose.measure(page.read_text()) for page in PAGES), prose.Measured())
+    assert total.words > 40_000
+    assert total.mean < 18 and total.openings < 0.06 * total.sentences
