@@ -5,9 +5,9 @@
     python scripts/prose.py docs/limits.md         # these files
 
 A sentence ends with its paragraph, list item or quotation, or where a full stop, question mark or exclamation mark is followed
-by a capital letter. Code blocks, tables, headings and formulas on lines of their own are left out. Formulas and code within a
-line count as one word each. "What" counts unless its sentence is a question; "whatever" does not. An opening counts where a
-sentence begins with What, Where, Of, So, As or That: words that hide its subject.
+by a capital letter. Code blocks, tables, generated parts, headings and formulas on lines of their own are left out. Formulas
+and code within a line count as one word each. "What" counts unless its sentence is a question; "whatever" does not. An opening
+counts where a sentence begins with What, Where, Of, So, As or That: words that hide its subject.
 """
 
 import argparse
@@ -18,8 +18,8 @@ from dataclasses import dataclass
 
 ROOT = pathlib.Path(__file__).parents[1]
 LONG = 35  # words; sentences beyond are counted
-SKIPPED = re.compile(r"^(```.*?^```|\$\$.*?\$\$|<!--.*?-->|\|.*?$|#.*?$|!\[.*?$|(?<=\n\n)    \S.*?$)",
-                     re.DOTALL | re.MULTILINE)
+SKIPPED = re.compile(r"^(```.*?^```|\$\$.*?\$\$|<!-- table.*?<!-- end of table -->|<!--.*?-->|"
+                     r"\|.*?$|#.*?$|!\[.*?$|(?<=\n\n)    \S.*?$)", re.DOTALL | re.MULTILINE)
 WHOLE = re.compile(r"``.*?``|`[^`\n]*`|\$[^$]*\$")  # one word each
 LINK = re.compile(r"\[([^\]]*)\]\([^)]*\)")
 BLOCK = re.compile(r"\n\s*\n|\n\s*(?:[-*]|\d+\.)\s+|\n    (?=\w[\w, ]*: )|:\n(?=    )")  # items of lists and Google's sections

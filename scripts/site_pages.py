@@ -1,8 +1,11 @@
-"""What mkdocs asks for while it builds the site: tables taken from the code, and formulas as MathML.
+"""Tables of the docs that are taken from the code, and formulas of the site as MathML.
 
-A page names a table by a line `<!-- table: options -->` (or commands, scenes, record). Formulas are turned into MathML, which
-browsers draw by themselves: no script and no font is loaded. Listed as a hook in mkdocs.yml; run by itself it prints the
-tables.
+    python scripts/site_pages.py --write           # puts the tables of today's code into the pages
+    python scripts/site_pages.py options           # prints a table
+
+A table stands in its page between the lines `<!-- table: options -->` (or commands, scenes, record, names) and
+`<!-- end of table -->`, so that it can be read in a plain file. tests/docs/test_site.py checks that all are up to date. As a
+hook of mkdocs it also turns formulas into MathML, which browsers draw by themselves: no script and no font is loaded.
 """
 
 import argparse
@@ -14,18 +17,28 @@ import sys
 
 ROOT = pathlib.Path(__file__).parents[1]
 FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
-PLACE = re.compile(r"<!-- table: (\w+) -->")
+PLACE = re.compile(r"(<!-- table: (\w+) -->\n\n).*?(<!-- end of table -->)", re.DOTALL)
 ARGUMENT = re.compile(r"^ {4}(\w[\w, ]*): (.*)$")
 
 
 def on_page_markdown(markdown: str, **_: object) -> str:
-    """Puts the tables where a page names them."""
-    return PLACE.sub(lambda found: TABLES[found[1]](), markdown)
+    """A page with today's tables, without the lines that mark their places."""
+    return PLACE.sub(lambda found: TABLES[found[2]](), markdown)
 
 
 def on_page_content(content: str, **_: object) -> str:
     """Formulas as MathML."""
     return FORMULA.sub(_formula, content)
+
+
+def filled(markdown: str) -> str:
+    """A page with today's tables in their places."""
+    return PLACE.sub(lambda found: f"{found[1]}{TABLES[found[2]]()}\n\n{found[3]}", markdown)
+
+
+def with_tables() -> list[pathlib.Path]:
+    """The pages that have tables."""
+    return [page for page in sorted((ROOT / "docs").rglob("*.md")) if PLACE.search(page.read_text())]
 
 
 def options() -> str:
@@ -73,12 +86,35 @@ def record() -> str:
     return _table(("name", "meaning"), [[f"`{name}`", meaning.get(name, "")] for name in names])
 
 
-TABLES = {"options": options, "commands": commands, "scenes": scenes, "record": record}
+def names() -> str:
+    """A row for each public name: the first line of its docstring, or the comment on it."""
+    _import_from_here()
+    from taichi_cloth import _WHERE
+
+    return _table(("name", "what it is"), [[f"`tc.{name}`", _first_line(where, name)] for name, where in _WHERE.items()])
+
+
+TABLES = {"options": options, "commands": commands, "scenes": scenes, "record": record, "names": names}
 
 
 def _class(module: str, name: str) -> ast.ClassDef:
     tree = ast.parse((ROOT / "taichi_cloth" / f"{module}.py").read_text())
     return next(n for n in tree.body if isinstance(n, ast.ClassDef) and n.name == name)
+
+
+def _first_line(module: str, name: str) -> str:
+    """First paragraph of the docstring of a class or function of a module; of a value, the comment above it."""
+    path = ROOT / "taichi_cloth" / module.replace(".", "/")
+    text = (path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).read_text()
+    for node in ast.parse(text).body:
+        if isinstance(node, (ast.ClassDef, ast.FunctionDef)) and node.name == name:
+            return (ast.get_docstring(node) or "").split("\n\n")[0].replace("\n", " ")
+        if isinstance(node, ast.ImportFrom) and name in [alias.asname or alias.name for alias in node.names]:
+            inside = module if path.is_dir() else module.rpartition(".")[0]
+            return _first_line(f"{inside}.{node.module}", name)
+        if isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == name:
+            return text.split("\n")[node.lineno - 2].removeprefix("# ")
+    raise LookupError(f"{name} is not in {path}")
 
 
 def _arguments(docstring: str, section: str = "Args:") -> dict[str, str]:
@@ -141,5 +177,9 @@ def _formula(found: re.Match) -> str:
 
 
 if __name__ == "__main__":
-    for name in sys.argv[1:] or TABLES:
-        print(TABLES[name](), end="\n\n")
+    if sys.argv[1:] == ["--write"]:
+        for page in with_tables():
+            page.write_text(filled(page.read_text()))
+    else:
+        for name in sys.argv[1:] or TABLES:
+            print(TABLES[name](), end="\n\n")

@@ -84,6 +84,7 @@ class Table(dict[str, T]):
         raise NameUnknown(f"unknown {self.what} {shown(name)}; {did_you_mean(name, self)}")
 
 
+# Twelve measured cloths, by name.
 fabrics: Table[Measured] = Table("fabric", {
     "interlock": _wang(0.187, (33.0, 69.0), 37.0, (5.8, 3.6), (93.0, 812.0)),
     "rib_knit": _wang(0.276, (86.0, 130.0), 83.0, (11.6, 8.1), (105.0, 509.0)),
@@ -105,6 +106,7 @@ def _kes(D: float, two_HB: float, source: str) -> MeasuredBend:
     return MeasuredBend(D * 1e-6, friction=two_HB / 2 * 1e-3, source=source)
 
 
+# Nine measured loops of bending, by name.
 bends: Table[MeasuredBend] = Table("bend", {
     "cotton_broadcloth": _kes(11.57, 1.216, MATSUDAIRA),
     "wool_tropical": _kes(6.570, 0.3236, MATSUDAIRA),

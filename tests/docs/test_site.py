@@ -51,6 +51,24 @@ def test_every_command_and_scene_is_listed():
     assert set(rows(site_pages.scenes())) == {path.stem for path in scenefile.available().values()}
 
 
+@pytest.mark.parametrize("page", site_pages.with_tables(), ids=lambda page: page.stem)
+def test_tables_on_disk_are_those_of_the_code(page):
+    assert page.read_text() == site_pages.filled(page.read_text()), "run: python scripts/site_pages.py --write"
+
+
+def test_the_pages_with_tables_are_found():
+    assert {page.stem for page in site_pages.with_tables()} == {"api", "command-line", "options", "scenes", "output"}
+
+
+def test_every_public_name_has_its_line():
+    import taichi_cloth as tc
+
+    table = rows(site_pages.names())
+    assert list(table) == [f"tc.{name}" for name in tc.__all__ if name != "__version__"]
+    assert all(len(meaning) > 5 for (meaning,) in table.values()), table
+    assert table["tc.render"] == [tc.render.__doc__.split("\n")[0]]
+
+
 def test_every_public_name_has_its_place():
     import taichi_cloth as tc
 
