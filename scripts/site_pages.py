@@ -75,7 +75,7 @@ def scenes() -> str:
         names = [a.arg for a in build.args.args]
         settings = ", ".join(f"`{n}={ast.unparse(d)}`" for n, d in zip(names, build.args.defaults))
         rows.append([f"`{path.stem}`", (ast.get_docstring(tree) or "").split("\n")[0], settings])
-    return _table(("scene", "what it shows", "options"), rows)
+    return _table(("scene", "content", "options"), rows)
 
 
 def record() -> str:
@@ -91,7 +91,7 @@ def names() -> str:
     _import_from_here()
     from taichi_cloth import _WHERE
 
-    return _table(("name", "what it is"), [[f"`tc.{name}`", _first_line(where, name)] for name, where in _WHERE.items()])
+    return _table(("name", "meaning"), [[f"`tc.{name}`", _first_line(where, name)] for name, where in _WHERE.items()])
 
 
 TABLES = {"options": options, "commands": commands, "scenes": scenes, "record": record, "names": names}
