@@ -1,1 +1,1 @@
-"""Taichi: what runs, fields, the order of vertices in memory, threads. Nothing here knows of cloth."""
+"""Taichi: runtime, fields, the order of vertices in memory, threads. Nothing here knows of cloth."""

@@ -19,7 +19,7 @@ import taichi as ti
 
 from .fields import Fields
 
-GROWTH = 1.5  # times what a piece turned out to write down, where that is more than there was room for
+GROWTH = 1.5  # times the number that a piece turned out to write down, where that is more than there was room for
 
 
 @ti.data_oriented
@@ -73,7 +73,7 @@ class Lists:
         self.arrays: list[np.ndarray] = [np.zeros((*shape, width), dtype=kind) for width, kind in self._kinds]
 
     def grow(self) -> bool:
-        """Makes room for what did not fit; False where all did."""
+        """Makes room for entries that did not fit; False where all did."""
         most, room = int(self.count.max(initial=0)), self.arrays[0].shape[1]
         if most > room:
             self._make(int(GROWTH * most))

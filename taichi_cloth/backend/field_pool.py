@@ -227,7 +227,7 @@ def holds() -> bool:
 
 
 def trim(most: int = MOST_BYTES, trees: int = MOST_TREES) -> None:
-    """Gives memory back to the system, until what nobody uses is at most so many bytes, and all trees so many."""
+    """Gives memory back to the system, until unused fields are at most so many bytes, and all trees so many."""
     while _dropped:
         _dropped.pop().handle.destroy()
     while True:

@@ -31,11 +31,11 @@ class Filled:
 class Fields:
     """Fields. Declare, then `allocate`; `free` gives them back.
 
-    Numbers that differ from mesh to mesh belong into fields, where kernels read them: what is an attribute is compiled in.
+    Numbers that differ from mesh to mesh belong into fields, where kernels read them: attributes are compiled in.
 
     Args:
         exchange: numpy type of arrays handed to kernels.
-        exact: whether fields have no more rows than are asked for, so that checks of bounds see what is beyond.
+        exact: whether fields have no more rows than are asked for, so that checks of bounds see reads beyond them.
         pooled: whether they may be fields that others had before, and are left to others: see `field_pool`.
     """
 
@@ -45,13 +45,13 @@ class Fields:
         field_pool.trim()
         self._lease = field_pool.Lease(pooled and not exact)
         self._maker = sys._getframe(1).f_code  # places of declarations are told from there on
-        self._builder = None  # of what is new
+        self._builder = None  # of new fields
         self._reals: list[Filled] = []
         self._integers: list[Filled] = []
         self._later: list[Fields] = []
 
     def more(self) -> "Fields":
-        """Others like these, for what turns out to need more room; they are freed with these."""
+        """Others like these, for data that turn out to need more room; they are freed with these."""
         out = Fields(self.exchange, self.exact, self._lease.pooled)
         out._maker = sys._getframe(1).f_code
         self._later.append(out)
@@ -66,7 +66,7 @@ class Fields:
         return self._declare(n, width, ti.i32, data, self._integers)
 
     def aside(self, n: int, width: int):
-        """A field of n rows in a tree of its own: the compiler sees that what is written to it changes nothing else."""
+        """A field of n rows in a tree of its own: the compiler sees that writes to it change nothing else."""
 
         def make():
             field, builder = ti.Vector.field(width, float), ti.FieldsBuilder()
@@ -97,8 +97,8 @@ class Fields:
         self._reals, self._integers = [], []
 
     def free(self) -> None:
-        """Gives the fields to the pool or their memory to the system, also of what was declared and never allocated; they are
-        dead after it."""
+        """Gives the fields to the pool or their memory to the system, also of fields that were declared and never
+        allocated; they are dead after it."""
         for later in self._later:
             later.free()
         if self._builder is not None:  # else Taichi compiles no further kernel

@@ -1,8 +1,9 @@
-"""Launches of this package's kernels without what Taichi finds out anew at each of them.
+"""Launches of this package's kernels without Taichi's look-ups at each of them.
 
 Which compiled kernel suits the arguments, and how each is handed over, is the same from launch to launch: a launch of three
-arrays takes 50 us by Taichi's own way, most of it in Python, and 20 by this. What is not plain (a matrix, an array that is not
-contiguous, a number of the wrong kind) goes Taichi's way, and so does everything where it differentiates or checks bounds.
+arrays takes 50 us by Taichi's own way, most of it in Python, and 20 by this. Arguments that are not plain (a matrix, an array
+that is not contiguous, a number of the wrong kind) goes Taichi's way, and so does everything where it differentiates or checks
+bounds.
 """
 
 import time
@@ -35,10 +36,10 @@ class Launcher:
         self.plain = all(kinds) and kernel.autodiff_mode == kernel_impl.AutodiffMode.NONE
         self._handed = [(k, (slot,), kind) for slot, (k, kind) in enumerate(zip(others, kinds))]
         self._compiled: dict = {}  # Taichi's, which is another one after each start of Taichi
-        self._known: dict[tuple, tuple] = {}  # what is launched for arguments
+        self._known: dict[tuple, tuple] = {}  # launches by arguments
 
     def forget(self) -> None:
-        """What was compiled may do no more."""
+        """Compiled kernels may be invalid from now on."""
         self._known.clear()
 
     def launch(self, args: tuple, slow) -> Any:
@@ -83,7 +84,7 @@ class Launcher:
         return out[0] if len(out) == 1 else out
 
     def _features(self, args: tuple) -> tuple | None:
-        """What decides which compiled kernel it is; None where an argument is not plain."""
+        """The key that decides which compiled kernel it is; None where an argument is not plain."""
         extract, arguments = self.kernel.mapper.extract_arg, self.kernel.arguments
         out = [extract(args[k], arguments[k].annotation, arguments[k].name) for k in self._templates]
         for k, _, kind in self._handed:
@@ -105,7 +106,7 @@ class Launcher:
         return list(shares.values())
 
     def _learn(self, features: tuple, args: tuple, shares: list) -> None:
-        """What was launched just now is launched again for the same."""
+        """The last launch is used again for the same arguments."""
         kernel, prog = self.kernel, self.kernel.runtime.prog
         if not kernel.has_print and not impl.current_cfg().debug:
             made = kernel.compiled_kernels[kernel.ensure_compiled(*args)]

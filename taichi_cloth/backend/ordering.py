@@ -1,4 +1,4 @@
-"""Vertex order and block partition: what makes a matrix-free product fast and free of atomics. numpy only.
+"""Vertex order and block partition: they make a matrix-free product fast and free of atomics. numpy only.
 
 Vertices are renumbered by reverse Cuthill-McKee, level by level, so that an element's vertices lie close in
 memory (a random order costs several times the run time). Each block owns a contiguous run of vertices and adds
@@ -42,7 +42,7 @@ def cuthill_mckee(n: int, faces: np.ndarray) -> np.ndarray:
 
 def by_slabs(order: np.ndarray, points: np.ndarray) -> np.ndarray:
     """An order of vertices (n,) changed to go from slab to slab, of SLAB vertices, across the longest side of where they are,
-    (n, 3): what lies on each other is in one block then. Within a slab it stays as it was."""
+    (n, 3): layers that lie on each other are in one block then. Within a slab it stays as it was."""
     along = points[:, np.argmax(np.ptp(points, axis=0))]
     slab = np.empty(len(order), dtype=np.int64)
     slab[np.argsort(along, kind="stable")] = np.arange(len(order)) // SLAB

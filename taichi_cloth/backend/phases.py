@@ -1,7 +1,7 @@
 """CPU threads that go through the phases of an algorithm together, inside one kernel.
 
 A launch costs some 75 us and a hand-over to other threads 45 us, a phase here .2 us. In each phase every block of rows is
-claimed once and worked on; whoever ends the last one decides what comes next. Threads spin while they wait, and after a
+claimed once and worked on; whoever ends the last one decides on the next phase. Threads spin while they wait, and after a
 while take over blocks that nobody has claimed: a thread that the system has put aside between two blocks holds nobody up.
 Where all blocks are claimed and one is not done for long, its thread was put aside within it, for another program's sake: then
 one that waits leaves for good, so that the late one has a core, and the others do its blocks.
@@ -77,7 +77,7 @@ class PhaseScheduler:
 
     @ti.func
     def claim(self, own, phase, waited):
-        """(block to work on or -1, looks since this thread had one; -1 where it does at once what others leave)."""
+        """(block to work on or -1, looks since this thread had one; -1 where it takes blocks at once that others leave)."""
         block, helps = -1, waited < 0
         if ti.atomic_max(self.claimed[own * APART], phase + 1) <= phase:
             block, waited = own, ti.min(waited, 0)

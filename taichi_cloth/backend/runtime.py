@@ -1,4 +1,4 @@
-"""The only place that starts Taichi: arch, precision, threads; what runs is recorded, nothing falls back silently."""
+"""The only place that starts Taichi: arch, precision, threads; they are recorded, and nothing falls back silently."""
 
 import contextlib
 import gc
@@ -26,7 +26,7 @@ NO_DOUBLE = ("vulkan", "metal")  # f64 there is absent, or lacks atan2
 
 @dataclass(frozen=True)
 class Runtime:
-    """What runs.
+    """Arch, precision and threads.
 
     Attributes:
         arch: "cpu", "cuda", "vulkan" or "metal".
@@ -71,7 +71,8 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     """Starts Taichi, or goes on with it where the same is running already and something still holds fields.
 
     A start with other settings ends the simulations made before it; they say so when used. Where nothing holds fields
-    any more, nor the pool has any, Taichi starts anew: it numbers fields afresh, and so finds in its cache what it compiled
+    any more, nor the pool has any, Taichi starts anew: it numbers fields afresh, and so finds in its cache the kernels that it
+        compiled
     for the same ones.
 
     Args:
@@ -133,7 +134,7 @@ def _unasked() -> Iterator[None]:
 
 
 def go_on() -> Runtime:
-    """Taichi as it was started last, for what draws and the like; on the CPU in f32 where it was not."""
+    """Taichi as it was started last, for drawing and the like; on the CPU in f32 where it was not."""
     if _current is None:
         return start("cpu", "f32")
     return start(_current.arch, _current.precision, _current.threads, debug=_current.debug)

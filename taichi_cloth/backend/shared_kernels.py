@@ -1,9 +1,9 @@
 """One compiled kernel for all objects from which it reads the same.
 
-Taichi compiles a kernel of a class again for each instance. What comes out is decided by what the kernel reads of its
+Taichi compiles a kernel of a class again for each instance. The result is decided by the values that the kernel reads of its
 arguments while it is compiled: fields, numbers, functions. Each read is written down as a path from the argument
 (`self.blocks.count` is 2). An object of which all of them read the same gets the kernel that was compiled then. Where one
-reads what cannot be written so, such as a numpy array, it is compiled for each object as before.
+reads a value that cannot be written so, such as a numpy array, it is compiled for each object as before.
 
 Only the package's kernels are shared. Another simulation has the same fields where they come from the pool (`field_pool.py`);
 the same paths tell of which fields a launch needs the numbers (`shares`).
@@ -31,7 +31,7 @@ Path = tuple[int | Step, ...]  # from an argument's number on
 
 
 def _follow(args: Sequence, path: Path) -> Any:
-    """What a path leads to."""
+    """The value that a path leads to."""
     value = args[path[0]]  # type: ignore[index]
     for step in path[1:]:
         value = getattr(value, step) if isinstance(step, str) else value[step[0]]  # type: ignore[index]
@@ -39,7 +39,7 @@ def _follow(args: Sequence, path: Path) -> Any:
 
 
 def _token(value: Any) -> tuple | None:
-    """What a compiled kernel knows of a value, to be compared; None where that cannot be said."""
+    """The mark of a value that a compiled kernel depends on, to be compared; None where that cannot be said."""
     if isinstance(value, PLAIN):
         return type(value), value
     if isinstance(value, Field):
@@ -62,10 +62,10 @@ def _of_taichi(thing: Any) -> bool:
 
 
 class Reads:
-    """What a kernel reads of its arguments while it is compiled.
+    """Values that a kernel reads of its arguments while it is compiled.
 
     Attributes:
-        tokens: of each path that was read; same: paths that led to what another path had led to.
+        tokens: of each path that was read; same: paths that led to the value of another path.
         whole: whether all of it could be written down.
         beside: shares of fields to which no path leads, of the object that it was compiled for.
     """
@@ -91,7 +91,7 @@ class Reads:
                                    value if isinstance(value, (list, tuple)) else [value])
 
     def call(self, function: Any, args: Sequence) -> None:
-        """A function was called. What plain Python reads of an object is not seen; Taichi's functions see none."""
+        """A function was called. Reads of plain Python are not seen; Taichi's functions see none."""
         known = getattr(getattr(function, "__func__", function), "_is_taichi_function", False) or function in HARMLESS
         if not known and not _of_taichi(function) and any(id(a) in self._paths for a in args):
             self.whole = False
@@ -109,7 +109,7 @@ class Reads:
         return _shares(_follow(args, path) for path, token in self.tokens.items() if token[0] is Field) + self.beside
 
     def end(self) -> None:
-        """The kernel is compiled: what was read need not live on."""
+        """The kernel is compiled: the values that were read need not live on."""
         self._paths, self._objects = {}, []
 
     def _note(self, path: Path, value: Any) -> None:
@@ -135,7 +135,7 @@ class Reads:
 
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """What a compiled kernel was compiled from: reads, and what Taichi tells its other arguments by."""
+    """Sources of a compiled kernel: reads, and Taichi's keys of its other arguments."""
 
     reads: Reads
     features: tuple
@@ -207,7 +207,7 @@ def _materialize(original):
 
 
 def look_again() -> None:
-    """An object has got other fields than it had: each kernel looks anew for what was compiled from what its objects are."""
+    """An object has got other fields than it had: each kernel looks anew for one that was compiled from such objects."""
     for kernel in _kernels:
         launches.of(kernel).forget()
         for key in [k for k in kernel.compiled_kernels if not isinstance(k, Variant)]:

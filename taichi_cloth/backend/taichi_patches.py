@@ -1,10 +1,10 @@
 """Taichi reads and launches this package's kernels, declares its fields and finds its attributes faster once this is imported.
 
-What Taichi draws for its messages, and looks up again and again, is replaced where the kernel, the class or the field is the
-package's own. Those of others keep all of it: their source lines underlined in errors, and where their fields were declared.
-Measured in docs/decisions/071-compile-once.md. Parts that another version of Taichi lacks stay as they are there. Import it
-before any class with kernels is made, best before Taichi itself. With the environment variable TAICHI_CLOTH_PATCHES=0 Taichi
-stays as it is.
+Sources that Taichi draws for its messages, and looks up again and again, are replaced where the kernel, the class or the field
+is the package's own. Those of others keep all of it: their source lines underlined in errors, and where their fields were
+declared. Measured in docs/decisions/071-compile-once.md. Parts that another version of Taichi lacks stay as they are there.
+Import it before any class with kernels is made, best before Taichi itself. With the environment variable
+TAICHI_CLOTH_PATCHES=0 Taichi stays as it is.
 """
 
 import functools
@@ -76,7 +76,7 @@ def _inside_class(original):
 
 
 def _cached(original):
-    """What is found out about a function, once."""
+    """Facts about a function, found out once."""
     known = functools.lru_cache(None)(original)
     return lambda function: (known if _own_or_taichi(function.__module__) else original)(function)
 

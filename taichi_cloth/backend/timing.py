@@ -29,7 +29,7 @@ class Stopwatch:
         self.seconds, self.runs = 0.0, False
 
 
-compiling = Stopwatch()  # first launches of kernels: they compile, or read what was compiled before
+compiling = Stopwatch()  # first launches of kernels: they compile, or read kernels that were compiled before
 
 
 def timed(method):

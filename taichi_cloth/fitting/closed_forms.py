@@ -13,7 +13,7 @@ from ..scene.fabric import STIFFER
 
 G = 9.81  # m/s^2
 SLOPES = 120  # of the free end, that are integrated; Gamma from about 1e-3 to 1e3
-NEAR = (-9.0, 25.0)  # log of the slope over what is left to pi/2, of the first and the last
+NEAR = (-9.0, 25.0)  # log of the slope over the rest to pi/2, of the first and the last
 
 
 def cantilever(gamma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

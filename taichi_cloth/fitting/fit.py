@@ -28,16 +28,16 @@ POINTS, CLOSER, EACH = 7, 5, 1.5  # values simulated over the range; then about 
 
 @dataclass
 class Fit:
-    """What was found.
+    """Result of a fit.
 
     Attributes:
         parameters: values by name, in SI units; intervals: (low, high) by name, None where there are no more measurements than
             parameters.
         confidence: of the intervals and of the curve's band.
         covariance: (n, n) of the parameters in their order.
-        scatter: standard deviation of the residuals, in the unit of what was measured (in sigmas where these were given).
-        curve: columns by name: what was varied, the model, low and high end of its band.
-        data: what was measured; across, up: the columns of both that make the plot.
+        scatter: standard deviation of the residuals, in the unit of the measurement (in sigmas where these were given).
+        curve: columns by name: the varied quantity, the model, low and high end of its band.
+        data: the measurements; across, up: the columns of both that make the plot.
     """
 
     kind: str
@@ -64,7 +64,7 @@ class Fit:
         return "\n".join([*lines, *self.notes])
 
     def plot(self) -> str:
-        """An SVG: what was measured, the curve and its band."""
+        """An SVG: the measurements, the curve and its band."""
         c = self.curve
         series = {"fit": (c[self.across], c[self.up]), "low": (c[self.across], c["low"]), "high": (c[self.across], c["high"])}
         points = (self.data[self.across], self.data[self.up])

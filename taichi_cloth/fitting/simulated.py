@@ -1,6 +1,6 @@
 """Experiments without a closed form, simulated over a range of values as a sweep, with a curve through the results.
 
-- drape: Cusick's test. A disk lies on a smaller one; the coefficient is the part of what hangs over that its shadow covers.
+- drape: Cusick's test. A disk lies on a smaller one; the coefficient is the part of the overhang that its shadow covers.
 - swing: a strip that hangs by its upper end is let go from aslant; its lower end swings, and the swing decays.
 """
 
@@ -35,7 +35,7 @@ def drape_scene(D: float, density: float = 0.15, k: float = 1000.0, shear: float
 
 
 def drape_coefficient(sim: Simulation) -> float:
-    """Of what hangs over the support, the part that its shadow covers."""
+    """The part of the overhang that its shadow covers."""
     mesh, x = sim.scene.cloths[0].mesh, sim.positions()
     centre = mesh.x.mean(axis=0)
     edge = np.flatnonzero(np.linalg.norm(mesh.x - centre, axis=1) > DISK - 1e-4)
@@ -51,7 +51,8 @@ def drape_coefficient(sim: Simulation) -> float:
 
 def swing_scene(value: float, find: str, length: float, width: float, density: float, D: float, k: float, start: float,
                 cells: int) -> Scene:
-    """A strip that hangs by its upper end, aslant, its lower end `start` [m] aside; `find` names what `value` is."""
+    """A strip that hangs by its upper end, aslant, its lower end `start` [m] aside; `find` names the parameter that `value`
+    is of."""
     mesh = grid((width, length), (max(1, round(cells * width / length)), cells), plane="xy")
     angle = math.asin(start / length)
     top = mesh.x[mesh.select("top")].mean(axis=0)
@@ -77,7 +78,7 @@ def follow(sim: Simulation, times: tuple[float, ...]) -> dict[str, float]:
 
 
 class Surrogate:
-    """What an experiment gives at any value of its parameter, from runs at some: a monotone cubic through log of the value.
+    """The result of an experiment at any value of its parameter, from runs at some: a monotone cubic through log of the value.
 
     Args:
         build: makes the scene of `name`; metrics: one figure of a run, or several in order.

@@ -25,7 +25,7 @@ def spot(x, y, n):
 def pieces(p: np.ndarray, faces: np.ndarray, w: int, h: int, near: float) -> np.ndarray:
     """The work of rasterising triangles in equal pieces of PIECE pixels, so that large and small ones share threads well.
 
-    A GPU takes a thread a pixel: Mesa's Vulkan on the CPU loses what follows an atomic operation inside a loop.
+    A GPU takes a thread a pixel: Mesa's Vulkan on the CPU loses code that follows an atomic operation inside a loop.
 
     Args:
         p: (n, 3) columns, rows, 1/depth. Triangles with a corner behind the eye or nearer than 1/near are left out.

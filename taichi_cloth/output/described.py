@@ -1,4 +1,5 @@
-"""A scene's view and its cloths' appearance as arrays by name, and back: what is not there is as usual, and takes no room."""
+"""A scene's view and its cloths' appearance as arrays by name, and back: absent values are the usual ones, and take no
+room."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""What a recorded geometry is drawn of: triangles with their colours, finer and with a thickness where that is asked for."""
+"""Surfaces of a recorded geometry: triangles with their colours, finer and with a thickness where that is asked for."""
 
 import numpy as np
 
@@ -37,7 +37,7 @@ def joined(geometry: Frame) -> np.ndarray:
 
 def surfaces(geometry: Frame, look: Look, smooth: Smooth | None, shell: Shell | None = None,
              whole: Frame | None = None) -> Surfaces:
-    """What is drawn of a geometry: cloths one after the other, then solids; whole: as it was before it tore, for hems."""
+    """Surfaces of a geometry: cloths one after the other, then solids; whole: as it was before it tore, for hems."""
     faces, (corner_uv, units), solid_faces = geometry["faces"], image_uv(geometry), geometry["solid_faces"]
     starts, names = geometry["cloth_faces"], [str(name) for name in geometry["cloth_names"]]
     corner_uv = corner_uv * np.repeat(np.where(np.isnan(units), 1.0, units), np.diff(starts))[:, None, None].astype(np.float32)

@@ -1,4 +1,4 @@
-"""What is on a cloth's surface besides its colour: squares, an image, threads. Compiled only where something has them."""
+"""Finish of a cloth's surface besides its colour: squares, an image, threads. Compiled only where something has them."""
 
 import numpy as np
 import taichi as ti
@@ -93,14 +93,14 @@ def object_row(look: Appearance, uv: np.ndarray, textures: Textures, unit: float
 
 @ti.func
 def squared(base, uv, footprint, side, objects: ti.template(), o):
-    """The colour with every other square darker; footprint [m]: what is covered of the pattern."""
+    """The colour with every other square darker; footprint [m]: the covered part of the pattern."""
     return base * (1.0 - objects[o, CHECK] * soft_checker(uv / side, footprint / side))
 
 
 @ti.func
 def printed(base, uv, footprint, objects: ti.template(), o, texels: ti.template(), levels: ti.template(),
             decode: ti.template()):
-    """The colour under an image; footprint [m]: what a sample covers of the pattern."""
+    """The colour under an image; footprint [m]: the part of the pattern that a sample covers."""
     out = base
     size = ti.Vector([objects[o, SIZE], objects[o, SIZE + 1]])
     s = (uv - ti.Vector([objects[o, ORIGIN], objects[o, ORIGIN + 1]])) / size
@@ -135,7 +135,7 @@ def filtered(s, once, texels: ti.template(), levels: ti.template(), decode: ti.t
 
 @ti.func
 def threads(uv, footprint, objects: ti.template(), o):
-    """(tilt along u, tilt along v, shade) of a weave; footprint [m]: what a pixel covers of the pattern."""
+    """(tilt along u, tilt along v, shade) of a weave; footprint [m]: the part of the pattern that a pixel covers."""
     spacing = objects[o, SPACING]
     i, j = ti.cast(ti.floor(uv[0] / spacing), int), ti.cast(ti.floor(uv[1] / spacing), int)
     x, y = uv[0] / spacing - i, uv[1] / spacing - j

@@ -3,12 +3,12 @@
 Files are written aside and renamed, so that each is whole, whenever the process ends. Each says when it is damaged: arrays and
 the manifest by a checksum, each line of telemetry by one of all lines up to it.
 
-    manifest.json         what ran, how it ended
+    manifest.json         the run, how it ended
     telemetry.jsonl       a line a step
-    geometry.npz          what does not change: faces, uv, colours, solids, camera
-    frames/00000.npz      what does: positions, velocities, contact forces
+    geometry.npz          constant data: faces, uv, colours, solids, camera
+    frames/00000.npz      moving data: positions, velocities, contact forces
     checkpoints/00010.npz all that a run needs to go on from there
-    images/00000.png      and what else was drawn of a frame, such as 00000.exr
+    images/00000.png      and other pictures of a frame, such as 00000.exr
     run.lock              while a process writes there
 """
 
@@ -42,7 +42,7 @@ class RunFolder:
         path: made where it does not exist.
         overwrite: whether another run's files there may be removed; nothing else ever is.
         resumed: the frame from which that run is gone on with: its files up to then stay.
-        instead: what else than choosing another folder may be done where one holds another run's files.
+        instead: another remedy than choosing another folder, where one holds another run's files.
 
     Raises:
         OutputError: another run's files are there, another process writes there, or the folder cannot be written.
@@ -129,7 +129,7 @@ class RunFolder:
         return [k for k in range(first, last + 1) if not (self.path / numbered(FRAMES, k)).is_file()]
 
     def close(self) -> None:
-        """Closes what is open, and lets others write there."""
+        """Closes open files, and lets others write there."""
         self._close_telemetry()
         self._lock.release()
 
@@ -143,7 +143,7 @@ class RunFolder:
 
     def _close_telemetry(self) -> None:
         if self._telemetry is not None:
-            with contextlib.suppress(OSError):  # what was not written was said when it was
+            with contextlib.suppress(OSError):  # a failed write was reported then
                 self._telemetry.close()
             self._telemetry = None
 
@@ -152,7 +152,7 @@ class RunFolder:
         self._write(self.path / name, pack(arrays | {"name": np.array(name)}))
 
     def _write(self, path: pathlib.Path, data: bytes) -> None:
-        """A folder that vanishes while the run goes on is not made again: what was in it is lost, which must be said."""
+        """A folder that vanishes while the run goes on is not made again: its files are lost, which must be said."""
         if path.parent in self._made and not path.parent.is_dir():
             raise OutputError(f"cannot write {path}: {path.parent} was removed while the run went on")
         write_whole(path, data)
@@ -173,7 +173,7 @@ def read_line(line: bytes, total: int) -> tuple[dict, int]:
     """A record of telemetry and the checksum of all lines up to it, from a line and the checksum up to that.
 
     Raises:
-        ValueError: the line is not what was written, or not what followed.
+        ValueError: the line is not the one that was written, or not the next one.
     """
     body, _, end = line.rpartition(b', "checksum": "')
     body += b"}"

@@ -7,7 +7,7 @@ from .finish import SHARPNESS, SHEEN, SPECULAR
 from .surroundings import ambient
 from .uniforms import FILL, LIGHT, POWER, RIM
 
-BOUNCE = 0.6  # part of the light that what is near throws back
+BOUNCE = 0.6  # part of the light that near surfaces throw back
 
 
 @ti.func
@@ -36,7 +36,7 @@ def lit(base, n, view, reached, open_sky, objects: ti.template(), o, rows: ti.te
 
 @ti.func
 def gloss(n, view, way, objects: ti.template(), o):
-    """What a surface throws back of light from a direction, by what white cloth does.
+    """Part of the light from a direction that a surface throws back, relative to white cloth.
 
     [J. Blinn: Models of Light Reflection, 1977, normalised; C. Schlick: An Inexpensive BRDF Model, 1994]
     """

@@ -1,4 +1,4 @@
-"""How to draw: what is said when a picture is asked for, over what the scene says of its view."""
+"""How to draw: settings of a picture, which come before those of the scene's view."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -35,22 +35,22 @@ class Heat:
 
 @dataclass(frozen=True)
 class Look:
-    """How to draw. What is None is the scene's.
+    """How to draw. Values of None are the scene's.
 
     Attributes:
         quality: one of `renderer.QUALITY`.
         camera: one, or cameras by time [s]; None takes the scene's, or fits one.
         orbit: degrees that the camera goes round its target in a second.
         follow: whether the camera moves with the cloth's centre.
-        wire: whether edges are drawn; heat: what colours the cloth, or None.
+        wire: whether edges are drawn; heat: the quantity that colours the cloth, or None.
         caption: text, in which {t} and {frame} stand for the time and the frame; "" draws none.
         floor, background, light: as those of `View`.
         aperture: diameter of the lens [m], 0 where all is sharp.
         focus: distance along the view that is sharp [m], None for that of the cloth's middle.
-        shutter: part of the time between two frames that a picture takes, 0 to 1: what moves is blurred.
+        shutter: part of the time between two frames that a picture takes, 0 to 1: motion is blurred.
         smooth: how often triangles' edges are halved, for round outlines.
         bits: of a number in the picture, 8 or 16.
-        cloths: appearances by the cloths' names, "" for all; what they leave open is the scene's.
+        cloths: appearances by the cloths' names, "" for all; their open values are the scene's.
 
     Raises:
         SceneError: an impossible value or an unknown name.
@@ -113,12 +113,12 @@ class Look:
         return checks.instance("caption", self.caption, str).format(t=f"{t:.3f}", frame=number)
 
     def view(self, scene: View) -> View:
-        """The scene's view with what is asked for."""
+        """The scene's view with these settings."""
         said = {name: getattr(self, name) for name in ("camera", "floor", "background", "light")}
         return replace(scene, **{name: value for name, value in said.items() if value is not None})
 
     def appearance(self, name: str, own: Appearance) -> Appearance:
-        """Of a cloth: what is asked for it, for all cloths, or the scene's."""
+        """Of a cloth: the one asked for it, for all cloths, or the scene's."""
         for key in ("", name):
             own = self.cloths[key].over(own) if key in self.cloths else own
         return own

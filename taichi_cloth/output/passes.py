@@ -1,4 +1,5 @@
-"""What lies in the middle of each pixel: how far, which way it faces, of which object. For compositing and as ground truth."""
+"""The surface in the middle of each pixel: how far, which way it faces, of which object. For compositing and as ground
+truth."""
 
 from typing import Any
 
@@ -14,7 +15,7 @@ from .raster import Raster
 from .uniforms import AXES, EYE, PLACE, uniforms
 
 PASSES = ("depth", "normal", "id")
-SOLID_FLOORS = ("checker", "plain")  # what is seen of other floors is no surface
+SOLID_FLOORS = ("checker", "plain")  # other floors have no surface
 
 
 @ti.data_oriented
@@ -29,7 +30,7 @@ class PassRaster:
         self.turns = self.raster.turns(height)
 
     def draw(self, renderer: Any, x: np.ndarray) -> dict[str, np.ndarray]:
-        """Passes of what a renderer draws at positions x (n, 3) [m], through its camera.
+        """Passes of a renderer's surfaces at positions x (n, 3) [m], through its camera.
 
         Returns:
             depth (h, w) f32: distance along the direction of view [m], infinite where nothing is; normal (h, w, 3) f32: in

@@ -29,7 +29,7 @@ class Artist:
 
     Args:
         size: (width, height) [pixels].
-        frames: gives the frames, or what is known of them, that a fitted camera has to have in its picture.
+        frames: gives the frames, or their bounds, that a fitted camera has to have in its picture.
 
     Raises:
         SceneError: the look names a cloth that is not there.
@@ -100,7 +100,7 @@ class Artist:
         return total / count
 
     def captioned(self, image: np.ndarray, frame: Frame, number: int = 0) -> np.ndarray:
-        """The same picture with what is written into it."""
+        """The same picture with its caption."""
         look = self.look
         if look.heat is not None:
             label = f"{look.heat.name} [{look.heat.unit}]" if look.heat.unit else look.heat.name
@@ -125,14 +125,14 @@ class Artist:
         return bool((at[:, 2] > 0).all() and (at[:, :2] >= 0).all() and (at[:, :2] <= self.size).all())
 
     def points(self, frame: Frame) -> np.ndarray:
-        """(k, 3) what the renderer draws: cloth's vertices, finer ones where drawn smooth, then those of solids [m]."""
+        """(k, 3) points that the renderer draws: cloth's vertices, finer ones where drawn smooth, then those of solids [m]."""
         x = frame["x"].astype(np.float64)
         for finer in (self.smooth, self.shell):
             x = x if finer is None else finer.points(x)
         return np.concatenate([x, frame.get("solid_x", self.geometry["solid_x"]).astype(np.float64)])
 
     def _follow(self, frame: Frame) -> None:
-        """Takes over the faces that a frame has of its own, where cloth tears, and what is sewn in it."""
+        """Takes over the faces that a frame has of its own, where cloth tears, and its seams."""
         g, drawn = self.geometry, self.renderer.surfaces
         own = {name: frame.get(name, first) for name, first in self._first.items()}
         if all(np.array_equal(array, g[name]) for name, array in own.items()):
@@ -189,7 +189,7 @@ class Artist:
                 x = np.concatenate([frame["x"], frame.get("solid_x", first[:0])]).astype(np.float64)
                 low = (float(part[:, 1].min(initial=np.inf)) for part in np.split(x, [len(frame["x"])]))
                 cloth, solid = map(min, (cloth, solid), low)
-                if len(x):  # of solids alone, what stands still is in the first set
+                if len(x):  # of solids alone, those that stand still are in the first set
                     sets.append(x - (frame["x"].mean(axis=0) - self.centre) if self.look.follow and n else x)
         if view.ground is None:
             view = replace(view, ground=solid if solid <= cloth else min(ground, cloth, solid) if self.fitted else ground)

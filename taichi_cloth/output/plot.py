@@ -35,7 +35,7 @@ def line_plot(series: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, lo
     """An SVG of lines (x, y) by name over a common axis; steps where there is one point, nothing where there is none.
 
     Args:
-        log, log_x: logarithmic y and x axis; what is not positive is left out.
+        log, log_x: logarithmic y and x axis; values that are not positive are left out.
         marks: a dot at every point.
         dots: points by name instead, in the colours of the lines.
     """

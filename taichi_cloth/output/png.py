@@ -12,7 +12,7 @@ class Picture(np.ndarray):
     def _repr_png_(self) -> bytes | None:
         try:
             return encode_png(self)
-        except ValueError:  # a part of it, or what was computed from it
+        except ValueError:  # a part of it, or a value computed from it
             return None
 
 

@@ -1,4 +1,4 @@
-"""A finished, or interrupted, run's folder, read back; what is damaged is said, and never used."""
+"""A finished, or interrupted, run's folder, read back; damaged parts are named, and never used."""
 
 import os
 import pathlib
@@ -13,11 +13,11 @@ from .folder import CHECKPOINTS, FORMAT, FRAMES, GEOMETRY, MANIFEST, TELEMETRY, 
 
 
 class Recording:
-    """What a run left in its folder.
+    """A run in its folder.
 
     Attributes:
         manifest: as it was written.
-        notes: what was found damaged, and done about it.
+        notes: damage that was found, and repairs.
         speed: seconds of the run in a second of its frames.
 
     Raises:
@@ -42,7 +42,7 @@ class Recording:
 
     @property
     def geometry(self) -> dict[str, np.ndarray]:
-        """What does not change; see `record.geometry`."""
+        """Constant data; see `record.geometry`."""
         if self._geometry is None:
             self._geometry = self._arrays(GEOMETRY)
         return self._geometry
@@ -80,7 +80,7 @@ class Recording:
         return float(self.manifest.get("fps", 24))
 
     def frame(self, number: int) -> dict[str, np.ndarray]:
-        """What moves, at a frame; see `record.frame`."""
+        """Moving data of a frame; see `record.frame`."""
         return self._arrays(numbered(FRAMES, number))
 
     def telemetry(self) -> list[dict]:
@@ -145,7 +145,7 @@ class Recording:
         raise OutputError(f"{self.path} has no whole checkpoint{up_to}{reasons}")
 
     def _arrays(self, name: str) -> dict[str, np.ndarray]:
-        """What was written under this name."""
+        """The value that was written under this name."""
         path = self.path / name
         try:
             arrays = npz.unpack(path)

@@ -1,6 +1,6 @@
 """An offscreen renderer in Taichi kernels: z-buffer, smooth two-sided shading, shadows, ambient occlusion, ground and sky.
 
-What is seen is rasterised; what shades it is a shadow map (`fast`) or traced rays: to a round light for soft shadows, and
+Visibility is rasterised. Shade comes from a shadow map (`fast`) or traced rays: to a round light for soft shadows, and
 over the hemisphere for ambient occlusion (`standard`, `high`). Everything is f32 whatever the simulation's precision.
 """
 
@@ -35,7 +35,7 @@ class Renderer:
     Args:
         width, height: of the picture [pixels].
         x: (n, 3) first positions [m], by which ground and shadows take their size.
-        view: with one camera; what is round the cloth.
+        view: with one camera, and the surroundings.
         quality: one of QUALITY; exposed: whether a picture is the mean of many exposures.
     """
 
@@ -132,14 +132,14 @@ def around_of(view: View, rig: Rig) -> Around:
 
 
 def rgb(color: str | Color, rig: Rig) -> np.ndarray:
-    """(3,) linear RGB; that of the plain floor for what is no colour."""
+    """(3,) linear RGB; that of the plain floor for a value that is no colour."""
     return np.array(rig.floor if isinstance(color, str) else color)
 
 
 def developed(light: np.ndarray, bits: int, alpha: bool) -> np.ndarray:
     """sRGB of linear RGB (h, w, 4) that is multiplied by its alpha: (h, w, 3) or, with alpha, (h, w, 4), uint8 or uint16.
 
-    With alpha, colours are what they are where nothing shines through, as PNG wants it.
+    With alpha, colours are those where nothing shines through, as PNG wants it.
     """
     if not alpha:
         return to_srgb(light[..., :3], bits)

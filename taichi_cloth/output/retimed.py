@@ -57,7 +57,7 @@ class Retimed(Recording):
         return self.source.time(0) + (self.first + frame * self.step) / self.source.fps
 
     def frame(self, number: int) -> Arrays:
-        """What moves, at a frame; `clock` is the film's own time [s]."""
+        """Moving data of a frame; `clock` is the film's own time [s]."""
         at = self.first + number * self.step
         k = int(at + SAME)
         share, clock = at - k, {"clock": np.array(number / self.fps)}
@@ -115,7 +115,7 @@ class Frozen(Recording):
         return np.concatenate([self._frame["x"], solids]).astype(np.float64)
 
     def frame(self, number: int) -> Arrays:
-        """What moves, at the frame; `clock` is the film's own time [s]."""
+        """Moving data of the frame; `clock` is the film's own time [s]."""
         return self._frame | {"clock": np.array(number / self.fps)}
 
 

@@ -17,7 +17,7 @@ from .uniforms import BACKGROUND, CLOTH, EYE, FLOOR, LIGHT, PLACE, POWER, SCENE,
 
 @dataclass(frozen=True)
 class Around:
-    """What is round the cloth.
+    """Surroundings of the cloth.
 
     Attributes:
         background: "sky", "transparent" or "color"; floor: "checker", "plain", "shadow" or "none".
@@ -32,11 +32,11 @@ class Around:
 
 @ti.data_oriented
 class Shader:
-    """Shades what a raster has seen.
+    """Shades the samples of a raster.
 
     Args:
         light: `ShadowMap` or `TracedLight`.
-        around: what there is: background and floor; textured, woven, hemmed: whether any cloth is. What is not
+        around: background and floor; textured, woven, hemmed: whether any cloth is. What is not
             there is not compiled.
     """
 
@@ -134,7 +134,7 @@ class Shader:
 
     @ti.func
     def background(self, at, row, column, rows: ti.template()):
-        """What is seen where no surface is: ground that fades into the sky; alpha last."""
+        """The colour where no surface is: ground that fades into the sky; alpha last."""
         t, ray = ground_at(at, self.raster.w, self.raster.h, rows)
         color, alpha = ti.Vector([0.0, 0.0, 0.0]), 1.0
         if ti.static(self.around.background == "sky"):
@@ -175,7 +175,7 @@ class Shader:
 
 @ti.func
 def footprint(f, corner_uv: ti.template(), area):
-    """What a sample covers of a face's pattern [m]; area: twice the face's, in samples."""
+    """The part of a face's pattern that a sample covers [m]; area: twice the face's, in samples."""
     a, b = ti.Vector([0.0, 0.0]), ti.Vector([0.0, 0.0])
     for d in ti.static(range(2)):
         a[d], b[d] = corner_uv[f, 1, d] - corner_uv[f, 0, d], corner_uv[f, 2, d] - corner_uv[f, 0, d]

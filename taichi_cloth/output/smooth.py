@@ -32,7 +32,7 @@ class Halving:
         border, ends = count == 1, np.concatenate([self.a, self.b])
         on_border = np.bincount(ends, np.tile(border, 2), n)
         valence = np.bincount(ends, minlength=n)
-        # weight of a neighbour over an edge, and of what a vertex keeps
+        # weight of a neighbour over an edge, and of the vertex itself
         self.weight = np.where(on_border > 0, 0.0, np.where(valence == 3, 3 / 16, 3 / (8 * np.maximum(valence, 1))))
         self.border = border[:, None]
         self.along = np.where((on_border == 2) & (np.bincount(faces.ravel(), minlength=n) > 2), 1 / 8, 0.0)
@@ -58,7 +58,7 @@ class Smooth:
 
     Args:
         faces: (m, 3) of n vertices; level: how often edges are halved.
-        sewn: (n,) the vertex that stands for what each is sewn to, or None.
+        sewn: (n,) the vertex that stands for the cluster of each, or None.
 
     Attributes:
         faces: (m 4^level, 3) of finer vertices, those of a face one after the other.

@@ -1,4 +1,4 @@
-"""What a picture is drawn of: triangles with their colours, and the objects that they belong to."""
+"""Surfaces of a picture: triangles with their colours, and the objects that they belong to."""
 
 from dataclasses import dataclass, field
 

@@ -1,4 +1,4 @@
-"""What surrounds cloth in a picture: ground, sky, the light from them."""
+"""Surroundings of cloth in a picture: ground, sky, the light from them."""
 
 import taichi as ti
 

@@ -1,5 +1,5 @@
 """Light by rays: to a round light for soft shadows, over the hemisphere for ambient occlusion. Traced once a pixel; samples
-take what pixels around found that see the same surface."""
+take the findings of pixels around that see the same surface."""
 
 import numpy as np
 import taichi as ti
@@ -11,7 +11,7 @@ from .raster import Raster
 from .rays import RayTree
 from .uniforms import EYE, LENS, LIGHT, PLACE, SCENE, SIDE
 
-REACH = 2  # pixels around that share what rays found
+REACH = 2  # pixels around that share their rays' findings
 ACROSS = 2 * REACH + 1
 OCCLUDE = 0.35  # part of the scene's size beyond which nothing takes ambient light away
 
@@ -33,7 +33,7 @@ class TracedLight:
         self.turns = raster.turns(self.height)
         self.shadow_rays, self.ambient_rays = rays
         self.tree = RayTree(fields, triangles)
-        # by pixel: what light reaches it, where it is, which way it faces
+        # by pixel: the light that reaches it, where it is, which way it faces
         self.lit, self.place, self.facing = (fields.real(self.width * self.height, k, dtype=ti.f32) for k in (2, 3, 3))
 
     def prepare(self, x: np.ndarray, faces: np.ndarray, light: np.ndarray) -> np.ndarray:
@@ -47,7 +47,7 @@ class TracedLight:
 
     @ti.kernel
     def _trace(self, p: ti.types.ndarray(), x: ti.types.ndarray(), faces: ti.types.ndarray(), rows: ti.types.ndarray()):
-        """What light reaches the middle of every pixel: share of the light, share of the sky."""
+        """Light that reaches the middle of every pixel: share of the light, share of the sky."""
         for t in range(self.turns):
             row = self.raster.row(t, self.turns, self.height)
             for column in range(ti.select(row < self.height, self.width, 0)):
@@ -103,7 +103,8 @@ class TracedLight:
 
     @ti.func
     def _worth(self, place, reach, light, wide):
-        """First and last of the rays from a place that may meet anything: what stays away from the bounds of all does not."""
+        """First and last of the rays from a place that may meet anything: rays that stay away from the bounds of all do
+        not."""
         low, high = self.tree.boxes.low[1], self.tree.boxes.high[1]
         first, last = self.shadow_rays, self.shadow_rays
         if ti.max(low - place, place - high, 0.0).norm() < reach:
@@ -138,7 +139,7 @@ class TracedLight:
 def spread(row, column, s, exposure):
     """A point of [0, 1) x [0, 2 pi) for ray s of a pixel.
 
-    Pixels that share what they found have different parts of one low-discrepancy sequence, all of it together: where they see
+    Pixels that share their findings have different parts of one low-discrepancy sequence, all of it together: where they see
     one surface there is no noise. [A. Keller, W. Heidrich: Interleaved Sampling, 2001]
     """
     k = row % ACROSS * ACROSS + column % ACROSS + ACROSS * ACROSS * (s + 16 * exposure) + 0.5

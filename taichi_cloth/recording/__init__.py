@@ -1,1 +1,1 @@
-"""What a run keeps of itself, and what can be done with it afterwards."""
+"""Recorded runs, and uses of them afterwards."""

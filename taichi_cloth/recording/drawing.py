@@ -21,7 +21,7 @@ FORMATS = ("npy", "exr")
 
 @dataclass(frozen=True)
 class Extras:
-    """What to write of a frame besides its picture.
+    """Files of a frame besides its picture.
 
     Attributes:
         passes: of `passes.PASSES`; format: "npy", a file each, or "exr", all in one with the picture's linear light.

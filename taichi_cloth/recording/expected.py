@@ -8,14 +8,14 @@ from ..scene.attachment import Attachment
 from ..scene.scene import Scene
 from .record import drawn_solids, is_ground
 
-TIMES = 13  # at which what is prescribed is looked at, from 0 to the end
+TIMES = 13  # at which prescribed motion is looked at, from 0 to the end
 
 
 def expected(scene: Scene, duration: float) -> Iterator[dict[str, np.ndarray]]:
     """Frames, as far as positions go, that a run of `duration` [s] will perhaps come near.
 
-    Solids and led vertices are where their functions put them; a cloth follows what leads it as a whole; what is held hangs
-    down as far as the cloth is long from there; what falls, falls to the ground, where there is one.
+    Solids and led vertices are where their functions put them; a cloth follows a motion that leads it as a whole; held cloth
+    hangs down by its length from there; free cloth falls to the ground, where there is one.
     """
     x = np.concatenate([c.positions for c in scene.cloths])
     solids = drawn_solids(scene)
@@ -37,7 +37,7 @@ def expected(scene: Scene, duration: float) -> Iterator[dict[str, np.ndarray]]:
 
 
 def _hanging(scene: Scene, x: np.ndarray, grounds: list[float]) -> np.ndarray:
-    """Points that cloth reaches at rest below what holds it, or on the ground below it; itself where neither is known."""
+    """Points that cloth reaches at rest below its supports, or on the ground below it; itself where neither is known."""
     down = scene.gravity / np.linalg.norm(scene.gravity)
     out = [x]
     for cloth in scene.cloths:

@@ -53,7 +53,7 @@ def locate(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.nd
     """For points (n, 2): the triangle of (m, 3, 2) that each is in or nearest to; weights (n, 3); distance outside (n,)."""
     low = triangles.min(axis=(0, 1))
     size = CELLS * float(np.sqrt(np.abs(_cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])).mean()))
-    first = np.floor((triangles.min(axis=1) - low) / size - 0.5).astype(np.int64)  # half a cell more, for what is outside
+    first = np.floor((triangles.min(axis=1) - low) / size - 0.5).astype(np.int64)  # half a cell more, for points outside
     last = np.floor((triangles.max(axis=1) - low) / size + 0.5).astype(np.int64)
     counts = last - first + 1
     total = counts.prod(axis=1)
@@ -80,7 +80,7 @@ def locate(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.nd
 
 def _take(points: np.ndarray, triangles: np.ndarray, p: np.ndarray, row: np.ndarray, best: np.ndarray, weights: np.ndarray,
           off: np.ndarray) -> None:
-    """Takes triangles `row` for points p where they are nearer than what these have."""
+    """Takes triangles `row` for points p where they are nearer than the present ones."""
     a, b, c = (triangles[row, j] for j in range(3))
     whole = _cross(b - a, c - a)
     whole = np.where(whole == 0, np.inf, whole)
@@ -89,7 +89,7 @@ def _take(points: np.ndarray, triangles: np.ndarray, p: np.ndarray, row: np.ndar
     bary /= bary.sum(axis=1, keepdims=True)
     here = np.einsum("nc,ncd->nd", bary, triangles[row])
     distance = np.linalg.norm(points[p] - here, axis=1)
-    distance[distance < 1e-4 * np.sqrt(np.abs(whole))] = 0.0  # rounding of what is recorded in f32
+    distance[distance < 1e-4 * np.sqrt(np.abs(whole))] = 0.0  # rounding of f32 records
     nearer = distance < off[p]
     q = p[nearer]
     best[q], weights[q], off[q] = row[nearer], bary[nearer], distance[nearer]

@@ -1,4 +1,4 @@
-"""What can be done with recorded runs without simulating again: draw, compare, tell apart."""
+"""Recorded runs without simulating again: drawn, compared, told apart."""
 
 import json
 import pathlib
@@ -28,7 +28,7 @@ def heat_of(name: str, geometry: dict[str, np.ndarray], limits: tuple[float, flo
     """The heat map of one of `quantities.QUANTITIES`.
 
     Args:
-        limits: (low, high) of its scale; else what fits the recording, or what is usual where there is none.
+        limits: (low, high) of its scale; else those that fit the recording, or the usual ones where there is none.
     """
     quantity = QUANTITIES[checks.choice("quantity", name, QUANTITIES)]
     require(name, geometry)
@@ -43,7 +43,7 @@ def heat_of(name: str, geometry: dict[str, np.ndarray], limits: tuple[float, flo
 
 @dataclass(frozen=True)
 class Films:
-    """What to make of a run's pictures besides single files.
+    """Products of a run's pictures besides single files.
 
     Attributes:
         sheet: pictures in one contact sheet, 0 for none; apng, mp4: whether to write these.
@@ -99,7 +99,7 @@ def render(recording: Recording, folder: pathlib.Path, size: tuple[int, int], lo
 
 
 def id_names(geometry: dict[str, np.ndarray]) -> dict[int, str]:
-    """What the numbers of the pass "id" are."""
+    """Meaning of the numbers of the pass "id"."""
     names = [*map(str, geometry["cloth_names"]), *map(str, geometry["solid_names"]), "ground"]
     return {0: "nothing", **dict(enumerate(names, 1))}
 
@@ -175,7 +175,7 @@ def rms_of(parts: list, of: np.ndarray | None = None) -> float:
 
 
 def warn_inside(recording: Recording, look: Look) -> None:
-    """Says so where the camera is within the cloth's bounds: what it sees may be the inside of a fold."""
+    """Says so where the camera is within the cloth's bounds: it may see the inside of a fold."""
     if look.camera is None:
         return
     x = recording.frame(recording.frames()[0])["x"]

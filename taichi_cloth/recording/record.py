@@ -1,4 +1,4 @@
-"""What a run records of its cloth and solids: once what stays, and frame by frame what moves. Arrays by name."""
+"""Recorded data of cloth and solids: constant data once, moving data frame by frame. Arrays by name."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from ..scene.scene import Scene
 from ..scene.solids import Placed
 from ..scene.view import CameraKeys
 
-if TYPE_CHECKING:  # what a scene says by itself needs no Taichi
+if TYPE_CHECKING:  # data of a scene by itself need no Taichi
     from ..simulation import Simulation
 
 
 def geometry(sim: Simulation) -> dict[str, np.ndarray]:
-    """What does not change: everything that pictures and exports need besides `frame`.
+    """Constant data: everything that pictures and exports need besides `frame`.
 
-    What `as_built` says; hinges with stiffness [N m] and rest angle; where bending goes by curvatures `patches` of vertices
-    round triangles, their weights and stiffness; where anything is sewn, `sewn`, the vertex that stands for what each is sewn
-    to, `panel` of each face with `panel_names`, and `seam_length` [m] of each vertex; where fabrics have limits `face_limit`,
-    where they yield or are creased `creases` and what a hinge's or triangle's curvature is computed from; where cloth may tear
-    `corners` (m, 3), faces over corners of their own.
+    The arrays of `as_built`; hinges with stiffness [N m] and rest angle; where bending goes by curvatures `patches` of
+    vertices round triangles, their weights and stiffness; where anything is sewn, `sewn`, the vertex that stands for the
+    cluster of each, `panel` of each face with `panel_names`, and `seam_length` [m] of each vertex; where fabrics have limits
+    `face_limit`, where they yield or are creased `creases` and what a hinge's or triangle's curvature is computed from; where
+    cloth may tear `corners` (m, 3), faces over corners of their own.
     """
     out = as_built(sim.scene)
     if any(c.split is not None for c in sim.scene.cloths):
@@ -38,7 +38,7 @@ def geometry(sim: Simulation) -> dict[str, np.ndarray]:
 
 
 def as_built(scene: Scene) -> dict[str, np.ndarray]:
-    """What a scene says by itself, at time 0.
+    """Data of a scene by itself, at time 0.
 
     Faces and uv of all cloths in one, `polygon` of faces that were cut from larger ones, `cloth_start` (first vertex of each
     and the end), `cloth_thickness`, `cloth_names`, `cloth_colors` (NaN where left to the renderer), groups of faces, and what
@@ -143,7 +143,7 @@ def _sewn(sim: Simulation) -> dict[str, np.ndarray]:
 
 
 def _still_sewn(sim: Simulation) -> np.ndarray:
-    """(n,) the vertex that stands for what each is still sewn to, by a seam or where cloth may tear."""
+    """(n,) the vertex that stands for the present cluster of each, by a seam or where cloth may tear."""
     pairs = [(s.cloth.start + s.a[~o], s.cloth.start + s.b[~o]) for s, o in zip(sim.scene.seams, sim.stitches_open())]
     return components(sim.vertex_count, *(np.concatenate(side) for side in zip(*pairs)))
 
@@ -172,11 +172,11 @@ def _seam_tension(sim: Simulation) -> np.ndarray:
 
 
 def frame(sim: Simulation) -> dict[str, np.ndarray]:
-    """What moves, now: t [s]; f32 x (n, 3) [m], v [m/s], with solids contact [N], surfaces and camera where they move.
+    """Moving data, now: t [s]; f32 x (n, 3) [m], v [m/s], with solids contact [N], surfaces and camera where they move.
 
     With seams `seam`, their tension [N/m] at each vertex; with fabrics that yield `hinge_crease` [rad], `patch_crease` [1/m];
     where cloth may tear, faces (m, 3) as they hang together, over one vertex for all that are joined; where seams have opened
-    `sewn`; hinges over what opened are not among `hinge_whole`.
+    `sewn`; hinges over openings are not among `hinge_whole`.
     """
     solids = drawn_solids(sim.scene)
     out = {"t": np.array(sim.time), "x": sim.positions().astype(np.float32), "v": sim.velocities().astype(np.float32)}

@@ -1,4 +1,4 @@
-"""A run's folder with what can be done with it, as `tc.Recording`."""
+"""A run's folder with methods to draw, export and report it, as `tc.Recording`."""
 
 import html
 import os
@@ -16,14 +16,14 @@ from .play import Playback
 
 
 class Recording(recording.Recording):
-    """What a run left in its folder, to be read, exported and reported.
+    """A recorded run in its folder, to be read, exported and reported.
 
     Args:
         path: of the folder.
 
     Attributes:
         manifest: as it was written.
-        notes: what was found damaged, and done about it.
+        notes: damage that was found, and repairs.
 
     Raises:
         OutputError: the folder is no run's, or its manifest is damaged.
@@ -48,8 +48,8 @@ class Recording(recording.Recording):
 
         Raises:
             SceneError: an unknown format, or other parts.
-            OutputError: no frames, a damaged one, a package that is not there, what a format cannot hold, files that cannot
-                be written.
+            OutputError: no frames, a damaged one, a package that is not there, data that a format cannot hold, files that
+                cannot be written.
         """
         return export(self, format, path, parts)
 
@@ -84,7 +84,7 @@ class Recording(recording.Recording):
         return Playback(self)
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """The view in a notebook."""
         try:
             return self.play()._repr_html_()
         except OutputError as error:
@@ -110,4 +110,4 @@ class Recording(recording.Recording):
 
 
 class _Retimed(Retimed, Recording):
-    """A run at other times, with what can be done with it."""
+    """A run at other times, with the methods of a recording."""

@@ -140,7 +140,7 @@ def _pictures(recording: Recording) -> str:
 
 
 def _playback(recording: Recording, budget: float) -> tuple[dict, str]:
-    """Positions as 16-bit numbers within the run's bounds, by frame, and a sentence on what was left out."""
+    """Positions as 16-bit numbers within the run's bounds, by frame, and a sentence on the left-out ones."""
     g, numbers = recording.geometry, recording.frames()
     moves = "solid_x" in recording.frame(numbers[0])
     each = 6 * (len(g["x"]) + (len(g["solid_x"]) if moves else 0))

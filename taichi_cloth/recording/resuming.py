@@ -24,7 +24,7 @@ def resume(sim: Simulation, old: Recording, manifest: dict, last: int, from_fram
 
     Raises:
         OutputError: there is no whole checkpoint, or frames before it are damaged.
-        SceneError: the scene or its parameters are not that run's, or it is longer than what is wanted.
+        SceneError: the scene or its parameters are not that run's, or it is longer than the duration asked for.
     """
     lenient = force or from_frame is not None
     if not lenient:
@@ -64,7 +64,7 @@ def kept_from(old: Recording | None, resumed: int | None, keeps: bool) -> int | 
 
 
 def run_of(manifest: dict) -> str:
-    """What tells runs apart that must not go on with each other's checkpoints."""
+    """Data that tell runs apart that must not go on with each other's checkpoints."""
     decisive = {k: manifest[k] for k in DECIDES}
     return hashlib.sha256(json.dumps(decisive, sort_keys=True, default=str).encode()).hexdigest()
 
@@ -81,7 +81,7 @@ def differences(a: object, b: object, name: str = "") -> list[str]:
 
 
 def _check_frames(old: Recording, frame: int) -> None:
-    """What the run kept up to a frame stays as it is: it must be whole."""
+    """Files of the run up to a frame stay as they are: they must be whole."""
     first, last = old.manifest.get("frames") or (frame + 1, None)
     for k in range(first, min(frame, frame if last is None else last) + 1):
         try:

@@ -1,4 +1,4 @@
-"""What a notebook shows of a scene and of a simulation: a table, a line, a small picture."""
+"""Scenes and simulations in a notebook: a table, a line, a small picture."""
 
 import base64
 import html
@@ -17,7 +17,7 @@ from .record import drawn_solids
 from .still import render
 
 SIZE = (480, 360)  # pixels
-MOST_ROWS, LONGEST = 24, 200  # of a table; letters of what is named
+MOST_ROWS, LONGEST = 24, 200  # of a table; letters of a name
 
 
 def in_html(what: Scene | Simulation) -> str:

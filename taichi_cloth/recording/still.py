@@ -1,4 +1,4 @@
-"""Pictures from Python: of scenes, simulations and recorded runs, and what lies behind their pixels."""
+"""Pictures from Python: of scenes, simulations and recorded runs, and the surfaces behind their pixels."""
 
 from __future__ import annotations
 
@@ -54,11 +54,12 @@ def render(what: Drawable, path: str | Path | None = None, frame: int | None = N
         caption: text, in which {t} and {frame} stand for the time and the frame.
         orbit: degrees that the camera goes round its target in a second; follow: whether it moves with the cloth.
         background, floor, light: as in `View`; None takes the scene's.
-        appearance: of all cloths, or appearances by the cloths' names; what they leave open is the scene's.
+        appearance: of all cloths, or appearances by the cloths' names; their open values are the scene's.
         smooth: how often triangles' edges are halved, 0 to 3: round outlines, for the picture only.
         bits: of a number, 8 or 16.
-        aperture: diameter of the lens [m]: blurs what is not as far away as `focus` [m], None for the cloth's middle.
-        shutter: of a recorded run: part of the time until the next frame that the picture takes, 0 to 1; blurs what moves.
+        aperture: diameter of the lens [m]: blurs surfaces that are not as far away as `focus` [m], None for the cloth's
+            middle.
+        shutter: of a recorded run: part of the time until the next frame that the picture takes, 0 to 1; blurs motion.
 
     Returns:
         (height, width, 3), uint8 or uint16; (height, width, 4) where the background is transparent. A notebook shows it as a
@@ -81,11 +82,11 @@ def render(what: Drawable, path: str | Path | None = None, frame: int | None = N
 
 def passes(what: Drawable, frame: int | None = None, size: tuple[int, int] = (1280, 720),
            names: Iterable[str] = PASSES, **look: Any) -> dict[str, np.ndarray]:
-    """What lies in the middle of each pixel of the picture that `render` draws.
+    """Depth, normal and object in the middle of each pixel of the picture that `render` draws.
 
     Args:
         what, frame, size: as in `render`; names: of "depth", "normal", "id".
-        look: what else `render` takes and moves the camera or the surfaces: camera, orbit, follow, floor, smooth.
+        look: other arguments of `render` that move the camera or the surfaces: camera, orbit, follow, floor, smooth.
 
     Returns:
         By name: depth (h, w) f32, distance along the direction of view [m], infinite where nothing is; normal (h, w, 3) f32,
@@ -109,7 +110,7 @@ def render_frames(recording: Recording, folder: str | Path, frames: str | Iterab
 
     Args:
         frames: their numbers, or a text such as "10:60:5"; all where "".
-        size, heat, limits: as in `render`; look: what else `render` takes.
+        size, heat, limits: as in `render`; look: other arguments of `render`.
         passes: of "depth", "normal", "id", beside each picture, as `pass_format`: "npy", or "exr" with the linear light.
         sheet: how many of them also in one picture; apng, mp4: whether also as a film.
 
@@ -140,7 +141,7 @@ def render_frames(recording: Recording, folder: str | Path, frames: str | Iterab
 
 def _artist(name: str, what: object, frame: int | None, size: object, heat: str | None, limits: object,
             **look: Any) -> tuple[Artist, dict[str, np.ndarray], int]:
-    """What draws, the arrays of the frame, and its number."""
+    """The renderer, the arrays of the frame, and its number."""
     if not isinstance(what, Drawable):
         raise SceneError(f"{name}: what = {shown(what)}: must be a Simulation, a Recording or a Scene")
     width, height, limits = _size_and_limits(name, size, limits)
@@ -172,7 +173,7 @@ def _artist(name: str, what: object, frame: int | None, size: object, heat: str 
 
 def _look(heat: str | None, limits: tuple[float, float] | None, geometry: dict[str, np.ndarray], recording: Recording | None,
           said: dict[str, Any]) -> Look:
-    """The look of what `render` was given."""
+    """The look of the arguments of `render`."""
     said = dict(said)
     appearance = said.pop("appearance", None)
     if isinstance(appearance, Appearance):

@@ -1,4 +1,4 @@
-"""Which steps of a recorded run cost the most, where cloth was in trouble then, and what helps."""
+"""Which steps of a recorded run cost the most, where cloth was in trouble then, and remedies."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,1 +1,1 @@
-"""What there is, as values: meshes, fabrics, solids, and the scene that puts them together. numpy only."""
+"""The description, as values: meshes, fabrics, solids, and the scene that puts them together. numpy only."""

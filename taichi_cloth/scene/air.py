@@ -17,7 +17,7 @@ Wind = str | ArrayLike | Callable[[float], ArrayLike] | Callable[[np.ndarray, fl
 
 @dataclass(frozen=True)
 class Air:
-    """What a triangle feels that moves through the air, with u = velocity - wind, n its normal and c = |n.u| / |u|.
+    """Forces of the air on a triangle that moves through it, with u = velocity - wind, n its normal and c = |n.u| / |u|.
 
     Viscous: f/A = -normal (n.u) n - tangential (u - (n.u) n). Of a thin plate, besides, with `drag` and `lift`:
     f/A = -density/2 |u|^2 (drag c e + lift ((n.e) n - c^2 e)) with e = u/|u|: lift is normal to u.
@@ -93,7 +93,7 @@ class Gusts:
 
     Args:
         mean: (3,) [m/s].
-        strength: root of the mean square of what gusts add to it [m/s].
+        strength: root of the mean square of the gusts' speed [m/s].
         length: of the longest waves [m].
         seed: of the waves' directions and phases; the same seed gives the same wind.
         waves: how many.

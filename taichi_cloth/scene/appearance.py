@@ -57,7 +57,7 @@ class Texture:
 
         Args:
             uv: (m, 3, 2) corners of the pattern's faces [m].
-            unit: what 1 is in texture coordinates that are not the pattern's [m]; NaN where they are.
+            unit: length of 1 in texture coordinates that are not the pattern's [m]; NaN where they are.
         """
         if not np.isnan(unit):
             return np.array(self.origin or (0.0, 0.0)), np.array(self.size or (unit, unit))
@@ -92,7 +92,7 @@ class Weave:
 
 @dataclass(frozen=True, eq=False)
 class Appearance:
-    """How a cloth looks. What is None is left to the renderer.
+    """How a cloth looks. Values of None are left to the renderer.
 
     Args:
         color: of the front, to which the faces' normals point (corners run counterclockwise there): the upper side of
@@ -143,7 +143,7 @@ class Appearance:
                 f"colour of panel {shown(name)}", color) for name, color in self.panels.items()})
 
     def over(self, other: "Appearance") -> "Appearance":
-        """This one, and what it leaves open from another."""
+        """This one, with its open values from another."""
         return Appearance(**{f.name: getattr(other, f.name) if getattr(self, f.name) is None else getattr(self, f.name)
                              for f in fields(self)})
 

@@ -1,4 +1,4 @@
-"""What holds and leads vertices of cloth, and what happens when: the part of a scene that changes as it runs. numpy only."""
+"""Constraints and attachments of vertices, and events: the part of a scene that changes as it runs. numpy only."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -31,7 +31,8 @@ class Attachment:
         key: stays the same when some of the vertices are released.
         selected: the vertices that the path speaks of, released ones included.
         order: (k,) rows of the path's value in the order of rising vertex index.
-        solid: what the vertices ride on, from where they are when the attachment begins, at time `since` [s]; or None.
+        solid: the solid that the vertices ride on, from where they are when the attachment begins, at time `since` [s]; or
+            None.
         stiffness: of a spring from each vertex to its place [N/m], one number or (k,) of `selected`, which pulls with `most`
             [N] at most; None holds exactly.
     """

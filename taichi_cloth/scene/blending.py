@@ -34,7 +34,7 @@ def blend(scene: Scene, was: Scene, becomes: Scene, share: float) -> Scene:
 
 
 def fabric_between(a: Fabric, b: Fabric, share: float) -> Fabric:
-    """Every number of a fabric so far from a to b; what only one of them has is as b has it."""
+    """Every number of a fabric so far from a to b; parts that only one of them has are as b has them."""
     if a == b or share == 1:
         return b
     parts = {name: _between(getattr(a, name), getattr(b, name), share) for name in ("stretch", "shear", "bend")}

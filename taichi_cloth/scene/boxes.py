@@ -58,7 +58,7 @@ def _meeting(low_a: np.ndarray, high_a: np.ndarray, low_b: np.ndarray, high_b: n
         for c in range(3):  # an axis at a time: most pairs are gone after the first
             p, q = i[meet], j[meet]
             low = np.maximum(low_a[p, c], low_b[q, c])
-            # counted in the one cell where what the boxes share begins; different cells may have one code
+            # counted in the one cell where the boxes' overlap begins; different cells may have one code
             at = np.floor(low / cell).astype(np.int64)
             meet[meet] = ((low <= np.minimum(high_a[p, c], high_b[q, c])) & (at == cells_a[entry_a[meet], c])
                           & (at == cells_b[entry_b[meet], c]))

@@ -70,7 +70,7 @@ class Cloth:
             raise SceneError(f"panels of {what!r}: all fabrics of a cloth bend over hinges, or it has one fabric")
 
     def of_fabric(self, fabric: Fabric | str, panels: tuple[tuple[np.ndarray, Fabric], ...]) -> None:
-        """Makes it of another fabric, and its panels; `Scene.set_fabric` is what users call.
+        """Makes it of another fabric, and its panels; users call `Scene.set_fabric`.
 
         Raises:
             SceneError: a fabric that it cannot be of; it stays as it was.
@@ -88,7 +88,7 @@ class Cloth:
         return self.fabric, *(fabric for _, fabric in self.panels)
 
     def shares(self, vertices: np.ndarray) -> np.ndarray:
-        """(k,) parts of what is put on each of vertices (k,): where cloth may tear, corners at one vertex share it."""
+        """(k,) shares of loads that are put on each of vertices (k,): where cloth may tear, corners at one vertex share it."""
         if self.split is None:
             return np.ones(len(vertices))
         return 1 / np.bincount(self.split.of[np.unique(vertices)])[self.split.of[vertices]]

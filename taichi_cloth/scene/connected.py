@@ -1,4 +1,4 @@
-"""Pieces of what is connected by pairs. numpy only."""
+"""Connected components, from pairs. numpy only."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""What there is in a scene: cloths, solids, point masses, the air, a user's own forces. numpy only; runs nothing."""
+"""Contents of a scene: cloths, solids, point masses, the air, a user's own forces. numpy only; runs nothing."""
 
 from __future__ import annotations
 
@@ -159,7 +159,8 @@ class Contents:
 
     def add_prop(self, shape: Shape, position: Value = (0.0, 0.0, 0.0), rotation: Value = (0.0, 0.0, 0.0),
                  name: str | None = None, color: str | Color | None = None) -> Prop:
-        """Adds what pictures and exports show and cloth does not meet: a ring, a table's legs. It costs a simulation nothing.
+        """Adds a shape that pictures and exports show and cloth does not meet: a ring, a table's legs. It costs a simulation
+        nothing.
 
         Cloth may ride on it (`attach`).
 

@@ -1,4 +1,4 @@
-"""What cloth is made of, in SI units. A part that is None is not modelled and costs nothing.
+"""Materials of cloth, in SI units. A part that is None is not modelled and costs nothing.
 
 Differs from [BW98 §4.2]: the paper's a = area makes stiffness depend on the mesh. Here the energy of a
 condition is area k/2 C^2 with C free of area, so that k is a modulus [N/m] and refinement changes nothing.
@@ -70,7 +70,7 @@ class Stretch:
         return self.curve[axis] if isinstance(first[0], tuple) else self.curve  # type: ignore[return-value]
 
     def _take_curve(self) -> None:
-        """Checks the curve; k is what it begins with."""
+        """Checks the curve; k is its first slope."""
         if self.k is not None:
             raise SceneError(f"stretch k = {checks.shown(self.k)}: the curve says what k is; give one of them")
         given = self.curve
@@ -121,7 +121,7 @@ class Bend:
         model: "hinge", or "curvature": its rigidity is D on any triangulation, its rest shape flat, its cost higher.
         friction: HB [N], half the width of the loop of moment over curvature, M = D kappa +- HB (tables give 2HB); a number or
             (warp, weft).
-        yield_: curvature [1/m] beyond which cloth stays bent: what was bent to kappa comes back to
+        yield_: curvature [1/m] beyond which cloth stays bent: from kappa it comes back to
             (1 - hardening) (kappa - yield_); None never.
         hardening: part of D that does not yield, between 0 and 1.
         recovery: rate [1/s] at which creases go back while they are pulled back, or (rate, curvature [1/m] that stays).
@@ -227,7 +227,7 @@ class Fabric:
         beyond which it yields stay.
 
         Raises:
-            SceneError: a factor that is not positive, or one for what the fabric does not have.
+            SceneError: a factor that is not positive, or one for a part that the fabric does not have.
         """
         factors = {"stretch": stretch, "shear": shear, "bend": bend}
         changes: dict = {"density": self.density * checks.number("scaled: density", density, positive=True)}

@@ -1,4 +1,5 @@
-"""Measured cloths, in SI units, as others have published them: `tc.fabrics["shirting"]`. What was not measured is left out.
+"""Measured cloths, in SI units, as others have published them: `tc.fabrics["shirting"]`. Values that were not measured are
+left out.
 
 - Wang, O'Brien, Ramamoorthi 2011, "Data-driven elastic models for cloth", as shipped with ARCSim: density, stretch at small
   strains and at 17 %, shear and bending, of which here the small-strain ones.

@@ -36,7 +36,7 @@ class SewnRows(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Garment:
-    """What `Scene.add_garment` takes.
+    """A garment, as `Scene.add_garment` takes it.
 
     Attributes:
         mesh: all panels, as they hang round the body; groups by the names of panels and of labels of edges.
@@ -112,8 +112,8 @@ class Garment:
     def bent(self, panel: str, around: ArrayLike, radius: float) -> Garment:
         """The garment with a flat panel bent round an axis beside it, as a sleeve that hangs above an arm round the arm.
 
-        The panel stays where it is along the axis, and its middle on that side of it. What is u across the axis in the panel's
-        plane comes to the angle u / radius: no length changes.
+        The panel stays where it is along the axis, and its middle on that side of it. A length u across the axis in the
+        panel's plane comes to the angle u / radius: no length changes.
 
         Args:
             around: (2, 3) ends of the axis [m].
@@ -158,7 +158,7 @@ class Garment:
         """Writes a .npz that `load_garment` reads.
 
         Raises:
-            SceneError: it cannot be written; what was there before stays.
+            SceneError: it cannot be written; the file before stays.
         """
         path = checks.path("path", path, SceneError)
         mesh, part = self.mesh, path.with_name(path.name + ".part")

@@ -1,4 +1,4 @@
-"""Gas in closed pieces of cloth: what is asked of it. numpy only."""
+"""Gas in closed pieces of cloth: its description. numpy only."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ class Inflation:
     """Gas in a piece of cloth; made by `Scene.inflate`.
 
     Attributes:
-        part: vertices of the piece, or None for all of the cloth; name: what records call it.
-        pressure: over that outside [Pa], a number or a function of time [s]; None is what there is when it begins.
+        part: vertices of the piece, or None for all of the cloth; name: its name in records.
+        pressure: over that outside [Pa], a number or a function of time [s]; None is the pressure there is when it begins.
         gas: "constant", "isothermal" or "volume".
         volume: [m^3] where the gas has that pressure, or the volume that is held, which may be a function of time [s]; None is
             what there is when it begins.

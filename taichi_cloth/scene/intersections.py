@@ -23,7 +23,7 @@ def count_crossings(x_a: np.ndarray, faces_a: np.ndarray, x_b: np.ndarray, faces
 
 
 def count_self_crossings(x: np.ndarray, faces: np.ndarray) -> int:
-    """Number of (edge, triangle) pairs of one mesh that cross; what shares a vertex does not count.
+    """Number of (edge, triangle) pairs of one mesh that cross; pairs that share a vertex do not count.
 
     Args:
         x: (n, 3) positions [m]; faces: (m, 3).
@@ -51,7 +51,7 @@ def _through(x: np.ndarray, edges: np.ndarray, y: np.ndarray, faces: np.ndarray,
 def _pairs_through(x: np.ndarray, edges: np.ndarray, y: np.ndarray, faces: np.ndarray,
                    same: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Rows of edges and of faces that cross, in order."""
-    long = np.flatnonzero((x[edges[:, 0]] != x[edges[:, 1]]).any(axis=1))  # what is a point, or a line, is not passed through
+    long = np.flatnonzero((x[edges[:, 0]] != x[edges[:, 1]]).any(axis=1))  # points and lines are not passed through
     a, b, c = (y[faces[:, k]] for k in range(3))
     wide = np.flatnonzero((a != b).any(axis=1) & (b != c).any(axis=1) & (c != a).any(axis=1))
     for k in range(3):  # where all triangles are in planes of constant x, y or z, as flat sheets are, such edges pass none
@@ -80,7 +80,7 @@ def _crossing(x: np.ndarray, edges: np.ndarray, y: np.ndarray, faces: np.ndarray
 
 def _sign(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
     """Sign of the volume of tetrahedra (k, 3) x 4."""
-    with np.errstate(all="ignore"):  # what overflows or underflows is doubtful
+    with np.errstate(all="ignore"):  # overflow and underflow are doubtful
         u, v, w = b - a, c - a, d - a
         volume = np.einsum("ki,ki->k", u, np.cross(v, w))
         lengths = np.stack([np.linalg.norm(s, axis=1) for s in (u, v, w)])

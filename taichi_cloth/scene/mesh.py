@@ -32,7 +32,7 @@ class TriMesh:
         uv: material coordinates [m], (n, 2) per vertex or, where a seam cuts the pattern, (m, 3, 2) per
             corner; None takes the given shape: each triangle is flattened into a frame of its own.
         groups: named vertex groups, name -> indices.
-        notes: what a reader did to the data, one sentence each; a run repeats them. Borders that lie on each other and
+        notes: repairs by a reader, one sentence each; a run repeats them. Borders that lie on each other and
             triangles that face opposite ways are added here.
         texture: (m, 3, 2) texture coordinates of corners, where images go, 0 to 1 across one; None: they are the material
             coordinates. Where uv is None the warp runs along their u, and a flat mesh has its own plane as its pattern.

@@ -1,4 +1,4 @@
-"""What there is and what is done to it as it runs: pins, prescribed motion, gas, loads, wind, events. numpy only."""
+"""Cloths and solids, and changes to them as a run goes on: pins, prescribed motion, gas, loads, wind, events. numpy only."""
 
 from __future__ import annotations
 
@@ -156,13 +156,13 @@ class Scene(Sewn):
     def inflate(self, cloth: Cloth, pressure: Drive | None = None, gas: str = "constant", volume: Drive | None = None,
                 part: object = None, ambient: float = ATMOSPHERE, bulk: float = 1e6) -> Inflation:
         """Fills closed cloth with gas, which presses on it from inside. Seams count as closed; each closed piece is a room of
-        its own. What is inflated again, as in an event, gets the new gas instead of the old.
+        its own. A piece that is inflated again, as in an event, gets the new gas instead of the old.
 
         Args:
             pressure: p over that outside [Pa], a number or a function of time [s], such as a ramp.
-            gas: "constant": p is what it is, whatever the volume V, as with a fan or a line. "isothermal": an amount of gas,
-                (p + ambient) V stays what it is at `volume`; without a pressure, what there is is shut in. "volume": the piece
-                is full of a liquid, of which there is `volume`: p = bulk (1 - V/volume).
+            gas: "constant": p is given, whatever the volume V, as with a fan or a line. "isothermal": an amount of gas,
+                (p + ambient) V keeps its value at `volume`; without a pressure, the present gas is shut in. "volume": the
+                piece is full of a liquid, of which there is `volume`: p = bulk (1 - V/volume).
             volume: [m^3], of a liquid it may be a function of time [s]; the one when this begins where None.
             part: vertices as in `pin`: the faces that have all corners among them; all of the cloth where None.
             ambient: pressure outside [Pa].
@@ -185,7 +185,7 @@ class Scene(Sewn):
         return new
 
     def deflate(self, cloth: Cloth, part: object = None) -> None:
-        """Opens what was inflated: nothing presses on it any more.
+        """Opens an inflated piece: nothing presses on it any more.
 
         Raises:
             SceneError: a piece that is not inflated.
@@ -254,7 +254,7 @@ class Scene(Sewn):
     def at(self, t: float, f: Callable) -> None:
         """Calls f() or f(scene) when simulated time reaches t [s]; steps end exactly there.
 
-        What f changes of pins, motions, gas, loads and wind holds for the running simulation only; the scene stays as it was
+        Changes by f of pins, motions, gas, loads and wind hold for the running simulation only; the scene stays as it was
         built.
         """
         t = checks.number("at: t", t, "s", least=0.0)

@@ -1,4 +1,4 @@
-"""What is sewn: rows of vertices, what their stitches bear before they give, what is undone by hand. numpy only."""
+"""Seams: rows of vertices, the strength of their stitches, opening by hand. numpy only."""
 
 from dataclasses import dataclass
 
@@ -96,7 +96,7 @@ def make(cloth: Cloth, a: object, b: object, rest: object, stiffness: object, st
 
 
 def corners(cloth: Cloth) -> Seam:
-    """What holds the corners of triangles of cloth that may tear together."""
+    """Holds the corners of triangles together where cloth may tear."""
     parts = cloth.split
     assert parts is not None
     n = len(parts.a)

@@ -1,4 +1,4 @@
-"""What is done to cloth before it moves: garments, seams, creases, lines that are scored. numpy only."""
+"""Work on cloth before it moves: garments, seams, creases, lines that are scored. numpy only."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ class Sewn(Contents):
             strength: float | None = None, pull: float | None = None) -> Seam:
         """Sews two rows of vertices of a cloth to each other, one by one.
 
-        They move as one, exactly; what is apart comes together first, at .5 m/s at most. Where vertices that follow each
-        other in a row are the ends of an edge, in both rows, the two edges have a hinge. Three and more layers are seams
+        They move as one, exactly; vertices that are apart come together first, at .5 m/s at most. Where vertices that follow
+        each other in a row are the ends of an edge, in both rows, the two edges have a hinge. Three and more layers are seams
         between two of them each.
 
         Args:
@@ -54,8 +54,8 @@ class Sewn(Contents):
             strength: force a length [N/m] at which it rips, stitch by stitch; None never does. Each stitch bears it over
                 half the way to the next on either side, from when it is closed.
             pull: force a length [N/m] that draws it together while it is apart, a single stitch for half of the border
-                beside it; what bears more stays apart, and `Simulation.seam_gaps` says how far. None draws by whatever
-                force it takes.
+                beside it; a stitch that bears more stays apart, and `Simulation.seam_gaps` says how far. None draws by
+                whatever force it takes.
 
         Raises:
             SceneError: rows of different lengths, a vertex twice in a row, nothing to sew, or a strength that is not

@@ -18,7 +18,7 @@ from .primitives import Box, Capsule, Core, Cylinder, Plane, Sphere
 
 MESH = 5  # a shape's kind, after those of `primitives`
 JUMP = 10.0  # times the median of how far a sequence moves from frame to frame, where it moves: more is said
-STILL = 1e-6  # of a mesh's size: what moves less from frame to frame stands still
+STILL = 1e-6  # of a mesh's size: a mesh that moves less from frame to frame stands still
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +35,7 @@ class SolidMesh:
 
     Attributes:
         closed: whether every edge has two triangles.
-        notes: what was found out about it, and done.
+        notes: findings about it, and repairs.
 
     Raises:
         SceneError: wrong shapes, numbers that are not finite, faces out of range or with a repeated vertex, an edge with
@@ -142,7 +142,7 @@ Value = ArrayLike | Callable[[float], ArrayLike]
 
 
 class Placed:
-    """What has a shape and a place in a scene, both of which may depend on time."""
+    """A shape at a place in a scene; both may depend on time."""
 
     WHAT = ""  # it is, in messages
     name: str
@@ -202,7 +202,7 @@ class Placed:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Prop(Placed):
-    """What pictures and exports show and cloth does not meet; made by `Scene.add_prop`.
+    """A shape that pictures and exports show and cloth does not meet; made by `Scene.add_prop`.
 
     Attributes:
         position: of the local origin [m], (3,) or a function of time [s].

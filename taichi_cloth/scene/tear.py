@@ -28,7 +28,7 @@ class Tear:
         where: vertices or groups at which it may tear; None is everywhere.
 
     Raises:
-        SceneError: a strength or length that is not positive, or what are no vertices.
+        SceneError: a strength or length that is not positive, or vertices that are not there.
     """
 
     strength: float | tuple[float, float]

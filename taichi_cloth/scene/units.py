@@ -9,17 +9,17 @@ from .cloth import Cloth
 from .fabric import pair
 from .solids import Solid, SolidMesh
 
-# (least, largest) that cloth has; what is outside is seldom meant
+# (least, largest) that cloth has; other values are seldom meant
 SIZE, DENSITY, RIGIDITY, THICKNESS, GRAVITY = (0.005, 50.0), (0.003, 10.0), (1e-10, 0.1), (1e-6, 0.2), (0.0, 100.0)
 BODY = (0.003, 50.0)  # m, of a closed mesh, or of one that deforms
 TYPICAL = 1.5  # m, of a garment and of a body
 UNITS = {1e-3: "millimetres", 1e-2: "centimetres", 0.0254: "inches"}  # by their metres
 TIMES = ", times any scale it was read with"
-FITS = 3.0  # times the typical size, and a part of it, that what is in a unit is taken to be
+FITS = 3.0  # times the typical size, and a part of it, that a value in a unit is taken to be
 
 
 def doubts(cloth: Cloth, gravity: np.ndarray) -> list[str]:
-    """Sentences on what of a cloth looks like millimetres, grams or another unit."""
+    """Sentences on values of a cloth that look like millimetres, grams or another unit."""
     out = []
 
     def look(what: str, value: float, unit: str, usual: tuple[float, float], hint: str) -> None:

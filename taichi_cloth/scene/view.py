@@ -99,7 +99,7 @@ def any_camera(what: str, value: object) -> AnyCamera | None:
 
 @dataclass(frozen=True)
 class View:
-    """What to draw round the cloth.
+    """Surroundings of the cloth in a picture.
 
     Args:
         camera: one, or cameras by time [s], such as {0: Camera(...), 2: Camera(...)}; None fits one.

@@ -1,4 +1,4 @@
-"""A scene that runs, in three layers: what it is made of, what can be asked of it, how it goes on.
+"""A scene that runs, in three layers: its parts, queries, and how it goes on.
 
 - `parts`: from a scene to fields, forces, an integrator and a stepper;
 - `queries`: state, energies, forces, and the linear system at a state;

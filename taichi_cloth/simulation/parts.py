@@ -37,12 +37,12 @@ from ..system.state import ParticleState
 
 OF_SCENE = ("gravity", "air")
 ROUNDED = 100.0  # times a vertex's weight, from which rounding in f32 is told of
-H, H_EXPLICIT = 1 / 60, 0.1  # s, where none is given; explicit methods need it only to look at what they did
+H, H_EXPLICIT = 1 / 60, 0.1  # s, where none is given; explicit methods need it only to look at their result
 
 
 @ti.data_oriented
 class Parts:
-    """What a simulation is made of, and its life: from a scene to fields, until they are given back.
+    """Parts of a simulation, and its life: from a scene to fields, until they are given back.
 
     Attributes: see `Simulation`.
     """
@@ -93,7 +93,7 @@ class Parts:
         self._made = True
 
     def __setattr__(self, name: str, value: object) -> None:
-        """Refuses what would change nothing: options of a simulation that is made, and what is its scene's."""
+        """Refuses assignments without effect: to options of a simulation that is made, and to values of its scene."""
         if "_made" in self.__dict__ and (name in BY_NAME or name in OF_SCENE):
             where = f"scene.{name} = ..." if name in OF_SCENE else f"tc.Simulation(scene, {name}=...)"
             later = {"h": ", or step(h)", "air": ", or set_wind(...)"}.get(name, "")
@@ -122,7 +122,7 @@ class Parts:
                                             self.options, self.runtime, scene, self.contacts)
         if self.integrator.system is not None:
             self.notes += self.integrator.system.notes
-            self.integrator.system.notes = self.notes  # what is noted on the way is among them
+            self.integrator.system.notes = self.notes  # notes on the way are among them
         fields.allocate()
 
     def _settle(self) -> None:
@@ -149,7 +149,7 @@ class Parts:
             self.notes.append(f"{len(moved.left)} vertices could not be moved apart, the first of them {name(moved.left[0])}")
 
     def _giving(self):
-        """What can open, where anything is sewn; nothing of it is imported without."""
+        """Stitches that can open, where anything is sewn; nothing of it is imported without."""
         if self.model.sewn is None:
             return None
         from ..step.giving import Giving
@@ -172,7 +172,7 @@ class Parts:
     def close(self) -> None:
         """Gives the fields back; the simulation is over. `with Simulation(...) as sim:` does so at its end.
 
-        Some of their memory is kept for the next simulation, which need not compile what reads the same fields.
+        Some of their memory is kept for the next simulation, which need not compile kernels that read the same fields.
         """
         if self.is_open:
             for fields in (self._fields, *self._extra):
@@ -186,7 +186,7 @@ class Parts:
         return self._open and self._generation == runtime.generation()
 
     def recall(self, records: Sequence[StepRecord]) -> None:
-        """The log, and what steps add up to, are those of earlier steps that this simulation goes on from."""
+        """The log and the tally are those of earlier steps that this simulation goes on from."""
         records = [checks.instance("recall: record", record, StepRecord)
                    for record in (records if checks.is_sequence(records) else [records])]
         self.log.clear()
@@ -195,7 +195,7 @@ class Parts:
         self.last = records[-1] if records else None
 
     def count_on(self, other: "Parts") -> None:
-        """The log, and what steps add up to, are those of a simulation that this one takes the place of."""
+        """The log and the tally are those of a simulation that this one takes the place of."""
         records = list(checks.instance("count_on: other", other, Parts).log)
         self.log.clear()
         self.log.extend(records)
@@ -210,7 +210,7 @@ class Parts:
             watcher(record)
 
     def _later(self, kind, *args):
-        """An object with fields of its own, for what most runs never ask for."""
+        """An object with fields of its own, for features that few runs ask for."""
         fields = Fields(self.runtime.exchange, self.runtime.debug, self.runtime.arch == "cpu")
         made = kind(fields, self.model, self.force_terms, *args)
         fields.allocate()
@@ -247,7 +247,7 @@ def notes_of(cloth: Cloth, seams: Iterable[Seam]) -> tuple[str, ...]:
 
 
 def rounded(cloth: Cloth, g: float) -> tuple[str, ...]:
-    """What to say of a cloth whose stretch, as f32 rounds it, pulls by many times its vertices' weight at g [m/s^2]."""
+    """A note on a cloth whose stretch, as f32 rounds it, pulls by many times its vertices' weight at g [m/s^2]."""
     stiffness = [f.stretch.k for f in cloth.fabrics if f.stretch is not None and f.stretch.k is not None]
     k = max((float(np.max(k)) for k in stiffness), default=0.0)
     noise = k * float(np.ptp(cloth.positions, axis=0).max(initial=0.0)) * float(np.finfo(np.float32).eps)  # N

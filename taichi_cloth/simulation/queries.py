@@ -1,4 +1,4 @@
-"""What can be asked of a simulation between steps: its state, forces, energies, and the linear system at its state.
+"""Queries of a simulation between steps: its state, forces, energies, and the linear system at its state.
 
 Arrays are the user's: his vertex order, float64, SI units.
 """
@@ -117,14 +117,15 @@ class Queries(Parts):
         return self.model.to_user(system.reaction())
 
     def seam_forces(self) -> np.ndarray:
-        """(n, 3) [N] that seams put on vertices in the last step or solve; they add up to 0 on what is sewn together."""
+        """(n, 3) [N] that seams put on vertices in the last step or solve; they add up to 0 on vertices that are sewn
+        together."""
         system = self._system()
         if self.model.sewn is None or not system.span:  # nothing sewn, nothing solved
             return np.zeros((self.vertex_count, 3))
         return self.model.to_user(system.tension() / system.span)
 
     def seam_gaps(self) -> np.ndarray:
-        """(seams,) [m] how far apart what a seam sews together still is, at its widest, in the order of `Scene.seams`."""
+        """(seams,) [m] how far apart the two sides of a seam still are, at its widest, in the order of `Scene.seams`."""
         x, seams = self.positions(), self.scene.seams
         return np.array([np.linalg.norm(x[s.a + s.cloth.start] - x[s.b + s.cloth.start], axis=1).max() for s in seams])
 
@@ -174,7 +175,7 @@ class Queries(Parts):
         return stands[faces]
 
     def gas(self) -> dict[str, tuple[float, float]]:
-        """(volume [m^3], pressure over that outside [Pa]) of what is inflated, by name of cloth and part."""
+        """(volume [m^3], pressure over that outside [Pa]) of inflated pieces, by name of cloth and part."""
         self._live().prescribed.set_time(self.time)
         return {name: pair for force in self.force_terms for name, pair in force.record().items()}
 

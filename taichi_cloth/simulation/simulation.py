@@ -1,4 +1,4 @@
-"""A running scene: steps, frames, what is changed between them, and checkpoints."""
+"""A running scene: steps, frames, changes between them, and checkpoints."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Simulation(Queries):
     """A running scene. Arrays are the user's: his vertex order, float64, SI units.
 
     Args:
-        scene: what to simulate; it stays as it was built.
+        scene: the scene to simulate; it stays as it was built.
         h: step size [s], one of the options.
         options: all of them at once.
         named: any of `Options` by name; these come before `options`.
@@ -48,9 +48,9 @@ class Simulation(Queries):
     Attributes:
         time: simulated time [s].
         log: one `StepRecord` a step, of the steps that the option `log` keeps.
-        tally: what all steps add up to, a `Tally`.
-        runtime: what runs.
-        notes: what was found out about the meshes and solids, and done about it.
+        tally: sums over all steps, a `Tally`.
+        runtime: arch, precision and threads.
+        notes: findings about the meshes and solids, and repairs.
     """
 
     __signature__ = signature(
@@ -174,7 +174,7 @@ class Simulation(Queries):
         self._stitch()
 
     def _stitch(self) -> None:
-        """Opens and closes what is to be opened and closed by hand."""
+        """Opens and closes stitches by hand, as asked for."""
         stitched = self.prescribed.script.stitched
         if stitched:
             first = dict(zip(self.scene.seams, self.giving.stitches.first.tolist()))
@@ -185,7 +185,7 @@ class Simulation(Queries):
 
     def inflate(self, cloth: Cloth, pressure: Drive | None = None, gas: str = "constant", volume: Drive | None = None,
                 part: object = None, ambient: float = ATMOSPHERE, bulk: float = 1e6) -> None:
-        """As `Scene.inflate`, for this simulation, from now on: what was inflated when it was made gets other gas."""
+        """As `Scene.inflate`, for this simulation, from now on: a piece that was inflated when it was made gets other gas."""
         self._change(lambda: self.scene.inflate(cloth, pressure, gas, volume, part, ambient, bulk))
 
     def deflate(self, cloth: Cloth, part: object = None) -> None:
@@ -217,7 +217,7 @@ class Simulation(Queries):
         self._change(lambda: self.scene.set_wind(wind))
 
     def _change(self, change: Callable[[], Any]) -> Any:
-        """The script is changed by hand; what begins, begins where its vertices are."""
+        """The script is changed by hand; new motions begin where their vertices are."""
         self._live()
         before = self.prescribed.script.drives()
         with self.scene.running(self.prescribed.script):
@@ -244,7 +244,7 @@ class Simulation(Queries):
         return out
 
     def _parts(self) -> dict[str, Any]:
-        """What remembers something, by name."""
+        """Parts with a state of their own, by name."""
         parts = {"particles": self.model, "step": self.stepper, "integrator": self.integrator}
         if self.integrator.system is not None:
             parts["preconditioner"] = self.integrator.system.preconditioner
@@ -260,7 +260,7 @@ class Simulation(Queries):
         return {f"force.{name}": force for name, force in forces.items()}
 
     def _felt(self) -> str:
-        """What forces make of the state now."""
+        """Energies and forces of the present state."""
         self.prescribed.set_time(self.time)
         self.model.save()
         return self.meter.felt()
@@ -273,8 +273,8 @@ class Simulation(Queries):
         as `edited`.
 
         Args:
-            edited: the scene may have been edited since: another integrator begins anew, what the scene no longer has and
-                what was changed by hand is left out; `notes` say so.
+            edited: the scene may have been edited since: another integrator begins anew; parts that the scene no longer has,
+                and changes by hand, are left out; `notes` say so.
 
         Raises:
             SceneError: the state is of another mesh, of a scene without what this one has or, unless it was edited, with
@@ -335,7 +335,7 @@ class Simulation(Queries):
         return f"<Simulation of {names}; {self.integrator_name}, {self.runtime.arch} {self.runtime.precision}; {state}>"
 
     def _check_length(self, name: str, time: float) -> None:
-        """Refuses what would need more steps than anybody waits for."""
+        """Refuses a span that would need more steps than anybody waits for."""
         steps = time / self.control.h_max
         if steps > MOST_STEPS:
             raise SceneError(f"{name} = {time:g} s is {steps:.2g} steps of h = {self.control.h_max:g} s: at most "
@@ -361,7 +361,7 @@ class Simulation(Queries):
         return record
 
     def _fire_events(self, again: bool = False) -> None:
-        """Calls what is due; `again` after a checkpoint that has what followed from it."""
+        """Calls events that are due; `again` after a checkpoint that has their effects."""
         script = self.prescribed.script
         while script.events and script.events[0].time <= self.time + ROUND_TIME * self.control.h_max:
             event = script.events.pop(0)

@@ -1,1 +1,1 @@
-"""A scene held against what is right: error against cost, and the mathematics at the state that it reaches."""
+"""A scene held against references: error against cost, and the mathematics at the state that it reaches."""

@@ -38,7 +38,7 @@ class Case:
         integrator, precision, arch: as of `Simulation`.
         h: step [s]; tolerance: error asked for instead [m], with h as the largest step.
         cg_tol, newton_tol [m]: None is the method's own.
-        substep: of an explicit method, in its stable ones; more than 1 softens what is too stiff for it.
+        substep: of an explicit method, in its stable ones; more than 1 softens elements that are too stiff for it.
     """
 
     integrator: str
@@ -69,7 +69,7 @@ class Case:
 
 @dataclass
 class Row:
-    """What a case came to.
+    """Result of a case.
 
     Attributes:
         wall: seconds, the better of two runs; compiling is not in it.
@@ -278,7 +278,7 @@ def _track(sim: Simulation, samples: int) -> Track:
 
 
 def _run(case: Case, make: Callable[[], Scene], samples: int) -> tuple[Row, Track | None]:
-    """A case's row, with what it cost, and its run; None where it failed."""
+    """A case's row, with its cost, and its run; None where it failed."""
     row, sim, track = Row(case), None, None
     try:
         substep = substep_of(make(), case.substep, case.arch, case.precision) if case.substep != 1 else None

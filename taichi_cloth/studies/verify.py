@@ -1,6 +1,6 @@
 """Checks of the mathematics on a user's own scene, in the state that it reaches: derivatives, momentum, constraints.
 
-Every check gives a figure and whether it is within what float64 allows. Solids, wind and pins are taken out where a
+Every check gives a figure and whether it is within the rounding of float64. Solids, wind and pins are taken out where a
 check speaks of the cloth alone.
 """
 
@@ -27,11 +27,11 @@ Check = tuple[str, str, bool]
 
 
 def verify(make: Callable[[], Scene], t: float, simulate: type[Simulation] = Simulation) -> Iterator[Check]:
-    """(what was checked, figure, whether it holds) at time t [s] of a scene's run.
+    """(check, figure, whether it holds) at time t [s] of a scene's run.
 
     Args:
         make: builds the scene anew.
-        simulate: what is checked, made from a scene and options: a test hands in one that is wrong.
+        simulate: makes the simulation to check, from a scene and options: a test hands in one that is wrong.
 
     Raises:
         SceneError: t is no time. SimulationError: the scene does not run up to t.

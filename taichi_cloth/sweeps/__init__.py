@@ -2,7 +2,7 @@
 
 - `plan`: from a grid of settings to runs, checked before anything is simulated;
 - `digest`: of any value, also of code, the same in every process;
-- `description`: by what a run is known again, from its scene and metrics;
+- `description`: by which a run is known again, from its scene and metrics;
 - `task`: one run to a row of figures, wherever it is done;
 - `engine`: where runs are done;
 - `store`: a folder that keeps rows, so that a sweep goes on where it ended;

@@ -1,4 +1,4 @@
-"""By what a run is known again: all that its scene describes, and the code that measures it.
+"""The description by which a run is known again: all that its scene describes, and the code that measures it.
 
 Functions of time (motions, wind, loads, gas) count by their code and by their values at times of the run, so that data which
 they read from elsewhere counts too; the functions of events count by their code.
@@ -47,7 +47,7 @@ def told(digest: bytes) -> str:
 
 
 def functions_of_time(scene: Scene) -> Iterator[tuple[str, object]]:
-    """What of a scene may be a function of time [s], by name."""
+    """Values of a scene that may be functions of time [s], by name."""
     script, air = scene.script, scene.air
     for placed in (*scene.solids, *scene.props):
         for name in ("position", "rotation"):

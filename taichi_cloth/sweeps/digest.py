@@ -1,6 +1,6 @@
 """A digest of any value, the same in every process: arrays by their bytes, functions by their code and all that it reads.
 
-Numbers count exactly, dicts and sets in no order, objects by their class and state. What is installed (Python, packages, this
+Numbers count exactly, dicts and sets in no order, objects by their class and state. Installed code (Python, packages, this
 one) counts by its name and version; code of one's own is followed wherever it is called. Formatting and comments are no code.
 """
 
@@ -49,13 +49,13 @@ class Digest:
 
     def __init__(self) -> None:
         self._known: dict[int, tuple[object, bytes]] = {}  # with the object, so that no other gets its id
-        self._within: list[tuple[int, str]] = []  # objects that are being looked at, and what each is there
+        self._within: list[tuple[int, str]] = []  # objects that are being looked at, and their names there
 
     def of(self, value: object, name: str = "") -> bytes:
         """The digest of a value.
 
         Args:
-            name: what it is where it stands, for messages.
+            name: its name where it stands, for messages.
 
         Raises:
             Unknown: it, or something in it, cannot be read.
@@ -119,7 +119,7 @@ class Digest:
             return combined("property", [kind, self.of(value.func)])
         if isinstance(value, WRAPPERS):
             return combined("wrapper", [kind, self.of(value.__func__)])
-        if hasattr(value, "cache_info"):  # of functools: what it keeps decides nothing
+        if hasattr(value, "cache_info"):  # of functools: its cache decides nothing
             return combined("wrapper", [kind, self.of(value.__wrapped__)])
         if isinstance(value, Contents):
             return combined("scene", [kind, self.of({n: v for n, v in vars(value).items() if n not in OPEN}, "")])
@@ -136,7 +136,7 @@ class Digest:
         return combined("object", [kind, *(self.of(part, "") for part in (*made, items, dict(pairs)))])
 
     def _where(self) -> str:
-        """What is being looked at, from the outside in."""
+        """Names of objects being looked at, from the outside in."""
         names = [name for _, name in self._within]
         return " of ".join(name for name in reversed(names) if name and name not in ("dict", "tuple", "cell"))
 
@@ -145,7 +145,7 @@ class Digest:
         wrapped = getattr(value, "__wrapped__", None)
         parts = [self.of(wrapped, "what it wraps"), self.of(value.__defaults__), self.of(value.__kwdefaults__)]
         name = str(globals_.get("__name__"))
-        if name.partition(".")[0] == "taichi":  # a kernel's wrapper: its closure holds what Taichi made of what it wraps
+        if name.partition(".")[0] == "taichi":  # a kernel's wrapper: its closure holds Taichi's objects
             return combined("function", [_installed_name(name, code.co_name), *parts])
         names = _names(code)
         cells = {n: _content(c) for n, c in zip(code.co_freevars, value.__closure__ or ())}
@@ -158,7 +158,7 @@ class Digest:
         return combined("function", [self._code(code, value.__doc__), *parts, self._read(read, names), self.of(own)])
 
     def _read(self, values: dict[str, object], names: set[str]) -> bytes:
-        """What a function finds under names; of modules, those parts whose names it has in it."""
+        """Values that a function finds under names; of modules, those parts whose names it has in it."""
         return combined("read", [part for n, v in sorted(values.items()) for part in (n.encode(), self._module(
             v, names) if type(v) is types.ModuleType else self.of(v, n))])
 
@@ -228,14 +228,14 @@ def _imports(code: types.CodeType, globals_: dict[str, Any]) -> dict[str, object
                 name = "." * level + i.argval
                 try:
                     out[f"import {name}"] = importlib.import_module(name, globals_.get("__package__"))
-                except Exception:  # it is not there: what it does then is its code
+                except Exception:  # it is not there: then its code decides
                     out[f"import {name}"] = None
     return out
 
 
 @functools.cache
 def _is_installed(file: str | None) -> bool:
-    """Whether a file belongs to Python, to an installed package or to this one; what has no file is built in."""
+    """Whether a file belongs to Python, to an installed package or to this one; modules without a file are built in."""
     if file is None or file.startswith("<frozen"):
         return True
     return os.path.realpath(file).startswith(PLACES) and not file.startswith("<")

@@ -83,7 +83,7 @@ def _result(future, distributed) -> Outcome:
         return Outcome(LOST, "WORKER", f"its worker died {TRIES + 1} times: is there enough memory?", {}, 0.0)
     except distributed.CancelledError:
         raise BackendError("the Dask scheduler went away; rows that were done are kept; the same command goes on") from None
-    except Exception as error:  # what Dask could not send, or a worker could not import
+    except Exception as error:  # Dask could not send it, or a worker could not import it
         return Outcome(LOST, type(error).__name__, f"the worker could not take the run: {shown(error, 300)}", {}, 0.0)
 
 

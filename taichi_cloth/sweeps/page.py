@@ -1,4 +1,4 @@
-"""A sweep as one HTML page: a small plot for each figure, by what was varied, and the table."""
+"""A sweep as one HTML page: a small plot for each figure, by the varied settings, and the table."""
 
 import html
 from collections.abc import Sequence
@@ -43,7 +43,7 @@ def body(varied: Sequence[str], rows: Sequence[Row], summary: str, notes: Sequen
 
 
 def axes(varied: Sequence[str], rows: Sequence[Row]) -> tuple[str, str, list[str]]:
-    """(what runs along the axis, what makes lines, what makes columns) of the settings with more than one value."""
+    """(setting along the axis, setting of lines, setting of columns) of the settings with more than one value."""
     several = [name for name in varied if name != SEED and len({repr(r[name]) for r in rows}) > 1]
     numeric = [name for name in several if all(_is_number(r[name]) for r in rows)]
     axis = max(numeric, key=lambda name: len({r[name] for r in rows}), default="")

@@ -18,7 +18,7 @@ from ..options import BY_NAME, Options
 
 SEED = "seed"
 MOST = 1_000_000  # runs of a sweep
-FORMAT = 2  # of what decides a run, and of its file
+FORMAT = 2  # of a run's description, and of its file
 ADDRESS = re.compile(r"\b0x[0-9a-fA-F]{6,}")
 
 
@@ -29,7 +29,8 @@ class Run:
     Attributes:
         settings: arguments of the scene's build; options: of `Simulation`.
         varied: those of both that the grid names, as they stand in the table.
-        manifest: what is asked for; key: its hash. The run's figures are decided by these and by what build makes of them.
+        manifest: the settings; key: their hash. The run's figures are decided by these and by the scene that build makes of
+            them.
     """
 
     settings: dict[str, Any]
@@ -45,7 +46,7 @@ def runs_of(build: Callable, grid: Mapping[str, Iterable], options: Mapping[str,
     Args:
         build: makes the scene; its parameters may be named by the grid, and so may `Options`.
         options: of every `Simulation`, where the grid does not name them.
-        about: what else is asked for: duration, fps.
+        about: duration, fps.
 
     Raises:
         SceneError: an unknown name, no value, a value twice, or one without a text of its own.

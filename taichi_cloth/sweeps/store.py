@@ -46,7 +46,7 @@ class Store:
         self._lock.release()
 
     def kept(self, run: Run) -> dict[str, Outcome]:
-        """What came of it before, by what its scene was then, where the file is whole and of the same manifest."""
+        """Its results before, by the digest of its scene then, where the file is whole and of the same manifest."""
         out = {}
         for file in self._files.get(run.key, ()):
             try:
@@ -59,7 +59,7 @@ class Store:
         return out
 
     def put(self, run: Run, outcome: Outcome) -> None:
-        """Keeps what came of a run, but for one that cannot be known again: its worker was lost, or its scene is unknown."""
+        """Keeps the result of a run, but for one that cannot be known again: its worker was lost, or its scene is unknown."""
         if outcome.scene:
             text = json.dumps({"manifest": run.manifest, "outcome": asdict(outcome)}, indent=1)
             write_whole(self.path / RUNS / f"{name_of(run, outcome)}.json", (text + "\n").encode())
@@ -84,7 +84,7 @@ class Store:
 
 
 def name_of(run: Run, outcome: Outcome) -> str:
-    """By what a row is found again: what was asked for, and what its scene was."""
+    """The key by which a row is found again: its settings, and the digest of its scene."""
     return f"{run.key}-{outcome.scene}" if outcome.scene else run.key
 
 
@@ -94,7 +94,7 @@ def columns(rows: Sequence[dict[str, Any]]) -> list[str]:
 
 
 def as_csv(rows: Sequence[dict[str, Any]]) -> str:
-    """One line a row; what a row does not have is empty. Numbers have all their digits."""
+    """One line a row; values that a row does not have are empty. Numbers have all their digits."""
     text = io.StringIO()
     writer = csv.DictWriter(text, columns(rows), lineterminator="\n")
     writer.writeheader()

@@ -23,7 +23,7 @@ MOST_WORKERS = 100_000
 
 @dataclass
 class Sweep:
-    """What came of a sweep.
+    """Result of a sweep.
 
     Attributes:
         varied: names of the settings that the grid names.
@@ -31,7 +31,7 @@ class Sweep:
             reason, message, figures, wall_s (the time it took), key.
         folder: its own, or None.
         again: rows that were there before.
-        notes: what else there is to know of it, a sentence each.
+        notes: remarks on it, a sentence each.
     """
 
     varied: list[str]
@@ -58,7 +58,7 @@ class Sweep:
         return [row for row in self.rows if row["status"] != OK]
 
     def summary(self) -> str:
-        """How many runs, and what became of them."""
+        """How many runs, and their outcomes."""
         reasons: dict[str, int] = {}
         for row in self.failed:
             name = f"{row['status']} ({row['reason']})"
@@ -80,11 +80,10 @@ def sweep(build: Callable[..., Scene], grid: Mapping[str, Iterable], metrics: Me
           say: Callable[[str], None] = lambda text: None, **options: Any) -> Sweep:
     """Runs a scene with every combination of some settings.
 
-    A run is a task of Dask distributed on a worker with one core, or one GPU where arch is "cuda"; what a worker was at
-    when it died is run again. With `out`, each row is kept when it is done, by the hash of what decides it: the settings, all
-    that the scene which `build` returns describes, and the code of `metrics`. Another sweep there builds the scene, and does
-    not simulate one of which there is a row. Runs use one thread, so that a row is the same, bit for bit, wherever it was
-    made.
+    A run is a task of Dask distributed on a worker with one core, or one GPU where arch is "cuda"; the run of a worker that
+    died is made again. With `out`, each row is kept when it is done, by the hash of its description: the settings, all that
+    the scene which `build` returns describes, and the code of `metrics`. Another sweep there builds the scene, and does not
+    simulate one of which there is a row. Runs use one thread, so that a row is the same, bit for bit, wherever it was made.
 
     Args:
         build: makes the scene of the settings that the grid names.
@@ -122,7 +121,7 @@ def sweep(build: Callable[..., Scene], grid: Mapping[str, Iterable], metrics: Me
             last.callback(store.close)
             kept = [store.kept(run) for run in runs]
             tasks = [replace(task, kept=frozenset(there)) for task, there in zip(tasks, kept)]
-        last.callback(_finish, result, runs, found, store)  # of what is done, also where it is interrupted
+        last.callback(_finish, result, runs, found, store)  # of the rows that are done, also where it is interrupted
         for k, done in engine_of(tasks):
             if done.status == KEPT:
                 found[k] = kept[k][done.scene]

@@ -28,12 +28,12 @@ _one_at_a_time = threading.Lock()  # Taichi runs once in a process
 
 @dataclass(frozen=True)
 class Task:
-    """What a worker has to know of a run.
+    """Description of a run for a worker.
 
     Attributes:
         build: makes the scene of `settings`.
         metrics: of the simulation at its end: a function that returns a number or numbers by name, or functions by name.
-        kept: what scenes were of which there are rows already; such a one is not simulated again.
+        kept: digests of scenes of which there are rows already; such a one is not simulated again.
     """
 
     build: Callable[..., Scene]
@@ -47,14 +47,14 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a run.
+    """Result of a run.
 
     Attributes:
         status: "ok", "gave up", "failed", or "lost" where its worker died more often than it is tried again.
-        reason: a rejection's name, or an error's class; message: what it says.
-        figures: by name; what the run was stopped before has none.
+        reason: a rejection's name, or an error's class; message: its text.
+        figures: by name; those that the run did not reach are absent.
         wall: time it took [s].
-        scene: by what the run is known again besides what was asked for; "" where it is not, and `unknown` says why.
+        scene: digest by which the run is known again, besides its settings; "" where it is not, and `unknown` says why.
     """
 
     status: str
@@ -67,7 +67,7 @@ class Outcome:
 
 
 def perform(task: Task) -> Outcome:
-    """Runs it, unless it is one that was done before; never raises for what the scene, its code or the simulation does."""
+    """Runs it, unless it is one that was done before; never raises for errors of the scene, its code or the simulation."""
     begun = time.perf_counter()
     with _one_at_a_time:
         made, failure = _attempt(lambda: _built(task))
@@ -82,7 +82,7 @@ def perform(task: Task) -> Outcome:
 
 
 def _simulated(scene: Scene, task: Task) -> tuple[dict[str, Any], Failure]:
-    """(figures, what became of it)"""
+    """(figures, outcome)"""
     sim, failure = _attempt(lambda: Simulation(scene, **task.options))
     if sim is None:
         return {}, failure
@@ -98,7 +98,7 @@ def _figures(sim: Simulation, task: Task) -> dict[str, Any]:
 
 
 def _attempt(what: Callable[[], T]) -> tuple[T | None, Failure]:
-    """(what it returns, ("ok", "", "")), or (None, why there is none)."""
+    """(its result, ("ok", "", "")), or (None, why there is none)."""
     try:
         return what(), (OK, "", "")
     except SimulationError as error:
@@ -118,7 +118,7 @@ def _built(task: Task) -> Scene:
 
 
 def outcome(sim: Simulation) -> dict[str, Any]:
-    """What every row has: effort, trouble, energies [J], the lowest vertex [m], and a digest of the state, bit for bit."""
+    """Columns of every row: effort, trouble, energies [J], the lowest vertex [m], and a digest of the state, bit for bit."""
     t, x, v = sim.tally, sim.positions(), sim.velocities()
     energies = sim.last.energies if sim.last is not None else sim.energy()
     kinetic = energies.get("kinetic", 0.0)

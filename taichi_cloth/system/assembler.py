@@ -17,7 +17,7 @@ FUSED = True  # one launch for all forces; apart, a force is compiled once for a
 
 @dataclass(frozen=True)
 class Measures:
-    """What a state amounts to.
+    """Energies and other measures of a state.
 
     Attributes:
         energies: J by term, kinetic included.
@@ -60,7 +60,7 @@ class Measures:
 
     @property
     def size(self) -> float:
-        """Sum of the terms' absolute values [J], what rounding is relative to."""
+        """Sum of the terms' absolute values [J], to which rounding is relative."""
         return sum(abs(e) for e in self.energies.values()) + self.change
 
 
@@ -69,7 +69,7 @@ class Assembler:
     """Measures a model under its forces, and linearizes them: both need the same strains.
 
     Args:
-        operator: what is linearized, or None where no step is implicit.
+        operator: the linearized system, or None where no step is implicit.
     """
 
     operator: Operator
@@ -85,7 +85,7 @@ class Assembler:
         self._each = [OneForce(force, model, operator, self.sum_type) for force in forces]
         self.base, column = [], 0
         self.extremes: list[int] = []  # columns of the largest stretch, each before that of its change
-        self.used: list[int] = []  # columns of what is used of limits
+        self.used: list[int] = []  # columns of the limits' use
         for force in forces:
             self.base.append(column)
             column += len(force.energies) + 2 + force.extremes
@@ -99,7 +99,7 @@ class Assembler:
 
         Args:
             over: span [s] of a step over which damping is an energy, see `Force.damp_over`. Then R times it is this energy,
-                `damped` half of k_d ((C - C_0)/over)^2, and what damping's force takes beyond is part of `rate`.
+                `damped` half of k_d ((C - C_0)/over)^2, and the further loss by damping's force is part of `rate`.
         """
         return self._look(0, 0, 0.0, over)
 
@@ -115,11 +115,11 @@ class Assembler:
 
     @property
     def attached(self) -> np.ndarray:
-        """(k, 3) what is attached softly: particle, stiffness, largest force."""
+        """(k, 3) soft attachments: particle, stiffness, largest force."""
         return next((force.attached for force in self.forces if force.attached is not None), np.zeros((0, 3)))
 
     def led(self, start: Measures, part: float) -> tuple[Measures, float]:
-        """(measures of a step's start, as if what moves by itself had moved before; its work [J]): see `Force.led`.
+        """(measures of a step's start, as if parts that move by themselves had moved before; its work [J]): see `Force.led`.
 
         Args:
             start: the step's; the model is at its end, or with `part` 0 anywhere.

@@ -1,6 +1,6 @@
 """Where an implicit step starts from: M (v - v_base) = c f(x_base + c v, v). numpy only.
 
-Backward Euler starts from the saved state with c = h; a multistep method from what it extrapolates, with a c of its own.
+Backward Euler starts from the saved state with c = h; a multistep method from an extrapolated state, with a c of its own.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,5 @@
-"""What steps change and a run goes on from, declared where it lives: checkpoints follow from the declarations. numpy only.
+"""The state that steps change and a run goes on from, declared where it lives: checkpoints follow from the declarations. numpy
+only.
 
 A class names its attributes in `STATE`; each is one of
 
@@ -7,7 +8,7 @@ A class names its attributes in `STATE`; each is one of
 - a dataclass of such, a tuple of arrays, or arrays by name;
 - an object whose class names its own, or None.
 
-Particles and what forces add to them are declared with `ParticleState.remember` and rolled back as well; what is named
+Particles, and state of forces on them, are declared with `ParticleState.remember` and rolled back as well; state named
 here changes only when a step is accepted.
 """
 
@@ -21,8 +22,8 @@ import numpy as np
 from ..backend.rows import read, write
 from ..errors import SceneError
 
-VERSION = 12  # of what checkpoints hold
-BEFORE = 11  # the oldest that is understood: it named neither the integrator nor forces, nor what they had stored
+VERSION = 12  # of checkpoints' content
+BEFORE = 11  # the oldest that is understood: it named neither the integrator nor forces, nor their stored energy
 
 
 class Checkpointed:
@@ -35,7 +36,7 @@ class Checkpointed:
         return {name: np.array(value) for part in self.STATE for name, value in _arrays(part, getattr(self, part))}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
-        """Goes on from what `checkpoint` gave.
+        """Goes on from the arrays of `checkpoint`.
 
         Raises:
             KeyError: something is not in it.
@@ -48,7 +49,7 @@ class Checkpointed:
         self.resumed()
 
     def resumed(self) -> None:
-        """Works out what follows from the state."""
+        """Works out values that follow from the state."""
 
 
 def numbered(objects: Iterable[Any]) -> dict[str, Any]:
@@ -95,7 +96,7 @@ def unknown(state: dict[str, np.ndarray], parts: dict[str, Any], besides: Iterab
 
 
 def _arrays(name: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """What a value consists of, by dotted names."""
+    """Parts of a value, by dotted names."""
     if value is None:
         return
     if isinstance(value, Checkpointed):
@@ -116,7 +117,7 @@ def _arrays(name: str, value: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _value(name: str, old: Any, state: dict[str, np.ndarray]) -> Any:
-    """What takes the place of an old value: the same object where that can be filled."""
+    """A value in the place of an old one: the same object where that can be filled."""
     if old is None:
         return None
     if isinstance(old, Checkpointed):
@@ -138,5 +139,5 @@ def _value(name: str, old: Any, state: dict[str, np.ndarray]) -> Any:
 
 
 def below(name: str, state: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """What a name's own names stand for."""
+    """Values that a name's own names stand for."""
     return {key[len(name) + 1:]: array for key, array in state.items() if key.startswith(name + ".")}

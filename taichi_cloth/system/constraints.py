@@ -65,7 +65,7 @@ class Attachments:
             self.anchors[a.key] = x[a.cloth.start: a.cloth.start + a.cloth.mesh.vertex_count].copy()
 
     def soft(self, attachments: list[Attachment], t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-        """(particles (k,), places (k, 3) [m], (k, 2) stiffness [N/m] and largest force [N]) of what is attached softly at
+        """(particles (k,), places (k, 3) [m], (k, 2) stiffness [N/m] and largest force [N]) of soft attachments at
         t [s], or None."""
         some = [a for a in attachments if a.stiffness is not None]
         if not some:
@@ -77,7 +77,7 @@ class Attachments:
         return index, place, law
 
     def at(self, attachments: list[Attachment], t: float) -> Held | None:
-        """What is held at time t [s], or None.
+        """The constraints at time t [s], or None.
 
         Raises:
             SceneError: a path's wrong value, or attachments that contradict each other.

@@ -1,4 +1,4 @@
-"""What pieces of cloth enclose: which faces, sewn together, are a closed surface, and which way is out. numpy only."""
+"""Enclosed volumes of cloth: which faces, sewn together, are a closed surface, and which way is out. numpy only."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ class Enclosure:
     """A closed piece of cloth.
 
     Attributes:
-        inflation: what asked for it.
+        inflation: its description.
         name: of the cloth and its part, with a number where that is several pieces.
         faces: (m, 3) vertices in the simulation's order of arrays, one for all that are sewn together, counterclockwise from
             outside.
@@ -69,7 +69,7 @@ def enclosures(scene: Scene) -> list[Enclosure]:
 
 
 def knots(scene: Scene) -> np.ndarray:
-    """(n,) one vertex for all that are sewn together, itself for what is not."""
+    """(n,) one vertex for all that are sewn together, itself where nothing is sewn."""
     pairs = [(s.a + s.cloth.start, s.b + s.cloth.start) for s in scene.seams]
     a, b = (np.concatenate([np.zeros(0, dtype=np.int64), *(p[k] for p in pairs)]) for k in (0, 1))
     return components(scene.vertex_count, a, b)
@@ -82,7 +82,7 @@ def volume(x: np.ndarray, faces: np.ndarray) -> float:
 
 
 def _oriented(inflation: Inflation, name: str, faces: np.ndarray, x: np.ndarray) -> Enclosure:
-    """With all faces counterclockwise from outside: what they enclose at time 0 is positive, or they are as most are."""
+    """With all faces counterclockwise from outside: their volume at time 0 is positive, or they are as most are."""
     turned = facing(faces)
     if turned is None:
         raise SceneError(f"inflate: {name!r} has one side only, like a Klein bottle: it encloses nothing")

@@ -1,4 +1,4 @@
-"""What is held in a step: I - S, the projector on the held directions, and where these lead. [BW98 §5.1]"""
+"""Constraints of a step: I - S, the projector on the held directions, and where these lead. [BW98 §5.1]"""
 
 from dataclasses import dataclass
 
@@ -26,7 +26,7 @@ class Held:
 
     @classmethod
     def of(cls, index: ArrayLike, projector: ArrayLike, target: ArrayLike, moving: bool, y: ArrayLike, dtype: type) -> "Held":
-        """From arrays of any type; `dtype` is what kernels were compiled for."""
+        """From arrays of any type; `dtype` is that of the compiled kernels."""
         P, goal, shift = (kernel_array(rows, dtype) for rows in (projector, target, y))
         return cls(kernel_array(index, np.int32), P, goal, moving, shift)
 

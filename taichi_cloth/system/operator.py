@@ -18,7 +18,7 @@ class Operator:
     Attributes:
         forces: those with a derivative.
         b: right-hand side [kg m/s].
-        motion: h v_0 + y [m], what K is applied to on the right-hand side.
+        motion: h v_0 + y [m], the displacement that K is applied to on the right-hand side.
         P: (n, 6) diagonal blocks xx xy xz yy yz zz [kg].
     """
 
@@ -60,7 +60,7 @@ class Operator:
 
     @ti.func
     def sum_up(self, block, p: ti.template()):
-        """What the product needs to know of all of p, a block's part."""
+        """Sums over all of p that the product needs, a block's part."""
         for k in ti.static(range(len(self.coupled))):
             self.coupled[k].sum_up(block, p)
 

@@ -1,4 +1,4 @@
-"""Where contact goes worst: what a rejected or slow step is told by. numpy only."""
+"""Where contact goes worst, for messages on rejected or slow steps. numpy only."""
 
 from dataclasses import dataclass
 

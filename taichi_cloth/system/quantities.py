@@ -1,4 +1,4 @@
-"""What can be read off a recorded frame: stretch, shear, bend energy, speed, contact force, creases, limits, seams."""
+"""Quantities of a recorded frame: stretch, shear, bend energy, speed, contact force, creases, limits, seams."""
 
 from dataclasses import dataclass
 
@@ -44,7 +44,7 @@ QUANTITIES = {
 }
 ABSENT = {"crease": "no fabric of this scene yields, and no edge is creased", "limit": "no fabric of this scene has a limit",
           "seam": "nothing in this scene is sewn"}
-MARKS = {"crease": "creases", "limit": "face_limit", "seam": "sewn"}  # what the geometry of a scene that has it names
+MARKS = {"crease": "creases", "limit": "face_limit", "seam": "sewn"}  # names in the geometry of a scene that has it
 
 
 def principal_stretches(w: np.ndarray) -> np.ndarray:
@@ -70,7 +70,7 @@ def collapsed(w: np.ndarray) -> int:
 
 
 def evaluate(name: str, geometry: dict[str, np.ndarray], frame: dict[str, np.ndarray]) -> np.ndarray:
-    """(n,) a quantity on every vertex of cloth, from what a run records.
+    """(n,) a quantity on every vertex of cloth, from a run's arrays.
 
     Raises:
         SceneError: an unknown name.

@@ -1,11 +1,11 @@
 """Seams as constraints of the solve: sewn particles move as one.
 
-What is sewn together forms clusters. On a cluster the filter S takes the mean over its members,
+Sewn vertices form clusters. On a cluster the filter S takes the mean over its members,
 
     (S q)_i = 1/k sum_j q_j,
 
-an orthogonal projector: S A S is the matrix of the welded cloth, on the panels' own particles. What S leaves out,
-(I - S) A dv, is the seam's tension. Members that are apart are led together by z: their velocities against the mean are what
+an orthogonal projector: S A S is the matrix of the welded cloth, on the panels' own particles. The part outside S,
+(I - S) A dv, is the seam's tension. Members that are apart are led together by z: their velocities against the mean
 closes the gap, at most `CLOSING`.
 """
 
@@ -22,10 +22,10 @@ from ..scene.scene import Scene
 from .held import Held, kernel_array
 
 CLOSING = 0.5  # m/s at most at which a seam closes
-TOGETHER = 1e-7  # m within which what is sewn is put into one place
+TOGETHER = 1e-7  # m within which sewn vertices are put into one place
 RESTING = 1e-6  # m/s within which it then moves as one
-SPANNED = 1e-9  # part of the largest below which a direction of what holds a cluster is none
-APART = 1e-4  # m by which what holds two members may disagree without a word
+SPANNED = 1e-9  # part of the largest below which a direction of a cluster's constraints is none
+APART = 1e-4  # m by which constraints on two members may disagree without a word
 
 
 @ti.data_oriented
@@ -79,7 +79,7 @@ class Clusters:
 
     @property
     def knot(self) -> np.ndarray:
-        """(n,) one particle of each cluster for all of them; itself for what is not sewn."""
+        """(n,) one particle of each cluster for all of them; itself where nothing is sewn."""
         out = np.arange(self.model.n)
         out[self.member] = self.member[self.first[self._own]]
         return out
@@ -176,7 +176,8 @@ class Clusters:
 
     @ti.kernel
     def _settle(self, near: float, slow: float):
-        """What is together within `near` [m] is put into one place, bit for bit; so are velocities within `slow` [m/s]."""
+        """Members within `near` [m] of each other are put into one place, bit for bit; so are velocities within `slow`
+        [m/s]."""
         for k in range(self.size[0]):
             if self.spread_of(k, self.model.x) < near:
                 same = self.spread_of(k, self.model.v) < slow
@@ -190,13 +191,13 @@ class Clusters:
     # for a step
 
     def settle(self, resolution: float) -> None:
-        """What came together is put into one place; `resolution` [m] is what positions are rounded to."""
+        """Members that came together are put into one place; `resolution` [m] is the rounding of positions."""
         if self.led:
             self._settle(max(TOGETHER, 8 * resolution), RESTING)
 
     def spread(self, held: Held | None, h: float) -> Held | None:
-        """What holds a member holds its cluster: rows for all members, behind those that are there. Members that are held at
-        several places are led to the middle between these, of which a warning tells.
+        """A constraint on a member holds its cluster: rows for all members, behind those that are there. Members that are held
+        at several places are led to the middle between these, of which a warning tells.
 
         Args:
             h: step [s] in which members that are apart come nearer.
@@ -258,8 +259,8 @@ class Clusters:
         return out
 
     def shared(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Of impulses (k, 3) on what is held, index (k,) with all members of its clusters: what acts on a cluster from
-        outside, by its members' masses, without what they do to each other."""
+        """Of impulses (k, 3) on constrained particles, index (k,) with all members of their clusters: the part that acts on a
+        cluster from outside, by its members' masses, without their forces on each other."""
         mine = np.flatnonzero(self.label[index] >= 0)
         if not len(mine):
             return rows
@@ -294,7 +295,7 @@ def _padded(first: np.ndarray, rows: int) -> np.ndarray:
 
 
 def connected(n: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(n,) a number from 0 for what pairs a, b (k,) connect, -1 for what has no partner."""
+    """(n,) a number from 0 for each component that pairs a, b (k,) connect, -1 for particles without a partner."""
     _, index, size = np.unique(components(n, a, b), return_inverse=True, return_counts=True)
     several = size > 1
     return np.where(several[index], (np.cumsum(several) - 1)[index], -1)

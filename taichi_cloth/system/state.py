@@ -64,7 +64,7 @@ class Elements:
 
 @ti.data_oriented
 class Remembered:
-    """A field that steps change, and what it was when the model was saved.
+    """A field that steps change, and its value when the model was saved.
 
     Attributes:
         now, saved: fields of n rows.
@@ -165,7 +165,7 @@ class ParticleState:
 
     @property
     def STATE(self) -> tuple[str, ...]:
-        """Names of what `checkpoint` gives."""
+        """Names of the arrays that `checkpoint` gives."""
         return "x", "v", *(f"state_{name}" for name in self.remembered)
 
     def checkpoint(self) -> dict[str, np.ndarray]:
@@ -174,7 +174,7 @@ class ParticleState:
         return {"x": x, "v": v, **{f"state_{name}": read(part.now) for name, part in self.remembered.items()}}
 
     def resume(self, state: dict[str, np.ndarray]) -> None:
-        """Goes on from what `checkpoint` gave.
+        """Goes on from the arrays of `checkpoint`.
 
         Raises:
             SceneError: it is of another mesh, or not finite.
@@ -211,7 +211,7 @@ class ParticleState:
         self.write_particles(positions[self.user] - self.origin, velocities[self.user])
 
     def write_particles(self, x: np.ndarray, v: np.ndarray) -> None:
-        """Sets the state from what `read_particles` gave, bit for bit."""
+        """Sets the state from the arrays of `read_particles`, bit for bit."""
         write(self.x, x.astype(self.exchange))
         write(self.v, v.astype(self.exchange))
 

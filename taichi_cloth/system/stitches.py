@@ -1,7 +1,8 @@
-"""Stitches that give: what each bears, which are whole, and what changes where one opens.
+"""Stitches that give: the load of each, which are whole, and changes where one opens.
 
-The reaction of a seam's constraint, (I - S)(A dv - b) over the step's span, is what its members put on each other. Where two
-are sewn together it is the stitch's force; where more are, the least forces of the stitches between them that add up to it,
+The reaction of a seam's constraint, (I - S)(A dv - b) over the step's span, is the force of its members on each other. Where
+two are sewn together it is the stitch's force; where more are, the least forces of the stitches between them that add up to
+it,
 
     f = B L^+ t,   L = B^T B,
 
@@ -27,7 +28,7 @@ class Stitches(Checkpointed):
     """The stitches of a scene's seams, numbered through all of them.
 
     Args:
-        forces: those that are told of what opens.
+        forces: those that are told of openings.
 
     Attributes:
         whole: (k,) which hold; pulled: (k,) which are drawn together by a force, and will.
@@ -76,7 +77,7 @@ class Stitches(Checkpointed):
         return changed
 
     def resumed(self) -> None:
-        """See `Checkpointed`: everything is told what is whole."""
+        """See `Checkpointed`: everything is told which stitches are whole."""
         self.clusters.connect(self.whole)
         for force in self.forces:
             force.release(self.whole, self.firm * self.pulled)
@@ -93,7 +94,7 @@ class Stitches(Checkpointed):
         return np.concatenate([self.clusters.a[self.pulled], self.clusters.b[self.pulled]])
 
     def join(self) -> bool:
-        """What is pulled together and has come near holds from now on. Whether anything does."""
+        """Stitches that are pulled together and have come near hold from now on. Whether any does."""
         if not self.pulled.any():
             return False
         near = self.pulled & (self._gaps() <= CATCH)
@@ -101,10 +102,10 @@ class Stitches(Checkpointed):
         return self.set(self.whole | near)
 
     def loads(self, tension: np.ndarray) -> np.ndarray:
-        """(k,) force [N] in each stitch of seams; 0 where what it joins is, or was before the step, still apart.
+        """(k,) force [N] in each stitch of seams; 0 where its ends are, or were before the step, still apart.
 
         Args:
-            tension: (n, 3) [N] what members put on each other.
+            tension: (n, 3) [N] forces of members on each other.
         """
         a, b, label = self.clusters.a, self.clusters.b, self.clusters.label
         size = np.bincount(label + 1, minlength=2)[label + 1]  # of each particle's cluster

@@ -1,7 +1,7 @@
 """Recorded runs as files that other tools read: one format a module.
 
-All but Blender's own are in metres with y up; positions are the recorded float32. What a format cannot hold, a frame that is
-damaged and a package that is not there are said before a file is written; each file is written aside and renamed.
+All but Blender's own are in metres with y up; positions are the recorded float32. Data that a format cannot hold, a frame that
+is damaged and a package that is not there are said before a file is written; each file is written aside and renamed.
 """
 
 import importlib
@@ -43,8 +43,8 @@ def export(recording: Recording, format: str, path: str | os.PathLike | None = N
 
     Raises:
         SceneError: an unknown format, or other parts.
-        OutputError: no frames, a damaged one, a package that is not there, what a format cannot hold, files that cannot be
-            written.
+        OutputError: no frames, a damaged one, a package that is not there, data that a format cannot hold, files that cannot
+            be written.
     """
     checks.choice("format", format, FORMATS)
     pieces = Cut(recording, checks.choice("parts", parts, PARTS), format in CHANGING)

@@ -58,7 +58,7 @@ def write(shot: Shot, path: pathlib.Path, format: str) -> list[pathlib.Path]:
 
 
 def arrays(shot: Shot) -> dict[str, np.ndarray]:
-    """What the script needs, by name: plain arrays, z up as in Blender."""
+    """Input of the script, by name: plain arrays, z up as in Blender."""
     near, far = shot.clipping
     out = {"numbers": np.array(shot.numbers), "fps": np.array(shot.fps), "names": np.array([m.name for m in shot.meshes]),
            "kinds": np.array([m.kind for m in shot.meshes]), "colors": np.array([m.color for m in shot.meshes]),

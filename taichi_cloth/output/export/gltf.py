@@ -1,4 +1,4 @@
-"""glTF 2.0: one .glb, or a .gltf with its .bin. What moves is a morph target a frame, between which players blend linearly.
+"""glTF 2.0: one .glb, or a .gltf with its .bin. Motion is a morph target a frame, between which players blend linearly.
 
 A vertex has one normal and one uv there, so vertices on uv seams and sharp edges come as often as they have different ones.
 v runs down, as glTF wants it.
@@ -17,13 +17,13 @@ from ..png import encode_png
 from .shot import ASPECT, Mesh, Shot
 
 FLOAT, UINT = 5126, 5125  # component types
-VERTICES, INDICES = 34962, 34963  # what a buffer is for
+VERTICES, INDICES = 34962, 34963  # the purpose of a buffer
 REPEAT, CLAMP, LINEAR, MIPMAPS = 10497, 33071, 9729, 9987  # how an image goes on, and is read between its pixels
 MOST = 2**32 - 1  # bytes that the header of a .glb can say
 
 
 class _Buffer:
-    """The bytes, and what says what is where in them."""
+    """The bytes, and their table of contents."""
 
     def __init__(self) -> None:
         self.parts: list[bytes] = []
@@ -42,7 +42,7 @@ class _Buffer:
             accessor |= {"min": rows.min(axis=0).tolist(), "max": rows.max(axis=0).tolist()}
         self.views.append(view)
         self.accessors.append(accessor)
-        self.parts.append(data)  # all are of four bytes: what follows is aligned
+        self.parts.append(data)  # all are of four bytes: the next part is aligned
         self.size += len(data)
         return len(self.accessors) - 1
 
@@ -118,7 +118,7 @@ def _content(shot: Shot, buffer: _Buffer) -> dict:
 
 
 def _color(mesh: Mesh, images: dict[str, list[dict]], buffer: _Buffer) -> dict:
-    """A mesh's colour, or what is printed on it, which is added to the images in the buffer."""
+    """A mesh's colour, or its print, which is added to the images in the buffer."""
     on = mesh.printed
     if on is None:
         return {"baseColorFactor": [*mesh.color.tolist(), 1.0]}
@@ -150,7 +150,7 @@ def _mesh(mesh: Mesh, material: int, buffer: _Buffer) -> dict:
 
 
 def _split(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """(rows (m, 3) of what follows; vertex (k,), uv (k, 2), number of the normal (k,)), different from each other."""
+    """(rows (m, 3) of the following; vertex (k,), uv (k, 2), number of the normal (k,)), different from each other."""
     surface = mesh.surface(0)
     uv = np.zeros((*surface.faces.shape, 2)) if surface.uv is None else surface.uv
     corners = np.column_stack([surface.faces.ravel(), surface.normal_of.ravel(), uv.reshape(-1, 2)])  # exact in f64

@@ -13,7 +13,7 @@ Bases = tuple[int, ...]  # of vertices, uv and normals
 
 
 def write(shot: Shot, folder: pathlib.Path) -> list[pathlib.Path]:
-    """`00000.obj ...`, `cloth.mtl` and the images of what is printed."""
+    """`00000.obj ...`, `cloth.mtl` and the images of prints."""
     words = unique(word(mesh.name) for mesh in shot.meshes)
     files = colors(words, shot.meshes, folder)
     grouped = any(mesh.groups is not None for mesh in shot.meshes)
@@ -57,7 +57,7 @@ def object_lines(name: str, mesh: Mesh, k: int, bases: Bases, normals: bool, gro
 
 
 def _grouped(name: str, faces: list[str], groups: np.ndarray | None, own: bool) -> list[str]:
-    """Lines of faces, with one of their groups wherever that changes; what is in none is in the object's own."""
+    """Lines of faces, with one of their groups wherever that changes; faces of no group are in the object's own."""
     if groups is None or not groups.any():
         return [f"g {name}", *faces] if own else faces
     out: list[str] = []

@@ -14,7 +14,7 @@ from .shot import Shot, unique
 
 
 def write(shot: Shot, folder: pathlib.Path) -> list[pathlib.Path]:
-    """`NAME.obj` and `NAME.pc2` by the meshes' names, `cloth.mtl` and the images of what is printed; cloths first."""
+    """`NAME.obj` and `NAME.pc2` by the meshes' names, `cloth.mtl` and the images of prints; cloths first."""
     words = unique(word(mesh.name) for mesh in shot.meshes)
     files = []
     for name, mesh in zip(words, shot.meshes):

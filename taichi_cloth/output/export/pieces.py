@@ -1,4 +1,4 @@
-"""What a run's meshes are cut into for other tools: a mesh a cloth, a mesh a panel, or what is sewn welded to one.
+"""A run's meshes cut into pieces for other tools: a mesh a cloth, a mesh a panel, or seams welded to one.
 
 Recorded garments are panels whose sewn vertices are in one place; they say which belong together (`sewn`) and which face is
 of which panel (`panel`, `panel_names`). Texture coordinates stay the pattern's, or the mesh's own. A frame may have faces of
@@ -17,7 +17,7 @@ from ..described import image_uv
 from ..recording import Recording
 
 PARTS = ("cloths", "panels", "welded")
-FACES = ("faces", "uv", "image_uv", "cloth_start", "cloth_faces", "sewn", "panel", "panel_names")  # what tearing changes
+FACES = ("faces", "uv", "image_uv", "cloth_start", "cloth_faces", "sewn", "panel", "panel_names")  # changed by tearing
 Arrays = dict[str, np.ndarray]
 
 
@@ -36,7 +36,7 @@ class Frame(dict):
 
 
 class Cut:
-    """A recording with other meshes: what the modules of formats read.
+    """A recording with other meshes, as the modules of formats read it.
 
     Args:
         changing: whether normals may belong to other corners at every frame, as they do where seams open.
@@ -65,7 +65,7 @@ class Cut:
         return self.recording.frames()
 
     def frame(self, number: int) -> Frame:
-        """What moves, at a frame."""
+        """Moving data of a frame."""
         whole = self.recording.frame(number)
         own = {name: whole[name] for name in self._names if name in whole}
         if own.keys() != self._own.keys() or any(not np.array_equal(own[name], self._own[name]) for name in own):
@@ -97,7 +97,7 @@ class Cut:
             yield frame
 
     def check(self) -> None:
-        """Reads every frame, so that what is wrong is said before anything is written; see `checked`."""
+        """Reads every frame, so that faults are named before anything is written; see `checked`."""
         for _ in self.checked():
             pass
 
@@ -138,7 +138,7 @@ def _by(g: Arrays, panel: np.ndarray, names: np.ndarray) -> tuple[np.ndarray, Ar
 
 
 def turned(faces: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """(m,) which triangles face another way than most of what they hang together with, in faces (m, 3) of welded vertices of
+    """(m,) which triangles face another way than most triangles connected to them, in faces (m, 3) of welded vertices of
     cloths that begin at `starts`; none of a cloth that has one side only."""
     out = np.zeros(len(faces), dtype=bool)
     for first, last in zip(starts[:-1], starts[1:]):
@@ -155,7 +155,7 @@ def _whole(faces: np.ndarray) -> np.ndarray:
 
 
 def _welded(g: Arrays, turned: np.ndarray) -> tuple[np.ndarray, Arrays]:
-    """A mesh for each cloth, what is sewn together one vertex of it."""
+    """A mesh for each cloth, with one vertex for each cluster of sewn ones."""
     g = g | {name: np.where(turned[:, None] if g[name].ndim == 2 else turned[:, None, None], g[name][:, ::-1], g[name])
              for name in ("faces", "uv")}
     takes: list[np.ndarray] = []

@@ -1,4 +1,4 @@
-"""What is printed on cloth, as other tools take it: an opaque image, and texture coordinates that are 0 to 1 across it."""
+"""Prints on cloth, as other tools take them: an opaque image, and texture coordinates that are 0 to 1 across it."""
 
 from typing import NamedTuple
 
@@ -17,7 +17,7 @@ class Print(NamedTuple):
         image: (h, w, 3) uint8 sRGB, first row on top: over the cloth's own colour where it lets that through.
         repeats: whether it goes on beyond its edges; else these have the cloth's colour, and go on for ever.
         origin, size: (2,) where its lower left corner is on the pattern, and how large it is [m].
-        unit: what 1 is in the cloth's texture coordinates [m].
+        unit: length of 1 in the cloth's texture coordinates [m].
     """
 
     image: np.ndarray

@@ -1,6 +1,6 @@
 """A recorded run as scenes of other tools have it: named meshes with a colour, one camera, frame by frame.
 
-All is read before a file is written, so that what is missing or damaged is said first. y is up, lengths are in metres.
+All is read before a file is written, so that missing or damaged data are named first. y is up, lengths are in metres.
 """
 
 import itertools
@@ -26,11 +26,11 @@ SHARP = np.cos(np.radians(40.0))  # edges of solids that turn by more look sharp
 
 
 class Surface(NamedTuple):
-    """What stays as long as a mesh is not torn.
+    """Data that stay as long as a mesh is not torn.
 
     Attributes:
         faces: (m, 3) int32 vertices.
-        uv: (m, 3, 2) of corners, the pattern's [m], the mesh's own, or across what is printed on it; None of what has none.
+        uv: (m, 3, 2) of corners, the pattern's [m], the mesh's own, or across its print; None where there are none.
         normal_of: (m, 3) number of each corner's normal: corners round a sharp edge have different ones.
         polygon: (m,) number of the polygon that each was cut from, or None where all are triangles.
     """
@@ -56,7 +56,7 @@ class Mesh:
         surfaces: one, or one a frame where the faces change.
         x: (n, 3) float32 [m], one or one a frame.
         v: the same, in metres a second of the film, or none.
-        printed: what is on it, or None.
+        printed: its print, or None.
         thickness: of a cloth [m], or None where none is known.
         groups: (m,) names, with blanks between, of the groups that each face is in; None where it has none.
     """
@@ -185,7 +185,7 @@ def bounds(meshes: list[Mesh]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _prints(g: Arrays) -> list[Print | None]:
-    """What is printed on each cloth of a run's own geometry."""
+    """The print of each cloth of a run's own geometry."""
     out: list[Print | None] = []
     units = image_uv(g)[1]
     for k, (look, first, last) in enumerate(zip(appearances_of(g), g["cloth_faces"][:-1], g["cloth_faces"][1:])):
@@ -235,7 +235,8 @@ def _cloth(k: int, frames: list[Frame], prints: list[Print | None], speed: np.fl
 
 
 def _smooth(faces: np.ndarray, sewn: np.ndarray) -> np.ndarray:
-    """(m, 3) numbers of corners' normals: the same round what is sewn together (n,), but where triangles face other ways."""
+    """(m, 3) numbers of corners' normals: the same round vertices that are sewn together (n,), but where triangles face
+    other ways."""
     corners = sewn[faces]
     against = turned(corners, np.array([0, len(corners)]))
     return np.unique(2 * corners + against[:, None], return_inverse=True)[1].reshape(-1, 3)

@@ -1,6 +1,6 @@
 """Universal Scene Description: meshes with time samples, materials, a camera. Text (.usda) is written here, .usdc by usd-core.
 
-The stage's structure is the same text for both; `values` are what it has at the frames.
+The stage's structure is the same text for both; `values` are its samples at the frames.
 """
 
 import pathlib
@@ -38,7 +38,7 @@ def needed(format: str) -> None:
 
 
 def write(shot: Shot, path: pathlib.Path, format: str) -> list[pathlib.Path]:
-    """One .usda, or one .usdc where the package usd-core (extra `usd`) is installed; and the images of what is printed."""
+    """One .usda, or one .usdc where the package usd-core (extra `usd`) is installed; and the images of prints."""
     paths = unique([*OWN, *(identifier(mesh.name) for mesh in shot.meshes)])[len(OWN):]
     images: Images = {}
     for name, mesh in zip(paths, shot.meshes):
@@ -74,11 +74,11 @@ def _write_crate(shot: Shot, paths: list[str], images: Images, file: pathlib.Pat
         raise OSError("usd-core could not write it")
 
 
-SAMPLED = ("points", "velocities", "extent", "normals")  # of what moves
+SAMPLED = ("points", "velocities", "extent", "normals")  # of moving meshes
 
 
 def attributes(shot: Shot, mesh: Mesh) -> list[Attribute]:
-    """What a mesh's prim has besides constants."""
+    """Samples of a mesh's prim, besides constants."""
     count = range(len(mesh.surfaces))
     steps = range(len(mesh.x))
     smooth = [mesh.normal_of_vertex(k) for k in count]
@@ -103,7 +103,7 @@ def attributes(shot: Shot, mesh: Mesh) -> list[Attribute]:
 
 
 def stage(shot: Shot, paths: list[str], images: Images, samples: bool) -> Iterator[str]:
-    """The lines of a stage with images beside it: y up, metres; what changes from frame to frame only with `samples`."""
+    """The lines of a stage with images beside it: y up, metres; changes from frame to frame only with `samples`."""
     first, last = shot.numbers[0], shot.numbers[-1]
     yield from ("#usda 1.0", "(", f'    defaultPrim = "{ROOT}"', f"    endTimeCode = {last}",
                 f"    framesPerSecond = {shot.fps:g}", "    metersPerUnit = 1", f"    startTimeCode = {first}",
