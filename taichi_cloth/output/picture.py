@@ -29,7 +29,7 @@ class Artist:
 
     Args:
         size: (width, height) [pixels].
-        frames: gives the frames, or their bounds, that a fitted camera has to have in its picture.
+        frames: gives the frames, or what is known of them, that a fitted camera has to have in its picture.
 
     Raises:
         SceneError: the look names a cloth that is not there.
@@ -189,7 +189,7 @@ class Artist:
                 x = np.concatenate([frame["x"], frame.get("solid_x", first[:0])]).astype(np.float64)
                 low = (float(part[:, 1].min(initial=np.inf)) for part in np.split(x, [len(frame["x"])]))
                 cloth, solid = map(min, (cloth, solid), low)
-                if len(x):  # of solids alone, those that stand still are in the first set
+                if len(x):  # of solids alone, what stands still is in the first set
                     sets.append(x - (frame["x"].mean(axis=0) - self.centre) if self.look.follow and n else x)
         if view.ground is None:
             view = replace(view, ground=solid if solid <= cloth else min(ground, cloth, solid) if self.fitted else ground)

@@ -8,7 +8,7 @@ from ..scene.attachment import Attachment
 from ..scene.scene import Scene
 from .record import drawn_solids, is_ground
 
-TIMES = 13  # at which prescribed motion is looked at, from 0 to the end
+TIMES = 13  # at which what is prescribed is looked at, from 0 to the end
 
 
 def expected(scene: Scene, duration: float) -> Iterator[dict[str, np.ndarray]]:

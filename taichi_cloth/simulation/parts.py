@@ -122,7 +122,7 @@ class Parts:
                                             self.options, self.runtime, scene, self.contacts)
         if self.integrator.system is not None:
             self.notes += self.integrator.system.notes
-            self.integrator.system.notes = self.notes  # notes on the way are among them
+            self.integrator.system.notes = self.notes  # what is noted on the way is among them
         fields.allocate()
 
     def _settle(self) -> None:

@@ -196,8 +196,8 @@ class Clusters:
             self._settle(max(TOGETHER, 8 * resolution), RESTING)
 
     def spread(self, held: Held | None, h: float) -> Held | None:
-        """A constraint on a member holds its cluster: rows for all members, behind those that are there. Members that are held
-        at several places are led to the middle between these, of which a warning tells.
+        """What holds a member holds its cluster: rows for all members, behind those that are there. Members that are held at
+        several places are led to the middle between these, of which a warning tells.
 
         Args:
             h: step [s] in which members that are apart come nearer.
