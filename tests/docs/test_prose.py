@@ -2,6 +2,7 @@
 
 import importlib.util
 import pathlib
+import re
 import sys
 
 import pytest
@@ -61,3 +62,16 @@ def test_pages_together_are_plain(prose):
     total = sum((prose.measure(page.read_text()) for page in PAGES), prose.Measured())
     assert total.words > 40_000
     assert total.mean < 18 and total.openings < 0.06 * total.sentences
+
+
+def test_the_changelog_is_by_release_and_short():
+    """Dated releases with Added, Changed and Fixed in this order; lines of 20 words on average."""
+    releases = re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(), flags=re.MULTILINE)[1:]
+    assert len(releases) > 1
+    for text in releases:
+        title = text.splitlines()[0]
+        assert re.fullmatch(r"Unreleased|\d+\.\d+\.\d+ \(\d{4}-\d\d-\d\d\)", title), title
+        kinds = re.findall(r"^### (.*)$", text, re.MULTILINE)
+        assert kinds == [kind for kind in ("Added", "Changed", "Fixed") if kind in kinds] != [], f"{title}: {kinds}"
+        lines = re.findall(r"^- (.*(?:\n  .*)*)", text, re.MULTILINE)
+        assert sum(len(line.split()) for line in lines) <= 20 * len(lines), title
