@@ -62,7 +62,7 @@ def __getattr__(name: str):
 
 
 def _in_html(what) -> str:
-    """What a notebook shows of a scene or a simulation."""
+    """A scene or a simulation in a notebook."""
     from .recording.shown import in_html
 
     return in_html(what)

@@ -1,7 +1,7 @@
-"""What callers hand over, checked before anything is computed: numbers, vectors, arrays, indices, names, functions.
+"""Values from callers, checked before anything is computed: numbers, vectors, arrays, indices, names, functions.
 
 Every function here returns the value as the code works with it, or raises the project's own error, which names the
-argument, the value (shortened) and what is allowed. `what` is the argument's name as the message gives it. numpy only.
+argument, the value (shortened) and the allowed ones. `what` is the argument's name as the message gives it. numpy only.
 """
 
 import difflib
@@ -128,7 +128,7 @@ def instance(what: str, value: object, kind: type[T], error: Error = SceneError)
 
 
 def maybe(value: T | None, check: Callable[..., Any], what: str, *args: Any, **bounds: Any) -> Any:
-    """None, or what `check` makes of the value."""
+    """None, or the value as `check` returns it."""
     return None if value is None else check(what, value, *args, **bounds)
 
 
@@ -186,8 +186,8 @@ def array(what: str, value: object, *shapes: Sequence[int | str], row: str = "ro
     """Finite numbers of one of some shapes, a copy in float64.
 
     Args:
-        shapes: lengths; a letter stands for any. What has the longest's but the first is one value for all rows.
-        row: what an index along the first axis is; of: by which number each is known, its own where None; hint: what to do
+        shapes: lengths; a letter stands for any. A shape that has all but the first of the longest is one value for all rows.
+        row: the kind of an index along the first axis; of: by which number each is known, its own where None; hint: what to do
             about a wrong shape; for the messages.
 
     Raises:
@@ -214,7 +214,7 @@ def indices(what: str, value: object, count: int, *, width: int | None = None, r
     """Indices of vertices, whole numbers from 0 to below `count`, a copy in int64: (k,), or (m, width).
 
     Args:
-        row: what an index along the first axis of (m, width) is, for the message.
+        row: the kind of an index along the first axis of (m, width), for the message.
 
     Raises:
         error: not whole numbers, another shape, or out of range: with the row and its values.
@@ -297,7 +297,7 @@ def _shapes(shapes: Sequence[Sequence[int | str]]) -> str:
 
 
 def _allowed(value: float, positive: bool, least: float | None, most: float | None) -> str:
-    """What a number may be; `value` is one that may not be."""
+    """The range of a number; `value` is one that may not be."""
     if positive and most is None:
         return "a positive number" + (f" from {SMALLEST:g} to {LARGEST:g}" if 0 < value < math.inf else "")
     if least is not None and most is not None:

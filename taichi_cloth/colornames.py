@@ -1,4 +1,4 @@
-"""Colours by name: the 148 of CSS, as sRGB; and what sRGB means. numpy only."""
+"""Colours by name: the 148 of CSS, as sRGB; and the meaning of sRGB. numpy only."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Named failures. Each message names the culprit and says what to do about it."""
+"""Named failures. Each message names the culprit and the way out."""
 
 import difflib
 import itertools
@@ -31,7 +31,7 @@ class BackendError(ClothError, RuntimeError):
 
 
 class OutputError(ClothError, OSError):
-    """A folder or file that cannot be written without losing what is there."""
+    """A folder or file that cannot be written without losing its content."""
 
 
 class ScriptError(ClothError, RuntimeError):
@@ -65,7 +65,7 @@ def did_you_mean(name: object, choices: Iterable[object]) -> str:
 
 
 def near(path: object) -> str:
-    """A half-sentence for an error about a file or folder: what is beside it and has nearly its name; "" where it is there."""
+    """A half-sentence for an error about a file or folder: the one beside it with nearly its name; "" where it is there."""
     place = pathlib.Path(str(path))
     try:
         names = [] if place.exists() else [f.name for f in itertools.islice(place.parent.iterdir(), 10_000)]

@@ -30,13 +30,13 @@ SEQUENCES = (".npz", ".pc2", ".mdd")  # of solids alone
 
 
 class Surface(NamedTuple):
-    """What a mesh file says, in its own units.
+    """Content of a mesh file, in its own units.
 
     Attributes:
         x: (n, 3) positions; faces: (m, 3).
         corner_uv: (m, 3, 2) texture coordinates, or None where some face has none.
         groups: vertices by the names of groups.
-        notes: what was left out.
+        notes: omissions.
         unit: metres of the file's unit, 1 where it names none; up: the axis that points up, "y" where it names none.
         polygon: (m,) the polygon that each triangle was cut from, or None where that is not known.
         weights: of vertices of groups that have any below 1.
@@ -74,7 +74,7 @@ def load(path: str | Path, scale: float = 1.0, uv: str = "auto", up: str | None 
         only: names of the parts that are read, of a file with a scene; all where None.
 
     Returns:
-        The mesh, with groups of the file and notes that say what was done with its texture coordinates. Of .obj and .blend it
+        The mesh, with groups of the file and notes on the use of its texture coordinates. Of .obj and .blend it
         knows the polygons that triangles were cut from, and of .blend the weights in vertex groups.
 
     Raises:
@@ -116,7 +116,7 @@ def _mesh(surface: Surface, scale: float, uv: str) -> TriMesh:
 
 
 def read_surface(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dict[str, np.ndarray]]:
-    """Positions, triangles, texture corners or None, and groups of a mesh file, as they are; warns of what was left out.
+    """Positions, triangles, texture corners or None, and groups of a mesh file, as they are; warns of omissions.
 
     Raises:
         MeshError: a missing, unknown or unreadable file.

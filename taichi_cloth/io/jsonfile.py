@@ -6,10 +6,10 @@ from typing import Any
 
 
 def parse_json(data: bytes | str) -> Any:
-    """What JSON holds; a byte order mark is skipped.
+    """The content of a JSON text; a byte order mark is skipped.
 
     Numbers that no float can hold are infinite, and NaN and Infinity, which Python writes beyond the format, are read: the
-    checks of what a number is for refuse them by its name.
+    checks of the number's use refuse them by its name.
 
     Raises:
         ValueError: it is no JSON, or no UTF-8: with the place; nested too deeply.

@@ -19,7 +19,7 @@ Shapes = dict[str, tuple[int, ...]]
 
 
 class DamagedError(ValueError):
-    """A file that is no whole .npz; the message says what is wrong with it, not which it is."""
+    """A file that is no whole .npz; the message names the fault, not the file."""
 
 
 def pack(arrays: dict[str, np.ndarray]) -> bytes:
@@ -38,7 +38,7 @@ def unpack(path: str | pathlib.Path) -> dict[str, np.ndarray]:
 
     Raises:
         FileNotFoundError: it is missing.
-        DamagedError: it is not what was written.
+        DamagedError: it is not the file that was written.
     """
     arrays = read(path)
     if CHECKSUM not in arrays:
@@ -86,7 +86,7 @@ def digest(arrays: dict[str, np.ndarray]) -> str:
 
 
 def _refuse_sizes(entries: list[zipfile.ZipInfo], size: int) -> None:
-    """Refuses, by the zip's directory alone, what cannot be in a file of so many bytes, or in this machine's memory."""
+    """Refuses, by the zip's directory alone, arrays that cannot be in a file of so many bytes, or in this machine's memory."""
     for entry in entries:
         most = entry.compress_size * (1 if entry.compress_type == zipfile.ZIP_STORED else DEFLATED)
         if entry.compress_size > size or entry.file_size > most:

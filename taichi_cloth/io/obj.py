@@ -86,7 +86,7 @@ def read_obj(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, dic
 
 
 class _Wrong(ValueError):
-    """What is wrong with a row of a kind of lines."""
+    """The fault of a row of a kind of lines."""
 
     def __init__(self, kind: str, row: int | np.integer, text: object) -> None:
         super().__init__(str(text))
@@ -136,7 +136,7 @@ def _plain(text: str, dtype: type) -> np.ndarray | None:
     if not text.isascii() or "/" in text:
         return None
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # what is no number ends the reading
+        warnings.simplefilter("error", DeprecationWarning)  # a value that is no number ends the reading
         try:
             return np.fromstring(text, dtype, sep=" ")
         except (DeprecationWarning, ValueError):

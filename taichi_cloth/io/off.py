@@ -12,7 +12,7 @@ def read_off(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Positions (n, 3) and triangles (m, 3).
 
     Raises:
-        ValueError: what is wrong with the file.
+        ValueError: names the fault of the file.
     """
     text = text_of(path.read_bytes())
     rows = [words for words in (line.split("#", 1)[0].split() for line in text.splitlines()) if words]

@@ -57,7 +57,7 @@ def unlike(x: np.ndarray, faces: np.ndarray, material: np.ndarray) -> str:
 
 
 def _said(unit: float, scale: float, share: float) -> str:
-    """What is to be known of coordinates that are a pattern; share: part of it that has the mesh's lengths."""
+    """A note on coordinates that are a pattern; share: part of it that has the mesh's lengths."""
     where = f", in {UNITS[unit]}" if unit != scale else ""
     if share < 1:
         return (f"the file's texture coordinates are the pattern{where}: {share:.0%} of it has the mesh's lengths, the rest "

@@ -28,7 +28,7 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Positions (n, 3) and triangles (m, 3).
 
     Raises:
-        ValueError: what is wrong with the file.
+        ValueError: names the fault of the file.
     """
     data = unmarked(path)
     order, elements, body = _header(data)
@@ -47,7 +47,7 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _header(data: bytes) -> tuple[str, list[Element], bytes]:
-    """Byte order ("" of text), elements and what follows the header; sizes are held against the file's own."""
+    """Byte order ("" of text), elements and the data after the header; sizes are held against the file's own."""
     head, end, body = data.partition(b"end_header")
     if not data.startswith(b"ply") or not end:
         raise ValueError("is no PLY file, or its header is cut off")

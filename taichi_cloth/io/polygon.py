@@ -56,7 +56,7 @@ def triangles_of(x: np.ndarray, polygons: Sequence | np.ndarray) -> np.ndarray:
     """
     counts = np.array([len(p) for p in polygons], dtype=np.int64)
     flat = [np.ravel(polygons)] if isinstance(polygons, np.ndarray) else [np.asarray(p) for p in polygons]
-    with np.errstate(invalid="ignore"):  # what is no number is out of range
+    with np.errstate(invalid="ignore"):  # NaN is out of range
         corners = np.concatenate([*flat, np.zeros(0, dtype=np.int64)]).astype(np.int64)
     bad = np.flatnonzero((corners < 0) | (corners >= len(x)))
     if len(bad):
@@ -158,7 +158,7 @@ def _ears(p: np.ndarray, names: list[int], taken: set[int], n: int) -> list[tupl
 
 
 class _Flat:
-    """A polygon p (k, 3) in the plane of its mean normal, and what is left of it: the corners before and after each."""
+    """A polygon p (k, 3) in the plane of its mean normal, and the rest of it: the corners before and after each."""
 
     def __init__(self, p: np.ndarray) -> None:
         normal = np.cross(np.roll(p, 1, axis=0), p).sum(axis=0)

@@ -95,7 +95,7 @@ def loaded(path: str | Path, scale: float, mesh: str | Path | None, up: str | No
     if start is None:
         start = read.first / fps if fps is not None else 0.0
     try:
-        with np.errstate(over="ignore"):  # what is not finite then is named
+        with np.errstate(over="ignore"):  # values that are not finite are named then
             x = upright(read.x, up or own_up)
             made = SolidMesh(x if scale * unit == 1 else x * (scale * unit), read.faces,
                              None if fps is None else fps / read.every, read.groups, start)

@@ -14,7 +14,7 @@ def read_stl(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Positions (n, 3) and triangles (m, 3).
 
     Raises:
-        ValueError: what is wrong with the file.
+        ValueError: names the fault of the file.
     """
     data = unmarked(path)
     count = struct.unpack("<I", data[80:84])[0] if len(data) >= HEADER else 0

@@ -1,4 +1,4 @@
-"""Tables of numbers in CSV: names in the first line, and what is wrong said by its line. numpy is not needed."""
+"""Tables of numbers in CSV: names in the first line, faults named by their line. numpy is not needed."""
 
 import csv
 import math

@@ -9,7 +9,7 @@ import numpy as np
 
 from .polygon import triangles_of
 
-# what numbers follow: rows, or rows and numbers in all
+# the numbers that follow: rows, or rows and numbers in all
 CLAIMS = re.compile(rb"^\s*(POINTS|CELLS|CELL_TYPES|POLYGONS|POINT_DATA|CELL_DATA|DIMENSIONS)((?:[ \t]+[-+]?\d+)+)", re.M)
 CLAIMS_XML = re.compile(rb"(NumberOf\w+|NumberOfComponents)\s*=\s*[\"']([^\"']*)[\"']")
 DEFLATED = 1100  # times that zlib can make data smaller, at the very most
@@ -19,7 +19,7 @@ def read_vtk(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Positions (n, 3) and triangles (m, 3).
 
     Raises:
-        ValueError: what is wrong with the file.
+        ValueError: names the fault of the file.
     """
     import meshio
 

@@ -64,6 +64,18 @@ def test_pages_together_are_plain(prose):
     assert total.mean < 18 and total.openings < 0.06 * total.sentences
 
 
+PLAIN = ("fitting/", "io/", "output/", "recording/", "scene/", "simulation/", "studies/", "sweeps/", "system/", "backend/")
+
+
+def test_docstrings_are_plain(prose):
+    """Of packages whose docstrings were gone through, "what" stays rare; of all, sentences stay short."""
+    found = prose.by_package()
+    for package in PLAIN:
+        assert found[package].whats_per_thousand <= 5, f"{package}: {found[package].whats} times 'what' as a pronoun"
+    total = sum(found.values(), prose.Measured())
+    assert total.mean <= 14 and total.whats_per_thousand <= 10
+
+
 def test_the_changelog_is_by_release_and_short():
     """Dated releases with Added, Changed and Fixed in this order; lines of 20 words on average."""
     releases = re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(), flags=re.MULTILINE)[1:]

@@ -137,7 +137,7 @@ def _parsed(path: Path) -> Any:
     try:
         data = path.read_bytes()
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # it asks for reports of what it does not know
+            warnings.simplefilter("ignore")  # it asks for reports of unknown parts
             read = pygltflib.GLTF2.load_from_bytes if data[:4] == b"glTF" else pygltflib.GLTF2.gltf_from_json
             document = read(data if data[:4] == b"glTF" else text_of(data))
     except OSError as error:

@@ -24,7 +24,7 @@ def folder() -> Path:
 
 
 def arrays(path: Path, how: str, make: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """What `make` makes of a file, or made of one of the same bytes before; `how`: all that it depends on besides."""
+    """The result of `make` for a file, or for one of the same bytes before; `how`: all that it depends on besides."""
     key = hashlib.sha256(how.encode() + b"\0" + path.suffix.lower().encode() + path.read_bytes()).hexdigest()
     place = folder() / f"{key[:32]}.npz"
     with contextlib.suppress(OSError, npz.DamagedError):  # not there, or damaged: it is made
