@@ -14,6 +14,7 @@ import argparse
 import ast
 import pathlib
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 ROOT = pathlib.Path(__file__).parents[1]
@@ -93,9 +94,15 @@ def pages() -> list[pathlib.Path]:
 
 def docstrings(path: pathlib.Path) -> Measured:
     """Counts of all docstrings of a Python file."""
-    kinds = (ast.Module, ast.ClassDef, ast.FunctionDef)
-    texts = [ast.get_docstring(node) or "" for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, kinds)]
-    return sum(map(measure, texts), Measured())
+    return sum((measure(ast.get_docstring(node) or "") for node in _documented(ast.parse(path.read_text()))), Measured())
+
+
+def _documented(node: ast.AST) -> Iterator[ast.Module | ast.ClassDef | ast.FunctionDef]:
+    """A module, and the classes and functions in it; expressions are not looked through."""
+    if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
+        yield node
+    for child in getattr(node, "body", []) if isinstance(node, ast.mod | ast.stmt) else []:
+        yield from _documented(child)
 
 
 def by_package() -> dict[str, Measured]:
