@@ -27,7 +27,8 @@ class TriangleLaw(TriangleForce):
     Attributes:
         area: (m,) of triangles in the pattern [m^2].
         damps: whether any triangle is damped.
-        lanes: elements whose forces a CPU thread takes together; more than 1 where there is an `add_forces`.
+        lanes: elements whose forces a CPU thread takes together; add_forces(block, e, f), for so many where it is more than 1.
+        used: (e, w_u, w_v) gives the largest part of the ways from rest to a limit, where the law is `abrupt`.
         mode: K of the conditions.
     """
 
@@ -35,6 +36,8 @@ class TriangleLaw(TriangleForce):
     area: Any
     damps: bool
     lanes: int = 1
+    add_forces: Any
+    used: Any
     mode: str
 
     def _begin(self, fields: Fields, unit_energy: float) -> None:
@@ -67,10 +70,6 @@ class TriangleLaw(TriangleForce):
     def stiffness(self, e, w_u, w_v, u, v, s, over, whole):
         """Per area, blocks uu (6 numbers), uv (3x3), vv (6) of -K in (w_u, w_v); with damping as an energy, at these rates,
         where it is `over` a span. Positive semidefinite but where `whole` is 1, or K mode "paper" asks for the exact one."""
-
-    def used(self, e, w_u, w_v):
-        """Largest part of the ways from rest to a limit; asked for where the law is `abrupt`."""
-        raise NotImplementedError(f"{type(self).__name__} has no limits of strain")
 
     def rounding_energy(self, d: float) -> float:
         """Energy [J] that positions off by d [m] put into the rest shape."""
