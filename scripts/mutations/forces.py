@@ -14,7 +14,8 @@ SEAM = "tests/unit/test_forces.py::test_seam_hinges_use_the_mean_of_their_sides"
 STEP = "tests/unit/test_reference.py::test_a_step_of_backward_euler"
 
 CONDITIONS, HINGE = "taichi_cloth/forces/conditions.py", "taichi_cloth/forces/hinge.py"
-MEMBRANE, BEND = "taichi_cloth/forces/membrane.py", "taichi_cloth/forces/bend.py"
+MEMBRANE = "taichi_cloth/forces/membrane.py"
+HINGES, BLOCKS = "taichi_cloth/forces/hinge_law.py", "taichi_cloth/forces/hinge_force.py"
 REST, SLIDE = "taichi_cloth/forces/hinge_rest.py", "taichi_cloth/forces/hysteresis.py"
 PRESSED = "tests/physics/test_pressed_folds.py"
 TRIANGLE, LOOPS = "taichi_cloth/forces/triangle_force.py", "taichi_cloth/forces/triangle_law.py"
@@ -131,9 +132,9 @@ MUTATIONS = (
     (LOOPS, "whole = self._whole and self._over > 0", "whole = False", "further solves are projected wherever they are",
      STEPS_DAMPING),
     (LOOPS, "+ d_v * r_v * (v_dot - r_v)", "", "what weft's damping takes beyond is unaccounted for", BALANCE),
-    (BEND, "C_dot = turned_by(C, self.before[e]) / over", "C_dot += 0", "bending's damping is no energy of a step",
+    (HINGES, "C_dot = turned_by(C, self.before[e]) / over", "C_dot += 0", "bending's damping is no energy of a step",
      STEPS_DAMPING),
-    (BEND, "                pull += k_d * C_dot\n", "                pull += 0.0\n", "bending's damping has no ddC",
+    (HINGES, "                pull += k_d * C_dot\n", "                pull += 0.0\n", "bending's damping has no ddC",
      STEPS_DAMPING),
     (CURVATURE, "part = (row.norm() - self.before[e][m]) / over", "part += 0", "damping of curvatures is no energy of a step",
      STEPS_DAMPING),
@@ -193,21 +194,21 @@ MUTATIONS = (
     (REST, "(2 * COLLAPSED * h.areas.min(axis=1)) ** 2", "(2 * COLLAPSED * h.areas.max(axis=1)) ** 2",
      "fading by the larger triangle",
      COLLAPSED),
-    (BEND, "sums[1] += 0.5 * self.rest[e][1] * C_dot * C_dot", "sums[1] += 0.25 * self.rest[e][1] * C_dot * C_dot",
+    (HINGES, "sums[1] += 0.5 * self.rest[e][1] * C_dot * C_dot", "sums[1] += 0.25 * self.rest[e][1] * C_dot * C_dot",
      "the hinges' dissipation is halved"),
     (MEMBRANE, "self.stiffening.used(m, SHEAR, ti.abs(w_u.dot(w_v)), 0.0)", "0.0", "limits of shear are not accounted for",
      "tests/physics/test_limit_ledger.py"),
     (SLIDE, "low = ti.max(low, ti.min(angle - d, C))", "pass", "creases of flat folds follow C, not the angle", PRESSED),
     (SLIDE, "side = -1.0", "side = 1.0", "folds that pass through themselves change the sign of C", PRESSED),
     (SLIDE, "way = -1.0", "way = 1.0", "a flat fold is one to the positive side", PRESSED),
-    (BEND, "root = ti.sqrt(c * c * k + c * k_d)", "root = ti.sqrt(c * c * k)", "hinges are not damped in the matrix"),
-    (BEND, "s += k * (g_e.dot(m_e) + g_a.dot(m_a) + g_b.dot(m_b))", "s += k * (g_e.dot(m_e) + g_a.dot(m_a))",
+    (HINGES, "root = ti.sqrt(c * c * k + c * k_d)", "root = ti.sqrt(c * c * k)", "hinges are not damped in the matrix"),
+    (HINGES, "s += k * (g_e.dot(m_e) + g_a.dot(m_a) + g_b.dot(m_b))", "s += k * (g_e.dot(m_e) + g_a.dot(m_a))",
      "K times motion lacks an arm"),
-    (BEND, "r_e, r_a, r_b = r_e - c * pull * d_e", "r_e, r_a, r_b = r_e + c * pull * d_e",
+    (HINGES, "r_e, r_a, r_b = r_e - c * pull * d_e", "r_e, r_a, r_b = r_e + c * pull * d_e",
      "exact K times motion, wrong sign", PAPER),
-    (BEND, "self.store_exact(e, c * c * pull)", "self.store_exact(e, c * pull)", "exact K of hinges with c once", PAPER),
-    (BEND, "g_0 = g_e + g_a + g_b", "g_0 = g_e + g_a - g_b", "diagonal of a hinge's first vertex"),
-    (BEND, "own[r, s] = self.hessian[e][9 * (3 * i + r) + 3 * i + s]",
+    (HINGES, "self.store_exact(e, c * c * pull)", "self.store_exact(e, c * pull)", "exact K of hinges with c once", PAPER),
+    (BLOCKS, "g_0 = g_e + g_a + g_b", "g_0 = g_e + g_a - g_b", "diagonal of a hinge's first vertex"),
+    (BLOCKS, "own[r, s] = self.hessian[e][9 * (3 * i + r) + 3 * i + s]",
      "own[r, s] = self.hessian[e][9 * (3 * i + r) + 3 * i + r]",
      "exact diagonal of hinges", PAPER),
     # curvatures
