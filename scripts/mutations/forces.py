@@ -20,7 +20,8 @@ REST, SLIDE = "taichi_cloth/forces/hinge_rest.py", "taichi_cloth/forces/hysteres
 PRESSED = "tests/physics/test_pressed_folds.py"
 TRIANGLE, LOOPS = "taichi_cloth/forces/triangle_force.py", "taichi_cloth/forces/triangle_law.py"
 LANES, OWN_LAW = "taichi_cloth/forces/membrane_lanes.py", "taichi_cloth/forces/membrane_law.py"
-OWN_TESTS = "tests/unit/test_own_law.py"
+OWN_TESTS, OWN_BENDS = "tests/unit/test_own_law.py", "tests/unit/test_own_bend_law.py"
+OWN_BEND = "taichi_cloth/forces/bend_law.py"
 CURVATURE, FIT = "taichi_cloth/forces/curvature_bend.py", "taichi_cloth/forces/curvature_fit.py"
 EXTERNAL, ELEMENTS = "taichi_cloth/forces/external.py", "taichi_cloth/system/elements.py"
 OPERATOR, MEASURE = "taichi_cloth/system/operator.py", "taichi_cloth/system/assembler.py"
@@ -160,6 +161,9 @@ MUTATIONS = (
      "what it is pressed by is not projected", OWN_TESTS),
     (OWN_LAW, "shear_stiffness(w_u, w_v, d_s / over, over * s,", "shear_stiffness(w_u, w_v, d_s / over, s,",
      "its shear's damping has a wrong ddC", OWN_TESTS),
+    (OWN_BEND, "kappa = C * length / area", "kappa = C", "a law of bending sees angles, not curvatures", OWN_BENDS),
+    (OWN_BEND, "length * length / area * ti.max(", "length * ti.max(", "a law of bending's matrix is not its force's slope",
+     OWN_BENDS),
     # hinges
     (HINGE, "n_a, n_b = e.cross(a), b.cross(e)\n    return ti.atan2(n_a.cross(n_b).dot(unit(e))",
      "n_a, n_b = e.cross(a), b.cross(e)\n    return ti.atan2(-n_a.cross(n_b).dot(unit(e))",

@@ -1,27 +1,23 @@
 """Laws of stretch and shear of a user's own: psi, P = dpsi/dF and d2psi/dF2, and no loop."""
 
 from abc import abstractmethod
-from collections.abc import Callable
-from functools import partial
-from typing import Any
 
 import numpy as np
 import taichi as ti
 
-from .. import checks
 from ..backend.fields import Fields
-from ..errors import SceneError
-from ..scene.cloth import Cloth
 from ..scene.scene import Scene
 from ..system.elements import row_sums, triangles
 from ..system.state import Elements, ParticleState
 from .conditions import shear_stiffness, stretch_stiffness, sym, unit
+from .own_law import OwnLaw, Rows, vectors
 from .triangle_law import TriangleLaw
 
 
 @ti.data_oriented
-class MembraneLaw(TriangleLaw):
-    """A law of stretch and shear, on the cloths that `on` names. Make subclasses `ti.data_oriented`.
+class MembraneLaw(OwnLaw, TriangleLaw):
+    """A law of stretch and shear, on the cloths that `on` names; their fabrics need neither. Make subclasses
+    `ti.data_oriented`.
 
     A law is of F = (w_u, w_v), the vectors [m/m] that a unit of warp and a unit of weft of the pattern have become. `psi`, `P`
     and `dP` are Taichi functions, per area of the pattern; `k` is the vector of the triangle's parameters. With K =
@@ -32,56 +28,12 @@ class MembraneLaw(TriangleLaw):
         energies: name of its energy in `Simulation.energy`, a tuple of one.
     """
 
-    parameters: tuple[str, ...] = ()
     energies = ("membrane",)
 
-    @classmethod
-    def on(cls, *cloths: Cloth, k_d: float | tuple[float, float, float] = 0.0, **values: Any) -> Callable:
-        """What `Scene.add_force` takes, for these cloths; their fabrics need no stretch and no shear.
-
-        Args:
-            k_d: damping of the stretch of warp and weft and of shear [N s/m]; one number, or three.
-            values: the parameters by name, each a number or, of one cloth, (faces,).
-
-        Raises:
-            SceneError: a parameter that is missing, unknown or not finite; a law that lacks a part.
-        """
-        what, lacks = cls.__name__, sorted(getattr(cls, "__abstractmethods__", ()))
-        if lacks:
-            raise SceneError(f"{what}: the law lacks {', '.join(lacks)}")
-        if not cloths:
-            raise SceneError(f"{what}: on which cloth? {what}.on(cloth, ...)")
-        for cloth in cloths:
-            checks.instance(f"{what}: cloth", cloth, Cloth)
-        wanted, given = set(cls.parameters), set(values)
-        if wanted != given:
-            missing, unknown = sorted(wanted - given), sorted(given - wanted)
-            said = [f"{word} {', '.join(names)}" for word, names in (("lacks", missing), ("has no", unknown)) if names]
-            raise SceneError(f"{what}: {' and '.join(said)}; its parameters: {', '.join(cls.parameters)}")
-        each = k_d if isinstance(k_d, tuple) and len(k_d) == 3 else (k_d,) * 3
-        damping = tuple(checks.number(f"{what}: k_d", d, "N s/m", least=0.0) for d in each)
-        return partial(cls, rows=tuple((cloth, cls._row(cloth, len(cloths), values)) for cloth in cloths), k_d=damping)
-
-    @classmethod
-    def _row(cls, cloth: Cloth, count: int, values: dict[str, Any]) -> np.ndarray:
-        """(faces, parameters)"""
-        out = np.empty((cloth.mesh.face_count, len(cls.parameters)))
-        for column, name in enumerate(cls.parameters):
-            what = f"{cls.__name__}: {name}"
-            if count == 1 and np.ndim(values[name]):
-                out[:, column] = checks.array(what, values[name], (len(out),), row="face")
-            else:
-                out[:, column] = checks.number(what, values[name])
-        return out
-
-    def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str,
-                 rows: tuple[tuple[Cloth, np.ndarray], ...] = (), k_d: tuple[float, ...] = (0.0, 0.0, 0.0)) -> None:
+    def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str, rows: Rows = (),
+                 k_d: tuple[float, ...] = (0.0, 0.0, 0.0)) -> None:
+        self._check(scene, rows)
         what = type(self).__name__
-        if not rows:
-            raise SceneError(f"{what}: on which cloth? scene.add_force({what}.on(cloth, ...))")
-        for cloth, _ in rows:
-            if not any(cloth is other for other in scene.cloths):
-                raise SceneError(f"{what}: {cloth.name!r} is no cloth of this scene; pass what its add_cloth returned")
         self.notes = [f"{cloth.name}: stretch and shear of its fabric act beside {what}"
                       for cloth, _ in rows if any(f.stretch or f.shear for f in cloth.fabrics)]
         self.model, self.mode, self.damps = model, mode, any(k_d)
@@ -92,19 +44,11 @@ class MembraneLaw(TriangleLaw):
         self.elements = Elements(fields, model.blocks, vertices)
         per, count = self.elements.per_entry, self.elements.count
         self.inverse, self.area = fields.real(count, 4, per(inverse)), fields.real(count, data=per(area))
-        vector = np.pad(numbers, ((0, 0), (0, max(0, 2 - numbers.shape[1]))))  # one also where there is but one number
-        self.k = fields.real(count, vector.shape[1], per(vector))
+        self.k = fields.real(count, max(2, numbers.shape[1]), per(vectors(numbers)))
         self.k_d = fields.real(1, 3, np.array([k_d]))
-        stiff = np.broadcast_to(np.asarray(self.stiffest(*numbers.T), dtype=float), area.shape) * area
-        if not (np.isfinite(stiff).all() and (stiff > 0).all()):
-            raise SceneError(f"{what}: stiffest() must be positive and finite; with these parameters it is not")
+        stiff = self._stiffest(numbers) * area
         self.rates = tuple(_bound(vertices, inverse, model.mass, size) for size in (stiff, 2 * max(k_d) * area))
         self._begin(fields, float(np.sum(stiff * np.sum(inverse**2, axis=1)) / 2))
-
-    @abstractmethod
-    def stiffest(self, *values: np.ndarray) -> Any:
-        """The largest second derivative of psi at rest along any F of size 1 [N/m], from the parameters, (faces,) each, in
-        numpy. Explicit steps are as short as it asks for."""
 
     @abstractmethod
     def psi(self, k, w_u, w_v):
