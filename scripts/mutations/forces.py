@@ -146,7 +146,7 @@ MUTATIONS = (
      "the next step starts with the last one's mean powers", BALANCE),
     (LOOPS, "report[block, base + n + 2] = largest", "report[block, base + n + 2] = 1.0",
      "the largest stretch is not reported", "tests/unit/test_reference.py::test_measures_of_stretch"),
-    (LOOPS, "gone = before - 1, ti.abs(now - 1)", "gone = before - 1, now - 1",
+    (LOOPS, "gone = before / rest - 1, ti.abs(now / rest - 1)", "gone = before / rest - 1, now / rest - 1",
      "cloth that shortens in a step changes nothing", "tests/unit/test_reference.py::test_measures_of_stretch"),
     (TRIANGLE, "d_1 * inverse[1] + d_2 * inverse[3]", "d_1 * inverse[2] + d_2 * inverse[3]",
      "w_v by the inverse's wrong number"),

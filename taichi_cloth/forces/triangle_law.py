@@ -107,12 +107,6 @@ class TriangleLaw(TriangleForce):
         vv = d_v * sym_outer(unit(w_v)) + d_s * sym_outer(w_u)
         return uu, d_s * w_v.outer_product(w_u), vv
 
-    @ti.func
-    def change(self, e, u_0, v_0, u, v):
-        """By how much |w_u| = u or |w_v| = v went away from rest since they were u_0 and v_0."""
-        b_u, b_v = self.rest(e)
-        return ti.max(strayed(u_0 / b_u, u / b_u), strayed(v_0 / b_v, v / b_v))
-
     def change_beside(self, led: np.ndarray) -> float:
         """The largest change of triangles none of whose corners are among the particles `led` (n,)."""
         return float(self._change_beside(led.astype(np.int32)))
@@ -125,7 +119,8 @@ class TriangleLaw(TriangleForce):
             if led[v[0]] + led[v[1]] + led[v[2]] == 0:
                 w_u, w_v = self.spread(e, self.model.x)
                 o_u, o_v = self.spread(e, self.model.x_saved)
-                ti.atomic_max(largest, self.change(e, o_u.norm(), o_v.norm(), w_u.norm(), w_v.norm()))
+                b_u, b_v = self.rest(e)
+                ti.atomic_max(largest, ti.max(strayed(o_u.norm(), w_u.norm(), b_u), strayed(o_v.norm(), w_v.norm(), b_v)))
         return largest
 
     @ti.func
@@ -168,7 +163,7 @@ class TriangleLaw(TriangleForce):
                 if over > 0:
                     r_u, r_v, r_s = (u - u_0) / over, (v - v_0) / over, (w_u.dot(w_v) - o_u.dot(o_v)) / over
             largest = ti.max(largest, ti.max(u / b_u, v / b_v))
-            change = ti.max(change, self.change(e, u_0, v_0, u, v))
+            change = ti.max(change, ti.max(strayed(u_0, u, b_u), strayed(v_0, v, b_v)))
             if ti.static(self.abrupt):
                 used = ti.max(used, self.used(e, w_u, w_v))
             if self.elements.primary[e] == 1:
@@ -212,7 +207,8 @@ class TriangleLaw(TriangleForce):
 
 
 @ti.func
-def strayed(before, now):
-    """By how much a stretch |w| / b has gone away from 1: cloth that was let go and springs back does not count."""
-    past, gone = before - 1, ti.abs(now - 1)
-    return ti.select(past * (now - 1) > 0, ti.max(gone - ti.abs(past), 0.0), gone)
+def strayed(before, now, rest):
+    """By how much a length |w| has gone away from rest, in parts of it: cloth that was let go and springs back does not
+    count."""
+    past, gone = before / rest - 1, ti.abs(now / rest - 1)
+    return ti.select(past * (now / rest - 1) > 0, ti.max(gone - ti.abs(past), 0.0), gone)
