@@ -101,7 +101,7 @@ class Membrane(MembraneLanes):
     def viscosity(self, e):
         """k_d of warp, weft and shear [N s/m]."""
         k = self.table[self.material[e]]
-        return k[D_U], k[D_V], k[D_S]
+        return ti.Vector([k[D_U], k[D_V], k[D_S]])
 
     @ti.func
     def add_energy(self, e, area, w_u, w_v, v_u, v_v, sums: ti.template()):

@@ -84,7 +84,7 @@ class MembraneLaw(OwnLaw, TriangleLaw):
     @ti.func
     def viscosity(self, e):
         """k_d of warp, weft and shear [N s/m]."""
-        return self.k_d[0][0], self.k_d[0][1], self.k_d[0][2]
+        return self.k_d[0]
 
     @ti.func
     def add_energy(self, e, area, w_u, w_v, v_u, v_v, sums: ti.template()):
@@ -98,9 +98,9 @@ class MembraneLaw(OwnLaw, TriangleLaw):
         """P and what damping pulls, at these rates of the conditions."""
         g_u, g_v = self.P(self.k[e], w_u, w_v)
         if ti.static(self.damps):
-            d_u, d_v, d_s = self.viscosity(e)
-            g_u += d_u * u * unit(w_u) + d_s * s_dot * w_v
-            g_v += d_v * v * unit(w_v) + d_s * s_dot * w_u
+            k_d = self.viscosity(e)
+            g_u += k_d[0] * u * unit(w_u) + k_d[2] * s_dot * w_v
+            g_v += k_d[1] * v * unit(w_v) + k_d[2] * s_dot * w_u
         return g_u, g_v
 
     @ti.func
@@ -111,10 +111,10 @@ class MembraneLaw(OwnLaw, TriangleLaw):
         uu, vv = sym(P_uu), sym(P_vv)
         if ti.static(self.damps):
             if over > 0:
-                d_u, d_v, d_s = self.viscosity(e)
-                uu += stretch_stiffness(w_u, 0.0, 1.0, d_u * u, d_u / over, self.mode, whole)
-                vv += stretch_stiffness(w_v, 0.0, 1.0, d_v * v, d_v / over, self.mode, whole)
-                s_uu, s_uv, s_vv = shear_stiffness(w_u, w_v, d_s / over, over * s, self.mode, whole)
+                k_d = self.viscosity(e)
+                uu += stretch_stiffness(w_u, 0.0, 1.0, k_d[0] * u, k_d[0] / over, self.mode, whole)
+                vv += stretch_stiffness(w_v, 0.0, 1.0, k_d[1] * v, k_d[1] / over, self.mode, whole)
+                s_uu, s_uv, s_vv = shear_stiffness(w_u, w_v, k_d[2] / over, over * s, self.mode, whole)
                 uu, uv, vv = uu + s_uu, uv + s_uv, vv + s_vv
         return uu, uv, vv
 

@@ -56,7 +56,7 @@ class TriangleLaw(TriangleForce):
 
     @abstractmethod
     def viscosity(self, e):
-        """k_d of warp, weft and shear [N s/m]."""
+        """k_d of warp, weft and shear [N s/m], a vector."""
 
     @abstractmethod
     def add_energy(self, e, area, w_u, w_v, v_u, v_v, sums):
@@ -100,12 +100,11 @@ class TriangleLaw(TriangleForce):
         return unit(w_u).dot(v_u), unit(w_v).dot(v_v), v_u.dot(w_v) + v_v.dot(w_u)
 
     @ti.func
-    def damping(self, e, w_u, w_v):
+    def damping(self, k_d, w_u, w_v):
         """Per area, blocks uu, uv, vv of -D in (w_u, w_v): k_d dC dC^T (12)."""
-        d_u, d_v, d_s = self.viscosity(e)
-        uu = d_u * sym_outer(unit(w_u)) + d_s * sym_outer(w_v)
-        vv = d_v * sym_outer(unit(w_v)) + d_s * sym_outer(w_u)
-        return uu, d_s * w_v.outer_product(w_u), vv
+        uu = k_d[0] * sym_outer(unit(w_u)) + k_d[2] * sym_outer(w_v)
+        vv = k_d[1] * sym_outer(unit(w_v)) + k_d[2] * sym_outer(w_u)
+        return uu, k_d[2] * w_v.outer_product(w_u), vv
 
     def change_beside(self, led: np.ndarray) -> float:
         """The largest change of triangles none of whose corners are among the particles `led` (n,)."""
@@ -156,6 +155,9 @@ class TriangleLaw(TriangleForce):
             v_u, v_v = self.spread(e, self.model.v)
             o_u, o_v = self.spread(e, self.model.x_saved)
             b_u, b_v = self.rest(e)
+            k_d = ti.Vector.zero(float, 3)
+            if ti.static(self.damps):
+                k_d = self.viscosity(e)
             u, v, u_0, v_0 = w_u.norm(), w_v.norm(), o_u.norm(), o_v.norm()
             u_dot, v_dot, s_dot = self.speeds(w_u, w_v, v_u, v_v)
             r_u, r_v, r_s = u_dot, v_dot, s_dot
@@ -170,14 +172,13 @@ class TriangleLaw(TriangleForce):
                 area = self.area[e]
                 self.add_energy(e, area, w_u, w_v, v_u, v_v, sums)
                 if ti.static(self.damps):
-                    d_u, d_v, d_s = self.viscosity(e)
-                    sums[n] += 0.5 * area * (d_u * r_u ** 2 + d_v * r_v ** 2 + d_s * r_s ** 2)
+                    sums[n] += 0.5 * area * (k_d[0] * r_u ** 2 + k_d[1] * r_v ** 2 + k_d[2] * r_s ** 2)
                     if over > 0:
-                        sums[n + 1] += area * (d_u * r_u * (u_dot - r_u) + d_v * r_v * (v_dot - r_v)
-                                               + d_s * r_s * (s_dot - r_s))
+                        sums[n + 1] += area * (k_d[0] * r_u * (u_dot - r_u) + k_d[1] * r_v * (v_dot - r_v)
+                                               + k_d[2] * r_s * (s_dot - r_s))
             if ti.static(self.stiff):
                 if linearizes == 1:
-                    self.linearize(e, moves, c, w_u, w_v, r_u, r_v, r_s, over, whole, to, lo, hi)
+                    self.linearize(e, moves, c, k_d, w_u, w_v, r_u, r_v, r_s, over, whole, to, lo, hi)
         for i in ti.static(range(n + 2)):
             report[block, base + i] = sums[i]
         report[block, base + n + 2] = largest
@@ -186,7 +187,7 @@ class TriangleLaw(TriangleForce):
             report[block, base + n + 4] = used
 
     @ti.func
-    def linearize(self, e, moves, c, w_u, w_v, u, v, s, over, whole, to: ti.template(), lo, hi):
+    def linearize(self, e, moves, c, k_d, w_u, w_v, u, v, s, over, whole, to: ti.template(), lo, hi):
         """b += c (f + K motion); stores the block of -c D - c^2 K and adds its diagonal to P."""
         g_u, g_v = self.gradient(e, w_u, w_v, u, v, s)
         uu, uv, vv = self.stiffness(e, w_u, w_v, u, v, s, over, whole)
@@ -199,7 +200,7 @@ class TriangleLaw(TriangleForce):
         uu, uv, vv = c * scale * uu, c * scale * uv, c * scale * vv
         if ti.static(self.damps):
             if over == 0:
-                d_uu, d_uv, d_vv = self.damping(e, w_u, w_v)
+                d_uu, d_uv, d_vv = self.damping(k_d, w_u, w_v)
                 uu += scale * d_uu
                 uv += scale * d_uv
                 vv += scale * d_vv
