@@ -46,16 +46,17 @@ def simulation(mesh, x, v, fabric=None, K="projected", **values) -> tc.Simulatio
 
 
 def test_a_hinge_has_the_moment_of_its_curvature():
-    """Two right triangles over an edge of 1 m: what turns the tip is |e| M(theta |e| / (A_1 + A_2)) over its arm."""
-    mesh = tc.TriMesh([[0, 0, 0], [0, 1, 0], [1, 0.5, 0], [-1, 0.5, 0]], [[0, 2, 1], [0, 1, 3]],
-                      [[0, 0], [0, 1], [1, 0.5], [-1, 0.5]])
-    angle = 0.7
+    """Two triangles over an edge of 1 m: what turns a tip is |e| M(theta |e| / (A_1 + A_2)) over its arm."""
+    arm, angle = 0.6, 0.7
+    mesh = tc.TriMesh([[0, 0, 0], [0, 1, 0], [arm, 0.5, 0], [-arm, 0.5, 0]], [[0, 2, 1], [0, 1, 3]],
+                      [[0, 0], [0, 1], [arm, 0.5], [-arm, 0.5]])
     x = mesh.x.copy()
-    x[3] = [-np.cos(angle), 0.5, np.sin(angle)]
+    x[3] = [-arm * np.cos(angle), 0.5, arm * np.sin(angle)]
+    kappa = angle / arm
     with simulation(mesh, x, 0 * x, D=D, B=B) as sim:
         f, energy = sim.forces()[3], sim.energy()["bend"]
-    assert energy == pytest.approx(D / 2 * angle**2 + B / 4 * angle**4, rel=1e-12)
-    assert f @ [np.sin(angle), 0, np.cos(angle)] == pytest.approx(-(D * angle + B * angle**3), rel=1e-12)
+    assert energy == pytest.approx(arm * (D / 2 * kappa**2 + B / 4 * kappa**4), rel=1e-12)
+    assert f @ [np.sin(angle), 0, np.cos(angle)] == pytest.approx(-(D * kappa + B * kappa**3) / arm, rel=1e-12)
 
 
 @pytest.mark.slow
