@@ -161,6 +161,8 @@ MUTATIONS = (
      "what it is pressed by is not projected", OWN_TESTS),
     (OWN_LAW, "shear_stiffness(w_u, w_v, k_d[2] / over, over * s,", "shear_stiffness(w_u, w_v, k_d[2] / over, s,",
      "its shear's damping has a wrong ddC", OWN_TESTS),
+    (OWN_LAW, 'whole if ti.static(self.mode == "projected") else', "whole if ti.static(True) else",
+     "its Gauss-Newton matrix has negative eigenvalues", OWN_TESTS),
     (OWN_BEND, "kappa = C * length / area", "kappa = C", "a law of bending sees angles, not curvatures", OWN_BENDS),
     (OWN_BEND, "length * length / area * ti.max(", "length * ti.max(", "a law of bending's matrix is not its force's slope",
      OWN_BENDS),

@@ -21,7 +21,7 @@ class MembraneLaw(OwnLaw, TriangleLaw):
 
     A law is of F = (w_u, w_v), the vectors [m/m] that a unit of warp and a unit of weft of the pattern have become. `psi`, `P`
     and `dP` are Taichi functions, per area of the pattern; `k` is the vector of the triangle's parameters. With K =
-    "gauss_newton" such laws are as with "projected".
+    "gauss_newton" `exact` is always 0.
 
     Attributes:
         parameters: names of the law's numbers, in the order in which `k` has them.
@@ -106,7 +106,7 @@ class MembraneLaw(OwnLaw, TriangleLaw):
     @ti.func
     def stiffness(self, e, w_u, w_v, u, v, s, over, whole):
         """dP as blocks; damping as an energy adds its own, where it is `over` a span."""
-        exact = 1.0 if ti.static(self.mode == "paper") else whole
+        exact = whole if ti.static(self.mode == "projected") else float(ti.static(self.mode == "paper"))
         P_uu, uv, P_vv = self.dP(self.k[e], w_u, w_v, exact)
         uu, vv = sym(P_uu), sym(P_vv)
         if ti.static(self.damps):
