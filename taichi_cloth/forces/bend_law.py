@@ -66,11 +66,11 @@ class BendLaw(OwnLaw, HingeLaw):
 
     @abstractmethod
     def dM(self, k, kappa):
-        """dM/dkappa [N m]. Where it is negative the matrix takes what has no negative part."""
+        """dM/dkappa [N m]. Where it is negative the matrix takes 0, or M/kappa."""
 
     @ti.func
     def beside(self, e, C):
-        """(torque, what the matrix takes but for K mode "paper", slope, energy) at the condition C."""
+        """(torque, the matrix's stiffness but for K mode "paper", slope, energy) at the condition C."""
         area, length = self.size[e][0], self.size[e][1]
         kappa = C * length / area
         torque, slope = length * self.M(self.k[e], kappa), length * length / area * ti.max(self.dM(self.k[e], kappa), 0.0)

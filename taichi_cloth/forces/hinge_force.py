@@ -33,7 +33,7 @@ class HingeForce(Force):
     hessian: Any
 
     def _begin(self, fields: Fields, parts: list[Hinges], vertices: np.ndarray, rest: np.ndarray, stiff: np.ndarray) -> None:
-        """What all laws have.
+        """The part of making that all laws share.
 
         Args:
             vertices: (hinges, 4) particles.

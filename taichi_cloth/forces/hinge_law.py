@@ -1,7 +1,7 @@
 """The loops over hinges, written once for all laws of bending over them.
 
-A law says what torque a hinge has at its condition C, see `hinge`: k C, and what subclasses have beside it. Everything else is
-here: forces, energies and powers, the linear system, damping.
+A law says what torque a hinge has at its condition C, see `hinge`: k C, and the torque that subclasses have beside it. Everything
+else is here: forces, energies and powers, the linear system, damping.
 """
 
 from typing import Any
@@ -29,7 +29,7 @@ class HingeLaw(HingeForce):
     side: Any
 
     def build_stiffness(self) -> None:
-        """Allocates what only an implicit step needs."""
+        """Allocates the fields of implicit steps."""
         self.g, self.stiff = self._fields.real(self.elements.count, 9), True
         self.over, self.before = self._fields.real(1, data=np.zeros(1)), self._fields.real(self.elements.count)
         if self.exact:

@@ -29,7 +29,7 @@ class MembraneLanes(TriangleLaw):
     def add_forces(self, block, e, f: ti.template()):
         """f += forces of elements e, e + 1 ..., in `lanes`, of which the compiler makes vector instructions.
 
-        It does so where what they give is also written side by side, to `aside`, which nobody reads.
+        It does so where the forces are also written side by side, to `aside`, which nobody reads.
         """
         area = ti.Vector([self.area[e + j] for j in ti.static(range(self.lanes))])
         k = [ti.Vector([self.table[self.material[e + j]][c] for j in ti.static(range(self.lanes))])

@@ -56,7 +56,7 @@ class MembraneLaw(OwnLaw, TriangleLaw):
 
     @abstractmethod
     def P(self, k, w_u, w_v):
-        """dpsi/dF as (dpsi/dw_u, dpsi/dw_v) [N/m]: what pulls at a unit of width of the pattern, across warp and weft."""
+        """dpsi/dF as (dpsi/dw_u, dpsi/dw_v) [N/m]: the pull at a unit of width of the pattern, across warp and weft."""
 
     @abstractmethod
     def dP(self, k, w_u, w_v, exact):
@@ -95,7 +95,7 @@ class MembraneLaw(OwnLaw, TriangleLaw):
 
     @ti.func
     def gradient(self, e, w_u, w_v, u, v, s_dot):
-        """P and what damping pulls, at these rates of the conditions."""
+        """P and the pull of damping, at these rates of the conditions."""
         g_u, g_v = self.P(self.k[e], w_u, w_v)
         if ti.static(self.damps):
             k_d = self.viscosity(e)
@@ -120,7 +120,7 @@ class MembraneLaw(OwnLaw, TriangleLaw):
 
 
 def _bound(vertices: np.ndarray, inverse: np.ndarray, mass: np.ndarray, size: np.ndarray) -> float:
-    """What the eigenvalues of M^-1 K do not exceed, for an energy of no more than size (m,) / 2 |F|^2 a triangle."""
+    """A bound on the eigenvalues of M^-1 K, for an energy of no more than size (m,) / 2 |F|^2 a triangle."""
     u, v = (np.column_stack([-inverse[:, a] - inverse[:, a + 2], inverse[:, a], inverse[:, a + 2]]) for a in (0, 1))
     blocks = np.abs(np.einsum("ei,ej->eij", u, u) + np.einsum("ei,ej->eij", v, v))
     return float(row_sums(vertices, size[:, None, None] * blocks, mass).max())

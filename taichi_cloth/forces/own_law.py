@@ -1,4 +1,4 @@
-"""What laws of a user's own have in common: the cloths that they are on, and their numbers. numpy only."""
+"""The part that laws of a user's own share: the cloths that they are on, and their numbers. numpy only."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -28,7 +28,7 @@ class OwnLaw(ABC):
 
     @classmethod
     def on(cls, *cloths: Cloth, k_d: float | Sequence[float] = 0.0, **values: Any) -> Callable:
-        """What `Scene.add_force` takes, for these cloths.
+        """The law on these cloths, for `Scene.add_force`.
 
         Args:
             k_d: damping; of membranes [N s/m] one number, or three for the stretch of warp and weft and for shear; of bending

@@ -1,7 +1,7 @@
 """The loops over triangles, written once for all laws of stretch and shear.
 
 A law says, per area of the pattern, how a triangle's energy goes with (w_u, w_v), the columns of F (9): its first derivative
-and its second one. Everything else is here: forces, energies and powers, the linear system, damping, what control asks for.
+and its second one. Everything else is here: forces, energies and powers, the linear system, damping, measures for step control.
 
 Damping is that of the conditions C = |w_u|, |w_v| and w_u . w_v: k_d/2 C_dot^2 of power per area for each.
 """
@@ -41,7 +41,7 @@ class TriangleLaw(TriangleForce):
     mode: str
 
     def _begin(self, fields: Fields, unit_energy: float) -> None:
-        """What all laws have.
+        """The part of making that all laws share.
 
         Args:
             unit_energy: of strains that are but a rounding of positions by 1 m [J].
@@ -76,7 +76,7 @@ class TriangleLaw(TriangleForce):
         return self._unit_energy * d * d
 
     def build_stiffness(self) -> None:
-        """Allocates what only an implicit step needs."""
+        """Allocates the fields of implicit steps."""
         self.A, self.stiff = self._fields.real(self.elements.count, 21), True
         self.way: Any = self._fields.real(2, data=np.zeros(2))  # span that damping is taken over [s]; 1 where K is whole
 
@@ -143,7 +143,7 @@ class TriangleLaw(TriangleForce):
     def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
                  dtype: ti.template()):
         """Energies by term [J], from column `base`; dissipated power / 2 [W]; the rate at which the energies grow [W]; largest
-        |w| / b, by how much any went away from rest since the saved state, what is used of limits. With `linearizes`, the
+        |w| / b, by how much any went away from rest since the saved state, the used part of limits. With `linearizes`, the
         linear system too."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
         n = ti.static(len(self.energies))
