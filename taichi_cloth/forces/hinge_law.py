@@ -1,7 +1,7 @@
 """The loops over hinges, written once for all laws of bending over them.
 
-A law says what torque a hinge has at its condition C, see `hinge`: k C, and the torque that subclasses have beside it. Everything
-else is here: forces, energies and powers, the linear system, damping.
+A law says what torque a hinge has at its condition C, see `hinge`: k C, and the torque that subclasses have beside it.
+Everything else is here: forces, energies and powers, the linear system, damping.
 """
 
 from typing import Any

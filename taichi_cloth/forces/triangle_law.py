@@ -1,7 +1,7 @@
 """The loops over triangles, written once for all laws of stretch and shear.
 
 A law says, per area of the pattern, how a triangle's energy goes with (w_u, w_v), the columns of F (9): its first derivative
-and its second one. Everything else is here: forces, energies and powers, the linear system, damping, measures for step control.
+and its second one. Everything else is here: forces, energies, powers, the linear system, damping, measures for step control.
 
 Damping is that of the conditions C = |w_u|, |w_v| and w_u . w_v: k_d/2 C_dot^2 of power per area for each.
 """
