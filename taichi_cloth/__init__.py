@@ -33,6 +33,7 @@ _NAMES = {
     "scene.tear": "Tear",
     "scene.view": "Camera View",
     "scene.appearance": "Appearance Texture Weave",
+    "forces.membrane_law": "MembraneLaw", "forces.bend_law": "BendLaw",
     "system.constraints": "Constraint",
     "options": "Options",
     "simulation": "Simulation",

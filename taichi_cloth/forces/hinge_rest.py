@@ -44,4 +44,9 @@ def _rows(cloth: Cloth, h: Hinges, theta_0, factor: float = 1.0) -> np.ndarray:
     for name, total in (("D", k), ("k_d", k_d)):
         values = np.array([pair(getattr(f.bend, name)) if f.bend else (0.0, 0.0) for f in cloth.fabrics])
         total[:] = weight * np.einsum("hj,hj->h", h.across, values[of].mean(axis=1))
-    return np.column_stack([k, k_d, np.broadcast_to(theta_0, k.shape), (2 * COLLAPSED * h.areas.min(axis=1)) ** 2])
+    return np.column_stack([k, k_d, np.broadcast_to(theta_0, k.shape), least_normal(h)])
+
+
+def least_normal(h: Hinges) -> np.ndarray:
+    """(hinges,) squared normal [m^4] below which a triangle fades."""
+    return (2 * COLLAPSED * h.areas.min(axis=1)) ** 2

@@ -5,6 +5,8 @@ import numpy as np
 from ..scene.fabric import pair
 from ..system.elements import row_sums
 
+K_U, K_V, K_S, D_U, D_V, D_S, B_U, B_V = range(8)  # columns of the table of materials
+
 
 def row_of(fabric) -> list[float]:
     """A fabric's row of the table: k of warp, weft and shear, k_d of these, b of warp and weft."""

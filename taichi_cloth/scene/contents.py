@@ -189,7 +189,8 @@ class Contents:
         """Adds a force of your own.
 
         Args:
-            make: a class, or a function, that makes a `forces.force.Force` of (fields, model, scene, K).
+            make: what `MembraneLaw.on` or `BendLaw.on` gives, or a class or function that makes a `forces.force.Force` of
+                (fields, model, scene, K).
         """
         checks.function("add_force: make", make, "fields", "model", "scene", "K")
         self._refuse_followed("add_force")

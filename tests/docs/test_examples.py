@@ -14,7 +14,7 @@ import pytest
 ROOT = pathlib.Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-SLOW = ("solids", "layers", "garments", "output", "live")  # kernels of contact and pictures are many
+SLOW = ("solids", "layers", "garments", "output", "live", "own_law")  # kernels of contact and pictures are many
 RESTARTS = {"sweeps"}  # with threads of their own
 SMALL = re.compile(r"<!-- small: (.*?) -> (.*?) -->")
 
