@@ -94,10 +94,11 @@ def _dispatch(args: argparse.Namespace) -> int:
 def _guard(work: Callable[[], int]) -> int:
     from ..errors import ClothError, ScriptError
     from .interrupts import raised
+    from .notes import warnings_as_notes
     from .scenefile import own_lines
 
     try:
-        with raised():
+        with raised(), warnings_as_notes():
             try:
                 return work()
             finally:

@@ -59,10 +59,12 @@ class Parser(argparse.ArgumentParser):
 
 def vector_of(text: str) -> tuple[float, ...]:
     """Three numbers such as 0,-.1,1e-2, for argparse."""
-    parts = text.split(",")
-    if len(parts) != 3:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be three numbers, X,Y,Z")
-    return tuple(map(number_of, parts))
+    from .scenefile import numbers
+
+    try:
+        return numbers(text, 3)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be three numbers, X,Y,Z") from None
 
 
 def number_of(text: str) -> float:
