@@ -35,16 +35,16 @@ def build(pattern: str = "", body: str = "", spacing: float = 0.03, friction: fl
     """Hangs the panels, to be sewn.
 
     Args:
-        pattern: file with panels and stitches, as `dress` takes it (patterns/ has four); empty: a skirt with darts.
-        body: file with a mesh or a character, as tc.load_solid takes it; empty: a figure made of capsules.
+        pattern: file with panels and stitches, as `dress` takes it (patterns/ has four) (empty: a skirt with darts).
+        body: file with a mesh or a character, as tc.load_solid takes it (empty: a figure made of capsules).
         spacing: length of the triangles' edges [m].
         friction: of cloth on the body and on itself.
-        held: label of the edges that are held up while panels are sewn; empty: shoulders, or the waist.
+        held: label of the edges that are held up while panels are sewn (empty: shoulders, or the waist).
         turn: of the pattern about the vertical, z towards x, to where the body faces [degrees].
         shift: x,y,z by which the pattern is then moved [m].
         scale: metres per unit of the body's file.
-        up: axis of the body's file that points up, y or z; empty: its own, or y.
-        side: file with stitches of an SVG, a DXF or an OBJ; empty: the one of its name.
+        up: axis of the body's file that points up, y or z (empty: its own, or y).
+        side: file with stitches of an SVG, a DXF or an OBJ (empty: the one of its name).
         pattern_size: name of a size, of a DXF with several.
     """
     loaded = tc.load_pattern(pattern or PATTERN, side or None, size=pattern_size or None)

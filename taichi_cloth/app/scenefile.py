@@ -59,7 +59,7 @@ class SceneFile:
         """
         try:
             with waiting(" ".join([f"building {self.name}", *(f"{name}={value}" for name, value in settings.items())])):
-                said_of_all = {name: value for name, value in self.typed(settings).items() if name not in self.options}
+                said_of_all = {n: value for n, value in self.typed(settings).items() if n not in self.options and value != ""}
                 scene = self.build(**{name: value for name, value in self.typed(settings).items() if name in self.options})
         except ClothError:
             raise

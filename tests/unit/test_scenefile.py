@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 
-from taichi_cloth.app import cli, runner, scenefile, waiting
+from taichi_cloth.app import cli, runner, scenefile, sceneoptions, waiting
 from taichi_cloth.errors import SceneError, ScriptError
 
 TEXT = '''"""What it shows.
@@ -112,6 +112,41 @@ def test_a_flat_mesh_is_not_hung_by_all_of_it(tmp_path):
     (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 3 2\n")
     with pytest.raises(SceneError, match="lies flat.*pins=2"):
         scenefile.read("hang_mesh").make({"mesh": str(tmp_path / "flat.obj")})
+
+
+def test_a_scene_says_its_options(tmp_path, capsys):
+    """With default, meaning and unit, by `list` and by the help of every command that takes a scene."""
+    (tmp_path / "mine.py").write_text(TEXT.replace("    scene = tc", '''    """A sheet.
+
+    Args:
+        n: cells along
+            a side.
+        x: its size [m].
+
+    Returns:
+        at: nothing of its own.
+    """
+    scene = tc''', 1))
+    path = str(tmp_path / "mine.py")
+    lines = ["  n=5             cells along a side", "  x=0.5           its size [m]", "  flag=False", "  name=a",
+             "  at=0.0,1.0,0.0"]
+    assert cli.main(["list", path]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0] == "mine: What it shows." and said[2:7] == lines and [line.split("=")[0] for line in said[7:]] == [
+        "  fabric", "  wind"]
+    for command in ("run", "check", "view", "sweep", "study", "verify"):
+        with pytest.raises(SystemExit) as ended:
+            cli.main([command, path, "--help"])
+        said = capsys.readouterr().out
+        assert ended.value.code == 0 and said.startswith("usage:") and "\n".join(lines) in said
+    assert cli.main(["run", str(tmp_path / "mien.py"), "--help"]) == 2 and "did you mean" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", scenefile.available())
+def test_every_option_of_a_scene_has_its_line(name):
+    scene = scenefile.read(name)
+    said = sceneoptions.meanings(scene.build)
+    assert list(said) == list(scene.options) and all(said.values())
 
 
 def test_warnings_are_notes_on_a_command_line(capsys):
