@@ -13,6 +13,8 @@ MUTATIONS = (
      "the camera looks past the middle", OUTPUT),
     (OUT + "picture.py", "for frame in frames() if frames and (self.fitted or stands) else ():", "for frame in ():",
      "only the first frame is fitted", DRAWN),
+    (PACKAGE + "recording/playback.py", ", lambda: map(recording.frame, numbers))", ")",
+     "a few frames are framed for the whole run", DRAWN),
     (OUT + "drawn.py", "mine = np.where(np.isnan(panels), mine, panels)", "mine = mine",
      "panels have no colours of their own", PICTURES),
     (OUT + "picture.py", "ground=solid if solid <= cloth", "ground=solid if solid <= first[0, 1]",
