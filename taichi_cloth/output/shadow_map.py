@@ -9,8 +9,8 @@ from .uniforms import LIGHT, SHADOW, SIDE
 
 MAP = 1536  # samples a side
 REACH = 3  # samples to either side over which shade changes
-OUT = 5.0  # samples by which a face's own place is looked at from outside, where it bends
-GRAZING = 0.1  # cosine of the light's angle to a face, below which its height is taken to change no faster
+OUT = 5.0  # samples by which cloth has to be further out to shade a face: it bends, and its neighbours do not
+GRAZING = 0.1  # cosine of the light's angle to a face, below which it is treated as if it were that
 
 
 @ti.data_oriented
@@ -43,7 +43,7 @@ class ShadowMap:
     @ti.func
     def at(self, position, bulge, flat, row, column, rows: ti.template()):
         """(share of the light, share of the sky) at a sample of a face of the normal `flat`, which is round by `bulge` [m]."""
-        return self._reaches(position + bulge + flat * OUT / rows[SHADOW + 1, 0], flat, rows), 1.0
+        return self._reaches(position + bulge, flat, rows), 1.0
 
     @ti.func
     def _reaches(self, position, flat, rows: ti.template()):
@@ -55,7 +55,9 @@ class ShadowMap:
         scale = corner(rows, SHADOW + 1)
         seen = (seen_by_light(position, rows) - corner(rows, SHADOW)) * scale
         normal = seen_by_light(flat, rows)
-        steep = -ti.Vector([normal[0], normal[1]]) / ti.max(normal[2], GRAZING) * scale[2] / scale[0]  # height a sample aside
+        facing = ti.max(normal[2], GRAZING)
+        steep = -ti.Vector([normal[0], normal[1]]) / facing * scale[2] / scale[0]  # height a sample aside
+        height = seen[2] + 1.0 + OUT / facing * scale[2] / scale[0]  # nearer to the light: the edge of a shadow stays in place
         x, y = ti.cast(ti.floor(seen[0] - 0.5), int), ti.cast(ti.floor(seen[1] - 0.5), int)
         reached, whole = 0.0, 0.0
         for dy in range(1 - REACH, REACH + 1):
@@ -66,7 +68,7 @@ class ShadowMap:
                 if 0 <= x + dx and x + dx < MAP and 0 <= y + dy and y + dy < MAP:
                     above = ti.bit_cast(self.raster.depth[self.offset + (y + dy) * MAP + x + dx], ti.f32)
                 whole += part
-                if above <= 0 or above <= seen[2] + 1.0 + steep.dot(aside):
+                if above <= 0 or above <= height + steep.dot(aside):
                     reached += part
         return reached / whole
 
