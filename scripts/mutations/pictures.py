@@ -56,6 +56,8 @@ MUTATIONS = (
     (PACKAGE + "app/flags.py", 'joined[-1] += "=" + word', "joined.append(word)", "negative numbers are flags", DRAWN),
     (OUT + "coverage.py", "y + (x % n + 0.5) / n", "y + 0.5", "samples of a pixel in two rows", LOOKS),
     (OUT + "lit.py", "* (sharp + 8) / 8 *", "*", "highlights lose their light", LOOKS),
+    (OUT + "shadow_map.py", "(REACH - ti.abs(aside[0])) * (REACH - ti.abs(aside[1]))", "1.0", "quick shadows have steps", PICTURES),
+    (OUT + "finish.py", "if s < 1 + pixel / 2:", "if s < 1:", "hems end in steps", LOOKS),
     (OUT + "hems.py", "away = np.where(known == one, np.inf, away)", "pass", "one border in a corner", LOOKS),
     (OUT + "shell.py", "[i, i + low, j + low, i, j + low, j]", "[i, j + low, i + low, i, j + low, j]", "walls face inwards",
      LOOKS),
