@@ -101,7 +101,7 @@ class Shader:
         flat = (corner(x, j) - corner(x, i)).cross(corner(x, l) - corner(x, i)).normalized(1e-12)
         front = 1
         side = ti.select(flat.dot(view) < 0, -1.0, 1.0)
-        # faces of a round surface do not shade each other [J. Hanika: Hacking the Shadow Terminator, Ray Tracing Gems II, 2021]
+        # faces of a round surface do not shade each other [J. Hanika: Hacking the Shadow Terminator, 2021]
         bulge = (k[0] * out_of(position, corner(x, i), side * corner(normals, i))
                  + k[1] * out_of(position, corner(x, j), side * corner(normals, j))
                  + k[2] * out_of(position, corner(x, l), side * corner(normals, l)))

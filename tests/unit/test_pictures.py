@@ -363,8 +363,8 @@ def test_smooth_garments_have_no_gap_at_seams():
 
 
 def test_the_edge_of_a_quick_shadow_has_no_steps():
-    """Half a metre of cloth over ten metres: a sample of the map is five pixels, and shade is a matter of the distance from the
-    edge's shadow alone, which is where the light's direction says."""
+    """Half a metre of cloth over ten metres: a sample of the map is five pixels, and shade is a matter of the distance from
+    the edge's shadow alone, which is where the light's direction says."""
     scene, c, s, light = tc.Scene(), np.cos(0.3), np.sin(0.3), np.array([0.3, 1.0, 0.2])
     scene.add_cloth(tc.grid(10.0, 2), FABRIC, tc.grid(10.0, 2).x - [5, 0, -5], color=tc.Appearance("white", squares=False))
     turned = (tc.grid(0.5, 2).x - [0.25, 0, -0.25]) @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
