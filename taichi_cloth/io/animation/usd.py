@@ -58,9 +58,9 @@ def _opened(path: Path) -> tuple[Any, Any, list[str]]:
         raise MeshError(f"cannot be read: {said.rpartition(' : ')[2].strip(chr(39))[:300]}") from None
     if not stage:
         raise MeshError("cannot be read as USD")
-    said = [" ".join(one.commentary.split()) for one in warned.TakeUncoalescedDiagnostics()
+    told = [" ".join(one.commentary.split()) for one in warned.TakeUncoalescedDiagnostics()
             if not one.sourceFunction.endswith("_CheckFileVersion")]
-    return stage, UsdGeom, said
+    return stage, UsdGeom, told
 
 
 def _unit(stage: Any, UsdGeom: Any) -> tuple[float, list[str]]:
