@@ -137,6 +137,7 @@ def test_the_scene_turns_and_moves_a_pattern_as_dress_does():
     assert there == pytest.approx(np.column_stack([x[:, 2], x[:, 1], -x[:, 0]]) + [1, 0.2, -3], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_the_scene_refuses_panels_inside_the_body_as_dress_does(tmp_path, capsys):
     """Moved back by 20 cm the skirt's front starts in the trunk: `run` says so before it writes anything, as tc.dress does."""
     made = scenefile.read(str(SCENES / "dress_up.py")).make({"spacing": "0.1", "shift": "0,0,-.2"})
