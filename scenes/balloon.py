@@ -10,7 +10,12 @@ RADIUS, FILLED, SHUT = 0.22, 0.6, 0.8  # m, s, s
 
 
 def build(rings: int = 14, pressure: float = 150.0) -> tc.Scene:
-    """Rings of either disk's mesh, pressure of the hose [Pa]."""
+    """A closed skin of two disks.
+
+    Args:
+        rings: of either disk's mesh, from the middle to the border.
+        pressure: of the hose over that outside [Pa].
+    """
     scene = tc.Scene(air=tc.Air(normal=0.4), view=tc.View(
         tc.Camera((0.52, 0.02, 0.85), (-0.03, -0.21, 0.14), 34.0), ground=-0.6))
     disk = tc.disk(RADIUS, rings, plane="xy")

@@ -28,8 +28,17 @@ def figure(scene: tc.Scene, friction: float) -> float:
 
 def build(cells: int = 50, data: str = "", friction: float = 0.4, size: float = 1.1, itself: bool = False,
           scale: float = 1.0, clip: str = "") -> tc.Scene:
-    """A sheet falls on the figure's head and shoulders while it moves; `itself`: its folds meet each other too; `scale` and
-    `clip`: of the file, as tc.load_solid takes them."""
+    """A sheet that falls on the figure's head and shoulders while it moves.
+
+    Args:
+        cells: along the sheet's side.
+        data: file with a body that moves, as tc.load_solid takes it (empty: a figure made here).
+        friction: of cloth on the body and on itself.
+        size: side of the sheet [m].
+        itself: whether the sheet's folds meet each other too.
+        scale: metres per unit of the file.
+        clip: name of an animation in the file (empty: the first).
+    """
     scene = tc.Scene(view=tc.View(ground=-0.02, camera=tc.Camera((1.19, 1.48, 1.83), (-0.05, 0.98, 0.02), 36)))
     if data:
         body = tc.load_solid(data, scale, clip=clip or None)

@@ -33,7 +33,13 @@ def lump(rings: int = 20, sides: int = 32) -> tuple[np.ndarray, np.ndarray]:
 
 
 def build(cells: int = 50, mesh: str = "", friction: float = 0.4) -> tc.Scene:
-    """A file's mesh is scaled to half a metre and stood on the floor."""
+    """A mesh on the floor, and a sheet above it.
+
+    Args:
+        cells: along the sheet's side.
+        mesh: file with the mesh, scaled to half a metre (empty: one made here).
+        friction: of cloth on the mesh and on the floor.
+    """
     shape = tc.load_solid(mesh) if mesh else tc.SolidMesh(*lump())
     x = shape.x[0]
     x = (x - (x.min(axis=0) + x.max(axis=0)) / 2) * (SIZE / np.ptp(x, axis=0).max())

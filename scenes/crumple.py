@@ -21,7 +21,13 @@ def size(t: float) -> np.ndarray:
 
 
 def build(cells: int = 24, yields: float = 60.0, friction: float = 0.3) -> tc.Scene:
-    """Cells along the sheet's side; curvature [1/m] beyond which it stays bent."""
+    """A sheet in an open box.
+
+    Args:
+        cells: along the sheet's side.
+        yields: curvature beyond which the sheet stays bent [1/m].
+        friction: of cloth on the box and on itself.
+    """
     mesh = tc.grid(SIDE, cells)
     scene = tc.Scene(air=tc.Air(0.5, 0.1), view=tc.View(tc.Camera((0.33, 0.47, 0.65), (-0.01, 0.01, 0), 28.0), ground=0.0))
     u, v = mesh.uv.T / SIDE - 0.5

@@ -12,7 +12,13 @@ RADIUS, LENGTH, THICKNESS = 0.2, 0.8, 0.005
 
 
 def build(cells: int = 50, friction: float = 0.3, stretch: float = 1000.0) -> tc.Scene:
-    """A sheet of 1 m x 1 m; in the paper 50 cells a side."""
+    """A sheet of 1 m x 1 m over a cylinder.
+
+    Args:
+        cells: along the sheet's side; 50 in the paper.
+        friction: of cloth on the cylinder.
+        stretch: stiffness [N/m].
+    """
     mesh = tc.grid(1.0, cells)
     scene = tc.Scene(view=tc.View(ground=-0.75, camera=tc.Camera((1.16, 0.69, 1.54), (0, -0.06, 0.05), 36)))
     scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(stretch), tc.Shear(stretch / 10), tc.Bend(5e-5)),

@@ -29,16 +29,32 @@ def figure(scene: tc.Scene, friction: float) -> None:
         limb(f"{name} leg", (side * 0.165, 0.10, 0), (side * 0.09, 0.85, 0), 0.07)
 
 
-def build(pattern: str = "", body: str = "", spacing: float = 0.03, friction: float = 0.4, held: str = "") -> tc.Scene:
-    """`pattern`: a file in GarmentCode's format (`patterns/`: skirt, dress, shirt and trousers); `body`: a mesh;
-    `held`: the label of edges that are held up while panels are sewn, of shoulders or the waist where it is empty.
-    Triangles are about `spacing` [m] long."""
-    garment = tc.load_pattern(pattern or PATTERN).mesh(spacing)
+def build(pattern: str = "", body: str = "", spacing: float = 0.03, friction: float = 0.4, held: str = "", turn: float = 0.0,
+          shift: tuple[float, float, float] = (0.0, 0.0, 0.0), scale: float = 1.0, up: str = "", side: str = "",
+          pattern_size: str = "") -> tc.Scene:
+    """Hangs the panels, to be sewn.
+
+    Args:
+        pattern: file with panels and stitches, as `dress` takes it; patterns/ has four (empty: a skirt with darts).
+        body: file with a mesh or a character, as tc.load_solid takes it (empty: a figure made of capsules).
+        spacing: length of the triangles' edges [m].
+        friction: of cloth on the body and on itself.
+        held: label of the edges that are held up while panels are sewn (empty: shoulders, or the waist).
+        turn: of the pattern about the vertical, z towards x, to where the body faces [degrees].
+        shift: x,y,z by which the pattern is then moved [m].
+        scale: metres per unit of the body's file.
+        up: axis of the body's file that points up, y or z (empty: its own, or y).
+        side: file with stitches of an SVG, a DXF or an OBJ (empty: the one of its name).
+        pattern_size: name of a size, of a DXF with several.
+    """
+    loaded = tc.load_pattern(pattern or PATTERN, side or None, size=pattern_size or None)
+    garment = loaded.mesh(spacing).placed(turn, shift)
     at = float(np.mean([garment.positions[:, 1].min(), garment.positions[:, 1].max()]))  # m, where it hangs
-    view = tc.View(ground=0.0, camera=tc.Camera((0.8, at + 0.35, 1.9), (0, at, 0), 34))
+    x, _, z = shift
+    view = tc.View(ground=0.0, camera=tc.Camera((x + 0.8, at + 0.35, z + 1.9), (x, at, z), 34))
     scene = tc.Scene(air=tc.Air(0.5, 0.1), view=view)
     if body:
-        scene.add_solid(tc.load_solid(body), friction, THICKNESS, name="body", color=(0.62, 0.45, 0.36))
+        scene.add_solid(tc.load_solid(body, scale, up=up or None), friction, THICKNESS, name="body", color=(0.62, 0.45, 0.36))
     else:
         figure(scene, friction)
     fabric = tc.Fabric(0.19, tc.Stretch(400, 0.4), tc.Shear(50, 0.05), tc.Bend(2e-5, 2e-7))

@@ -12,7 +12,12 @@ DENSITY = 0.2
 
 
 def build(cells: int = 20, stretch: float = 20000.0) -> tc.Scene:
-    """Cells along a side of 1 m, stretch stiffness [N/m]; held at its upper edge, dropped from horizontal."""
+    """A sheet of 1 m x 1 m, held at its upper edge and dropped from horizontal.
+
+    Args:
+        cells: along its side.
+        stretch: stiffness [N/m].
+    """
     fabric = tc.Fabric(DENSITY, tc.Stretch(stretch), tc.Shear(stretch / 10), tc.Bend(5e-5))
     scene = tc.Scene(view=tc.View(reach=0.3))
     cloth = scene.add_cloth(tc.grid(1.0, cells), fabric)

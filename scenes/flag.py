@@ -12,7 +12,12 @@ SMALL = {"cells": 10}
 
 
 def build(cells: int = 40, speed: float = 6.0) -> tc.Scene:
-    """Cells along the flag's 1.5 m, wind speed [m/s]."""
+    """A flag of 1.5 m x 0.9 m on a pole.
+
+    Args:
+        cells: along the flag's 1.5 m.
+        speed: of the wind [m/s].
+    """
 
     def wind(t: float) -> tuple[float, float, float]:
         gust = 1 + 0.3 * math.sin(2.1 * t) + 0.15 * math.sin(5.3 * t + 1)

@@ -12,7 +12,12 @@ SIDE, THICKNESS, LIFT = 0.5, 0.005, 0.9  # m, m, s that a fold takes
 
 
 def build(cells: int = 50, friction: float = 0.3) -> tc.Scene:
-    """One edge is led over to the opposite one and let go; then half of a third, with what lies on it."""
+    """One edge is led over to the opposite one and let go; then half of a third, with what lies on it.
+
+    Args:
+        cells: along the sheet's side.
+        friction: of cloth on itself.
+    """
     mesh = tc.grid(SIDE, cells)
     scene = tc.Scene(view=tc.View(camera=tc.Camera((0.315, 0.461, 0.499), (0.202, 0.064, -0.214), 42), ground=-0.005))
     cloth = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, k_d=0.5), tc.Shear(100, k_d=0.05), tc.Bend(5e-5, k_d=1e-6)),

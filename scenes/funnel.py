@@ -23,7 +23,13 @@ def ring(around: int = 40, across: int = 16) -> tc.SolidMesh:
 
 
 def build(cells: int = 50, depth: float = 0.28, friction: float = 0.15) -> tc.Scene:
-    """The sheet is 0.5 m x 0.5 m; its middle is led down by `depth` [m] in 1.8 s."""
+    """A sheet of 0.5 m x 0.5 m over a ring.
+
+    Args:
+        cells: along the sheet's side.
+        depth: by which its middle is led down in 1.8 s [m].
+        friction: of cloth on the ring and on itself.
+    """
     mesh = tc.grid(0.5, cells)
     scene = tc.Scene(view=tc.View(camera=tc.Camera((0.67, 0.3, 0.77), (-0.02, -0.14, -0.01), 36)))
     x = mesh.x + [-0.25, TUBE + 0.008, 0.25]

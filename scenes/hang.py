@@ -10,7 +10,14 @@ SMALL = {"cells": 12}
 
 
 def build(cells: int = 50, size: float = 1.0, stretch: float = 1000.0, density: float = 0.15) -> tc.Scene:
-    """Cells along a side, size [m], stretch stiffness [N/m], density [kg/m^2]."""
+    """A square sheet, held at two corners.
+
+    Args:
+        cells: along a side.
+        size: of a side [m].
+        stretch: stiffness [N/m].
+        density: mass an area [kg/m^2].
+    """
     mesh = tc.grid(size, cells)
     fabric = tc.Fabric(density, tc.Stretch(stretch, k_d=stretch * 1e-3), tc.Shear(stretch / 10, k_d=stretch * 1e-4),
                        tc.Bend(5e-5, k_d=2e-7))

@@ -10,9 +10,17 @@ SMALL = {"cells": 16}
 
 def build(mesh: str = "", scale: float = 1.0, uv: str = "auto", pins: int = 0, density: float = 0.2,
           stretch: float = 1000.0, cells: int = 40, up: str = "y") -> tc.Scene:
-    """mesh: a file, or a tube made here where empty; scale [m per unit]; uv: auto, pattern or flatten.
+    """A mesh, held at the top of each of its pieces.
 
-    pins: how many of the highest vertices of each piece are held (0: the top 3 % of its height); up: y or z.
+    Args:
+        mesh: file with a mesh (empty: a tube made here).
+        scale: metres per unit of the file.
+        uv: rest shape: auto, pattern or flatten, as tc.load takes it.
+        pins: how many of the highest vertices of each piece are held; 0: the top 3 % of its height.
+        density: mass an area [kg/m^2].
+        stretch: stiffness [N/m].
+        cells: round the tube made here.
+        up: axis of the file that points up, y or z.
     """
     shape = tc.load(mesh, scale, uv) if mesh else tc.cylinder(0.25 * scale, 0.8 * scale, (cells, cells))
     x = shape.x if up == "y" else shape.x[:, [0, 2, 1]] * [1, 1, -1]

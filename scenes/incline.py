@@ -14,7 +14,11 @@ MU = (0.1, 0.2, 0.3, 0.36, 0.37)
 
 
 def build(cells: int = 10) -> tc.Scene:
-    """One patch for each coefficient of friction, side by side, each on a plank of its own."""
+    """One patch for each coefficient of friction, side by side, each on a plank of its own.
+
+    Args:
+        cells: along a patch's side.
+    """
     slope = rotation_matrix((0.0, 0.0, -ANGLE))
     scene = tc.Scene(view=tc.View(ground=-1.0, camera=tc.Camera((0.88, 1, 3.06), (0.5, -0.16, 0.69), 30)))
     mesh = tc.grid(SIZE, cells)

@@ -10,7 +10,12 @@ KNIT = ((0.0, 0.0), (0.17, 5.6), (0.6, 45.6))  # 33 N/m at rest, 93 from 17 % on
 
 
 def build(cells: int = 20, load: float = 10.0) -> tc.Scene:
-    """Cells across each sheet's 0.3 m; weight on its hem [N/m]."""
+    """Sheets of 0.3 m x 0.4 m with weights on their hems.
+
+    Args:
+        cells: across each sheet's 0.3 m.
+        load: weight on each sheet's hem [N/m].
+    """
     scene = tc.Scene(view=tc.View(tc.Camera((0.55, 0.19, 1.64), (0.55, 0.13, 0), 34.0), ground=-0.3))
     kinds = {"knit": tc.Stretch(k_d=5.0, curve=KNIT), "soft": tc.Stretch(33, 5.0), "limited": tc.Stretch(33, 5.0, limit=1.1)}
     mesh = tc.grid((0.3, 0.4), (cells, round(cells * 4 / 3)), plane="xy")

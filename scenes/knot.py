@@ -30,7 +30,14 @@ def knot(count: int) -> tuple[np.ndarray, np.ndarray, float]:
 
 
 def build(along: int = 400, across: int = 5, pull: float = 0.43, friction: float = 0.1) -> tc.Scene:
-    """Both ends are led outwards by `pull` [m] in 1.8 s."""
+    """A ribbon with a knot in it.
+
+    Args:
+        along: cells along the strip.
+        across: cells across it.
+        pull: by which both ends are led outwards in 1.8 s [m].
+        friction: of cloth on itself.
+    """
     x, side, length = knot(along + 1)
     mesh = tc.strip(length, WIDTH, (along, across))
     row = np.linspace(-WIDTH / 2, WIDTH / 2, across + 1)

@@ -10,7 +10,14 @@ SMALL = {"cells": 10}
 
 
 def build(cells: int = 36, speed: float = 2.0, gusts: float = 1.0, seed: int = 1) -> tc.Scene:
-    """Cells along the sheet's 1.2 m, mean wind [m/s], what gusts add [m/s, root mean square], the gusts' seed."""
+    """A sheet on a line.
+
+    Args:
+        cells: along the sheet's 1.2 m.
+        speed: mean wind [m/s].
+        gusts: root mean square of the gusts that come on top [m/s].
+        seed: of the gusts: another number, other gusts.
+    """
     fabric = tc.Fabric(0.13, tc.Stretch(1500, k_d=1.0), tc.Shear(100, k_d=0.1), tc.Bend(2e-5, k_d=1e-7))
     air = tc.Air(wind=tc.Gusts((0.3 * speed, 0.0, -speed), gusts, length=1.5, seed=seed), drag=1.2, lift=0.8)
     scene = tc.Scene(air=air, view=tc.View(tc.Camera((1.66, 0.61, 1.74), (0.56, 0.4, -0.41), 34.0), ground=-0.2))

@@ -10,7 +10,13 @@ RADIUS, THICKNESS = 0.3, 0.006
 
 
 def build(cells: int = 50, sheets: int = 3, friction: float = 0.3) -> tc.Scene:
-    """Sheets of 1 m x 1 m, each turned a little against the last."""
+    """Sheets of 1 m x 1 m, each turned a little against the last.
+
+    Args:
+        cells: along a sheet's side.
+        sheets: how many there are.
+        friction: of cloth on the ball and on cloth.
+    """
     mesh = tc.grid(1.0, cells)
     scene = tc.Scene(view=tc.View(ground=-1.0, camera=tc.Camera((1.07, 0.71, 1.58), (-0.01, 0.03, 0.01), 38)))
     colors = ((0.05, 0.16, 0.42), (0.55, 0.1, 0.08), (0.6, 0.45, 0.1), (0.1, 0.35, 0.15))

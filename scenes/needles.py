@@ -20,7 +20,13 @@ def needle() -> tuple[np.ndarray, np.ndarray]:
 
 
 def build(cells: int = 30, side: int = 4, friction: float = 0.3) -> tc.Scene:
-    """side x side needles under a sheet of 0.8 m x 0.8 m."""
+    """Needles in a square under a sheet of 0.8 m x 0.8 m.
+
+    Args:
+        cells: along the sheet's side.
+        side: needles along a side of the square.
+        friction: of cloth on needles and on the floor.
+    """
     mesh = tc.grid(0.8, cells)
     scene = tc.Scene(view=tc.View(ground=-HEIGHT, camera=tc.Camera((0.87, 0.45, 1.24), (-0.03, -0.22, 0), 36)))
     scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000, k_d=0.5), tc.Shear(100, k_d=0.05), tc.Bend(5e-5)),

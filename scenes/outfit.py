@@ -127,7 +127,13 @@ def figure(scene: tc.Scene, friction: float, walk: bool) -> None:
 
 
 def build(spacing: float = 0.03, friction: float = 0.4, walk: bool = False) -> tc.Scene:
-    """Triangles of the panels are about `spacing` [m] long; with `walk` the figure walks on the spot after two seconds."""
+    """A dress and a jacket, as panels round a figure.
+
+    Args:
+        spacing: length of the triangles' edges [m].
+        friction: of cloth on the figure and on cloth.
+        walk: whether the figure walks on the spot after 2.5 s.
+    """
     view = tc.View(ground=0.0, camera=tc.Camera((0.704, 1.243, 1.76), (0.038, 1.006, -0.017), 36))
     scene = tc.Scene(air=tc.Air(0.5, 0.1), view=view)
     figure(scene, friction, walk)

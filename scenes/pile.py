@@ -10,7 +10,13 @@ THICKNESS, SIDE = 0.006, 0.4
 
 
 def build(cells: int = 50, sheets: int = 5, friction: float = 0.3) -> tc.Scene:
-    """Sheets of 0.4 m x 0.4 m over a floor."""
+    """Sheets of 0.4 m x 0.4 m over a floor.
+
+    Args:
+        cells: along a sheet's side.
+        sheets: how many there are.
+        friction: of cloth on cloth.
+    """
     mesh = tc.grid(SIDE, cells)
     scene = tc.Scene(view=tc.View(camera=tc.Camera((0.53, 0.52, 0.67), (0.04, 0.14, 0.01), 40), ground=-0.006))
     colors = ((0.05, 0.16, 0.42), (0.55, 0.1, 0.08), (0.6, 0.45, 0.1), (0.1, 0.35, 0.15), (0.35, 0.12, 0.4))

@@ -12,7 +12,14 @@ THICKNESS, PLATE = 0.005, 0.002
 
 
 def build(cells: int = 40, sheets: int = 3, gap: float = 0.005, friction: float = 0.3) -> tc.Scene:
-    """The plates close to `gap` [m] between them; the sheets and what they keep from the plates need more."""
+    """Sheets between two plates that close; where `gap` is less than sheets and thicknesses need, they pinch.
+
+    Args:
+        cells: along a sheet's side.
+        sheets: how many there are.
+        gap: that is left between the plates in the end [m].
+        friction: of cloth on plates and on cloth.
+    """
     mesh = tc.grid(0.5, cells)
     scene = tc.Scene(view=tc.View(camera=tc.Camera((0.76, 0.32, 0.87), (0.02, -0.1, 0.03), 36)))
     colors = ((0.05, 0.16, 0.42), (0.55, 0.1, 0.08), (0.6, 0.45, 0.1))

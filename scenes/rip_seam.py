@@ -25,7 +25,13 @@ def panels(n: int) -> tuple[tc.TriMesh, np.ndarray, np.ndarray]:
 
 
 def build(n: int = 12, strength: float = STRENGTH, reach: float = 0.25) -> tc.Scene:
-    """Panels of n cells across, seam of `strength` [N/m], corners that go `reach` [m] apart each in a second."""
+    """Two panels and the seam between them.
+
+    Args:
+        n: cells across each panel.
+        strength: force a length at which the seam rips [N/m].
+        reach: by which corners go apart, each in a second [m].
+    """
     scene = tc.Scene(air=tc.Air(0.5, 0.1), view=tc.View(camera=tc.Camera((0.2, 0.39, 1.38), (0.02, 0.34, 0.01), 36)))
     mesh, a, b = panels(n)
     fabric = tc.Fabric(0.2, tc.Stretch(1500, 1.5), tc.Shear(150, 0.15), tc.Bend(5e-5, 5e-7))

@@ -12,7 +12,13 @@ RADIUS, THICKNESS, SETTLE = 0.3, 0.005, 1.0
 
 
 def build(cells: int = 40, friction: float = 0.5, turns: float = 0.25) -> tc.Scene:
-    """After a second the ball turns up to `turns` a second."""
+    """The scene.
+
+    Args:
+        cells: along the sheet's side.
+        friction: of cloth on the ball.
+        turns: of the ball, reached after a second [1/s].
+    """
 
     def rotation(t: float) -> tuple[float, float, float]:
         s = max(0.0, t - SETTLE)

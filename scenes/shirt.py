@@ -58,7 +58,13 @@ def figure(scene: tc.Scene, friction: float) -> None:
 
 
 def build(spacing: float = 0.03, friction: float = 0.3, stretch: float = 300.0) -> tc.Scene:
-    """Triangles of the panels are about `spacing` [m] long."""
+    """Panels round a figure.
+
+    Args:
+        spacing: length of the triangles' edges [m].
+        friction: of cloth on the figure and on itself.
+        stretch: stiffness [N/m].
+    """
     scene = tc.Scene(air=tc.Air(0.5, 0.1), view=tc.View(ground=0.0, camera=tc.Camera((0.7, 1.5, 2.2), (0, 1.12, 0), 36)))
     figure(scene, friction)
     garment = pattern().mesh(spacing)

@@ -37,7 +37,12 @@ def turned(x: np.ndarray, which: np.ndarray, at: float, axis: int, side: float, 
 
 
 def build(cells: int = 40, stays: float = 0.9) -> tc.Scene:
-    """Cells across the body, in tens; angle [rad] at which folds stay where nothing pulls: it sets where the fabric yields."""
+    """A shirt's front on a table.
+
+    Args:
+        cells: across the body, in tens.
+        stays: angle at which folds stay where nothing pulls; it sets where the fabric yields [rad].
+    """
     mesh = shirt(10 * max(1, round(cells / 10)))
     size = WIDTH / (10 * max(1, round(cells / 10)))
     yields = (np.pi - 0.1 - stays / (1 - HARDENING)) / size

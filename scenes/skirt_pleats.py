@@ -25,7 +25,14 @@ def folded(mesh: tc.TriMesh, pleats: int) -> np.ndarray:
 
 
 def build(pleats: int = 15, cells: int = 2, friction: float = 0.3, ironed: float = IRONED) -> tc.Scene:
-    """`pleats` of two sides each, every side `cells` edges wide; `ironed` [rad] is the angle of folds at rest."""
+    """A skirt, closed by one seam.
+
+    Args:
+        pleats: how many there are, of two sides each.
+        cells: edges across a pleat's side.
+        friction: of cloth on the figure and on itself.
+        ironed: angle of folds at rest [rad].
+    """
     columns, rows = 2 * pleats * cells, round(LENGTH / WIDTH * cells)
     mesh = tc.grid((2 * pleats * WIDTH, LENGTH), (columns, rows))
     scene = tc.Scene(air=tc.Air(0.6, 0.1), view=tc.View(ground=0.0, camera=tc.Camera((0.49, 1.01, 0.84), (0, 0.81, 0), 34)))

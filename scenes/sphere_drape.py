@@ -11,8 +11,15 @@ RADIUS, THICKNESS, DROP = 0.3, 0.005, 0.1
 
 def build(cells: int = 50, friction: float = 0.4, stretch: float = 1000.0, height: float = DROP,
           itself: bool = False) -> tc.Scene:
-    """The sheet is 1 m x 1 m and starts `height` [m] above the ball; with `itself` its folds touch each other, else
-    they pass through each other."""
+    """A sheet of 1 m x 1 m over a ball.
+
+    Args:
+        cells: along the sheet's side.
+        friction: of cloth on the ball and on itself.
+        stretch: stiffness [N/m].
+        height: above the ball at which it starts [m].
+        itself: whether folds meet each other, else they pass through each other.
+    """
     mesh = tc.grid(1.0, cells)
     x = mesh.x + [-0.5, RADIUS + THICKNESS + height, 0.5]
     scene = tc.Scene(view=tc.View(ground=-1.0, camera=tc.Camera((1, 0.68, 1.55), (-0.03, 0.02, 0.04), 38)))

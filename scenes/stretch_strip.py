@@ -9,7 +9,12 @@ LENGTH, DENSITY, GRAVITY = 1.0, 0.2, 9.81
 
 
 def build(cells: int = 20, stretch: float = 500.0) -> tc.Scene:
-    """cells along its metre, stretch stiffness [N/m]; strongly damped."""
+    """A strip of a metre, strongly damped.
+
+    Args:
+        cells: along it.
+        stretch: stiffness [N/m].
+    """
     fabric = tc.Fabric(DENSITY, tc.Stretch(stretch, k_d=stretch / 5), tc.Shear(stretch / 5))
     scene = tc.Scene(gravity=(0, -GRAVITY, 0))
     cloth = scene.add_cloth(tc.grid((0.2, LENGTH), (max(1, cells // 5), cells), plane="xy"), fabric)

@@ -9,7 +9,12 @@ SMALL = {"cells": 10}
 
 
 def build(cells: int = 25, stretch: float = 1000.0) -> tc.Scene:
-    """Cells along a side of 1 m, stretch stiffness [N/m]; shear is a tenth; no damping."""
+    """A sheet without damping; its shear stiffness is a tenth of its stretch stiffness.
+
+    Args:
+        cells: along its side of 1 m.
+        stretch: stiffness [N/m].
+    """
     fabric = tc.Fabric(0.2, tc.Stretch(stretch), tc.Shear(stretch / 10), tc.Bend(5e-5))
     scene = tc.Scene(view=tc.View(tc.Camera((2.26, 0.47, 0.97), (0.39, -0.44, -0.85), 38.0), ground=-1.35))
     cloth = scene.add_cloth(tc.grid(1.0, cells), fabric)

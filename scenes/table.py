@@ -10,7 +10,13 @@ TOP, THICKNESS = (0.7, 0.04, 0.7), 0.006
 
 
 def build(cells: int = 40, friction: float = 0.4, mesh: bool = False) -> tc.Scene:
-    """The cloth is 1.1 m x 1.1 m; `mesh` gives the table top as triangles instead of a box."""
+    """A cloth of 1.1 m x 1.1 m on a table.
+
+    Args:
+        cells: along the cloth's side.
+        friction: of cloth on the table.
+        mesh: whether the table top is made of triangles, else it is a box.
+    """
     cloth = tc.grid(1.1, cells)
     x = cloth.x + [-0.55, TOP[1] / 2 + THICKNESS + 0.05, 0.55]
     scene = tc.Scene(view=tc.View(ground=-0.75, camera=tc.Camera((1.18, 0.51, 1.64), (-0.02, -0.37, 0.04), 38)))

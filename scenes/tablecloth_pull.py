@@ -10,7 +10,13 @@ THICKNESS, REST, SPEED = 0.005, 0.3, 1.5  # m, s before the pull, m/s
 
 
 def build(cells: int = 50, friction: float = 0.25, acceleration: float = 8.0) -> tc.Scene:
-    """The lower cloth is 0.8 m x 0.6 m, the upper 0.3 m square."""
+    """A cloth of 0.8 m x 0.6 m under one of 0.3 m x 0.3 m.
+
+    Args:
+        cells: along the longer side of the lower cloth.
+        friction: of cloth on cloth.
+        acceleration: with which the lower cloth is pulled away [m/s^2].
+    """
 
     def pull(t: float) -> tuple[float, float, float]:
         s, up = max(t - REST, 0.0), SPEED / acceleration

@@ -10,7 +10,13 @@ SIZE, SLIT = (0.3, 0.2), 0.06
 
 
 def build(cells: int = 20, strength: float = 300.0, speed: float = 0.12) -> tc.Scene:
-    """Cells along the sheet's .3 m, its strength [N/m], at which speed its ends part [m/s]."""
+    """A sheet with a slit.
+
+    Args:
+        cells: along the sheet's 0.3 m.
+        strength: force a length at which it tears [N/m].
+        speed: at which its ends part [m/s].
+    """
     scene = tc.Scene(view=tc.View(camera=tc.Camera((0.15, 0.382, 0.692), (0.15, 0.113, -0.004), 38)))
     mesh = tc.grid(SIZE, (cells, round(cells * 2 / 3)), plane="xy")
     fabric = tc.Fabric(0.15, tc.Stretch(1500, 1.5), tc.Shear(300, 0.3), tc.Bend(3e-5, 3e-7))

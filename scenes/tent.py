@@ -11,7 +11,14 @@ RISES, CAP = 0.5, 0.2  # s in which the wind gets up; part of a slope that a pol
 
 
 def build(cells: int = 28, speed: float = 9.0, gusts: float = 2.5, seed: int = 3) -> tc.Scene:
-    """Cells along the ridge, mean wind [m/s], what gusts add [m/s, root mean square], the gusts' seed."""
+    """A sheet over a ridge.
+
+    Args:
+        cells: along the ridge.
+        speed: mean wind [m/s].
+        gusts: root mean square of the gusts that come on top [m/s].
+        seed: of the gusts: another number, other gusts.
+    """
     cells -= cells % 4
     wind = tc.Gusts((0.15 * speed, 0.0, speed), gusts, length=2.0, seed=seed)
     air = tc.Air(wind=lambda x, t: min(1.0, t / RISES) * wind(x, t), drag=1.1, lift=0.9)

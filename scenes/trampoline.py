@@ -13,7 +13,12 @@ PUSH, RELEASE = 0.35, 0.6  # depth [m] and time of release [s]
 
 
 def build(rings: int = 24, stretch: float = 3000.0) -> tc.Scene:
-    """rings of a disk of radius 1 m, stretch stiffness [N/m]."""
+    """A disk of radius 1 m.
+
+    Args:
+        rings: of its mesh, from the middle to the border.
+        stretch: stiffness [N/m].
+    """
     mesh = tc.disk(1.0, rings)
     fabric = tc.Fabric(0.3, tc.Stretch(stretch, k_d=0.5, b=0.98), tc.Shear(stretch / 5, k_d=0.1), tc.Bend(1e-4, k_d=1e-7))
     scene = tc.Scene(view=tc.View(tc.Camera((0, 0.99, 2.46), (0, -0.2, 0.08), 40.0), ground=-0.6))

@@ -12,7 +12,14 @@ RADIUS, LENGTH, THICKNESS = 0.1, 0.5, 0.004
 
 
 def build(around: int = 64, along: int = 50, turns: float = 2.0, friction: float = 0.2) -> tc.Scene:
-    """The tube's ends turn `turns` against each other in 2.5 s, and come together by a third of its length."""
+    """A tube whose ends turn against each other in 2.5 s, and come together by a third of its length.
+
+    Args:
+        around: cells round the tube.
+        along: cells along it.
+        turns: of one end against the other.
+        friction: of cloth on itself.
+    """
     mesh = tc.cylinder(RADIUS, LENGTH, (around, along))
     scene = tc.Scene(gravity=None, view=tc.View(camera=tc.Camera((0.68, 0.51, 0.68), (0, 0.24, 0), 36)))
     cloth = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(500, k_d=1.0), tc.Shear(50, k_d=0.1), tc.Bend(2e-5, k_d=2e-6)),

@@ -11,7 +11,13 @@ SMALL = {"cells": 4}
 
 
 def build(cells: int = 16, wind: str = "breeze", fabric: str = "denim") -> tc.Scene:
-    """Cells along the sheet's .5 m, name of the wind, name of the fabric."""
+    """A sheet of 0.5 m x 0.5 m, held at its upper edge.
+
+    Args:
+        cells: along the sheet's 0.5 m.
+        wind: name of one that `taichi-cloth winds` prints, and an axis unless it is +x.
+        fabric: name of one that `taichi-cloth fabrics` prints.
+    """
     scene = tc.Scene(air=tc.Air(wind=wind, drag=1.2, lift=0.8),
                      view=tc.View(tc.Camera((0.5, 0.15, 1.9), (0.1, -0.2, 0.0), 34.0), ground=-0.7))
     cloth = scene.add_cloth(tc.grid(SIZE, cells, plane="xy"), fabric)

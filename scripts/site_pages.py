@@ -73,7 +73,9 @@ def scenes() -> str:
         tree = ast.parse(path.read_text())
         build = next(f for f in tree.body if isinstance(f, ast.FunctionDef) and f.name == "build")
         names = [a.arg for a in build.args.args]
-        settings = ", ".join(f"`{n}={ast.unparse(d)}`" for n, d in zip(names, build.args.defaults))
+        meaning = _arguments(ast.get_docstring(build) or "", "Args:")
+        settings = "; ".join(f"`{n}={ast.unparse(d)}` {meaning.get(n, '').rstrip('.').replace(';', ',')}"
+                             for n, d in zip(names, build.args.defaults))
         rows.append([f"`{path.stem}`", (ast.get_docstring(tree) or "").split("\n")[0], settings])
     return _table(("scene", "content", "options"), rows)
 

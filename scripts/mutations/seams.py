@@ -32,6 +32,7 @@ CUT_OUT = "taichi_cloth/garment/cutpiece.py"
 COMMANDS = f"{SVG}::test_path_commands"
 FILE, GARMENT = "taichi_cloth/garment/garmentcode.py", "taichi_cloth/scene/garment.py"
 LOADED = "taichi_cloth/io/garment.py"
+STARTS = "taichi_cloth/simulation/starts.py"
 QUERIES = "taichi_cloth/simulation/queries.py"
 REMESH, REMESHED = "taichi_cloth/garment/remesh.py", "tests/unit/test_remesh.py"
 DRESSING, PLACED = "taichi_cloth/garment/dressing.py", "tests/unit/test_placed_panels.py"
@@ -240,8 +241,10 @@ MUTATIONS = (
     (REMESH, "d[:, 0] * f[t, 1] - d[:, 1] * f[t, 0]", "d[:, 0] * f[t, 1]", "panels are not where they were", REMESHED),
     (DRESSING, "seam._replace(strength=None)", "seam", "seams rip while they are closed",
      f"{PATTERNS}::test_dressing"),
-    (DRESSING, "            if count:\n", "            if False:\n", "panels that a body passes through are dressed",
+    (STARTS, "            if count:\n", "            if False:\n", "panels that a body passes through are dressed",
      f"{PATTERNS}::test_a_body_through_a_panel_between_its_vertices_is_refused"),
+    (STARTS, "found.depth - scan.thickness", "found.depth + scan.thickness", "depths in a body are said too large",
+     f"{PATTERNS}::test_the_scene_refuses_panels_inside_the_body_as_dress_does"),
     (DRESSING, "for doubt in doubts_of_solid(solid)", "for doubt in ()", "bodies of 140 m are dressed",
      f"{PATTERNS}::test_the_command_dresses"),
     (WORN, "for e, f in zip(edges[:, 0]", "for e, f in zip(edges[:1, 0]", "crossings are named in part", PLACED),

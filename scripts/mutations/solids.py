@@ -70,7 +70,8 @@ GROWS = f"{STARTS}::test_what_was_left_near_grows_to_its_thickness_and_is_resume
 MUTATIONS = (
     # forces that are told
     (RESPONSE, "late = start.together and", "late =", "without layers too", DEEPER),
-    (FACADE, "self.solids.let_out(*self.scan.inside)", "pass", "what starts inside blocks steps", LET_OUT),
+    (FACADE, "self.solids.let_out(self.scan.inside.particles, self.scan.inside.depth)", "pass",
+     "what starts inside blocks steps", LET_OUT),
     (RESPONSE, "self.round > PATIENCE and little", "self.round > PATIENCE", "whatever would hold them", DEEPER),
     (RESPONSE, "self.round > PATIENCE and little", "little", "from the first solve on", DEEPER),
     (RESPONSE, "DEEP if late else TOLERATED", "TOLERATED", "every solve minds as little depth", DEEPER),

@@ -44,6 +44,7 @@ def run(build: Callable, argv: Sequence[str] | None = None) -> None:
     if argv is not None and not (isinstance(argv, (list, tuple)) and all(isinstance(a, str) for a in argv)):
         checks.instance("run: argv", argv, type(None))
     parser = Parser(description=sys.modules[build.__module__].__doc__)
+    parser.set_defaults(scene=getattr(sys.modules[build.__module__], "__file__", None))  # for --help
     _run_flags(parser)
 
     def go() -> int:
@@ -58,7 +59,7 @@ def _dispatch(args: argparse.Namespace) -> int:
     from . import scenefile
 
     if args.command == "list":
-        return _list()
+        return _list(args)
     if args.command == "doctor":
         return _doctor()
     if args.command == "fabrics":
@@ -94,10 +95,11 @@ def _dispatch(args: argparse.Namespace) -> int:
 def _guard(work: Callable[[], int]) -> int:
     from ..errors import ClothError, ScriptError
     from .interrupts import raised
+    from .notes import warnings_as_notes
     from .scenefile import own_lines
 
     try:
-        with raised():
+        with raised(), warnings_as_notes():
             try:
                 return work()
             finally:
@@ -154,9 +156,15 @@ def _sweep(args: argparse.Namespace) -> int:
     return sweeping.run(args, options.duration, options.fps, options.simulation)
 
 
-def _list() -> int:
+def _list(args: argparse.Namespace) -> int:
     from . import scenefile
+    from .sceneoptions import described
 
+    for name in args.scenes:
+        scene = scenefile.read(name)
+        print(f"{scene.name}: {scene.summary}\n{described(scene)}")
+    if args.scenes:
+        return OK
     for name in scenefile.available():
         mine = scenefile.own(name)
         print(f"{name:22} {scenefile.read(name).summary}{f' ({mine})' if mine else ''}")
@@ -259,7 +267,8 @@ def _parser() -> argparse.ArgumentParser:
     viewing.add_parser(commands, _option_flags)
     sweeping.add_parser(commands, _simulation_flags)
     fitting.add_parser(commands)
-    commands.add_parser("list", help="scenes, one line each")
+    listing = commands.add_parser("list", help="scenes, one line each; of those that are named, their options")
+    listing.add_argument("scenes", nargs="*", metavar="SCENE", help="a scene file or name, whose options are printed")
     commands.add_parser("doctor", help="what runs on this machine")
     commands.add_parser("fabrics", help="measured cloths, with their sources")
     winds = commands.add_parser("winds", help="winds by name, and how far each lifts cloth")
@@ -295,7 +304,7 @@ def _option_flags(parser: argparse.ArgumentParser) -> None:
     for name, option in BY_NAME.items():
         if option.metadata["flag"]:
             add(option.metadata["flag"], dest=name, **_how(option))
-    add("--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the scene")
+    add("--set", action="append", default=[], metavar="NAME=VALUE", help="an option of the scene: `list SCENE` prints them")
 
 
 def _how(option: Field) -> dict:

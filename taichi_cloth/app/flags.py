@@ -8,11 +8,27 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 
+class Help(argparse.Action):
+    """Ends the process with the help of a command and, where a scene is named before, with the scene's options."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, *_: object) -> NoReturn:
+        """As argparse calls it."""
+        said = parser.format_help()
+        if getattr(namespace, "scene", None):
+            from .scenefile import read
+            from .sceneoptions import described
+
+            said += "\n" + described(read(namespace.scene)) + "\n"
+        print(said, end="")
+        parser.exit()
+
+
 class Parser(argparse.ArgumentParser):
     """As argparse's, for a command and its subcommands."""
 
     def __init__(self, **options: Any) -> None:
-        super().__init__(**{**options, "allow_abbrev": False})  # --check is no --checkpoint-every
+        super().__init__(**{**options, "allow_abbrev": False, "add_help": False})  # --check is no --checkpoint-every
+        self.add_argument("-h", "--help", action=Help, nargs=0, help="show this, and the options of a scene that is named")
 
     def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
         """As argparse's; `--camera -1,1,2:0,0,0` is a flag and its value, which argparse would take for another flag."""
@@ -59,10 +75,12 @@ class Parser(argparse.ArgumentParser):
 
 def vector_of(text: str) -> tuple[float, ...]:
     """Three numbers such as 0,-.1,1e-2, for argparse."""
-    parts = text.split(",")
-    if len(parts) != 3:
-        raise argparse.ArgumentTypeError(f"{text!r}: must be three numbers, X,Y,Z")
-    return tuple(map(number_of, parts))
+    from .scenefile import numbers
+
+    try:
+        return numbers(text, 3)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: must be three numbers, X,Y,Z") from None
 
 
 def number_of(text: str) -> float:

@@ -44,7 +44,8 @@ def run(args: argparse.Namespace) -> int:
         warnings.simplefilter("always")
         choice = wanted(clips, args.fps, args.only)
         shape, read = loaded(args.file, args.scale, args.mesh, args.up, None, choice, not args.apart, args.weld)
-    print(f"{args.file}: {shape!r}")
+    parts = [part.name for part in read.motion.parts] if read.motion else []
+    print(f"{args.file}: {f'{len(parts)} parts, together ' if len(parts) > 1 else ''}{shape!r}")
     for line in told(shape, read.motion):
         print(line)
     for note in [*map(str, (w.message for w in warned)), *shape.notes, *doubts(shape)]:
@@ -52,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     if to is not None:
         from ..recording.looked import draw
 
-        draw(shape, to, args.size)
+        draw(shape, to, args.size, parts)
         print(f"written to {to}")
     return 0
 
@@ -63,20 +64,24 @@ def told(shape, motion) -> list[str]:
 
     from ..scene.mesh import distinct, face_edges
 
-    low, high = shape.x[0].min(axis=0), shape.x[0].max(axis=0)
-    size = " x ".join(f"{length:.4g}" for length in high - low)
-    out = [f"size    {size} m (y is up), the lowest point at {low[1]:.4g} m"]
+    def size(x: np.ndarray) -> str:
+        return f"{' x '.join(f'{length:.4g}' for length in np.ptp(x, axis=0))} m"
+
+    out = [f"size    {size(shape.x[0])} (y is up), the lowest point at {shape.x[0, :, 1].min():.4g} m"]
     if len(shape.x) > 1:
         moved = np.linalg.norm(shape.x - shape.x[:1], axis=2).max()
         out.append(f"moves   {len(shape.x):,} frames at {shape.fps:.6g} a second, {(len(shape.x) - 1) / shape.fps:.4g} s; a "
                    f"vertex goes {moved:.3g} m from where it starts")
+    else:
+        out.append("moves   no animation")
     for k, (name, seconds) in enumerate(motion.clips if motion else ()):
         out.append(f"clip    {k} {name!r}, {seconds:.4g} s{', read' if k in motion.taken else ''}")
     for name, index in shape.groups.items():
         faces = shape.faces[np.isin(shape.faces, index).all(axis=1)]
         border = int((distinct(face_edges(faces))[1] == 1).sum())
         out.append(f"group   {name!r}, {len(index):,} vertices, {len(faces):,} triangles, "
-                   f"{f'{border:,} border edges' if border else 'closed'}")
+                   f"{f'{border:,} border edges' if border else 'closed'}, {size(shape.x[0, index])}, "
+                   f"the lowest point at {shape.x[0, index, 1].min():.4g} m")
     return out
 
 

@@ -6,10 +6,12 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 
+from ..backend.timing import compiling
 from ..simulation import Simulation
 
 Show = Callable[[Simulation, int], None]
 BAR = 10  # letters wide
+BUILDING = "building kernels"
 PAUSE = 0.1  # s from one picture of a bar to the next, at least
 
 
@@ -31,26 +33,47 @@ def progress(frames: int) -> Iterator[Show]:
     room = console.width - len(f"frame {frames}/{frames}") - BAR - 2
     with Progress(*columns, console=console) as bar:
         task = bar.add_task("", total=frames, state="")
-        yield lambda sim, frame: bar.update(task, completed=frame, state=_state(sim, left(frame), room))
+
+        def building() -> None:
+            if bar.tasks[0].fields["state"] != BUILDING:
+                bar.update(task, state=BUILDING, refresh=True)
+
+        with _told_of_kernels(building):
+            yield lambda sim, frame: bar.update(task, completed=frame, state=_state(sim, left(frame), room))
+
+
+@contextlib.contextmanager
+def _told_of_kernels(building: Callable[[], None]) -> Iterator[None]:
+    """Calls a function whenever a kernel is launched for the first time, which may have to be compiled before."""
+    compiling.tell = building
+    try:
+        yield
+    finally:
+        compiling.tell = None
 
 
 class Left:
-    """How long a run goes on, if its frames go on to take as long as so far; the first, which compiles, does not count."""
+    """How long a run goes on, if its frames go on to take as long as so far. The first does not count, nor does what first
+    launches of kernels take; a frame that took most of its time for these says that instead."""
 
     def __init__(self, frames: int) -> None:
         self.frames = frames
         self.first: tuple[int, float] | None = None  # frame, time [s], where counting began
-        self.seen = 0
+        self.seen, self.last, self.built = 0, 0.0, 0.0  # calls; time and what kernels had taken at the last of them [s]
 
     def __call__(self, frame: int) -> str:
         """In words, at the end of a frame; "" where nothing is known."""
-        now = time.perf_counter()
+        now, built = time.perf_counter(), compiling.seconds
+        took, building = now - self.last, built - self.built
+        self.last, self.built = now, built
         self.seen += 1
         if self.seen == 2:
-            self.first = frame, now
+            self.first = frame, now - built
         if self.first is None or frame <= self.first[0] or frame >= self.frames:
             return ""
-        each = (now - self.first[1]) / (frame - self.first[0])
+        if building > took / 2:
+            return BUILDING
+        each = (now - built - self.first[1]) / (frame - self.first[0])
         return f"about {in_words(each * (self.frames - frame))} left"
 
 
@@ -78,7 +101,7 @@ class Bar:
 def _in_notebook(frames: int, left: Left) -> Show:
     from IPython.display import display
 
-    handle = display(Bar(0, frames, "compiling"), display_id=True)
+    handle = display(Bar(0, frames, BUILDING), display_id=True)
     drawn = 0.0
 
     def show(sim: Simulation, frame: int) -> None:
@@ -101,7 +124,7 @@ def _state(sim: Simulation, left: str, room: int = 1000) -> str:
     """Simulated time, how long it goes on, steps that were tried again, the last one's size and CG iterations; what there is
     no room for is left out."""
     if not sim.last:
-        return "compiling"
+        return BUILDING
     last, rejected = sim.last, sim.tally.rejections.total()
     parts = [f"{sim.time:.3f} s simulated", left, f"{rejected} steps tried again" if rejected else "",
              f"step {last.h * 1e3:.3g} ms", f"{last.iterations} iterations"]

@@ -252,4 +252,6 @@ def _artist(geometry: dict[str, np.ndarray], options: RunOptions, scene: Scene):
     look = dict(options.look)
     if look.get("heat"):
         look["heat"] = heat_of(look["heat"][0], geometry, look["heat"][1])
-    return Artist(geometry, options.size, Look(**look), lambda: expected(scene, options.duration))
+    first, last = (k / options.fps for k in (min(options.drawn), max(options.drawn)))
+    return Artist(geometry, options.size, Look(**look), lambda: expected(scene, options.duration),
+                  lambda: expected(scene, last, first))

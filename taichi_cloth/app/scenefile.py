@@ -59,7 +59,7 @@ class SceneFile:
         """
         try:
             with waiting(" ".join([f"building {self.name}", *(f"{name}={value}" for name, value in settings.items())])):
-                said_of_all = {name: value for name, value in self.typed(settings).items() if name not in self.options}
+                said_of_all = {n: value for n, value in self.typed(settings).items() if n not in self.options and value != ""}
                 scene = self.build(**{name: value for name, value in self.typed(settings).items() if name in self.options})
         except ClothError:
             raise
@@ -113,9 +113,12 @@ class SceneFile:
         try:
             if kind is bool:
                 return {"true": True, "1": True, "yes": True, "false": False, "0": False, "no": False}[value.lower()]
+            if kind is tuple:
+                return numbers(value, len(self.options[name].default))
             return number(value, kind) if kind in (int, float) else value
         except (KeyError, ValueError):
-            raise SceneError(f"scene {self.name}: option {name}={value!r} needs {_article(kind)}") from None
+            needs = f"{len(self.options[name].default)} numbers, as in 0,-.1,2" if kind is tuple else _article(kind)
+            raise SceneError(f"scene {self.name}: option {name}={value!r} needs {needs}") from None
 
 
 def said(error: Exception, file: str) -> str:
@@ -153,7 +156,9 @@ def settings_of(words: Iterable[str]) -> dict[str, str]:
 
 
 def plain(value: object) -> int | float | str:
-    """An option's value as a manifest has it."""
+    """An option's value as a manifest has it, and as it is read again."""
+    if isinstance(value, tuple):
+        return ",".join(map(str, value))
     return value if isinstance(value, (int, float)) else str(value)
 
 
@@ -168,6 +173,18 @@ def number(text: str, kind: type = float):
     top, _, bottom = text.partition("/")
     out = float(top) / (float(bottom) or math.nan if bottom else 1.0)
     if not math.isfinite(out):
+        raise ValueError(text)
+    return out
+
+
+def numbers(text: str, count: int) -> tuple[float, ...]:
+    """So many finite numbers from text such as "0,-.1,1e-2".
+
+    Raises:
+        ValueError: they are not.
+    """
+    out = tuple(map(number, text.split(",")))
+    if len(out) != count:
         raise ValueError(text)
     return out
 

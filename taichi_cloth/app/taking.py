@@ -12,7 +12,9 @@ from .flags import number_of
 
 def add_parser(commands) -> None:
     """Adds the command."""
-    parser = commands.add_parser("take", help="go on from a frame of a run in a new folder, with other options blended in")
+    parser = commands.add_parser("take", help="go on from a frame of a run in a new folder, with other options blended in",
+                                 epilog="It draws no pictures: `taichi-cloth render FOLDER` draws the new folder's, and "
+                                        "`taichi-cloth compare` both runs side by side.")
     add = parser.add_argument
     add("run", help="a run's folder; it stays as it is")
     add("name", help="the new folder: a name beside the run's, or a path")
@@ -53,7 +55,8 @@ def run(args: argparse.Namespace) -> int:
     take = Take(os.path.relpath(parent.path, out), str(parent.manifest.get("started", "")), args.from_frame, blend, was)
     sim, start = simulate(scene, options, take, parent)
     print(describe(sim, time.perf_counter() - started, start))
-    print(f"written to {out}/, whose frames begin with those of {parent.path}, {Recording(out).manifest['take']['files']}")
+    print(f"written to {out}/, whose frames begin with those of {parent.path}, {Recording(out).manifest['take']['files']}; "
+          f"`taichi-cloth render {out}` draws it")
     return 0
 
 

@@ -2,8 +2,9 @@
 
 import argparse
 from collections.abc import Callable
+from dataclasses import replace
 
-from .scenefile import SceneFile
+from .scenefile import EVERY, SceneFile
 
 
 def add_parser(commands, simulation_flags: Callable[[argparse.ArgumentParser], None]) -> None:
@@ -25,13 +26,17 @@ def run(args: argparse.Namespace, scene: SceneFile, settings: dict[str, str], si
     Args:
         settings: of the scene, as `--set` gives them; simulation: arguments of `Simulation`.
     """
-    from ..live.parameters import parameters
+    from ..live.parameters import Parameter, parameters
     from ..live.view import Made, serve
     from ..options import Options
+    from .sceneoptions import meanings_in
 
     given = scene.typed({**(scene.small if args.small else {}), **settings})
+    said = meanings_in(scene)
+    shown = [*parameters(scene.options, scene.ranges, given), *(Parameter(name, str(given.get(name, ""))) for name in EVERY
+                                                               if name not in scene.options)]
     source = Made(lambda changed: scene.make({**given, **changed}), Options.named(simulation),
-                  parameters(scene.options, scene.ranges, given))
+                  tuple(replace(p, meaning=said.get(p.name, "")) for p in shown))
     serve(source, scene.name, args.host, args.port, not args.no_open, not args.paused,
           lambda line: print(line, flush=True))
     return 0

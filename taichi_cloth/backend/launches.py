@@ -58,7 +58,7 @@ class Launcher:
             self.forget()
         known = self._known.get(features)
         if known is None:
-            began = time.perf_counter()
+            began = compiling.start()
             shares = self.swap_in(args)
             out = slow(kernel, *args)
             self._learn(features, args, shares)

@@ -3,7 +3,7 @@
 import contextlib
 import functools
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 
 class Clock:
@@ -23,10 +23,21 @@ class Clock:
 
 
 class Stopwatch:
-    """Wall time of an object's methods, see `timed`."""
+    """Wall time of an object's methods, see `timed`.
+
+    Attributes:
+        tell: is called when it starts, where somebody shows that.
+    """
 
     def __init__(self) -> None:
         self.seconds, self.runs = 0.0, False
+        self.tell: Callable[[], None] | None = None
+
+    def start(self) -> float:
+        """When it starts, by `time.perf_counter` [s]."""
+        if self.tell is not None:
+            self.tell()
+        return time.perf_counter()
 
 
 compiling = Stopwatch()  # first launches of kernels: they compile, or read kernels that were compiled before

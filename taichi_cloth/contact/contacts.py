@@ -216,7 +216,7 @@ class Contacts(Checkpointed):
             self.clear()
             if self.layers is not None:
                 self.layers.release_nearest()
-        self.solids.let_out(*self.scan.inside)
+        self.solids.let_out(self.scan.inside.particles, self.scan.inside.depth)
         return moved
 
     def clear(self) -> None:

@@ -25,6 +25,7 @@ from ..scene.scene import Scene
 from ..scene.solids import Solid, SolidMesh
 from ..scene.units import doubts_of_solid
 from ..simulation import Simulation
+from ..simulation.starts import refuse_inside
 from .outside import hung_outside
 from .worn import Dressed, Worn, crossed_of, worn_under
 
@@ -145,7 +146,8 @@ def _sewn(worn: Sequence[Worn], solids: list[Solid], h: float, pull: float | Non
         scene.add_garment(w.garment, w.fabric, name=w.name, contact=contact, panels=w.panels, pull=pull)
     sim, meets = Simulation(scene, h=h, cg_tol=ROUGH), contact is not None
     try:
-        _refuse_inside(sim, worn)
+        if sim.contacts is not None:
+            refuse_inside(zip(scene.cloths, [w.garment for w in worn]), sim.model, sim.contacts.scan, scene.solids)
         firm, before = 1.0, np.inf
         while (gap := sim.seam_gaps().max(initial=0.0)) > 0:
             if sim.time > SEWING:
@@ -220,40 +222,6 @@ def _still(solid: Solid) -> Solid:
     if isinstance(shape, SolidMesh) and len(shape.x) > 1:
         shape = SolidMesh(shape.shape_at(0.0), shape.faces)
     return replace(solid, shape=shape, position=p, rotation=R)
-
-
-def _refuse_inside(sim: Simulation, worn: Sequence[Worn]) -> None:
-    """Refuses panels that start inside a solid, or through one."""
-    if sim.contacts is None:
-        return
-    scan, model = sim.contacts.scan, sim.model
-    model.save()
-    scan.set_time(0.0, sim.control.h_max)
-    found = scan.detect()
-    inside = found.start_gap + scan.thickness[found.solid] < 0
-    if not inside.any():
-        _refuse_through(sim.scene.solids, worn[-1].garment)
-        return
-    vertex = model.user[found.index[inside]]
-    deep = -float((found.start_gap + scan.thickness[found.solid]).min())
-    solid = sim.scene.solids[int(found.solid[inside][0])].name
-    cloth = next(c for c in sim.scene.cloths if vertex[0] < c.start + c.mesh.vertex_count)
-    garment = worn[sim.scene.cloths.index(cloth)].garment
-    raise SceneError(f"dress: {len(np.unique(vertex))} vertices start inside the body, the first of them of "
-                     f"{garment.panel_of(vertex[0] - cloth.start)!r} in {solid!r}, at most {1e3 * deep:.3g} mm deep: hang the "
-                     "panels further out (Garment.moved), or turn and move the garment to where the body stands "
-                     "(Garment.placed; --turn, --shift)")
-
-
-def _refuse_through(solids: list[Solid], garment: Garment) -> None:
-    """Refuses panels that a solid's mesh passes through between their vertices."""
-    for solid in solids:
-        if isinstance(shape := solid.shape, SolidMesh):
-            R, p = solid.pose(0.0)
-            count = count_crossings(garment.positions, garment.mesh.faces, shape.shape_at(0.0) @ R.T + p, shape.faces)
-            if count:
-                raise SceneError(f"dress: panels pass through {solid.name!r}, in {count} pairs of an edge and a triangle: "
-                                 "hang them further out")
 
 
 def _left_open(x: np.ndarray, garment: Garment) -> str:

@@ -127,7 +127,7 @@ def _found(motion: Motion, x: np.ndarray, scale: float) -> str:
     others = [name for k, (name, _) in enumerate(motion.clips) if k not in motion.taken]
     played = " and ".join(repr(motion.clips[k][0]) for k in motion.taken)
     clip = f"clip {played}, " if played else ""
-    moves = f"{clip}{len(x):,} frames at {motion.fps:g} a second" if motion.fps and len(x) > 1 else f"{clip}nothing moves"
+    moves = f"{clip}{len(x):,} frames at {motion.fps:g} a second" if motion.fps and len(x) > 1 else f"{clip}no animation"
     parts = f"{len(motion.parts)} parts" if len(motion.parts) > 1 else f"one part, {motion.parts[0].name!r}"
     more = f"; other clips (clip=...): {', '.join(map(repr, others))}" if others else ""
     return f"{parts}; {moves}; {height:.3g} m high, {size.max():.3g} m at most{more}"

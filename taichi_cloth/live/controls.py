@@ -72,15 +72,15 @@ class Controls:
 
     def _parameter(self, p: Parameter) -> None:
         """A control that fits its type."""
-        gui = self.gui
+        gui, hint = self.gui, p.meaning or None
         if isinstance(p.value, bool):
-            made = gui.add_checkbox(p.name, p.value)
+            made = gui.add_checkbox(p.name, p.value, hint=hint)
         elif isinstance(p.value, str):
-            made = gui.add_text(p.name, p.value)
+            made = gui.add_text(p.name, p.value, hint=hint)
         elif p.range is None:
-            made = gui.add_number(p.name, p.value)
+            made = gui.add_number(p.name, p.value, hint=hint)
         else:
-            made = gui.add_slider(p.name, *p.range, p.step, p.value)
+            made = gui.add_slider(p.name, *p.range, p.step, p.value, hint=hint)
         self._when(made.on_update, lambda: ("set", p.name, type(p.value)(made.value)), f"set {p.name}")
 
     def _when(self, register: Callable, wish: Callable[[], tuple], key: str = "") -> None:

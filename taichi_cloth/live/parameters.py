@@ -22,11 +22,13 @@ class Parameter:
     Attributes:
         value: where it begins; its type is the parameter's: bool, int, float or str.
         range: (low, high) of a slider; None where nothing says how far it goes.
+        meaning: with its unit, in a line that is shown beside it.
     """
 
     name: str
     value: bool | int | float | str
     range: tuple[float, float] | None = None
+    meaning: str = ""
 
     @property
     def step(self) -> float:

@@ -158,6 +158,13 @@ def threads(uv, footprint, objects: ti.template(), o):
 
 
 @ti.func
+def darkened(s):
+    """Integral up to a place s of a hem of the shade along its inner edge, which grows over EDGE / 2 up to 1 at s = 1."""
+    into = ti.min(ti.max(s - 1 + EDGE / 2, 0.0), EDGE / 2)
+    return into * into / EDGE
+
+
+@ti.func
 def hemmed(uv, footprint, borders: ti.template(), f, objects: ti.template(), o):
     """(tilt along u, tilt along v, shade) of cloth that is turned over and sewn along a border; footprint: as `threads`."""
     width, away, along = objects[o, HEM], 1e9, 0.0
@@ -172,10 +179,11 @@ def hemmed(uv, footprint, borders: ti.template(), f, objects: ti.template(), o):
     s, pixel = away / width, footprint / width
     shown = ti.min(ti.max((1 / pixel - GONE) / (FINE - GONE), 0.0), 1.0)
     tilt, shade = 0.0, 1.0
-    if s < 1:
-        tilt = shown * (ROUND * ti.max(1 - s / EDGE, 0.0) - ROUND * ti.max(1 - (1 - s) / EDGE, 0.0))
+    if s < 1 + pixel / 2:
+        inside = ti.min((1 - s) / pixel + 0.5, 1.0)  # part of the pixel
+        tilt = shown * inside * ROUND * (ti.max(1 - s / EDGE, 0.0) - ti.max(1 - ti.abs(1 - s) / EDGE, 0.0))
         beat = along / (STITCH * width)
         line = ti.max(1 - ti.abs(s - SEWN) / (EDGE / 3 + pixel), 0.0) * ti.cast(beat - ti.floor(beat) < 0.7, ti.f32)
-        step = ti.max(1 - (1 - s) / (EDGE / 2 + pixel), 0.0)
-        shade = 1 - shown * (LAYERS + (1 - LAYERS) * ti.max(0.3 * line, 0.35 * step))
+        step = (darkened(s + pixel / 2) - darkened(s - pixel / 2)) / pixel
+        shade = 1 - shown * (LAYERS * inside + (1 - LAYERS) * ti.max(0.3 * line, 0.35 * step))
     return tilt * out[0], tilt * out[1], shade

@@ -42,11 +42,22 @@ def fit_all(points: Iterable[np.ndarray], reach: float, aspect: float) -> Camera
 
 
 def fit_round(points: Iterable[np.ndarray], reach: float, aspect: float) -> Camera:
-    """A camera that has all points in its picture from every side: it looks at the middle of their bounds."""
+    """The nearest camera that has all points in its picture from every side: it looks at the middle of their bounds.
+
+    A point at a distance r from the vertical through that middle, and y above it, goes round as the camera does. With the
+    camera's elevation e and h = r cos(angle) it is b = y sin e + h cos e towards it, u = y cos e - h sin e up, and
+    r sin(angle) aside. As in `fit_all`, aside / t + b and |u| / t + b decide, and both are largest in closed form.
+    """
     sets = list(points)
     low, high = np.min([x.min(axis=0) for x in sets], axis=0), np.max([x.max(axis=0) for x in sets], axis=0)
-    centre = (low + high) / 2
-    radius = max(float(np.linalg.norm(x - centre, axis=1).max()) for x in sets) + max(reach, SPOT)
-    half = np.arctan(np.tan(np.radians(FOV) / 2) * min(1.0, aspect))
-    eye = centre + np.array(DIRECTION) / np.linalg.norm(DIRECTION) * radius / np.sin(half) * 1.02
+    centre, way = (low + high) / 2, np.array(DIRECTION) / np.linalg.norm(DIRECTION)
+    sin, cos = way[1], float(np.hypot(way[0], way[2]))
+    up = np.tan(np.radians(FOV) / 2) * (1 - 2 * MARGIN)
+    across, room, back = up * aspect, max(reach, SPOT), 0.0
+    for x in sets:
+        r, y = np.hypot(*(x - centre)[:, [0, 2]].T), x[:, 1] - centre[1]
+        aside = y * sin + r * np.hypot(1 / across, cos) + room * np.hypot(1, across) / across
+        above, below = (y * (sin + s * cos / up) + r * abs(cos - s * sin / up) + room * np.hypot(1, up) / up for s in (1, -1))
+        back = max(back, *(float(part.max()) for part in (aside, above, below, y * sin + r * cos + room)))
+    eye = centre + back * way
     return Camera(tuple(eye.tolist()), tuple(centre.tolist()), FOV)

@@ -29,14 +29,16 @@ class Artist:
 
     Args:
         size: (width, height) [pixels].
-        frames: gives the frames, or what is known of them, that a fitted camera has to have in its picture.
+        frames: gives the frames, or what is known of them, of the whole motion: the ground is below all of them.
+        fits: gives those that a fitted camera has to have in its picture; the first shape and all of `frames` where None.
 
     Raises:
         SceneError: the look names a cloth that is not there.
     """
 
     def __init__(self, geometry: Frame, size: tuple[int, int], look: Look,
-                 frames: Callable[[], Iterable[Frame]] | None = None) -> None:
+                 frames: Callable[[], Iterable[Frame]] | None = None, fits: Callable[[], Iterable[Frame]] | None = None
+                 ) -> None:
         self.look, self.geometry, self.size = look, geometry, size
         self._first = {name: geometry[name] for name in ("faces", "sewn") if name in geometry}
         look.check_names([str(name) for name in geometry["cloth_names"]])
@@ -47,7 +49,7 @@ class Artist:
         self.centre = (geometry["x"] if len(geometry["x"]) else first).mean(axis=0)
         view = look.view(view_of(geometry))
         self.fitted = view.camera is None
-        view = self._placed(view, first, frames)
+        view = self._placed(view, first, frames, fits)
         self.camera = view.camera
         view = replace(view, camera=camera_at(view.camera, 0.0))
         drawn = surfaces(geometry, look, self.smooth, self.shell)
@@ -175,8 +177,9 @@ class Artist:
             target = target + frame["x"].mean(axis=0) - self.centre
         return replace(camera, eye=tuple((target + arm).tolist()), target=tuple(target.tolist()))
 
-    def _placed(self, view: View, first: np.ndarray, frames: Callable[[], Iterable[Frame]] | None) -> View:
-        """The view with a ground, and with a camera that has all frames in its picture where it has none.
+    def _placed(self, view: View, first: np.ndarray, frames: Callable[[], Iterable[Frame]] | None,
+                fits: Callable[[], Iterable[Frame]] | None) -> View:
+        """The view with a ground, and with a camera that has all frames that it fits in its picture where it has none.
 
         The ground touches solids where they are the lowest of all that there is in any frame; else it is below.
         """
@@ -186,15 +189,26 @@ class Artist:
         stands = view.ground is None and view.drawn_floor != "none" and solid <= cloth
         with contextlib.nullcontext() if self.fitted else contextlib.suppress(OutputError):  # said where it is drawn
             for frame in frames() if frames and (self.fitted or stands) else ():
-                x = np.concatenate([frame["x"], frame.get("solid_x", first[:0])]).astype(np.float64)
+                x = self._all_of(frame, first[:0])
                 low = (float(part[:, 1].min(initial=np.inf)) for part in np.split(x, [len(frame["x"])]))
                 cloth, solid = map(min, (cloth, solid), low)
-                if len(x):  # of solids alone, what stands still is in the first set
-                    sets.append(x - (frame["x"].mean(axis=0) - self.centre) if self.look.follow and n else x)
+                if fits is None and len(x):  # of solids alone, what stands still is in the first set
+                    sets.append(x - self._followed(frame))
+            if fits is not None and self.fitted:
+                sets = [self._all_of(frame, first[n:]) - self._followed(frame) for frame in fits()]
         if view.ground is None:
             view = replace(view, ground=solid if solid <= cloth else min(ground, cloth, solid) if self.fitted else ground)
         fit = fit_round if self.look.orbit else fit_all
         return replace(view, camera=fit(sets, view.reach, self.size[0] / self.size[1])) if self.fitted else view
+
+    def _all_of(self, frame: Frame, still: np.ndarray) -> np.ndarray:
+        """(k, 3) vertices of the cloth and of solids in a frame [m], with those of solids that stand still (m, 3)."""
+        return np.concatenate([frame["x"], frame.get("solid_x", still)]).astype(np.float64)
+
+    def _followed(self, frame: Frame) -> np.ndarray:
+        """(3,) by which a camera that follows the cloth goes with it [m]."""
+        follows = self.look.follow and len(frame["x"])
+        return frame["x"].mean(axis=0) - self.centre if follows else np.zeros(3)
 
 
 def contact_sheet(images: list[np.ndarray], columns: int) -> np.ndarray:

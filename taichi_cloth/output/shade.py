@@ -100,6 +100,11 @@ class Shader:
         base = corner(colors, f)
         flat = (corner(x, j) - corner(x, i)).cross(corner(x, l) - corner(x, i)).normalized(1e-12)
         front = 1
+        side = ti.select(flat.dot(view) < 0, -1.0, 1.0)
+        # faces of a round surface do not shade each other [J. Hanika: Hacking the Shadow Terminator, 2021]
+        bulge = (k[0] * out_of(position, corner(x, i), side * corner(normals, i))
+                 + k[1] * out_of(position, corner(x, j), side * corner(normals, j))
+                 + k[2] * out_of(position, corner(x, l), side * corner(normals, l)))
         if flat.dot(view) < 0:
             n = -n
             flat = -flat
@@ -129,7 +134,7 @@ class Shader:
                 n = tilted(n, tilt[0], tilt[1], f, faces, x, corner_uv)
         if rows[CLOTH, 2] > 0:
             base *= wire(a, b, c, area, flat_k, self.raster.samples)
-        reached, open_sky = self.light.at(position, flat, row, column, rows)
+        reached, open_sky = self.light.at(position, bulge, flat, row, column, rows)
         return lit(base, n, view, reached, open_sky, objects, owner[f], rows, self.around.key, self.around.accents)
 
     @ti.func
@@ -149,7 +154,7 @@ class Shader:
                 up_n = ti.Vector([0.0, 1.0, 0.0])
                 reached, open_sky = 1.0, 1.0
                 if t < FADE * rows[PLACE, 2]:
-                    reached, open_sky = self.light.at(hit, up_n, row, column, rows)
+                    reached, open_sky = self.light.at(hit, 0 * up_n, up_n, row, column, rows)
                 sun, above = corner(rows, POWER) * ti.max(corner(rows, LIGHT)[1], 0.0), corner(rows, UP)
                 fade = ti.exp(-((t / (FADE * rows[PLACE, 2])) ** 2)) * ti.min(1.0, -ray[1] * 12)
                 if ti.static(self.around.floor == "shadow"):
@@ -171,6 +176,12 @@ class Shader:
             base = 0.455 + 0.05 * soft_checker(ti.Vector([hit[0], hit[2]]) / rows[PLACE, 2], width / rows[PLACE, 2])
             out = base * ti.Vector([1.0, 0.98, 0.95])
         return out
+
+
+@ti.func
+def out_of(position, place, normal):
+    """(3,) from a position inside the plane through a corner's place, with its normal, out to it [m]."""
+    return ti.max((place - position).dot(normal), 0.0) * normal
 
 
 @ti.func

@@ -117,7 +117,7 @@ class TracedLight:
         return first, last
 
     @ti.func
-    def at(self, position, flat, row, column, rows: ti.template()):
+    def at(self, position, bulge, flat, row, column, rows: ti.template()):
         """(share of the light, share of the sky) in a pixel: of pixels around that see the same surface."""
         eye = corner(rows, EYE)
         width = (position - eye).norm() / (rows[PLACE, 0] * self.height)  # of a pixel there

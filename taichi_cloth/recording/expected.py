@@ -8,11 +8,11 @@ from ..scene.attachment import Attachment
 from ..scene.scene import Scene
 from .record import drawn_solids, is_ground
 
-TIMES = 13  # at which what is prescribed is looked at, from 0 to the end
+TIMES = 13  # at which what is prescribed is looked at, from the first drawn frame to the last
 
 
-def expected(scene: Scene, duration: float) -> Iterator[dict[str, np.ndarray]]:
-    """Frames, as far as positions go, that a run of `duration` [s] will perhaps come near.
+def expected(scene: Scene, last: float, first: float = 0.0) -> Iterator[dict[str, np.ndarray]]:
+    """Frames, as far as positions go, that a run will perhaps come near between two times [s].
 
     Solids and led vertices are where their functions put them; a cloth follows a motion that leads it as a whole; held cloth
     hangs down by its length from there; free cloth falls to the ground, where there is one.
@@ -21,7 +21,7 @@ def expected(scene: Scene, duration: float) -> Iterator[dict[str, np.ndarray]]:
     solids = drawn_solids(scene)
     grounds = [float(s.pose(0.0)[1][1]) for s in scene.solids if is_ground(s)]
     moving = any(s.moves for s in solids)
-    for t in np.linspace(0.0, duration, TIMES):
+    for t in np.linspace(first, last, TIMES):
         shifted = x.copy()
         for a in scene.script.attachments:
             if a.leads:

@@ -63,7 +63,7 @@ def render(recording: Recording, folder: pathlib.Path, size: tuple[int, int], lo
     """
     if films.mp4:
         encoder()
-    artist = Artist(recording.geometry, size, look, lambda: frames_of(recording))
+    artist = Artist(recording.geometry, size, look, lambda: frames_of(recording), lambda: map(recording.frame, numbers))
     if films.mp4 and artist.renderer.transparent:
         raise OutputError("a film (mp4) cannot be transparent: choose another background, or an animated PNG (apng)")
     files, images = [], []

@@ -153,7 +153,7 @@ def _artist(name: str, what: object, frame: int | None, size: object, heat: str 
         geometry, arrays, recorded = what.geometry, what.frame(number), what
         runtime.go_on()
         return Artist(geometry, (width, height), _look(heat, limits, geometry, recorded, look),
-                      lambda: frames_of(recorded)), arrays, number
+                      lambda: frames_of(recorded), lambda: [arrays]), arrays, number
     if look.get("shutter"):
         raise SceneError(f"{name}: shutter: only a recorded run knows how cloth and solids move on: tc.record keeps one")
     if frame is not None:

@@ -18,6 +18,7 @@ from .attachment import Script
 from .cloth import Cloth, panels_of, used_vertices
 from .crease import Crease
 from .fabric import ClothContact, Fabric
+from .garment import Garment
 from .inflation import Inflation
 from .mesh import TriMesh
 from .score import Score
@@ -43,6 +44,7 @@ class Contents:
         self.masses: list[tuple[Cloth, np.ndarray, np.ndarray]] = []
         self.forces: list[Callable] = []
         self.seams: list[Seam] = []
+        self.hung: list[tuple[Cloth, Garment]] = []  # garments whose panels are apart at the start, to be sewn as it runs
         self.creases: list[Crease] = []
         self.scores: list[Score] = []  # of cloth that may tear
         self.pieces: list[Inflation] = []  # the first inflation of each piece that has one

@@ -32,11 +32,15 @@ class Sewn(Contents):
 
         Args:
             fabric, velocities, name, color, contact, panels: as in `add_cloth`; pull: as in `sew`.
+
+        A simulation refuses panels that are apart, to be sewn, and start inside a solid: they would be sewn through it.
         """
         checks.instance("add_garment: garment", garment, Garment)
         cloth = self.add_cloth(garment.mesh, fabric, garment.positions, velocities, name, color, contact, panels)
         for seam in garment.seams:
             self.sew(cloth, *seam, pull=pull)
+        if garment.gap() > 0:
+            self.hung.append((cloth, garment))
         return cloth
 
     def sew(self, cloth: Cloth, a: ArrayLike, b: ArrayLike, rest: float | str = "flat", stiffness: float = 1.0,

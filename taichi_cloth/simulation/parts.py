@@ -84,7 +84,11 @@ class Parts:
         self.locator = Locator(self.model, scene.cloths, scene.solids)
         self.stepper = Stepper(self.model, self.integrator, self.meter, self.control, self.locator, self.giving)
         self.prescribed = Prescribed(self.model, scene.script.copy(), self.force_terms, self.contacts)
-        self._settle()
+        try:
+            self._settle()
+        except BaseException:
+            self._fields.free()
+            raise
         scene.followers.add(self)
         self._extra: list[Fields] = []  # made when first asked for
         self._force_field: ForceField | None = None
@@ -123,6 +127,8 @@ class Parts:
         if self.integrator.system is not None:
             self.notes += self.integrator.system.notes
             self.integrator.system.notes = self.notes  # what is noted on the way is among them
+        if self.model.sewn is not None:
+            self.model.sewn.notes = self.notes
         fields.allocate()
 
     def _settle(self) -> None:
@@ -138,6 +144,11 @@ class Parts:
             self.notes += [str(out) for out in put_in_order(self.contacts.scan, self.model, self.scene, fixed)]
             self.prescribed.begin_anew()
         self.notes += self.contacts.inspect()
+        if self.scene.hung:
+            from .starts import refuse_inside, refuse_through
+
+            refuse_inside(self.scene.hung, self.model, self.contacts.scan, self.scene.solids)
+            refuse_through(self.scene.hung, self.scene.solids)
         moved = self.contacts.settle(fixed)
         if not len(moved.near):
             return

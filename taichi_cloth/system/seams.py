@@ -9,8 +9,6 @@ an orthogonal projector: S A S is the matrix of the welded cloth, on the panels'
 closes the gap, at most `CLOSING`.
 """
 
-import warnings
-
 import numpy as np
 import taichi as ti
 
@@ -37,6 +35,7 @@ class Clusters:
         label: (n,) cluster of each particle, or -1.
         member: (m,) the members, cluster by cluster; first: (clusters + 1,) where each one's begin.
         led: whether the last solve closed gaps.
+        notes: sentences for the user, of the simulation.
     """
 
     def __init__(self, fields: Fields, model, scene: Scene) -> None:
@@ -52,7 +51,8 @@ class Clusters:
         self.members = fields.integer(len(self.member), data=self.member)
         self._apart: np.ndarray = np.zeros(2, dtype=model.exchange)
         self.led = self.pulled = False  # pulled: whether some stitches are drawn together by a force, and hold nothing yet
-        self._cloths, self._warned = scene.cloths, False
+        self._cloths, self._told = scene.cloths, False
+        self.notes: list[str] = []
 
     def _gather(self, whole: np.ndarray) -> None:
         """Clusters by the stitches (k,) that are whole."""
@@ -197,7 +197,7 @@ class Clusters:
 
     def spread(self, held: Held | None, h: float) -> Held | None:
         """What holds a member holds its cluster: rows for all members, behind those that are there. Members that are held at
-        several places are led to the middle between these, of which a warning tells.
+        several places are led to the middle between these, which a note tells.
 
         Args:
             h: step [s] in which members that are apart come nearer.
@@ -216,7 +216,7 @@ class Clusters:
         spans = values > SPANNED * values[:, -1:]
         inverse = np.einsum("gij,gj,gkj->gik", vectors, np.where(spans, 1 / np.where(spans, values, 1), 0), vectors)
         projector = np.einsum("gij,gj,gkj->gik", vectors, spans.astype(float), vectors)
-        if not self._warned and (np.bincount(group) > 1).any():
+        if not self._told and (np.bincount(group) > 1).any():
             self._tell(held.index[mine], P, held.target[mine], group, inverse)
         target, y = (np.einsum("gij,gj->gi", inverse, b) for b in (asked, y))
         whole = spans.all(axis=1)
@@ -234,7 +234,7 @@ class Clusters:
         return Held(kernel_array(index, np.int32), P, goal, held.moving or self.open, y)
 
     def _tell(self, index: np.ndarray, P: np.ndarray, target: np.ndarray, group: np.ndarray, inverse: np.ndarray) -> None:
-        """Warns where members, index (k,) of groups (k,), are held at places that are not one."""
+        """A note, once, where members, index (k,) of groups (k,), are held at places that are not one."""
         asked = np.zeros((len(inverse), 3))
         np.add.at(asked, group, np.einsum("kij,kj->ki", P, target))
         off = np.einsum("kij,kj->ki", P, np.einsum("gij,gj->gi", inverse, asked)[group] - target)
@@ -243,9 +243,9 @@ class Clusters:
             worst = int(far.argmax())
             vertex = int(self.model.user[index[worst]])
             cloth = next(c for c in reversed(self._cloths) if c.start <= vertex)
-            self._warned = True
-            warnings.warn(f"vertex {vertex - cloth.start} of {cloth.name!r} is held, and sewn to what is held elsewhere: both "
-                          f"are led to one place, it by {far[worst]:.2g} m; unpin one, or give the seam a pull", stacklevel=2)
+            self._told = True
+            self.notes.append(f"vertex {vertex - cloth.start} of {cloth.name!r} is held, and sewn to what is held elsewhere: "
+                              f"both are led to one place, it by {far[worst]:.2g} m; unpin one, or give the seam a pull")
 
     def _left(self, h: float) -> np.ndarray:
         """(n, 3) where particles will be against the mean of their clusters after a step of h [s]."""

@@ -48,10 +48,13 @@ def test_a_run_draws_what_was_asked_and_says_that_cloth_was_cut(fallen, capsys):
     assert "cloth left the picture in 1 of 1 frames" in said and "taichi-cloth render" in said
 
 
-def test_all_of_the_cloth_is_in_all_pictures(fallen, tmp_path):
-    assert cli.main(["render", str(fallen), "--to", str(tmp_path), *SMALL, "--background", "transparent"]) == 0
+@pytest.mark.parametrize("flags, count", [
+    ([], 10), (["--frames", "7:9"], 3), (["--frames", "9"], 1), (["--frames", "8:9", "--speed", "0.5"], 3)])
+def test_all_of_the_cloth_is_in_all_pictures(fallen, tmp_path, flags, count):
+    """And fills them, as far as it moves in the frames that are drawn."""
+    assert cli.main(["render", str(fallen), "--to", str(tmp_path), *SMALL, "--background", "transparent", *flags]) == 0
     files = sorted(tmp_path.glob("*.png"))
-    assert len(files) == 10
+    assert len(files) == count
     seen = [alpha_of(f) for f in files]
     for alpha in seen:
         assert alpha.max() == 255 and not (alpha[0].any() or alpha[-1].any() or alpha[:, 0].any() or alpha[:, -1].any())
@@ -69,6 +72,8 @@ def test_a_turntable_sees_a_frame_from_all_round(fallen, tmp_path):
     seen = [alpha_of(f).astype(int) for f in files]
     for alpha in seen:
         assert alpha.max() == 255 and not (alpha[0].any() or alpha[-1].any() or alpha[:, 0].any() or alpha[:, -1].any())
+    across, down = (np.ptp(np.flatnonzero(np.max(seen, axis=0).any(axis=k))) for k in (0, 1))
+    assert across > 0.75 * 64 or down > 0.75 * 48
     apart = [np.abs(alpha - seen[0]).mean() for alpha in seen]
     assert max(apart[2], apart[4], apart[6]) < 0.5 * min(apart[1], apart[3], apart[5], apart[7])
 

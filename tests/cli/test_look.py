@@ -6,6 +6,8 @@ from inside import ROOT, call
 from test_cli import read_png
 
 import taichi_cloth as tc
+from taichi_cloth.recording import looked
+from taichi_cloth.scene.solids import SolidMesh
 
 
 def drum(path, **more):
@@ -23,11 +25,11 @@ def test_look_says_what_a_file_holds(tmp_path):
     assert "drum.npz: <SolidMesh of" in lines[0] and "open, 3 frames>" in lines[0]
     assert lines[1].startswith("size    400 x 400 x 400 m (y is up), the lowest point at -200 m")
     assert lines[2] == "moves   3 frames at 2 a second, 1 s; a vertex goes 300 m from where it starts"
-    assert lines[3].startswith("group   'all', ") and lines[3].endswith(" border edges")
+    assert lines[3].startswith("group   'all', ") and " border edges, 400 x 400 x" in lines[3]
     assert any("weld=" in line for line in lines)  # which would close it
     assert any("scale=0.01" in line for line in lines)  # which would make it a usual size
     welded = call("look", tmp_path / "drum.npz", "--weld", "1e-6")
-    assert "closed, 3 frames>" in welded.stdout and "triangles, closed\n" in welded.stdout
+    assert "closed, 3 frames>" in welded.stdout and "triangles, closed, 0.4 x" in welded.stdout
 
 
 def test_look_at_a_scene_names_its_clips_and_parts(tmp_path):
@@ -43,8 +45,22 @@ def test_look_at_a_scene_names_its_clips_and_parts(tmp_path):
         mesh.CreateFaceVertexIndicesAttr([0, 1, 2])
     stage.GetRootLayer().Save()
     done = call("look", tmp_path / "a.usda", "--apart")
-    assert "group   'Hand', 3 vertices, 1 triangles, 3 border edges" in done.stdout and "2 parts; nothing moves" in done.stdout
+    assert "group   'Hand', 3 vertices, 1 triangles, 3 border edges" in done.stdout and "2 parts; no animation" in done.stdout
+    assert "2 parts, together <SolidMesh" in done.stdout and "moves   no animation\n" in done.stdout
+    assert "1 x 1 x 0 m, the lowest point at 0 m" in done.stdout
     assert "group   'Foot'" not in call("look", tmp_path / "a.usda", "--only", "Hand").stdout
+
+
+def test_parts_have_colours_of_their_own(tmp_path):
+    """A file's body and what it wears beside it: two colours in the picture, in the middle of each."""
+    x, faces = tc.Box((0.4, 1.0, 0.4), 0.0).surface()
+    both = SolidMesh(np.concatenate([x, x + [1.0, 0, 0]]), np.concatenate([faces, faces + len(x)]),
+                     groups={"body": np.arange(len(x)), "coat": np.arange(len(x), 2 * len(x))})
+    looked.draw(both, tmp_path / "two.png", (96, 64), ["body", "coat"])
+    looked.draw(both, tmp_path / "one.png", (96, 64))
+    two, one = (read_png(tmp_path / f"{name}.png").astype(int) for name in ("two", "one"))
+    hues = [image[..., 0] - image[..., 2] for image in (two, one)]  # red and blue against grey
+    assert (hues[0] > 60).sum() > 100 and (hues[0] < -60).sum() > 100 and np.abs(hues[1]).max() < 60
 
 
 def test_look_refuses_before_it_draws(tmp_path):

@@ -1,6 +1,7 @@
 """How far a run is, as a notebook, a terminal and a file are told."""
 
 import builtins
+import io
 import re
 import sys
 from types import SimpleNamespace
@@ -10,6 +11,7 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth.app import progress as progress_module
 from taichi_cloth.app.progress import Left, in_words, progress
+from taichi_cloth.backend.timing import compiling
 from taichi_cloth.step.tally import Tally
 
 
@@ -38,7 +40,7 @@ def test_a_notebook_shows_a_bar(notebook, tmp_path, capsys):
     with tc.Simulation(scene, h=1 / 60, integrator="verlet") as sim:
         tc.record(sim, tmp_path / "run", 0.1, 30)
     text = [what._repr_html_() for what in notebook]
-    assert text[0].startswith('<progress value="0" max="3"></progress>') and "compiling" in text[0]
+    assert text[0].startswith('<progress value="0" max="3"></progress>') and "building kernels" in text[0]
     assert text[-1].startswith('<progress value="3" max="3"></progress> frame 3/3  0.100 s simulated, step ')
     assert len(text) <= 5
     assert not re.search("frame", capsys.readouterr().err)
@@ -57,6 +59,36 @@ def test_elsewhere_there_are_lines(capsys, monkeypatch):
     left = ["", *(f", about {0.5 * (40 - k):.0f} s left" for k in range(4, 40, 4)), ""]
     assert lines == [f"frame {k}/40  0.500 s simulated{more}, 2 steps tried again, step 10 ms, 3 iterations"
                      for k, more in zip(range(0, 41, 4), left)]
+
+
+def test_frames_whose_kernels_are_built_say_so_and_do_not_count(monkeypatch):
+    """Frames take .5 s; the fourth builds kernels for 20 s more, in the middle of the run."""
+    times, built = iter([0.0, 30.0, 30.5, 51.0, 51.5]), iter([0.0, 29.0, 29.0, 49.0, 49.0])
+    monkeypatch.setattr(progress_module.time, "perf_counter", lambda: next(times))
+    watch = SimpleNamespace()
+    monkeypatch.setattr(progress_module, "compiling", watch)
+    left, said = Left(100), []
+    for frame in range(5):
+        watch.seconds = next(built)
+        said.append(left(frame))
+    assert said == ["", "", "about 49 s left", "building kernels", "about 48 s left"]
+
+
+def test_a_bar_says_that_kernels_are_built_before_it_waits_for_them(monkeypatch):
+    """A terminal shows the sentence while the compiler works, and no estimate of before."""
+    from rich.console import Console
+
+    shown = io.StringIO()
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr("rich.console.Console", lambda stderr: Console(file=shown, force_terminal=True, width=120))
+    sim = SimpleNamespace(time=0.5, last=SimpleNamespace(h=0.01, iterations=3), tally=Tally())
+    with progress(40) as show:
+        for frame in range(4):
+            show(sim, frame)
+        compiling.start()
+        assert "building kernels" in shown.getvalue()
+        show(sim, 4)
+    assert compiling.tell is None
 
 
 @pytest.mark.parametrize("seconds, words", [(0.2, "0 s"), (99.4, "99 s"), (100, "2 min"), (754, "13 min"), (5940, "99 min"),

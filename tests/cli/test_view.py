@@ -1,5 +1,6 @@
 """The page of `taichi-cloth view`: by viser, in a headless browser where there is one, and as a process."""
 
+import contextlib
 import os
 import re
 import shutil
@@ -13,7 +14,8 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.live import server
+from taichi_cloth.app import cli
+from taichi_cloth.live import server, view
 from taichi_cloth.live.page import Page
 from taichi_cloth.live.parameters import Parameter
 from taichi_cloth.live.seen import Opening
@@ -41,8 +43,8 @@ def build(settings: dict) -> tc.Scene:
     return scene
 
 
-@pytest.fixture
-def shown():
+@contextlib.contextmanager
+def opened(source: Made):
     """A session, its page in this process, and the page's address."""
     served, made = server.started(server.HOST, server.free_port(server.HOST, None)), []
 
@@ -54,12 +56,18 @@ def shown():
             teller.shown(session)
 
     teller = Teller("sheet", send)
-    session = Session(Made(build, Options(h=1 / 60), (Parameter("cells", 8, (2, 20)),)), teller)
+    session = Session(source, teller)
     teller(session)
     session.begin(plays=False)
     yield session, made[0], server.address_of(server.HOST, served.get_port())
     session.end()
     server.stop(served)
+
+
+@pytest.fixture
+def shown():
+    with opened(Made(build, Options(h=1 / 60), (Parameter("cells", 8, (2, 20)),))) as made:
+        yield made
 
 
 def turns(session: Session, seconds: float = 60.0, until=lambda: False) -> None:
@@ -137,6 +145,38 @@ def test_a_browser_shows_the_cloth_and_changes_it(shown):
         tab.get_by_role("button", name="End").click(force=True)
         turns(session, 20, lambda: session.over)
         assert session.over and session.trouble == ""
+
+
+def test_a_fabric_and_a_wind_are_typed_into_the_page(monkeypatch):
+    """A typo is told on the page, and the cloth stays as it is; a name that there is reaches the cloth, which flies."""
+    if BROWSER is None:
+        pytest.skip("no Chromium is installed")
+    playwright = pytest.importorskip("playwright.sync_api", reason="a browser is led by playwright: pip install playwright")
+    sources: list[Made] = []
+    monkeypatch.setattr(view, "serve", lambda source, *_: sources.append(source))
+    assert cli.main(["view", "hang", "--set", "cells=8", "--set", "fabric=shirting", "--set", "wind=calm"]) == 0
+    with (opened(sources[0]) as (session, _, address), playwright.sync_playwright() as started,
+          started.chromium.launch(executable_path=BROWSER, args=SOFTLY) as browser):
+        tab = browser.new_page(viewport={"width": 760, "height": 700})
+        tab.set_default_timeout(60_000)
+        tab.goto(address)
+        tab.wait_for_selector("canvas")
+        turns(session, 20, lambda: "calm" in [b.input_value() for b in tab.locator("input").all()])
+        session.step()
+        for name, at, wrong, meant in (("fabric", "shirting", "denmi", "denim"), ("wind", "calm", "breze", "breeze")):
+            box = next(b for b in tab.locator("input").all() if b.input_value() == at)
+            before = session.scene
+            box.fill(wrong)
+            box.press("Enter")
+            turns(session, 20, lambda meant=meant: tab.get_by_text(f"did you mean '{meant}'").count() > 0)
+            assert tab.get_by_text(f"did you mean '{meant}'").is_visible() and session.scene is before
+            box.fill(meant)
+            box.press("Enter")
+            turns(session, 20, lambda name=name, meant=meant: session.settings[name] == meant)
+            turns(session, 20, lambda: tab.get_by_text("did you mean").count() == 0)
+            assert tab.get_by_text("did you mean").count() == 0
+        assert session.scene.cloths[0].fabric.density == tc.fabrics["denim"].density
+        assert session.sim.scene.air.wind_at(0.0).tolist() == [3, 0, 0]
 
 
 def project(tab, x) -> np.ndarray:

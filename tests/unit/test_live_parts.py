@@ -112,6 +112,27 @@ def test_without_viser_one_line_says_how_to_get_it(monkeypatch, capsys):
     assert main(["view", "hnag", "--no-open"]) == 2 and "did you mean 'hang'" in capsys.readouterr().err
 
 
+def test_the_page_of_any_scene_takes_a_fabric_and_a_wind(monkeypatch):
+    """Texts beside the scene's own parameters, each with the line that says what it is; empty, the scene's own is there."""
+    from taichi_cloth.app.cli import main
+    from taichi_cloth.live import view
+
+    given: list = []
+    monkeypatch.setattr(view, "serve", lambda source, *_: given.append(source))
+    assert main(["view", "hang", "--set", "cells=3", "--set", "wind=gale", "--no-open"]) == 0
+    source = given[0]
+    values = {p.name: p.value for p in source.parameters}
+    assert values["cells"] == 3 and (values["fabric"], values["wind"]) == ("", "gale")
+    said = {p.name: p.meaning for p in source.parameters}
+    assert all(said.values()) and "[m]" in said["size"]
+    own, denim, still = (source.scene({**values, **more}) for more in ({}, {"fabric": "denim"}, {"wind": ""}))
+    assert own.cloths[0].fabric.density == 0.15 and denim.cloths[0].fabric.density == tc.fabrics["denim"].density
+    assert own.air.wind_at(0.0).tolist() == [19, 0, 0] and not np.any(still.air.wind_at(0.0))
+    for name, wrong, meant in (("fabric", "denmi", "denim"), ("wind", "breze", "breeze")):
+        with pytest.raises(tc.SceneError, match=f"'{wrong}'.*did you mean '{meant}'"):
+            source.scene({**values, name: wrong})
+
+
 @pytest.mark.parametrize("odd", [{"host": 3}, {"host": None}, {"port": "x"}, {"port": 0}, {"port": 1.5}, {"port": 70_000},
                                  {"opens": 3}, {"plays": None}, {"h": -1.0}, {"colour": "red"}])
 def test_odd_arguments_of_a_view_are_refused_before_anything_starts(monkeypatch, odd):

@@ -106,6 +106,24 @@ def test_named_lights_differ_and_fill_reaches_shadows(geometry):
     assert np.array_equal(day, light(geometry, cloths=one)), "the day is as usual"
 
 
+def test_the_inner_edge_of_a_hem_is_a_line_without_steps(geometry):
+    """Seen nearly level, 8 pixels wide: across it the shade is about the same in all places, wherever pixels' middles are."""
+    tilt = Camera(AHEAD.eye, AHEAD.target, AHEAD.fov, up=(0.1, 1, 0))
+    plain, hemmed = (light(geometry, camera=tilt, cloths={"": tc.Appearance("white", squares=False, **more)}, size=(240, 240),
+                           **PLAIN)[..., 1] for more in ({}, {"hem": 0.05}))
+    left, right = frame(tilt).project(np.array([[0, 1.0, 0], [1, 1, 0]]), 240, 240)[:, :2]
+    way = (right - left) / np.linalg.norm(right - left)
+    rows, columns = np.mgrid[:240, :240] + 0.5
+    down = (rows - left[1]) * way[0] - (columns - left[0]) * way[1]  # pixels from the upper edge
+    across = (rows - left[1]) * way[1] + (columns - left[0]) * way[0]
+    within = (across > 20) & (across < 140)
+    spread = []
+    for k in np.arange(7, 9.5, 0.25):
+        at = within & (np.abs(down - k) < 0.15)
+        spread.append(np.ptp(hemmed[at] / plain[at]))
+    assert max(spread) < 0.3
+
+
 def test_a_hem_is_as_wide_as_it_says(geometry):
     def seen(**more):
         return light(geometry, cloths={"": tc.Appearance("white", squares=False, **more)}, **PLAIN)[..., 1]

@@ -43,6 +43,20 @@ def test_camera_projects_and_fits(rng):
     assert np.isfinite(frame(Camera((0, 3, 0), (0, 0, 0))).axes).all()  # straight down
 
 
+def test_a_camera_that_goes_round_is_as_near_as_every_side_lets_it(rng):
+    """Points turned about the vertical through the middle of their bounds, in place of the camera: none is outside."""
+    for size in ([3, 1, 2], [0.2, 2, 0.1], [1, 0.01, 1]):
+        x = rng.uniform(-1, 1, (200, 3)) * size + [4, -2, 1]
+        middle = (x.min(axis=0) + x.max(axis=0)) / 2
+        for width, height in ((320, 180), (90, 200)):
+            view, room = frame(fit_round([x[:90], x[90:]], 0.0, width / height)), 1.0
+            for angle in np.linspace(0, 2 * np.pi, 720):
+                c, s = np.cos(angle), np.sin(angle)
+                seen = view.project((x - middle) @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]) + middle, width, height)[:, :2]
+                room = min(room, float((np.minimum(seen, [width, height] - seen) / (width, height)).min()))
+            assert 0.055 < room < 0.065
+
+
 def test_picture_of_a_known_square():
     """Coverage, depth order and the two sides' colours."""
     runtime.start()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.app import cli
+from taichi_cloth.app import cli, scenefile
 from taichi_cloth.backend.rows import write
 from taichi_cloth.garment import dressing
 from taichi_cloth.garment.mesher import mesh_polygon
@@ -128,6 +128,32 @@ def test_the_scene_takes_any_pattern_and_any_body(tmp_path):
     assert run.geometry["solid_x"] == pytest.approx(x, abs=1e-6) and (last[:, 1] < 1.55).all()
     assert inside.min() > 0.95 and np.ptp(np.arctan2(last[:, 2], last[:, 0])) > 5.5
     assert count_crossings(last.astype(float), run.geometry["faces"], x, faces) == 0
+
+
+def test_the_scene_turns_and_moves_a_pattern_as_dress_does():
+    """A quarter from z towards x, and then aside."""
+    build = scenefile.read(str(SCENES / "dress_up.py")).make
+    x, there = (build({"spacing": "0.1", **more}).cloths[0].positions for more in ({}, {"turn": "90", "shift": "1,.2,-3"}))
+    assert there == pytest.approx(np.column_stack([x[:, 2], x[:, 1], -x[:, 0]]) + [1, 0.2, -3], abs=1e-12)
+
+
+@pytest.mark.slow
+def test_the_scene_refuses_panels_inside_the_body_as_dress_does(tmp_path, capsys):
+    """Moved back by 20 cm the skirt's front starts in the trunk: `run` says so before it writes anything, as tc.dress does."""
+    made = scenefile.read(str(SCENES / "dress_up.py")).make({"spacing": "0.1", "shift": "0,0,-.2"})
+    deep = np.max([s.shape.radius - nearest(s.shape.a, s.shape.b, made.cloths[0].positions) for s in made.solids], axis=0)
+    out = tmp_path / "out"
+    words = ["--set", "spacing=0.1", "--set", "shift=0,0,-.2", "--no-images", "--out", str(out)]
+    assert cli.main(["run", str(SCENES / "dress_up.py"), *words]) == 2
+    said = capsys.readouterr().err
+    assert f"garment: {(deep > 0).sum()} vertices start inside the body, the first of them of 'front" in said
+    assert f"at most {1e3 * deep.max():.3g} mm deep: hang" in said and deep.max() > 0
+    assert "turn and shift of `dress`" in said and not out.exists()
+    body = tc.Scene()
+    body.solids += made.solids
+    with pytest.raises(tc.SceneError) as refused:
+        tc.dress(made.hung[0][1], "denim", body)
+    assert str(refused.value) in said
 
 
 @pytest.mark.slow
@@ -446,7 +472,7 @@ def test_a_body_through_a_panel_between_its_vertices_is_refused(tmp_path):
     x, faces = tube(0.002, -0.05, 0.05)
     body = tc.Scene()
     body.add_solid(tc.SolidMesh(x[:, [2, 0, 1]], faces), position=at, friction=0.3, thickness=1e-4, name="needle")
-    with pytest.raises(tc.SceneError, match="dress: panels pass through 'needle', in [0-9]+ pairs .* further out"):
+    with pytest.raises(tc.SceneError, match="garment: panels pass through 'needle', in [0-9]+ pairs .* further out"):
         tc.dress(garment, tc.Fabric(0.2, tc.Stretch(300)), body)
 
 
@@ -454,8 +480,6 @@ def test_a_body_through_a_panel_between_its_vertices_is_refused(tmp_path):
     ("folder.npz", "must be a .npz in a folder"), ("no/a.npz", "must be a .npz in a folder"), ("a.obj", "must be a .npz"),
     ("a" * 250 + ".npz", "cannot be written: "), ("a.npz", "No such file")])
 def test_a_garment_that_cannot_be_written_is_said_before_anything_is_read(tmp_path, capsys, name, words):
-    from taichi_cloth.app import cli
-
     (tmp_path / "folder.npz").mkdir()
     assert cli.main(["dress", "no.json", "--body", "nobody.obj", "--out", str(tmp_path / name)]) == 2
     said = capsys.readouterr().err
@@ -465,17 +489,15 @@ def test_a_garment_that_cannot_be_written_is_said_before_anything_is_read(tmp_pa
 @pytest.mark.slow
 def test_the_command_dresses(tmp_path, capsys):
     """A skirt on a body that its file has in centimetres; without their scale the body is refused by its size."""
-    from taichi_cloth.app import cli
-
     pattern, body, out = tmp_path / "skirt.json", tmp_path / "body.npz", tmp_path / "worn.npz"
     pattern.write_text(json.dumps(skirt()))
     x, faces = tube(12.5, 30, 170)
     np.savez(body, positions=x, faces=faces)
     command = ["dress", str(pattern), "--body", str(body), "--out", str(out), "--spacing", "0.06", "--longest", "0.3",
                "--friction", "0.8"]
-    with pytest.warns(UserWarning, match="looks like another unit"):
-        assert cli.main(command) == 2
-    assert "body: size = 140 m looks like another unit" in capsys.readouterr().err and not out.exists()
+    assert cli.main(command) == 2
+    said = capsys.readouterr().err
+    assert "note: body: size = 140 m looks like another unit" in said and "UserWarning" not in said and not out.exists()
     assert cli.main([*command, "--scale", "0.01"]) == 0
     said, made = capsys.readouterr().out, load_garment(out)
     assert "3 seams" in said and "seams closed after" in said and f"written to {out}" in said

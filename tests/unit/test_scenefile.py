@@ -2,11 +2,12 @@
 
 import sys
 import time
+import warnings
 
 import numpy as np
 import pytest
 
-from taichi_cloth.app import cli, runner, scenefile, waiting
+from taichi_cloth.app import cli, runner, scenefile, sceneoptions, waiting
 from taichi_cloth.errors import SceneError, ScriptError
 
 TEXT = '''"""What it shows.
@@ -16,7 +17,7 @@ import taichi_cloth as tc
 
 RUN, SMALL = {"fps": 12}, {"n": 3}
 
-def build(n: int = 5, x: float = 0.5, flag: bool = False, name: str = "a"):
+def build(n: int = 5, x: float = 0.5, flag: bool = False, name: str = "a", at=(0.0, 1.0, 0.0)):
     scene = tc.Scene()
     scene.add_cloth(tc.grid(x, n), tc.Fabric(0.2, tc.Stretch(10)), name=name)
     return scene
@@ -44,13 +45,16 @@ def test_a_scene_file_is_read(scene, monkeypatch, capsys):
 @pytest.mark.parametrize("name, text, value", [
     ("n", "7", 7), ("x", "1/8", 0.125), ("x", "2e-3", 0.002), ("x", "1/", 1.0), ("name", "1/8", "1/8"), ("flag", "true", True),
     ("flag", "1", True),
-    ("flag", "Yes", True), ("flag", "false", False), ("flag", "0", False), ("flag", "NO", False)])
+    ("flag", "Yes", True), ("flag", "false", False), ("flag", "0", False), ("flag", "NO", False),
+    ("at", "1,-.5,1/4", (1.0, -0.5, 0.25))])
 def test_options_are_read_as_the_types_of_their_defaults(scene, name, text, value):
     got = scene.typed({name: text})[name]
     assert got == value and type(got) is type(value)
+    assert scene.typed({name: scenefile.plain(got)})[name] == got  # as a manifest keeps it
 
 
-@pytest.mark.parametrize("name, text", [("n", "1.5"), ("n", "x"), ("x", "1/0"), ("x", "a"), ("flag", "perhaps"), ("m", "1")])
+@pytest.mark.parametrize("name, text", [("n", "1.5"), ("n", "x"), ("x", "1/0"), ("x", "a"), ("flag", "perhaps"), ("m", "1"),
+                                        ("at", "1,2"), ("at", "1,2,x")])
 def test_what_is_not_of_its_type_is_named(scene, name, text):
     with pytest.raises(SceneError, match=name):
         scene.typed({name: text})
@@ -108,6 +112,53 @@ def test_a_flat_mesh_is_not_hung_by_all_of_it(tmp_path):
     (tmp_path / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 0 1\nf 1 3 2\n")
     with pytest.raises(SceneError, match="lies flat.*pins=2"):
         scenefile.read("hang_mesh").make({"mesh": str(tmp_path / "flat.obj")})
+
+
+def test_a_scene_says_its_options(tmp_path, capsys):
+    """With default, meaning and unit, by `list` and by the help of every command that takes a scene."""
+    (tmp_path / "mine.py").write_text(TEXT.replace("    scene = tc", '''    """A sheet.
+
+    Args:
+        n: cells along
+            a side.
+        x: its size [m].
+
+    Returns:
+        at: nothing of its own.
+    """
+    scene = tc''', 1))
+    path = str(tmp_path / "mine.py")
+    lines = ["  n=5             cells along a side", "  x=0.5           its size [m]", "  flag=False", "  name=a",
+             "  at=0.0,1.0,0.0"]
+    assert cli.main(["list", path]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert said[0] == "mine: What it shows." and said[2:7] == lines and [line.split("=")[0] for line in said[7:]] == [
+        "  fabric", "  wind"]
+    for command in ("run", "check", "view", "sweep", "study", "verify"):
+        with pytest.raises(SystemExit) as ended:
+            cli.main([command, path, "--help"])
+        said = capsys.readouterr().out
+        assert ended.value.code == 0 and said.startswith("usage:") and "\n".join(lines) in said
+    assert cli.main(["run", str(tmp_path / "mien.py"), "--help"]) == 2 and "did you mean" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", scenefile.available())
+def test_every_option_of_a_scene_has_its_line(name):
+    scene = scenefile.read(name)
+    said = sceneoptions.meanings(scene.build)
+    assert list(said) == list(scene.options) and all(said.values())
+
+
+def test_warnings_are_notes_on_a_command_line(capsys):
+    """Without the line of code that Python shows; those for programmers stay as they are."""
+    def work() -> int:
+        warnings.warn("ball: size = 140 m looks like another unit", stacklevel=1)
+        warnings.warn("old", DeprecationWarning, stacklevel=1)
+        return 0
+
+    with pytest.warns(DeprecationWarning, match="old"):
+        assert cli._guard(work) == 0
+    assert capsys.readouterr().err == "note: ball: size = 140 m looks like another unit\n"
 
 
 def test_what_takes_long_is_said(monkeypatch, capsys):

@@ -1,5 +1,9 @@
 """Solids and cloth from USD: stages written here, positions computed afresh."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -230,3 +234,16 @@ def test_bad_stages_are_refused_by_name(tmp_path):
         path = tmp_path / f"b{len(text)}.usda"
         path.write_text(text)
         refused(message)
+
+
+def test_a_file_of_an_older_version_is_read_without_a_word(tmp_path):
+    """usd-core tells users of such files on stderr, by its own means, what only their makers can do anything about."""
+    make = "from pxr import Usd, UsdGeom; s = Usd.Stage.CreateNew('a.usdc'); m = UsdGeom.Mesh.Define(s, '/m'); " \
+           "m.CreatePointsAttr([(0, 0, 0), (1, 0, 0), (0, 1, 0)]); m.CreateFaceVertexCountsAttr([3]); " \
+           "m.CreateFaceVertexIndicesAttr([0, 1, 2]); s.Save()"
+    load = "import taichi_cloth as tc; print(tc.load('a.usdc').vertex_count)"
+    old = os.environ | {"USD_WRITE_NEW_USDC_FILES_AS_VERSION": "0.7.0"}
+    subprocess.run([sys.executable, "-c", make], cwd=tmp_path, env=old, timeout=100, check=True)
+    assert tuple((tmp_path / "a.usdc").read_bytes()[8:11]) == (0, 7, 0)
+    done = subprocess.run([sys.executable, "-c", load], cwd=tmp_path, capture_output=True, text=True, timeout=100, check=True)
+    assert done.stdout == "3\n" and done.stderr == ""

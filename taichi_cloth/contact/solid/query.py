@@ -55,6 +55,15 @@ class Nearby:
         return replace(self, vertices=f.nearer(by[f.index]), pairs=pairs)
 
 
+@dataclass(frozen=True)
+class StartsInside:
+    """Particles (k,) that start inside solids, how far [m] they have to go (k,), and these solids' numbers (k,)."""
+
+    particles: np.ndarray
+    depth: np.ndarray
+    solid: np.ndarray
+
+
 class Scanner:
     """Looks for contacts of a model's particles, edges and faces with a scene's solids.
 
@@ -62,7 +71,7 @@ class Scanner:
         time: [s] to which the solids were last moved.
         edge: mean edge length of the cloth at the start [m].
         growth: of the thickness that pairs go by, where they start nearer.
-        inside: (k,) particles that started inside solids, and how far [m] they have to go.
+        inside: which particles started inside solids.
         faces: (m, 3) particles of the cloth's faces.
         pokes: (solids,) whether a solid could come through a triangle of cloth; yields: whether it deforms; moves: whether
             it moves; meshes: is a mesh; closed: is one with an inside.
@@ -73,7 +82,8 @@ class Scanner:
         self.thickness = np.array([s.thickness for s in self.solids])
         self.friction = np.array([s.friction for s in self.solids])
         self.growth = Growth(model.n)
-        self.inside: tuple[np.ndarray, np.ndarray] = np.zeros(0, dtype=np.int64), np.zeros(0)
+        none = np.zeros(0, dtype=np.int64)
+        self.inside = StartsInside(none, np.zeros(0), none)
         edges = np.concatenate([np.linalg.norm(np.diff(c.positions[c.mesh.faces], axis=1), axis=2).ravel()
                                 for c in scene.cloths])
         self.edge, longest = float(edges.mean()), float(edges.max())
@@ -123,7 +133,7 @@ class Scanner:
         found = self.detect()
         thickness = self.thickness[found.solid]
         inside = found.start_gap + thickness < 0
-        self.inside = found.index[inside], -found.start_gap[inside]
+        self.inside = StartsInside(found.index[inside], -found.start_gap[inside], found.solid[inside])
         for k, solid in enumerate(self.solids):
             mine = inside & (found.solid == k)
             if mine.any():

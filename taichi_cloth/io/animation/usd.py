@@ -21,8 +21,9 @@ def read(path: Path, wanted: Wanted) -> Motion:
     Raises:
         MeshError: usd-core is not installed, the stage is damaged, or holds no mesh.
     """
-    stage, UsdGeom = _opened(path)
+    stage, UsdGeom, told = _opened(path)
     unit, notes = _unit(stage, UsdGeom)
+    notes += told
     found = meshes_of(stage, notes)
     others = sorted({p.GetTypeName() for p in stage.Traverse() if p.GetTypeName() in PLAIN})
     if others:
@@ -43,12 +44,13 @@ def read(path: Path, wanted: Wanted) -> Motion:
     return Motion(parts, fps, unit, str(UsdGeom.GetStageUpAxis(stage)).lower(), (), (), tuple(notes))
 
 
-def _opened(path: Path) -> tuple[Any, Any]:
-    """The stage, and the module that knows of its geometry."""
+def _opened(path: Path) -> tuple[Any, Any, list[str]]:
+    """The stage, the module that knows of its geometry, and what USD warns of, but for the file's age: it is read."""
     try:
-        from pxr import Tf, Usd, UsdGeom  # type: ignore[import-not-found]
+        from pxr import Tf, Usd, UsdGeom, UsdUtils  # type: ignore[import-not-found]
     except ImportError:
         raise MeshError("USD is read by the package usd-core: pip install 'taichi-cloth[usd]'") from None
+    warned = UsdUtils.CoalescingDiagnosticDelegate()  # while it is there, nothing is printed
     try:
         stage = Usd.Stage.Open(str(path))
     except Tf.ErrorException as error:
@@ -56,7 +58,9 @@ def _opened(path: Path) -> tuple[Any, Any]:
         raise MeshError(f"cannot be read: {said.rpartition(' : ')[2].strip(chr(39))[:300]}") from None
     if not stage:
         raise MeshError("cannot be read as USD")
-    return stage, UsdGeom
+    told = [" ".join(one.commentary.split()) for one in warned.TakeUncoalescedDiagnostics()
+            if not one.sourceFunction.endswith("_CheckFileVersion")]
+    return stage, UsdGeom, told
 
 
 def _unit(stage: Any, UsdGeom: Any) -> tuple[float, list[str]]:
