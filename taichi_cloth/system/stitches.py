@@ -92,6 +92,12 @@ class Stitches(Checkpointed):
         """(j,) particles of stitches that are pulled together, and are not yet."""
         return np.concatenate([self.clusters.a[self.pulled], self.clusters.b[self.pulled]])
 
+    @property
+    def parted(self) -> np.ndarray:
+        """(j,) particles of stitches that hold, or are drawn together, whose two are not in one place."""
+        still = (self.whole | self.pulled) & (self._gaps() > 0)
+        return np.concatenate([self.clusters.a[still], self.clusters.b[still]])
+
     def join(self) -> bool:
         """What is pulled together and has come near holds from now on. Whether anything does."""
         if not self.pulled.any():
