@@ -65,13 +65,11 @@ def run(args: argparse.Namespace) -> int:
     with waiting(f"loading {args.body}"):
         solid = load_solid(args.body, args.scale, up=args.up, clip=args.clip)
     body.add_solid(solid, friction=args.friction, thickness=args.thickness, name="body")
-    turn, done = args.turn or 0.0, ()
     if args.fit:
         garment, done = fitted(garment, body, args.thickness, args.turn)
-        turn = 0.0
-    garment = garment.placed(turn, args.shift)
-    for note in done:
-        print(f"note: {note}", file=sys.stderr)
+        for note in done:
+            print(f"note: {note}", file=sys.stderr)
+    garment = garment.placed(0.0 if args.fit else args.turn or 0.0, args.shift)
     made = dress(garment, fabrics[name], body, contact, args.longest, tell=print, pull=args.pull, meets=args.meets, over=worn,
                  name=out.stem)
     for note in made.notes:

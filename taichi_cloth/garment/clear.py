@@ -1,7 +1,7 @@
 """Panels that start within a body hang further out: how far is found from where lines from them leave it. numpy only.
 
 From each vertex goes a line the way its panel is brought out. Where it leaves a closed piece of the body once more than it
-enters, the vertex is within that piece. A panel goes out to the first place where no vertex is within, and no edge goes through.
+enters, the vertex is within that piece. A panel goes out to the first place where no vertex is within and no edge through.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A body's measures, found from its surface: where its trunk begins and ends, how wide it is, which way it faces. numpy only.
 
 The surface is cut level by level. Each level shows outlines; those whose convex hulls overlap are one part of the body. The
-trunk is followed from the middle, down to where it parts into legs and up to where it narrows to the neck. Toes say what is
-in front: across is where the body is widest with the arms.
+trunk is followed from the middle, down to where it parts into legs and up to where it narrows to the neck. A body faces across
+its arms, where it is widest, to the side of its toes.
 """
 
 from __future__ import annotations
@@ -19,8 +19,10 @@ LEVELS = 100  # at which a body is cut
 MIDDLE = 0.55  # of its height, where its trunk is looked for
 NARROW = 0.6  # of the trunk's median girth: less is the neck, and of its area: less is no trunk
 ANKLE, SOLE = 0.09, 0.025  # of the height, at which feet are cut
+ASIDE = np.sqrt(0.5)  # cosine between toes and the way across the arms beyond which a trunk is round, and has no arms
 STANDS_OUT = 0.01  # of the height by which toes are before ankles, or else the body has no feet
-AT = np.linspace(0.1, 0.7, 7)  # parts of the way from the crotch to the neck, at which girths are taken
+NO = "fitted: the body has no {} that its surface shows: bring the garment there by Garment.placed (--turn, --shift)"
+AT = np.linspace(0.2, 0.7, 6)  # parts of the way from the crotch to the neck, at which girths are taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +33,7 @@ class Figure:
         crotch, neck: heights [m] between which its trunk is.
         centre: (2,) x and z [m] of the trunk; forward: (2,) x and z of the way it faces, of length 1.
         faces: whether its feet say so; else it is the way across its arms that is nearer to +z.
-        girths: (7,) round the trunk [m], at the parts `AT` of the way from the crotch to the neck.
+        girths: (6,) round the trunk [m], at the parts `AT` of the way from the crotch to the neck.
     """
 
     crotch: float
@@ -59,22 +61,23 @@ def measured(body: Scene) -> Figure:
     start = int(MIDDLE * LEVELS)
     trunk = max(parts_at(x, faces, heights[start]), key=area, default=None)
     if trunk is None:
-        raise SceneError("dress: the body has no trunk half way up: place the garment by --turn and --shift")
+        raise SceneError(NO.format("trunk half way up"))
     down = _followed(x, faces, heights[start - 1::-1], trunk)
     up = _followed(x, faces, heights[start + 1:], trunk)
     hulls = {start: trunk, **{start - 1 - k: h for k, h in enumerate(down)}, **{start + 1 + k: h for k, h in enumerate(up)}}
     lowest, highest = min(hulls), max(hulls)
     usual = float(np.median([girth(hulls[k]) for k in range(lowest, start + 1)]))
     neck = next((k for k in range(start, highest) if girth(hulls[k]) < NARROW * usual), None)
-    if lowest == 0 or neck is None:
-        raise SceneError(f"dress: the body has no {'legs' if lowest == 0 else 'neck'} that its surface shows: place the garment "
-                         "by --turn and --shift")
-    crotch, shoulder = float(heights[lowest]), float(heights[neck])
-    there = [hulls[int((h - floor) / (top - floor) * LEVELS)] for h in crotch + AT * (shoulder - crotch)]
+    legs = [h for h in parts_at(x, faces, heights[lowest - 1]) if overlap(h, hulls[lowest])] if lowest else []
+    if len(legs) < 2 or neck is None:
+        raise SceneError(NO.format("legs" if len(legs) < 2 else "neck"))
+    crotch, top_of = float(heights[lowest]), float(heights[neck])
+    trunk_at = [hulls[k] for k in range(lowest, neck + 1)]
+    girths = np.interp(crotch + AT * (top_of - crotch), heights[lowest: neck + 1], [girth(h) for h in trunk_at])
+    middle = np.mean([_centre(h) for h in trunk_at], axis=0)
     widest = max((hulls[k] for k in range(start, neck)), key=lambda h: np.ptp(h @ _across(h)))
     forward, known = _forward(x, faces, floor, top - floor, _across(widest))
-    return Figure(crotch, shoulder, np.mean([_centre(h) for h in there], axis=0), forward, known,
-                  np.array([girth(h) for h in there]))
+    return Figure(crotch, top_of, middle, forward, known, girths)
 
 
 def parts_at(x: np.ndarray, faces: np.ndarray, height: float) -> list[np.ndarray]:
@@ -185,6 +188,8 @@ def _forward(x: np.ndarray, faces: np.ndarray, floor: float, tall: float, across
     for sole in parts_at(x, faces, floor + SOLE * tall):
         off = [_centre(sole) - _centre(ankle) for ankle in ankles]
         toes += min(off, key=np.linalg.norm, default=np.zeros(2))
-    front = float(toes @ forward)
-    known = abs(front) > STANDS_OUT * tall
-    return (-forward if known and front < 0 else forward), known
+    long = float(np.linalg.norm(toes))
+    if long < STANDS_OUT * tall:
+        return forward, False
+    forward = forward if toes @ forward > 0 else -forward
+    return (forward if toes @ forward > ASIDE * long else toes / long), True

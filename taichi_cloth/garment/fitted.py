@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from .. import checks
-from ..contact.layer_order import surface_of_solids
 from ..errors import SceneError
 from ..scene.connected import components
 from ..scene.garment import Garment
@@ -20,9 +19,8 @@ from ..scene.scene import Scene
 from .clear import hung_clear
 from .figure import AT, Figure, measured
 
-
 DRAWN_FOR = Figure(0.835, 1.455, np.zeros(2), np.array([0.0, 1.0]), True,
-                   np.array([0.899, 0.963, 0.822, 0.815, 0.815, 0.815, 0.815]))
+                   np.array([0.963, 0.819, 0.815, 0.815, 0.815, 0.815]))
 UPRIGHT = 0.3  # of its length: the least rise of a panel's pattern for which it hangs upright
 
 
@@ -68,14 +66,13 @@ def _sizes(garment: Garment, figure: Figure) -> tuple[float, float]:
 def _sized(garment: Garment, across: float, along: float, figure: Figure, turn: float) -> Garment:
     """The garment, panel by panel, so many times as wide and as long, where it then hangs round a figure."""
     mesh, x = garment.mesh, garment.positions.copy()
-    edges, uv = face_edges(mesh.faces), np.array(mesh.uv)
+    edges, uv, corners = face_edges(mesh.faces), np.array(mesh.uv), mesh.corner_uv
     label = components(mesh.vertex_count, edges[:, 0], edges[:, 1])
-    corners = mesh.corner_uv
     for k in np.unique(label[mesh.faces]):
         rows, mine = np.flatnonzero(label == k), label[mesh.faces[:, 0]] == k
         places, flat = x[mesh.faces[mine]].reshape(-1, 3), corners[mine].reshape(-1, 2)
-        down, way = _upward(places, flat)
-        stretch = across * np.eye(2) + (along - across) * np.outer(down, down)
+        up, way = _upward(places, flat)
+        stretch = across * np.eye(2) + (along - across) * np.outer(up, up)
         if uv.ndim == 3:
             uv[mine] = uv[mine] @ stretch
         else:
@@ -84,15 +81,9 @@ def _sized(garment: Garment, across: float, along: float, figure: Figure, turn: 
         off = x[rows] - middle
         there = [across * middle[0], figure.neck + along * (middle[1] - DRAWN_FOR.neck), across * middle[2]]
         x[rows] = there + across * off + (along - across) * np.outer(off @ way, way)
-    texture = mesh.texture
-    made = TriMesh(x, mesh.faces, uv, mesh.groups, mesh.notes, texture, mesh.polygon, mesh.weights)
-    sized = Garment(made, garment.seams).placed(turn, (figure.centre[0], 0.0, figure.centre[1]))
-    return replace(sized, mesh=mesh_at(made, sized.positions))
-
-
-def mesh_at(mesh: TriMesh, x: np.ndarray) -> TriMesh:
-    """A mesh with its vertices elsewhere (n, 3)."""
-    return TriMesh(x, mesh.faces, mesh.uv, mesh.groups, mesh.notes, mesh.texture, mesh.polygon, mesh.weights)
+    x = replace(garment, positions=x).placed(turn, (figure.centre[0], 0.0, figure.centre[1])).positions
+    made = TriMesh(x, mesh.faces, uv, mesh.groups, mesh.notes, mesh.texture, mesh.polygon, mesh.weights)
+    return Garment(made, garment.seams)
 
 
 def _upward(x: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

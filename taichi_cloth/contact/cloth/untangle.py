@@ -112,11 +112,12 @@ class Intersections(Checkpointed):
         return int(self._crossing_at(x, among)[2].sum()) if len(apart) else 0
 
     def _crossing_at(self, x: np.ndarray, among: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(edges (k, 2), rows of faces (k,) that cross at positions (n, 3), whether they share a corner by a seam (k,)); `among`
-        as in `look`."""
+        """(edges (k, 2), rows of faces (k,) that cross at positions (n, 3), (k,) whether by a seam they share a corner);
+        `among` as in `look`."""
         some = np.arange(len(self.faces)) if among is None else np.flatnonzero(among[self.faces].any(axis=1))
         edges, rows = self_crossings(x, self.faces[some])
-        rows, knots = some[rows], self.mesh.knots
+        knots = self.mesh.knots
+        rows = some[rows]
         meet = self.mesh.may_meet(self._faces_of(edges)[:, 0], rows)
         edges, rows = edges[meet], rows[meet]
         return edges, rows, (knots[edges][:, :, None] == knots[self.faces[rows]][:, None, :]).any(axis=(1, 2))
