@@ -30,7 +30,7 @@ def fitted(garment: Garment, body: Scene, thickness: float, turn: float | None =
 
     Args:
         body: the scene whose solids wear it, as they are at time 0.
-        thickness: of the cloth [m]; panels start at least that and the solids' thickness away.
+        thickness: of the cloth [m]; panels that would start within the body go that and the solids' thickness out of it.
         turn: the way the body faces [degrees], from z towards x; None finds it.
 
     Raises:
@@ -45,8 +45,9 @@ def fitted(garment: Garment, body: Scene, thickness: float, turn: float | None =
     across, along = _sizes(garment, figure)
     heading = figure.turn if turn is None else turn
     made = _sized(garment, across, along, figure, heading)
-    said = f"the garment is made {across:.3g} times as wide and {along:.3g} times as long, and turned by {heading:.3g} degrees"
-    notes = [said + f", round ({figure.centre[0]:.3g}, {figure.centre[1]:.3g}) m"]
+    u, v = figure.centre.round(3) + 0.0  # no minus before a 0
+    notes = [f"the garment is made {across:.3g} times as wide and {along:.3g} times as long, and turned by {round(heading)} "
+             f"degrees, round ({u:g}, {v:g}) m"]
     if turn is None and not figure.faces:
         notes.append("the body has no feet that say which way it faces: if it is turned round, give the turn yourself")
     hung, moved = hung_clear(made, body, thickness)
