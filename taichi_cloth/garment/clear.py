@@ -17,6 +17,7 @@ from ..scene.mesh import face_edges
 from ..scene.scene import Scene
 from .outside import Bent, Flat, hung_by
 
+PLACES = 9  # decimals [m] by which vertices are in one place
 ASKEW = np.array([3.1e-6, 1.7e-6, 2.3e-6])  # by which lines are off, so that none goes through an edge or a corner
 
 
@@ -29,7 +30,7 @@ def hung_clear(garment: Garment, body: Scene, thickness: float) -> tuple[Garment
     Raises:
         SceneError: a panel that is within a solid, or passes through one, however far out it is hung.
     """
-    pieces = [piece for s in body.solids for piece in _pieces(s.surface_at(0.0), s.shape.surface()[1])]
+    pieces = [piece for s in body.solids for piece in pieces_of(s.surface_at(0.0), s.shape.surface()[1])]
     widest = float(np.ptp(np.concatenate([x for x, *_ in pieces]), axis=0).max())
     keeps = thickness + max(s.thickness for s in body.solids)
 
@@ -42,7 +43,7 @@ def hung_clear(garment: Garment, body: Scene, thickness: float) -> tuple[Garment
                 lack = panel.sheet.longest / 2
             if not lack:
                 return far + keeps if far else 0.0
-            far += lack
+            far += max(lack, keeps)
         return float("inf")
 
     return hung_by(garment, surface_of_solids(body), way_out, "clear of", "the body")
@@ -67,8 +68,11 @@ def exit_from(x: np.ndarray, ways: np.ndarray, widest: float, at: np.ndarray, fa
     return float(first[within].max(initial=0.0))
 
 
-def _pieces(x: np.ndarray, faces: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, bool]]:
+def pieces_of(x: np.ndarray, faces: np.ndarray) -> list[tuple[np.ndarray, np.ndarray, bool]]:
     """(vertices (n, 3), triangles (k, 3), whether it is closed) of each piece of a surface that is connected."""
+    x, one = np.unique(x.round(PLACES), axis=0, return_inverse=True)  # poles and rims of shapes are double
+    faces = one.reshape(-1)[faces]
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     edges = np.sort(face_edges(faces), axis=1)
     label = components(len(x), edges[:, 0], edges[:, 1])[faces[:, 0]]
     out = []

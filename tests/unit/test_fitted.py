@@ -8,7 +8,7 @@ import pytest
 from reference.geometry import count_crossings, winding
 
 import taichi_cloth as tc
-from taichi_cloth.garment.clear import exit_from, hung_clear
+from taichi_cloth.garment.clear import exit_from, hung_clear, pieces_of
 from taichi_cloth.garment.figure import AT, measured
 from taichi_cloth.garment.fitted import DRAWN_FOR
 
@@ -116,6 +116,8 @@ def test_lines_leave_a_body_by_where_they_are_within_it():
     x, faces = tc.Box((2.0, 2.0, 2.0)).surface()
     points = np.array([[0.1, 0.2, 0.0], [0.3, 0.1, 0.7], [0.2, 0.1, -1.5]])
     ways = np.tile([0.0, 0.0, 1.0], (3, 1))
+    for solid in somebody().solids:
+        assert [closed for *_, closed in pieces_of(solid.surface_at(0.0), solid.shape.surface()[1])] == [True]
     for rows, far in (([0, 1, 2], 1.0), ([1, 2], 0.3), ([2], 0.0)):
         assert exit_from(points[rows], ways[rows], 9.0, x, faces) == pytest.approx(far, abs=1e-4)
 
