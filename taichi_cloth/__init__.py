@@ -27,7 +27,7 @@ _NAMES = {
     "garment.remesh": "remesh",
     "garment.pattern": "Pattern Panel", "garment.stitch": "Stitch",
     "garment.curves": "Curve",
-    "garment.dressing": "dress", "garment.worn": "Worn",
+    "garment.dressing": "dress", "garment.fitted": "fitted", "garment.worn": "Worn",
     "scene.scene": "Scene", "scene.cloth": "Cloth", "scene.air": "Air Gusts",
     "scene.primitives": "Plane Sphere Capsule Box Cylinder", "scene.solids": "SolidMesh Solid Prop",
     "scene.tear": "Tear",

@@ -18,8 +18,11 @@ def add_parser(commands) -> None:
     add("--body", required=True, metavar="MESH", help="the body, as tc.load_solid takes it; the first frame of a sequence")
     add("--scale", type=number_of, default=1.0, metavar="M", help="metres per unit of the body's file (1)")
     add("--up", choices=("y", "z"), help="axis of the body's file that points up (its own, or y)")
-    add("--turn", type=number_of, default=0.0, metavar="DEG", help="turns the pattern about the vertical, z towards x, to "
-        "where the body faces (0)")
+    add("--clip", metavar="NAME", help="of the body's file, by name or number (the first)")
+    add("--fit", action="store_true", help="makes a pattern that is drawn for the shipped figure as wide and as long as the "
+        "body, and brings it to where that stands and faces")
+    add("--turn", type=number_of, metavar="DEG", help="turns the pattern about the vertical, z towards x, to where the body "
+        "faces (0; with --fit, found from its feet)")
     add("--shift", type=vector_of, default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="then moves it [m]")
     add("--out", required=True, metavar="FILE", help="the garment, a .npz for tc.load_garment")
     add("--fabric", default="shirting", help="one of those that `fabrics` prints (shirting)")
@@ -39,6 +42,7 @@ def run(args: argparse.Namespace) -> int:
     from .. import checks
     from ..garment import load_pattern
     from ..garment.dressing import dress
+    from ..garment.fitted import fitted
     from ..garment.worn import Worn, worn_under
     from ..io.garment import load_garment
     from ..io.solid import load_solid
@@ -53,14 +57,19 @@ def run(args: argparse.Namespace) -> int:
     worn = worn_under([Worn(load_garment(file), under, contact, Path(file).stem) for file in args.over], contact, out.stem)
     with waiting(f"loading {args.pattern}"):
         pattern = load_pattern(args.pattern, args.side, size=args.pattern_size)
-        garment = pattern.mesh(args.spacing).placed(args.turn, args.shift)
+        garment = pattern.mesh(args.spacing)
     print(f"{len(garment.seams)} seams, {garment.mesh.vertex_count} vertices, {garment.mesh.face_count} triangles")
     for note in garment.mesh.notes:
         print(f"note: {note}", file=sys.stderr)
     body = Scene()
     with waiting(f"loading {args.body}"):
-        solid = load_solid(args.body, args.scale, up=args.up)
+        solid = load_solid(args.body, args.scale, up=args.up, clip=args.clip)
     body.add_solid(solid, friction=args.friction, thickness=args.thickness, name="body")
+    if args.fit:
+        garment, done = fitted(garment, body, args.thickness, args.turn)
+        for note in done:
+            print(f"note: {note}", file=sys.stderr)
+    garment = garment.placed(0.0 if args.fit else args.turn or 0.0, args.shift)
     made = dress(garment, fabrics[name], body, contact, args.longest, tell=print, pull=args.pull, meets=args.meets, over=worn,
                  name=out.stem)
     for note in made.notes:

@@ -96,7 +96,7 @@ def dress(garment: Garment, fabric: Fabric | str, body: Scene, contact: ClothCon
                 crossed.append(sim.intersections())
         now = [replace(w, garment=replace(w.garment, positions=x)) for w, x in zip(all_of, _each(sim))]
         count, where = (None, ()) if contact is None else (crossed[-1], crossed_of(now))
-        return Dressed(now[-1].garment, sewn, sim.time, speed <= SLOW, speed, count, where, tuple(now), notes)
+        return Dressed(now[-1].garment, sewn, sim.time, speed <= SLOW, speed, count, where, tuple(now), notes + _caught(now))
     finally:
         sim.close()
 
@@ -116,6 +116,17 @@ def _checked(garment: Garment, body: Scene, contact: ClothContact | None, h: flo
     checks.flag("dress: meets", meets)
     h = checks.number("dress: h", h, "s", positive=True, most=0.1)
     return h, checks.number("dress: longest", longest, "s", positive=True)
+
+
+def _caught(worn: Sequence[Worn]) -> tuple[str, ...]:
+    """A note on the garment under the last one that was caught where edges closed, and is not apart yet."""
+    x, faces = worn[-1].garment.positions, worn[-1].garment.mesh.faces
+    for w in worn[:-1]:
+        count = count_crossings(x, faces, w.garment.positions, w.garment.mesh.faces)
+        if count:
+            return (f"{w.name!r} sticks out where seams of {worn[-1].name!r} closed, and was caught: {count} crossings are "
+                    "left; hang the garment nearer, end it above, or make it wider",)
+    return ()
 
 
 def _unrippable(garment: Garment) -> Garment:
@@ -187,8 +198,8 @@ def _part(crossed: list[int]) -> bool:
 
 
 def _advance(sim: Simulation, tell: Callable[[str], None] | None, what: str, finest: float = 0.0) -> None:
-    """A tenth of a second. Where no step of `finest` [s] passes for layers of one garment that are pressed together, they
-    rest; else smaller ones are tried, and where none passes layers of two garments rest as well."""
+    """A tenth of a second. Where no step of `finest` [s] passes for layers that are pressed together, they rest; else smaller
+    ones are tried."""
     end, usual, meets = sim.time + TENTH, sim.control, finest > 0
     while end - sim.time > ROUND * TENTH:
         if finest:
@@ -197,7 +208,7 @@ def _advance(sim: Simulation, tell: Callable[[str], None] | None, what: str, fin
             sim.step(min(usual.h_max, end - sim.time))
         except SimulationError:
             nearest = sim.contacts.layers.nearest() if meets else None
-            if nearest is not None and nearest.gap < LOCKED and (not finest or _of_one(sim, nearest.particles)):
+            if nearest is not None and nearest.gap < LOCKED:
                 sim.contacts.layers.release_around(np.array(nearest.particles))
                 sim.stepper.h = usual.h_max
             elif finest:
@@ -207,12 +218,6 @@ def _advance(sim: Simulation, tell: Callable[[str], None] | None, what: str, fin
         sim.stepper.control = usual
     if tell is not None:
         tell(f"{sim.time:.1f} s, {what}")
-
-
-def _of_one(sim: Simulation, particles: Sequence[int]) -> bool:
-    """Whether particles are of one cloth."""
-    starts = [c.start for c in sim.scene.cloths]
-    return len(set(np.searchsorted(starts, sim.model.user[list(particles)], "right").tolist())) == 1
 
 
 def _still(solid: Solid) -> Solid:

@@ -6,7 +6,7 @@ figure, or, where it is bent round a limb, by being bent wider. What lies over a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,7 @@ ONE_WAY = 0.5  # length of the mean of a panel's normals, below which it faces a
 
 
 @dataclass(frozen=True)
-class _Sheet:
+class Sheet:
     """Vertices x (n, 3) [m] with normals (n, 3) away from the figure, and edges of at most a length [m]."""
 
     x: np.ndarray
@@ -34,32 +34,31 @@ class _Sheet:
     longest: float
 
     @staticmethod
-    def of(garment: Garment, figure: tuple[np.ndarray, np.ndarray] | None) -> _Sheet:
+    def of(garment: Garment, figure: tuple[np.ndarray, np.ndarray] | None) -> Sheet:
         """A garment as it hangs or is worn."""
         x, faces = garment.positions, garment.mesh.faces
-        edges = face_edges(faces)
         away = facing(faces, x, figure)[:, None] * vertex_normals(x, faces)
-        return _Sheet(x, away, float(np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1).max()))
+        return Sheet(x, away, _longest(x, faces))
 
-    def worn(self) -> _Sheet:
+    def worn(self) -> Sheet:
         """The vertices that have triangles."""
         return self.part(np.flatnonzero(self.normal.any(axis=1)))
 
-    def part(self, rows: np.ndarray) -> _Sheet:
+    def part(self, rows: np.ndarray) -> Sheet:
         """Some of it."""
-        return _Sheet(self.x[rows], self.normal[rows], self.longest)
+        return Sheet(self.x[rows], self.normal[rows], self.longest)
 
 
-class _Flat:
+class Flat:
     """A panel that goes out along the way it faces."""
 
-    def __init__(self, sheet: _Sheet) -> None:
+    def __init__(self, sheet: Sheet) -> None:
         self.sheet = sheet
         mean = sheet.normal.mean(axis=0)
         long = float(np.linalg.norm(mean))
         self.out = mean / long if long > ONE_WAY else np.zeros(3)
 
-    def lies_over(self, under: _Flat) -> bool:
+    def lies_over(self, under: Flat) -> bool:
         """Whether some of it is over another panel that faces the same way, or beside it in its plane."""
         across = np.linalg.svd(under.out[None])[2][1:]
         x, own = self.sheet.x @ across.T, under.sheet.x @ across.T
@@ -73,10 +72,10 @@ class _Flat:
         return self.sheet.x + by * self.out, np.broadcast_to(self.out, self.sheet.x.shape)
 
 
-class _Bent:
+class Bent:
     """A panel that is bent round an axis through `middle`, at a radius [m]; axes (3, 3): across, across, along."""
 
-    def __init__(self, sheet: _Sheet, middle: np.ndarray, axes: np.ndarray, radius: float) -> None:
+    def __init__(self, sheet: Sheet, middle: np.ndarray, axes: np.ndarray, radius: float) -> None:
         self.sheet, self.middle, self.radius = sheet, middle, radius
         along = axes[2]
         off = (sheet.x - middle) @ axes[:2].T
@@ -88,7 +87,7 @@ class _Bent:
         self.axes = np.stack([first, np.cross(along, first), along])
 
     @staticmethod
-    def found(sheet: _Sheet, uv: np.ndarray) -> _Bent | None:
+    def found(sheet: Sheet, uv: np.ndarray) -> Bent | None:
         """The panel, where it is bent so: along the axis places are linear in the pattern's coordinates (n, 2)."""
         x, linear = sheet.x, np.column_stack([uv, np.ones(len(uv))])
         bulge = x - linear @ np.linalg.lstsq(linear, x, rcond=None)[0]
@@ -103,10 +102,10 @@ class _Bent:
             return None
         if np.einsum("ki,ki->", off @ axes[:2], sheet.normal) <= 0:
             return None  # the limb would be outside
-        return _Bent(sheet, centre @ axes[:2], axes, radius)
+        return Bent(sheet, centre @ axes[:2], axes, radius)
 
     def moved(self, by: float) -> tuple[np.ndarray, np.ndarray]:
-        """As `_Flat.moved`, bent wider by that much; no length changes."""
+        """As `Flat.moved`, bent wider by that much; no length changes."""
         a, b, s = self.axes @ (self.sheet.x - self.middle).T
         angle, r = np.arctan2(b, a) * self.radius / (self.radius + by), np.hypot(a, b) + by
         ways = np.cos(angle)[:, None] * self.axes[0] + np.sin(angle)[:, None] * self.axes[1]
@@ -123,18 +122,27 @@ def hung_outside(garment: Garment, worn: Sequence[Worn], thickness: float, body:
         SceneError: a panel that passes through what is worn, or through another panel, however it is hung.
     """
     figure = surface_of_solids(body)
-    whole, inner = _Sheet.of(garment, figure), [_Sheet.of(w.garment, figure).worn() for w in worn]
-    edges = face_edges(garment.mesh.faces)
-    label = components(garment.mesh.vertex_count, edges[:, 0], edges[:, 1])
-    rows = [np.flatnonzero(label == k) for k in np.unique(label[garment.mesh.faces])]
-    panels = [_panel(whole.part(r), garment.mesh.vertex_uv, r) for r in rows]
+    inner = [Sheet.of(w.garment, figure).worn() for w in worn]
     keeps = [(thickness + w.contact.thickness) / 2 for w in worn if w.contact is not None]
-    by = [_way_out(panel, inner, keeps) for panel in panels]
+    hung, notes = hung_by(garment, figure, lambda panel, _: _way_out(panel, inner, keeps), "over", "what is worn")
+    _refuse_crossings(hung, count_self_crossings(garment.positions, garment.mesh.faces), worn)
+    return hung, notes
+
+
+def hung_by(garment: Garment, figure: tuple[np.ndarray, np.ndarray] | None,
+            way_out: Callable[[Flat | Bent, np.ndarray], float], over: str, what: str) -> tuple[Garment, tuple[str, ...]]:
+    """The garment with each panel as far out, away from a figure, as a function of it and its triangles (m, 3) says [m], and
+    a note on each that went out, over what; infinite is refused."""
+    whole, edges, faces = Sheet.of(garment, figure), face_edges(garment.mesh.faces), garment.mesh.faces
+    label = components(garment.mesh.vertex_count, edges[:, 0], edges[:, 1])
+    rows = [np.flatnonzero(label == k) for k in np.unique(label[faces])]
+    panels = [_panel(whole.part(r), garment.mesh.vertex_uv, r) for r in rows]
+    by = [way_out(panel, np.searchsorted(r, faces[label[faces[:, 0]] == r[0]])) for panel, r in zip(panels, rows)]
     stuck = next((garment.panel_of(int(r[0])) for r, far in zip(rows, by) if np.isinf(far)), None)
     if stuck is not None:
-        raise SceneError(f"dress: panel {stuck!r} does not come outside what is worn along the way it faces: place it "
+        raise SceneError(f"dress: panel {stuck!r} does not come outside {what} along the way it faces: place it "
                          "outside, by its translation or Garment.moved")
-    flat = [k for k, panel in enumerate(panels) if isinstance(panel, _Flat)]
+    flat = [k for k, panel in enumerate(panels) if isinstance(panel, Flat)]
     for _ in flat:  # what lies over a panel goes out with it
         for k in flat:
             by[k] = max([by[k]] + [by[j] for j in flat if by[j] > by[k] and panels[k].lies_over(panels[j])])  # type: ignore
@@ -142,17 +150,21 @@ def hung_outside(garment: Garment, worn: Sequence[Worn], thickness: float, body:
     for panel, r, far in zip(panels, rows, by):
         if far > 0:
             x[r] = panel.moved(far)[0]
-            notes.append(f"panel {garment.panel_of(int(r[0]))!r} was hung {100 * far:.2g} cm further out, over what is worn")
-    hung = replace(garment, positions=x)
-    _refuse_crossings(hung, count_self_crossings(garment.positions, garment.mesh.faces), worn)
-    return hung, tuple(notes)
+            notes.append(f"panel {garment.panel_of(int(r[0]))!r} was hung {100 * far:.2g} cm further out, {over} {what}")
+    return replace(garment, positions=x), tuple(notes)
 
 
-def _panel(sheet: _Sheet, uv: np.ndarray | None, rows: np.ndarray) -> _Flat | _Bent:
-    return (None if uv is None else _Bent.found(sheet, uv[rows])) or _Flat(sheet)
+def _longest(x: np.ndarray, faces: np.ndarray) -> float:
+    """[m] of the edges of triangles (m, 3)."""
+    edges = face_edges(faces)
+    return float(np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1).max())
 
 
-def _way_out(panel: _Flat | _Bent, inner: Sequence[_Sheet], keeps: Sequence[float]) -> float:
+def _panel(sheet: Sheet, uv: np.ndarray | None, rows: np.ndarray) -> Flat | Bent:
+    return (None if uv is None else Bent.found(sheet, uv[rows])) or Flat(sheet)
+
+
+def _way_out(panel: Flat | Bent, inner: Sequence[Sheet], keeps: Sequence[float]) -> float:
     """[m] by which a panel has to go out to keep a distance [m] of each sheet; infinite where it comes to no end."""
     far, widest = 0.0, max(float(np.ptp(sheet.x, axis=0).max()) for sheet in inner)
     while far <= widest:
@@ -163,7 +175,7 @@ def _way_out(panel: _Flat | _Bent, inner: Sequence[_Sheet], keeps: Sequence[floa
     return float("inf")
 
 
-def _lack(x: np.ndarray, ways: np.ndarray, longest: float, sheet: _Sheet, keeps: float) -> float:
+def _lack(x: np.ndarray, ways: np.ndarray, longest: float, sheet: Sheet, keeps: float) -> float:
     """[m] that a panel with vertices x (n, 3), ways out (n, 3) and edges of at most a length [m] lacks to be as far outside a
     sheet as it keeps: they over the sheet, and the sheet's vertices under the panel."""
     near = nearest(x, sheet.x)

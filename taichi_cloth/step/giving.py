@@ -59,12 +59,12 @@ class Giving:
 
     def commit(self) -> tuple[float, int, int]:
         """The step was accepted: (energy [J] that went with what gave, stitches that are open, crossings of cloth with cloth,
-        the sides of what has opened among them)."""
+        among them the sides of what has opened, and of what is not closed yet)."""
         torn, tangled = self.torn, 0
         self.torn, self.tries, self.integrator.system.gave = 0.0, 0, False
         if self.contacts is not None and self.contacts.layers is not None:
             self.contacts.layers.part(self.stitches.whole | self.stitches.pulled)
-            tangled = self.contacts.layers.intersections.count
+            tangled = self.contacts.layers.tangled(self.stitches.parted)
         return torn, self.stitches.open, tangled
 
     def join(self) -> bool:

@@ -82,7 +82,8 @@ class StepRecord:
             many pairs of cloth not on their forces.
         crossings: pairs of triangles of cloth and of solids with edges or corners that pass through each other.
         layers: pairs of cloth in contact with cloth; least: the smallest distance of any over what it should keep.
-        tangled: pairs of an edge and a triangle of cloth that are known to pass through each other; they rest.
+        tangled: pairs of an edge and a triangle of cloth that are known to pass through each other; they rest, but
+            for those beside a seam that is still apart.
         pinched: particles to which solids leave no room: layers that were let go, and what steps no longer get smaller for.
         intersections: pairs of an edge and a triangle of cloth that pass through each other at its end, counted exactly; None
             where that was not asked for.

@@ -93,6 +93,12 @@ class Stitches(Checkpointed):
         """(j,) particles of stitches that are pulled together, and are not yet."""
         return np.concatenate([self.clusters.a[self.pulled], self.clusters.b[self.pulled]])
 
+    @property
+    def parted(self) -> np.ndarray:
+        """(j,) particles of stitches that hold, or are drawn together, whose two are not in one place."""
+        still = (self.whole | self.pulled) & (self._gaps() > 0)
+        return np.concatenate([self.clusters.a[still], self.clusters.b[still]])
+
     def join(self) -> bool:
         """Stitches that are pulled together and have come near hold from now on. Whether any does."""
         if not self.pulled.any():

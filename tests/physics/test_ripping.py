@@ -181,6 +181,27 @@ def test_sides_that_pass_through_each_other_are_counted():
     assert all(said == exact for said, exact in counts) and counts[0][1] > 0 and counts[-1][1] == 0, counts
 
 
+@pytest.mark.parametrize("pull", [None, 50.0])
+def test_what_slips_through_beside_a_seam_that_closes_is_counted(pull):
+    """The right half begins 2.5 cm before the left one's end and 3 mm below, and goes up through it, until the seam is closed:
+    each step's record has the exact count, of what contact leaves alone there, too."""
+    mesh, a, b, _ = cut(tc.grid((0.4, 0.1), (20, 4)), 0.2)
+    x, u = mesh.x.copy(), mesh.uv[:, 0] - 0.2
+    right = np.union1d(np.flatnonzero(u > 1e-9), b)
+    x[right] += np.column_stack([np.full(len(right), -0.025), 0.4 * u[right] - 0.003, np.full(len(right), 0.003)])
+    scene = tc.Scene(gravity=None)
+    cloth = scene.add_cloth(mesh, FABRIC, contact=tc.ClothContact(0.002, 0.2), positions=x)
+    scene.sew(cloth, a, b, pull=pull)
+    scene.pin(cloth, ends(cloth)[0])
+    with tc.Simulation(scene, h=1 / 60, integrator="backward_euler") as sim:
+        counts = []
+        for _ in range(8):
+            sim.step()
+            counts.append((sim.log[-1].tangled, cloth_crossings(sim)))
+        assert sim.seam_gaps()[0] == 0
+    assert all(said == exact for said, exact in counts) and counts[0][1] > 0 and counts[-1][1] == 0, counts
+
+
 def test_a_run_goes_on_bit_for_bit_through_a_rip():
     def made():
         scene, cloth, _ = sewn(STRENGTH, gravity=(0, -9.81, 0), contact=tc.ClothContact(0.004, 0.2))

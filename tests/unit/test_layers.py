@@ -17,7 +17,7 @@ NUMPY_ONLY = {"colornames", "errors", "checks", "options", "scene", "io", "backe
               "app.interrupts", "garment.curves", "garment.pattern", "garment.garmentcode", "garment.svg",
               "garment.pathdata", "garment.shapes", "garment.styles", "garment.xmlfile", "garment.drawing", "garment.outlines",
               "garment.freesewing", "garment.stitch", "garment.worn", "garment.chains", "garment.cutpiece", "garment.dxf",
-              "garment.dxffile", "garment.sheet", "garment.sidefile", "app.patterns"}
+              "garment.dxffile", "garment.sheet", "garment.sidefile", "garment.figure", "app.patterns"}
 OUTPUT_MAY = {"colornames", "errors", "checks", "io.blender", "io.blendfile", "io.npz", "io.jsonfile", "io.sequence",
               "scene.mesh", "scene.view", "scene.appearance", "backend.runtime", "backend.bvh", "backend.placement",
               "backend.fields", "backend.rows", "backend.ordering", "system.quantities"}

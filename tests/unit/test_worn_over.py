@@ -5,6 +5,7 @@ import pytest
 from reference.geometry import count_crossings, count_self_crossings
 
 import taichi_cloth as tc
+from taichi_cloth.garment import dressing
 from taichi_cloth.garment.outside import hung_outside
 from taichi_cloth.garment.worn import Dressed
 
@@ -106,6 +107,17 @@ def test_panels_that_do_not_come_outside_are_named():
     within = tc.Garment(tc.cylinder(0.14, 0.3, (24, 6)), ())
     with pytest.raises(tc.SceneError, match="panel '.*' does not come outside .* place it outside"):
         hung_outside(within, [tube(0.16, 0.3)], 0.003, limbs())
+
+
+@pytest.mark.parametrize("radius, caught", [(0.17, True), (0.155, False)])
+def test_a_garment_that_was_caught_is_named(radius, caught):
+    """A tube of 16 cm and a vest of eight sides: it sticks out through their middles where the corners are at 17 cm."""
+    under, mesh = tube(0.16, 0.3), tc.cylinder(radius, 0.3, (8, 6))
+    vest = tc.Worn(tc.Garment(mesh, (), mesh.x + [0.001, 0.05, 0.002]), FABRIC, CONTACT, "vest")
+    count = count_crossings(vest.garment.positions, mesh.faces, under.garment.positions, under.garment.mesh.faces)
+    said = f"'tube' sticks out where seams of 'vest' closed, and was caught: {count} crossings are left"
+    notes = dressing._caught([under, vest])
+    assert (count > 0) == caught and len(notes) == caught and all(said in note for note in notes)
 
 
 @pytest.mark.parametrize("change, what", [

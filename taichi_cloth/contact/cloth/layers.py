@@ -282,6 +282,11 @@ class Layers(Checkpointed):
         self.intersections.look(self.model.read_particles()[0], None if all_of_it else alone)
 
     @timed
+    def tangled(self, apart: np.ndarray) -> int:
+        """Crossings after a step: those that are known, and those beside seams with particles (j,) that are still apart."""
+        return self.intersections.count + self.intersections.beside_seams(self.model.read_particles()[0], apart)
+
+    @timed
     def part(self, whole: np.ndarray) -> None:
         """After a step, with the stitches (k,) that are whole: sides of open ones keep what they have come apart by. Those
         that were in one place may pass through each other: that counts as tangled, and is left to come apart by itself."""

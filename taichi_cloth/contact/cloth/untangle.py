@@ -97,13 +97,30 @@ class Intersections(Checkpointed):
         Args:
             among: (n,) particles; where given, only faces with one of them, and their edges, are looked at.
         """
+        edges, rows, sewn = self._crossing_at(x, among)
+        self.found = edges[~sewn], rows[~sewn]
+
+    def beside_seams(self, x: np.ndarray, apart: np.ndarray) -> int:
+        """How many cross at positions (n, 3) that share a corner by a seam: contact leaves such pairs alone, since they are to
+        be in one place, and while they are not, one may pass through the other.
+
+        Args:
+            apart: (j,) particles that are not yet where those are that they are sewn to.
+        """
+        among = np.zeros(self.n, dtype=bool)
+        among[apart] = True
+        return int(self._crossing_at(x, among)[2].sum()) if len(apart) else 0
+
+    def _crossing_at(self, x: np.ndarray, among: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(edges (k, 2), rows of faces (k,) that cross at positions (n, 3), (k,) whether by a seam they share a corner);
+        `among` as in `look`."""
         some = np.arange(len(self.faces)) if among is None else np.flatnonzero(among[self.faces].any(axis=1))
         edges, rows = self_crossings(x, self.faces[some])
+        knots = self.mesh.knots
         rows = some[rows]
-        knots = self.mesh.knots  # what is sewn to each other, and still apart, shares a corner
-        keep = self.mesh.may_meet(self._faces_of(edges)[:, 0], rows)
-        keep &= ~(knots[edges][:, :, None] == knots[self.faces[rows]][:, None, :]).any(axis=(1, 2))
-        self.found = edges[keep], rows[keep]
+        meet = self.mesh.may_meet(self._faces_of(edges)[:, 0], rows)
+        edges, rows = edges[meet], rows[meet]
+        return edges, rows, (knots[edges][:, :, None] == knots[self.faces[rows]][:, None, :]).any(axis=(1, 2))
 
     def commit(self, h: float = 0.0, share: float = 0.0) -> None:
         """Where cloth was last looked at, h [s] later, the next step begins; that was so much of a usual step."""

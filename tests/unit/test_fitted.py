@@ -1,0 +1,131 @@
+"""A pattern is brought to a body of another size, that stands elsewhere and faces another way: measured afresh."""
+
+import pathlib
+import runpy
+
+import numpy as np
+import pytest
+from reference.geometry import count_crossings, winding
+
+import taichi_cloth as tc
+from taichi_cloth.garment.clear import exit_from, hung_clear, pieces_of
+from taichi_cloth.garment.figure import AT, measured
+from taichi_cloth.garment.fitted import DRAWN_FOR
+
+TORSO, HIPS = 2 * np.pi * 0.098 + 4 * 0.05, 2 * np.pi * 0.12 + 4 * 0.055  # m round two capsules side by side
+THICKNESS = 0.003
+SCENES = pathlib.Path(__file__).parents[2] / "scenes"
+
+
+def shipped() -> tc.Scene:
+    """The figure round which shipped patterns hang."""
+    scene = tc.Scene()
+    runpy.run_path(str(SCENES / "dress_up.py"))["figure"](scene, 0.4)
+    return scene
+
+
+def somebody(size: float = 1.0, turn: float = 0.0, at: tuple[float, float] = (0.0, 0.0), wide: float = 1.0) -> tc.Scene:
+    """That figure, with feet, so many times as large, turned [degrees] from z towards x, standing elsewhere, and so many
+    times as wide."""
+    old, body = shipped(), tc.Scene()
+    for x in (-0.165, 0.165):
+        old.add_solid(tc.Capsule((x, 0.08, 0.0), (x, 0.08, 0.16), 0.05), friction=0.4, thickness=0.004)
+    for k, solid in enumerate(old.solids):
+        a, b = (size * np.array(end) * [wide, 1, wide] for end in (solid.shape.a, solid.shape.b))
+        body.add_solid(tc.Capsule(a, b, size * wide * solid.shape.radius), friction=0.4, thickness=0.004, name=f"part {k}",
+                       position=(at[0], 0, at[1]), rotation=(0, np.radians(turn), 0))
+    return body
+
+
+def within(x: np.ndarray, body: tc.Scene) -> np.ndarray:
+    """(n,) whether points are within any solid: by how often its surface goes round them."""
+    return np.any([winding(x, s.surface_at(0.0), s.shape.surface()[1]) > 0.5 for s in body.solids], axis=0)
+
+
+def skirt() -> tc.Garment:
+    pytest.importorskip("scipy", reason="meshing patterns needs the extra `garment`")
+    return tc.load_pattern(SCENES / "patterns" / "skirt.json").mesh(0.06)
+
+
+def test_the_shipped_figure_has_the_measures_that_patterns_are_drawn_for():
+    """By closed forms: girths of two capsules side by side, of hips and trunk; and it has what `DRAWN_FOR` says."""
+    found = measured(shipped())
+    assert found.girths[AT > 0.35] == pytest.approx(TORSO, rel=0.02) and found.girths[0] == pytest.approx(HIPS, rel=0.02)
+    assert 0.80 < found.crotch < 0.86 and found.neck == pytest.approx(1.385 + 0.06, abs=0.02)
+    assert found.crotch == pytest.approx(DRAWN_FOR.crotch, abs=2e-3) and found.neck == pytest.approx(DRAWN_FOR.neck, abs=2e-3)
+    assert found.girths == pytest.approx(DRAWN_FOR.girths, rel=5e-3) and found.centre == pytest.approx([0, 0], abs=1e-3)
+    assert not found.faces  # it has no feet
+
+
+@pytest.mark.parametrize("size, turn, at", [(0.8, 70.0, (1.2, -0.4)), (1.3, -130.0, (-3.0, 2.0))])
+def test_a_skirt_goes_where_a_body_stands_and_faces(size, turn, at):
+    """Its panels are where they are round the shipped figure, as the body is; what they are cut like is as large."""
+    garment, body = skirt(), somebody(size, turn, at)
+    found = measured(body)
+    assert found.faces and (found.turn - turn + 180) % 360 - 180 == pytest.approx(0, abs=2)
+    made, notes = tc.fitted(garment, body, THICKNESS)
+    c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    there = size * garment.positions @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]]) + [at[0], 0, at[1]]
+    assert np.abs(made.positions - there).max() < 0.03 * size and len(notes) == 1
+    edge = np.sort(garment.mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    was, now = (np.linalg.norm(g.mesh.uv[edge[:, 0]] - g.mesh.uv[edge[:, 1]], axis=1) for g in (garment, made))
+    assert now / was == pytest.approx(size, rel=0.03)
+    hangs = np.linalg.norm(made.positions[edge[:, 0]] - made.positions[edge[:, 1]], axis=1)
+    assert hangs == pytest.approx(now, rel=1e-6)  # no panel is strained where it hangs
+
+
+@pytest.mark.parametrize("turn", [0.0, 90.0, -160.0])
+def test_a_round_body_without_arms_faces_where_its_toes_are(turn):
+    body = tc.Scene()
+    ends = [((0, 0.75, 0), (0, 0.95, 0), 0.1), ((0, 0.95, 0), (0, 1.2, 0), 0.04)]
+    for x in (-0.06, 0.06):
+        ends += [((x, 0.08, 0), (x, 0.65, 0), 0.05), ((x, 0.04, 0), (x, 0.04, 0.12), 0.04)]
+    for k, (a, b, r) in enumerate(ends):
+        body.add_solid(tc.Capsule(a, b, r), friction=0.4, thickness=0.004, name=str(k), position=(2, 0, 1),
+                       rotation=(0, np.radians(turn), 0))
+    found = measured(body)
+    assert found.faces and (found.turn - turn + 180) % 360 - 180 == pytest.approx(0, abs=2)
+    assert found.centre == pytest.approx([2, 1], abs=0.01)
+
+
+def test_a_thinner_body_gets_a_narrower_garment_that_is_as_long():
+    garment = skirt()
+    made, _ = tc.fitted(garment, somebody(wide=0.7), THICKNESS)
+    wide, tall = (np.ptp(made.positions, axis=0) / np.ptp(garment.positions, axis=0))[:2]
+    assert wide == pytest.approx(0.7, rel=0.03) and 0.9 < tall < 1.01  # the trunk of thinner hips is a little shorter
+
+
+def test_panels_that_start_within_a_body_come_out():
+    """A front 5 cm before the middle of the hips, by as little as clears it; a back that is clear stays. Counted afresh."""
+    body, garment = somebody(), skirt()
+    front = garment.mesh.groups["front"]
+    close = garment.moved("front", (0, 0, 0.05 - garment.positions[front, 2].mean()))
+    assert within(close.positions, body).sum() > 10
+    made, notes = hung_clear(close, body, THICKNESS)
+    assert not within(made.positions, body).any()
+    assert not any(count_crossings(made.positions, garment.mesh.faces, s.surface_at(0.0), s.shape.surface()[1])
+                   for s in body.solids)
+    assert "'front' was hung" in notes[0] and len(notes) == 1
+    by = made.positions - close.positions
+    assert np.ptp(by[front], axis=0).max() < 1e-9 and (np.delete(by, front, axis=0) == 0).all()
+    assert 0.05 + by[front, 2].max() < 0.17  # the hips reach .12 m
+
+
+def test_lines_leave_a_body_by_where_they_are_within_it():
+    """A cube of 2 m: from its middle 1 m, from 0.3 m before its side 0.3 m; from outside, or past a second cube, nothing."""
+    x, faces = tc.Box((2.0, 2.0, 2.0)).surface()
+    points = np.array([[0.1, 0.2, 0.0], [0.3, 0.1, 0.7], [0.2, 0.1, -1.5]])
+    ways = np.tile([0.0, 0.0, 1.0], (3, 1))
+    for solid in somebody().solids:
+        assert [closed for *_, closed in pieces_of(solid.surface_at(0.0), solid.shape.surface()[1])] == [True]
+    for rows, far in (([0, 1, 2], 1.0), ([1, 2], 0.3), ([2], 0.0)):
+        assert exit_from(points[rows], ways[rows], 9.0, x, faces) == pytest.approx(far, abs=1e-4)
+
+
+@pytest.mark.parametrize("shape, what", [(tc.Sphere(0.5), "no legs"), (None, "without solids")])
+def test_what_is_no_body_is_named(shape, what):
+    body = tc.Scene()
+    if shape is not None:
+        body.add_solid(shape, friction=0.4, thickness=0.004)
+    with pytest.raises(tc.SceneError, match=what):
+        tc.fitted(skirt(), body, THICKNESS)
