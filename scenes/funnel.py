@@ -31,7 +31,7 @@ def build(cells: int = 50, depth: float = 0.28, friction: float = 0.15) -> tc.Sc
         friction: of cloth on the ring and on itself.
     """
     mesh = tc.grid(0.5, cells)
-    scene = tc.Scene(view=tc.View(camera=tc.Camera((0.67, 0.3, 0.77), (-0.02, -0.14, -0.01), 36)))
+    scene = tc.Scene(view=tc.View(camera=tc.Camera((0.95, 0.24, 1.1), (-0.02, -0.25, -0.01), 36)))
     x = mesh.x + [-0.25, TUBE + 0.008, 0.25]
     cloth = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(800, k_d=0.5), tc.Shear(80, k_d=0.05), tc.Bend(3e-5, k_d=1e-6)),
                             positions=x, color=(0.45, 0.1, 0.25), contact=tc.ClothContact(THICKNESS, friction))

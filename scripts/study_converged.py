@@ -18,12 +18,12 @@ sys.path[:0] = [str(ROOT), str(ROOT / "scripts")]
 import results  # noqa: E402
 from changed import Change, changed, head, line, plain, run  # noqa: E402
 
-LAYERS, SOLIDS = "contact.cloth.layers", "contact.solid.solid_contacts"
+LAYERS = "contact.cloth.layers"
 TIGHT: list[Change] = [
     (LAYERS, "AGREED", 1e-3), (LAYERS, "LOOSE", 0.02), (LAYERS, "GIVE", 1e-4), (LAYERS, "LAGGED", 1e-3),
     (LAYERS, "RUBBED", 5e-4), (LAYERS, "PATIENCE", 80), (LAYERS, "SOONER", 30), (LAYERS + ".Layers", "ROUNDS", 120),
-    (SOLIDS, "PATIENCE", 60), (SOLIDS, "AGREED", 1e-4), (SOLIDS, "AGREED_SHEAR", 1e-4), (SOLIDS, "LAGGED", 1e-3),
-    ("contact.contacts.Contacts", "ROUNDS", 60), ("contact.contacts.Contacts", "MOST", 110),
+    ("contact.contacts", "AGREED", 1e-4), ("step.nonlinear.solid_contact", "ROUNDS", 60),
+    ("step.nonlinear.layer_contact", "LATER", 60),
     ("contact.foresight", "OFTEN", 10**9)]
 WAYS: dict[str, tuple[list[Change], dict]] = {
     "as it is": ([], {}), "newton_euler": ([], {"integrator": "newton_euler"}),

@@ -4,18 +4,15 @@ CONTACT = "tests/physics/test_solid_contact.py"
 FORCES = f"{CONTACT}::test_what_solids_give_is_what_cloth_gets " \
          f"{CONTACT}::test_forces_are_told_after_steps_that_took_more_solves"
 RESUME = f"{CONTACT}::test_a_run_is_resumed_in_contact_bit_for_bit"
-BEGINS = f"{CONTACT}::test_what_begins_to_slide_is_dragged_along"
 STICKS = f"{CONTACT}::test_what_sticks_goes_where_the_solid_goes"
 PINS = f"{CONTACT}::test_solids_hold_nothing_where_pins_do"
 FRICTION = "tests/physics/test_friction.py"
-CONE = f"{FRICTION}::test_cloth_that_drapes_keeps_to_the_cone"
 RULE, BALANCED = "taichi_cloth/contact/solid/coulomb.py", "taichi_cloth/contact/solid/balance.py"
 RULED = "tests/unit/test_coulomb.py"
-SOLVED_FRONT = "tests/physics/test_solved_contact.py::test_a_slip_front_goes_through_in_one_step"
 SOLVED_TURN = "tests/physics/test_solved_contact.py::test_law[turntable]"
-DRAGGED = f"{CONTACT}::test_what_begins_next_to_what_slides_slides"
-MENDED = f"{CONTACT}::test_rounds_are_rough_where_energy_has_asked_for_more"
-PRELIMINARY = f"{CONTACT}::test_first_solves_are_preliminary_where_others_are_to_be_expected"
+HALVED = f"{CONTACT}::test_each_solve_of_a_step_is_twice_as_exact_as_the_one_before"
+COULOMBS = f"{CONTACT}::test_friction_in_every_step_is_coulombs"
+ROUGH = "tests/physics/test_cloth_on_cloth.py::test_solves_that_others_follow_are_preliminary"
 SHAPES = "tests/unit/test_solids.py"
 LED_BY_HAND = f"{SHAPES}::test_a_body_that_is_moved_by_hand_is_where_it_then_is"
 SWEPT = "tests/unit/test_swept_detection.py"
@@ -31,7 +28,6 @@ BETWEEN, FACING = (f"{CLOSING}::{name}" for name in (
     "test_what_is_between_bears_and_is_resumed_bit_for_bit", "test_surfaces_by_where_they_face"))
 PULLED = f"{CLOSING}::test_what_is_pinched_is_pulled_out"
 ALONG = f"{CLOSING}::test_a_wall_pushes_cloth_along_a_floor"
-BROUGHT_OUT = f"{DRIVES}::test_what_further_solves_lead_too_deep_is_brought_out_in_the_same_step"
 LEFT_ACROSS = "tests/unit/test_pinch.py::test_an_edge_that_is_left_across_a_solid_comes_out"
 PLATES, PINCHED = f"{HARD}::test_plates_that_close_on_layers[0.0]", "tests/unit/test_pinch.py"
 TESTS = (CONTACT, SHAPES, DRIVES)
@@ -41,9 +37,7 @@ SIGHT = "taichi_cloth/contact/foresight.py"
 FACADE = "taichi_cloth/contact/contacts.py"
 POINTS = "taichi_cloth/contact/points.py"
 STEP = "taichi_cloth/contact/step_start.py"
-DEEPER = "tests/physics/test_solid_contact.py::test_after_two_solves_with_layers_a_few_may_end_deeper"
 RESPONSE = "taichi_cloth/contact/solid/solid_contacts.py"
-SLIDING = "taichi_cloth/contact/solid/sliding.py"
 DEPTH = "taichi_cloth/contact/solid/penetration.py"
 PAIRS = "taichi_cloth/contact/solid/pairs.py"
 FIRM = "taichi_cloth/contact/solid/firmness.py"
@@ -69,12 +63,8 @@ GROWS = f"{STARTS}::test_what_was_left_near_grows_to_its_thickness_and_is_resume
 
 MUTATIONS = (
     # forces that are told
-    (RESPONSE, "late = start.together and", "late =", "without layers too", DEEPER),
     (FACADE, "self.solids.let_out(self.scan.inside.particles, self.scan.inside.depth)", "pass",
      "what starts inside blocks steps", LET_OUT),
-    (RESPONSE, "self.round > PATIENCE and little", "self.round > PATIENCE", "whatever would hold them", DEEPER),
-    (RESPONSE, "self.round > PATIENCE and little", "little", "from the first solve on", DEEPER),
-    (RESPONSE, "DEEP if late else TOLERATED", "TOLERATED", "every solve minds as little depth", DEEPER),
     (RESPONSE, "out[solid.name] = (-force[mine].sum(axis=0)", "out[solid.name] = (force[mine].sum(axis=0)",
      "loads on solids have the wrong sign", FORCES),
     (RESPONSE, "-np.cross(arm, force[mine]).sum(axis=0))", "np.cross(arm, force[mine]).sum(axis=0))",
@@ -89,47 +79,21 @@ MUTATIONS = (
      "forces of points: the damping's sign", FORCES),
     (RESPONSE, "pairs=self.pressing.forces(moved, h), at",
      "pairs=0 * self.pressing.forces(moved, h), at", "forces of pairs are not told", FORCES),
-    (RESPONSE, "        self.look()\n        self.record_forces(reaction, base)\n",
-     "        self.look()\n", "forces stay those of the solve before last", FORCES),
     (HOLDING, "force[mine] = made_up + (whole - made_up.sum(axis=0)) / len(mine)", "force[mine] = whole",
      "a particle's force counts for each of its contacts", f"{CONTACT}::test_the_corner_of_two_planes_is_loaded_once"),
     # friction
-    (RESPONSE, "push[breaks] = tangent[breaks]", "push[breaks] = -tangent[breaks]",
-     "what begins to slide is pushed the other way", BEGINS),
-    (SLIDING, "-u / np.maximum(speed, 1e-30)[:, None], push)", "u / np.maximum(speed, 1e-30)[:, None], push)",
-     "fast sliding friction drives on", f"{FRICTION}::test_braking"),
-    (RESPONSE, "(shear > mu * np.maximum(normal, 0) * (1 + CONE))", "(shear > 2 * mu * np.maximum(normal, 0) * (1 + CONE))",
-     "what sticks bears twice what Coulomb allows", f"{BEGINS} {FRICTION}"),
-    (SLIDING, "friction[rows] * states.force[rows], slip", "0.9 * friction[rows] * states.force[rows], slip",
-     "sliding friction is a tenth too small", f"{BEGINS} {FRICTION}::test_braking"),
     (RESPONSE, "stick &= mu > 0", "stick &= mu >= 0", "smooth solids stick", f"{CONTACT} {FRICTION}"),
-    (RESPONSE, "turns = slides & ~pulls", "turns = ~slides & ~pulls",
-     "what came to rest never sticks", f"{FRICTION} {CONTACT}"),
-    (RESPONSE, "stick &= ~dragged(f, known & ~stick, new & stick, self.scan.faces, self.model.n)", "pass",
-     "what begins next to what slides sticks", CONE),
-    (SLIDING, "here = f.solid == solid", "here = f.solid >= 0", "on another solid too", DRAGGED),
-    (SLIDING, "near &= may & ~moves", "near &= ~moves", "through what does not touch", DRAGGED),
-    (SLIDING, "grows = bool(near.any())", "grows = False", "only the next ones", DRAGGED),
     # preliminary solves
     (SIGHT, "self.rounds = self.rounds + 1 if self.asked else 0", "self.rounds = self.rounds + 1", "they always are",
-     PRELIMINARY),
-    (SIGHT, "return self.rounds >= OFTEN", "return True", "also where nothing was to be expected", PRELIMINARY),
-    (SIGHT, "return self.mends >= OFTEN", "return False", "none but the first is", MENDED),
-    (SIGHT, "self.mends = self.mends + 1 if self.gained else 0", "self.mends = self.mends + 1", "no end of it", MENDED),
-    (SOLVES, "foresight.more_steps and not self.exacting", "foresight.more_steps", "beyond a limit too",
-     f"{CONTACT}::test_rounds_are_not_rough_where_cloth_is_beyond_its_limit"),
+     HALVED),
+    (SIGHT, "return self.rounds >= OFTEN", "return True", "also where nothing was to be expected", ROUGH),
     ("taichi_cloth/step/nonlinear/euler.py", "    touches = False", "    touches = True", "free cloth has rough ones too",
      "tests/hard/test_hard_starts.py"),
-    (SOLVES, "if goes_on or (preliminary and not rough):", "if goes_on:", "a preliminary solve is the last one", PRELIMINARY),
-    (SOLVES, "if self.solutions[-1].preliminary:", "if False:", "a step ends with a preliminary one", MENDED),
-    (SOLVES, "foresight.gained = self.ended is None", "foresight.gained = True", "energy has always grown", MENDED),
     ("taichi_cloth/step/nonlinear/effort.py", "max(first, FURTHER) if first >= CG_TOL else first", "max(first, FURTHER)",
      "further solves are rough whatever is asked for", FORCES),
     ("taichi_cloth/step/stepper.py", "(s for s in attempt.solutions if not s.preliminary)", "(s for s in attempt.solutions)",
-     "a record tells of preliminary residuals", PRELIMINARY),
+     "a record tells of preliminary residuals", HALVED),
     # holding
-    (SOLVES, "ANEW = 3", "ANEW = 0", "what further solves lead too deep makes steps small", BROUGHT_OUT),
-    (SOLVES, "self.to_go = self.system.to_go(self.held, self.c)", "pass", "what is held anew is not brought out", BROUGHT_OUT),
     (HOLDING, "projectors[stick] = np.eye(3)", "projectors[~stick] = np.eye(3)",
      "what slides is held and what sticks is free"),
     (HOLDING, "shifts = lift[:, None] * f.normal", "shifts = -lift[:, None] * f.normal", "contacts pull into the solid"),
@@ -138,8 +102,6 @@ MUTATIONS = (
      f"{DRIVES}"),
     (HOLDING, "if size > APART:", "if size > 10 * APART:", "a particle's second contact is ignored",
      f"{HARD}::test_in_the_corner_of_two_planes"),
-    (RESPONSE, "pulls = normal < -PULL *", "pulls = normal < -1e9 * PULL *", "contacts pull for ever",
-     f"{CONTACT} {FRICTION}"),
     (RESPONSE, "down = 2 * np.maximum(nearing, 0) + FALL", "down = 0 * np.maximum(nearing, 0) + FALL",
      "fast cloth is not stopped at the surface", SWEPT),
     (RESPONSE, "PUSH * self.scan.edge * start.share", "0 * self.scan.edge * start.share",
@@ -324,7 +286,6 @@ MUTATIONS = (
     (PINCH, "taken, wanted = (now / np.maximum(u, CREEP) for u in (length(self.slip), now))",
      "taken, wanted = 0 * now, 0 * now",
      "friction of what is pinched lags", PINCHED),
-    (RESPONSE, "or self.pinches.lags(start, self.near.there)", "", "no second solve where pinched friction lags", PULLED),
     (RESPONSE, "Points.join([self.sliding.points, self.pinches.rubbing])", "self.sliding.points",
      "friction of what is pinched is in no ledger", PULLED),
     (SIDES, "self.tree.friction[rows[:, 8].astype(np.int64)]", "self.tree.friction[0 * rows[:, 8].astype(np.int64)]",
@@ -367,7 +328,13 @@ MUTATIONS = (
     (RULE, "part = np.minimum(1, cone / np.maximum(size, 1e-300))", "part = np.ones(len(size))",
      "friction is not bounded by the cone", RULED),
     (RULE, "& ~back\n", "\n", "what friction has turned round goes on sliding", RULED),
-    (BALANCED, "self.smooth = SMOOTH", "self.smooth = ()", "a slip front goes a row a solve", SOLVED_FRONT),
     (BALANCED, "r, rows, p, bears = self._by(needed, f, slip, b, v)\n        if r.off > enough:\n    ", "",
      "a turn within the step is friction beyond the cone", SOLVED_TURN),
+    (FACADE, "AGREED = 0.003", "AGREED = 0.3", "contacts may be far off their law", COULOMBS),
+    (SOLVES, "tolerance /= 2", "tolerance /= 1", "no solve is more exact than the first", HALVED),
+    (SOLVES, "if not self.solutions[-1].preliminary:", "if True:", "a step ends with a preliminary solve", HALVED),
+    (BALANCED, "self.k >= MET and", "False and", "contacts never keep their planes",
+     f"{DRIVES}::test_nothing_driven_into_a_sheet_comes_near_or_through[1041]"),
+    (BALANCED, "self.inertia[f.index], start.c)", "self.mass[f.index], start.c)", "a particle resists by its own mass alone",
+     "tests/physics/test_contact_laws.py::test_law[rope_holds-slip]"),
 )

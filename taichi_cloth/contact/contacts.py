@@ -15,8 +15,13 @@ from .contact_force import ContactForce
 from .foresight import Foresight
 from .points import Points
 from .settle import Moved, move_apart
-from .solid.solid_contacts import SolidContacts, Verdict
+from .solid.balance import Balance, Found
+from .solid.solid_contacts import SolidContacts
 from .step_start import StepStart
+
+AGREED = 0.003  # part of all that acts by which contacts may be off Coulomb's law in a step
+NEAR = 0.03  # the same, with which the next solve has friction as it is: far from there it is smooth in one solve
+STRICT = 7  # solves of a step with which they may; in each further one by twice as much
 
 
 class Contacts(Checkpointed):
@@ -27,13 +32,13 @@ class Contacts(Checkpointed):
             paper's springs.
         force: what contacts add to the system of a solve.
         start: of the attempt; base: positions and velocities (n, 3) with which its last solve began.
+        balance: the contacts with solids from solve to solve of the attempt; found: by the last of `rounds`.
         between: points of layers in that solve.
         foresight: whether a step's first solves will be followed by others.
         warm: whether the last step ended in contact, so that its last solve predicts the next.
         crowded: whether there are more points than there is room for.
     """
 
-    ROUNDS, MOST = 6, 11  # solves after which what still changes does so in the next step; of what could not be accepted
     STATE = ("solids", "warm", "layers", "foresight")
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, h: float, cpu: bool,
@@ -50,6 +55,9 @@ class Contacts(Checkpointed):
         self.start, self.base = StepStart(h, h, nowhere, nowhere), (nowhere, nowhere)
         self.solids = SolidContacts(fields, model, scene, self.start)
         self.scan = self.solids.scan
+        self.balance = Balance(self.solids, nowhere)
+        self.found: Found | None = None
+        self.rounds = 0
         self.between, self.foresight = Points.none(), Foresight()
         self.warm = self.crowded = False
 
@@ -66,18 +74,25 @@ class Contacts(Checkpointed):
         self.foresight.begin()
         size = h if base is None else base.h
         self.start = self.solids.begin(StepStart(size, self.start.h_usual, x, v, pins, together, base))
+        self.balance, self.found, self.rounds = Balance(self.solids, self.start.base_v), None, 0
         if self.layers is not None:
             self.layers.waive(self.solids.pinches.where, self.solids.pinches.accepted.index)
             self.layers.begin(self.start, together)
 
     def hold(self) -> tuple[Held | None, float]:
-        """(what the next solve holds, pins included; the largest closing distance [m])"""
-        start, closing = self.start, self.solids.hold()
-        held = start.altered(self.solids.active.holding.held)
-        self.base = start.begins
-        if held is not None:
-            self.base[0][held.index] += held.y
-        return held, closing
+        """(what the next solve from the saved state holds, pins included; the largest closing distance [m])"""
+        balance, closing = self.balance, 0.0
+        if self.found is None:
+            balance.begin()
+            closing = balance.closing
+        else:
+            balance.take(self.found)
+            balance.go_on(self.found.residual.off <= NEAR)
+            balance.hold()
+        self.base = self.start.begins
+        if balance.held is not None:
+            self.base[0][balance.held.index] += balance.held.y
+        return balance.held, closing
 
     def rebase(self) -> None:
         """The same contacts for a further solve that begins where the model now is."""
@@ -86,39 +101,80 @@ class Contacts(Checkpointed):
 
     def set_points(self) -> None:
         """Friction of what slides, pairs, and layers where they are part of the problem, as points of contact."""
-        points, together = self.solids.take_points(self.base), self.start.together
-        if self.layers is not None and (self.sprung or together):
-            self.between = self.layers.points(self.base[0])
-            points = [*points, self.between] if together else [self.between, *points]
-        self.crowded = not self.force.set(Points.join(points))
+        self.take(self.balance.rubs(self.base[1]), True)
 
     def take(self, rubs: Points | None, led: bool) -> bool:
-        """Points of a solve that begins at `base`: springs between layers, friction of what is pinched, pairs of edges, and
-        `rubs`. False where there are more than there is room for.
+        """Points of a solve that begins at `base`: layers where they are part of the problem, friction of what is pinched,
+        pairs of edges, and `rubs`. False where there are more than there is room for.
 
         Args:
             led: whether pairs are taken where what is held leads them, not where they are.
         """
-        points = self.solids.take_others(self.base, led)
-        if self.sprung and self.layers is not None:
+        points = self.solids.take_others(self.base, led) + ([] if rubs is None else [rubs])
+        if self.layered and self.layers is not None:
             self.between = self.layers.points(self.base[0])
             points = [self.between, *points]
-        self.crowded = not self.force.set(Points.join(points if rubs is None else [*points, rubs]))
+        self.crowded = not self.force.set(Points.join(points))
         return not self.crowded
 
-    def judge(self, reaction: np.ndarray) -> Verdict:
-        """What must change after a solve; `reaction` (k, 3) [N s] on the held particles, in `hold`'s order."""
-        return self.solids.judge(reaction, self.base[0])
+    def judge(self, reaction: np.ndarray, inertia: np.ndarray) -> bool:
+        """Whether the contacts of a linear solve agree with what it says of them.
 
-    def goes_on(self, verdict: Verdict, solves: int) -> bool:
-        """Whether a step goes on to a further solve after that many. With layers each begins where the last one ended, and a
-        step that would be rejected goes on for longer: smaller ones cost more. A small step may be taken all the same."""
-        longer = verdict.bad and self.start.together and not self.start.small
-        return verdict.changes > 0 and solves < (self.MOST if longer else self.ROUNDS)
+        Args:
+            reaction: (k, 3) [N s] on the held particles, in `hold`'s order.
+            inertia: (n,) as `System.inertia`.
+        """
+        solids, balance = self.solids, self.balance
+        self.rounds += 1
+        solids.look()
+        solids.record_forces(reaction, self.base[0])
+        balance.inertia = inertia
+        self.found = balance.assess_linear(self.model.read_particles()[1], reaction, self.base[0])
+        others = solids.wanting() + int(solids.pinches.lags(self.start, solids.near.there))
+        agrees = self.found.residual.off <= self.enough and not balance.smoothed and not others
+        solids.unsettled = 0 if agrees else max(self.found.residual.changed, 1)
+        solids.trial = balance.next_states(self.found)
+        return agrees
+
+    @property
+    def enough(self) -> float:
+        """Part of all that acts by which contacts may now be off."""
+        return AGREED * 2.0 ** max(0, self.rounds - STRICT)
+
+    @property
+    def unsolved(self) -> str:
+        """How far contacts with solids are from agreeing with the last solve; empty where they do."""
+        if self.found is None or not self.solids.unsettled:
+            return ""
+        r = self.found.residual
+        return f"{100 * r.off:.2g} % of all forces against the law of contact, most at particle {r.worst}"
+
+    def accept(self, lacks: np.ndarray, needed: np.ndarray) -> bool:
+        """Whether contacts agree with the forces where a linear solve led; if so, they bear these.
+
+        Args:
+            lacks: (n, 3) [N s] that the step lacks there, without friction of what slides on solids.
+            needed: (k, 3) [N s] that balances it on what is held.
+        """
+        solids, balance, active = self.solids, self.balance, self.solids.active
+        bear = active.holding.forces(active.contacts, needed)
+        found = balance.assess(lacks, self.model.read_particles()[1], bear, bear, 0.0)
+        if found.residual.off > self.enough:
+            return False
+        self.found, solids.unsettled, solids.trial = found, 0, balance.next_states(found)
+        solids.record_forces(needed, self.base[0])
+        return True
+
+    def record(self, reaction: np.ndarray) -> None:
+        """What contacts bore in a further solve that held the same; `reaction` as in `judge`."""
+        self.solids.look()
+        self.solids.record_forces(reaction, self.base[0])
 
     def went_in(self, reaction: np.ndarray) -> bool:
-        """As `SolidContacts.went_in`; `reaction` as in `judge`."""
-        return self.solids.went_in(reaction, self.base[0])
+        """Whether something ended too deep in solids, or through, after further solves that held the same contacts; `reaction`
+        as in `judge`."""
+        self.record(reaction)
+        return self.solids.ends_deep() or self.solids.went_through()
 
     def works(self, x: np.ndarray, v: np.ndarray) -> tuple[float, float]:
         """Work on the motion of the step [J], which ends at x with v (n, 3): of friction that slides on solids, of edges and

@@ -161,9 +161,9 @@ def test_changes_name_what_is_there_and_are_taken_back(monkeypatch):
         with changed(changes):
             assert [getattr(owner(where), name) for where, name, _ in changes] == [value for *_, value in changes]
         assert [getattr(owner(where), name) for where, name, _ in changes] == before
-    label, changes = study_rules.read("both: contact.foresight.OFTEN=9, contact.contacts.Contacts.MOST=8")
+    label, changes = study_rules.read("both: contact.foresight.OFTEN=9, contact.cloth.layers.Layers.ROUNDS=8")
     assert label == "both"
-    assert changes == [("contact.foresight", "OFTEN", 9), ("contact.contacts.Contacts", "MOST", 8)]
+    assert changes == [("contact.foresight", "OFTEN", 9), ("contact.cloth.layers.Layers", "ROUNDS", 8)]
     with pytest.raises(SystemExit, match="has no OFFTEN of its own"), changed([("contact.foresight", "OFTEN", 9),
                                                                               ("contact.foresight", "OFFTEN", 9)]):
         pass

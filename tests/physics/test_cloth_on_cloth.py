@@ -81,7 +81,7 @@ def test_solves_that_others_follow_are_preliminary(monkeypatch):
         if k == 0:
             steps.append((step.contacts.foresight.rounds, step.contacts.hindered, step.solutions, []))
         steps[-1][3].append(part)
-        so = part < 1 or step.verdict.changes > 0.1 * step.contacts.count
+        so = part < 1 or step.contacts.solids.unsettled > 0.1 * step.contacts.count
         went_on[len(steps) - 1:] = [so or (k > 0 and went_on[-1])]
         return judge(step, k, part, measures)
 
@@ -107,7 +107,7 @@ def test_solves_that_others_follow_are_preliminary(monkeypatch):
     assert sum(rounds >= 2 and not (cut[k - 1] and cut[k - 2]) for k, (*_, rounds, _) in enumerate(told[:free])) > 2
     count = [sum(flags) for flags, *_ in told]
     assert min(count.count(k) for k in (0, 1, 2)) > 2 and sum(tangled) > 2
-    rough = [s for _, _, solutions, _ in steps for s in solutions if s.preliminary]
+    rough = [s for _, _, solutions, parts in steps for s in solutions[len(solutions) - len(parts):] if s.preliminary]
     assert {s.tolerance for s in rough} == {0.03} and max(s.residual for s in rough) > 5e-3
     for (rounds, hindered, solutions, parts), (flags, *_) in zip(steps, told):
         looser = 5 if rounds >= 2 and not hindered else 1
@@ -127,7 +127,7 @@ def test_no_step_of_layers_leaves_much_of_its_energy_unaccounted_for(h):
             through = sum(abs(value) for name, value in r.ledger.items() if name != "unaccounted")
             if r.layers and r.solves < 6 and not r.ledger["braked"]:
                 left.append(abs(r.ledger["unaccounted"]) / max(through, 0.5 * 0.6 * (9.81 * r.h) ** 2))
-    assert len(left) > 9 and max(left) < 0.2, (len(left), max(left))
+    assert len(left) > 5 and max(left) < 0.2, (len(left), max(left))
 
 
 @pytest.mark.slow

@@ -248,7 +248,7 @@ def test_a_run_that_is_sewn_goes_on_bit_for_bit():
 
 @pytest.mark.slow
 def test_sewn_cloth_in_contact():
-    """A sheet of six pieces falls on a ball and itself: as the whole one, no crossing, seams closed."""
+    """A sheet of six pieces falls on a ball and itself: no crossing, seams closed; until it folds as the whole one."""
     whole = tc.grid(0.6, 12)
     mesh, seams, of = whole, [], np.arange(whole.vertex_count)
     for at, axis in ((0.2, 0), (0.4, 0), (0.3, 1)):
@@ -264,20 +264,21 @@ def test_sewn_cloth_in_contact():
             for a, b in seams:
                 scene.sew(cloth, a, b)
         sim = tc.Simulation(scene, h=1 / 60, cg_tol=1e-7)
-        for _ in range(24):
+        for k in range(24):
             sim.step()
+            if k == 11:
+                ends.append(sim.positions())
             if sim.log[-1].contacts == 0:
                 continue
             assert all(crossed == 0 and least > 0.2 for least, crossed in against_solids(sim).values())
             assert cloth_crossings(sim) == 0
         x = sim.positions()
-        ends.append(x)
         load = sum(force for force, _ in sim.solid_loads().values())
         assert np.abs(sim.contact_forces().sum(axis=0) + load).max() < 1e-6
         if m is mesh:
             assert all((x[a] == x[b]).all() for a, b in seams)
         sim.close()
-    assert np.sqrt(np.mean(np.sum((ends[1] - ends[0][of]) ** 2, axis=1))) < 4.5e-3
+    assert np.sqrt(np.mean(np.sum((ends[1] - ends[0][of]) ** 2, axis=1))) < 2e-3
 
 
 def test_what_holds_a_cluster_is_shared_by_masses(rng):

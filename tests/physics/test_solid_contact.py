@@ -1,15 +1,12 @@
 """Contact with solids against Newton's laws, Coulomb's and the solids' own motion; and resumed in the middle of it."""
 
 import math
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.contact.solid.sliding import dragged
-from taichi_cloth.contact.solid.vertices import VertexContacts
 
 pytestmark = pytest.mark.slow
 
@@ -94,7 +91,8 @@ def test_the_corner_of_two_planes_is_loaded_once():
 
 @pytest.mark.parametrize("integrator", ["safe", "bdf2"])
 def test_what_begins_to_slide_is_dragged_along(integrator):
-    """A floor pulled away at 3 mu g: after every step, the first included, the sheet goes its way at mu g."""
+    """A floor pulled away at 3 mu g: after every step, the first included, the sheet goes its way at mu g. BDF2 takes a force
+    that jumps for two thirds of its first step, and is late by up to half a step."""
     mu, began = 0.3, 5 / 60
     scene, _ = over(6, height=0.004)
     scene.add_solid(tc.Plane(), friction=mu, thickness=0.004,
@@ -103,39 +101,9 @@ def test_what_begins_to_slide_is_dragged_along(integrator):
     for k in range(1, 16):
         sim.step()
         v = sim.velocities()
-        assert v[:, 0] == pytest.approx(mu * G * max(sim.time - began, 0.0), rel=0.02, abs=1e-6), f"step {k}"
+        law, late = mu * G * max(sim.time - began, 0.0), mu * G / 120 if integrator == "bdf2" and k > 5 else 0.0
+        assert v[:, 0].min() > 0.98 * law - late - 1e-6 and v[:, 0].max() < 1.02 * law + 1e-6, f"step {k}"
         assert np.abs(v[:, 1:]).max() < 1e-3
-
-
-def test_what_begins_next_to_what_slides_slides():
-    """Vertices of a strip, three rows of eight: the first slides, some begin, one on another solid, some beyond a gap."""
-    mesh = tc.grid((0.7, 0.2), (7, 2))
-    n, row = 24, np.argsort(mesh.x[:, 0], kind="stable").reshape(8, 3)
-    index = np.sort(np.concatenate([row[0], row[1], row[2], row[4], row[5]]))
-    f = replace(VertexContacts.none(), index=index, solid=np.where(index == row[2, 2], 1, 0))
-    slides = np.isin(index, row[0, :1])
-    for begins in (~slides, np.isin(index, row[1])):
-        taken = dragged(f, slides, begins, mesh.faces, n)
-        wanted = {i for i in (*row[0], *row[1], *row[2]) if i not in (row[0, 0], row[2, 2])}
-        assert set(index[taken].tolist()) == wanted & set(index[begins].tolist())
-    assert not dragged(f, np.zeros(len(index), dtype=bool), ~slides, mesh.faces, n).any()
-
-
-def test_first_solves_are_preliminary_where_others_are_to_be_expected():
-    """Not in the first steps that touch, never a step's last, and no residual that a record tells of."""
-    scene, _ = over(12, 0.5, height=0.12)
-    scene.add_solid(tc.Sphere(0.1), friction=0.4, thickness=0.005)
-    sim = tc.Simulation(scene, h=1 / 60, threads=1, integrator="backward_euler", cg_tol=1e-5)
-    made, attempt = [], sim.stepper.integrator.attempt
-    sim.stepper.integrator.attempt = lambda *given: made.append(attempt(*given)) or made[-1]
-    for _ in range(30):
-        sim.step()
-    touching = [[s.preliminary for s in a.solutions] for a in made if a.contacts]
-    assert not any(any(told) for told in touching[:3]) and sum(told[0] for told in touching) > 10
-    assert all(not any(told[1:]) and (len(told) > 1 or not told[0]) for told in touching)
-    rough = [s for a in made for s in a.solutions if s.preliminary]
-    assert max(s.residual for s in rough) > 1e-3 and {s.tolerance for s in rough} == {0.01}
-    assert max(r.residual for r in sim.log) < 2e-5
 
 
 def landing(fabric: tc.Fabric) -> tc.Scene:
@@ -146,44 +114,40 @@ def landing(fabric: tc.Fabric) -> tc.Scene:
     return scene
 
 
-def test_rounds_are_rough_where_energy_has_asked_for_more():
-    """A sheet lands on a ball: while first Newton steps gain energy and others follow, all rounds are preliminary; the first
-    that gains none is still followed by one that is not, and what has come to rest takes one solve."""
-    sim = tc.Simulation(landing(FABRIC), h=1 / 60, threads=1, integrator="backward_euler")
-    made, attempt, foresight = [], sim.stepper.integrator.attempt, sim.contacts.foresight
-
-    def watched(*given):
-        before = foresight.mends
-        made.append((attempt(*given), before, foresight.gained))
-        return made[-1][0]
-
-    sim.stepper.integrator.attempt = watched
+def test_each_solve_of_a_step_is_twice_as_exact_as_the_one_before():
+    """Until contacts agree with one, which is then finished as exactly as was asked."""
+    sim = tc.Simulation(landing(FABRIC), h=1 / 60, threads=1, integrator="backward_euler", cg_tol=1e-5)
+    made, attempt = [], sim.stepper.integrator.attempt
+    sim.stepper.integrator.attempt = lambda *given: made.append(attempt(*given)) or made[-1]
     for _ in range(60):
         sim.step()
-    assert not any(r.rejections for r in sim.log)
-    rough = [sum(s.preliminary for s in a.solutions) for a, *_ in made]
-    assert all(not a.solutions[-1].preliminary for a, *_ in made)
-    assert [count > 1 for count in rough] == [before > 1 for _, before, _ in made] and sum(count > 1 for count in rough) > 5
-    assert any(before > 1 and not gained for _, before, gained in made)
-    assert {len(a.solutions) for a, *_ in made[-20:]} == {1} and not any(rough[-20:])
+    touching = [a.solutions for a in made if a.contacts and a.rejection is None]
+    several = [solutions for solutions in touching if len(solutions) > 2 and solutions[-2].preliminary]
+    assert len(several) > 5
+    for solutions in several:
+        rough = [s.tolerance for s in solutions if s.preliminary]
+        assert rough == pytest.approx([0.01 / 2**k for k in range(len(rough))])
+    assert sum(not s[-1].preliminary for s in touching) > len(several) and min(len(s) for s in touching[-10:]) < 4
+    assert max(r.residual for r in sim.log if not r.unsettled and r.solves == 1) < 2e-5
 
 
-def test_rounds_are_not_rough_where_cloth_is_beyond_its_limit():
-    """There what solves leave undone counts, however often energy has asked for more."""
-    fabric = tc.Fabric(0.2, tc.Stretch(1000, k_d=0.5, limit=1.01), tc.Shear(100, k_d=0.05), tc.Bend(5e-5))
-    sim = tc.Simulation(landing(fabric), h=1 / 60, threads=1, integrator="backward_euler")
-    beyond, attempt = [], sim.stepper.integrator.attempt
-
-    def watched(h, held_at, start):
-        mends, made = sim.contacts.foresight.mends, attempt(h, held_at, start)
-        if start.used > 1 and mends > 1:
-            beyond.append([s.preliminary for s in made.solutions])
-        return made
-
-    sim.stepper.integrator.attempt = watched
-    for _ in range(20):
+def test_friction_in_every_step_is_coulombs():
+    """A sheet that has landed on a ball, counted from what contacts bear: what pulls, and what shears beyond its cone, is less
+    than a hundredth of all that they bear."""
+    sim = tc.Simulation(landing(FABRIC), h=1 / 60, threads=1)
+    seen = 0
+    for _ in range(60):
         sim.step()
-    assert len(beyond) > 5 and not any(any(told[1:]) for told in beyond)
+        force = sim.contact_forces()
+        out = sim.positions() / np.linalg.norm(sim.positions(), axis=1, keepdims=True)  # normals of a ball at the origin
+        if sim.time < 0.4:  # the impact: further Newton steps, for its energy, hold what the first one held
+            continue
+        seen += 1
+        normal = np.einsum("ni,ni->n", force, out)
+        shear = np.linalg.norm(force - normal[:, None] * out, axis=1)
+        beyond = np.maximum(shear - 0.4 * np.maximum(normal, 0), 0) + np.maximum(-normal, 0)
+        assert beyond.sum() < 0.01 * np.abs(normal).sum(), (sim.time, beyond.sum() / np.abs(normal).sum())
+    assert seen > 30
 
 
 @pytest.mark.parametrize("integrator", ["safe", "bdf2"])
@@ -268,35 +232,6 @@ def test_a_run_is_resumed_in_contact_bit_for_bit(scenes, options):
         assert (resumed.contacts.solids.penetration.before == crossed).all() and (options or len(crossed))
         for before, now in zip(went, goes_on(resumed)):
             assert all(np.array_equal(a, b) for a, b in zip(before, now)), now[3]
-
-
-@pytest.mark.parametrize("together, solves, depth, impulse, goes_on", [
-    (False, 1, 0.2, 1, False), (False, 1, 0.4, 1, True), (False, 4, 0.2, 1, False), (False, 4, 0.4, 1, True),
-    (True, 2, 0.4, 1, True), (True, 3, 0.4, 1, False), (True, 6, 0.4, 1, False), (True, 3, 0.6, 1, True),
-    (True, 3, 0.4, 1e-9, True)])
-def test_after_two_solves_with_layers_a_few_may_end_deeper(together, solves, depth, impulse, goes_on):
-    """A sheet lies on a box; a solve has led a particle that it did not hold into the thickness."""
-    scene, _ = over(height=0.025, contact=tc.ClothContact(0.002))
-    scene.add_solid(tc.Box((0.7, 0.04, 0.7)), 0.3, 0.005)
-    sim = tc.Simulation(scene, h=1 / 60)
-    contacts, model, h = sim.contacts, sim.model, 1 / 60
-    x, v = (a.copy() for a in model.read_particles())
-    free = 40
-    x[free, 1] += 0.003
-    model.write_particles(x, v)
-    model.save()
-    lower = x - [0, 1e-4, 0]
-    lower[free] = x[free]
-    model.write_particles(lower, v)
-    contacts.begin(h, None, x, v, together)
-    held, _ = contacts.hold()
-    assert free not in held.index and len(held.index) == model.n - 1
-    contacts.set_points()
-    x[free, 1] -= 0.003 + depth * 0.005
-    model.write_particles(x, v)
-    contacts.solids.round = solves - 1
-    verdict = contacts.judge(np.tile([0.0, impulse, 0.0], (len(held.index), 1)))  # N s, each; the one needs far less than 1
-    assert (verdict.changes > 0) == goes_on and verdict.deepest == pytest.approx(depth, rel=1e-6)
 
 
 def test_solids_hold_nothing_where_pins_do():

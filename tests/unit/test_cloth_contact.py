@@ -20,12 +20,11 @@ from taichi_cloth.contact.cloth.barrier import FLOOR, SHALLOW, room
 from taichi_cloth.contact.cloth.narrow_phase import PINCHED, LayerDetector
 from taichi_cloth.contact.cloth.pair_kernels import MU, NOW, POTENTIAL, STIFF
 from taichi_cloth.contact.cloth.untangle import Intersections
-from taichi_cloth.contact.contacts import Contacts, Verdict
 from taichi_cloth.contact.foresight import Foresight
 from taichi_cloth.contact.geometry import VERTEX_FACE
 from taichi_cloth.contact.points import Points
 from taichi_cloth.scene.intersections import self_crossings
-from taichi_cloth.step.nonlinear.layer_contact import LayerStep
+from taichi_cloth.step.nonlinear.layer_contact import LATER, LayerStep
 from taichi_cloth.system.state import ParticleState
 
 FABRIC = tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(5e-5))
@@ -433,10 +432,10 @@ def test_what_beside_a_tangle_ends_too_near_is_released(k, part, settled, asks):
     step = LayerStep.__new__(LayerStep)
     step.layers = SimpleNamespace(release_beside=lambda held: True, off=0, least=0.2, settled=lambda: settled, ROUNDS=12,
                                   stop_short=lambda: stopped.append("layers"))
-    solids = SimpleNamespace(stop_short=lambda: stopped.append("solids"), holds=lambda: None)
-    step.contacts = SimpleNamespace(count=0, goes_on=lambda verdict, solves: False, solids=solids, foresight=Foresight())
+    solids = SimpleNamespace(stop_short=lambda: stopped.append("solids"), holds=lambda: None, unsettled=0, ends_deep=lambda: False)
+    step.contacts = SimpleNamespace(count=0, solids=solids, foresight=Foresight())
     step.preliminary = False
-    step.clock, step.verdict, step.released = Clock(), SimpleNamespace(changes=0), False
+    step.clock, step.agrees, step.released = Clock(), True, False
     step.solutions, step.conclude = [], lambda measures, early=False: None
     step.accounted = lambda ended: ended
     made = step.judge(k, part, None)
@@ -448,21 +447,24 @@ def test_no_step_of_layers_ends_with_a_preliminary_solve():
     """Whatever agrees with it: the next one's answer is taken."""
     step = LayerStep.__new__(LayerStep)
     step.layers = SimpleNamespace(settled=lambda: True, ROUNDS=12)
-    step.contacts = SimpleNamespace(count=0, goes_on=lambda verdict, solves: False, foresight=Foresight())
-    step.clock, step.verdict, step.released, step.preliminary = Clock(), SimpleNamespace(changes=0), False, True
+    step.contacts = SimpleNamespace(count=0, solids=SimpleNamespace(unsettled=0, ends_deep=lambda: False), foresight=Foresight())
+    step.clock, step.agrees, step.released, step.preliminary = Clock(), True, False, True
     step.solutions, step.conclude, step.accounted = [], lambda measures, early=False: ("end", None), lambda ended: ended
     step.finish = lambda *ended: ended
     assert step.judge(0, 1.0, None) is None and not step.agreed and not step.preliminary
     assert step.judge(1, 1.0, None) == ("end", None) and step.agreed
 
 
-@pytest.mark.parametrize("changes, bad, together, small, most", [
-    (0, True, True, False, 0), (3, False, True, False, Contacts.ROUNDS), (3, True, True, False, Contacts.MOST),
-    (3, True, False, False, Contacts.ROUNDS), (3, True, True, True, Contacts.ROUNDS)])
-def test_what_would_be_rejected_goes_on_for_longer(changes, bad, together, small, most):
-    contacts = Contacts.__new__(Contacts)
-    contacts.start = SimpleNamespace(together=together, small=small)
-    assert sum(contacts.goes_on(Verdict(changes, 0.0, bad), k) for k in range(20)) == most
+@pytest.mark.parametrize("k, deep, ends", [(LATER - 1, False, False), (LATER, False, True), (LATER, True, False)])
+def test_contacts_with_solids_that_still_change_do_so_in_the_next_step(k, deep, ends):
+    """After three Newton steps of one with layers of cloth, and no sooner; not with particles too deep in solids."""
+    step = LayerStep.__new__(LayerStep)
+    step.layers = SimpleNamespace(settled=lambda: True, ROUNDS=12, release_beside=lambda held: False)
+    step.contacts = SimpleNamespace(count=9, solids=SimpleNamespace(unsettled=1, holds=lambda: None, ends_deep=lambda: deep), foresight=Foresight())
+    step.clock, step.agrees, step.released, step.preliminary = Clock(), False, False, False
+    step.solutions, step.conclude, step.accounted = [], lambda measures, early=False: ("end", None), lambda ended: ended
+    step.finish = lambda *ended: ended
+    assert (step.judge(k, 1.0, None) == ("end", None)) is ends
 
 
 def crossing_scene() -> tc.Scene:

@@ -1,9 +1,8 @@
 """Cloth against solids: which contacts hold, stick and slide, round by round of a step. [BW98 §5, §6]
 
 A particle in contact has its normal direction held (all directions while friction holds it), moves with the
-solid (z), and is brought to the surface by y, inside the solve. The solve's own constraint force then says what
-must change: a contact that pulls is released, one that shears beyond Coulomb's cone slides, one that has come to
-rest sticks, a particle that ends inside is added. Rounds of solves go on until what changes does not matter.
+solid (z), and is brought to the surface by y, inside the solve. The states of contacts follow from the solve's own
+constraint force, within the step (`balance`).
 
 Differs from [BW98 §6]: states are settled within the step, not in the next; y also brings a particle down to the
 surface that it would otherwise have gone through, so that a solid is met inelastically, without a bounce.
@@ -19,46 +18,21 @@ from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.place import Place
 from ...system.state import ParticleState
-from ..points import Points, among, rows_of
+from ..points import Points, rows_of
 from ..step_start import StepStart
 from .active_set import ActiveSet, States, hold_together
 from .firmness import Firmness
 from .pairs import PAIR, PRESS, Pairs, Step, inertia, press
-from .penetration import DEEP, PENETRATION, Penetration
+from .penetration import Penetration
 from .pinch import Pinches
 from .query import Nearby, Scanner
 from .room import pinned_particles
-from .sliding import SLOW, Sliding, dragged, slide
+from .sliding import Sliding
 from .vertices import VertexContacts
 
-TOLERATED = 0.3  # of the thickness: the same after further rounds, and where little would hold it; the next step brings it out
-PULL = 1e-3  # of a particle's weight (or of the mean contact force) that a contact may pull before it is released
-CONE = 1e-4  # relative excess over mu lambda before a contact slides
-WEAK = 0.5  # of the cone: friction must be below it for what slides slowly to stick
-PATIENCE = 1  # rounds after which states that still change do so in the next step
-RELEASES = 4  # rounds in which contacts are released, where layers of cloth press on each other
-AGREED, AGREED_SHEAR = 1e-2, 1e-1  # part of all normal forces by which contacts may pull, and shear beyond the cone, in a
-# step: their states change in the next
-LITTLE = 3e-3  # part of all normal forces that what would hold the particles that end inside may come to, likewise
 FALL = 0.5  # of the thickness: from higher than that and than its motion leads, nothing is brought down to a solid
-LAGGED = 0.1  # relative error of the friction forces that a first round may leave
 REACH, PUSH = 4.0, 0.25  # mean edges that a particle may close in on a solid in one step; that it is pushed out in a usual
 # one: more would tear at the triangles
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What a round came to.
-
-    Attributes:
-        changes: contacts whose state must change, or 0 where they do not matter within this step.
-        deepest: how deep [m] anything ends inside a thickness.
-        bad: whether something ends so deep that the step cannot be accepted.
-    """
-
-    changes: int
-    deepest: float
-    bad: bool
 
 
 @dataclass(frozen=True)
@@ -86,11 +60,10 @@ class SolidContacts(Checkpointed):
             judges what is too deep; pinches: what solids leave no room.
         reach: how far [m] a particle may close in on a solid in one step.
         accepted: states with which the last accepted step ended; trial: those of the last solve of this attempt.
-        released: keys of contacts that were released in this attempt.
         pinned: (n,) whether all directions of a particle are held anyway: solids hold nothing there.
         near: what was met when last looked; active: what the last solve held; sliding, linearized, pressing: friction, pairs
             and their points as it took them; forces: what they came to.
-        round: solves of this attempt; unsettled: contacts that would have changed in one more.
+        unsettled: contacts that do not agree with the last solve, where solves ended before all did.
     """
 
     STATE = ("accepted", "penetration", "pinches", "growth", "firmness")
@@ -104,8 +77,7 @@ class SolidContacts(Checkpointed):
         self.firmness = Firmness()
         self.reach = REACH * self.scan.edge
         self.trial = self.accepted = States()
-        self.released = np.zeros(0, dtype=np.int64)
-        self.round = self.unsettled = 0
+        self.unsettled = 0
         self.pinned = np.zeros(model.n, dtype=bool)
         self.near = Nearby(np.zeros((model.n, 3)), VertexContacts.none(), np.zeros((0, 3)), None)
         self.active = ActiveSet.none()
@@ -119,7 +91,7 @@ class SolidContacts(Checkpointed):
 
     def begin(self, start: StepStart) -> StepStart:
         """A new attempt; the model is at its predicted end. Returns its start, with what is pinched among the pins."""
-        self.trial, self.released, self.round = self.accepted, np.zeros(0, dtype=np.int64), 0
+        self.trial, self.unsettled = self.accepted, 0
         self.penetration.crossed = self.penetration.before
         self.firmness.begin()
         near = self.scan.look(start.h)
@@ -159,10 +131,6 @@ class SolidContacts(Checkpointed):
         where = rows_of(old.key, f.key)
         known = where >= 0
         active = (known | (f.gap < 0)) & ~self.pinned[f.index]
-        if len(self.released):
-            active &= ~np.isin(f.key, self.released) | (f.gap < -PENETRATION * self.thickness[f.solid])
-        if start.together and len(self.released):  # solves go on from each other: what had to be held again stays held
-            self.released = np.setdiff1d(self.released, f.key[active])
         f, slip, known, where = f.take(active), self.near.slip[active], known[active], where[active]
         k, mu, mass = len(f.index), f.friction, self.model.mass[f.index]
         stick, force, push = np.zeros(k, dtype=bool), np.zeros(k), np.zeros((k, 3))
@@ -177,7 +145,6 @@ class SolidContacts(Checkpointed):
                                                 - n @ self.gravity)
             stick[new] = np.linalg.norm(slip[new], axis=1) * mass[new] <= mu[new] * force[new] * c
         stick &= mu > 0
-        stick &= ~dragged(f, known & ~stick, new & stick, self.scan.faces, self.model.n)
         nearing = np.einsum("ki,ki->k", f.normal, f.carried - start.coasting[f.index])
         down = 2 * np.maximum(nearing, 0) + FALL * start.share * self.thickness[f.solid]  # no further than its own way leads
         lift = np.clip(-f.start_gap, -down, PUSH * self.scan.edge * start.share)  # small steps move as fast as large ones
@@ -194,15 +161,12 @@ class SolidContacts(Checkpointed):
         by_pins = f.key[self.pinned[f.index]]
         return np.union1d(mine, by_pins) if len(by_pins) else mine
 
-    def take_points(self, base: tuple[np.ndarray, np.ndarray]) -> list[Points]:
-        """Friction of what slides, and pairs, for a solve that begins at base: positions and velocities, each (n, 3)."""
-        a, mass, start = self.active, self.model.mass, self.start
-        self.sliding = slide(a.contacts, a.states, a.slip, a.contacts.friction, mass, start, base[1],
-                             among(self.accepted.key[self.accepted.stick], a.states.key))
-        return [self.sliding.points, *self.take_others(base, True)]
-
     def take_others(self, base: tuple[np.ndarray, np.ndarray], led: bool) -> list[Points]:
-        """As `take_points`, without friction of what slides on solids; not `led`, pairs are taken where they are."""
+        """Friction of what is pinched, and pairs, for a solve that begins at base: positions and velocities, each (n, 3).
+
+        Args:
+            led: whether pairs are taken where what is held leads them, not where they are.
+        """
         mass, start = self.model.mass, self.start
         rubbing = [self.pinches.rub(start, self.near.there, base[1])]
         if self.near.pairs is None:
@@ -233,55 +197,10 @@ class SolidContacts(Checkpointed):
             out[held.index] = np.einsum("kij,kj->ki", held.projector, held.target - self.near.there[held.index])
         return out
 
-    def judge(self, reaction: np.ndarray, base: np.ndarray) -> Verdict:
-        """What must change after a solve.
-
-        Args:
-            reaction: (k, 3) impulse [N s] on the held particles, in the order of what was held.
-            base: (n, 3) positions with which the solve began [m].
-        """
-        f, s, start = self.active.contacts, self.active.states, self.start
-        weight = np.linalg.norm(self.gravity)
-        self.look()
-        F, normal = self.record_forces(reaction, base)
-        tangent = F - normal[:, None] * f.normal
-        shear = np.linalg.norm(tangent, axis=1)
-        mu = f.friction
-        pulls = normal < -PULL * np.maximum(self.model.mass[f.index] * weight,
-                                            np.mean(np.abs(normal)) if len(normal) else 0.0)
-        if start.together and self.round >= RELEASES:
-            pulls[:] = False  # what layers press in again and again stays held until the next step
-        breaks = s.stick & ~pulls & (shear > mu * np.maximum(normal, 0) * (1 + CONE))
-        here = rows_of(self.near.vertices.key, f.key)
-        slip_now = np.where((here >= 0)[:, None], self.near.slip[here] if len(self.near.slip) else 0.0, 0.0)
-        speed = np.linalg.norm(slip_now, axis=1)
-        slides = self.sliding.rows
-        turns = slides & ~pulls & (self.sliding.lag <= SLOW) & (speed < WEAK * SLOW)
-        force = np.maximum(normal, 0)
-        off = float(np.sum(mu * np.abs(force - s.force) * slides))
-        lags = off > LAGGED * float(np.sum(mu * force * slides)) or self.pinches.lags(start, self.near.there)
-        disagree = lags and self.round == 0
-        wrong = float(np.sum(-normal[pulls])) / AGREED + float(np.sum((shear - mu * force)[breaks])) / AGREED_SHEAR
-        stick = (s.stick & ~breaks) | turns
-        push = np.zeros_like(tangent)
-        push[breaks] = tangent[breaks] / np.maximum(shear[breaks], 1e-30)[:, None]
-        keep = ~pulls
-        self.released = np.concatenate([self.released, f.key[pulls]])
-        self.trial = States(f.key[keep], stick[keep], force[keep], push[keep])
+    def wanting(self) -> int:
+        """Pairs of edges that the last solve left nearer than they should be, or that get another stiffness after it."""
         inside = self.penetration.inside(self.near.vertices, self.held_keys)
-        depth = -inside.gap / self.thickness[inside.solid]
-        lacks = -float(np.sum(self.model.mass[inside.index] * inside.gap)) / start.c**2
-        little = lacks < LITTLE * float(np.sum(force))
-        few = self.round > 0 or little
-        late = start.together and self.round > PATIENCE and little  # not worth a solve with layers: the next step has one
-        entered = int(np.sum(depth > (DEEP if late else TOLERATED if few else PENETRATION)))
-        self.round += 1
-        changes = int(pulls.sum() + breaks.sum() + turns.sum()) + entered
-        self.unsettled = changes
-        close, bad = self.penetration.left(self.near, inside, self.linearized)
-        entered += close + self._bear()
-        matters = bad or entered or disagree or (wrong > float(np.sum(force)) and self.round <= PATIENCE)
-        return Verdict(max(changes, 1) if matters else 0, float(np.max(depth, initial=0.0)), bad)
+        return self.penetration.left(self.near, inside, self.linearized)[0] + self._bear()
 
     def _bear(self) -> int:
         """Pairs that the last solve left too near get the stiffness that they need, those that pull by theirs lose it; how
@@ -300,12 +219,12 @@ class SolidContacts(Checkpointed):
         load = np.einsum("ki,ki->k", self.forces.pairs, taken.normal)
         return load, PAIR * self.scan.kept_by(taken), PRESS / USUAL**2 * inertia(taken, self.model.mass)
 
-    def record_forces(self, reaction: np.ndarray, base: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Forces of contacts in the last solve, which was taken whole, to where cloth was last looked at; arguments as in
-        `judge`.
+    def record_forces(self, reaction: np.ndarray, base: np.ndarray) -> None:
+        """Forces of contacts in the last solve, which was taken whole, to where cloth was last looked at.
 
-        Returns:
-            (forces (k, 3) [N] on what is held, their parts (k,) along the normals); sliding friction is not among them.
+        Args:
+            reaction: (k, 3) impulse [N s] on the held particles, in the order of what was held.
+            base: (n, 3) positions with which the solve began [m].
         """
         f, states, h = self.active.contacts, self.active.states, self.start.c
         moved = self.near.there - base
@@ -314,11 +233,9 @@ class SolidContacts(Checkpointed):
         held[self.sliding.rows] += self.sliding.points.forces(moved, h)
         self.forces = replace(NO_FORCES, held=held)
         self._record_others(reaction, moved)
-        return F, normal
 
     def bear(self, reaction: np.ndarray, moved: np.ndarray, solved: tuple[Pairs | None, Points]) -> int:
-        """After a linear solve, which put a reaction (k, 3) on what it held and moved particles by (n, 3) [m], where cloth was
-        last looked at: how many pairs of edges want another one, nearer than they should be, or with another stiffness now.
+        """As `wanting`, after a linear solve that put a reaction (k, 3) on what it held and moved particles by (n, 3) [m].
 
         Args:
             solved: the pairs that it took, and their points.
@@ -326,8 +243,7 @@ class SolidContacts(Checkpointed):
         now = self.linearized, self.pressing
         self.linearized, self.pressing = solved
         self._record_others(reaction, moved)
-        inside = self.penetration.inside(self.near.vertices, self.held_keys)
-        wanting = self.penetration.left(self.near, inside, self.linearized)[0] + self._bear()
+        wanting = self.wanting()
         self.linearized, self.pressing = now
         return wanting
 
@@ -337,15 +253,6 @@ class SolidContacts(Checkpointed):
         self.pinches.bear(self.active.holding.held, reaction / h, moved, h)
         if self.linearized is not None:
             self.forces = replace(self.forces, pairs=self.pressing.forces(moved, h), at=self.linearized.of(self.near.there))
-
-    def went_in(self, reaction: np.ndarray, base: np.ndarray) -> bool:
-        """Whether something ended too deep, or through, after further solves that held the same contacts; arguments as in
-        `judge`."""
-        self.look()
-        self.record_forces(reaction, base)
-        inside = self.penetration.inside(self.near.vertices, self.held_keys)
-        bad = self.penetration.left(self.near, inside, self.linearized)[1]
-        return (bad and self.may_shrink()) or self.went_through()
 
     def ends_deep(self) -> bool:
         """Whether something ends too deep inside, in a step that can still be made smaller."""

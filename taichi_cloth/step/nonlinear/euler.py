@@ -15,8 +15,6 @@ Differs from [BW98]: the test and what follows it; the paper accepts every solve
 from collections.abc import Callable
 from dataclasses import asdict, replace
 
-import numpy as np
-
 from ...backend.timing import Clock
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
@@ -58,7 +56,6 @@ class EulerStep(StepProblem):
         self.changes = Changes()
         self.settled = False  # whether the last Newton step was a full one, and small enough
         self.ended: tuple[Measures, Ledger] | None = None  # the first one's, with its energy right
-        self.to_go: np.ndarray | None = None  # (k, 3) dv [m/s] by which a further solve leads what is held
         self.resort: Callable[[], Outcome] | None = None  # goes back to it, where too much of that is unaccounted for
 
     def solve(self, k: int) -> Outcome | None:
@@ -70,20 +67,25 @@ class EulerStep(StepProblem):
         self.solve_linear()
         return self.unsolved()
 
-    def solve_linear(self, preliminary: bool = False) -> None:
-        """(18) with what is held; the model ends in what it says. A preliminary solve only has to say what contacts bear."""
+    def solve_linear(self, tolerance: float | None = None) -> None:
+        """(18) with what is held; the model ends in what it says. A solve of a `tolerance` of its own is preliminary."""
         system, h, held = self.system, self.c, self.held
         with self.clock.part("EVAL"):
             self.before = system.linearize_first(h, held)
-        with self.clock.part("CG"):
-            warm = len(self.solutions) > 0
-            if system.base is not None and warm:
-                system.add_guess(-1.0)
-            tolerance = self.forcing.preliminary if preliminary else self.forcing.first
             if self.forcing.follows:
                 self.forcing.next(system.imbalance(held))
-            solution = system.solve(tolerance, held, h, warm=warm, lasting=True, counts=not preliminary)
-            self.solutions.append(replace(solution, preliminary=preliminary))
+        self.solve_linearized(tolerance)
+
+    def solve_linearized(self, tolerance: float | None = None, fresh: bool = True) -> None:
+        """As `solve_linear`, of the system as it is linearized. Not `fresh`, its last solve goes on."""
+        system, h, held = self.system, self.c, self.held
+        with self.clock.part("CG"):
+            warm = not fresh or len(self.solutions) > 0
+            if system.base is not None and warm:
+                system.add_guess(-1.0)
+            solution = system.solve(tolerance or self.forcing.first, held, h, warm=warm, fresh=fresh, lasting=True,
+                                    counts=tolerance is None)
+            self.solutions.append(replace(solution, preliminary=tolerance is not None))
             if system.base is not None:
                 system.add_guess(1.0)
         with self.clock.part("EVAL"):
@@ -91,7 +93,7 @@ class EulerStep(StepProblem):
             system.settle(held)
 
     def further(self) -> Outcome | None:
-        """A Newton step from where the model is; what is held is where it must be, or is led there by `to_go`."""
+        """A Newton step from where the model is; what is held is where it must be."""
         self.over = self.c if self.system.base is None and not self.touches else 0.0
         with self.clock.part("EVAL"):
             here = self.system.linearize(self.c, over=self.over)
@@ -101,10 +103,8 @@ class EulerStep(StepProblem):
             tolerance = self.forcing.mending if self.touches or self.before.used > 1 else self.forcing.further
             if self.forcing.follows:
                 tolerance = self.forcing.next(self.system.imbalance(self.held))
-            leads = self.to_go is not None
-            fresh = leads or self.system.base is None  # else a little further: what was made for the first solve will do
-            self.solutions.append(self.system.solve(tolerance, self.held, self.c if leads else 0.0, self.to_go, fresh=fresh,
-                                                    lasting=True, again=True))
+            fresh = self.system.base is None  # else a little further: what was made for the first solve will do
+            self.solutions.append(self.system.solve(tolerance, self.held, fresh=fresh, lasting=True, again=True))
         self.level = self.potential(self.before)
         return self.unsolved()
 

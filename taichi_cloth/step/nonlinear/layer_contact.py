@@ -16,7 +16,6 @@ from dataclasses import replace
 import numpy as np
 
 from ...backend.timing import Clock
-from ...contact.contacts import Verdict
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
 from ...system.held import Held
@@ -32,6 +31,7 @@ from .system import System
 
 ROUGH = 0.03  # relative residual of preliminary solves; with solids, whose states they decide, it is less
 LOOSER = 5.0  # times `cg_tol` that others may leave in a rough step, of the first one's residual
+LATER = 6  # Newton steps after which contacts with solids that still change do so in the next step
 MANY = 0.1  # of the contacts with solids: where a Newton step changes more, others follow, and so in the next step
 BOLD = 4  # Newton steps before the potential has a say in how far they go
 MEMORY = 3  # of the last potentials one must not be passed
@@ -63,7 +63,7 @@ class LayerStep(EulerStep):
         self.stiffened = stored - start.energies.get("contact", 0.0)  # J: pairs got stiffer, or rest no more
         self.levels: list[float] = []  # Phi at the start of each Newton step
         self.leads = True  # whether held directions were still on their way to their targets
-        self.verdict = Verdict(0, 0.0, False)
+        self.agrees = False  # whether contacts with solids do
         self.rough = self.preliminary = self.contacts.foresight.more_rounds and not self.contacts.hindered
         self.agreed = self.released = False
         self.part = self.reference = 0.0
@@ -124,7 +124,7 @@ class LayerStep(EulerStep):
                 self.system.place(self.c, 1.0)
             self.system.settle(self.held)
         with self.clock.part("C-S"):
-            self.verdict = self.contacts.judge(self.system.reaction_rows())
+            self.agrees = self.contacts.judge(self.system.reaction_rows(), self.system.inertia())
             self.layers.record_forces()
             return self.layers.advance()
 
@@ -154,9 +154,9 @@ class LayerStep(EulerStep):
             if part < 1:
                 contacts.solids.stop_short()
                 self.layers.stop_short()
-            again = contacts.goes_on(self.verdict, k)
-            settled = part == 1 and self.layers.settled() and not again
-            contacts.foresight.asked |= part < 1 or self.verdict.changes > MANY * contacts.count
+            later = k >= LATER and not contacts.solids.ends_deep()
+            settled = part == 1 and self.layers.settled() and (self.agrees or later)
+            contacts.foresight.asked |= part < 1 or contacts.solids.unsettled > MANY * contacts.count
             self.agreed, self.preliminary = settled and not self.preliminary, self.preliminary and k == 0 and part < 1
             self.released = not self.agreed and k >= BOLD and self.layers.release_beside(contacts.solids.holds())
         if self.released:
@@ -184,10 +184,10 @@ class LayerStep(EulerStep):
 
     def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
         """Whether solids let the step pass."""
-        contacts, verdict = self.contacts, self.verdict
+        contacts = self.contacts
         with self.clock.part("C-S"):
-            if verdict.changes and verdict.bad and contacts.solids.may_shrink():
-                return Outcome(CONTACT, f"{verdict.deepest:.2g} thicknesses inside a solid", measures)
+            if contacts.solids.ends_deep():
+                return Outcome(CONTACT, "too deep inside a solid", measures)
             if contacts.solids.went_through():
                 return Outcome(CONTACT, f"{contacts.crossings} crossings with solids", measures)
         return Outcome(None, "", measures, ledger)

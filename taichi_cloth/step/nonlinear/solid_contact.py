@@ -1,13 +1,16 @@
 """The problem of a backward Euler step in contact with solids. [BW98 §5, §6]
 
-The first Newton step is (18) by an active set: solves of the same linearization, from the saved state, go on until the
-states of all contacts agree with the answer. Further Newton steps hold the same contacts, with friction and pairs taken
-anew from where they begin; what they add to Phi counts. Where they end too deep, contacts are judged anew, and they go on.
+The first Newton step is (18): solves of the same linearization, from the saved state, go on until contacts agree with the
+answer by Coulomb's law (`contact.solid.balance`). Further Newton steps hold the same contacts, with friction and pairs taken
+anew from where they begin; what they add to Phi counts.
 """
 
-import math
 from collections.abc import Callable
+from dataclasses import replace
 
+import numpy as np
+
+from ...backend.rows import read
 from ...backend.timing import Clock
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
@@ -18,7 +21,7 @@ from .euler import EulerPolicy, EulerStep
 from .newton import Outcome, StepProblem, minimize
 from .system import System
 
-ANEW = 3  # times that contacts are judged anew after further Newton steps
+ROUNDS = 13  # solves of (18), after which a step goes on with what contacts were last taken to be
 FINEST = 8  # times smaller than the usual, a step that is not solved is no longer tried smaller. A sheet on a ball, .7 s: with
 # 4, 8, 16 581, 641, 656 solves and .065, .0035, .0016 J unaccounted for; with 64 a rope of next to no weight takes minutes
 
@@ -42,97 +45,119 @@ def predict(system: System, c: float, pins, together: bool) -> None:
     contacts.begin(c, pins, x, v, together, base)
 
 
-class SolidStep(EulerStep):
-    """As `EulerStep`; `held` are the pins at first, then what the last solve held.
+def forces_at_end(system: System, c: float, held: Held | None, over: float) -> tuple[Measures, np.ndarray, np.ndarray]:
+    """Of the end where the model is, which is linearized there: (measures, impulses (n, 3) [N s] that the step lacks, without
+    friction of what slides on solids, those (k, 3) that balance them on what is held).
 
-    Attributes:
-        deep: whether the last Newton step ended the step, but for what it left too deep in solids.
-        anew: times that contacts were judged anew for that.
+    Args:
+        over: span [s] over which damping is an energy, or 0.
     """
+    contacts = system.contacts
+    contacts.base = system.model.read_particles()
+    contacts.take(None, False)
+    measures = system.linearize(c, over=over)
+    lacks = read(system.operator.b).astype(float)
+    needed = np.zeros((0, 3)) if held is None else system.on_held(held, -lacks[held.index])
+    return measures, lacks, needed
 
-    touches, deep, anew = True, False, 0
+
+class SolidStep(EulerStep):
+    """As `EulerStep`; `held` are the pins at first, then what the last solve held."""
+
+    touches = True
 
     def first(self) -> Outcome | None:
-        """(18) with the contacts that agree with it. Solves that others are likely to follow are preliminary ones."""
-        contacts, foresight = self.system.contacts, self.system.contacts.foresight
-        rough = foresight.more_steps and not self.exacting
-        preliminary = rough or foresight.more_rounds
+        """(18) with the contacts that agree with it, by solves of which each is twice as exact as the one before."""
+        contacts, tolerance = self.system.contacts, self.forcing.preliminary
         with self.clock.part("C-S"):
             predict(self.system, self.c, self.held, together=False)
-        while True:
-            with self.clock.part("C-S"):
-                self.held, closing = contacts.hold()
-                contacts.set_points()
-                self.system.start_over()
-            if contacts.crowded:
-                return self.refuse(CONTACT, f"more than {contacts.force.most} points of contact")
-            if closing > contacts.solids.reach:
-                return self.refuse(APPROACH, f"{closing:.3g} m in one step")
-            self.solve_linear(preliminary)
-            unsolved = self.unsolved()
-            if unsolved is not None:
-                return unsolved
-            with self.clock.part("C-S"):
-                verdict = contacts.judge(self.system.reaction_rows())
-            goes_on = contacts.goes_on(verdict, contacts.solids.round)
-            foresight.asked |= goes_on
-            if goes_on or (preliminary and not rough):
-                preliminary = rough
-                continue
-            if verdict.changes and verdict.bad and contacts.solids.may_shrink():
-                return self.refuse(CONTACT, f"{verdict.deepest:.2g} thicknesses inside")
-            with self.clock.part("C-S"):
-                through = contacts.solids.went_through()
-            return self.refuse(CONTACT, f"{contacts.crossings} crossings") if through else None
+        for _ in range(ROUNDS):
+            refused = self.solve_held(tolerance if tolerance > self.forcing.first else None)
+            if refused is not None:
+                return refused
+            tolerance /= 2
+            if self.agrees():
+                refused = self.finish_solve()
+                break
+            if self.balances():
+                break
+        if refused is None and contacts.unsolved and contacts.start.share > 1.5 / FINEST:
+            refused = self.refuse(CONTACT, contacts.unsolved)
+        if refused is not None:
+            return refused
+        with self.clock.part("C-S"):
+            deep = contacts.solids.ends_deep()
+            through = not deep and contacts.solids.went_through()
+        if deep:
+            return self.refuse(CONTACT, "too deep inside a solid")
+        return self.refuse(CONTACT, f"{contacts.crossings} crossings") if through else None
+
+    def agrees(self) -> bool:
+        """Whether contacts agree with the last solve."""
+        with self.clock.part("C-S"):
+            return self.system.contacts.judge(self.system.reaction_rows(), self.system.inertia())
+
+    def finish_solve(self) -> Outcome | None:
+        """The rest of a preliminary solve, counted with it as one."""
+        if not self.solutions[-1].preliminary:
+            return None
+        rough = self.solutions.pop()
+        self.system.start_over()
+        self.solve_linearized(fresh=False)
+        self.solutions[-1] = replace(self.solutions[-1], iterations=self.solutions[-1].iterations + rough.iterations)
+        with self.clock.part("C-S"):
+            self.system.contacts.record(self.system.reaction_rows())
+        return self.unsolved()
+
+    def balances(self) -> bool:
+        """Whether contacts agree with the forces where the solve led, as these are there; if so, they bear what balances
+        them."""
+        system, contacts = self.system, self.system.contacts
+        solids, balance = contacts.solids, contacts.balance
+        if balance.smoothed or solids.wanting():
+            return False
+        keep = solids.linearized, solids.pressing, contacts.base
+        _, lacks, needed = forces_at_end(system, self.c, self.held, self.c if system.base is None else 0.0)
+        solids.linearized, solids.pressing, contacts.base = keep
+        with self.clock.part("C-S"):
+            agrees = contacts.accept(lacks, needed)
+        if agrees:
+            system.hold(self.held, -lacks)
+        return agrees
+
+    def solve_held(self, tolerance: float | None) -> Outcome | None:
+        """(18) with what contacts now hold."""
+        system, contacts = self.system, self.system.contacts
+        with self.clock.part("C-S"):
+            self.held, closing = contacts.hold()
+            contacts.set_points()
+            system.start_over()
+        if contacts.crowded:
+            return self.refuse(CONTACT, f"more than {contacts.force.most} points of contact")
+        if closing > contacts.solids.reach:
+            return self.refuse(APPROACH, f"{closing:.3g} m in one step")
+        self.solve_linear(tolerance)
+        return self.unsolved()
 
     def refuse(self, name: str, detail: str) -> Outcome:
         """The end of a step that contact does not allow."""
         return Outcome(name, detail, self.system.meter.measure())
 
     def further(self) -> Outcome | None:
-        """See `EulerStep`. What the last Newton steps led too deep is brought out from here on."""
-        contacts, self.to_go = self.system.contacts, None
+        """See `EulerStep`; what contacts held stays held."""
         with self.clock.part("C-S"):
-            if self.deep:
-                self.held, closing = contacts.hold()
-                if closing > contacts.solids.reach:
-                    return self.refuse(APPROACH, f"{closing:.3g} m in one step")
-                self.to_go = self.system.to_go(self.held, self.c)
-            contacts.rebase()
-        ended = super().further()
-        if self.deep:
-            self.level = math.inf  # what has to be brought out need not go downhill
-        return ended
-
-    def acceptable(self, k: int, part: float, measures: Measures) -> bool:
-        """See `EulerStep`. No step ends with a preliminary solve, but where cloth runs into a limit and none after passes."""
-        passes = super().acceptable(k, part, measures)
-        if k == 0 and part == 1 and self.effort is None:
-            self.system.contacts.foresight.gained = self.ended is None
-            if self.solutions[-1].preliminary:
-                self.ended = None
-        return passes
+            self.system.contacts.rebase()
+        return super().further()
 
     def potential(self, measures: Measures) -> float:
         """Phi [J] with what friction and pairs add to it."""
         return super().potential(measures) + self.system.contacts.lagged(self.c)
 
-    def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
-        """See `EulerStep`. A step that ends too deep goes on with that held, for a few times."""
-        self.deep = False
-        ended = super().judge(k, part, measures)
-        if not (self.deep and self.settled) or self.anew == ANEW or self.system.base is not None:
-            return ended
-        with self.clock.part("C-S"):
-            self.system.contacts.judge(self.system.reaction_rows())
-        self.anew += 1
-        return None
-
     def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
         """Whether anything ended too deep after further Newton steps that held the same contacts."""
         with self.clock.part("C-S"):
-            self.deep = self.system.contacts.went_in(self.system.reaction_rows())
-        return Outcome(CONTACT, "after further solves", measures) if self.deep else Outcome(None, "", measures, ledger)
+            wrong = self.system.contacts.went_in(self.system.reaction_rows())
+        return Outcome(CONTACT, "after further solves", measures) if wrong else Outcome(None, "", measures, ledger)
 
 
 class SolidPolicy(EulerPolicy):

@@ -14,11 +14,7 @@ instead of what the last solve took (they never settle).
 
 from dataclasses import replace
 
-import numpy as np
-
-from ...backend.rows import read
 from ...backend.timing import Clock
-from ...contact.solid.balance import Balance
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
 from ...system.held import Held
@@ -27,7 +23,7 @@ from .brake import MOST
 from .effort import Changes, Effort
 from .energy import EnergyTest
 from .newton import Outcome, StepProblem
-from .solid_contact import predict
+from .solid_contact import forces_at_end, predict
 from .system import System
 
 FIRST, OTHERS = 1e-3, 1e-2  # relative residuals of solves: of (18), and of those that go on from where it ended
@@ -52,7 +48,7 @@ class SolvedStep(StepProblem):
         self.changes, self.pairs, self.over = Changes(), 0, h if system.base is None else 0.0
         with clock.part("C-S"):
             predict(system, h, held, together=False)
-            self.balance = Balance(self.contacts.solids, self.contacts.start.base_v)
+            self.balance = self.contacts.balance
 
     def solve(self, k: int) -> Outcome | None:
         """See `StepProblem`."""
@@ -101,7 +97,7 @@ class SolvedStep(StepProblem):
         contacts, system = self.contacts, self.system
         solids = contacts.solids
         with self.clock.part("C-S"):
-            self.reaction = system.reaction_rows()
+            self.reaction, self.balance.inertia = system.reaction_rows(), system.inertia()
             self.taken = solids.active.holding.forces(solids.active.contacts, self.reaction)
             self.solved, self.began = (solids.linearized, solids.pressing), contacts.base[0]
         with self.clock.part("EVAL"):
@@ -122,14 +118,10 @@ class SolvedStep(StepProblem):
         solids = contacts.solids
         with self.clock.part("C-S"):
             solids.look()
-            contacts.base = system.model.read_particles()
-            contacts.take(None, False)
         with self.clock.part("EVAL"):
-            measures = system.linearize(self.c, over=self.over)
+            measures, self.lacks, needed = forces_at_end(system, self.c, self.held, self.over)
         with self.clock.part("C-S"):
-            self.lacks = read(system.operator.b).astype(float)
             holding = solids.active.holding
-            needed = np.zeros((0, 3)) if self.held is None else system.on_held(self.held, -self.lacks[self.held.index])
             self.found = self.balance.assess(self.lacks, contacts.base[1], self.taken, holding.forces(
                 solids.active.contacts, needed), self.enough)
         return measures
