@@ -1,11 +1,14 @@
 """Cloth in finer triangles, for pictures only: subdivision by Loop's rules, which rounds outlines and folds.
 
 [C. Loop: Smooth Subdivision Surfaces Based on Triangles, 1987; weights of J. Warren: 3/(8 k) for k neighbours]
-Differs from it: border vertices of one or two triangles, the corners of a sheet, stay where they are.
+Differs from it: border vertices of one or two triangles, the corners of a sheet, stay where they are. Loop's rules round a
+surface off on its inner side, where a body may be. So vertices are first moved out by as much as the rules move them in: cloth
+goes through the vertices that were simulated.
 """
 
 import numpy as np
 
+ROUNDS = 6  # of moving vertices out: folds wider than a few triangles come back whole, finer ones are rounded a little
 MOST = 3  # each halves edges once more
 CHILDREN = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))  # of a triangle 0 1 2 with the points 3, 4, 5 on 01, 12, 20
 LOCAL = np.array([(1, 0, 0), (0, 1, 0), (0, 0, 1), (.5, .5, 0), (0, .5, .5), (.5, 0, .5)])[np.array(CHILDREN)]
@@ -37,16 +40,29 @@ class Halving:
         self.border = border[:, None]
         self.along = np.where((on_border == 2) & (np.bincount(faces.ravel(), minlength=n) > 2), 1 / 8, 0.0)
         self.own = 1 - self.weight * valence - 2 * self.along
+        # a level later, the neighbours are nearer to a vertex by this factor, and so is its next move shorter
+        self.shorter = np.where(on_border > 0, 1 / 4, 5 / 8 - self.weight * valence)
 
     def points(self, x: np.ndarray) -> np.ndarray:
         """Positions (n, 3), after Loop."""
         p, q = x[self.a], x[self.b]
         across = _sums(self.edge, x[self.opposite], len(self.a))
         between = np.where(self.inner, 0.375 * (p + q) + 0.125 * across, 0.5 * (p + q))
+        return np.concatenate([self._moved(x), between])
+
+    def outward(self, x: np.ndarray, levels: int) -> np.ndarray:
+        """Positions (n, 3) that so many levels move to x."""
+        moves = ((1 - self.shorter**levels) / (1 - self.shorter))[:, None]  # of all levels, in those of the first
+        out = x
+        for _ in range(ROUNDS):
+            out = x - moves * (self._moved(out) - out)
+        return out
+
+    def _moved(self, x: np.ndarray) -> np.ndarray:
+        p, q = x[self.a], x[self.b]
         around = _sums(self.a, q, len(x)) + _sums(self.b, p, len(x))
         beside = _sums(self.a, q * self.border, len(x)) + _sums(self.b, p * self.border, len(x))
-        moved = self.own[:, None] * x + self.weight[:, None] * around + self.along[:, None] * beside
-        return np.concatenate([moved, between])
+        return self.own[:, None] * x + self.weight[:, None] * around + self.along[:, None] * beside
 
     def linear(self, values: np.ndarray) -> np.ndarray:
         """Values (n, d) at the vertices, as they are, and their means on edges."""
@@ -75,6 +91,8 @@ class Smooth:
 
     def points(self, x: np.ndarray) -> np.ndarray:
         """(count, 3) finer vertices of positions x (n, 3) [m]."""
+        if self.levels:
+            x = self.levels[0].outward(x, len(self.levels))
         for level in self.levels:
             x = level.points(x)
         return x

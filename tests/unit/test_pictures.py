@@ -344,12 +344,25 @@ def test_smooth_cloth_is_round_and_stays_in_its_corners(rng):
 
     assert kink(x, fine.faces) < 0.6 * kink(arc, mesh.faces) and kink(arc, mesh.faces) == pytest.approx(angle[1], rel=0.01)
     inner = np.hypot(x[:, 0], x[:, 1])
-    assert inner.max() < 1 + 1e-9 and inner.min() > 0.95
+    chord = np.cos(np.pi / 2 / (n - 1))  # a body within the triangles that were simulated stays within
+    assert inner.max() < 1.01 and inner.min() > chord - 1e-9
     flat = fine.points(np.column_stack([u, np.zeros(len(u))]))
     corners = fine.corners(mesh.corner_uv)
     area = np.abs(np.cross(*(flat[fine.faces[:, k]] - flat[fine.faces[:, 0]] for k in (1, 2)))[:, 2]).sum() / 2
     assert area == pytest.approx(1.0, abs=1e-9), "a flat sheet stays one, with its corners"
     assert np.abs(fine.linear(u)[fine.faces] - corners).max() < 1e-12, "uv and vertices go together"
+
+
+@pytest.mark.parametrize("level", [1, 2, 3])
+def test_smooth_cloth_goes_through_the_simulated_vertices(level):
+    """Of a dome, also on its border: nothing of it comes nearer to the body within than triangles did."""
+    mesh = tc.grid(1.0, 10)
+    x = mesh.x - mesh.x.mean(axis=0)
+    x[:, 1] = 0.5 - 0.6 * (x[:, 0] ** 2 + x[:, 2] ** 2)
+    points = Smooth(mesh.faces, mesh.vertex_count, level).points(x)
+    assert np.abs(points[: mesh.vertex_count] - x).max() < 2e-4
+    above = points[:, 1] - 0.5 + 0.6 * (points[:, 0] ** 2 + points[:, 2] ** 2)
+    assert above.min() > -0.6 * 0.1**2 / 2, "no lower than the middle of a triangle's edge"
 
 
 def test_smooth_garments_have_no_gap_at_seams():
