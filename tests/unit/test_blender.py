@@ -174,4 +174,4 @@ def test_a_blend_has_prints_and_the_colours_of_panels(tmp_path, rng):
     linear = np.where(seen <= 0.04045, seen / 12.92, ((seen + 0.055) / 1.055) ** 2.4)
     assert linear == pytest.approx(pair, abs=5e-3)
     assert (np.round(255 * printed[::-1]) == image).all()
-    assert named(got, "extension", 0).tolist() == ["EXTEND", "sRGB"] and named(got, "extension", 1).tolist() == ["REPEAT", "sRGB"]
+    assert [named(got, "extension", k).tolist() for k in (0, 1)] == [["EXTEND", "sRGB"], ["REPEAT", "sRGB"]]
