@@ -23,7 +23,7 @@ def state(stick: bool, normal: float = 0.0, push: tuple = (0, 0, 0), drag: float
 
 def ruled(f, was, slip, impulse):
     rows, p, bears = follow(f, was, np.array([slip], dtype=float), np.array([impulse], dtype=float), np.array([impulse[1]]),
-                            np.array([M]), C)
+                            np.array([M]), np.array([M]), C)
     return rows, p[0], bool(bears[0])
 
 
@@ -61,8 +61,7 @@ def test_nothing_pulls_and_what_is_inside_bears(gap, pull, bears):
 def test_smooth_friction_is_coulombs_beyond_its_slip_and_less_below():
     slips = np.array([[0.5, 0, 0], [1e-3, 0, 0]])
     key, normal = np.arange(2), np.ones(2)
-    for smooth in SMOOTH[:1]:
-        rows = smoothed(key, MU * normal, normal, slips, smooth)
-        force = rows.push * MU - rows.drag[:, None] * (slips - rows.push * np.einsum("ki,ki->k", slips, rows.push)[:, None])
-        assert np.allclose(force[0], (-MU, 0, 0)) and np.allclose(force[1], (-MU * 1e-3 / smooth, 0, 0))
-        assert not rows.stick.any()
+    rows = smoothed(key, MU * normal, normal, slips, SMOOTH)
+    force = rows.push * MU - rows.drag[:, None] * (slips - rows.push * np.einsum("ki,ki->k", slips, rows.push)[:, None])
+    assert np.allclose(force[0], (-MU, 0, 0)) and np.allclose(force[1], (-MU * 1e-3 / SMOOTH, 0, 0))
+    assert not rows.stick.any()

@@ -61,25 +61,24 @@ class Balance:
 
     Attributes:
         rows: the contacts' states in the next solve; f: these contacts, with where they were met.
-        stay: (k, 3) where a sticking contact is held, from where the solid carried it [m]; 0 unless it has just begun.
         goal: (k,) gap [m] that each is led to; less than 0 where it starts too deep to come out in a step.
         y: (n, 3) alterations of positions in the first solve [m].
         on: (k, 3) impulses that the law says, of the contacts that bear in the state that was last judged.
+        inertia: (n,) by which particles resist a force [kg]: `System.inertia`, their mass before a solve.
         k: linear solves so far; smoothed: whether the last one took friction smooth; rubbed: whether friction changed in it.
     """
 
     def __init__(self, solids: SolidContacts, base_v: np.ndarray) -> None:
         self.solids, self.start, self.mass = solids, solids.start, solids.model.mass
+        self.inertia = self.mass
         self.base_v, self.y = base_v, np.zeros_like(solids.start.x)
         self.on, self.slip, self.k = np.zeros((0, 3)), np.zeros((0, 3)), 0
-        self.smooth: tuple[float, ...] = ()  # slips still to come
         self.smoothed = self.rubbed = False
 
     def begin(self) -> None:
         """The contacts of the first solve, `solids.active`: those that `SolidContacts.hold` chooses."""
         self.closing = self.solids.hold()
         a = self.solids.active
-        self.stay = np.zeros((len(a.contacts.index), 3))
         self.f, c = a.contacts, self.start.c
         self.goal = np.minimum(self.f.start_gap + a.lift, 0.0)
         held = self.start.altered(a.holding.held)
@@ -97,8 +96,7 @@ class Balance:
 
     def hold(self) -> None:
         """The contacts of a further solve: those that bear, where the law leads them."""
-        rows, start = self.rows, self.start
-        f = replace(self.f, carried=self.f.carried + self.stay)
+        rows, start, f = self.rows, self.start, self.f
         lift = self.goal - f.start_gap
         holding = hold_together(f, rows.stick, lift, start.pins, self.solids.model.n, self.solids.model.exchange)
         sewn = self.solids.model.sewn
@@ -143,9 +141,6 @@ class Balance:
 
     def take(self, found: Found) -> None:
         """The contacts go on as found."""
-        was = self.rows.of(found.f.key)[1]
-        here = tangential(self.solids.near.there[found.f.index] - found.f.carried, found.f.normal)
-        self.stay = np.where(was.stick[:, None], 0.0, here)
         self.f, self.rows, self.slip, self.goal, self.on = found.f, found.rows, found.slip, found.goal, found.on
         self.rubbed = found.rubbed
         self.k += 1
@@ -156,7 +151,8 @@ class Balance:
         solids, start, n = self.solids, self.start, len(b)
         known, was = self.rows.of(f.key)
         held, normal, goal = (_rows(self.rows.key, values, f.key) for values in (*impulses, self.goal))
-        rows, p, bears = follow(replace(f, gap=f.gap - goal), was, slip, held, normal, self.mass[f.index], start.c)
+        rows, p, bears = follow(replace(f, gap=f.gap - goal), was, slip, held, normal, self.mass[f.index],
+                                self.inertia[f.index], start.c)
         total = b.copy()
         for c in range(3):
             total[:, c] += np.bincount(f.index, p[:, c], n)
@@ -173,16 +169,12 @@ class Balance:
         return Residual(float(np.sqrt(size.sum())) / acting, int(size.argmax())), rows, p, bears
 
     def go_on(self, solved: bool) -> None:
-        """A further solve follows. Where friction changed in the first one, it is smooth in the next, until all is in balance
+        """A further solve follows. Where friction changed in the first one, it is smooth in the next, unless all is in balance
         (`solved`)."""
-        if self.k == 1 and self.rubbed:
-            self.smooth = SMOOTH
-        elif solved:
-            self.smooth = ()
-        self.smoothed = bool(self.smooth)
-        if self.smooth:
-            f, self.smooth, slip = self.f, self.smooth[1:], self.smooth[0]
-            self.rows = smoothed(f.key, f.friction * self.rows.normal, self.rows.normal, self.slip, slip)
+        self.smoothed = self.k == 1 and self.rubbed and not solved
+        if self.smoothed:
+            f = self.f
+            self.rows = smoothed(f.key, f.friction * self.rows.normal, self.rows.normal, self.slip, SMOOTH)
 
     def finish(self) -> None:
         """The step is accepted: contacts bear the impulses of the law."""

@@ -101,7 +101,7 @@ class SolvedStep(StepProblem):
         contacts, system = self.contacts, self.system
         solids = contacts.solids
         with self.clock.part("C-S"):
-            self.reaction = system.reaction_rows()
+            self.reaction, self.balance.inertia = system.reaction_rows(), system.inertia()
             self.taken = solids.active.holding.forces(solids.active.contacts, self.reaction)
             self.solved, self.began = (solids.linearized, solids.pressing), contacts.base[0]
         with self.clock.part("EVAL"):

@@ -125,6 +125,12 @@ class System:
             b[held.index] -= np.einsum("kij,kj->ki", held.projector, b[held.index])
         return float(np.sqrt(np.sum(b**2 / self.model.mass[:, None])))
 
+    def inertia(self) -> np.ndarray:
+        """(n,) a third of the trace of each particle's block of A [kg]: its mass, and what h^2 times the stiffness around it
+        adds."""
+        P = read(self.operator.P).astype(np.float64)
+        return np.maximum((P[:, 0] + P[:, 3] + P[:, 5]) / 3, self.model.mass)
+
     def _leave_out(self, part: bool) -> None:
         """Whether what of forces may not be semidefinite is left out of the next linearization."""
         for force in self._indefinite if part != self._definite else ():
