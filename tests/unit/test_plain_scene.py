@@ -22,7 +22,7 @@ loaded = [m.removeprefix("taichi_cloth.") for m in sys.modules if m.startswith("
 membrane, bend, gravity = sim.force_terms
 from taichi_cloth.recording import record as recording
 print(json.dumps({
-    "loaded": loaded, "forces": [type(f).__name__ for f in sim.force_terms], "remembers": bend.remembers,
+    "loaded": loaded, "forces": [type(f).__name__ for f in sim.force_terms], "remembers": bend.adds,
     "energies": sorted(sim.energy()), "ledger": sorted(record.ledger), "stiffens": membrane.stiffening is not None,
     "sewn": sim.model.sewn is not None, "gives": sim.giving is not None, "remembered": len(sim.model.remembered),
     "couples": sim.meter.operator.couples, "frame": sorted(recording.frame(sim)), "geometry": sorted(recording.geometry(sim)),
