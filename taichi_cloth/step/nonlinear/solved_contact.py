@@ -101,7 +101,7 @@ class SolvedStep(StepProblem):
         contacts, system = self.contacts, self.system
         solids = contacts.solids
         with self.clock.part("C-S"):
-            self.reaction, self.balance.inertia = system.reaction_rows(), system.inertia()
+            self.reaction = system.reaction_rows()
             self.taken = solids.active.holding.forces(solids.active.contacts, self.reaction)
             self.solved, self.began = (solids.linearized, solids.pressing), contacts.base[0]
         with self.clock.part("EVAL"):
@@ -127,7 +127,7 @@ class SolvedStep(StepProblem):
         with self.clock.part("EVAL"):
             measures = system.linearize(self.c, over=self.over)
         with self.clock.part("C-S"):
-            self.lacks = read(system.operator.b).astype(float)
+            self.lacks, self.balance.inertia = read(system.operator.b).astype(float), system.inertia()
             holding = solids.active.holding
             needed = np.zeros((0, 3)) if self.held is None else system.on_held(self.held, -self.lacks[self.held.index])
             self.found = self.balance.assess(self.lacks, contacts.base[1], self.taken, holding.forces(
