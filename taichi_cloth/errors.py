@@ -58,10 +58,10 @@ class SimulationError(ClothError, RuntimeError):
 
 def did_you_mean(name: object, choices: Iterable[object]) -> str:
     """A half-sentence for an error about an unknown name: the nearest right one and all there are."""
-    names = [str(c) for c in choices]
+    names = sorted({str(c) for c in choices})
     near = difflib.get_close_matches(name[:100], names, n=1, cutoff=0.5) if isinstance(name, str) else None
     hint = f"did you mean {near[0]!r}? " if near else ""
-    return f"{hint}known: {', '.join(sorted(names)) or 'none'}"
+    return f"{hint}known: {', '.join(names) or 'none'}"
 
 
 def near(path: object) -> str:

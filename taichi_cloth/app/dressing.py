@@ -19,6 +19,8 @@ def add_parser(commands) -> None:
     add("--scale", type=number_of, default=1.0, metavar="M", help="metres per unit of the body's file (1)")
     add("--up", choices=("y", "z"), help="axis of the body's file that points up (its own, or y)")
     add("--clip", metavar="NAME", help="of the body's file, by name or number (the first)")
+    add("--only", action="append", metavar="PART", help="of a body's file with several parts (`look` lists them); may come "
+        "again")
     add("--fit", action="store_true", help="makes a pattern that is drawn for the shipped figure as wide and as long as the "
         "body, and brings it to where that stands and faces")
     add("--turn", type=number_of, metavar="DEG", help="turns the pattern about the vertical, z towards x, to where the body "
@@ -63,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"note: {note}", file=sys.stderr)
     body = Scene()
     with waiting(f"loading {args.body}"):
-        solid = load_solid(args.body, args.scale, up=args.up, clip=args.clip)
+        solid = load_solid(args.body, args.scale, up=args.up, clip=args.clip, only=args.only)
     body.add_solid(solid, friction=args.friction, thickness=args.thickness, name="body")
     if args.fit:
         garment, done = fitted(garment, body, args.thickness, args.turn)

@@ -2,6 +2,7 @@
 
 import argparse
 import pathlib
+import sys
 from collections.abc import Callable
 
 from .blending import add_flags as add_blender
@@ -88,6 +89,8 @@ def _render(args: argparse.Namespace) -> int:
     usual = "images" if recording is recorded else "turntable" if args.turntable else "retimed"
     folder = pathlib.Path(args.to) if args.to else recording.path / usual
     files = render(recording, folder, args.size, look, numbers, Films(args.sheet, args.apng, args.mp4), extras)
+    for note in recording.notes:
+        print(f"note: {note}", file=sys.stderr)
     print(f"{len(files)} files in {folder}/, the last {files[-1].name}")
     return 0
 

@@ -30,6 +30,8 @@ def simulate(scene_file: SceneFile, options: RunOptions, take: Take | None = Non
     old = parent or (Recording(options.out) if options.resume and options.out else None)
     take = take or Take.of(old, options.from_frame)
     at = Recording(old.path).last_checkpoint(options.from_frame)[0] if old and take else 0
+    if take:
+        take.check_same(scene_file, options.settings, at)
     scene = take.scene(scene_file, options.settings, at) if take else scene_file.make(options.settings)
     began = time.perf_counter()
     sim = Simulation(scene, **options.simulation)

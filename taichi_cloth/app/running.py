@@ -164,7 +164,7 @@ class Writer:
         self.written: int | None = None  # the last frame
         self.kept_state: int | None = resumed  # the frame of the last checkpoint
         self.time = sim.time  # at the last frame [s]
-        self.cut = 0  # frames in which cloth is not all in the picture
+        self.framing = None if self.artist is None else _framing(self.artist)
         sim.watchers.append(self.steps.append)
 
     def write(self, frame: int) -> None:
@@ -201,11 +201,11 @@ class Writer:
 
     def _draw(self, arrays: dict[str, np.ndarray], frame: int) -> dict[str, bytes]:
         """The frame's pictures by their files' endings."""
-        if self.artist is None or frame not in self.options.drawn:
+        if self.artist is None or self.framing is None or frame not in self.options.drawn:
             return {}
         from ..recording.drawing import Extras, files_of
 
-        self.cut += self.artist.fitted and not self.artist.sees(arrays)
+        self.framing.see(arrays)
         return files_of(self.artist, arrays, frame, Extras(*self.options.passes))[1]
 
     def flush(self) -> None:
@@ -235,9 +235,9 @@ class Writer:
         whole = outcome in ("finished", "interrupted") and self.sim.time == self.time
         if whole and self.options.checkpoint_every and self.written != self.kept_state:
             self._keep_state()
-        if self.cut:
-            print(f"note: cloth left the picture in {self.cut} of {len(self.options.drawn)} frames: `taichi-cloth render "
-                  f"{self.folder.path}` draws them through a camera that fits all of them", file=sys.stderr)
+        note = self.framing.note(self.folder.path) if self.framing else None
+        if note:
+            print(f"note: {note}", file=sys.stderr)
         self.seconds = {k: round(v, 4) for k, v in self.seconds.items()}
 
 
@@ -255,3 +255,10 @@ def _artist(geometry: dict[str, np.ndarray], options: RunOptions, scene: Scene):
     first, last = (k / options.fps for k in (min(options.drawn), max(options.drawn)))
     return Artist(geometry, options.size, Look(**look), lambda: expected(scene, options.duration),
                   lambda: expected(scene, last, first))
+
+
+def _framing(artist):
+    """What counts the pictures that cut cloth off."""
+    from ..recording.drawing import Framing
+
+    return Framing(artist)

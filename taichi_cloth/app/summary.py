@@ -85,11 +85,11 @@ def describe(sim: Simulation, wall: float, start: float = 0.0) -> str:
     if sim.contacts is not None and sim.contacts.layers is not None:
         counted = "not counted" if s["intersections"] is None else s["intersections"]
         layers = (f"layers: at most {s['layers']} pairs of cloth in contact, smallest gap {s['least_gap']:.2f} thicknesses; "
-                  f"intersections {counted}, tangled at most {s['tangled']}, pinched {s['pinched']}\n")
+                  f"cloth through cloth {counted}, tangled at most {s['tangled']}, pinched {s['pinched']}\n")
     return (f"model: {model}\n{layers}{_seams(sim)}{_tears(sim)}"
             f"trouble: rejected steps: {bad}; taken by backward Euler instead: {s['fell_back']}; smallest h "
             f"{s['smallest_h'] * 1e3:.3g} ms, worst residual {s['worst_residual']:.1g}, "
-            f"crossings {s['crossings']}, largest stretch {s['largest_stretch']:.3f}\n"
+            f"cloth through solids {s['crossings']}, largest stretch {s['largest_stretch']:.3f}\n"
             f"energy: {_energy(s['energy'])}\n"
             f"{_doubt(sim)}{_damps(sim)}"
             f"cost: {sim.time - start:.4g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}{since}: "

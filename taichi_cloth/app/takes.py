@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from ..errors import OutputError, SceneError
+from ..errors import ClothError, OutputError, SceneError
 from ..output.folder import CHECKPOINTS, FRAMES, RunFolder, numbered
 from ..output.recording import Recording
 from ..recording.resuming import run_of
@@ -72,23 +72,47 @@ class Take:
         frames = range(max(self.frame, resumed + 1), self.frame + max(self.blend, 1))
         if not frames or scene_file.settings(settings) == scene_file.settings(self.was):
             return []
-        self._check_same(*(scene_file.make(of) for of in (self.was, settings)))
 
         def change(frame: int) -> Callable[[Simulation], Simulation]:
             return lambda sim: _going_on(sim, self.scene(scene_file, settings, frame), simulation)
 
         return [(k, change(k)) for k in frames]
 
-    def _check_same(self, was: Scene, becomes: Scene) -> None:
-        """Refuses other meshes, before anything is written."""
-        first, last = ([(c.name, c.mesh.vertex_count) for c in s.cloths] for s in (was, becomes))
+    def check_same(self, scene_file: SceneFile, settings: dict[str, object], resumed: int) -> None:
+        """Refuses options that change meshes, where the scene changes after frame `resumed`.
+
+        Raises:
+            SceneError: it names them.
+        """
+        was, becomes = (scene_file.settings(of) for of in (self.was, settings))
+        changed = [name for name, value in becomes.items() if value != was.get(name)]
+        if not changed or self.share(resumed) == 1.0 and resumed > self.frame:
+            return
+        first, last = (_sizes(scene_file.make(of)) for of in (self.was, settings))
+        if first == last:
+            return
+        alone = [name for name in changed if _differs(scene_file, self.was | {name: becomes[name]}, first)]
+        blamed = "with " + ", ".join(f"{name}={becomes[name]}" for name in alone or changed)
         for (name, count), (_, other) in zip(first, last):
             if count != other:
-                raise SceneError(f"take: {name!r} has {count} vertices up to frame {self.frame} and {other} with the new "
-                                 "options: a run goes on with the mesh that it has")
+                raise SceneError(f"take: {name!r} has {count} vertices up to frame {self.frame} and {other} {blamed}: a run "
+                                 "goes on with the mesh that it has")
         if len(first) != len(last):
-            raise SceneError(f"take: the scene has {len(first)} cloths up to frame {self.frame}, and {len(last)} with the new "
-                             "options: a run goes on with those that it has")
+            raise SceneError(f"take: the scene has {len(first)} cloths up to frame {self.frame}, and {len(last)} {blamed}: a "
+                             "run goes on with those that it has")
+
+
+def _sizes(scene: Scene) -> list[tuple[str, int]]:
+    """Cloths by name, with their number of vertices."""
+    return [(c.name, c.mesh.vertex_count) for c in scene.cloths]
+
+
+def _differs(scene_file: SceneFile, settings: dict[str, object], first: list[tuple[str, int]]) -> bool:
+    """Whether a scene has other cloths, or cannot be."""
+    try:
+        return _sizes(scene_file.make(settings)) != first
+    except ClothError:
+        return True
 
 
 def _going_on(sim: Simulation, scene: Scene, options: dict[str, Any]) -> Simulation:

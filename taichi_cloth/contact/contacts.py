@@ -122,13 +122,13 @@ class Contacts(Checkpointed):
 
         Args:
             reaction: (k, 3) [N s] on the held particles, in `hold`'s order.
-            inertia: (n,) as `System.inertia`.
+            inertia: (n,) as `System.inertia`, of the system that was solved.
         """
         solids, balance = self.solids, self.balance
         self.rounds += 1
         solids.look()
         solids.record_forces(reaction, self.base[0])
-        balance.inertia = inertia
+        balance.inertia = balance.unrubbed(inertia)
         self.found = balance.assess_linear(self.model.read_particles()[1], reaction, self.base[0])
         others = solids.wanting() + int(solids.pinches.lags(self.start, solids.near.there))
         agrees = self.found.residual.off <= self.enough and not balance.smoothed and not others

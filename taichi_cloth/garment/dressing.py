@@ -30,7 +30,8 @@ from .outside import hung_outside
 from .worn import Dressed, Worn, crossed_of, worn_under
 
 CALM = 2.0  # N s/m^3, drag of the air in which seams are closed
-SEWING = 3.0  # s in which seams have to close
+SEWING, LONGEST = 3.0, 12.0  # s in which seams have to close, or else close so fast that they will have by the second
+LATELY = 6  # tenths of a second, ends included, over which it is seen how fast they close
 PULL = 5.0  # N/m at most, with which seams are closed,
 FIRMER, FIRMEST = 4.0, 1024.0  # times as much where they close no further; at most in all
 FIRM = 64.0  # times as much where pairs beside what does not close rest
@@ -159,10 +160,11 @@ def _sewn(worn: Sequence[Worn], solids: list[Solid], h: float, pull: float | Non
     try:
         if sim.contacts is not None:
             refuse_inside(zip(scene.cloths, [w.garment for w in worn]), sim.model, sim.contacts.scan, scene.solids)
-        firm, before = 1.0, np.inf
+        firm, before, gaps = 1.0, np.inf, []
         while (gap := sim.seam_gaps().max(initial=0.0)) > 0:
-            if sim.time > SEWING:
-                raise SceneError(_left_open(_each(sim)[-1], garment))
+            gaps.append(float(gap))
+            if sim.time > SEWING and closing(gaps) * max(LONGEST - sim.time, 0.0) < gap:
+                raise SceneError(_left_open(_each(sim)[-1], garment, sim.time, closing(gaps)))
             if pull is not None and before - gap < min(NEARER * before, SLOWEST * TENTH):
                 if meets and firm >= FIRM and len(worn) == 1:
                     sim.contacts.layers.release_around(sim.giving.stitches.apart)
@@ -174,6 +176,12 @@ def _sewn(worn: Sequence[Worn], solids: list[Solid], h: float, pull: float | Non
         return [replace(w.garment, positions=x) for w, x in zip(worn, _each(sim))], sim.time
     finally:
         sim.close()
+
+
+def closing(gaps: Sequence[float]) -> float:
+    """How fast the widest gap closes [m/s], of those [m] that were seen every tenth of a second."""
+    lately = gaps[-LATELY:]
+    return (lately[0] - lately[-1]) / (TENTH * max(len(lately) - 1, 1))
 
 
 def _refuse_fallen(sim: Simulation, garment: Garment, solids: list[Solid]) -> None:
@@ -229,9 +237,12 @@ def _still(solid: Solid) -> Solid:
     return replace(solid, shape=shape, position=p, rotation=R)
 
 
-def _left_open(x: np.ndarray, garment: Garment) -> str:
+def _left_open(x: np.ndarray, garment: Garment, time: float, speed: float) -> str:
     gaps = [float(np.linalg.norm(x[a] - x[b], axis=1).max()) for a, b, *_ in garment.seams]
     k = int(np.argmax(gaps))
     of = [garment.panel_of(row[len(row) // 2]) for row in garment.seams[k][:2]]
-    return (f"dress: {sum(g > 0 for g in gaps)} of {len(gaps)} seams are still open after {SEWING:g} s; the widest is seam "
-            f"{k}, of {of[0]!r} and {of[1]!r}, with {max(gaps):.3g} m: hang the panels nearer, or pull with more")
+    how = "closes no further" if speed <= 0 else f"closes by {speed:.2g} m/s, too slowly"
+    return (f"dress: {sum(g > 0 for g in gaps)} of {len(gaps)} seams are still open after {time:.1f} s; the widest is seam "
+            f"{k}, of {of[0]!r} and {of[1]!r}, with {max(gaps):.3g} m, and {how}: hang these panels nearer to where they are "
+            "worn, sleeves round the body's arms (Garment.moved, Garment.bent), make them wider, or pull with more (pull=, "
+            "--pull)")

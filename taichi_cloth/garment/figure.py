@@ -1,8 +1,8 @@
 """A body's measures, found from its surface: where its trunk begins and ends, how wide it is, which way it faces. numpy only.
 
 The surface is cut level by level. Each level shows outlines; those whose convex hulls overlap are one part of the body. The
-trunk is followed from the middle, down to where it parts into legs and up to where it narrows to the neck. A body faces across
-its arms, where it is widest, to the side of its toes.
+trunk is the largest part over the feet. It is followed from the middle, down to where it parts into legs and up to where it
+narrows to the neck. A body faces across its arms, where it is widest, to the side of its toes.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ NARROW = 0.6  # of the trunk's median girth: less is the neck, and of its area: 
 ANKLE, SOLE = 0.09, 0.025  # of the height, at which feet are cut
 ASIDE = np.sqrt(0.5)  # cosine between toes and the way across the arms beyond which a trunk is round, and has no arms
 STANDS_OUT = 0.01  # of the height by which toes are before ankles, or else the body has no feet
-NO = "fitted: the body has no {} that its surface shows: bring the garment there by Garment.placed (--turn, --shift)"
+BY_HAND = ("read the trunk and the legs alone (--only PART; `look` lists parts), or leave out --fit and bring the garment "
+           "there by Garment.placed (--turn, --shift), with --scale for a body of another size")
+NO = f"fitted: the body has no {{}} that its surface shows: {BY_HAND}"
 AT = np.linspace(0.2, 0.7, 6)  # parts of the way from the crotch to the neck, at which girths are taken
 
 
@@ -59,9 +61,7 @@ def measured(body: Scene) -> Figure:
     floor, top = float(x[:, 1].min()), float(x[:, 1].max())
     heights = floor + (top - floor) * (np.arange(LEVELS) + 0.5) / LEVELS
     start = int(MIDDLE * LEVELS)
-    trunk = max(parts_at(x, faces, heights[start]), key=area, default=None)
-    if trunk is None:
-        raise SceneError(NO.format("trunk half way up"))
+    trunk = _over_feet(parts_at(x, faces, heights[start]), x, faces, floor, top - floor)
     down = _followed(x, faces, heights[start - 1::-1], trunk)
     up = _followed(x, faces, heights[start + 1:], trunk)
     hulls = {start: trunk, **{start - 1 - k: h for k, h in enumerate(down)}, **{start + 1 + k: h for k, h in enumerate(up)}}
@@ -157,6 +157,27 @@ def _surface(body: Scene) -> tuple[np.ndarray, np.ndarray]:
     parts = [(s.surface_at(0.0), s.shape.surface()[1]) for s in body.solids]
     first = np.cumsum([0] + [len(x) for x, _ in parts])
     return np.concatenate([x for x, _ in parts]), np.concatenate([f + k for (_, f), k in zip(parts, first)])
+
+
+def _over_feet(parts: list[np.ndarray], x: np.ndarray, faces: np.ndarray, floor: float, tall: float) -> np.ndarray:
+    """The largest of the parts half way up that is over or between the feet: others are arms, or things that are carried."""
+    if not parts:
+        raise SceneError(NO.format("trunk half way up"))
+    cut = [h for k in (SOLE, ANKLE) for h in parts_at(x, faces, floor + k * tall)]
+    feet = hull(np.concatenate([np.zeros((0, 2)), *cut]))
+    over = [h for h in parts if len(feet) > 2 and overlap(h, feet)]
+    if not over:
+        aside = max(parts, key=area)
+        at = place(_centre(feet)) if len(feet) > 2 else "nowhere"
+        raise SceneError(f"fitted: the body has no trunk over its feet, whose middle is {at}: half way up, its largest part "
+                         f"is {girth(aside):.3g} m round, at {place(_centre(aside))}, and none is over them: {BY_HAND}")
+    return max(over, key=area)
+
+
+def place(at: np.ndarray) -> str:
+    """x and z [m] as a report has them."""
+    u, v = at.round(3) + 0.0  # no minus before a 0
+    return f"({u:g}, {v:g}) m"
 
 
 def _followed(x: np.ndarray, faces: np.ndarray, heights: np.ndarray, trunk: np.ndarray) -> list[np.ndarray]:

@@ -17,11 +17,12 @@ from ..scene.garment import Garment
 from ..scene.mesh import TriMesh, face_edges
 from ..scene.scene import Scene
 from .clear import hung_clear
-from .figure import AT, Figure, measured
+from .figure import AT, BY_HAND, Figure, measured, place
 
 DRAWN_FOR = Figure(0.835, 1.455, np.zeros(2), np.array([0.0, 1.0]), True,
                    np.array([0.963, 0.819, 0.815, 0.815, 0.815, 0.815]))
 UPRIGHT = 0.3  # of its length: the least rise of a panel's pattern for which it hangs upright
+UNEVEN = 1.8  # times as wide as long, or as long as wide, as the figure drawn for: beyond it, a trunk is no person's
 
 
 def fitted(garment: Garment, body: Scene, thickness: float, turn: float | None = None) -> tuple[Garment, tuple[str, ...]]:
@@ -34,7 +35,8 @@ def fitted(garment: Garment, body: Scene, thickness: float, turn: float | None =
         turn: the way the body faces [degrees], from z towards x; None finds it.
 
     Raises:
-        SceneError: a body without legs, trunk or neck that its surface shows; panels that cannot be clear of it.
+        SceneError: a body without legs, trunk or neck that its surface shows, or whose trunk is as wide or narrow as no
+            person's; panels that cannot be clear of it.
     """
     checks.instance("fitted: garment", garment, Garment)
     if not checks.instance("fitted: body", body, Scene).solids:
@@ -43,11 +45,11 @@ def fitted(garment: Garment, body: Scene, thickness: float, turn: float | None =
     turn = checks.maybe(turn, checks.number, "fitted: turn", "degrees")
     figure = measured(body)
     across, along = _sizes(garment, figure)
+    _refuse_uneven(figure, across, along)
     heading = figure.turn if turn is None else turn
     made = _sized(garment, across, along, figure, heading)
-    u, v = figure.centre.round(3) + 0.0  # no minus before a 0
     notes = [f"the garment is made {across:.3g} times as wide and {along:.3g} times as long, and turned by {round(heading)} "
-             f"degrees, round ({u:g}, {v:g}) m"]
+             f"degrees, round {place(figure.centre)}"]
     if turn is None and not figure.faces:
         notes.append("the body has no feet that say which way it faces: if it is turned round, give the turn yourself")
     hung, moved = hung_clear(made, body, thickness)
@@ -62,6 +64,17 @@ def _sizes(garment: Garment, figure: Figure) -> tuple[float, float]:
     here |= ~here.any() & (np.abs(AT - (low + top) / 2) == np.abs(AT - (low + top) / 2).min())
     wider = figure.girths / DRAWN_FOR.girths
     return float(wider[here].max()), (figure.neck - figure.crotch) / trunk
+
+
+def _refuse_uneven(figure: Figure, across: float, along: float) -> None:
+    """Refuses a trunk whose width and length do not belong together: something else was measured, or more than the trunk."""
+    if max(across / along, along / across) <= UNEVEN:
+        return
+    girths = ", ".join(f"{g:.3g}" for g in figure.girths)
+    raise SceneError(f"fitted: the body's trunk would be from {figure.crotch:.3g} m (crotch) to {figure.neck:.3g} m (neck), "
+                     f"round {place(figure.centre)}, with girths of {girths} m from below: {across:.3g} times as wide and "
+                     f"{along:.3g} times as long as that of the figure that patterns are drawn for, as no person is. Bring "
+                     f"its arms away from it, leave out what it carries, or {BY_HAND}")
 
 
 def _sized(garment: Garment, across: float, along: float, figure: Figure, turn: float) -> Garment:

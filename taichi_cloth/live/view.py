@@ -109,7 +109,7 @@ def serve(source: Source, title: str, host: str, port: int | None, opens: bool, 
         address = link.wait()
         teller(session)
         link.listen(session, teller)
-        tells(f"{title} is shown at {address}: End there, or Ctrl-C here, ends it")
+        tells(f"{title} is shown at {address} (End there, or Ctrl-C here, ends it)")
         if opens:
             _open(address)
         with _ended(session), contextlib.suppress(KeyboardInterrupt):  # the usual end

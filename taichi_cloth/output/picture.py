@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import OutputError
 from ..scene.view import Camera, CameraKeys, View, camera_at
+from ..system.quantities import in_one
 from .camera import ground_height
 from .colors import draw_bar, heat_colors
 from .described import view_of
@@ -129,8 +130,9 @@ class Artist:
     def points(self, frame: Frame) -> np.ndarray:
         """(k, 3) points that the renderer draws: cloth's vertices, finer ones where drawn smooth, then those of solids [m]."""
         x = frame["x"].astype(np.float64)
-        for finer in (self.smooth, self.shell):
-            x = x if finer is None else finer.points(x)
+        if self.smooth is not None:
+            x = self.smooth.points(x, in_one(self.geometry, frame, frame["contact"]) if "contact" in frame else None)
+        x = x if self.shell is None else self.shell.points(x)
         return np.concatenate([x, frame.get("solid_x", self.geometry["solid_x"]).astype(np.float64)])
 
     def _follow(self, frame: Frame) -> None:

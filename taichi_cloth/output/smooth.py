@@ -1,11 +1,16 @@
 """Cloth in finer triangles, for pictures only: subdivision by Loop's rules, which rounds outlines and folds.
 
 [C. Loop: Smooth Subdivision Surfaces Based on Triangles, 1987; weights of J. Warren: 3/(8 k) for k neighbours]
-Differs from it: border vertices of one or two triangles, the corners of a sheet, stay where they are.
+Differs from it: border vertices of one or two triangles, the corners of a sheet, stay where they are. Loop's rules round a
+surface off on its inner side. Where cloth lies on a solid that would press it in: there a point is no nearer to the solid than
+the triangles that were simulated, nor than a surface through their vertices, whose vertices are first moved out by as much as
+the rules move them in.
 """
 
 import numpy as np
 
+ROUNDS = 6  # of moving vertices out: folds wider than a few triangles come back whole, finer ones are rounded a little
+RINGS = 2  # of vertices round those that a solid pushes: they are near it, and do not always touch
 MOST = 3  # each halves edges once more
 CHILDREN = ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))  # of a triangle 0 1 2 with the points 3, 4, 5 on 01, 12, 20
 LOCAL = np.array([(1, 0, 0), (0, 1, 0), (0, 0, 1), (.5, .5, 0), (0, .5, .5), (.5, 0, .5)])[np.array(CHILDREN)]
@@ -37,16 +42,29 @@ class Halving:
         self.border = border[:, None]
         self.along = np.where((on_border == 2) & (np.bincount(faces.ravel(), minlength=n) > 2), 1 / 8, 0.0)
         self.own = 1 - self.weight * valence - 2 * self.along
+        # a level later, the neighbours are nearer to a vertex by this factor, and so is its next move shorter
+        self.shorter = np.where(on_border > 0, 1 / 4, 5 / 8 - self.weight * valence)
 
     def points(self, x: np.ndarray) -> np.ndarray:
         """Positions (n, 3), after Loop."""
         p, q = x[self.a], x[self.b]
         across = _sums(self.edge, x[self.opposite], len(self.a))
         between = np.where(self.inner, 0.375 * (p + q) + 0.125 * across, 0.5 * (p + q))
+        return np.concatenate([self._moved(x), between])
+
+    def outward(self, x: np.ndarray, levels: int) -> np.ndarray:
+        """Positions (n, 3) that so many levels move to x."""
+        moves = ((1 - self.shorter**levels) / (1 - self.shorter))[:, None]  # of all levels, in those of the first
+        out = x
+        for _ in range(ROUNDS):
+            out = x - moves * (self._moved(out) - out)
+        return out
+
+    def _moved(self, x: np.ndarray) -> np.ndarray:
+        p, q = x[self.a], x[self.b]
         around = _sums(self.a, q, len(x)) + _sums(self.b, p, len(x))
         beside = _sums(self.a, q * self.border, len(x)) + _sums(self.b, p * self.border, len(x))
-        moved = self.own[:, None] * x + self.weight[:, None] * around + self.along[:, None] * beside
-        return np.concatenate([moved, between])
+        return self.own[:, None] * x + self.weight[:, None] * around + self.along[:, None] * beside
 
     def linear(self, values: np.ndarray) -> np.ndarray:
         """Values (n, d) at the vertices, as they are, and their means on edges."""
@@ -73,11 +91,28 @@ class Smooth:
             self.faces = self.levels[-1].faces
             self.count += len(self.levels[-1].a)
 
-    def points(self, x: np.ndarray) -> np.ndarray:
-        """(count, 3) finer vertices of positions x (n, 3) [m]."""
+    def points(self, x: np.ndarray, contact: np.ndarray | None = None) -> np.ndarray:
+        """(count, 3) finer vertices of positions x (n, 3) [m]; contact: (n, 3) forces of solids, to which they keep away."""
+        fine = self._rounded(x)
+        if contact is None or not contact.any():
+            return fine
+        away = _units(self.linear(self._spread(_units(contact))))
+        others = self.linear(x), self._rounded(self.levels[0].outward(x, len(self.levels)))
+        lacks = np.max([np.einsum("ij,ij->i", other - fine, away) for other in others], axis=0)
+        return fine + np.maximum(lacks, 0.0)[:, None] * away
+
+    def _rounded(self, x: np.ndarray) -> np.ndarray:
         for level in self.levels:
             x = level.points(x)
         return x
+
+    def _spread(self, away: np.ndarray) -> np.ndarray:
+        """Directions (n, 3), those of vertices without one from their neighbours."""
+        a, b = self.levels[0].a, self.levels[0].b
+        for _ in range(RINGS):
+            near = _units(_sums(a, away[b], len(away)) + _sums(b, away[a], len(away)))
+            away = np.where(away.any(axis=1, keepdims=True), away, near)
+        return away
 
     def linear(self, values: np.ndarray) -> np.ndarray:
         """Values (n, d) at the vertices, at the finer ones."""
@@ -95,3 +130,9 @@ class Smooth:
 def _sums(index: np.ndarray, rows: np.ndarray, n: int) -> np.ndarray:
     """(n, 3) sums of rows by index."""
     return np.stack([np.bincount(index, rows[:, d], n) for d in range(rows.shape[1])], axis=1)
+
+
+def _units(rows: np.ndarray) -> np.ndarray:
+    """Rows (n, 3) of length 1, or 0."""
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    return np.divide(rows, length, out=np.zeros(rows.shape), where=length > 0)

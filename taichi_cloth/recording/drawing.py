@@ -36,6 +36,36 @@ class Extras:
         checks.choice("format of passes", self.format, FORMATS)
 
 
+class Framing:
+    """Counts the pictures that have not all of the cloth in them.
+
+    Attributes:
+        drawn: frames so far; cut: those of them.
+    """
+
+    def __init__(self, artist: Artist) -> None:
+        self.artist, self.drawn, self.cut = artist, 0, 0
+        self._low, self._high = np.full(3, np.inf), np.full(3, -np.inf)
+
+    def see(self, frame: dict[str, np.ndarray]) -> None:
+        """A frame that is drawn."""
+        self.drawn += 1
+        self.cut += not self.artist.sees(frame)
+        self._low = frame["x"].min(axis=0, initial=np.inf).clip(max=self._low)
+        self._high = frame["x"].max(axis=0, initial=-np.inf).clip(min=self._high)
+
+    def note(self, path: object) -> str | None:
+        """What is cut off of the run in a folder, and the way out; None where nothing is, or the scene's camera does it."""
+        if not self.cut or not (self.artist.fitted or self.artist.look.camera):
+            return None
+        if self.artist.fitted:
+            return (f"cloth left the picture in {self.cut} of {self.drawn} frames: `taichi-cloth render {path}` draws them "
+                    "through a camera that fits all of them")
+        ends = " to ".join("(" + ", ".join(f"{value:.3g}" for value in end) + ")" for end in (self._low, self._high))
+        return (f"cloth is outside the picture in {self.cut} of {self.drawn} frames, through the camera that was given: it is "
+                f"from {ends} m")
+
+
 def files_of(artist: Artist, frame: dict[str, np.ndarray], number: int, extras: Extras,
              next_: Next = None) -> tuple[np.ndarray, dict[str, bytes]]:
     """A frame's picture, and the files of it by their ending, such as ".png" and ".depth.npy"; next_: as in `Artist.light`."""

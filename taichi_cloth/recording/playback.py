@@ -17,7 +17,7 @@ from ..output.png import encode_apng, encode_png
 from ..output.recording import Recording
 from ..scene.view import camera_at
 from ..system.quantities import QUANTITIES, evaluate, require
-from .drawing import Extras, files_of, frames_of, next_of
+from .drawing import Extras, Framing, files_of, frames_of, next_of
 from .material import SameMaterial
 
 NOTHING = Extras()
@@ -56,7 +56,7 @@ class Films:
 
 def render(recording: Recording, folder: pathlib.Path, size: tuple[int, int], look: Look, numbers: list[int],
            films: Films, extras: Extras = NOTHING) -> list[pathlib.Path]:
-    """Draws frames of a recorded run into `folder`; the files that were written.
+    """Draws frames of a recorded run into `folder`; the files that were written. `recording.notes` say what a camera cut off.
 
     Raises:
         OutputError: a film that cannot be written, or cannot be transparent, or no folder; nothing is drawn then.
@@ -66,19 +66,23 @@ def render(recording: Recording, folder: pathlib.Path, size: tuple[int, int], lo
     artist = Artist(recording.geometry, size, look, lambda: frames_of(recording), lambda: map(recording.frame, numbers))
     if films.mp4 and artist.renderer.transparent:
         raise OutputError("a film (mp4) cannot be transparent: choose another background, or an animated PNG (apng)")
-    files, images = [], []
+    files, images, framing = [], [], Framing(artist)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise OutputError(f"cannot write to {folder}: {error.strerror or error}") from None
     picked = set(spread(numbers, films.sheet)) if films.sheet else set()
     for k in numbers:
-        image, parts = files_of(artist, recording.frame(k), k, extras, next_of(recording, k, look))
+        frame = recording.frame(k)
+        framing.see(frame)
+        image, parts = files_of(artist, frame, k, extras, next_of(recording, k, look))
         for ending, data in parts.items():
             files.append(folder / f"{k:05d}{ending}")
             write_whole(files[-1], data)
         if k in picked or films.apng or films.mp4:
             images.append((k, image))
+    note = None if artist.fitted else framing.note(folder)
+    recording.notes += [note] if note else []
     every = (numbers[-1] - numbers[0]) / max(len(numbers) - 1, 1) or 1.0
     fps = recording.fps / every
     if films.sheet:

@@ -63,6 +63,17 @@ def test_all_of_the_cloth_is_in_all_pictures(fallen, tmp_path, flags, count):
     assert np.ptp(across) > 0.75 * 64 or np.ptp(down) > 0.75 * 48, "and fills them"
 
 
+@pytest.mark.parametrize("camera, cut", [("0.5,2,5:0.5,0,0", 0), ("0,0.4,0.8:0,0,0", 4)])
+def test_a_camera_that_cuts_cloth_off_is_named(fallen, tmp_path, capsys, camera, cut):
+    """The cloth goes along x, out of a picture of where it begins."""
+    flags = ["--to", str(tmp_path), *SMALL, "--frames", "6:9", "--camera", camera]
+    assert cli.main(["render", str(fallen), *flags]) == 0
+    x = np.concatenate([np.load(fallen / f"frames/{k:05d}.npz")["x"] for k in (6, 7, 8, 9)])
+    low, high = (", ".join(f"{v:.3g}" for v in end) for end in (x.min(axis=0), x.max(axis=0)))
+    said = f"outside the picture in 4 of 4 frames, through the camera that was given: it is from ({low}) to ({high}) m"
+    assert (said in capsys.readouterr().err) == bool(cut)
+
+
 def test_a_turntable_sees_a_frame_from_all_round(fallen, tmp_path):
     """The handkerchief is nearly a square that is moved level: after a quarter turn it looks the same, after an eighth not."""
     flags = ["--to", str(tmp_path), *SMALL, "--background", "transparent", "--floor", "none", "--turntable", "8"]

@@ -22,15 +22,16 @@ LAWS = {
     "landing_ball": ("gravity's work", "unaccounted"),
     "landing_table": ("gravity's work", "unaccounted"),
 }
+WEIGHTLESS = {"rope_holds": ("slip",), "capstan_90_03": ("ratio", "spread")}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", LAWS)
-def test_law(name, monkeypatch):
+@pytest.mark.parametrize("name, tolerance", [*((name, 0.03) for name in LAWS), *((name, 0.01) for name in WEIGHTLESS)])
+def test_law(name, tolerance, monkeypatch):
     """Expected failures of test_contact_laws.py, without; the cases' docstrings derive the laws."""
-    monkeypatch.setitem(case.SETTINGS, "contact_tol", 0.03)
+    monkeypatch.setitem(case.SETTINGS, "contact_tol", tolerance)
     results = {r.name: r for r in CASES[name].run(1 / 60, CASES[name].cells[0], 0, 1)}
-    assert set(results) == set(LAWS[name])
+    assert set(results) == set((LAWS | WEIGHTLESS)[name])
     assert all(r.holds for r in results.values()), ", ".join(map(str, results.values()))
 
 

@@ -51,6 +51,12 @@ for k in frames:
             got[f"color {o.name}"] = np.array(shader.inputs["Base Color"].default_value)
             got[f"view {o.name}"] = np.array(m.diffuse_color)
             got[f"object {o.name}"] = np.array(o.color)
+            if shader.inputs["Base Color"].is_linked:
+                node = shader.inputs["Base Color"].links[0].from_node
+                pixels = np.empty(4 * node.image.size[0] * node.image.size[1], dtype=np.float32)
+                node.image.pixels.foreach_get(pixels)
+                got[f"image {o.name}"] = pixels.reshape(node.image.size[1], node.image.size[0], 4)
+                got[f"extension {o.name}"] = np.array([node.extension, node.image.colorspace_settings.name])
         sharp = o.data.attributes.get("sharp_edge")
         got[f"sharp {o.name}"] = sum(v.value for v in sharp.data) if sharp else 0
 camera = next(o for o in bpy.data.objects if o.type == "CAMERA")
@@ -151,3 +157,21 @@ def test_a_long_run_is_exact_to_its_end(tmp_path, rng):
     got = read(file, frames)
     for k in frames:
         assert (named(got, "x", 1, k) == up(made.frames[k - FIRST]["x"][4:].astype(np.float64))).all()
+
+
+def test_a_blend_has_prints_and_the_colours_of_panels(tmp_path, rng):
+    """Of each face the pixel at its middle: two colours of a palette, and an image that goes on."""
+    pair = np.array([[0.8, 0.1, 0.1], [0.1, 0.2, 0.7]])
+    colors = np.full((5, 3), np.nan)
+    colors[:2] = pair
+    image = np.uint8([[[255, 0, 0, 255], [0, 255, 0, 255]], [[9, 99, 199, 255], [50, 60, 70, 255]]])
+    made = make(tmp_path / "run", rng, face_colors=colors, texture_1=image,
+                texture_place_1=np.array([0.5, 0.25, 0.1, -0.2, 1.0]))
+    got = read(export(made.recording, "blend", tmp_path / "x.blend")[0], (FIRST,))
+    panels, printed = named(got, "image", 0), named(got, "image", 1)
+    at = named(got, "uv", 0).mean(axis=1) * panels.shape[1::-1]
+    seen = panels[at[:, 1].astype(int), at[:, 0].astype(int), :3]
+    linear = np.where(seen <= 0.04045, seen / 12.92, ((seen + 0.055) / 1.055) ** 2.4)
+    assert linear == pytest.approx(pair, abs=5e-3)
+    assert (np.round(255 * printed[::-1]) == image).all()
+    assert [named(got, "extension", k).tolist() for k in (0, 1)] == [["EXTEND", "sRGB"], ["REPEAT", "sRGB"]]

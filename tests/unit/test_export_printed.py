@@ -7,7 +7,9 @@ import pytest
 from test_export import COLORS, make, read_obj
 from test_export_scenes import Gltf, problems
 
-from taichi_cloth.output.export import export
+from taichi_cloth.output.export import blend, export
+from taichi_cloth.output.export.pieces import Cut
+from taichi_cloth.output.export.shot import shot
 
 Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
 
@@ -60,6 +62,13 @@ def check(made, cloth, uv, image, repeats):
         alpha = alpha * ((cells > 0) & (cells < count)).all(axis=1, keepdims=True)
     color = made.geometry["cloth_colors"][cloth]
     assert np.abs(got - encoded(linear(rgba[:, :3]) * alpha + color * (1 - alpha))).max() <= 1
+
+
+def test_blender_gets_images(made):
+    told = blend.arrays(shot(Cut(made.recording, "cloths")))
+    for k, repeats in enumerate((True, False)):
+        assert bool(told[f"repeats_{k}"]) == repeats
+        check(made, k, told[f"uv_{k}"].reshape(-1, 3, 2), told[f"image_{k}"], repeats)
 
 
 def test_texture_coordinates_of_a_meshs_own_are_exported_and_placed_by(tmp_path, rng):

@@ -2,6 +2,8 @@
 
 import pathlib
 import runpy
+from contextlib import nullcontext
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -120,6 +122,48 @@ def test_lines_leave_a_body_by_where_they_are_within_it():
         assert [closed for *_, closed in pieces_of(solid.surface_at(0.0), solid.shape.surface()[1])] == [True]
     for rows, far in (([0, 1, 2], 1.0), ([1, 2], 0.3), ([2], 0.0)):
         assert exit_from(points[rows], ways[rows], 9.0, x, faces) == pytest.approx(far, abs=1e-4)
+
+
+def forked(x: float) -> list[tuple]:
+    """Capsules (ends, radius) of a thick arm that hangs at x, well above the floor: two fingers, a forearm, a thin end."""
+    return [((x, 0.9, 0), (x, 1.1, 0), 0.2), ((x, 1.3, 0), (x, 1.6, 0), 0.05),
+            *(((x + off, 0.5, 0), (x + off, 0.8, 0), 0.06) for off in (-0.1, 0.1))]
+
+
+def test_a_thick_arm_beside_a_body_is_not_its_trunk():
+    """Half way up the arm is wider than the trunk, and it parts below; the feet are under the trunk."""
+    body = somebody()
+    for k, (a, b, r) in enumerate(forked(1.2)):
+        body.add_solid(tc.Capsule(a, b, r), friction=0.4, thickness=0.004, name=f"arm {k}")
+    found, alone = measured(body), measured(somebody())
+    assert found.centre == pytest.approx(alone.centre, abs=0.01) and found.girths == pytest.approx(alone.girths, rel=0.02)
+
+
+def test_where_nothing_is_over_the_feet_there_is_no_trunk():
+    body = tc.Scene()
+    feet = [((x, 0.1, 0), (x, 0.1, 0.1), 0.09) for x in (-0.15, 0.15)]
+    for k, (a, b, r) in enumerate(feet + forked(1.2)):
+        body.add_solid(tc.Capsule(a, b, r), friction=0.4, thickness=0.004, name=f"part {k}")
+    with pytest.raises(tc.SceneError, match=r"over its feet, whose middle is \(0, .* 1.26 m round, at \(1.2, .*--only PART"):
+        tc.fitted(skirt(), body, THICKNESS)
+
+
+def test_a_trunk_as_wide_as_no_persons_is_refused_with_its_girths():
+    """Capsules whose sections are 2.1 times as wide: the waist that is told is that of the figure, as many times."""
+    with pytest.raises(tc.SceneError, match="times as wide .*as no person is.*--only PART") as told:
+        tc.fitted(skirt(), somebody(wide=2.1), THICKNESS)
+    girths = str(told.value).split("girths of ")[1].split(" m from below")[0].split(", ")
+    assert float(girths[-1]) == pytest.approx(2.1 * TORSO, rel=0.05)  # rounder ends reach into it
+
+
+@pytest.mark.parametrize("wide, long, right", [(0.5, 1.0, False), (0.6, 1.0, True), (1.7, 1.0, True), (2.0, 1.0, False),
+                                               (2.0, 2.0, True), (1.0, 2.0, False)])
+def test_width_and_length_of_a_trunk_belong_together(monkeypatch, wide, long, right):
+    neck = DRAWN_FOR.crotch + long * (DRAWN_FOR.neck - DRAWN_FOR.crotch)
+    figure = replace(DRAWN_FOR, neck=neck, girths=wide * DRAWN_FOR.girths)
+    monkeypatch.setattr("taichi_cloth.garment.fitted.measured", lambda body: figure)
+    with nullcontext() if right else pytest.raises(tc.SceneError, match="as no person is"):
+        tc.fitted(skirt(), somebody(), THICKNESS)
 
 
 @pytest.mark.parametrize("shape, what", [(tc.Sphere(0.5), "no legs"), (None, "without solids")])

@@ -1,6 +1,7 @@
 """Solids and cloth from glTF: files written by hand, positions computed afresh."""
 
 import json
+import pathlib
 import re
 import struct
 
@@ -9,6 +10,7 @@ import pytest
 from glb import Glb
 
 import taichi_cloth as tc
+from taichi_cloth.app.cli import main
 
 pytest.importorskip("pygltflib", reason="the package pygltflib is not installed: pip install 'taichi-cloth[gltf]'")
 
@@ -20,6 +22,7 @@ FACES = np.array([t for a, b, c, d in SIDES for t in ((a, b, c), (a, c, d))] + [
 UPPER = np.repeat([0.0, 0.5, 1.0], 4)  # weight of the upper joint
 WIDER = POST * [0.5, 0, 0.25]  # a morph target's displacements
 FPS = 9.0
+PATTERN = pathlib.Path(__file__).parents[2] / "scenes" / "patterns" / "skirt.json"
 
 
 def turn_z(angle: float) -> np.ndarray:
@@ -163,6 +166,14 @@ def two_parts(tmp_path, **more):
                                                "indices": glb.add(faces.reshape(-1, 1), "u2")}]}
                               for y, faces in ((0, half), (2, top))]
     return glb.write(tmp_path / "a.glb")
+
+
+def test_the_command_that_dresses_reads_the_parts_that_it_is_told(tmp_path, capsys):
+    pytest.importorskip("scipy", reason="meshing patterns needs the extra `garment`")
+    command = ["dress", str(PATTERN), "--body", str(two_parts(tmp_path)), "--out", str(tmp_path / "a.npz"), "--spacing", "0.2",
+               "--fit", "--only"]
+    for part, said in (("amr", "only: no part 'amr'; did you mean 'arm'"), ("arm", "the body has no legs")):
+        assert main([*command, part]) == 2 and said in capsys.readouterr().err
 
 
 def test_parts_are_joined_or_stay_apart(tmp_path):

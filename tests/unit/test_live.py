@@ -279,7 +279,8 @@ def test_a_page_is_served_until_it_is_ended(monkeypatch, end):
     else:
         serve(source, "title", "host", None, True, True, said.append)
     link = Told.made[-1]
-    assert said[0].startswith("title is shown at http://there:1") and said[1:] == ["http://there:1"] and not link.open
+    assert said[0].split()[:5] == ["title", "is", "shown", "at", "http://there:1"], "nothing clings to the address"
+    assert said[1:] == ["http://there:1"] and not link.open
     assert link.messages[0].title == "title" and link.messages[0].airy and link.messages[1].heats is None
 
 

@@ -352,6 +352,24 @@ def test_smooth_cloth_is_round_and_stays_in_its_corners(rng):
     assert np.abs(fine.linear(u)[fine.faces] - corners).max() < 1e-12, "uv and vertices go together"
 
 
+@pytest.mark.parametrize("level", [1, 2, 3])
+def test_smooth_cloth_comes_no_nearer_to_a_solid(level):
+    """A dome over a body, and a valley on a floor; every third vertex hovers, and is pushed by nothing."""
+    mesh = tc.grid(1.0, 10)
+    flat, n = mesh.x - mesh.x.mean(axis=0), mesh.vertex_count
+    smooth = Smooth(mesh.faces, n, level)
+    push = np.tile([0.0, 0.3, 0.0], (n, 1)) * (np.arange(n) % 3 > 0)[:, None]
+    for bend in (-0.6, 0.6):
+        x = flat + [0, bend, 0] * (flat[:, :1] ** 2 + flat[:, 2:] ** 2)
+        free, held, triangles = smooth.points(x), smooth.points(x, push), smooth.linear(x)
+        assert (held[:, 1] >= np.maximum(triangles, free)[:, 1] - 1e-12).all()
+        assert np.abs((held - free)[:, [0, 2]]).max() < 1e-12 and (smooth.points(x, 0 * push) == free).all()
+        if bend < 0:
+            assert (free[:n, 1] < x[:n, 1] - 1e-3).sum() > n / 2, "without the body it would shrink"
+            between = held[n:, 1] - triangles[n:, 1]
+            assert between.max() > 1e-4, "and it is round between vertices"
+
+
 def test_smooth_garments_have_no_gap_at_seams():
     faces = np.array([[0, 1, 2], [3, 5, 4]])  # two triangles side by side over the edge 1-2, sewn to 3-4... as vertices 3, 4
     sewn = np.array([0, 1, 2, 1, 2, 5])

@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import shlex
 import shutil
 import signal
 
@@ -13,6 +14,7 @@ import taichi_cloth as tc
 from taichi_cloth.app import cli, scenefile
 from taichi_cloth.app.takes import Take
 from taichi_cloth.output.recording import Recording
+from taichi_cloth.scene.winds import velocity
 
 SCENE = '''"""A sheet on two corners in a wind."""
 import taichi_cloth as tc
@@ -171,8 +173,9 @@ def test_fabric_and_wind_in_words_go_for_every_scene(first):
     (("first", "new", "--from-frame", "3", "--set", "strech=3"), "did you mean 'stretch'"),
     (("first", "new", "--from-frame", "3", "--set", "stretch"), "needs name=value"),
     (("first", "new", "--from-frame", "3", "--set", "fabric=denin"), "unknown fabric 'denin'; did you mean 'denim'"),
-    (("first", "new", "--from-frame", "3", "--set", "cells=3"), "the checkpoint has 9 particles and the scene 16"),
-    (("first", "new", "--from-frame", "4", "--set", "cells=3"), "'cloth0' has 9 vertices up to frame 4 and 16"),
+    (("first", "new", "--from-frame", "3", "--set", "stretch=3", "--set", "cells=3"),
+     "'cloth0' has 9 vertices up to frame 3 and 16 with cells=3: a run goes on with the mesh that it has"),
+    (("first", "new", "--from-frame", "4", "--set", "cells=3"), "'cloth0' has 9 vertices up to frame 4 and 16 with cells=3"),
     (("first", "new", "--from-frame", "3", "--blend", "-2"), "--blend = -2: must be a whole number"),
     (("first", "new", "--from-frame", "3", "--scene", "gone.py"), "no scene file 'gone.py'"),
     (("first", "first", "--from-frame", "3"), "is the run's own folder"),
@@ -184,6 +187,20 @@ def test_what_cannot_be_taken_is_named_and_nothing_is_written(first, words, said
     errors = capsys.readouterr().err.splitlines()
     assert said in errors[-1] and errors[-1].startswith("error: ")
     assert not (first.parent / "new").exists() and content(first) == before
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/tutorials/resume.md"])
+def test_the_wind_of_the_pages_blows_onto_the_sheet(page):
+    """The sheet of `hang` hangs from two pins, and a wind from one to the other would blow along it."""
+    text = (pathlib.Path(__file__).parents[2] / page).read_text()
+    words = [shlex.split(line, comments=True) for line in text.splitlines() if line.startswith("taichi-cloth take ")]
+    winds = [word.removeprefix("wind=") for line in words for word in line if word.startswith("wind=")]
+    mesh = scenefile.read("hang").make({"cells": 4}).cloths[0].mesh
+    between = np.subtract(*(mesh.x[mesh.select(name)][0] for name in ("top_left", "top_right")))
+    for wind in winds:
+        v = velocity("wind", wind)
+        assert abs(v @ between) < 0.1 * np.linalg.norm(v) * np.linalg.norm(between) and abs(v[1]) < 0.1 * np.linalg.norm(v)
+    assert winds
 
 
 def test_a_take_is_taken_from_where_its_options_are_all_new(first, capsys):

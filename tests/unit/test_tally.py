@@ -71,7 +71,8 @@ def test_a_log_is_as_long_as_was_asked_for_and_sums_are_of_all(simulations, tmp_
     assert apart[0] == apart[1] == apart[2] and apart[0] == json.loads(json.dumps(apart[0]))
     assert [len(run.telemetry()) for run in runs] == [every.tally.steps] * 3
     said = [describe(sim, 1.0).split("cost:")[0] for sim in simulations]
-    assert said[0] == said[1] == said[2]
+    assert said[0] == said[1] == said[2] and f"cloth through solids {every.tally.crossings}, " in said[0]
+    assert "crossings" not in said[0] and "intersections" not in said[0]
     assert [sim.checkpoint()["records"] for sim in simulations] == [every.tally.steps] * 3
     assert f"{every.tally.steps} steps" in repr(none)
     # what the log says, added up here

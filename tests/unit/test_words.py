@@ -5,12 +5,19 @@ import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.app import cli
+from taichi_cloth.errors import did_you_mean
 from taichi_cloth.scene.blending import air_between, fabric_between
 from taichi_cloth.scene.winds import WINDS, lifted
 
 FULL = tc.Fabric(0.2, tc.Stretch((800, 600), (0.8, 0.6), limit=1.2), tc.Shear(200, 0.2),
                  tc.Bend((2e-4, 3e-4), 2e-6, friction=1e-3, yield_=50.0))
 CURVE = tc.Stretch(k_d=1.0, curve=((0, 0), (0.1, 3), (0.2, 20)))
+
+
+def test_known_names_come_once():
+    assert did_you_mean("x", ["cells", "fabric", "fabric"]) == "known: cells, fabric"
+    assert did_you_mean("fabrik", iter(("fabric", "cells", "fabric"))) == "did you mean 'fabric'? known: cells, fabric"
+    assert did_you_mean("x", []) == "known: none"
 
 
 def test_a_fabric_is_named():

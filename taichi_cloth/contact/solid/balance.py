@@ -65,7 +65,7 @@ class Balance:
         rows: the contacts' states in the next solve; f: these contacts, with where they were met.
         goal: (k,) gap [m] that each is led to; less than 0 where it starts too deep to come out in a step.
         on: (k, 3) impulses that the law says, of the contacts that bear in the state that was last judged.
-        inertia: (n,) by which a particle resists a force of its own [kg]: `System.inertia`, the mass until that is known.
+        inertia: (n,) by which particles resist a force [kg]: `System.inertia`, their mass before a solve.
         k: linear solves so far; smoothed: whether the last one took friction smooth; rubbed: whether friction changed in it.
     """
 
@@ -114,6 +114,11 @@ class Balance:
         push = (f.friction * rows.normal)[:, None] * rows.push - sym_times(block, against)
         self.solids.sliding = Sliding(slides, Points.at(f.index, start.c / start.h * block, push))
         return self.solids.sliding.points
+
+    def unrubbed(self, inertia: np.ndarray) -> np.ndarray:
+        """`System.inertia` (n,) [kg] of the system that was last solved, without the friction of sliding contacts in it."""
+        points = self.solids.sliding.points
+        return np.maximum(inertia - np.bincount(points.vertices[:, 0], trace(points.block) / 3, len(inertia)), self.mass)
 
     def assess_linear(self, v: np.ndarray, reaction: np.ndarray, base: np.ndarray) -> Found:
         """As `assess`, of the balance of a linear solve that began at positions base (n, 3), and put reaction (k, 3) [N s] on

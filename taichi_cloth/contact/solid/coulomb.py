@@ -1,15 +1,17 @@
 """The law of contact with solids, and the states of contacts that follow from it. numpy only.
 
-A contact bears an impulse p on its particle. Its gap g [m] at the end of the step c, and its slip u [m/s] in it, are
-those of the law where, with any positive m and r [kg],
+A contact bears an impulse p on its particle. Its gap g [m] at the end of the step c, and its slip u [m/s] in it, are those of
+the law where, with any positive m and r [kg],
 
     p_n = max(0, p_n - m g/c),    p_t = (p_t - r u) min(1, mu p_n / |p_t - r u|):
 
 then no contact pulls, none is inside, and one that is apart bears nothing. A contact that bears less than mu p_n across
 sticks; one that slides bears as much against its slip [Alart and Curnier 1991]. With the p of a linear solve on the right, the
 left side gives the states in the next one: apart, sticking or sliding. A pure active set lets one row of a cloth slip at a
-time: where contacts begin to slide or stick, Coulomb's law is taken smooth in the next solves, below a slip that shrinks
-(`SMOOTH`), until all is in balance.
+time: where contacts begin to slide or stick in the first solve, Coulomb's law is taken smooth in the second (`SMOOTH`).
+
+Solutions are the same with any r, but not the way to them. With the particle's own mass a taut rope round a bar never settles;
+r is by how much a particle resists among its neighbours, `System.inertia`.
 """
 
 from dataclasses import dataclass, fields
@@ -19,7 +21,7 @@ import numpy as np
 from ..points import EYE, length, rows_of, sym_outer, tangential
 from .vertices import VertexContacts
 
-SMOOTH = 0.01  # slip [m/s] below which friction is viscous, in one solve
+SMOOTH = 0.01  # slip [m/s] below which friction is viscous, in one solve; .1, .03 and three of them take more solves
 MOST = 0.999  # of the cone, that a sliding contact bears in the linearisation: at the cone's edge drag is without bound
 EXACT = 1e-12  # m: a gap that is none
 
@@ -95,7 +97,7 @@ def follow(f: VertexContacts, was: Rows, slip: np.ndarray, held: np.ndarray, nor
     Args:
         f: contacts where it ended, with their gaps; was: their states in it; slip: (k, 3) there [m/s].
         held: (k, 3) impulses [N s] on held contacts; normal: (k,) along the normals.
-        mass, inertia: (k,) of the particles [kg].
+        mass, inertia: (k,) m and r of the rule, of the particles [kg].
 
     Returns:
         (their next states, impulses (k, 3) by the law, whether they bear anything).

@@ -73,6 +73,8 @@ def arrays(shot: Shot) -> dict[str, np.ndarray]:
                 f"sharp_{k}": sharp_edges(mesh)}
         if surface.uv is not None:
             out[f"uv_{k}"] = surface.uv.reshape(-1, 2)[places]
+        if mesh.printed is not None:
+            out |= {f"image_{k}": mesh.printed.image, f"repeats_{k}": np.array(mesh.printed.repeats)}
     return out
 
 

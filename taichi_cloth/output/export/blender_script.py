@@ -58,7 +58,10 @@ def add_mesh(collection, name: str, arrays, k: int):
     if f"uv_{k}" in arrays:
         mesh.uv_layers.new(name="pattern").uv.foreach_set("vector", arrays[f"uv_{k}"].ravel().astype(np.float32))
     shade(mesh, arrays[f"sharp_{k}"])
-    mesh.materials.append(material(name, arrays["colors"][k].tolist()))
+    made = material(name, arrays["colors"][k].tolist())
+    mesh.materials.append(made)
+    if f"image_{k}" in arrays:
+        put_print(made, arrays[f"image_{k}"], bool(arrays[f"repeats_{k}"]))
     cloth = bpy.data.objects.new(name, mesh)
     cloth.color = (*arrays["colors"][k].tolist(), 1.0)
     collection.objects.link(cloth)
@@ -120,6 +123,20 @@ def material(name: str, color: list[float]):
     surface.inputs["Base Color"].default_value = (*color, 1.0)
     surface.inputs["Roughness"].default_value = 0.8
     return out
+
+
+def put_print(material, image: np.ndarray, repeats: bool) -> None:
+    """An image (h, w, 3) of sRGB bytes, first row on top, in a material's colour; the file has it within."""
+    height, width = image.shape[:2]
+    picture = bpy.data.images.new(material.name, width, height)
+    pixels = np.ones((height, width, 4), dtype=np.float32)
+    pixels[..., :3] = image[::-1] / 255
+    picture.pixels.foreach_set(pixels.ravel())
+    picture.pack()
+    node = material.node_tree.nodes.new("ShaderNodeTexImage")
+    node.image, node.extension = picture, "REPEAT" if repeats else "EXTEND"
+    surface = next(n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED")
+    material.node_tree.links.new(node.outputs["Color"], surface.inputs["Base Color"])
 
 
 def add_camera(scene, arrays) -> None:

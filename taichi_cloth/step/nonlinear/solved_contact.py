@@ -121,6 +121,7 @@ class SolvedStep(StepProblem):
         with self.clock.part("EVAL"):
             measures, self.lacks, needed = forces_at_end(system, self.c, self.held, self.over)
         with self.clock.part("C-S"):
+            self.lacks, self.balance.inertia = read(system.operator.b).astype(float), system.inertia()
             holding = solids.active.holding
             self.found = self.balance.assess(self.lacks, contacts.base[1], self.taken, holding.forces(
                 solids.active.contacts, needed), self.enough)

@@ -126,8 +126,8 @@ class System:
         return float(np.sqrt(np.sum(b**2 / self.model.mass[:, None])))
 
     def inertia(self) -> np.ndarray:
-        """(n,) a third of the trace of each particle's block of A [kg]: its mass, and what h^2 times the stiffness around it
-        adds."""
+        """(n,) a third of the trace of each particle's block of A as linearized [kg]: its mass and h^2 times the stiffness
+        around it. Friction that is in A counts too: where it is asked for, A is without."""
         P = read(self.operator.P).astype(np.float64)
         return np.maximum((P[:, 0] + P[:, 3] + P[:, 5]) / 3, self.model.mass)
 
