@@ -118,7 +118,8 @@ class Balance:
     def unrubbed(self, inertia: np.ndarray) -> np.ndarray:
         """`System.inertia` (n,) [kg] of the system that was last solved, without the friction of sliding contacts in it."""
         points = self.solids.sliding.points
-        return np.maximum(inertia - np.bincount(points.vertices[:, 0], trace(points.block) / 3, len(inertia)), self.mass)
+        drag = np.bincount(points.vertices[:, 0], points.block[:, [0, 3, 5]].mean(axis=1), len(inertia))
+        return np.maximum(inertia - drag, self.mass)
 
     def assess_linear(self, v: np.ndarray, reaction: np.ndarray, base: np.ndarray) -> Found:
         """As `assess`, of the balance of a linear solve that began at positions base (n, 3), and put reaction (k, 3) [N s] on

@@ -81,8 +81,6 @@ class SolidStep(EulerStep):
                 break
             if self.balances():
                 break
-        if refused is None and contacts.unsolved and contacts.start.share > 1.5 / FINEST:
-            refused = self.refuse(CONTACT, contacts.unsolved)
         if refused is not None:
             return refused
         with self.clock.part("C-S"):
