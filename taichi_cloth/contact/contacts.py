@@ -136,6 +136,13 @@ class Contacts(Checkpointed):
         solids.trial = balance.next_states(self.found)
         return agrees
 
+    def stop_short(self) -> None:
+        """The model went a part of its way only, after `judge`: contacts that it has not come to are none."""
+        ended = self.solids.near.there
+        self.solids.stop_short()
+        if self.found is not None:
+            self.found = self.balance.reached(self.found, self.solids.near.there - ended)
+
     @property
     def enough(self) -> float:
         """Part of all that acts by which contacts may now be off."""

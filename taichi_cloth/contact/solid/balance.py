@@ -33,11 +33,13 @@ class Residual:
     Attributes:
         off: |b + p| over all that acts: weight, contact, pins, changes of momentum.
         worst: the particle that most of it is at.
+        acting: all that acts [N s].
         changed: contacts that do another thing from here on.
     """
 
     off: float
     worst: int
+    acting: float
     changed: int = 0
 
 
@@ -158,6 +160,14 @@ class Balance:
         goal = _rows(self.rows.key, self.goal, f.key)[bears]
         return Found(r, f.take(bears), rows.take(bears), slip[bears], goal, p[bears], rubbed)
 
+    def reached(self, found: Found, short: np.ndarray) -> Found:
+        """As found, but for new contacts that are not met where the cloth stopped, by (n, 3) [m] away from there."""
+        f = found.f
+        met = f.gap + np.einsum("ki,ki->k", short[f.index], f.normal) < 0
+        kept = self.rows.of(f.key)[0] | met
+        return replace(found, f=f.take(kept), rows=found.rows.take(kept), slip=found.slip[kept], goal=found.goal[kept],
+                       on=found.on[kept])
+
     def next_states(self, found: Found) -> States:
         """The states with which a step ends that goes no further."""
         return States(found.f.key, found.rows.stick, found.rows.normal / self.start.c, found.rows.push)
@@ -202,7 +212,7 @@ class Balance:
             acting += _norm(by_pins)
             total[i] -= by_pins
         size = np.einsum("ni,ni->n", total, total)
-        return Residual(float(np.sqrt(size.sum())) / acting, int(size.argmax())), rows, p, bears
+        return Residual(float(np.sqrt(size.sum())) / acting, int(size.argmax()), acting), rows, p, bears
 
     def go_on(self, solved: bool) -> None:
         """A further solve follows. Where friction changed in the first one, it is smooth in the next, unless all is in balance

@@ -152,7 +152,7 @@ class LayerStep(EulerStep):
         self.part, contacts = part, self.contacts
         with self.clock.part("C-S"):
             if part < 1:
-                contacts.solids.stop_short()
+                contacts.stop_short()
                 self.layers.stop_short()
             later = k >= LATER and not contacts.solids.ends_deep()
             settled = part == 1 and self.layers.settled() and (self.agrees or later)
