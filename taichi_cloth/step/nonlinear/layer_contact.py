@@ -97,7 +97,9 @@ class LayerStep(EulerStep):
             if k == 0:
                 system.linearize_first(h, held)
             else:
-                system.linearize(h)
+                self.over = h if system.base is None else 0.0
+                here = system.linearize(h, over=self.over)
+                self.before = replace(here, energies={**here.energies, "contact": self.layers.energy})
         with self.clock.part("CG"):
             z = system.to_go(held, h) if k else None
             tolerance, least = self.cg_tol * (LOOSER if self.rough and k else 1.0), self.reference
@@ -133,7 +135,7 @@ class LayerStep(EulerStep):
         with self.clock.part("C-S"):
             self.layers.look()
         with self.clock.part("EVAL"):
-            measures = self.system.meter.measure()
+            measures = self.system.meter.measure(self.over)
         return replace(measures, energies={**measures.energies, "contact": self.layers.energy})
 
     def acceptable(self, k: int, part: float, measures: Measures) -> bool:
@@ -190,7 +192,7 @@ class LayerStep(EulerStep):
                 return Outcome(CONTACT, "too deep inside a solid", measures)
             if contacts.solids.went_through():
                 return Outcome(CONTACT, f"{contacts.crossings} crossings with solids", measures)
-        return Outcome(None, "", measures, ledger)
+        return Outcome(None, "", self.at_end(measures), ledger)
 
     def give_up(self, measures: Measures) -> Outcome:
         """See `StepProblem`. The smallest of steps are taken as they are; what leaves no room in them is released."""
