@@ -312,5 +312,5 @@ MUTATIONS = (
     (CONTACT + "contacts.py", "self.layers.count > 0 or self.layers.intersections.active", "self.layers.count > 0",
      "tangled cloth without contact steps as if free",
      UNIT + "test_a_step_in_which_layers_turn_out_to_meet_begins_anew"),
-    (LAYER_STEP, "(self.agrees or k >= LATER)", "self.agrees", "contacts with solids change for ever", LATER),
+    (LAYER_STEP, "(self.agrees or later)", "self.agrees", "contacts with solids change for ever", LATER),
 )

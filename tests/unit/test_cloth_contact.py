@@ -432,8 +432,8 @@ def test_what_beside_a_tangle_ends_too_near_is_released(k, part, settled, asks):
     step = LayerStep.__new__(LayerStep)
     step.layers = SimpleNamespace(release_beside=lambda held: True, off=0, least=0.2, settled=lambda: settled, ROUNDS=12,
                                   stop_short=lambda: stopped.append("layers"))
-    solids = SimpleNamespace(stop_short=lambda: stopped.append("solids"), holds=lambda: None, unsettled=0, ends_deep=lambda: False)
-    step.contacts = SimpleNamespace(count=0, solids=solids, foresight=Foresight())
+    solids = SimpleNamespace(holds=lambda: None, unsettled=0, ends_deep=lambda: False)
+    step.contacts = SimpleNamespace(count=0, solids=solids, foresight=Foresight(), stop_short=lambda: stopped.append("solids"))
     step.preliminary = False
     step.clock, step.agrees, step.released = Clock(), True, False
     step.solutions, step.conclude = [], lambda measures, early=False: None
@@ -447,7 +447,8 @@ def test_no_step_of_layers_ends_with_a_preliminary_solve():
     """Whatever agrees with it: the next one's answer is taken."""
     step = LayerStep.__new__(LayerStep)
     step.layers = SimpleNamespace(settled=lambda: True, ROUNDS=12)
-    step.contacts = SimpleNamespace(count=0, solids=SimpleNamespace(unsettled=0, ends_deep=lambda: False), foresight=Foresight())
+    solids = SimpleNamespace(unsettled=0, ends_deep=lambda: False)
+    step.contacts = SimpleNamespace(count=0, solids=solids, foresight=Foresight())
     step.clock, step.agrees, step.released, step.preliminary = Clock(), True, False, True
     step.solutions, step.conclude, step.accounted = [], lambda measures, early=False: ("end", None), lambda ended: ended
     step.finish = lambda *ended: ended
@@ -460,7 +461,8 @@ def test_contacts_with_solids_that_still_change_do_so_in_the_next_step(k, deep, 
     """After three Newton steps of one with layers of cloth, and no sooner; not with particles too deep in solids."""
     step = LayerStep.__new__(LayerStep)
     step.layers = SimpleNamespace(settled=lambda: True, ROUNDS=12, release_beside=lambda held: False)
-    step.contacts = SimpleNamespace(count=9, solids=SimpleNamespace(unsettled=1, holds=lambda: None, ends_deep=lambda: deep), foresight=Foresight())
+    solids = SimpleNamespace(unsettled=1, holds=lambda: None, ends_deep=lambda: deep)
+    step.contacts = SimpleNamespace(count=9, solids=solids, foresight=Foresight())
     step.clock, step.agrees, step.released, step.preliminary = Clock(), False, False, False
     step.solutions, step.conclude, step.accounted = [], lambda measures, early=False: ("end", None), lambda ended: ended
     step.finish = lambda *ended: ended

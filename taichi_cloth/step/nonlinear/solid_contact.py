@@ -71,18 +71,20 @@ class SolidStep(EulerStep):
         contacts, tolerance = self.system.contacts, self.forcing.preliminary
         with self.clock.part("C-S"):
             predict(self.system, self.c, self.held, together=False)
-        for _ in range(ROUNDS):
+        while True:
             refused = self.solve_held(tolerance if tolerance > self.forcing.first else None)
             if refused is not None:
                 return refused
             tolerance /= 2
-            if self.agrees():
-                refused = self.finish_solve()
+            if self.agrees() or contacts.rounds == ROUNDS:
                 break
             if self.balances():
-                break
-        if refused is not None:
-            return refused
+                return self.went_wrong()
+        return self.finish_solve() or self.went_wrong()
+
+    def went_wrong(self) -> Outcome | None:
+        """The end of a step that leaves cloth too deep inside solids, or through."""
+        contacts = self.system.contacts
         with self.clock.part("C-S"):
             deep = contacts.solids.ends_deep()
             through = not deep and contacts.solids.went_through()

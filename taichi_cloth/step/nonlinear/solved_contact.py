@@ -97,7 +97,7 @@ class SolvedStep(StepProblem):
         contacts, system = self.contacts, self.system
         solids = contacts.solids
         with self.clock.part("C-S"):
-            self.reaction, self.balance.inertia = system.reaction_rows(), system.inertia()
+            self.reaction = system.reaction_rows()
             self.taken = solids.active.holding.forces(solids.active.contacts, self.reaction)
             self.solved, self.began = (solids.linearized, solids.pressing), contacts.base[0]
         with self.clock.part("EVAL"):
@@ -121,8 +121,7 @@ class SolvedStep(StepProblem):
         with self.clock.part("EVAL"):
             measures, self.lacks, needed = forces_at_end(system, self.c, self.held, self.over)
         with self.clock.part("C-S"):
-            self.lacks, self.balance.inertia = read(system.operator.b).astype(float), system.inertia()
-            holding = solids.active.holding
+            self.balance.inertia, holding = system.inertia(), solids.active.holding
             self.found = self.balance.assess(self.lacks, contacts.base[1], self.taken, holding.forces(
                 solids.active.contacts, needed), self.enough)
         return measures
