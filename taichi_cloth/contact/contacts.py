@@ -117,12 +117,14 @@ class Contacts(Checkpointed):
         self.crowded = not self.force.set(Points.join(points))
         return not self.crowded
 
-    def judge(self, reaction: np.ndarray, inertia: np.ndarray) -> bool:
+    def judge(self, reaction: np.ndarray, inertia: np.ndarray, left: float = 0.0) -> bool:
         """Whether the contacts of a linear solve agree with what it says of them.
 
         Args:
             reaction: (k, 3) [N s] on the held particles, in `hold`'s order.
             inertia: (n,) as `System.inertia`, of the system that was solved.
+            left: norm [N s] of what that solve has left undone, where it is not to be made more exact: contacts need not be
+                more exact than that.
         """
         solids, balance = self.solids, self.balance
         self.rounds += 1
@@ -131,8 +133,9 @@ class Contacts(Checkpointed):
         balance.inertia = balance.unrubbed(inertia)
         self.found = balance.assess_linear(self.model.read_particles()[1], reaction, self.base[0])
         others = solids.wanting() + int(solids.pinches.lags(self.start, solids.near.there))
-        agrees = self.found.residual.off <= self.enough and not balance.smoothed and not others
-        solids.unsettled = 0 if agrees else max(self.found.residual.changed, 1)
+        r = self.found.residual
+        agrees = r.off <= max(self.enough, left / r.acting) and not balance.smoothed and not others
+        solids.unsettled = 0 if agrees else max(r.changed, 1)
         solids.trial = balance.next_states(self.found)
         return agrees
 

@@ -217,6 +217,10 @@ class System:
             return self._kept
         return self.on_held(held, self._of(self.solver.As, held) - self._of(self.operator.b, held))  # A dv - b
 
+    def left_undone(self) -> float:
+        """Norm [N s] of b - A dv of the last solve, without directions that are held."""
+        return float(np.linalg.norm(read(self.solver.r)))
+
     def tension(self) -> np.ndarray:
         """(n, 3) impulse [N s] that seams put on particles in the last solve; none in all on what is sewn together."""
         if self._kept_tension is not None:
