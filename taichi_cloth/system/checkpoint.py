@@ -22,7 +22,7 @@ import numpy as np
 from ..backend.rows import read, write
 from ..errors import SceneError
 
-VERSION = 12  # of checkpoints' content
+VERSION = 13  # of checkpoints' content
 BEFORE = 11  # the oldest that is understood: it named neither the integrator nor forces, nor their stored energy
 
 
