@@ -151,14 +151,6 @@ class Contacts(Checkpointed):
         """Part of all that acts by which contacts may now be off."""
         return AGREED * 2.0 ** max(0, self.rounds - STRICT)
 
-    @property
-    def unsolved(self) -> str:
-        """How far contacts with solids are from agreeing with the last solve; empty where they do."""
-        if self.found is None or not self.solids.unsettled:
-            return ""
-        r = self.found.residual
-        return f"{100 * r.off:.2g} % of all forces against the law of contact, most at particle {r.worst}"
-
     def accept(self, lacks: np.ndarray, needed: np.ndarray) -> bool:
         """Whether contacts agree with the forces where a linear solve led; if so, they bear these.
 
@@ -256,7 +248,8 @@ class Contacts(Checkpointed):
         pinched = int(np.sum(self.solids.penetration.spared > 0))
         led = self.solids.pinches.where
         out = {"contacts": self.count, "unsettled": self.solids.unsettled, "crossings": self.crossings, "pinched": pinched,
-               "place": self.place(), "led": led if led.any() else None}
+               "place": self.place(), "led": led if led.any() else None,
+               "contact_error": self.found.residual.off if self.found is not None and self.count else 0.0}
         if self.layers is None:
             return out
         layers, tangles = self.layers, self.layers.intersections

@@ -24,6 +24,7 @@ class Attempt:
         solutions: of its linear solves, in order.
         seconds: wall time by part, EVAL, CG and C-S.
         contacts: number of contacts with solids; unsettled: how many of them, and of pairs of cloth, had not settled.
+        contact_error: how far contacts with solids are from Coulomb's law, over all that acts.
         crossings: triangles of cloth and solids that pass through each other.
         layers: pairs of cloth in contact with cloth; least: their smallest distance over what they should keep.
         tangled: pairs of an edge and a triangle of cloth that pass through each other; pinched: particles that were let go.
@@ -43,6 +44,7 @@ class Attempt:
     seconds: dict[str, float]
     contacts: int = 0
     unsettled: int = 0
+    contact_error: float = 0.0
     crossings: int = 0
     layers: int = 0
     least: float = 1.0

@@ -80,6 +80,8 @@ class StepRecord:
         contacts: number of contacts with solids at its end.
         unsettled: how many of them had not agreed on sticking, sliding or releasing when it was accepted, and how
             many pairs of cloth not on their forces.
+        contact_error: impulses that contacts with solids miss by Coulomb's law, as a part of all that act: weight, contact,
+            pins, changes of momentum.
         crossings: pairs of triangles of cloth and of solids with edges or corners that pass through each other.
         layers: pairs of cloth in contact with cloth; least: the smallest distance of any over what it should keep.
         tangled: pairs of an edge and a triangle of cloth that are known to pass through each other; they rest, but
@@ -121,6 +123,7 @@ class StepRecord:
     ledger: dict[str, float] = field(default_factory=dict)
     gas: dict[str, tuple[float, float]] = field(default_factory=dict)
     troubles: tuple[Trouble, ...] = ()
+    contact_error: float = 0.0
 
 
 class Stepper(Checkpointed):
@@ -292,7 +295,7 @@ class Stepper(Checkpointed):
                           attempt.error or 0.0, attempt.fell_back, attempt.layers, attempt.least, tangled,
                           attempt.pinched, opened=opened, ledger={} if ledger is None else ledger.record(),
                           gas={k: v for force in self._recording for k, v in force.record().items()},
-                          troubles=tuple(troubles))
+                          troubles=tuple(troubles), contact_error=attempt.contact_error)
 
     def _gave_up(self, t: float, h: float, rejection: str, attempt: Attempt, rejections: dict[str, int],
                  troubles: list[Trouble]) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from .ledger import STILL, moved, totals
 from .stepper import StepRecord
 
+OFF = 0.01  # part of all forces by which contacts with solids may be off Coulomb's law without a word
 DOUBTFUL = 0.1  # part of the energy that moved from which on what is unaccounted for is told of
 ADVICE = "a smaller h (--h), a tolerance (--tolerance) or the integrator newton_euler accounts for more of it"
 
@@ -16,24 +17,26 @@ class Tally:
     """Sums, largest and smallest values over steps.
 
     Attributes:
-        steps, solves, iterations, evaluations, not_converged: numbers of them in all.
+        steps, solves, iterations, evaluations, not_converged: numbers of them in all; unsolved: of steps that ended with
+            contacts more than 1 % off Coulomb's law.
         rejections: number of attempts by name; fell_back: of steps by why another method redid them.
         seconds: [s] by part.
         ledger: J by name, in all.
         moved: energy [J] that moved, see `ledger.moved`; astray: sizes of what each step has unaccounted for [J].
         worst: largest of these.
         size: largest sum of the sizes of energies [J] at the end of a step.
-        smallest_h, largest_h: [s]; residual, stretch, contacts, crossings, layers, least, tangled, pinched, intersections:
-            the worst of any step, None where there is none.
+        smallest_h, largest_h: [s]; residual, stretch, contacts, contact_error, crossings, layers, least, tangled, pinched,
+            intersections: the worst of any step, None where there is none.
     """
 
     def __init__(self) -> None:
-        self.steps = self.solves = self.iterations = self.evaluations = self.not_converged = 0
+        self.steps = self.solves = self.iterations = self.evaluations = self.not_converged = self.unsolved = 0
         self.rejections: Counter[str] = Counter()
         self.fell_back: Counter[str] = Counter()
         self.seconds: Counter[str] = Counter()
         self.ledger = totals([])
         self.moved = self.astray = self.worst = self.size = 0.0
+        self.contact_error = 0.0
         self.contacts = self.crossings = self.layers = self.tangled = self.pinched = 0
         self.least = 1.0
         self.smallest_h: float | None = None
@@ -56,6 +59,7 @@ class Tally:
         for name in ("solves", "iterations", "evaluations"):
             setattr(self, name, getattr(self, name) + getattr(r, name))
         self.not_converged += r.status not in ("CONVERGED", "EXPLICIT")
+        self.unsolved += r.contact_error > OFF
         self.rejections.update(r.rejections)
         self.fell_back.update([r.fell_back] if r.fell_back else [])
         self.seconds.update(r.seconds)
@@ -63,7 +67,8 @@ class Tally:
         lost = abs(r.ledger.get("unaccounted", 0.0))
         self.moved, self.astray, self.worst = self.moved + moved(r.ledger), self.astray + lost, max(self.worst, lost)
         self.size = max(self.size, sum(abs(e) for e in r.energies.values()))
-        for name in ("residual", "stretch", "contacts", "crossings", "layers", "tangled", "pinched", "intersections"):
+        for name in ("residual", "stretch", "contacts", "contact_error", "crossings", "layers", "tangled", "pinched",
+                     "intersections"):
             setattr(self, name, _larger(getattr(self, name), getattr(r, name)))
         self.least = min(self.least, r.least)
         self.smallest_h = r.h if self.smallest_h is None else min(self.smallest_h, r.h)

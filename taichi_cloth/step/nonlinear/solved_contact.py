@@ -155,7 +155,7 @@ class SolvedStep(StepProblem):
         with self.clock.part("C-S"):
             self.balance.finish()
             self.held = self.balance.held
-            solids.unsettled = self.residual.changed
+            contacts.found, solids.unsettled = self.found, self.residual.changed
             deep = solids.ends_deep()
             through = not deep and solids.went_through()
         if deep:
