@@ -1,4 +1,4 @@
-"""What a user may choose about a simulation: the one place of defaults, checks, flags and their meaning. No numpy, no Taichi.
+"""Options of a simulation: the one place of defaults, checks, flags and their meaning. No numpy, no Taichi.
 
 `Simulation` takes them by name, the command line makes its flags of them, the docs their table, and a run's manifest keeps
 them.
@@ -17,7 +17,7 @@ SHORTEST, LONGEST = 1e-12, 100.0  # steps [s] that may be asked for: time has no
 USUAL = 1 / 60  # s: where steps are larger, contact is as stiff, and tried in as small steps, as with that one
 H_MIN_FACTOR = 4096.0  # h_min is `usual(h)` over this, where it is not given
 ARCHS, PRECISIONS = ("cpu", "cuda", "vulkan", "metal"), ("f32", "f64")
-MACHINE = ("arch", "precision", "threads", "quiet", "debug")  # what Taichi is started with, and recorded as what runs
+MACHINE = ("arch", "precision", "threads", "quiet", "debug")  # of Taichi's start, recorded as the machine of a run
 APART = (*MACHINE, "h", "h_min", "count_intersections", "log")  # a record has steps as control keeps them; the last two
 # decide nothing
 
@@ -142,7 +142,7 @@ class Options:
         return cls(**values)
 
     def record(self) -> dict[str, Any]:
-        """By name what decides how a run goes, wherever it runs."""
+        """By name the options that decide how a run goes, wherever it runs."""
         return {name: value for name, value in asdict(self).items() if name not in APART}
 
     @staticmethod
@@ -156,7 +156,7 @@ assert all(option.default is not MISSING for option in BY_NAME.values())
 
 
 def signature(*first: inspect.Parameter) -> inspect.Signature:
-    """Of a call that takes `first` and every other option by name."""
+    """Signature of a call that takes `first` and every other option by name."""
     named = {p.name for p in first}
     return inspect.Signature([*first, *(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=option.default,
                                                           annotation=option.type)

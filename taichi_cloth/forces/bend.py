@@ -1,6 +1,6 @@
 """Bending over hinges: psi = k/2 C^2 with C = theta - theta_0 and k = D |e|^2 / (A_1 + A_2), so that the torque is k C.
 
-What a fabric has beside it, friction between fibres and creases, is in `hysteresis`; the loops are in `hinge_law`.
+Friction between fibres and creases are in `hysteresis`; the loops over hinges are in `hinge_law`.
 
 Differs from [BW98 §4.2]: k scales with the mesh so that D is a plate rigidity. C levels off where a fold closes on
 itself, and fades with triangles that collapse: see `hinge`.
@@ -67,7 +67,7 @@ class Bend(HingeLaw):
 
     @ti.func
     def beside(self, e, C):
-        """(torque, torque over displacement, slope, energy) of what the hinge remembers, at the condition C."""
+        """(torque, torque over displacement, slope, energy) of friction and creases, at the condition C."""
         return self.hysteresis.respond(e, C)
 
     def accept(self, h: float) -> bool:

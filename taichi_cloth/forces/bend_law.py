@@ -66,7 +66,7 @@ class BendLaw(OwnLaw, HingeLaw):
 
     @abstractmethod
     def dM(self, k, kappa):
-        """dM/dkappa [N m]. Where it is negative the matrix takes 0, or M/kappa."""
+        """dM/dkappa [N m]. If it is negative the matrix takes 0, or M/kappa."""
 
     @ti.func
     def beside(self, e, C):

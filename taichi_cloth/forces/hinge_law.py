@@ -1,6 +1,6 @@
 """The loops over hinges, written once for all laws of bending over them.
 
-A law says what torque a hinge has at its condition C, see `hinge`: k C, and the torque that subclasses have beside it.
+A law gives the torque of a hinge at its condition C, see `hinge`: k C, plus the torque of a subclass (`beside`).
 Everything else is here: forces, energies and powers, the linear system, damping.
 """
 

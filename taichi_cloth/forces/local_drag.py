@@ -58,7 +58,7 @@ class LocalDrag(Drag):
             n, speed = twice.normalized(1e-30), u.norm()
             c = ti.abs(n.dot(u)) / ti.max(speed, 1e-30)
             tangential = self.drag[1] + speed * (self.plate[0] * c - self.plate[1] * c * c)
-            beyond = self.drag[0] - self.drag[1] + speed * self.plate[1]  # what B has along n more than across
+            beyond = self.drag[0] - self.drag[1] + speed * self.plate[1]  # excess of B along n over that across
             B = 0.5 * twice.norm() * (sym_scaled_identity(tangential) + beyond * sym_outer(n))
             self.local[e] = ti.Vector([wind[0], wind[1], wind[2], B[0], B[1], B[2], B[3], B[4], B[5]])
 

@@ -1,15 +1,15 @@
 """Stretch and shear of woven cloth: the conditions of [BW98 §4.2] along warp and weft, per area of the pattern
 
-psi = k_u/2 (|w_u| - b_u)^2 + k_v/2 (|w_v| - b_v)^2 + k_s/2 (w_u . w_v)^2, and what a fabric has beyond: see `stiffening`.
+psi = k_u/2 (|w_u| - b_u)^2 + k_v/2 (|w_v| - b_v)^2 + k_s/2 (w_u . w_v)^2, plus the terms of `stiffening`.
 
-With n = w/|w|, the tensions T = k (|w| - b) and S = k_s w_u . w_v (both with what is beyond) and damping k_d C_dot in each:
+With n = w/|w|, the tensions T = k (|w| - b) and S = k_s w_u . w_v (both with their stiffening) and damping k_d C_dot in each:
 
 dpsi/dw_u = T_u n_u + S w_v, and the same with u and v changed (7), (11);
 d2psi/dw_u2 = T_u' n_u n_u^T + T_u/|w_u| (1 - n_u n_u^T) + S' w_v w_v^T,  d2psi/dw_u dw_v = S' w_v w_u^T + S 1.
 
 Differs from [BW98 §4.2, §4.5]: energy is area k/2 C^2 (see fabric); damping is weighted by area like its
-stiffness. Of a first solve its derivative by position and the term C_dot ddC are left out of the matrix; in further ones
-damping is an energy, k_d/(2 c) (C - C_0)^2, and its matrix is all of this energy's.
+stiffness. In a first solve the matrix leaves out the derivative of damping by position and the term C_dot ddC. In further
+solves damping is an energy, k_d/(2 c) (C - C_0)^2, and the matrix is that of this energy.
 """
 
 from typing import Any
@@ -37,7 +37,7 @@ class Membrane(MembraneLanes):
             damping with them. None leaves all as they are.
 
     Attributes:
-        notes: what was softened.
+        notes: how many triangles were softened, and how far.
     """
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str, substep: float | None = None) -> None:

@@ -1,4 +1,4 @@
-"""The other end of a page's process: starts it, tells it what to show, hears what is asked, and ends it."""
+"""The other end of a page's process: starts it, sends it pictures, receives orders from it, and ends it."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ class Link:
         return address_of(self.host, message[1])
 
     def tell(self, message: Any) -> None:
-        """Hands the page what it is to show."""
+        """Sends the page an `Opening` or a `Seen` to show."""
         write(self.process.stdin, message)  # type: ignore[arg-type]
 
     def listen(self, session: Session, teller: Teller) -> None:
-        """What the page asks for becomes orders of the session, from now on; if it goes, the session ends."""
+        """Turns requests of the page into orders of the session, from now on; if the page goes, the session ends."""
 
         def hear() -> None:
             while (message := read(self.process.stdout)) is not None:  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""The page of a session: its cloth, its buttons and sliders, by viser. Only what is on the page is known here."""
+"""The page of a session: its cloth, its buttons and sliders, by viser. It knows nothing of the simulation."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from .seen import Opening, Seen
 
 TILES = 40  # of the ground, along a side
 THREAD = (255, 140, 0)  # sRGB
-Ask = Callable[[str, tuple, str], object]  # what a session is to do, with which values; of one key only the last counts
+Ask = Callable[[str, tuple, str], object]  # an order of the session, its values, its key; only the last with a key counts
 
 
 class Page:
-    """Shows what it is told, and asks for what is clicked, turned and dragged.
+    """Shows each `Seen`, and turns clicks, sliders and drags into orders.
 
     Args:
-        server: of viser's; opened: what stays.
+        server: of viser's; opened: the part of the page that stays.
     """
 
     def __init__(self, server: Any, opened: Opening, ask: Ask) -> None:

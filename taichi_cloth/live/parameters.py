@@ -49,7 +49,7 @@ def parameters(options: Mapping[str, inspect.Parameter], ranges: object, given: 
         given: values in place of the defaults.
 
     Raises:
-        SceneError: RANGES is no table of pairs, or names what there is not.
+        SceneError: RANGES is no table of pairs, or names an option that build() does not have.
     """
     table: dict[str, object] = checks.instance("RANGES", ranges, dict)
     for name in table:

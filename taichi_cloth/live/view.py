@@ -97,10 +97,10 @@ def view(what: Scene | Simulation, *, host: str = HOST, port: int | None = None,
 
 def serve(source: Source, title: str, host: str, port: int | None, opens: bool, plays: bool,
           tells: Callable[[str], object] = print) -> None:
-    """Shows what a source makes; `tells` is called with the page's address.
+    """Shows the simulation of a source; `tells` is called with the page's address.
 
     Raises:
-        ClothError: see `view`; also what the scene's own making raises.
+        ClothError: see `view`; also any error of building the scene.
     """
     link = Link(host, port)  # starts while the scene is built
     try:
