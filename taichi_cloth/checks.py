@@ -187,8 +187,8 @@ def array(what: str, value: object, *shapes: Sequence[int | str], row: str = "ro
 
     Args:
         shapes: lengths; a letter stands for any. A shape that has all but the first of the longest is one value for all rows.
-        row: the kind of an index along the first axis; of: by which number each is known, its own where None; hint: what to do
-            about a wrong shape; for the messages.
+        row, of, hint: for the messages. The kind of an index along the first axis, the number of each row (None: its own), and
+            advice on a wrong shape.
 
     Raises:
         error: no array of numbers, another shape, or a number that is not finite.

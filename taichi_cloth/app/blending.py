@@ -8,7 +8,7 @@ ADDON = pathlib.Path(__file__).with_name("blender_addon.py")
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    """Of `blend`, besides those of `export`."""
+    """Flags of `blend`, besides those of `export`."""
     parser.add_argument("--onto", metavar="FILE", help="your own .blend: a copy of it whose objects move as the run's cloths")
     parser.add_argument("--object", action="append", metavar="[CLOTH=]OBJECT",
                         help="the object that a cloth is put onto (that of its name); may come again")

@@ -1,4 +1,4 @@
-"""Command line: run, list, check, doctor; what works on finished runs is in `cli_recorded`.
+"""Command line: run, list, check, doctor; the commands on finished runs are in `recorded`.
 
 Heavy imports happen inside the commands, so that --help is instant.
 """
@@ -26,8 +26,12 @@ OK, FAILED, BAD_USAGE, GAVE_UP, OWN_CODE, INTERRUPTED, UNREAD = 0, 1, 2, 3, 4, 1
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs a command; returns the exit code: 0 ok, 1 check failed, 2 bad scene or usage, 3 gave up, 4 an exception of the
-    scene's own code while it runs, 130 interrupted, 141 nobody reads what it prints."""
+    """Runs a command.
+
+    Returns:
+        The exit code: 0 ok, 1 check failed, 2 bad scene or usage, 3 gave up, 4 an exception of the scene's own code while it
+        runs, 130 interrupted, 141 nobody reads its output.
+    """
     return _guard(lambda: _dispatch(_parser().parse_args(argv)))
 
 
@@ -245,7 +249,7 @@ def _options(args: argparse.Namespace, scene):
                       checkpoint_every=args.checkpoint_every, frames=not args.no_frames, resume=resume,
                       from_frame=args.from_frame, force=args.force)
     if args.frames:
-        options.drawn  # noqa: B018  (what is wrong with it is said before anything runs)
+        options.drawn  # noqa: B018  (a wrong value is an error before anything runs)
     return options
 
 
@@ -308,7 +312,7 @@ def _option_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def _how(option: Field) -> dict:
-    """How argparse is to read an option of `Options`; None is what was not given."""
+    """Arguments of `add_argument` for an option of `Options`; an option that is not given becomes None."""
     kind, unit, meaning = (option.metadata[key] for key in ("kind", "unit", "meaning"))
     if kind == "flag":
         return {"action": "store_const", "const": not option.default,

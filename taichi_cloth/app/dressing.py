@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _checked_out(name: str) -> Path:
-    """Where the garment is to go; that it can be written is found out before anything is computed."""
+    """The file of the garment, checked before anything is computed: it must be writable."""
     from .. import checks
     from ..errors import SceneError
 

@@ -25,7 +25,7 @@ Change = tuple[int, Callable[[Simulation], Simulation]]
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What the command line asks for.
+    """A run as the command line asks for it.
 
     Attributes:
         out: folder, or None to write nothing.
@@ -71,7 +71,7 @@ def run(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest
         on_frame: Callable[[Simulation, int], None] | None = None, resumed: int | None = None, first: int | None = 0,
         began: float | None = None, said: Callable[[Exception], str] | None = None,
         before: Sequence[StepRecord] | None = None, changes: Iterable[Change] = ()) -> Simulation:
-    """Runs a simulation and keeps its frames; whatever ends it, they are whole and the manifest says what it was.
+    """Runs a simulation and keeps its frames. However it ends, they are whole and the manifest names the cause.
 
     Returns the simulation, or the last that took its place.
 
@@ -113,7 +113,7 @@ def run(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest
 def _kept(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest: dict, resumed: int | None,
           first: int | None, began: float, said: Callable[[Exception], str], before: Sequence[StepRecord]
           ) -> Iterator["Writer | None"]:
-    """What keeps frames; the folder's manifest says what becomes of the run."""
+    """The writer of frames; the folder's manifest gets the outcome of the run."""
     if folder is None:
         yield None
         return
@@ -145,10 +145,10 @@ def _said(error: Exception) -> str:
 
 
 class Writer:
-    """Writes what a run leaves behind, frame by frame, and keeps count of what that costs.
+    """Writes a run's frames, pictures, telemetry and checkpoints, and counts the time that this takes.
 
     Attributes:
-        seconds: wall time by what was done: draw, write.
+        seconds: wall time of drawing and of writing.
     """
 
     def __init__(self, folder: RunFolder, sim: Simulation, options: RunOptions, resumed: int | None, first: int | None,
@@ -242,7 +242,7 @@ class Writer:
 
 
 def _artist(geometry: dict[str, np.ndarray], options: RunOptions, scene: Scene):
-    """What draws the run's frames."""
+    """The artist of the run's frames."""
     from ..output.look import Look
     from ..output.picture import Artist
     from ..recording.expected import expected
@@ -258,7 +258,7 @@ def _artist(geometry: dict[str, np.ndarray], options: RunOptions, scene: Scene):
 
 
 def _framing(artist):
-    """What counts the pictures that cut cloth off."""
+    """The counter of pictures that cut cloth off."""
     from ..recording.drawing import Framing
 
     return Framing(artist)

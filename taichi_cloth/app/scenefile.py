@@ -1,8 +1,12 @@
 """Scene files: Python modules with build(...) and check(sim), found by path or by name.
 
-A scene file has a docstring whose first line says what it shows, `build(**options) -> Scene`, and may have
-`check(sim)`, which yields (sentence, passed) pairs, `metrics(sim)`, figures by name for `sweep`, `RUN`, defaults for the run
-(duration, fps, h, ...), `SMALL`, options that make it quick, and `RANGES`, (low, high) of options' sliders by name for `view`.
+A scene file has a docstring, whose first line is the scene's summary, and `build(**options) -> Scene`. It may have
+
+- `check(sim)`: yields (sentence, passed) pairs;
+- `metrics(sim)`: figures by name, for `sweep`;
+- `RUN`: defaults for the run (duration, fps, h, ...);
+- `SMALL`: options that make it quick;
+- `RANGES`: (low, high) of options' sliders by name, for `view`.
 """
 
 import importlib.util
@@ -23,7 +27,7 @@ if TYPE_CHECKING:
     from ..scene.scene import Scene
 
 OWN = pathlib.Path("scenes")  # where scenes of one's own are looked for by name
-EVERY = ("fabric", "wind")  # options that every scene has: what is said of them is done to the scene that was built
+EVERY = ("fabric", "wind")  # options that every scene has; they change the scene after it was built
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,7 @@ class SceneFile:
         return self._told(scene, **said_of_all)
 
     def _told(self, scene: "Scene", fabric: Any = None, wind: Any = None) -> "Scene":
-        """A scene with what can be said of every one: the fabric of all its cloths, and a wind, in air as plates feel it."""
+        """The scene with the options of every scene: a fabric for all its cloths, and a wind, in air as plates feel it."""
         from ..scene.air import Air
         from ..scene.winds import DRAG, LIFT
 
@@ -98,7 +102,7 @@ class SceneFile:
         return left | self.typed(settings)
 
     def changed(self, recorded: dict[str, object]) -> dict[str, object]:
-        """The settings of a manifest that are not what the scene leaves them at."""
+        """The settings of a manifest that differ from the scene's defaults."""
         left = {name: plain(value) for name, value in self.settings({}).items()}
         return {name: value for name, value in recorded.items() if name not in left or value != left[name]}
 
@@ -122,7 +126,7 @@ class SceneFile:
 
 
 def said(error: Exception, file: str) -> str:
-    """An exception of a scene's own code in one line: what, and where in the scene's file."""
+    """An exception of a scene's own code in one line: type, message, and line of the scene's file."""
     places = traceback.extract_tb(error.__traceback__)
     where = next((p for p in reversed(places) if p.filename == file), None)
     if where is None and places[-1].filename == __file__:
@@ -178,7 +182,7 @@ def number(text: str, kind: type = float):
 
 
 def numbers(text: str, count: int) -> tuple[float, ...]:
-    """So many finite numbers from text such as "0,-.1,1e-2".
+    """Finite numbers, `count` of them, from text such as "0,-.1,1e-2".
 
     Raises:
         ValueError: they are not.
@@ -190,7 +194,7 @@ def numbers(text: str, count: int) -> tuple[float, ...]:
 
 
 def folders() -> list[pathlib.Path]:
-    """Where scenes are looked for by name: ./scenes, those of the checkout, those of the installed package."""
+    """Folders of scenes, in the order of search: ./scenes, the checkout's, the installed package's."""
     here = pathlib.Path(__file__).parents[1]
     places = [OWN, here.parent / "scenes", here / "bundled_scenes"]
     return [p for p in places if p.is_dir()]

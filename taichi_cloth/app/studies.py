@@ -1,4 +1,4 @@
-"""Commands that hold a scene against what is right: study and verify."""
+"""Commands that compare a scene with exact solutions and identities: study and verify."""
 
 import argparse
 import pathlib

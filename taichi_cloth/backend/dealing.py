@@ -1,9 +1,9 @@
 """Loops of which some parts cost far more than others, in pieces that threads take one after the other.
 
-Taichi gives each CPU thread of a loop a run of its iterations beforehand, all of the first half to one of two. Where the
-costly ones are at one end, or a thread starts late or is put aside, the other waits: sums over the nodes of all levels took
-as long on two threads as on one. Here a thread that is done with a piece takes the next. Which thread works on a piece makes
-no difference to the result.
+Taichi gives each CPU thread of a loop a run of its iterations beforehand, all of the first half to one of two. If the
+costly ones are at one end, or a thread starts late or is put aside, the other waits. Sums over the nodes of all levels then
+took as long on two threads as on one. Here a thread that is done with a piece takes the next. The result does not depend on
+the thread that works on a piece.
 
     dealer.begin()
     for t in range(dealer.tasks):
@@ -38,7 +38,7 @@ class Dealer:
 
     @ti.func
     def begin(self):
-        """Of a loop."""
+        """Begins a loop: no piece is taken yet."""
         self.taken[0] = 0
 
     @ti.func

@@ -20,7 +20,7 @@ CHUNK = 1 << 22  # numbers that are handed to a kernel at once
 
 @dataclass
 class Filled:
-    """A field of rows and what they are filled with, (n, width)."""
+    """A field of rows and the values (n, width) that fill them."""
 
     field: object
     width: int

@@ -1,4 +1,4 @@
-"""Where Taichi keeps compiled kernels from process to process, and whether it can."""
+"""The folder in which Taichi keeps compiled kernels from process to process, checked to be writable."""
 
 import functools
 import os
@@ -13,7 +13,7 @@ VARIABLE = "TI_OFFLINE_CACHE_FILE_PATH"  # of the environment: another folder th
 def options(keep: bool) -> dict[str, Any]:
     """Arguments of `ti.init` on the cache of kernels.
 
-    Taichi makes the folder even if it keeps nothing (`keep` False). Where it cannot, it fails at its second start, or as the
+    Taichi makes the folder even if it keeps nothing (`keep` False). If it cannot, it fails at its second start, or as the
     process ends: then it gets another folder.
     """
     from taichi.lang import impl

@@ -1,9 +1,9 @@
 """Launches of this package's kernels without Taichi's look-ups at each of them.
 
-Which compiled kernel suits the arguments, and how each is handed over, is the same from launch to launch: a launch of three
-arrays takes 50 us by Taichi's own way, most of it in Python, and 20 by this. Arguments that are not plain (a matrix, an array
-that is not contiguous, a number of the wrong kind) goes Taichi's way, and so does everything where it differentiates or checks
-bounds.
+The compiled kernel that suits the arguments, and the way to hand each over, are the same from launch to launch. A launch of
+three arrays takes 50 us by Taichi's own way, most of it in Python, and 20 by this. Arguments that are not plain (a matrix, an
+array that is not contiguous, a number of the wrong kind) go Taichi's way, and so does everything while Taichi differentiates
+or checks bounds.
 """
 
 import time

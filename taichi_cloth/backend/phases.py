@@ -3,8 +3,8 @@
 A launch costs some 75 us and a hand-over to other threads 45 us, a phase here .2 us. In each phase every block of rows is
 claimed once and worked on; whoever ends the last one decides on the next phase. Threads spin while they wait, and after a
 while take over blocks that nobody has claimed: a thread that the system has put aside between two blocks holds nobody up.
-Where all blocks are claimed and one is not done for long, its thread was put aside within it, for another program's sake: then
-one that waits leaves for good, so that the late one has a core, and the others do its blocks.
+If all blocks are claimed and one is not done for long, the system has taken the core of its thread for another program. Then a
+thread that waits leaves for good, so that the late one has a core, and the others do its blocks.
 Which thread works on a block makes no difference to the result.
 
     phases.start(FIRST)  # in a loop of its own before
@@ -18,7 +18,7 @@ Which thread works on a block makes no difference to the result.
                     if block >= 0:
                         ...  # the block's part of this kind of phase
                         if phases.last(phase):
-                            phases.turn(...)  # what comes next
+                            phases.turn(...)  # the next phase
 """
 
 import numpy as np
@@ -66,7 +66,7 @@ class PhaseScheduler:
 
     @ti.func
     def kind(self, waited):
-        """Of the phase that goes on; `END` for a thread that is to leave, having waited for so many looks."""
+        """Kind of the current phase; `END` for a thread that has to leave, after `waited` looks without work."""
         kind = ti.atomic_add(self.shared[APART], 0)
         if waited > LEAVES:  # all blocks are claimed, so somebody is at work
             left = ti.atomic_add(self.shared[3 * APART], 0)

@@ -70,10 +70,9 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
           debug: bool = False) -> Runtime:
     """Starts Taichi, or goes on with it where the same is running already and something still holds fields.
 
-    A start with other settings ends the simulations made before it; they say so when used. Where nothing holds fields
-    any more, nor the pool has any, Taichi starts anew: it numbers fields afresh, and so finds in its cache the kernels that it
-        compiled
-    for the same ones.
+    A start with other settings ends the simulations made before it; they say so when used. If no simulation
+    and no pool holds fields any more, Taichi starts anew: it numbers fields afresh, and finds the kernels of the same fields
+    in its cache.
 
     Args:
         threads: CPU threads; None takes all that the process may use.
@@ -108,8 +107,8 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     words, before = io.StringIO() if quiet else sys.stdout, placement.running()
     try:
         with contextlib.redirect_stdout(words), _unasked():
-            # fast_math would let the compiler assume that there is no NaN, and drop the tests for it; what the other two
-            # passes do, LLVM does again, and they take a third of the time to compile
+            # fast_math would let the compiler assume that there is no NaN, and drop the tests for it. LLVM repeats the other
+            # two passes, which take a third of the time to compile.
             ti.init(arch=getattr(ti, arch), default_fp=fp, cpu_max_num_threads=wanted.threads, debug=debug,
                     enable_fallback=False, log_level=ti.ERROR if quiet else ti.INFO, fast_math=False, unrolling_limit=0,
                     cfg_optimization=False, simplify_after_lower_access=False, **kernel_cache.options(keep=not debug))

@@ -18,7 +18,7 @@ Model = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Estimate:
-    """Of n parameters.
+    """Estimate of n parameters.
 
     Attributes:
         values: (n,); low, high: (n,) ends of their intervals, NaN where there are no more measurements than parameters.

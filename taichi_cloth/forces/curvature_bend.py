@@ -2,11 +2,11 @@
 
 They come from the divergence theorem, x_ab = 1/area sum over edges of n_a l x_b, with one gradient x_b an edge, shared by its
 two triangles. It is the mean of two gradients at the edge's middle: those of quadratics through each triangle and its three
-neighbours. Exact for quadratics on any triangulation, and the forces of a constant curvature cancel at inner vertices. So the
-rigidity is D on irregular meshes too; a hinge's is D on equilateral ones only, 0.8 to 3 D on others. For deformations that
-keep lengths |x_uu|^2 + 2 |x_uv|^2 + |x_vv|^2 is the sum of squares of the curvatures [Bergou et al. 2006]; patches of
-triangles without rotations as in [Onate, Zarate 2000]. Linear in positions: a constant matrix, the same in all three
-coordinates.
+neighbours. It is exact for quadratics on any triangulation, and the forces of a constant curvature cancel at inner vertices.
+The rigidity is therefore D on irregular meshes too; a hinge's is D on equilateral ones only, 0.8 to 3 D on others. For
+deformations that keep lengths |x_uu|^2 + 2 |x_uv|^2 + |x_vv|^2 is the sum of squares of the curvatures [Bergou et al. 2006];
+patches of triangles without rotations as in [Onate, Zarate 2000]. Forces are linear in positions: a constant matrix, the same
+in all three coordinates.
 
 Friction between fibres and creases are in `curvature_hysteresis`.
 

@@ -28,7 +28,7 @@ class Places:
 
 
 def chained(lines: Sequence[np.ndarray]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """(closed lines, whose first point is not repeated; open ones) of lines (k, 2); what is drawn twice counts once."""
+    """(closed lines, whose first point is not repeated; open ones) of lines (k, 2); lines drawn twice count once."""
     size = float(np.ptp(np.concatenate(lines), axis=0).max()) if len(lines) else 0.0
     if not size > 0:
         return [], []

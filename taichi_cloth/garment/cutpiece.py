@@ -29,7 +29,7 @@ class Cut(NamedTuple):
     grain: float
 
     def hung(self) -> "Cut":
-        """Turned by a quarter where its grain lies across, so that what was right is up."""
+        """Turned by a quarter if its grain lies across, so that its right side is up."""
         if abs((self.grain + math.pi / 2) % math.pi - math.pi / 2) > ACROSS:
             return self
         return Cut(self.points @ np.array([[0.0, 1.0], [-1.0, 0.0]]), self.corner, self.grain + math.pi / 2)

@@ -28,7 +28,7 @@ class Shape(NamedTuple):
     Attributes:
         name: its label in Inkscape, title or id, else that of the nearest group; "" where none has any.
         own: whether the name is its own, and not a group's or an element's that is drawn several times.
-        what: what it is called in messages.
+        what: its name in messages.
         part: id of the nearest group with "-part-" in it.
         classes: of its class attribute.
         to_metres: (2, 2) from its coordinates to metres, y up.
@@ -92,7 +92,7 @@ class Drawing:
                 stack.extend(reversed(self._next(stack.pop())))
 
     def _next(self, visit: Visit) -> list[Visit]:
-        """What a group or a `use` draws. Of a shape nothing; it is added to the drawing's."""
+        """The elements that a group or a `use` draws. A shape has none; it is added to the drawing's shapes."""
         node, tag = visit.node, visit.node.tag.removeprefix(SVG)
         group = tag in GROUPS or (tag == "symbol" and bool(visit.used))
         if not (group or tag == "use" or tag in SHAPES):
@@ -179,7 +179,7 @@ def _transformed(what: str, to: np.ndarray, node: Element, style: dict[str, str]
 
 
 def _box(what: str, node: Element) -> list[float]:
-    """Of a `viewBox`: x, y, width, height."""
+    """x, y, width and height of a `viewBox`."""
     box = numbers(f"{what}: viewBox", node.get("viewBox", ""))
     if len(box) != 4 or min(box[2:]) <= 0:
         raise SceneError(f"{what}: viewBox = {shown(node.get('viewBox'))}: must be x, y, width and height, both positive")

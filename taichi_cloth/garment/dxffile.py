@@ -1,4 +1,4 @@
-"""What is drawn in a DXF file of the apparel trade: pieces with texts, lines and points by layer. Read by ezdxf.
+"""Pieces in a DXF file of the apparel trade, with texts, lines and points by layer. Read by ezdxf.
 
 A piece is a block; its layers are numbers. [AAMA-DXF-292, ASTM D6673]
 """
@@ -27,7 +27,7 @@ NO_UNIT = ("no unit of length is named, neither by a text 'Units: METRIC' (milli
 
 
 class Heard(logging.Handler):
-    """What a library warns of, in place of printing it."""
+    """Keeps the warnings of a library in place of printing them."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
@@ -89,7 +89,7 @@ def read_sheet(path: Path, scale: float | None) -> Sheet:
 
 
 def _document(data: bytes) -> tuple[Any, list[str]]:
-    """(the document, what of it is damaged)."""
+    """(the document, messages on its damage)."""
     try:
         from ezdxf import recover
     except ImportError:

@@ -131,7 +131,7 @@ def overlap(a: np.ndarray, b: np.ndarray) -> bool:
 
 
 def area(h: np.ndarray) -> float:
-    """Of a polygon (k, 2)."""
+    """Signed area of a polygon (k, 2) [m^2]."""
     after = np.roll(h, -1, axis=0)
     return float((h[:, 0] * after[:, 1] - h[:, 1] * after[:, 0]).sum() / 2)
 

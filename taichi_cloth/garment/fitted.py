@@ -26,13 +26,15 @@ UNEVEN = 1.8  # times as wide as long, or as long as wide, as the figure drawn f
 
 
 def fitted(garment: Garment, body: Scene, thickness: float, turn: float | None = None) -> tuple[Garment, tuple[str, ...]]:
-    """(the garment as large as a body, round it as it was round the figure that shipped patterns are drawn for, and clear of
-    it; sentences on what was done).
+    """Fits a shipped garment to a body: as large as it, round it as round the figure of the pattern, and clear of it.
 
     Args:
         body: the scene whose solids wear it, as they are at time 0.
         thickness: of the cloth [m]; panels that would start within the body go that and the solids' thickness out of it.
         turn: the way the body faces [degrees], from z towards x; None finds it.
+
+    Returns:
+        (the garment, sentences on the changes).
 
     Raises:
         SceneError: a body without legs, trunk or neck that its surface shows, or whose trunk is as wide or narrow as no

@@ -1,11 +1,11 @@
 """Patterns in GarmentCode's JSON format. [Korosteleva, Sorkine-Hornung 2023]
 
-Panels have corners [cm], edges that are straight or curved, a translation [cm] and a rotation R_z R_y R_x [degrees];
-stitches join two edges, the start of one to the end of the other unless "right_wrong" says otherwise.
+Panels have corners [cm], edges that are straight or curved, a translation [cm] and a rotation R_z R_y R_x [degrees].
+Stitches join two edges, the start of one to the end of the other unless "right_wrong" says otherwise.
 
 Beyond the format: a panel may be bent, as a sleeve round an arm, by `around`, the ends of an axis [cm], `radius` [cm] and
 `turn` [degrees]; other programs see its translation and rotation. In the place of `edge`, an end of a stitch may have
-`points` [cm], a line or a point within the panel. And the two ends of a stitch may be followed by what the seam is like,
+`points` [cm], a line or a point within the panel. And the two ends of a stitch may be followed by properties of the seam,
 {"rest": degrees, "flat" or "given", "stiffness": factor, "strength": N/m}, as in `Scene.sew`.
 """
 

@@ -174,7 +174,7 @@ def _segment(upper: str, n: list[float], base: complex, at: complex, before: Seg
 
 def arc(start: complex, end: complex, rx: float, ry: float, tilt: float = 0.0, large: bool = False,
         grows: bool = True) -> Segment:
-    """Of an ellipse; a straight line where a radius is 0."""
+    """Arc of an ellipse; a straight line if a radius is 0."""
     if not (rx and ry):
         return Segment("L", (start, end))
     return Segment("A", (start, end), (abs(rx), abs(ry), tilt, large, grows))

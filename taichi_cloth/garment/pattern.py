@@ -1,4 +1,4 @@
-"""A sewing pattern: panels in the plane, where they hang round the body, and what is sewn to each other."""
+"""A sewing pattern: panels in the plane, their places round the body, and stitches between their edges."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ class Pattern:
     """Panels and stitches.
 
     Attributes:
-        notes: what a reader has to say of the file, one sentence each; meshes repeat them.
+        notes: remarks of the reader on the file, one sentence each; meshes repeat them.
 
     Raises:
         SceneError: a stitch that names no edge, an edge that is sewn twice, or edges whose lengths do not fit.
@@ -203,7 +203,7 @@ class Pattern:
                          f"for {taken}")
 
     def length(self, panel: str, edge: int) -> float:
-        """Of an edge [m]."""
+        """Length of an edge [m]."""
         p = next(p for p in self.panels if p.name == panel)
         return p.edges[edge].length(p.corners)
 
@@ -309,8 +309,12 @@ class Pattern:
 
 
 def _numbered(border: np.ndarray, lines: list[np.ndarray]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """(numbers (k,) of each line's points (k, 2) among those of the border and then those inside, the latter (j, 2), pairs of
-    numbers (p, 2) of points that follow each other); what is in one place is one."""
+    """Points of lines (k, 2) in a panel, those in one place merged.
+
+    Returns:
+        (numbers (k,) of each line's points, counted along the border and then inside; the points inside (j, 2); pairs (p, 2)
+        of numbers of points that follow each other).
+    """
     number = {key: k for k, key in enumerate(map(tuple, border.round(SAME).tolist()))}
     inside: list[np.ndarray] = []
     rows = []

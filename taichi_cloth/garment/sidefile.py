@@ -1,4 +1,4 @@
-"""What a drawing cannot say of its panels, in a JSON file: stitches, labels, where they hang. numpy only.
+"""Side file of a drawing, in JSON: stitches, labels and places of its panels. numpy only.
 
     {"stitches": [[{"panel": "front", "edge": 1}, {"panel": "back", "edge": 3}], ...],   as in GarmentCode's format
      "labels": {"waist": [{"panel": "front", "edge": 2}, ...]},
@@ -26,7 +26,7 @@ def side_of(path: Path) -> Path | None:
 
 
 def joined(panels: tuple[Panel, ...], side: Path | None) -> Pattern:
-    """Panels with what a side file says."""
+    """The pattern of panels with the stitches, labels and places of a side file."""
     if side is None:
         return Pattern(panels)
     try:

@@ -61,5 +61,5 @@ def bytes_of(path: Path) -> bytes:
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}{near(path)}") from None
     if len(data) > MOST_BYTES:
-        raise SceneError(f"{path}: is larger than {MOST_BYTES >> 20} MB: leave out what is no panel, such as images")
+        raise SceneError(f"{path}: is larger than {MOST_BYTES >> 20} MB: leave out images and the like")
     return bytes(data)

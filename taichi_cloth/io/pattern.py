@@ -19,8 +19,8 @@ def fit_pattern(x: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, scale: 
         scale: metres per unit of the file.
 
     Returns:
-        (m, 3, 2) material coordinates [m], or None where lengths are others; whether the texture coordinates are a
-        thing of their own besides; and a sentence on it (empty where they are the pattern, in the file's unit).
+        (m, 3, 2) material coordinates [m], or None if their lengths differ from the mesh's; whether the texture coordinates
+        are kept besides, for images; and a sentence on it (empty if they are the pattern, in the file's unit).
     """
     own = flatten(x, faces)
     shape = ("the mesh's own shape is the rest shape, as with uv='flatten', and they stay for images and exports; "

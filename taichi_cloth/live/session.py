@@ -26,7 +26,7 @@ IDLE = 0.5  # s that a paused session waits at a time: a wait without end would 
 PICTURE = 1 / 30  # s from picture to picture of a cloth that moves, at least
 ASKED = ("play", "pause", "step", "reset", "set", "blow", "color_by", "look", "grab", "drag", "drop", "finish")
 ASIDE = ("look", "drag", "drop")  # orders that keep the message of the last trouble
-SAME = ("x", "faces", "uv", "solid_x", "solid_faces", "cloth_start")  # arrays of a scene as built; a run can go on if they are the same
+SAME = ("x", "faces", "uv", "solid_x", "solid_faces", "cloth_start")  # arrays as built that a run needs to go on
 
 
 class Source(Protocol):

@@ -57,7 +57,7 @@ class Textures:
 
     @property
     def levels(self) -> np.ndarray:
-        """Where each is."""
+        """(k, 3) first texel, width and height of each level."""
         starts = np.cumsum([0] + [len(p) for p in self.parts])[:-1]
         rows = [(start, w, h) for start, (w, h) in zip(starts, self.shapes)]
         return np.array(rows or [(0, 1, 1)], dtype=np.int32)

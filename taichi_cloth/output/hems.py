@@ -45,7 +45,7 @@ def borders(faces: np.ndarray, uv: np.ndarray, width: np.ndarray) -> np.ndarray:
 
 
 def distance(at: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Of points (..., 2) from segments (..., 4)."""
+    """Distance of points (..., 2) from segments (..., 4)."""
     a, way = ends[..., :2], ends[..., 2:] - ends[..., :2]
     t = ((at - a) * way).sum(axis=-1) / np.maximum((way**2).sum(axis=-1), 1e-30)
     return np.linalg.norm(at - a - np.clip(t, 0, 1)[..., None] * way, axis=-1)

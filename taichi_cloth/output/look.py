@@ -118,7 +118,7 @@ class Look:
         return replace(scene, **{name: value for name, value in said.items() if value is not None})
 
     def appearance(self, name: str, own: Appearance) -> Appearance:
-        """Of a cloth: the one asked for it, for all cloths, or the scene's."""
+        """Appearance of a cloth: the one asked for it, else for all cloths, else the scene's."""
         for key in ("", name):
             own = self.cloths[key].over(own) if key in self.cloths else own
         return own

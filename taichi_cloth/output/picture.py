@@ -30,7 +30,7 @@ class Artist:
 
     Args:
         size: (width, height) [pixels].
-        frames: gives the frames, or what is known of them, of the whole motion: the ground is below all of them.
+        frames: gives the frames of the whole motion, or expected ones: the ground is below all of them.
         fits: gives those that a fitted camera has to have in its picture; the first shape and all of `frames` where None.
 
     Raises:
@@ -194,7 +194,7 @@ class Artist:
                 x = self._all_of(frame, first[:0])
                 low = (float(part[:, 1].min(initial=np.inf)) for part in np.split(x, [len(frame["x"])]))
                 cloth, solid = map(min, (cloth, solid), low)
-                if fits is None and len(x):  # of solids alone, what stands still is in the first set
+                if fits is None and len(x):  # solids that stand still are in the first set already
                     sets.append(x - self._followed(frame))
             if fits is not None and self.fitted:
                 sets = [self._all_of(frame, first[n:]) - self._followed(frame) for frame in fits()]

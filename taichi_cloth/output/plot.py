@@ -25,7 +25,7 @@ class Mean:
 
 
 def scatter_plot(series: dict[str, Mean], x_label: str, log: bool = False, log_x: bool = False) -> str:
-    """As `line_plot`, of points that repeat."""
+    """The plot of `line_plot` for points that repeat: a line through their means, and dots."""
     return line_plot({name: s.line() for name, s in series.items()}, x_label, log, log_x,
                      dots={name: (s.x, s.y) for name, s in series.items()})
 

@@ -36,7 +36,7 @@ class Raster:
 
     @ti.func
     def row(self, t, turns, height):
-        """Of iteration t; `height` or more where there is none."""
+        """Row of the picture for iteration t; `height` or more if there is none."""
         turn, out = t // self.grain, height
         if t % self.grain == 0:
             out = turn % BANDS * (turns // (self.grain * BANDS)) + turn // BANDS

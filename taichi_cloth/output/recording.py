@@ -71,7 +71,7 @@ class Recording:
         return numbers
 
     def time(self, frame: int) -> float:
-        """Of a frame [s]: frame 0 is where recording began."""
+        """Time of a frame [s]: recording began at frame 0."""
         return float(self.manifest.get("begins", 0.0)) + frame / self.fps
 
     @property
@@ -159,7 +159,7 @@ class Recording:
         return arrays
 
     def numbers(self, kind: str) -> list[int]:
-        """Of the files of a kind, `FRAMES` or `CHECKPOINTS`, whether they are whole or not."""
+        """Numbers of the files of a kind, `FRAMES` or `CHECKPOINTS`, whether they are whole or not."""
         return sorted(int(f.stem) for f in (self.path / kind).glob("*.npz") if f.stem.isascii() and f.stem.isdigit())
 
 

@@ -1,4 +1,4 @@
-"""Where a point of one run's cloth is in another run's, of another resolution: the same material coordinates."""
+"""Points of one run's cloth found in another run's, of another resolution, by their material coordinates."""
 
 import numpy as np
 

@@ -56,7 +56,7 @@ class Films:
 
 def render(recording: Recording, folder: pathlib.Path, size: tuple[int, int], look: Look, numbers: list[int],
            films: Films, extras: Extras = NOTHING) -> list[pathlib.Path]:
-    """Draws frames of a recorded run into `folder`; the files that were written. `recording.notes` say what a camera cut off.
+    """Draws frames of a recorded run into `folder`; the files that were written. `recording.notes` tell of cloth cut off.
 
     Raises:
         OutputError: a film that cannot be written, or cannot be transparent, or no folder; nothing is drawn then.
@@ -111,7 +111,7 @@ def id_names(geometry: dict[str, np.ndarray]) -> dict[int, str]:
 def distances(a: Recording, b: Recording) -> dict[int, np.ndarray]:
     """By frame of a at whose time b has one too, (n,) distance [m] of each of its vertices from the other run.
 
-    Where meshes differ, from the place of the other cloth with the same material coordinates.
+    If meshes differ, it is the distance from the place of the other cloth with the same material coordinates.
 
     Raises:
         OutputError: the runs are of other cloths, or have no time in common.

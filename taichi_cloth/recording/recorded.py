@@ -40,8 +40,8 @@ class Recording(recording.Recording):
         Args:
             format: blend, abc, usda, usdc, glb, gltf, obj, pc2, vtu or ply.
             path: a folder; for a format of one file also that file's name; FORMAT in the run's folder where None.
-            parts: one mesh for each of the "cloths", of the "panels" of garments, or garments "welded" over their seams, whose
-                triangles are turned to one side where panels face both ways; `notes` say how many were.
+            parts: one mesh for each of the "cloths", of the "panels" of garments, or garments "welded" over their seams.
+                Welding turns triangles to one side if panels face both ways; `notes` say how many.
 
         Returns:
             The files that it wrote.

@@ -89,8 +89,8 @@ def passes(what: Drawable, frame: int | None = None, size: tuple[int, int] = (12
         look: other arguments of `render` that move the camera or the surfaces: camera, orbit, follow, floor, smooth.
 
     Returns:
-        By name: depth (h, w) f32, distance along the direction of view [m], infinite where nothing is; normal (h, w, 3) f32,
-        towards the eye, 0 where nothing is; id (h, w) int32, 0 where nothing is, then cloths, solids and the ground from 1.
+        By name: depth (h, w) f32, distance along the direction of view [m]; normal (h, w, 3) f32, towards the eye; id (h, w)
+        int32, cloths, solids and the ground from 1. In empty pixels depth is infinite, normal and id are 0.
 
     Raises:
         SceneError: an impossible value or an unknown name.

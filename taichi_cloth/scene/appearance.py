@@ -17,8 +17,8 @@ WEAVES = ("plain", "twill")
 class Texture:
     """An image on the pattern: its lower left corner at `origin`, its width along u, its height along v.
 
-    On a mesh with texture coordinates of its own (`TriMesh.texture`) it goes by these: one image from 0 to 1, or a metre as
-    long as it is in the mean over the mesh, with its origin at 0.
+    On a mesh with texture coordinates of its own (`TriMesh.texture`) the image goes by these: one
+    image from 0 to 1, or a metre as long as it is in the mean over the mesh, with its origin at 0.
 
     Args:
         image: a file (PNG, JPEG ...; needs the extra `texture`), or (h, w, 3 or 4) uint8, first row on top, sRGB.
@@ -96,8 +96,9 @@ class Appearance:
 
     Args:
         color: of the front, to which the faces' normals point (corners run counterclockwise there): the upper side of
-            `grid` in the plane "xz", that towards +z in "xy"; back: of the other side, on which no texture shows then. Names
-            of CSS ("crimson"), "#rrggbb" in sRGB, or linear RGB in 0..1.
+            `grid` in the plane "xz", that towards +z in "xy". Names of CSS ("crimson"), "#rrggbb" in sRGB, or linear RGB in
+            0..1.
+        back: color of the other side, on which no texture shows then.
         squares: whether squares on the pattern show how it is strained; None draws them where there is neither texture
             nor weave.
         texture: an image on the pattern.

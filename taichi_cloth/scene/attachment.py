@@ -132,7 +132,7 @@ class Script:
         return replace(self, **lists)
 
     def drives(self) -> tuple:
-        """What forces jump with where it changes at once."""
+        """The prescribed drives of forces: inflations, loads and the air. Forces jump when one changes at once."""
         return (*self.inflations, *self.loads, self.air)
 
 

@@ -191,7 +191,7 @@ class Contents:
         """Adds a force of your own.
 
         Args:
-            make: what `MembraneLaw.on` or `BendLaw.on` gives, or a class or function that makes a `forces.force.Force` of
+            make: the result of `MembraneLaw.on` or `BendLaw.on`, or a class or function that makes a `forces.force.Force` of
                 (fields, model, scene, K).
         """
         checks.function("add_force: make", make, "fields", "model", "scene", "K")

@@ -32,7 +32,7 @@ class Crease:
 
 
 def make(cloth: Cloth, angle: object, line: object, edges: object, stiffness: object) -> Crease:
-    """As `Scene.crease`."""
+    """The crease of `Scene.crease`."""
     what = f"crease of {cloth.name!r}"
     if (line is None) == (edges is None):
         raise SceneError(f"{what}: give a line over the pattern, or edges")

@@ -116,8 +116,7 @@ class Bend:
         D: bending rigidity [N m]; a number or (for curvature along warp, along weft).
         k_d: damping [N m s], weighted over the mesh like D.
         rest: "flat" (theta_0 = 0), "given" (theta_0 from the mesh's given shape), or (k,) angles theta_0 [rad] of the mesh's
-            `inner_edges`, kept as a tuple; None takes "given" where the mesh came without material coordinates and "flat"
-            elsewhere.
+            `inner_edges`, kept as a tuple. None takes "given" for a mesh without material coordinates, else "flat".
         model: "hinge", or "curvature": its rigidity is D on any triangulation, its rest shape flat, its cost higher.
         friction: HB [N], half the width of the loop of moment over curvature, M = D kappa +- HB (tables give 2HB); a number or
             (warp, weft).

@@ -35,7 +35,7 @@ class Places:
 
 
 def places(solid: Placed, t: float, points: np.ndarray) -> Places:
-    """Of points (k, 3) [m] at time t [s]."""
+    """Places on a solid of points (k, 3) [m] at time t [s]."""
     if not (isinstance(solid.shape, SolidMesh) and solid.deforms):
         R, p = solid.pose(t)
         return Places(None, np.zeros((len(points), 3)), (points - p) @ R)

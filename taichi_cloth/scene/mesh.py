@@ -35,7 +35,7 @@ class TriMesh:
         notes: repairs by a reader, one sentence each; a run repeats them. Borders that lie on each other and
             triangles that face opposite ways are added here.
         texture: (m, 3, 2) texture coordinates of corners, where images go, 0 to 1 across one; None: they are the material
-            coordinates. Where uv is None the warp runs along their u, and a flat mesh has its own plane as its pattern.
+            coordinates. If uv is None the warp runs along their u, and a flat mesh has its own plane as its pattern.
         polygon: (m,) the number of the polygon that each triangle was cut from; None: triangles are all there is.
         weights: of vertices in groups, above 0 up to 1, by the groups' names; 1 where they are not named.
 

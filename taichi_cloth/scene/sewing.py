@@ -80,7 +80,7 @@ def rows_of(cloth: Cloth, a: object, b: object) -> tuple[np.ndarray, np.ndarray]
 
 
 def make(cloth: Cloth, a: object, b: object, rest: object, stiffness: object, strength: object, pull: object) -> Seam:
-    """As `Scene.sew`."""
+    """The seam of `Scene.sew`."""
     rows = rows_of(cloth, a, b)
     angle = seam_angle("sew: rest", rest)
     factor = checks.number("sew: stiffness", stiffness, least=0.0)
@@ -104,7 +104,7 @@ def corners(cloth: Cloth) -> Seam:
 
 
 def make_stitches(cloth: Cloth, a: object, b: object, force: object) -> Seam:
-    """As `Scene.stitch`."""
+    """The seam of `Scene.stitch`."""
     rows = rows_of(cloth, a, b)
     bears = np.full(len(rows[0]), np.inf if force is None else checks.number("stitch: force", force, "N", positive=True))
     return Seam(cloth, *rows, 0.0, 0.0, bears, np.zeros(len(rows[0])), row=False)

@@ -47,8 +47,8 @@ class Sewn(Contents):
             strength: float | None = None, pull: float | None = None) -> Seam:
         """Sews two rows of vertices of a cloth to each other, one by one.
 
-        They move as one, exactly; vertices that are apart come together first, at .5 m/s at most. Where vertices that follow
-        each other in a row are the ends of an edge, in both rows, the two edges have a hinge. Three and more layers are seams
+        They move as one, exactly; vertices that are apart come together first, at .5 m/s at most. If vertices that follow
+        each other are the ends of an edge, in both rows, the two edges have a hinge. Three and more layers are seams
         between two of them each.
 
         Args:

@@ -1,6 +1,6 @@
 """Cloth that may tear: how strong it is, where, and its mesh with the corners of triangles apart there. numpy only.
 
-Where a cloth may tear each triangle has corners of its own, and the corners at a vertex are sewn together across the edges
+Cloth that may tear has corners of its own for each triangle, and the corners at a vertex are sewn together across the edges
 between their triangles. Sewn, they move as the whole mesh does, exactly; tearing opens stitches, and changes no mesh.
 """
 
@@ -51,7 +51,7 @@ class Tear:
 
 
 def _vertices(where: object) -> object:
-    """What a mesh may select vertices by, as far as it can be told without the mesh."""
+    """A selection of vertices, checked as far as possible without the mesh."""
     names = isinstance(where, str) or (isinstance(where, (list, tuple)) and len(where) > 0
                                        and all(isinstance(name, str) for name in where))
     mask = isinstance(where, np.ndarray) and where.dtype == bool and where.ndim == 1

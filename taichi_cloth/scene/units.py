@@ -55,8 +55,11 @@ def doubts_of_solid(solid: Solid) -> list[str]:
 
 
 def fitting(size: float, reader: str) -> str:
-    """With which `scale` a reader makes something of a usual size of what is so large [m] by mistake: in units of which it
-    has one, the likeliest first; else by the power of ten that comes nearest. Where it was read with a scale, times that."""
+    """Advice on the `scale` of a reader for a shape of a wrong size [m].
+
+    The scales are of usual units that give a usual size, the likeliest first; else the power of ten that comes nearest. If
+    the shape was read with a scale, they multiply it.
+    """
     def off(scale: float) -> float:
         return abs(math.log(size * scale / TYPICAL))
 

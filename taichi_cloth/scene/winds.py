@@ -61,7 +61,7 @@ def velocity(what: str, text: str) -> np.ndarray:
 def lifted(speed: float, density: float, drag: float = DRAG, lift: float = LIFT, air: float = AIR) -> float:
     """Angle [degrees] from the vertical at which cloth hangs that is held at its upper edge in a steady wind.
 
-    All of it hangs straight, at the angle a of its weight and the air's force: with s = sin a, c = cos a, q = air speed^2 / 2,
+    It hangs straight, at the angle a of its weight and the air's force: with s = sin a, c = cos a, q = air speed^2 / 2,
     density g s = q c (drag c + lift s^2).
 
     Args:

@@ -126,7 +126,7 @@ class Parts:
                                             self.options, self.runtime, scene, self.contacts)
         if self.integrator.system is not None:
             self.notes += self.integrator.system.notes
-            self.integrator.system.notes = self.notes  # what is noted on the way is among them
+            self.integrator.system.notes = self.notes  # notes made during the run are among them
         if self.model.sewn is not None:
             self.model.sewn.notes = self.notes
         fields.allocate()
@@ -248,7 +248,7 @@ class Parts:
 
 
 def notes_of(cloth: Cloth, seams: Iterable[Seam]) -> tuple[str, ...]:
-    """Of a cloth's mesh; where its border lies on itself it is not open where it is sewn."""
+    """Notes of a cloth's mesh; borders that lie on each other count as open only if they are not sewn."""
     seams, mesh, whole = [s for s in seams if s.cloth is cloth], cloth.mesh, cloth.whole
     if all(s.tears for s in seams):
         return mesh.notes

@@ -56,8 +56,8 @@ class Queries(Parts):
         """(n, 3) [N] internal plus external, at the current state.
 
         Args:
-            renew: False keeps what a step takes from its start, as it was last set: loads, the wind, and the coefficients
-                of a plate in air. The linear system's matrix is the derivative of these forces.
+            renew: False keeps the values that a step takes at its start as they were last set: loads, the wind, and the
+                coefficients of a plate in air. The linear system's matrix is the derivative of these forces.
         """
         self._live()
         if checks.flag("forces: renew", renew):
@@ -130,8 +130,8 @@ class Queries(Parts):
         return np.array([np.linalg.norm(x[s.a + s.cloth.start] - x[s.b + s.cloth.start], axis=1).max() for s in seams])
 
     def seam_states(self) -> list[str]:
-        """Of each of `Scene.seams`: "open" where a stitch of it has given or was opened, else "closing" while some are still
-        apart, else "closed"."""
+        """State of each of `Scene.seams`: "open" if a stitch of it has given or was opened, "closing" while some are apart,
+        else "closed"."""
         given = self.stitches_open() or [np.zeros(1, dtype=bool)] * len(self.scene.seams)
         return ["open" if opened.any() else "closing" if gap > 0 else "closed" for opened, gap in zip(given, self.seam_gaps())]
 

@@ -13,7 +13,7 @@ class Age(Checkpointed):
     """Whether levels that were made for an earlier system do for this one.
 
     Attributes:
-        made_for: (k,) numbers of the held particles then, and the effective step c [s] last.
+        made_for: (k,) numbers that describe the held particles then, and the effective step c [s] last.
         cost, excess: iterations when they were new, and those beyond since; kept: solves since.
         wait, pause: solves until they may last again, and the last such pause.
     """

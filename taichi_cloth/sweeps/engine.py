@@ -1,4 +1,4 @@
-"""Where the runs of a sweep are done: one after the other in this process, or as tasks of Dask distributed."""
+"""Execution of a sweep's runs: one after the other in this process, or as tasks of Dask distributed."""
 
 import contextlib
 import logging
@@ -23,7 +23,7 @@ TLS = ("ca", "cert", "key")
 
 @dataclass(frozen=True)
 class Where:
-    """Where a sweep's workers are.
+    """The workers of a sweep: processes here, jobs of Slurm, or a cluster that runs.
 
     Attributes:
         workers: processes with one core each, or one GPU each where `gpu`; not used with `scheduler`.

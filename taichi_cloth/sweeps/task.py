@@ -92,7 +92,7 @@ def _simulated(scene: Scene, task: Task) -> tuple[dict[str, Any], Failure]:
 
 
 def _figures(sim: Simulation, task: Task) -> dict[str, Any]:
-    """Of a run, from its start to its end."""
+    """Figures of a run, made from its start to its end."""
     sim.run(task.duration, task.fps)
     return {**outcome(sim), **_measured(task, sim)}
 

@@ -196,7 +196,7 @@ class Clusters:
             self._settle(max(TOGETHER, 8 * resolution), RESTING)
 
     def spread(self, held: Held | None, h: float) -> Held | None:
-        """What holds a member holds its cluster: rows for all members, behind those that are there. Members that are held at
+        """A constraint of a member holds for its cluster: adds rows for the other members. Members that are held at
         several places are led to the middle between these, which a note tells.
 
         Args:
@@ -259,8 +259,8 @@ class Clusters:
         return out
 
     def shared(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Of impulses (k, 3) on constrained particles, index (k,) with all members of their clusters: the part that acts on a
-        cluster from outside, by its members' masses, without their forces on each other."""
+        """External part of impulses (k, 3) on constrained particles, index (k,) with all members of their clusters: shared out
+        by the members' masses, without their forces on each other."""
         mine = np.flatnonzero(self.label[index] >= 0)
         if not len(mine):
             return rows
@@ -290,7 +290,7 @@ def _replaced(old: np.ndarray, at: np.ndarray, value: np.ndarray, n: int) -> np.
 
 
 def _padded(first: np.ndarray, rows: int) -> np.ndarray:
-    """As many rows, the last one again and again."""
+    """The array with `rows` rows: its last row is repeated."""
     return np.concatenate([first, np.full(rows - len(first), first[-1])])
 
 

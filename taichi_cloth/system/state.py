@@ -260,7 +260,7 @@ def _masses(scene: Scene) -> np.ndarray:
 
 
 def _corners_together(scene: Scene, used: np.ndarray) -> np.ndarray:
-    """As `cuthill_mckee` of the meshes as they were handed in, the corners at a vertex behind each other."""
+    """Order of `cuthill_mckee` for the meshes as handed in, with the corners at a vertex one after another."""
     of = np.concatenate([c.start + (np.arange(c.mesh.vertex_count) if c.split is None else c.split.of) for c in scene.cloths])
     faces = np.concatenate([c.whole.faces + c.start for c in scene.cloths])
     whole = np.unique(faces)

@@ -1,8 +1,7 @@
 """Stitches that give: the load of each, which are whole, and changes where one opens.
 
-The reaction of a seam's constraint, (I - S)(A dv - b) over the step's span, is the force of its members on each other. Where
-two are sewn together it is the stitch's force; where more are, the least forces of the stitches between them that add up to
-it,
+The reaction of a seam's constraint, (I - S)(A dv - b) over the step's span, is the force of its members on each other. For
+two members it is the force of their stitch. For more, forces of stitches are the least ones that add up to it,
 
     f = B L^+ t,   L = B^T B,
 

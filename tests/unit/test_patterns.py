@@ -515,7 +515,7 @@ def test_the_command_dresses(tmp_path, capsys):
     coat, under = tmp_path / "coat.npz", tmp_path / "coat-over-worn.npz"
     assert cli.main([*command[:5], str(coat), *command[6:], "--scale", "0.01", "--over", str(out)]) == 0
     said = capsys.readouterr()
-    assert "further out, over what is worn" in said.err and f"written to {under}, {coat}" in said.out
+    assert "further out, over worn garments" in said.err and f"written to {under}, {coat}" in said.out
     (inner, outer), y = (load_garment(file) for file in (under, coat)), x
     assert count_crossings(inner.positions, inner.mesh.faces, outer.positions, outer.mesh.faces) == 0
     assert inner.gap() == outer.gap() == 0 and (load_garment(out).positions == y).all()

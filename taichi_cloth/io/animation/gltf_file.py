@@ -153,7 +153,7 @@ def _parsed(path: Path) -> Any:
 
 
 def _scaled(values: np.ndarray, normalized: bool) -> np.ndarray:
-    """As float64."""
+    """Values in float64; integers that are normalized go to [0, 1] or [-1, 1]."""
     out = values.astype(np.float64)
     return np.maximum(out / np.iinfo(values.dtype).max, -1.0) if normalized and values.dtype.kind in "iu" else out
 

@@ -118,7 +118,7 @@ def mended(faces: np.ndarray, one: np.ndarray, weld: float | None) -> tuple[np.n
 def cut_copies(faces: np.ndarray) -> np.ndarray:
     """(m, 3) number of the copy of its vertex that each corner has, so that no edge has more than two triangles.
 
-    Where some edge has more, the triangles round a vertex stay together as far as edges of two triangles join them.
+    If some edge has more, the triangles round a vertex stay together as far as edges of two triangles join them.
     """
     m, ends = len(faces), face_edges(faces)
     out = np.zeros(3 * m, dtype=np.int64)  # corner k of triangle t is k m + t, and begins edge k m + t

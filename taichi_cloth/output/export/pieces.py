@@ -61,7 +61,7 @@ class Cut:
         return float(self.manifest.get("fps", 24.0))
 
     def frames(self) -> list[int]:
-        """As `Recording.frames`."""
+        """Numbers of the recorded frames."""
         return self.recording.frames()
 
     def frame(self, number: int) -> Frame:

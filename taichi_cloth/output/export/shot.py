@@ -86,7 +86,7 @@ class Mesh:
         return self.x[k if len(self.x) > 1 else 0]
 
     def surface(self, k: int) -> Surface:
-        """That of the k-th frame."""
+        """The surface in the k-th frame."""
         return self.surfaces[k if len(self.surfaces) > 1 else 0]
 
     def normals(self, k: int) -> np.ndarray:
