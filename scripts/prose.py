@@ -7,9 +7,9 @@
 
 A sentence ends with its paragraph, list item or quotation, or where a full stop, question mark or exclamation mark is followed
 by a capital letter. Code blocks, tables, generated parts, headings and formulas on lines of their own are left out. Formulas
-and code within a line count as one word each. "What" counts unless its sentence is a question; "whatever" does not. An opening
-counts where a sentence begins with What, Where, Of, So, As or That: words that hide its subject. A comment of several lines is
-a paragraph; names in code are not counted.
+and code within a line count as one word each. "What" counts unless its sentence is a question or it is an argument's name;
+"whatever" does not. An opening counts where a sentence begins with What, Where, Of, So, As or That: words that hide its
+subject. A comment of several lines is a paragraph.
 """
 
 import argparse
@@ -86,7 +86,7 @@ def measure(text: str) -> Measured:
         words = [word for word in sentence.split() if re.search(r"\w", word)]
         asks = sentence.endswith("?")
         out += Measured(len(words), 1, len(words) > LONG,
-                        0 if asks else len(re.findall(r"\bwhat\b", sentence, re.IGNORECASE)),
+                        0 if asks else len(re.findall(r"\bwhat\b(?![:,])", sentence, re.IGNORECASE)),
                         not asks and bool(OPENS.match(sentence)))
     return out
 

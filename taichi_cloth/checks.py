@@ -171,7 +171,7 @@ def color(what: str, value: object, error: Error = SceneError) -> tuple[float, f
         named = colornames.linear_of(value)
         if named is None:
             near = difflib.get_close_matches(value[:40].lower(), colornames.NAMES, n=1)
-            raise error(f"{what} = {shown(value)}: is no colour: needs a name such as {near[0] if near else 'crimson'!r}, "
+            raise error(f"{what} = {shown(value)}: is not a colour: needs a name such as {near[0] if near else 'crimson'!r}, "
                         "'#rrggbb' in sRGB, or linear red, green and blue from 0 to 1")
         return named
     out = _floats(value)
@@ -247,7 +247,7 @@ def path(what: str, value: object, error: Error = SceneError) -> pathlib.Path:
         out = pathlib.Path(value)
         out.exists()  # names that no file can have are refused here, not where they are opened
     except (OSError, TypeError, ValueError) as problem:
-        raise error(f"{what} = {shown(value)}: is no path: {problem.args[-1]}") from None
+        raise error(f"{what} = {shown(value)}: is not a path: {problem.args[-1]}") from None
     return out
 
 

@@ -96,14 +96,14 @@ class Options:
         "untangle", "choice", 'cloth that passes through cloth where it should not: "untangle" pulls it apart, "ignore" '
         'leaves it until it is apart, "abort" refuses such a start', "--tangles", choices=("untangle", "ignore", "abort"))
     contact: str = _option(
-        "repulsion", "choice", 'by what cloth is kept from cloth: "repulsion", or the paper\'s damped "springs", one solve a '
+        "repulsion", "choice", 'how cloth is kept from cloth: "repulsion", or the paper\'s damped "springs", one solve a '
         "step, for comparison", "--contact", choices=("repulsion", "springs"))
     count_intersections: bool = _option(
         False, "flag", "whether places where cloth passes through cloth are counted exactly after every step, for the log",
         "--count-intersections")
     log: int | str = _option(
-        "all", "kept", 'which steps `sim.log` keeps: "all" (2 kB each), so many of the last, or "none"; what is summed up, '
-        "and a folder's telemetry, have all", "--log")
+        "all", "kept", 'which steps `sim.log` keeps: "all" (2 kB each), so many of the last, or "none"; sums and a '
+        "folder's telemetry have all", "--log")
     substep: float | None = _option(
         None, "number", 'of "verlet" [s]; where None as large as is stable. Triangles too stiff for a larger one give up as '
         "much of their stretch and shear stiffness, and damping, as it takes; `notes` say how many and how much", "--substep",

@@ -90,4 +90,4 @@ def number_of(text: str) -> float:
     try:
         return number(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None

@@ -21,7 +21,7 @@ def look_flags(parser: argparse.ArgumentParser) -> None:
     add("--background", metavar="COLOR", help="sky, transparent, or a colour: crimson, #dc143c")
     add("--floor", metavar="KIND", help="checker, plain, shadow (nothing but shadows), none, or a colour")
     add("--light", type=_light, metavar="NAME", help="day, studio, sun or soft; X,Y,Z is the day with light from there")
-    add("--aperture", type=number_of, default=0.0, metavar="M", help="diameter of the lens [m]: blurs what is out of focus")
+    add("--aperture", type=number_of, default=0.0, metavar="M", help="diameter of the lens [m]: blurs cloth out of focus")
     add("--focus", type=number_of, metavar="M", help="distance that is sharp [m]; the middle of the cloth where absent")
     add("--color", action="append", default=[], metavar="[CLOTH=]COLOR", help="of all cloths or of one")
     add("--back", action="append", default=[], metavar="[CLOTH=]COLOR", help="of the other side")

@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     if is_pattern(args.file):
         return look_at(args)
     if args.pattern_size is not None:
-        raise OutputError(f"--pattern-size: {args.file} is no sewing pattern")
+        raise OutputError(f"--pattern-size: {args.file} is not a sewing pattern")
     to = checks.maybe(args.to, checks.png, "--to", OutputError)
     clips = [int(name) if checks.is_whole(name) else name for name in args.clip or ()] or None
     with warnings.catch_warnings(record=True) as warned, waiting(f"loading {args.file}"):

@@ -19,7 +19,7 @@ def add_parsers(commands) -> None:
     render.add_argument("--every", type=int, default=1, metavar="N", help="every Nth frame")
     render.add_argument("--arch", default="cpu", help="cpu, cuda, vulkan or metal")
     render.add_argument("--shutter", type=number_of, default=0.0, metavar="PART",
-                        help="of the time until the next frame that a picture takes, 0 to 1: what moves is blurred")
+                        help="part of the time until the next frame over which a picture is exposed, 0 to 1: blurs motion")
     render.add_argument("--sheet", type=int, default=0, metavar="N", help="also N frames in one picture, sheet.png")
     render.add_argument("--apng", action="store_true", help="also an animated PNG, animation.png")
     render.add_argument("--mp4", action="store_true", help="also film.mp4 (needs the extra `film`)")
@@ -30,10 +30,10 @@ def add_parsers(commands) -> None:
     frame_flags(render)
     _add_compare(commands)
     _add_exports(commands)
-    diff = commands.add_parser("diff", help="what differs between two runs, and where their motion parts")
+    diff = commands.add_parser("diff", help="differences between two runs, and the time at which their motion parts")
     diff.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
     diff.add_argument("--tolerance", type=number_of, default=1e-6, metavar="M", help="RMS distance [m] that counts (1e-6)")
-    why = commands.add_parser("why", help="which steps cost the most, where, and what helps")
+    why = commands.add_parser("why", help="the costliest steps, where they had trouble, and advice")
     why.add_argument("run", help="a run's folder")
     why.add_argument("--steps", type=int, default=10, metavar="N", help="how many of them (10)")
     report = commands.add_parser("report", help="one HTML page about a run")
@@ -185,7 +185,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
 
 def _retiming(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--speed", type=number_of, metavar="X", help="seconds of the run in a second of the film: .5 is half "
-                        "as fast; what is between recorded frames is interpolated")
+                        "as fast; between recorded frames motion is interpolated")
     parser.add_argument("--fps", type=number_of, metavar="N", help="frames a second of the film (the run's)")
 
 

@@ -234,7 +234,7 @@ def read(scene: str) -> SceneFile:
         path = known[scene]
     spec = importlib.util.spec_from_file_location(f"scene_{path.stem}", path)
     if spec is None or spec.loader is None:
-        raise SceneError(f"{path} is no Python file")
+        raise SceneError(f"{path} is not a Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     if (folder := str(path.parent.resolve())) not in sys.path:
@@ -289,7 +289,7 @@ def run_check(scene: SceneFile, sim) -> Iterable[tuple[str, bool]]:
             count += 1
             yield sentence, bool(good)
         if not count:
-            raise TypeError("it yielded nothing: yield a sentence and True or False for what is checked")
+            raise TypeError("it yielded nothing: yield a sentence and True or False for each check")
     except ClothError:
         raise
     except Exception as error:

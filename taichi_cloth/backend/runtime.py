@@ -92,7 +92,7 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
         raise BackendError(f"arch {arch!r} has no f64; use precision='f32', or arch 'cpu' or 'cuda'")
     if arch != "cpu" and not available(arch):
         others = [a for a in ARCHS if a == "cpu" or (a != arch and available(a))]
-        raise BackendError(f"arch {arch!r} does not run here; what does: {', '.join(others)}")
+        raise BackendError(f"arch {arch!r} does not run here; these do: {', '.join(others)}")
     import taichi as ti
 
     from . import field_pool, kernel_cache, placement

@@ -64,8 +64,9 @@ def estimate(model: Model, measured: np.ndarray, start: np.ndarray, bounds: tupl
     q = found.x
     for k in range(n):
         if min(q[k] - low[k], high[k] - q[k]) < 1e-3 * (high[k] - low[k]):
-            raise SceneError(f"fit: {names[k]} runs to {np.exp(q[k]):.3g}, the end of what was tried ({bounds[0][k]:.3g} to "
-                             f"{bounds[1][k]:.3g}): the data do not determine it there, or --range must reach further")
+            raise SceneError(f"fit: {names[k]} runs to {np.exp(q[k]):.3g}, the end of the range that was tried "
+                             f"({bounds[0][k]:.3g} to {bounds[1][k]:.3g}): the data do not determine it there, or --range "
+                             "must reach further")
     J, free = _slope(residuals, q), m - n
     scatter = float(np.sqrt(np.sum(residuals(q) ** 2) / max(free, 1)))
     if np.linalg.matrix_rank(J, tol=1e-10 * max(float(np.linalg.norm(J)), 1e-300)) < n:

@@ -79,7 +79,8 @@ class OwnLaw(ABC):
             raise SceneError(f"{what}: on which cloth? scene.add_force({what}.on(cloth, ...))")
         for cloth, _ in rows:
             if not any(cloth is other for other in scene.cloths):
-                raise SceneError(f"{what}: {cloth.name!r} is no cloth of this scene; pass what its add_cloth returned")
+                raise SceneError(f"{what}: {cloth.name!r} is not a cloth of this scene; pass the one that its add_cloth "
+                                 "returned")
 
     @abstractmethod
     def stiffest(self, *values: np.ndarray) -> Any:

@@ -53,8 +53,8 @@ class Cut(NamedTuple):
         on = np.abs(away) <= near
         begins = np.flatnonzero(on & ~np.roll(on, -1))  # points on the line before one off it
         if len(begins) != 1 or on.sum() < 2:
-            raise SceneError("its mirror line (layer 6) is no edge of its outline: one edge of a half lies on it, from end to "
-                             "end")
+            raise SceneError("its mirror line (layer 6) is not an edge of its outline: one edge of a half lies on it, from "
+                             "end to end")
         points, turns, off = (np.roll(some, -begins[0], axis=0) for some in (self.points, self.corner, ~on))
         ends = points[[0, int(np.flatnonzero(off)[-1] + 1) % len(points)]]
         ends, half, turns = ends - np.outer((ends - a) @ across, across), points[off], turns[off]

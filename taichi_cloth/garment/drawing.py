@@ -210,7 +210,7 @@ def _page(root: Element) -> tuple[np.ndarray, tuple[float, float], bool]:
     if not root.get("viewBox", "").strip():
         return to, (sides.get("width", 0.0), sides.get("height", 0.0)), scaled
     if not sides:
-        raise SceneError("how large it is, is not said: give the drawing a width in mm, cm or in")
+        raise SceneError("it has no size: give the drawing a width in mm, cm or in")
     box = _box("the drawing", root)
     w, h = sides.get("width"), sides.get("height")
     w, h = (h or 0.0) * box[2] / box[3] if w is None else w, (w or 0.0) * box[3] / box[2] if h is None else h

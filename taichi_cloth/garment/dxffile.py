@@ -99,7 +99,7 @@ def _document(data: bytes) -> tuple[Any, list[str]]:
     try:
         document, auditor = recover.read(io.BytesIO(data), errors="ignore")
     except Exception as error:  # of any kind: of the parser, of its tables, of numbers
-        raise SceneError(f"is no DXF file, or a damaged one: {type(error).__name__}: {shown(str(error))}") from None
+        raise SceneError(f"is not a DXF file, or a damaged one: {type(error).__name__}: {shown(str(error))}") from None
     finally:
         log.removeHandler(heard)
     return document, [*heard.said, *(error.message for error in auditor.errors)]
@@ -120,7 +120,7 @@ def _said(entities: Iterable[Any]) -> dict[str, str]:
 def _metres(word: str, number: int, scale: float | None) -> tuple[float, tuple[str, ...]]:
     """(metres per unit, notes); word: of the text "Units: ..."; number: $INSUNITS."""
     if word and word.lower() not in WORDS:
-        raise SceneError(f"'Units: {word}' is no unit that is known: METRIC are millimetres, ENGLISH inches")
+        raise SceneError(f"'Units: {word}' is not a known unit: METRIC are millimetres, ENGLISH inches")
     own = WORDS[word.lower()] if word else INSUNITS.get(number)
     if scale is not None and own is not None:
         raise SceneError("names its unit itself: leave out scale=")

@@ -76,7 +76,7 @@ def _refuse_uneven(figure: Figure, across: float, along: float) -> None:
     raise SceneError(f"fitted: the body's trunk would be from {figure.crotch:.3g} m (crotch) to {figure.neck:.3g} m (neck), "
                      f"round {place(figure.centre)}, with girths of {girths} m from below: {across:.3g} times as wide and "
                      f"{along:.3g} times as long as that of the figure that patterns are drawn for, as no person is. Bring "
-                     f"its arms away from it, leave out what it carries, or {BY_HAND}")
+                     f"its arms away from it, leave out things that it carries, or {BY_HAND}")
 
 
 def _sized(garment: Garment, across: float, along: float, figure: Figure, turn: float) -> Garment:

@@ -36,7 +36,7 @@ def read_garmentcode(path: Path) -> Pattern:
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}{near(path)}") from None
     except ValueError as error:
-        raise SceneError(f"{path}: is no JSON: {error}") from None
+        raise SceneError(f"{path}: is not JSON: {error}") from None
     try:
         body = data["pattern"]
         per_metre = float(data.get("properties", {}).get("units_in_meter", CENTIMETRES))
@@ -52,7 +52,7 @@ def read_garmentcode(path: Path) -> Pattern:
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
-        raise SceneError(f"{path}: is no pattern in GarmentCode's format: {type(error).__name__}: {error}") from None
+        raise SceneError(f"{path}: is not a pattern in GarmentCode's format: {type(error).__name__}: {error}") from None
 
 
 def _panel(name: str, panel: dict, per_metre: float) -> Panel:

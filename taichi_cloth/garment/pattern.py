@@ -55,7 +55,7 @@ class Panel:
         set_(self, "translation", checks.vector(what + "translation", self.translation, "m"))
         R = checks.array(what + "rotation", self.rotation, (3, 3))
         if not (np.allclose(R @ R.T, np.eye(3), atol=1e-6) and np.linalg.det(R) > 0):
-            raise SceneError(f"{what}the matrix is no rotation")
+            raise SceneError(f"{what}the matrix is not a rotation")
         set_(self, "rotation", R)
         set_(self, "round_radius", checks.number(what + "round_radius", self.round_radius, "m", least=0.0))
         set_(self, "grain", checks.number(what + "grain", self.grain, "rad"))
@@ -67,7 +67,7 @@ class Panel:
                 raise SceneError(f"panel {self.name!r}: edge {k} begins at corner {edge.start}, and the edge before ends at "
                                  f"corner {self.edges[k - 1].end}: edges go round, each from where the last one ends")
         if len(self.edges) < 2 or len({e.start for e in self.edges}) < len(self.edges):
-            raise SceneError(f"panel {self.name!r}: its edges are no closed line through {len(self.edges)} corners")
+            raise SceneError(f"panel {self.name!r}: its edges are not a closed line through {len(self.edges)} corners")
         self._refuse_crossings()
 
     def __repr__(self) -> str:
@@ -161,7 +161,7 @@ class Pattern:
             one, other = (self._long(end) for end in (stitch.a, stitch.b))
             if max(one, other) > MOST_RATIO * min(one, other):
                 raise SceneError(f"stitch {k}: {place_of(stitch.a)} is {one:.4g} m long and {place_of(stitch.b)} {other:.4g} "
-                                 f"m: more than {MOST_RATIO:g} to 1 is no gathering")
+                                 f"m: more than {MOST_RATIO:g} to 1 is not a gathering")
             self._refuse_folded(k, stitch)
         self._refuse_units()
 

@@ -45,7 +45,7 @@ def joined(panels: tuple[Panel, ...], side: Path | None) -> Pattern:
     except SceneError as error:
         raise SceneError(f"{side}: {error}") from None
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise SceneError(f"{side}: is no side file of a drawing: {type(error).__name__}: {error}") from None
+        raise SceneError(f"{side}: is not a side file of a drawing: {type(error).__name__}: {error}") from None
 
 
 def _labelled(panels: dict[str, Panel], labels: dict) -> tuple[Panel, ...]:

@@ -30,7 +30,7 @@ def read_svg(path: Path, side: Path | None) -> Pattern:
     """
     root = parse(path)
     if root.tag.removeprefix(SVG) != "svg":
-        raise SceneError(f"{path}: is no SVG: its root is <{root.tag.rpartition('}')[2]}>")
+        raise SceneError(f"{path}: is not an SVG: its root is <{root.tag.rpartition('}')[2]}>")
     side = side or side_of(path)
     notes: tuple[str, ...] = ()
     try:

@@ -42,7 +42,7 @@ def parse(path: Path) -> Element:
     except (expat.ExpatError, LookupError, ValueError) as error:
         if isinstance(error, SceneError):
             raise
-        raise SceneError(f"{path}: is no XML: {error}") from None
+        raise SceneError(f"{path}: is not XML: {error}") from None
 
 
 def bytes_of(path: Path) -> bytes:

@@ -48,7 +48,7 @@ class Link:
         """
         message = read(self.process.stdout)  # type: ignore[arg-type]
         if message is None:
-            raise OutputError("the page did not start: see what is said above")
+            raise OutputError("the page did not start: see the messages above")
         if self.asked not in (None, message[1]):
             raise OutputError(f"port {self.asked} of {self.host} was taken meanwhile: choose another with --port, or leave "
                               "it out")

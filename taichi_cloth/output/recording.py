@@ -31,7 +31,7 @@ class Recording:
         self.notes: list[str] = []
         file = self.path / MANIFEST
         if not file.is_file():
-            raise OutputError(f"{self.path} is no run's folder: it has no {MANIFEST}{near(self.path)}")
+            raise OutputError(f"{self.path} is not a run's folder: it has no {MANIFEST}{near(self.path)}")
         try:
             self.manifest: dict = parse_json(file.read_bytes())
             if self.manifest.pop("checksum", "") != manifest_sum(self.manifest):

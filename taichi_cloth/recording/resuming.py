@@ -40,7 +40,7 @@ def resume(sim: Simulation, old: Recording, manifest: dict, last: int, from_fram
         old.notes.append(damage)
     frame, state = old.last_checkpoint(from_frame, None if lenient else run_of(manifest), len(records))
     if frame > last:
-        raise SceneError(f"{old.path} is at frame {frame} already, and what is asked for ends at frame {last}: --from-frame "
+        raise SceneError(f"{old.path} is at frame {frame} already, and this request ends at frame {last}: --from-frame "
                          "goes back")
     if not force:
         _check_frames(old, frame)

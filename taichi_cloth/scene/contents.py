@@ -239,4 +239,5 @@ class Contents:
     def _own(self, cloth: Cloth) -> None:
         if not any(cloth is c for c in self.cloths):
             what = cloth.name if isinstance(cloth, Cloth) else cloth
-            raise SceneError(f"not a cloth of this scene: {shown(what)}; pass what its add_cloth returned, not a name")
+            raise SceneError(f"not a cloth of this scene: {shown(what)}; pass the one that its add_cloth returned, not a "
+                             "name")

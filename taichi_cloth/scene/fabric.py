@@ -72,7 +72,7 @@ class Stretch:
     def _take_curve(self) -> None:
         """Checks the curve; k is its first slope."""
         if self.k is not None:
-            raise SceneError(f"stretch k = {checks.shown(self.k)}: the curve says what k is; give one of them")
+            raise SceneError(f"stretch k = {checks.shown(self.k)}: the curve gives k already; give one of them")
         given = self.curve
         two = checks.is_sequence(given) and len(given) == 2 and all(  # type: ignore[arg-type]
             checks.is_sequence(g) and len(g) and checks.is_sequence(g[0]) for g in given)  # type: ignore[union-attr, arg-type]

@@ -83,7 +83,7 @@ class Inflation:
         way = f"a suction of {-p:.3g} Pa" if p < 0 else f"{p:.3g} Pa"
         return (f"{room!r} encloses {now:.4g} m^3 where its gas begins, and volume = {self.volume_at(t):.4g} m^3: it begins "
                 f"with {way} and not with the {asked:.3g} Pa that are asked for, which pulls or throws the cloth; volume=None "
-                "takes what is there, a function of time goes on from it")
+                "takes the present volume, a function of time goes on from it")
 
 
 def make(cloth: Cloth, pressure: object, gas: object, volume: object, part: object, ambient: object, bulk: object,
@@ -94,10 +94,10 @@ def make(cloth: Cloth, pressure: object, gas: object, volume: object, part: obje
     if gas == "constant" and pressure is None:
         raise SceneError(f"inflate: gas of constant pressure in {name!r} needs its pressure [Pa]")
     if gas == "constant" and volume is not None:
-        raise SceneError(f"inflate: volume = {shown(volume)}: gas of constant pressure takes what volume it finds; "
-                         "use gas=\"isothermal\" or gas=\"volume\"")
+        raise SceneError(f"inflate: volume = {shown(volume)}: `volume` cannot be set for gas=\"constant\"; "
+                         "give `pressure` alone, or use gas=\"isothermal\" or gas=\"volume\"")
     if gas == "volume" and pressure is not None:
-        raise SceneError(f"inflate: pressure = {shown(pressure)}: where the volume is given, the pressure is what comes out; "
+        raise SceneError(f"inflate: pressure = {shown(pressure)}: if the volume is given, the pressure follows from it; "
                          "see sim.gas()")
     if gas == "isothermal" and callable(volume):
         raise SceneError("inflate: the volume at which isothermal gas has its pressure must be a number; pressures may change")

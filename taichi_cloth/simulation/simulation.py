@@ -308,8 +308,8 @@ class Simulation(Queries):
         changes = self.prescribed.changes
         if int(state.get("script.changed", changes)) == changes:
             return state
-        self.notes.append("what was changed by hand (sim.pin, unpin, move, attach, add_load, set_wind and so on) before the "
-                          "checkpoint is left out")
+        self.notes.append("changes by hand (sim.pin, unpin, move, attach, add_load, set_wind and so on) before the "
+                          "checkpoint are left out")
         return {**state, "script.changed": np.array(changes)}
 
     def _going_on(self, state: dict[str, np.ndarray], edited: bool) -> dict[str, Any]:
@@ -325,7 +325,7 @@ class Simulation(Queries):
         if others:
             self.notes.append(f"the integrator was {was!r} and is {self.integrator_name!r}: it begins anew")
         if more:
-            self.notes.append(f"the scene no longer has what the checkpoint calls {', '.join(more[:3])}: left out")
+            self.notes.append(f"the scene no longer has the part that the checkpoint calls {', '.join(more[:3])}: left out")
         return {name: part for name, part in parts.items()
                 if name not in others and not (edited and part.STATE and not below(name, state))}
 

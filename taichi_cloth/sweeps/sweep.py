@@ -200,7 +200,7 @@ def _finish(result: Sweep, runs: Sequence[Run], found: Mapping[int, Outcome], st
     unknown = [done.unknown for done in found.values() if done.unknown]
     if unknown:
         result.notes.append(f"{len(unknown)} rows cannot be known again and are not kept, since their scene or metrics hold "
-                            f"what cannot be read: {unknown[0]}")
+                            f"values that cannot be read: {unknown[0]}")
     if store.others:
         result.notes.append(f"{store.others} files in {store.path / RUNS} are of an earlier version, which knew runs by the "
                             "text of build only: they are left, and not used")

@@ -244,7 +244,7 @@ class Clusters:
             vertex = int(self.model.user[index[worst]])
             cloth = next(c for c in reversed(self._cloths) if c.start <= vertex)
             self._told = True
-            self.notes.append(f"vertex {vertex - cloth.start} of {cloth.name!r} is held, and sewn to what is held elsewhere: "
+            self.notes.append(f"vertex {vertex - cloth.start} of {cloth.name!r} is held, and sewn to vertices held elsewhere: "
                               f"both are led to one place, it by {far[worst]:.2g} m; unpin one, or give the seam a pull")
 
     def _left(self, h: float) -> np.ndarray:

@@ -88,7 +88,7 @@ def test_look_at_a_pattern(tmp_path):
         done = call("look", path, *words)
         assert done.returncode == 2 and message in done.stderr
     done = call("look", drum(tmp_path / "a.npz"), "--pattern-size", "M")
-    assert done.returncode == 2 and "is no sewing pattern" in done.stderr
+    assert done.returncode == 2 and "is not a sewing pattern" in done.stderr
 
 
 @pytest.mark.slow

@@ -299,8 +299,8 @@ def test_what_cannot_be_filled_is_refused_by_name():
     cloth = scene.add_cloth(mesh, FABRIC, name="ball")
     for wanted, args in (
         ("unknown gas 'helium'", (1.0, "helium")), ("needs its pressure", ()), ("pressure in 'ball' = nan", (float("nan"),)),
-        ("volume of 'ball' = -1.0 m", (1.0, "isothermal", -1.0)), ("takes what volume it finds", (1.0, "constant", 1.0)),
-        ("the pressure is what comes out", (1.0, "volume", 1.0)),
+        ("volume of 'ball' = -1.0 m", (1.0, "isothermal", -1.0)), ("`volume` cannot be set", (1.0, "constant", 1.0)),
+        ("the pressure follows from it", (1.0, "volume", 1.0)),
         ("must be a number; pressures may", (1.0, "isothermal", float)), ("bulk = 0", (None, "volume", 1.0, None, 1.0, 0)),
         ("at t = 0 s = inf Pa", (lambda t: float("inf"),)), ("pressure in 'ball' = -200000.0 Pa", (-2e5, "isothermal")),
         ("volume of 'ball' at t = 0 s = 0.0 m", (None, "volume", lambda t: t)),

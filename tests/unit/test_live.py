@@ -158,7 +158,7 @@ def test_a_hand_pulls_with_so_many_weights_at_most_and_lets_go(session):
     ask(session, session.drop)
     assert not session.sim.attachment_forces().any() and session.hand is None
     turned = session.sim.positions()
-    ask(session, lambda: session.set("k", 500.0))  # what was changed by hand is no reason to begin again
+    ask(session, lambda: session.set("k", 500.0))  # changes by hand are no reason to begin again
     assert np.allclose(session.sim.positions(), turned, atol=1e-12) and session.sim.time > 0.3
 
 

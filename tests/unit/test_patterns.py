@@ -326,7 +326,7 @@ def test_units_that_cannot_be_right(tmp_path, per_metre, what):
 def test_units_and_files(tmp_path):
     with pytest.raises(tc.SceneError, match="positive"):
         read(tmp_path, skirt(units_in_meter=0))
-    for name, text, what in (("a.json", "{", "no JSON"), ("b.json", "[]", "no pattern"), ("c.txt", "", ".json")):
+    for name, text, what in (("a.json", "{", "not JSON"), ("b.json", "[]", "not a pattern"), ("c.txt", "", ".json")):
         (tmp_path / name).write_text(text)
         with pytest.raises(tc.SceneError, match=what):
             tc.load_pattern(tmp_path / name)
