@@ -65,7 +65,7 @@ class Fields:
         """The same for 32-bit integers."""
         return self._declare(n, width, ti.i32, data, self._integers)
 
-    def aside(self, n: int, width: int):
+    def scratch(self, n: int, width: int):
         """A field of n rows in a tree of its own: the compiler sees that writes to it change nothing else."""
 
         def make():
@@ -75,7 +75,7 @@ class Fields:
             return field
 
         alone: list = []
-        field = self._next(n, ("aside", width), make)
+        field = self._next(n, ("scratch", width), make)
         if alone:
             self._lease.planted(alone[0], alone=True)
         return field

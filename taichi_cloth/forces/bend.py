@@ -46,11 +46,12 @@ class Bend(HingeLaw):
             stiff = np.column_stack([law.own * rest[:, 0] + law.k.sum(axis=1), rest[:, 1:]])  # before sliders give
             rest = np.column_stack([law.own * rest[:, 0], rest[:, 1:]])
         self._begin(fields, [h for _, h in parts], vertices, rest, stiff)
-        self.adds = self.turns = self.gusty = law is not None  # explicit steps must be as short as its changes
+        self.has_extra_torque = self.has_crease_side = law is not None
+        self.gusty = law is not None  # explicit steps must be as short as its changes
         self.hysteresis: Any = None
         if law is not None:
             self.hysteresis = Hysteresis(fields, model, self.elements, law)
-        self.yields, self.creased = bool(self.adds and self.hysteresis.yields), bool(scene.creases)
+        self.yields, self.creased = bool(self.has_extra_torque and self.hysteresis.yields), bool(scene.creases)
         self.host_arc = np.concatenate([h.areas.sum(axis=1) / np.sqrt(h.length2) for _, h in parts])
         self.host_whole = np.ones(len(rest), dtype=bool)
         self._rest, self._sewn = rest, (scene, [(of, h) for of, (_, h) in zip(sewn, parts)])
@@ -66,21 +67,21 @@ class Bend(HingeLaw):
         return self.hysteresis.side(e, C)
 
     @ti.func
-    def beside(self, e, C):
+    def extra_torque(self, e, C):
         """(torque, torque over displacement, slope, energy) of friction and creases, at the condition C."""
         return self.hysteresis.respond(e, C)
 
     def accept(self, h: float) -> bool:
         """Sliders follow the hinges."""
-        if self.adds:
-            self._settle(h)
-        return self.adds
+        if self.has_extra_torque:
+            self._return_map(h)
+        return self.has_extra_torque
 
     @ti.kernel
-    def _settle(self, h: float):
+    def _return_map(self, h: float):
         for e in range(self.elements.first[self.model.blocks.count]):
             if self.elements.primary[e] == 1:
-                self.hysteresis.settle(e, self.turned(e)[0], h)
+                self.hysteresis.return_map(e, self.turned(e)[0], h)
 
     def release(self, whole: np.ndarray, pulled: np.ndarray) -> None:
         """Hinges over a seam go with either of the stitches at their ends."""

@@ -108,14 +108,14 @@ class CurvatureBend(ElementForce):
     def accept(self, h: float) -> bool:
         """Sliders follow the curvatures."""
         if self.remembers:
-            self._settle(h)
+            self._return_map(h)
         return self.remembers
 
     @ti.kernel
-    def _settle(self, h: float):
+    def _return_map(self, h: float):
         for e in range(self.elements.first[self.model.blocks.count]):
             if self.elements.primary[e] == 1:
-                self.hysteresis.settle(e, self.second(e, self.model.x), h)
+                self.hysteresis.return_map(e, self.second(e, self.model.x), h)
 
     @ti.func
     def second(self, e, q: ti.template()):

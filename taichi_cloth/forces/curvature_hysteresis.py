@@ -234,7 +234,7 @@ class CurvatureHysteresis:
         return changed(P, w, g)
 
     @ti.func
-    def settle(self, e, q, h):
+    def return_map(self, e, q, h):
         """Sliders follow second derivatives that came to q in a step of h; those of triangles that are collapsed rest."""
         e_1, e_2 = self.edges(e, self.model.x)
         F, sizes = self.frame(e, e_1, e_2)

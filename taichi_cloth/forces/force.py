@@ -1,5 +1,6 @@
 """The contract of a force: energy, force, linearization and products, as a class."""
 
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
@@ -8,6 +9,8 @@ import numpy as np
 import taichi as ti
 
 from ..scene.attachment import Script
+
+RENAMED = {"coupled": "low_rank", "add_coupled": "add_low_rank"}  # names of the last release
 
 
 class Force(ABC):
@@ -29,7 +32,8 @@ class Force(ABC):
         abrupt: whether its stiffness can grow many times over within a step.
         of_contact: whether its elements come and go with contact.
         attached: (k, 3) particle, stiffness [N/m] and largest force [N] of its soft attachments; None if it never has any.
-        coupled: whether its product takes sums over all of the cloth: `sum_up`, `add_coupled`.
+        low_rank: whether its matrix has a part of low rank, whose product takes sums over all of the cloth: `sum_up`,
+            `add_low_rank`.
         dead: whether it has no derivative, and so is in b alone: no product and no level takes it.
         driven: whether its energy changes with time by itself.
         indefinite: whether the matrix has a part of it that may not be semidefinite, see `leave_out`.
@@ -46,11 +50,18 @@ class Force(ABC):
     abrupt: bool = False
     of_contact: bool = False
     attached: np.ndarray | None = None
-    coupled: bool = False
+    low_rank: bool = False
     dead: bool = False
     driven: bool = False
     indefinite: bool = False
     notes: Sequence[str] = ()
+
+    def __init_subclass__(cls) -> None:
+        for old, new in RENAMED.items():
+            if old in vars(cls):
+                warnings.warn(f"{cls.__name__}: `{old}` is called `{new}` now, and no longer read from the next release on",
+                              DeprecationWarning, stacklevel=2)
+                setattr(cls, new, vars(cls)[old])
 
     @classmethod
     def does(cls, method: str) -> bool:
@@ -100,8 +111,8 @@ class Force(ABC):
     def sum_up(self, block, p):  # noqa: B027
         """The block's parts of the sums over all of p that the product takes."""
 
-    def add_coupled(self, block, q):  # noqa: B027
-        """q += the part of these sums on the rows of a block, another part of (-c D - c^2 K) p."""
+    def add_low_rank(self, block, q):  # noqa: B027
+        """q += the part of these sums on the rows of a block, the part of low rank in (-c D - c^2 K) p."""
 
     def damp_over(self, c: float) -> None:  # noqa: B027
         """In `evaluate` damping is from now on an energy of a step of c [s]: k_d/(2 c) (C - C_0)^2, C_0 of the saved state.

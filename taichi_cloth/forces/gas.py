@@ -51,7 +51,7 @@ class Gas(Force, Checkpointed):
     """
 
     energies = ("gas",)
-    coupled = indefinite = True
+    low_rank = indefinite = True
     STATE = ("known",)
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
@@ -335,7 +335,7 @@ class Gas(Force, Checkpointed):
             self.sums[row] = total
 
     @ti.func
-    def add_coupled(self, block, q: ti.template()):
+    def add_low_rank(self, block, q: ti.template()):
         """q += -c^2 p' dV (dV . p)"""
         for k in range(self.size[1]):
             first, total = k * self.model.blocks.count, ti.cast(0, self.sum_type)

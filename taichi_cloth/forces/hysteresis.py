@@ -129,7 +129,7 @@ class Hysteresis:
         return torque, secant, slope, energy
 
     @ti.func
-    def settle(self, e, C, h):
+    def return_map(self, e, C, h):
         """The sliders follow a hinge that came to C in a step of h."""
         i, angle, side = self.hinge[e], uncrested(C), self.side(e, C)
         for j in ti.static(range(2)):

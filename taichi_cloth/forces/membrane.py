@@ -22,7 +22,7 @@ from ..scene.scene import Scene
 from ..system.elements import triangles
 from ..system.state import Elements, ParticleState
 from .conditions import TINY, shear_stiffness, stretch_stiffness, unit
-from .membrane_lanes import APART, LANES, MembraneLanes
+from .membrane_lanes import APART, SIMD_WIDTH, MembraneLanes
 from .membrane_table import B_U, B_V, D_S, D_U, D_V, K_S, K_U, K_V, limits_of, materials_of, row_bounds, row_of
 from .stiffening import SHEAR, WARP, WEFT, Stiffening, stiffens
 
@@ -79,8 +79,8 @@ class Membrane(MembraneLanes):
         self.area = fields.real(self.elements.count, data=per_entry(area))
         self.material = fields.integer(self.elements.count, data=per_entry(material))
         self.table = fields.real(len(table), 8, table)
-        self.lanes = LANES if model.blocks.grain > 1 and not self.stiffer else 1
-        self.aside = fields.aside(APART * model.blocks.count, 6 * self.lanes)
+        self.simd_width = SIMD_WIDTH if model.blocks.grain > 1 and not self.stiffer else 1
+        self.simd_scratch = fields.scratch(APART * model.blocks.count, 6 * self.simd_width)
         self.stretches = bool(table[:, [K_U, K_V]].any())
         self.shears = bool(table[:, K_S].any())
         self.damps = bool(table[:, [D_U, D_V, D_S]].any())

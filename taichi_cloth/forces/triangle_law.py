@@ -27,7 +27,7 @@ class TriangleLaw(TriangleForce):
     Attributes:
         area: (m,) of triangles in the pattern [m^2].
         damps: whether any triangle is damped.
-        lanes: elements whose forces a CPU thread takes together; add_forces(block, e, f), for so many where it is more than 1.
+        simd_width: elements whose forces a CPU thread takes together; above 1 there is add_forces(block, e, f) for so many.
         used: (e, w_u, w_v) gives the largest part of the ways from rest to a limit, where the law is `abrupt`.
         mode: K of the conditions.
     """
@@ -35,7 +35,7 @@ class TriangleLaw(TriangleForce):
     extremes = 2
     area: Any
     damps: bool
-    lanes: int = 1
+    simd_width: int = 1
     add_forces: Any
     used: Any
     mode: str
@@ -127,11 +127,11 @@ class TriangleLaw(TriangleForce):
         """f += internal forces of the block's elements; of those that it owns whole, a few at a time."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
         first = self.elements.first[block]
-        if ti.static(self.lanes > 1):
-            groups = (self.elements.shared[block] - first) // self.lanes
+        if ti.static(self.simd_width > 1):
+            groups = (self.elements.shared[block] - first) // self.simd_width
             for group in range(groups):
-                self.add_forces(block, first + group * self.lanes, f)
-            first += groups * self.lanes
+                self.add_forces(block, first + group * self.simd_width, f)
+            first += groups * self.simd_width
         for e in range(first, self.elements.first[block + 1]):
             w_u, w_v = self.spread(e, self.model.x)
             v_u, v_v = self.spread(e, self.model.v)

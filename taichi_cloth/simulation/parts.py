@@ -85,7 +85,7 @@ class Parts:
         self.stepper = Stepper(self.model, self.integrator, self.meter, self.control, self.locator, self.giving)
         self.prescribed = Prescribed(self.model, scene.script.copy(), self.force_terms, self.contacts)
         try:
-            self._settle()
+            self._resolve_initial_overlap()
         except BaseException:
             self._fields.free()
             raise
@@ -131,7 +131,7 @@ class Parts:
             self.model.sewn.notes = self.notes
         fields.allocate()
 
-    def _settle(self) -> None:
+    def _resolve_initial_overlap(self) -> None:
         """Cloths with layers are put in order, contacts are looked at, and cloth that starts nearer to solids, or to itself,
         than it can go on from is moved apart; `notes` say so."""
         if self.contacts is None:

@@ -158,7 +158,7 @@ class PCG(Recurrences):
             if zero == 1:
                 self.dv[i] = ti.Vector.zero(float, 3)
             self.s[i] = self.dv[i]
-        if ti.static(self.operator.couples):
+        if ti.static(self.operator.has_low_rank):
             for t in range(self.blocks.count * self.blocks.grain):
                 if t % self.blocks.grain == 0:
                     self.operator.sum_up(t // self.blocks.grain, self.s)
@@ -189,7 +189,7 @@ class PCG(Recurrences):
     @ti.kernel
     def _step(self, target: float, iteration: int) -> int:
         """One iteration, on all threads; says how it went."""
-        if ti.static(self.operator.couples):
+        if ti.static(self.operator.has_low_rank):
             for t in range(self.blocks.count * self.blocks.grain):
                 if t % self.blocks.grain == 0:
                     self.operator.sum_up(t // self.blocks.grain, self.s)
@@ -239,7 +239,7 @@ class PCG(Recurrences):
             self.restart(block)
         elif kind == UPDATE:
             self.update(block)
-        if ti.static(self.operator.couples):
+        if ti.static(self.operator.has_low_rank):
             if kind == SUM_UP:
                 self.operator.sum_up(block, self.s)
         if ti.static(not self.preconditioner.pointwise):
@@ -279,7 +279,7 @@ class PCG(Recurrences):
             following = CORRECT
         elif kind != COPY and kind != SUM_UP:
             following = self.decide(tolerance, reference, least, most)
-        if ti.static(self.operator.couples):
+        if ti.static(self.operator.has_low_rank):
             if following == MULTIPLY and kind != SUM_UP:
                 following = SUM_UP
         return following
