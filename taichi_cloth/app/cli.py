@@ -40,7 +40,7 @@ def run(build: Callable, argv: Sequence[str] | None = None) -> None:
 
     Args:
         build: the scene's build function; `check`, `RUN` and `SMALL` are taken from its module.
-        argv: flags; the process's own where None.
+        argv: flags; the process's own if None.
     """
     from .. import checks
 

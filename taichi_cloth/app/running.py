@@ -79,9 +79,9 @@ def run(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest
         folder: to be closed at the end; None keeps nothing.
         on_frame: the user's, called before a frame is kept.
         resumed: as in `Simulation.run`; first: frame that the folder has, None where it keeps none.
-        began: when it did, by `time.perf_counter`; now where None.
+        began: when it did, by `time.perf_counter`; now if None.
         said: an exception of the user's code in words.
-        before: steps that were made before; those of the log where None.
+        before: steps that were made before; those of the log if None.
         changes: by frame, functions of the simulation that return another, which goes on from there.
     """
     frames = max(1, round(options.duration * options.fps))

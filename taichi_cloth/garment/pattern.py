@@ -219,7 +219,7 @@ class Pattern:
 
         Args:
             around: (2, 3) ends of the axis [m], or (n, 3) points of the part, more than two, whose axis and radius are taken.
-            radius: at which it is bent [m]; of the points, where None, the farthest's from their axis and `gap` more.
+            radius: at which it is bent [m]; of the points, if None, the farthest's from their axis and `gap` more.
             turn: where round the axis its middle is [rad]; 0 is the side of +z.
 
         Raises:

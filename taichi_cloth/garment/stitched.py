@@ -56,7 +56,7 @@ def load_stitched(path: str | Path, stitches: str | Path | None = None, scale: f
     """A garment from an OBJ with panels, texture coordinates as its pattern, and stitches.
 
     Args:
-        stitches: a .csv with columns vertex, edge_a, edge_b, t (vertices from 0); where None, the file's own lines
+        stitches: a .csv with columns vertex, edge_a, edge_b, t (vertices from 0); if None, the file's own lines
             `stitch v a b t` (from 0), or edges without a face, `l v w` (from 1).
         scale: metres per unit of the file.
         positions: (n, 3) of the file's vertices in the garment as another program draped it, in the file's units and with

@@ -71,7 +71,7 @@ def load(path: str | Path, scale: float = 1.0, uv: str = "auto", up: str | None 
             the file names, or y.
         groups: a file has groups of faces. "touched" takes all vertices of a group's faces; "inside" only the vertices whose
             faces are all in it. The latter gives a group of vertices back that a program wrote as the faces it touches.
-        only: names of the parts that are read, of a file with a scene; all where None.
+        only: names of the parts that are read, of a file with a scene; all if None.
 
     Returns:
         The mesh, with groups of the file and notes on the use of its texture coordinates. Meshes of .obj and
@@ -132,7 +132,7 @@ def read(path: Path, inside: bool = False, choice: Wanted | None = None) -> Surf
 
     Args:
         inside: whether groups are without vertices that other faces have too.
-        choice: of a file with a scene, the parts that are read; all where None.
+        choice: of a file with a scene, the parts that are read; all if None.
 
     Raises:
         MeshError: a missing, unknown or unreadable file.

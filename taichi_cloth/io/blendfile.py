@@ -62,7 +62,7 @@ class Blend(NamedTuple):
 
 
 def read(path: Path, only: Sequence[str] | None, times: Sequence[float] = (0.0,)) -> Blend:
-    """Objects of a .blend by name, all where None.
+    """Objects of a .blend by name, all if None.
 
     Args:
         times: [s] after the scene's first frame, for `Item.world`.

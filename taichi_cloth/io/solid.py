@@ -60,7 +60,7 @@ def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, m
             takes the first, with others that move nothing that it moves.
         merge: whether parts of a scene become one surface where their vertices lie at one place in every frame; else they
             stay apart. Either way each is a group by its name, and so is each material.
-        only: names of the parts of a scene that are read; all where None.
+        only: names of the parts of a scene that are read; all if None.
         weld: distance [m] up to which vertices that stay together are made one; 0 for none. None makes
             one, in a scene, of those apart by a rounding, as at seams of its texture; in other files of none.
 

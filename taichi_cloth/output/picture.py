@@ -31,7 +31,7 @@ class Artist:
     Args:
         size: (width, height) [pixels].
         frames: gives the frames of the whole motion, or expected ones: the ground is below all of them.
-        fits: gives those that a fitted camera has to have in its picture; the first shape and all of `frames` where None.
+        fits: gives those that a fitted camera has to have in its picture; the first shape and all of `frames` if None.
 
     Raises:
         SceneError: the look names a cloth that is not there.

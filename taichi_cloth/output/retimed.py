@@ -26,8 +26,8 @@ class Retimed(Recording):
     Args:
         source: the run.
         speed: seconds of the run in a second of the film; .5 is half as fast.
-        fps: frames a second of the film; the run's where None.
-        first, last: recorded frames between which it is; all where None.
+        fps: frames a second of the film; the run's if None.
+        first, last: recorded frames between which it is; all if None.
 
     Raises:
         SceneError: a speed or a number of frames that is not positive.

@@ -39,7 +39,7 @@ class Recording(recording.Recording):
 
         Args:
             format: blend, abc, usda, usdc, glb, gltf, obj, pc2, vtu or ply.
-            path: a folder; for a format of one file also that file's name; FORMAT in the run's folder where None.
+            path: a folder; for a format of one file also that file's name; FORMAT in the run's folder if None.
             parts: one mesh for each of the "cloths", of the "panels" of garments, or garments "welded" over their seams.
                 Welding turns triangles to one side if panels face both ways; `notes` say how many.
 
@@ -64,7 +64,7 @@ class Recording(recording.Recording):
 
         Args:
             speed: seconds of the run in a second of the film; .5 is half as fast.
-            fps: frames a second of the film; the run's where None.
+            fps: frames a second of the film; the run's if None.
 
         Returns:
             Frames numbered from 0; between recorded ones points go along curves, as `output/retimed.py` says.
@@ -94,7 +94,7 @@ class Recording(recording.Recording):
         """Writes one HTML page about the run, as `taichi-cloth report` does.
 
         Args:
-            path: of the page; report.html in the run's folder where None.
+            path: of the page; report.html in the run's folder if None.
 
         Returns:
             Its path.

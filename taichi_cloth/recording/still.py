@@ -44,7 +44,7 @@ def render(what: Drawable, path: str | Path | None = None, frame: int | None = N
     Args:
         what: a simulation, drawn as it now is; a recorded run; or a scene, drawn as it was built.
         path: of a PNG to be written, or None.
-        frame: of a recorded run; its last one where None.
+        frame: of a recorded run; its last one if None.
         size: (width, height) [pixels].
         quality: "fast" (shadow map), "standard" or "high" (traced shadows and ambient occlusion).
         heat: quantity that colours the cloth: stretch, shear, bend, speed, contact, crease, limit or seam; not of a scene.

@@ -248,7 +248,7 @@ def open_note(x: np.ndarray, borders: np.ndarray, joined: np.ndarray | None = No
 
     Args:
         borders: (k, 2) vertices of edges.
-        joined: (n,) a number of each vertex that those have in common that are sewn to each other; none are where None.
+        joined: (n,) a number of each vertex that those have in common that are sewn to each other; none are if None.
     """
     ends = borders if joined is None else joined[borders]
     ends = distinct(ends)[0]  # two that are sewn are one

@@ -103,7 +103,7 @@ class Scene(Sewn):
         self._attach(cloth, vertices, None, None, False, solid, since, *_spring("attach", stiffness, most))
 
     def detach(self, cloth: Cloth, vertices: object = None) -> None:
-        """Releases vertices (all of the cloth's where None) from solids that they are attached to; pins and motions stay.
+        """Releases vertices (all of the cloth's if None) from solids that they are attached to; pins and motions stay.
 
         Raises:
             SceneError: where none of them is attached.
@@ -111,7 +111,7 @@ class Scene(Sewn):
         self._release(cloth, vertices, "detach", "attached to a solid", lambda a: a.solid is not None)
 
     def unpin(self, cloth: Cloth, vertices: object = None) -> None:
-        """Releases vertices (all of the cloth's where None) from every pin, motion and attachment.
+        """Releases vertices (all of the cloth's if None) from every pin, motion and attachment.
 
         Raises:
             SceneError: where none of them is held.
@@ -163,8 +163,8 @@ class Scene(Sewn):
             gas: "constant": p is given, whatever the volume V, as with a fan or a line. "isothermal": an amount of gas:
                 (p + ambient) V keeps its value at `volume`; without a pressure, the present gas is shut in. "volume": the
                 piece is full of a liquid, of which there is `volume`: p = bulk (1 - V/volume).
-            volume: [m^3], of a liquid it may be a function of time [s]; the one when this begins where None.
-            part: vertices as in `pin`: the faces that have all corners among them; all of the cloth where None.
+            volume: [m^3], of a liquid it may be a function of time [s]; the one when this begins if None.
+            part: vertices as in `pin`: the faces that have all corners among them; all of the cloth if None.
             ambient: pressure outside [Pa].
             bulk: modulus of the liquid [Pa]: the volume is off by p/bulk.
 

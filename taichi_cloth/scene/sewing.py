@@ -44,7 +44,7 @@ class Seam:
         return bool(np.isfinite(self.bears).any())
 
     def stitches(self, vertices: object = None, what: str = "unsew") -> np.ndarray:
-        """(j,) numbers of the stitches that a selection of the cloth's vertices is sewn by, on either side; all where None.
+        """(j,) numbers of the stitches that a selection of the cloth's vertices is sewn by, on either side; all if None.
 
         Raises:
             SceneError: none of them is.

@@ -94,7 +94,7 @@ class Queries(Parts):
 
         Args:
             h: step size [s].
-            constraints: the scene's own pins and motions where None.
+            constraints: the scene's own pins and motions if None.
 
         Raises:
             SimulationError: where the solve does not converge, with its status.

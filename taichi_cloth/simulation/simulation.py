@@ -60,7 +60,7 @@ class Simulation(Queries):
     # running
 
     def step(self, h: float | None = None) -> StepRecord:
-        """Advances by h [s] (the simulation's own where None), in one step if it passes, else in smaller ones.
+        """Advances by h [s] (the simulation's own if None), in one step if it passes, else in smaller ones.
 
         Returns:
             the record of the last of them.
@@ -141,7 +141,7 @@ class Simulation(Queries):
 
     def attach(self, cloth: Cloth, vertices: object, solid: Solid | Prop, since: float | None = None,
                stiffness: float | None = None, most: float | None = None) -> None:
-        """`Scene.attach` for this simulation, from now on; `since` [s] is now where None.
+        """`Scene.attach` for this simulation, from now on; `since` [s] is now if None.
 
         Raises:
             SceneError: with a stiffness, where the scene had nothing attached softly, and no events, when it was begun.

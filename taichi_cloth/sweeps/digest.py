@@ -171,7 +171,7 @@ class Digest:
         return combined("code", [self.of(what), *(self.of(c, "a constant") for c in consts)])
 
     def _module(self, module: types.ModuleType, names: set[str] | None) -> bytes:
-        """A module by its name and version, or one's own by those parts that are read (all where None)."""
+        """A module by its name and version, or one's own by those parts that are read (all if None)."""
         if _is_installed(getattr(module, "__file__", None)) or any(other == id(module) for other, _ in self._within):
             return _installed_name(module.__name__, "")
         self._within.append((id(module), module.__name__))

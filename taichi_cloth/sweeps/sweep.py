@@ -93,7 +93,7 @@ def sweep(build: Callable[..., Scene], grid: Mapping[str, Iterable], metrics: Me
         seeds: values of the option `seed`, or how many of them from 0 on.
         duration: of each run [s]; fps: frames a second, whose times steps hit.
         out: folder for runs/, sweep.csv, sweep.html and, where pyarrow is installed, sweep.parquet.
-        workers: processes on this machine, as many as cores (GPUs) where None; 0 runs one after the other in this one. With
+        workers: processes on this machine, as many as cores (GPUs) if None; 0 runs one after the other in this one. With
             `slurm`, the number of jobs.
         scheduler: address of a Dask scheduler, instead.
         slurm: arguments of dask_jobqueue's SLURMCluster, such as {"queue": "cpu", "walltime": "01:00:00"}, instead.

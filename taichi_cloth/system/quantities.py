@@ -26,7 +26,7 @@ class Quantity:
     middle: float | None = None
 
     def scale(self, values: np.ndarray | None = None) -> tuple[float, float]:
-        """(low, high) of a scale that fits values, but for the last half percent; the usual one where None."""
+        """(low, high) of a scale that fits values, but for the last half percent; the usual one if None."""
         middle = self.middle or 0.0
         reach = self.reach if values is None else max(float(np.percentile(np.abs(values - middle), 99.5)), 1e-3 * self.reach)
         return (0.0 if self.middle is None else middle - reach), middle + reach

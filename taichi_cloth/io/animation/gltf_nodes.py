@@ -153,7 +153,7 @@ def together(clips: list[Clip], numbers: tuple[int, ...] | None) -> Clip:
     """Animations that play at once: of two that move the same the first counts.
 
     Args:
-        numbers: of those that are meant; where None the first, and others that move nothing that is moved already.
+        numbers: of those that are meant; if None the first, and others that move nothing that is moved already.
     """
     out = Clip({}, (0.0, 0.0), FPS, (), ())
     for k in range(len(clips)) if numbers is None else dict.fromkeys(numbers):

@@ -55,10 +55,10 @@ class Wanted(NamedTuple):
     """Choices of the caller.
 
     Attributes:
-        clip: names or numbers of animations that play together; where None the first, with others that move nothing that it
+        clip: names or numbers of animations that play together; if None the first, with others that move nothing that it
             moves.
-        fps: frames a second at which it is sampled, the file's own where None.
-        only: names of the parts that are read; all where None.
+        fps: frames a second at which it is sampled, the file's own if None.
+        only: names of the parts that are read; all if None.
         moves: whether the animation is read at all.
     """
 
