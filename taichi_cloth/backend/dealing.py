@@ -80,6 +80,6 @@ class Lists:
         return most > room
 
     def joined(self) -> list[np.ndarray]:
-        """The columns of all pieces, one after the other."""
+        """The columns of all pieces, one after the other: arrays (rows,) or (rows, k)."""
         count = self.count.tolist()
         return [np.concatenate([rows[:k] for rows, k in zip(array, count)]) for array in self.arrays]

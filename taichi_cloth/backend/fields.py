@@ -58,11 +58,11 @@ class Fields:
         return out
 
     def real(self, n: int, width: int = 1, data: np.ndarray | None = None, dtype=float):
-        """A field of n numbers, or of n vectors of `width` numbers; filled with `data` at `allocate`."""
+        """A field of n numbers, or of n vectors of `width` numbers; filled with `data` (n,) or (n, width) at `allocate`."""
         return self._declare(n, width, dtype, data, self._reals)
 
     def integer(self, n: int, width: int = 1, data: np.ndarray | None = None):
-        """The same for 32-bit integers."""
+        """A field like that of `real`, of 32-bit integers."""
         return self._declare(n, width, ti.i32, data, self._integers)
 
     def scratch(self, n: int, width: int):

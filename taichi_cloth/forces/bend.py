@@ -84,7 +84,7 @@ class Bend(HingeLaw):
                 self.hysteresis.return_map(e, self.turned(e)[0], h)
 
     def release(self, whole: np.ndarray, pulled: np.ndarray) -> None:
-        """Hinges over a seam go with either of the stitches at their ends."""
+        """Opens hinges over a seam with either of the stitches at their ends; see `Force`."""
         from ..system.stitches import ends_of
 
         rest = self._rest.copy()

@@ -123,7 +123,7 @@ class Drag(Force):
             self.set_wind(self.air.wind_at(t))
 
     def set_wind(self, now: np.ndarray) -> None:
-        """Velocity of the air [m/s]."""
+        """Sets the velocity of the air (3,) [m/s]."""
         self.now = now
         self._set(*map(float, now))
 

@@ -97,5 +97,5 @@ class OwnLaw(ABC):
 
 
 def vectors(numbers: np.ndarray) -> np.ndarray:
-    """Rows of two numbers at least: a field of rows of one has no vectors."""
+    """(m, k) numbers with k at least 2: a field of rows of one number has no vectors."""
     return np.pad(numbers, ((0, 0), (0, max(0, 2 - numbers.shape[1]))))

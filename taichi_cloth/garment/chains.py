@@ -21,7 +21,7 @@ class Places:
         return int(point[0] // self.reach), int(point[1] // self.reach)
 
     def at(self, point: np.ndarray) -> list[int]:
-        """Numbers of those that are there."""
+        """Numbers of the points within reach of a point (2,)."""
         i, j = self._cell(point)
         found = [k for a in (i - 1, i, i + 1) for b in (j - 1, j, j + 1) for k in self._cells.get((a, b), ())]
         return [k for k in found if math.dist(self.points[k], point) <= self.reach]

@@ -91,7 +91,7 @@ class Curve:
         return np.concatenate([corners[[self.start]], own, corners[[self.end]]])
 
     def length(self, corners: np.ndarray) -> float:
-        """[m]"""
+        """Length [m] between corners (k, 2) [m] of the panel."""
         if self.kind == "line":
             return math.dist(corners[self.start], corners[self.end])
         return float(_way(self.drawn(corners, FINE))[-1])

@@ -175,7 +175,7 @@ def _over_feet(parts: list[np.ndarray], x: np.ndarray, faces: np.ndarray, floor:
 
 
 def place(at: np.ndarray) -> str:
-    """x and z [m] as a report has them."""
+    """x and z (2,) [m], written as a report has them."""
     u, v = at.round(3) + 0.0  # no minus before a 0
     return f"({u:g}, {v:g}) m"
 

@@ -52,7 +52,7 @@ class Textures:
 
     @property
     def texels(self) -> np.ndarray:
-        """All images."""
+        """(texels,) int32, the RGBA bytes of all levels of all images."""
         return np.concatenate(self.parts) if self.parts else np.zeros(1, dtype=np.int32)
 
     @property

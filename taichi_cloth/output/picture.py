@@ -103,7 +103,7 @@ class Artist:
         return total / count
 
     def captioned(self, image: np.ndarray, frame: Frame, number: int = 0) -> np.ndarray:
-        """The same picture with its caption."""
+        """The picture (h, w, c) with its caption and colour bar drawn in."""
         look = self.look
         if look.heat is not None:
             label = f"{look.heat.name} [{look.heat.unit}]" if look.heat.unit else look.heat.name
@@ -214,7 +214,7 @@ class Artist:
 
 
 def contact_sheet(images: list[np.ndarray], columns: int) -> np.ndarray:
-    """Pictures of one size and type in one, row by row; white, or transparent, where there is none."""
+    """Pictures (h, w, c) of one size and type in one, row by row; empty places are white, or transparent."""
     height, width, channels = images[0].shape
     rows = -(-len(images) // columns)
     empty = np.iinfo(images[0].dtype).max if channels == 3 else 0

@@ -50,7 +50,7 @@ class Raster:
             self._raster(screen, faces, seen, self.w, 0, identify, self.samples)
 
     def see_behind(self, points: np.ndarray, faces: np.ndarray, side: int) -> None:
-        """Rasterises depths into the other map, a square."""
+        """Rasterises depths of points (n, 3) and faces (m, 3) into the other map, `side` samples square."""
         self._raster(points, faces, pieces(points, faces, side, side, np.inf), side, self.w * self.h, 0, 1)
 
     @ti.kernel

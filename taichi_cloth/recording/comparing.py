@@ -85,7 +85,7 @@ class Sides:
         self.second = Artist(pair.b.geometry, size, replace(look, camera=self.first.camera), frames)
 
     def both(self, k: int) -> list[np.ndarray]:
-        """Pictures of a frame of the first run and of that of the second at its time."""
+        """Pictures (h, w, c) of frame k of the first run and of the second run's frame at the same time."""
         pair = self.pair
         images = [self.first.draw(pair.a.frame(k), k), self.second.draw(pair.b.frame(pair.frames[k]), pair.frames[k])]
         for image, name in zip(images, pair.names):
@@ -94,7 +94,7 @@ class Sides:
         return images
 
     def difference(self, k: int, high: float) -> np.ndarray:
-        """The first run's cloth at a frame, coloured by its distance from the other's, up to `high` [m]."""
+        """Picture (h, w, c) of the first run's cloth at frame k, coloured by its distance from the other's up to `high` [m]."""
         assert self.pair.apart is not None
         return self.first.draw(self.pair.a.frame(k), k, heat_colors(self.pair.apart[k], 0.0, high, False))
 

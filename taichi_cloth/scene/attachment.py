@@ -88,7 +88,7 @@ class Attachment:
         return here + value if self.relative else np.broadcast_to(value, here.shape)
 
     def checked(self, t: float) -> np.ndarray:
-        """The path's value at t, checked for shape and finiteness; rows sorted by vertex."""
+        """The path's value at t [s], (k, 3) or (3,) [m], checked for shape and finiteness; rows sorted by vertex."""
         k = len(self.selected)
         what = f"the path that moves {k} vertices of {self.cloth.name!r}, at t = {t:g} s"
         shapes = [(k, 3)] + ([(3,)] if self.relative or k == 1 else [])

@@ -145,7 +145,7 @@ def panels_of(mesh: TriMesh, fabrics: Mapping[str, Fabric | str]) -> tuple[tuple
 
 
 def panel_faces(mesh: TriMesh, name: str) -> np.ndarray:
-    """Rows of the faces all of whose corners are in a group of vertices.
+    """(k,) rows of the faces that have all corners in a group of vertices.
 
     Raises:
         SceneError: there is none.
@@ -157,7 +157,11 @@ def panel_faces(mesh: TriMesh, name: str) -> np.ndarray:
 
 
 def used_vertices(cloth: Cloth, vertices: object) -> np.ndarray:
-    """The selected vertices, all of which belong to a face."""
+    """(k,) selected vertices, checked.
+
+    Raises:
+        SceneError: none is selected, or one belongs to no face.
+    """
     index = cloth.mesh.select(vertices)
     if not len(index):
         raise SceneError(f"the selection {vertices!r} of {cloth.name!r} is empty")

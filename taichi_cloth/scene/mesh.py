@@ -160,7 +160,7 @@ class TriMesh:
         return len(self.inner_edges) > 0
 
     def select(self, vertices: object) -> np.ndarray:
-        """Vertex indices from an index, a list, a boolean mask, a group's name or a list of names.
+        """(k,) vertex indices from an index, a list, a boolean mask, a group's name or a list of names.
 
         Raises:
             MeshError: an unknown group, an index out of range, a mask of the wrong length or no vertex.

@@ -25,7 +25,12 @@ class Age(Checkpointed):
         self.cost = self.excess = self.kept = self.wait = self.pause = 0
 
     def allows(self, wanted: np.ndarray, most: float = 0.0) -> bool:
-        """Whether they last for one more solve, with at most so many numbers but the last that are not as wanted."""
+        """Whether the levels serve one more solve.
+
+        Args:
+            wanted: (k,) as `made_for`, for the new system; the last must be the same.
+            most: how many of the others may differ.
+        """
         if len(wanted) != len(self.made_for) or wanted[-1] != self.made_for[-1]:
             return False
         if np.count_nonzero(wanted != self.made_for) > most:

@@ -112,7 +112,7 @@ class PCG(Recurrences):
         return Solution(name, done, norm / first, allowed)
 
     def residual_history(self) -> np.ndarray:
-        """Filtered residual norms of the last solve, one an iteration, as the recurrence has them."""
+        """(iterations,) filtered residual norms of the last solve, as the recurrence has them."""
         return np.sqrt(np.maximum(self.history.to_numpy()[: self.last], 0))
 
     def _apart(self, tolerance: float, reference: float, least: float, zero: int, most: int) -> tuple:

@@ -52,8 +52,8 @@ class Pointwise(Checkpointed):
 
     @ti.kernel
     def build(self, fully: ti.types.ndarray()):
-        """Inverts every diagonal block as if its particle were free, and takes particles that are held in all directions
-        out: S = 0."""
+        """Inverts every diagonal block as if its particle were free; particles `fully` (k,), held in all directions, get
+        S = 0."""
         for i in range(self.operator.model.rows()):
             self.is_held[i] = 0
             self.inverse[i] = sym(sym_unpack(self.block(i)).inverse())

@@ -32,5 +32,5 @@ class Held:
 
 
 def kernel_array(values: ArrayLike, dtype: type) -> np.ndarray:
-    """An array as kernels take it: contiguous, of the type they were compiled for."""
+    """An array of any shape as kernels take it: contiguous, of the type they were compiled for."""
     return np.ascontiguousarray(values, dtype=dtype)

@@ -41,7 +41,7 @@ class Operator:
 
     @ti.kernel
     def alter_motion(self, index: ti.types.ndarray(), y: ti.types.ndarray()):
-        """motion += y on particles index[k]"""
+        """motion += y (k, 3) [m] on particles index (k,)"""
         ti.loop_config(serialize=self.blocks.serial)
         for k in range(index.shape[0]):
             i = index[k]

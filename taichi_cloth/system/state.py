@@ -58,7 +58,7 @@ class Elements:
         self.primary = fields.integer(self.count, data=self.entries.primary)
 
     def per_entry(self, data: np.ndarray) -> np.ndarray:
-        """Rows of per-element data for each entry."""
+        """Rows of per-element data (elements, ...) for each entry: (entries, ...)."""
         return np.asarray(data)[self.entries.element]
 
 
@@ -138,6 +138,9 @@ class ParticleState:
     def remember(self, name: str, n: int, width: int = 1, data: np.ndarray | None = None) -> Remembered:
         """Declares a field of n numbers, or of n vectors of `width` numbers, that steps change; before fields are allocated.
 
+        Args:
+            data: (n,) or (n, width) to begin with; zeros if None.
+
         Raises:
             ValueError: there is one of this name.
         """
@@ -203,15 +206,15 @@ class ParticleState:
         return _reals(self.x), _reals(self.v)
 
     def read_saved(self) -> tuple[np.ndarray, np.ndarray]:
-        """The same of the saved state."""
+        """(x, v) of the saved state, as `read_particles` gives the current one."""
         return _reals(self.x_saved), _reals(self.v_saved)
 
     def write(self, positions: np.ndarray, velocities: np.ndarray) -> None:
-        """Sets the state from arrays in the user's order."""
+        """Sets positions [m] and velocities [m/s] from (n, 3) arrays in the user's order."""
         self.write_particles(positions[self.user] - self.origin, velocities[self.user])
 
     def write_particles(self, x: np.ndarray, v: np.ndarray) -> None:
-        """Sets the state from the arrays of `read_particles`, bit for bit."""
+        """Sets x [m] and v [m/s] from (n, 3) arrays as `read_particles` gives them, bit for bit."""
         write(self.x, x.astype(self.exchange))
         write(self.v, v.astype(self.exchange))
 
@@ -222,7 +225,7 @@ class ParticleState:
         return out
 
     def to_particles(self, values: np.ndarray) -> np.ndarray:
-        """Rows of per-vertex data in particle order, in the type that kernels take."""
+        """(n, ...) per-vertex data in particle order, in the type that kernels take."""
         return np.ascontiguousarray(np.asarray(values)[self.user].astype(self.exchange))
 
     @ti.kernel

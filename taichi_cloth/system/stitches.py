@@ -62,7 +62,7 @@ class Stitches(Checkpointed):
         return True
 
     def set_by_hand(self, rows: np.ndarray, holds: bool) -> bool:
-        """Opens stitches, or closes them. Returns whether that is a change."""
+        """Opens the stitches `rows` (k,), or closes them with `holds`; whether that is a change."""
         whole, pulled = self.whole.copy(), self.pulled.copy()
         if holds:
             drawn = self._draws[rows] & (self._gaps()[rows] > CATCH)

@@ -147,7 +147,7 @@ def distinct_names(names: Iterable[str | None], kind: str) -> list[str]:
 
 
 def finite(part: str, values: np.ndarray) -> np.ndarray:
-    """The same numbers.
+    """The same numbers (rows, k), checked.
 
     Raises:
         MeshError: one is not finite, with its row.
