@@ -1,4 +1,4 @@
-"""A run: simulate, draw, keep every frame in a folder, show how far it is. For the command and for `tc.record`."""
+"""A run: simulates, draws, keeps every frame in a folder, shows its progress. For the command and for `tc.record`."""
 
 import contextlib
 import functools

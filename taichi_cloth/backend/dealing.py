@@ -1,4 +1,4 @@
-"""Loops of which some parts cost far more than others, in pieces that threads take one after the other.
+"""Dynamic scheduling of loops with costly parts: threads take pieces one after the other.
 
 Taichi gives each CPU thread of a loop a run of its iterations beforehand, all of the first half to one of two. If the
 costly ones are at one end, or a thread starts late or is put aside, the other waits. Sums over the nodes of all levels then

@@ -1,4 +1,4 @@
-"""Fields that closed simulations leave for the next, so that kernels need not be compiled again.
+"""A pool of fields: closed simulations leave them for the next, so that kernels need not be compiled again.
 
 Taichi compiles a kernel for the fields it reads, by identity. A field is known by where it was declared (the lines of code
 that led there, and how often they did before), by its type, its width and its room. A new simulation gets for each field the

@@ -1,4 +1,4 @@
-"""CPU threads that go through the phases of an algorithm together, inside one kernel.
+"""Phases of a parallel algorithm inside one kernel: CPU threads go through them together.
 
 A launch costs some 75 us and a hand-over to other threads 45 us, a phase here .2 us. In each phase every block of rows is
 claimed once and worked on; whoever ends the last one decides on the next phase. Threads spin while they wait, and after a

@@ -1,4 +1,4 @@
-"""Taichi's CPU threads on cores of their own, while no other program wants these. Linux only.
+"""Binding of Taichi's CPU threads to cores of their own, while no other program wants these. Linux only.
 
 The system likes to wake a thread on its last core, or on that of the thread that wakes it. Two threads then often share a core
 while another is idle, for the milliseconds that most kernels take, and do no more than one would. Each is therefore bound to a

@@ -1,4 +1,4 @@
-"""Positive parameters by least squares, and how sure they are.
+"""Least squares for positive parameters, with the uncertainty of each.
 
 Parameters p are fitted as q = log p: r(q) = (model - measured) / sigma. Near the optimum, cov(q) = s^2 (J^T J)^-1 with
 J = dr/dq, s^2 = |r|^2 / (m - n), or 1 where the measurements' sigma is known. Intervals are exp(q -+ t sqrt(cov)) with

@@ -1,4 +1,4 @@
-"""Gas in closed pieces of cloth: pressure that pushes along dV, and K of it.
+"""Gas in closed pieces of cloth: forces p dV of its pressure, and their stiffness K.
 
 With V the volume of a room, E(V) the energy of its gas and p = -dE/dV its pressure over that outside,
 

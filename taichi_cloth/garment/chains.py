@@ -1,4 +1,4 @@
-"""Lines whose ends meet, as one line each. numpy only."""
+"""Chains of lines: lines whose ends meet become one line each. numpy only."""
 
 import math
 from collections.abc import Sequence

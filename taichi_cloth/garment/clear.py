@@ -1,4 +1,4 @@
-"""Panels that start within a body hang further out: how far is found from where lines from them leave it. numpy only.
+"""Panels hung clear of a body: those that start within it go further out, along lines that leave it. numpy only.
 
 From each vertex goes a line the way its panel is brought out. If it leaves a closed piece of the body once more than it
 enters, the vertex is within that piece. A panel goes out to the first place where no vertex is within and no edge through.

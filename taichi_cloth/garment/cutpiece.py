@@ -1,4 +1,4 @@
-"""A piece of a pattern as it is cut: corners and edges, a fold that is opened, mirrored copies. numpy only."""
+"""A cut piece of a pattern: corners and edges, a fold that is opened, mirrored copies. numpy only."""
 
 import math
 from typing import NamedTuple

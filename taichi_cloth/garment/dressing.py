@@ -1,4 +1,4 @@
-"""From panels that hang round a body to a garment that it wears: sewn without weight, then let down.
+"""Dressing a body: panels that hang round it are sewn without weight, then let down.
 
 1. Sewing: no gravity, air that calms, seams that close by a bounded pull (`forces.closing`), the body smooth; cloth meets
    itself. Seams that close no further get a stronger pull. Layers of a pleat narrower than a triangle have no room for their

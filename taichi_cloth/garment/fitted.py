@@ -1,4 +1,4 @@
-"""A pattern is brought to a body of another size that stands elsewhere and faces another way. numpy only.
+"""Fitting a pattern to a body of another size that stands elsewhere and faces another way. numpy only.
 
 Shipped patterns hang round a figure that faces z, and whose measures are `DRAWN_FOR`. A garment is made as much wider as the
 body is, where the garment is, and as much longer as the body's trunk is. Each panel keeps its shape but for that.

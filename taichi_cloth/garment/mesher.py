@@ -1,4 +1,4 @@
-"""Triangles in a closed line: a hexagonal lattice inside, the line's own points on the border, Delaunay, smoothed.
+"""Meshing of a closed line: a hexagonal lattice inside, the line's own points on the border, Delaunay, smoothed.
 
 Time and memory grow about as the number of vertices.
 """

@@ -1,4 +1,4 @@
-"""Panels that are sewn over worn garments hang outside them: how far each has to go is found from positions. numpy only.
+"""Panels hung outside worn garments: the distance that each has to go out is found from positions. numpy only.
 
 A panel goes out until each of its vertices is outside the nearest vertex of a worn garment. It goes along the way it faces,
 away from the figure; a panel that is bent round a limb is bent wider. Panels that lie over it go out with it.

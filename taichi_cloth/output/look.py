@@ -1,4 +1,4 @@
-"""How to draw: settings of a picture, which come before those of the scene's view."""
+"""Settings of a picture, which come before those of the scene's view."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace

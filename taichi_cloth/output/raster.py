@@ -1,4 +1,4 @@
-"""Which triangle is seen in each sample: a z-buffer, in two passes, the first for depths and the second for faces."""
+"""Rasterizer: the triangle seen in each sample, by a z-buffer in two passes, the first for depths and the second for faces."""
 
 import numpy as np
 import taichi as ti

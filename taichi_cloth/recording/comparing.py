@@ -94,7 +94,8 @@ class Sides:
         return images
 
     def difference(self, k: int, high: float) -> np.ndarray:
-        """Picture (h, w, c) of the first run's cloth at frame k, coloured by its distance from the other's up to `high` [m]."""
+        """Picture (h, w, c) of the first run's cloth at frame k, coloured by its distance from the second's,
+        up to `high` [m]."""
         assert self.pair.apart is not None
         return self.first.draw(self.pair.a.frame(k), k, heat_colors(self.pair.apart[k], 0.0, high, False))
 

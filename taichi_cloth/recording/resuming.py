@@ -1,4 +1,4 @@
-"""Going on with a run that ended early: from which checkpoint, and whether it is the same run."""
+"""Resuming a run that ended early: from which checkpoint, and whether it is the same run."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-"""The air that cloth moves in: how it drags and lifts, and how it blows. numpy only."""
+"""Air that cloth moves in: drag, lift and wind. numpy only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a cloth looks: the colours of its two sides, an image printed on the pattern, the weave. For pictures only."""
+"""Appearance of a cloth: the colours of its two sides, an image printed on the pattern, the weave. For pictures only."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields

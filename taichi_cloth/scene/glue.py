@@ -1,4 +1,4 @@
-"""Vertices that ride on a solid: at the nearest place of its surface, in that place's own frame. numpy only."""
+"""Attachment to a solid: vertices ride at the nearest place of its surface, in that place's own frame. numpy only."""
 
 from dataclasses import dataclass
 

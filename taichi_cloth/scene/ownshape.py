@@ -1,4 +1,4 @@
-"""The rest shape of a mesh that has no pattern: its own lengths, in the plane. numpy only."""
+"""The rest shape of a mesh without a pattern: its own lengths, in the plane. numpy only."""
 
 import numpy as np
 

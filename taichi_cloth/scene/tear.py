@@ -1,4 +1,4 @@
-"""Cloth that may tear: how strong it is, where, and its mesh with the corners of triangles apart there. numpy only.
+"""Cloth that may tear: its strength, the places, and its mesh with the corners of triangles apart there. numpy only.
 
 Cloth that may tear has corners of its own for each triangle, and the corners at a vertex are sewn together across the edges
 between their triangles. Sewn, they move as the whole mesh does, exactly; tearing opens stitches, and changes no mesh.

@@ -1,4 +1,4 @@
-"""Numbers that look like another unit's: said once, not refused. numpy only."""
+"""Check of units: numbers that look like another unit's are told of once, not refused. numpy only."""
 
 import math
 import warnings

@@ -1,4 +1,4 @@
-"""How a scene wants to be seen. Description only: the renderer is in output/."""
+"""View of a scene: camera, ground, background and light. Description only: the renderer is in output/."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Winds by name: how fast each blows, its effects out of doors, and how far it lifts a cloth that hangs. numpy only.
+"""Winds by name: the speed of each, its effects out of doors, and the angle to which it lifts hanging cloth. numpy only.
 
 The names and speeds are those of Beaufort's scale, each in the middle of its range, with two everyday words: a draught in a
 room, and a breeze.

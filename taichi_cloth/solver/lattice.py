@@ -1,4 +1,4 @@
-"""Lattices over the cloth's material for a multilevel preconditioner: hat functions, and who meets them. numpy only.
+"""Lattices over the cloth's material for a multilevel preconditioner: hat functions and their supports. numpy only.
 
 Level l has nodes 2^l edge lengths apart in the plane of the pattern, piece by piece (in space, where a cloth has
 no pattern of its own), and multilinear hats. A hat whose support is in several parts, as across a slit, is as many

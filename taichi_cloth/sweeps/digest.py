@@ -1,4 +1,4 @@
-"""A digest of any value, the same in every process: arrays by their bytes, functions by their code and all that it reads.
+"""Digest of any value, the same in every process: arrays by their bytes, functions by their code and all that it reads.
 
 Numbers count exactly, dicts and sets in no order, objects by their class and state. Installed code (Python, packages, this
 one) counts by its name and version; code of one's own is followed wherever it is called. Formatting and comments are no code.

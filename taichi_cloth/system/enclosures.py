@@ -1,4 +1,4 @@
-"""Enclosed volumes of cloth: which faces, sewn together, are a closed surface, and which way is out. numpy only."""
+"""Enclosed volumes of cloth: the faces that, sewn together, are a closed surface, and their outer side. numpy only."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Constraints of a step: I - S, the projector on the held directions, and where these lead. [BW98 §5.1]"""
+"""Held particles of a step: I - S, the projector on their held directions, and their targets. [BW98 §5.1]"""
 
 from dataclasses import dataclass
 

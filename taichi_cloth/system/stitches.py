@@ -1,4 +1,4 @@
-"""Stitches that give: the load of each, which are whole, and changes where one opens.
+"""Breaking of stitches: the load of each, those that still hold, and changes when one opens.
 
 The reaction of a seam's constraint, (I - S)(A dv - b) over the step's span, is the force of its members on each other. For
 two members it is the force of their stitch. For more, forces of stitches are the least ones that add up to it,
