@@ -105,7 +105,7 @@ def choice(what: str, value: object, choices: Iterable[str], error: Error = Scen
     """`value` itself where it is one of `choices`.
 
     Raises:
-        error: where it is not, with the nearest right one.
+        error: if it is not, with the nearest right one.
     """
     choices = list(choices)
     if not isinstance(value, str) or value not in choices:
@@ -147,7 +147,7 @@ def function(what: str, value: object, *arguments: str, error: Error = SceneErro
 
 
 def takes(function: Callable, count: int) -> bool | None:
-    """Whether a function can be called with so many arguments; None where Python does not know."""
+    """Whether a function can be called with so many arguments; None if Python does not know."""
     try:
         inspect.signature(function).bind(*[None] * count)
     except TypeError:
@@ -260,7 +260,7 @@ def png(what: str, value: object, error: Error = SceneError) -> pathlib.Path:
 
 
 def _real(value: object) -> float:
-    """A number as a float; NaN where it is none, infinity where it is too large for one."""
+    """A number as a float; NaN if it is none, infinity where it is too large for one."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, numbers.Real):
@@ -272,7 +272,7 @@ def _real(value: object) -> float:
 
 
 def _floats(value: object) -> np.ndarray | None:
-    """A copy as an array of float64; None where it is no array of numbers."""
+    """A copy as an array of float64; None if it is no array of numbers."""
     try:
         out = np.array(value)
         if out.dtype == object:  # integers too large for 64 bits, fractions; anything else is no number

@@ -32,7 +32,7 @@ NAMES = dict(zip(_WORDS[::2], _WORDS[1::2]))
 
 
 def linear_of(text: str) -> tuple[float, float, float] | None:
-    """Linear RGB of a name or of #rgb or #rrggbb in sRGB; None where it is neither."""
+    """Linear RGB of a name or of #rgb or #rrggbb in sRGB; None if it is neither."""
     word = text.strip().lower().replace(" ", "")
     code = NAMES.get(word) or (word[1:] if re.fullmatch("#([0-9a-f]{3}|[0-9a-f]{6})", word) else None)
     if code is None:

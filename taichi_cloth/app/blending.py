@@ -16,7 +16,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def other(args: argparse.Namespace, retimed: Callable) -> int | None:
-    """The exit code of `--addon` or `--onto`; None where it is an export.
+    """The exit code of `--addon` or `--onto`; None if it is an export.
 
     Args:
         retimed: a recording at the times that are asked for, of the arguments and the recording.

@@ -78,7 +78,7 @@ def run(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest
     Args:
         folder: to be closed at the end; None keeps nothing.
         on_frame: the user's, called before a frame is kept.
-        resumed: as in `Simulation.run`; first: frame that the folder has, None where it keeps none.
+        resumed: as in `Simulation.run`; first: frame that the folder has, None if it keeps none.
         began: when it did, by `time.perf_counter`; now if None.
         said: an exception of the user's code in words.
         before: steps that were made before; those of the log if None.

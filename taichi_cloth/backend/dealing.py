@@ -43,7 +43,7 @@ class Dealer:
 
     @ti.func
     def next(self):
-        """A piece that nobody has taken; beyond the last where there is none."""
+        """A piece that nobody has taken; beyond the last if there is none."""
         return ti.atomic_add(self.taken[0], 1)
 
     @ti.func
@@ -73,7 +73,7 @@ class Lists:
         self.arrays: list[np.ndarray] = [np.zeros((*shape, width), dtype=kind) for width, kind in self._kinds]
 
     def grow(self) -> bool:
-        """Makes room for entries that did not fit; False where all did."""
+        """Makes room for entries that did not fit; False if all did."""
         most, room = int(self.count.max(initial=0)), self.arrays[0].shape[1]
         if most > room:
             self._make(int(GROWTH * most))

@@ -43,7 +43,7 @@ class Slot:
     Attributes:
         key: the declaration that it is known by.
         shares: of simulations, each for one at a time; the first has the field as it was declared.
-        holder: the share whose numbers lie in the field; None where nobody needs them.
+        holder: the share whose numbers lie in the field; None if nobody needs them.
         tree: in which it was allocated.
     """
 

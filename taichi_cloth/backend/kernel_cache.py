@@ -25,7 +25,7 @@ def options(keep: bool) -> dict[str, Any]:
 
 @functools.cache
 def _writable(folder: str) -> bool:
-    """Whether files can be made in a folder, which is made where it is not there; says so once where not."""
+    """Whether files can be made in a folder, which is made if it is not there; says so once where not."""
     try:
         os.makedirs(folder, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

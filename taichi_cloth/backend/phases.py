@@ -77,7 +77,7 @@ class PhaseScheduler:
 
     @ti.func
     def claim(self, own, phase, waited):
-        """(block to work on or -1, looks since this thread had one; -1 where it takes blocks at once that others leave)."""
+        """(block to work on or -1, looks since this thread had one; -1 if it takes blocks at once that others leave)."""
         block, helps = -1, waited < 0
         if ti.atomic_max(self.claimed[own * APART], phase + 1) <= phase:
             block, waited = own, ti.min(waited, 0)

@@ -39,7 +39,7 @@ def _follow(args: Sequence, path: Path) -> Any:
 
 
 def _token(value: Any) -> tuple | None:
-    """The mark of a value that a compiled kernel depends on, to be compared; None where that cannot be said."""
+    """The mark of a value that a compiled kernel depends on, to be compared; None if that cannot be said."""
     if isinstance(value, PLAIN):
         return type(value), value
     if isinstance(value, Field):

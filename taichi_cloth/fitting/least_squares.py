@@ -21,7 +21,7 @@ class Estimate:
     """Estimate of n parameters.
 
     Attributes:
-        values: (n,); low, high: (n,) ends of their intervals, NaN where there are no more measurements than parameters.
+        values: (n,); low, high: (n,) ends of their intervals, NaN if there are no more measurements than parameters.
         covariance: (n, n) of the parameters; NaN likewise.
         scatter: standard deviation of the residuals, in the measurements' unit (in sigmas where these are given).
     """

@@ -58,12 +58,12 @@ class Bend(HingeLaw):
 
     @ti.func
     def way(self, e):
-        """-1 where a hinge was creased to the negative side, else 1."""
+        """-1 if a hinge was creased to the negative side, else 1."""
         return self.hysteresis.way(e)
 
     @ti.func
     def side(self, e, C):
-        """-1 where a hinge at C is one that passed through itself, else 1."""
+        """-1 if a hinge at C is one that passed through itself, else 1."""
         return self.hysteresis.side(e, C)
 
     @ti.func

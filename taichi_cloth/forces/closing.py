@@ -32,7 +32,7 @@ class Closing(Force):
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
         self.model, self._fields = model, fields
         a, b = (np.concatenate([model.particle[getattr(s, name) + s.cloth.start] for s in scene.seams]) for name in "ab")
-        self.pulls = np.concatenate([s.pulls for s in scene.seams])  # (k,) F [N], 0 where none
+        self.pulls = np.concatenate([s.pulls for s in scene.seams])  # (k,) F [N], 0 if none
         self.elements = Elements(fields, model.blocks, np.stack([a, b], axis=1))
         self.F = fields.real(self.elements.count, data=np.zeros(self.elements.count))
 

@@ -19,7 +19,7 @@ TINY = 1e-30
 
 @ti.func
 def unit(w):
-    """w/|w|, or 0 where w is 0."""
+    """w/|w|, or 0 if w is 0."""
     return w * (1 / ti.max(w.norm(), TINY))  # one division, not three
 
 

@@ -57,7 +57,7 @@ def _merged(vertices: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray
 def edge_gradients(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Gradients at the middles of edges, of a quadratic through each triangle and the vertices across its edges.
 
-    At a border, where there is nothing across, a vertex across an edge of a neighbour stands in; where there is none
+    At a border, where there is nothing across, a vertex across an edge of a neighbour stands in; if there is none
     either, the fit is that of least energy.
 
     Returns:

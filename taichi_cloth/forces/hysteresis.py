@@ -15,7 +15,7 @@ the stored energy falls by k_j d_j |change of q_j|. Two of them:
 Folded flat, C levels off .1 rad below pi (`hinge`): creases then follow the angle itself, as far as C. A fold that passes
 through itself, by less than a radian in a step, has as much energy on either side: its sliders change theirs with it.
 
-The matrix takes T_j / z at the predicted angle of the step. The slope would be 0 where a slider gives; T_j / z is a
+The matrix takes T_j / z at the predicted angle of the step. The slope would be 0 if a slider gives; T_j / z is a
 semidefinite bound from above, so that no solve goes further than friction lets it.
 """
 
@@ -103,7 +103,7 @@ class Hysteresis:
 
     @ti.func
     def side(self, e, C):
-        """-1 where a hinge at C is one that passed through itself, else 1."""
+        """-1 if a hinge at C is one that passed through itself, else 1."""
         side, way = 1.0, self.way(e)
         if C * way < -PASSED:
             side = -1.0

@@ -67,7 +67,7 @@ class Membrane(MembraneLanes):
         self.notes: list[str] = []
         if substep is not None:
             omega2, damping = rates
-            over = (substep**2 * omega2 + 2 * substep * damping) / 4  # 1 where it is just stable
+            over = (substep**2 * omega2 + 2 * substep * damping) / 4  # 1 if it is just stable
             left = 1 / np.maximum(1, over[vertices].max(axis=1))
             area, k = area * left, k * left[:, None]  # all that an element gives goes with its area
             if (left < 1).any():
@@ -88,7 +88,7 @@ class Membrane(MembraneLanes):
         self._begin(fields, float(np.sum(area * stiffest[material][:, :K_S + 1].max(axis=1) * np.sum(inverse**2, axis=1)) / 2))
 
     def geometry(self) -> dict[str, np.ndarray]:
-        """Limits of triangles, in the order of their cloths, where there are any: b_u, b_v, L_u, L_v and L of shear."""
+        """Limits of triangles, in the order of their cloths, if there are any: b_u, b_v, L_u, L_v and L of shear."""
         return {"face_limit": self.host_limit} if self.abrupt else {}
 
     @ti.func

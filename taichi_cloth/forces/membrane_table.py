@@ -22,7 +22,7 @@ def materials_of(cloths: list) -> np.ndarray:
 
 
 def limits_of(fabric) -> list[float]:
-    """b_u, b_v, L_u, L_v and L of shear; NaN where there is none."""
+    """b_u, b_v, L_u, L_v and L of shear; NaN if there is none."""
     stretch, shear = fabric.stretch, fabric.shear
     limit = pair(stretch.limit) if stretch and stretch.limit is not None else (np.nan, np.nan)
     return [*(pair(stretch.b) if stretch else (1.0, 1.0)), *limit, shear.limit if shear and shear.limit else np.nan]

@@ -78,7 +78,7 @@ class TriangleLaw(TriangleForce):
     def build_stiffness(self) -> None:
         """Allocates the fields of implicit steps."""
         self.A, self.stiff = self._fields.real(self.elements.count, 21), True
-        self.way: Any = self._fields.real(2, data=np.zeros(2))  # span that damping is taken over [s]; 1 where K is whole
+        self.way: Any = self._fields.real(2, data=np.zeros(2))  # span that damping is taken over [s]; 1 if K is whole
 
     def damp_over(self, c: float) -> None:
         """See `Force`; from here on negative eigenvalues are in the matrix too."""

@@ -26,7 +26,7 @@ class Shape(NamedTuple):
     """A visible shape.
 
     Attributes:
-        name: its label in Inkscape, title or id, else that of the nearest group; "" where none has any.
+        name: its label in Inkscape, title or id, else that of the nearest group; "" if none has any.
         own: whether the name is its own, and not a group's or an element's that is drawn several times.
         what: its name in messages.
         part: id of the nearest group with "-part-" in it.

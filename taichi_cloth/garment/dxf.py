@@ -30,7 +30,7 @@ Notes = defaultdict[str, list[str]]  # names of pieces, by the note on them
 
 
 def read_dxf(path: Path, side: Path | None, size: str | None, scale: float | None) -> Pattern:
-    """The pattern of a file; `side` is its side file, or None: the one of its name, .json, where there is one.
+    """The pattern of a file; `side` is its side file, or None: the one of its name, .json, if there is one.
 
     Args:
         size: of a file with several sizes, one of them.
@@ -114,7 +114,7 @@ def _cut(piece: Piece, notes: Notes) -> Cut:
 
 
 def _longest(lines: list[np.ndarray]) -> np.ndarray | None:
-    """(2, 2) the ends of the line whose ends are farthest apart; None where there is none."""
+    """(2, 2) the ends of the line whose ends are farthest apart; None if there is none."""
     ends = [line[[0, -1]] for line in lines if len(line) > 1 and (line[0] != line[-1]).any()]
     return max(ends, key=lambda two: math.dist(*two)) if ends else None
 

@@ -172,7 +172,7 @@ def _panel(sheet: Sheet, uv: np.ndarray | None, rows: np.ndarray) -> Flat | Bent
 
 
 def _way_out(panel: Flat | Bent, inner: Sequence[Sheet], keeps: Sequence[float]) -> float:
-    """[m] by which a panel has to go out to keep a distance [m] of each sheet; infinite where it comes to no end."""
+    """[m] by which a panel has to go out to keep a distance [m] of each sheet; infinite if it comes to no end."""
     far, widest = 0.0, max(float(np.ptp(sheet.x, axis=0).max()) for sheet in inner)
     while far <= widest:
         lack = max(_lack(*panel.moved(far), panel.sheet.longest, sheet, keep) for sheet, keep in zip(inner, keeps))

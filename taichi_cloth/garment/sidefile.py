@@ -20,7 +20,7 @@ from .pattern import Panel, Pattern
 
 
 def side_of(path: Path) -> Path | None:
-    """The side file of a drawing's name, where there is one."""
+    """The side file of a drawing's name, if there is one."""
     side = path.with_suffix(".json")
     return side if side.is_file() else None
 

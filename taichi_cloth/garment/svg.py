@@ -23,7 +23,7 @@ UNBOXED = ("the drawing has no viewBox: numbers without a unit are pixels, 96 to
 
 
 def read_svg(path: Path, side: Path | None) -> Pattern:
-    """The pattern of a drawing; `side` is its side file, or None: the one of the drawing's name, .json, where there is one.
+    """The pattern of a drawing; `side` is its side file, or None: the one of the drawing's name, .json, if there is one.
 
     Raises:
         SceneError: a file that cannot be read, or in which something is missing or wrong, by name.

@@ -34,11 +34,11 @@ class Surface(NamedTuple):
 
     Attributes:
         x: (n, 3) positions; faces: (m, 3).
-        corner_uv: (m, 3, 2) texture coordinates, or None where some face has none.
+        corner_uv: (m, 3, 2) texture coordinates, or None if some face has none.
         groups: vertices by the names of groups.
         notes: omissions.
-        unit: metres of the file's unit, 1 where it names none; up: the axis that points up, "y" where it names none.
-        polygon: (m,) the polygon that each triangle was cut from, or None where that is not known.
+        unit: metres of the file's unit, 1 if it names none; up: the axis that points up, "y" where it names none.
+        polygon: (m,) the polygon that each triangle was cut from, or None if that is not known.
         weights: of vertices of groups that have any below 1.
     """
 

@@ -26,7 +26,7 @@ ABSENT = ("neither its module bpy nor the program `blender` is here: pip install
 
 def command(script: pathlib.Path) -> list[str] | None:
     """The words that run a script, up to its own arguments: by the program that the environment names, Python with bpy, or the
-    program on the PATH; None where none is here."""
+    program on the PATH; None if none is here."""
     named = os.environ.get("TAICHI_CLOTH_BLENDER")
     if not named and importlib.util.find_spec("bpy") is not None:
         return [sys.executable, str(script), "--"]

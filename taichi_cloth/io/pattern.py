@@ -46,7 +46,7 @@ def fit_pattern(x: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, scale: 
 
 
 def unlike(x: np.ndarray, faces: np.ndarray, material: np.ndarray) -> str:
-    """A sentence on a pattern (m, 3, 2) [m] whose lengths are not those of the mesh; empty where they are, to a tenth."""
+    """A sentence on a pattern (m, 3, 2) [m] whose lengths are not those of the mesh; empty if they are, to a tenth."""
     own = flatten(x, faces)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         misfit = _misfit(stretches(material, own), np.abs(twice_area(own)))

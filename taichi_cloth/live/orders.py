@@ -22,7 +22,7 @@ class Orders:
             self._ready.notify_all()
 
     def take(self, wait: float | None = 0.0) -> list[Callable[[], object]]:
-        """All that wait, and none are left; where there are none, waits for the first for so long [s], or for ever."""
+        """All that wait, and none are left; if there are none, waits for the first for so long [s], or for ever."""
         with self._ready:
             self._ready.wait_for(lambda: self._waiting, wait)
             out, self._waiting = [call for _, call in self._waiting], []

@@ -79,7 +79,7 @@ def _pair(name: str, pair: Any) -> tuple[float, float]:
 
 
 def _usual(default: int | float) -> tuple[float, float] | None:
-    """From 0 (1 for whole numbers) to some times the default, on its side of 0; None where that is 0."""
+    """From 0 (1 for whole numbers) to some times the default, on its side of 0; None if that is 0."""
     if not default:
         return None
     ends = math.copysign(1 if isinstance(default, int) else 0, default), WIDE[type(default)] * default

@@ -10,8 +10,8 @@ from ..scene.view import LIGHT, AnyCamera, CameraKeys, Color, View, camera_at, c
 
 
 def of_view(view: View, ground: float | None) -> dict[str, np.ndarray]:
-    """`camera` (eye, target, fov, up; NaN where fitted), `camera_keys` (k, 11) with the times before, `ground`, `reach`, and
-    `background`, `floor`, `light` where they are not as usual."""
+    """`camera` (eye, target, fov, up; NaN if fitted), `camera_keys` (k, 11) with the times before, `ground`, `reach`, and
+    `background`, `floor`, `light` if they are not as usual."""
     camera = view.camera
     out = {"camera": np.full(10, np.nan) if camera is None else camera_at(camera, 0.0).numbers,
            "ground": np.array(np.nan if ground is None else ground), "reach": np.array(view.reach)}
@@ -42,7 +42,7 @@ def view_of(g: dict[str, np.ndarray]) -> View:
 def of_appearances(looks: Sequence[Appearance]) -> dict[str, np.ndarray]:
     """Arrays on the looks of cloths: `cloth_colors`, and others if the looks have more than colours.
 
-    These are `cloth_backs` (NaN where left to the renderer), `cloth_finish` (squares or NaN, weave, its spacing [m], relief),
+    These are `cloth_backs` (NaN if left to the renderer), `cloth_finish` (squares or NaN, weave, its spacing [m], relief),
     `cloth_surface` (sheen, specular, roughness, hem [m], thickness [m], or NaN), `texture_K` and `texture_place_K` (size,
     origin or NaN, repeat).
     """

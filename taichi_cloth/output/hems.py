@@ -7,7 +7,7 @@ FAR = 1e6  # m: where there is no border
 
 
 def half_edges(faces: np.ndarray) -> np.ndarray:
-    """(3 m,) the same edge of the triangle on the other side, -1 where there is none; edge k of face f has number 3 f + k."""
+    """(3 m,) the same edge of the triangle on the other side, -1 if there is none; edge k of face f has number 3 f + k."""
     n = int(faces.max(initial=0)) + 1
     pairs = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
     _, inverse, count = np.unique(pairs @ np.array([n, 1]), return_inverse=True, return_counts=True)

@@ -45,7 +45,7 @@ class Look:
         wire: whether edges are drawn; heat: the quantity that colours the cloth, or None.
         caption: text, in which {t} and {frame} stand for the time and the frame; "" draws none.
         floor, background, light: as those of `View`.
-        aperture: diameter of the lens [m], 0 where all is sharp.
+        aperture: diameter of the lens [m], 0 if all is sharp.
         focus: distance along the view that is sharp [m], None for that of the cloth's middle.
         shutter: part of the time between two frames that a picture takes, 0 to 1: motion is blurred.
         smooth: how often triangles' edges are halved, for round outlines.

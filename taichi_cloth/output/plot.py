@@ -32,7 +32,7 @@ def scatter_plot(series: dict[str, Mean], x_label: str, log: bool = False, log_x
 
 def line_plot(series: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, log: bool = False, log_x: bool = False,
               marks: bool = False, dots: dict[str, tuple[np.ndarray, np.ndarray]] | None = None) -> str:
-    """An SVG of lines (x, y) by name over a common axis; steps where there is one point, nothing where there is none.
+    """An SVG of lines (x, y) by name over a common axis; steps if there is one point, nothing if there is none.
 
     Args:
         log, log_x: logarithmic y and x axis; values that are not positive are left out.

@@ -49,7 +49,7 @@ class Recording:
 
     @property
     def kept(self) -> tuple[int, int] | None:
-        """First and last frame whose positions the run kept; None where it kept none, or did not end by itself."""
+        """First and last frame whose positions the run kept; None if it kept none, or did not end by itself."""
         kept = self.manifest.get("frames")
         return tuple(kept) if kept and kept[1] is not None else None
 

@@ -28,7 +28,7 @@ def heat_of(name: str, geometry: dict[str, np.ndarray], limits: tuple[float, flo
     """The heat map of one of `quantities.QUANTITIES`.
 
     Args:
-        limits: (low, high) of its scale; else those that fit the recording, or the usual ones where there is none.
+        limits: (low, high) of its scale; else those that fit the recording, or the usual ones if there is none.
     """
     quantity = QUANTITIES[checks.choice("quantity", name, QUANTITIES)]
     require(name, geometry)
@@ -173,7 +173,7 @@ def same_times(a: Recording, b: Recording) -> list[tuple[int, int]]:
 
 
 def rms_of(parts: list, of: np.ndarray | None = None) -> float:
-    """Root of the mean square of all numbers, weighted by `of` (n,) where given."""
+    """Root of the mean square of all numbers, weighted by `of` (n,) if given."""
     values = np.concatenate([np.atleast_1d(p) for p in parts])
     return float(np.sqrt(np.average(values**2, weights=of)))
 

@@ -44,7 +44,7 @@ def as_built(scene: Scene) -> dict[str, np.ndarray]:
     """Data of a scene by itself, at time 0.
 
     Faces and uv of all cloths in one, `polygon` of faces that were cut from larger ones, `cloth_start` (first vertex of each
-    and the end), `cloth_thickness`, `cloth_names`, `cloth_colors` (NaN where left to the renderer), groups of faces, and the
+    and the end), `cloth_thickness`, `cloth_names`, `cloth_colors` (NaN if left to the renderer), groups of faces, and the
     arrays of `described.of_appearances`. The same for solids (`solid_*`, without those drawn as ground). The view, as
     `described.of_view` gives it.
     """
@@ -76,7 +76,7 @@ def as_built(scene: Scene) -> dict[str, np.ndarray]:
 
 
 def _image_uv(cloths: list[Cloth]) -> dict[str, np.ndarray]:
-    """`image_uv` (m, 3, 2), NaN where it is the pattern, where meshes have texture coordinates of their own."""
+    """`image_uv` (m, 3, 2), NaN if it is the pattern, where meshes have texture coordinates of their own."""
     own = [c.mesh.texture for c in cloths]
     if all(texture is None for texture in own):
         return {}
@@ -94,14 +94,14 @@ def _polygons(cloths: list[Cloth]) -> dict[str, np.ndarray]:
 
 
 def _thickness(cloths: list[Cloth]) -> dict[str, np.ndarray]:
-    """`cloth_thickness` (c,) [m], NaN where a cloth passes through others, where any does not."""
+    """`cloth_thickness` (c,) [m], NaN if a cloth passes through others, where any does not."""
     if all(c.contact is None for c in cloths):
         return {}
     return {"cloth_thickness": np.array([np.nan if c.contact is None else c.contact.thickness for c in cloths])}
 
 
 def _face_colors(cloths: list[Cloth]) -> dict[str, np.ndarray]:
-    """`face_colors` (m, 3), NaN where a face has its cloth's, where panels have colours of their own."""
+    """`face_colors` (m, 3), NaN if a face has its cloth's, where panels have colours of their own."""
     own = [c.face_colors() for c in cloths]
     if all(colors is None for colors in own):
         return {}

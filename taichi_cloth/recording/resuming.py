@@ -57,7 +57,7 @@ def resume(sim: Simulation, old: Recording, manifest: dict, last: int, from_fram
 
 
 def kept_from(old: Recording | None, resumed: int | None, keeps: bool) -> int | None:
-    """The first frame whose positions are in the folder of a run that goes on, or None where it keeps none."""
+    """The first frame whose positions are in the folder of a run that goes on, or None if it keeps none."""
     if old is not None and resumed is not None and old.manifest.get("frames"):
         return int(old.manifest["frames"][0])
     return None if not keeps else 0 if resumed is None else resumed + 1

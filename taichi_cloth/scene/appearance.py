@@ -57,7 +57,7 @@ class Texture:
 
         Args:
             uv: (m, 3, 2) corners of the pattern's faces [m].
-            unit: length of 1 in texture coordinates that are not the pattern's [m]; NaN where they are.
+            unit: length of 1 in texture coordinates that are not the pattern's [m]; NaN if they are.
         """
         if not np.isnan(unit):
             return np.array(self.origin or (0.0, 0.0)), np.array(self.size or (unit, unit))

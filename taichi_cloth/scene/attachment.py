@@ -63,7 +63,7 @@ class Attachment:
 
     @property
     def springs(self) -> np.ndarray:
-        """(k,) stiffness [N/m] of those to `vertices`; 0 where it holds exactly."""
+        """(k,) stiffness [N/m] of those to `vertices`; 0 if it holds exactly."""
         every = np.broadcast_to(0.0 if self.stiffness is None else self.stiffness, len(self.selected))
         return every[np.searchsorted(self.selected, self.vertices)]
 

@@ -107,7 +107,7 @@ class Cloth:
         return out
 
     def face_colors(self) -> np.ndarray | None:
-        """(m, 3) linear RGB of faces in panels that have a colour of their own, NaN elsewhere; None where none has.
+        """(m, 3) linear RGB of faces in panels that have a colour of their own, NaN elsewhere; None if none has.
 
         Raises:
             SceneError: a panel that is no group of the mesh, or has no face.

@@ -36,7 +36,7 @@ class Measured(Fabric):
 
     Attributes:
         source: who measured it.
-        thickness: [m], or None where it was not measured.
+        thickness: [m], or None if it was not measured.
         far: stretch stiffness [N/m] of (warp, weft) at a strain of 17 %, where it was measured.
     """
 

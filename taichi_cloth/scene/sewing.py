@@ -19,8 +19,8 @@ class Seam:
         a, b: (k,) vertices.
         rest: angle of the seam's hinges at rest [rad], or "given": that of the cloth's mesh.
         stiffness: factor of their bending stiffness.
-        bears: (k,) force [N] at which each stitch gives; infinite where it never does.
-        pulls: (k,) force [N] with which each stitch is drawn together while it is apart; 0 where it is led, by any force.
+        bears: (k,) force [N] at which each stitch gives; infinite if it never does.
+        pulls: (k,) force [N] with which each stitch is drawn together while it is apart; 0 if it is led, by any force.
         tears: whether it holds the corners of triangles of cloth that may tear.
         row: whether stitches stand next to each other, as in a row, or each by itself, as buttons do.
     """

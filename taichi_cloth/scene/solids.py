@@ -253,7 +253,7 @@ class Solid(Placed):
         self.face_friction()
 
     def face_friction(self) -> np.ndarray:
-        """(m,) friction of a mesh's faces, NaN where cloth passes.
+        """(m,) friction of a mesh's faces, NaN if cloth passes.
 
         Raises:
             SceneError: a part that is no group of the mesh, or has no face.

@@ -145,7 +145,7 @@ class Queries(Parts):
         return self.model.to_user(force)
 
     def stitch_loads(self) -> list[np.ndarray]:
-        """For each of `Scene.seams`, (k,) [N] forces of its stitches in the last step; 0 where open or still apart."""
+        """For each of `Scene.seams`, (k,) [N] forces of its stitches in the last step; 0 if open or still apart."""
         system = self._system()
         if self.giving is None:
             return []

@@ -185,7 +185,7 @@ class Multilevel(Checkpointed):
 
     @ti.func
     def inverse_block(self, n):
-        """c_l D_l^-1 of a node; 0 where all that it meets is held."""
+        """c_l D_l^-1 of a node; 0 if all that it meets is held."""
         D, out = self.summed[n], ti.Vector.zero(float, 6)
         for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
             i = self.hats.particles.source[k]
@@ -201,7 +201,7 @@ class Multilevel(Checkpointed):
 
     @ti.func
     def seen(self, i, block):
-        """S_i block S_i, 0 where particle i is held in all directions."""
+        """S_i block S_i, 0 if particle i is held in all directions."""
         out = self.free(i) * block
         if ti.static(self.has_contact):
             if self.partly(i):

@@ -278,7 +278,7 @@ def _track(sim: Simulation, samples: int) -> Track:
 
 
 def _run(case: Case, make: Callable[[], Scene], samples: int) -> tuple[Row, Track | None]:
-    """A case's row, with its cost, and its run; None where it failed."""
+    """A case's row, with its cost, and its run; None if it failed."""
     row, sim, track = Row(case), None, None
     try:
         substep = substep_of(make(), case.substep, case.arch, case.precision) if case.substep != 1 else None

@@ -41,7 +41,7 @@ class Sweep:
     notes: list[str] = field(default_factory=list)
 
     def column(self, name: str) -> np.ndarray:
-        """(runs,) of one name; NaN, or None where it holds texts, in rows that do not have it.
+        """(runs,) of one name; NaN, or None if it holds texts, in rows that do not have it.
 
         Raises:
             SceneError: no row has it.

@@ -107,7 +107,7 @@ class Stitches(Checkpointed):
         return self.set(self.whole | near)
 
     def loads(self, tension: np.ndarray) -> np.ndarray:
-        """(k,) force [N] in each stitch of seams; 0 where its ends are, or were before the step, still apart.
+        """(k,) force [N] in each stitch of seams; 0 if its ends are, or were before the step, still apart.
 
         Args:
             tension: (n, 3) [N] forces of members on each other.

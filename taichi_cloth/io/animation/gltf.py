@@ -156,7 +156,7 @@ class _Rest:
         return skinned(x, joints, weights, at @ bind[: len(said.joints)])
 
     def _stacked(self, key: str, width: int, floats: bool = True) -> np.ndarray | None:
-        """(n, width) an attribute of all primitives; None where one has none."""
+        """(n, width) an attribute of all primitives; None if one has none."""
         out = []
         for p in self.primitives:
             index = getattr(p.attributes, key, None)

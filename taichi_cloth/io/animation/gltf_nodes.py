@@ -94,7 +94,7 @@ class Nodes:
         return placed(move, turn, scale)
 
     def _scene(self) -> tuple[list[int], tuple[str, ...]]:
-        """The scene that the document shows by default, or its first; all nodes where there is none."""
+        """The scene that the document shows by default, or its first; all nodes if there is none."""
         scenes = self.file.document.scenes or []
         notes: tuple[str, ...] = ()
         if not scenes:

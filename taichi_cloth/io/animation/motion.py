@@ -135,7 +135,7 @@ def times(first: float, last: float, fps: float, vertices: int) -> np.ndarray:
 
 
 def distinct_names(names: Iterable[str | None], kind: str) -> list[str]:
-    """Names that can be printed and differ from each other; `kind` and a number where there is none."""
+    """Names that can be printed and differ from each other; `kind` and a number if there is none."""
     out: list[str] = []
     for k, name in enumerate(names):
         plain = "".join(c if c.isprintable() else " " for c in name or "").strip() or f"{kind} {k}"

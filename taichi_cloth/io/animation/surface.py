@@ -19,7 +19,7 @@ class Joined(NamedTuple):
     """Parts in one.
 
     Attributes:
-        x: (frames, n, 3); faces: (m, 3); corner_uv: (m, 3, 2), 0 for parts that have none, or None where none has any.
+        x: (frames, n, 3); faces: (m, 3); corner_uv: (m, 3, 2), 0 for parts that have none, or None if none has any.
         groups: rows of `faces` by the names of parts, materials and subsets.
         notes: sentences on changes of the topology.
     """
