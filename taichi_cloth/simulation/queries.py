@@ -112,7 +112,8 @@ class Queries(Parts):
         return self.model.to_user(read(self.integrator.system.solver.dv))
 
     def constraint_forces(self) -> np.ndarray:
-        """(n, 3) [N] of the constraints in the last step or solve, (A dv - b)/h; 0 in free directions."""
+        """(n, 3) [N] reaction forces of pins, prescribed motion and other constraints in the last step or solve, (A dv - b)/h;
+        0 in free directions."""
         system = self._system()
         return self.model.to_user(system.reaction())
 
@@ -125,7 +126,7 @@ class Queries(Parts):
         return self.model.to_user(system.tension() / system.span)
 
     def seam_gaps(self) -> np.ndarray:
-        """(seams,) [m] how far apart the two sides of a seam still are, at its widest, in the order of `Scene.seams`."""
+        """(seams,) [m] the widest gap between the two sides of each seam, in the order of `Scene.seams`."""
         x, seams = self.positions(), self.scene.seams
         return np.array([np.linalg.norm(x[s.a + s.cloth.start] - x[s.b + s.cloth.start], axis=1).max() for s in seams])
 
@@ -153,7 +154,7 @@ class Queries(Parts):
         return np.split(stitches.loads(system.tension() / system.span), stitches.first[1:-1])
 
     def stitches_open(self) -> list[np.ndarray]:
-        """For each of `Scene.seams`, (k,) which of its stitches have given or were opened."""
+        """For each of `Scene.seams`, (k,) whether each of its stitches has given or was opened."""
         self._live()
         if self.giving is None:
             return []
