@@ -82,11 +82,13 @@ class Force(ABC):
 
     @abstractmethod
     def evaluate(self, block, linearizes, moves, c, to, base, report, dtype):
-        """Into columns of the report from `base`: energies [J], half the power it dissipates [W], the rate at which its
-        energies grow (the power that it takes where it has none) [W], extremes.
+        """Measures the force on the rows of a block, and linearizes it on request.
 
-        With `linearizes`, of an `Operator` `to`: b += c f, with `moves` c (f + K motion); keeps the block of -c D - c^2 K, and
-        adds its diagonal to P.
+        Writes into columns of the report from `base`: its energies [J], half the power it dissipates [W], the rate at which
+        its energies grow [W], and its `extremes`. A force without energies has the power that it takes in place of the rate.
+
+        With `linearizes`, for an `Operator` `to`: b += c f, or c (f + K motion) with `moves`. It then keeps the block of
+        -c D - c^2 K, and adds its diagonal to P.
         """
 
     @abstractmethod

@@ -4,8 +4,9 @@ f = -A B (v - wind) as in `external.Drag`, where B has besides, of a plate [Keck
 
 density/2 |u| (drag c I + lift (n n^T - c^2 I)), c = |n.u| / |u|,
 
-so that B u drags along u and lifts across it; B is positive as lift <= drag. A B and the wind are those where the step
-begins, the wind that of its end: so the force has a potential in the solve's velocities, of first order in the step.
+so that B u drags along u and lifts across it; B is positive as lift <= drag. A B is that at the
+beginning of the step. The wind is taken at the places of the beginning, for the time of the end. The force then has a
+potential in the velocities of the solve, and is of first order in the step.
 """
 
 import numpy as np

@@ -172,8 +172,8 @@ class Membrane(MembraneLanes):
 
     @ti.func
     def stiffness(self, e, w_u, w_v, u, v, s, over, whole):
-        """Per area, blocks uu (6 numbers), uv (3x3), vv (6) of -K in (w_u, w_v); with damping as an energy, at these rates,
-        where it is `over` a span."""
+        """Per area, blocks uu (6 numbers), uv (3x3), vv (6) of -K in (w_u, w_v). If `over` > 0 [s], with damping as an energy
+        at the rates u, v, s."""
         k = self.table[self.material[e]]
         uu, uv, vv = ti.Vector.zero(float, 6), ti.Matrix.zero(float, 3, 3), ti.Vector.zero(float, 6)
         if ti.static(self.shears):

@@ -29,8 +29,14 @@ def limits_of(fabric) -> list[float]:
 
 
 def row_bounds(vertices: np.ndarray, inverse: np.ndarray, mass: np.ndarray, k: np.ndarray) -> np.ndarray:
-    """(n,), the largest of which bounds the eigenvalues of M^-1 K in the plane of flat cloth, for k (m, 3) of warp, weft and
-    shear times the areas: these two pull at right angles."""
+    """Bounds on the eigenvalues of M^-1 K in the plane of flat cloth. Warp and weft pull at right angles.
+
+    Args:
+        k: (m, 3) stiffness of warp, weft and shear times the areas [N m].
+
+    Returns:
+        (n,) one a particle; the largest is the bound [1/s^2].
+    """
     u, v = (np.column_stack([-inverse[:, a] - inverse[:, a + 2], inverse[:, a], inverse[:, a + 2]]) for a in (0, 1))
     u_rows, v_rows, s_rows = (row_sums(vertices, factor[:, None, None] * np.abs(np.einsum("ei,ej->eij", p, p)), mass)
                               for p, factor in zip((u, v, np.hypot(u, v)), k.T))

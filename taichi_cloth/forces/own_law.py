@@ -84,9 +84,14 @@ class OwnLaw(ABC):
 
     @abstractmethod
     def stiffest(self, *values: np.ndarray) -> Any:
-        """The largest second derivative of the energy per area at rest, from the parameters, (k,) each, in numpy: of a
-        membrane's psi along any F of size 1 [N/m], of bending's by curvature [N m]. Explicit steps are as short as it asks
-        for."""
+        """The largest second derivative of the energy per area at rest, in numpy: it decides the length of explicit steps.
+
+        Args:
+            values: the parameters, (k,) each.
+
+        Returns:
+            (k,) for a membrane that of psi along any F of size 1 [N/m], for bending that by curvature [N m].
+        """
 
     def _stiffest(self, numbers: np.ndarray) -> np.ndarray:
         """(k,) `stiffest` of rows of numbers, checked."""

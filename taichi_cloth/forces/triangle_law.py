@@ -68,8 +68,8 @@ class TriangleLaw(TriangleForce):
 
     @abstractmethod
     def stiffness(self, e, w_u, w_v, u, v, s, over, whole):
-        """Per area, blocks uu (6 numbers), uv (3x3), vv (6) of -K in (w_u, w_v); with damping as an energy, at these rates,
-        where it is `over` a span. Positive semidefinite but where `whole` is 1, or K mode "paper" asks for the exact one."""
+        """Per area, blocks uu (6 numbers), uv (3x3), vv (6) of -K in (w_u, w_v). If `over` > 0 [s], with damping as an energy
+        at the rates u, v, s. Positive semidefinite unless `whole` is 1 or K mode "paper" asks for the exact one."""
 
     def rounding_energy(self, d: float) -> float:
         """Energy [J] that positions off by d [m] put into the rest shape."""

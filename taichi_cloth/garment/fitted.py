@@ -103,8 +103,11 @@ def _sized(garment: Garment, across: float, along: float, figure: Figure, turn: 
 
 
 def _upward(x: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(the direction (2,) in the pattern that points up where a panel hangs with corners x (n, 3) and uv (n, 2), or its v axis
-    where it lies; the same (3,) in space)."""
+    """The upward direction of a panel with corners x (n, 3) [m] and uv (n, 2) [m].
+
+    Returns:
+        (the direction (2,) in the pattern that points up, or the v axis if the panel lies; the same (3,) in space).
+    """
     linear = np.linalg.lstsq(np.column_stack([uv, np.ones(len(uv))]), x, rcond=None)[0][:2]
     rise = linear[:, 1]
     up = rise / np.linalg.norm(rise) if np.linalg.norm(rise) > UPRIGHT else np.array([0.0, 1.0])

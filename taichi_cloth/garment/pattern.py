@@ -261,8 +261,9 @@ class Pattern:
         return ()
 
     def mesh(self, spacing: float) -> Garment:
-        """Triangles with edges about `spacing` [m] long; edges and lines that are sewn to each other have as many points, and
-        the mesh has vertices and edges where they are.
+        """The garment in triangles with edges about `spacing` [m] long.
+
+        Edges and lines that are sewn to each other have as many points, and the mesh has vertices and edges there.
 
         Raises:
             MeshError: a panel that crosses itself, or has no triangles of that size; a spacing that makes too many.

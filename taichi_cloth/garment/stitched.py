@@ -224,8 +224,8 @@ class _Panels:
 
     def _between(self, start: int, step: int, clusters: dict[int, set[int]], border: dict[int, list[int]], p: int, q: int
                  ) -> list[tuple[float, int]]:
-        """The vertices along a border from start, which is sewn to p, by step to one that is sewn to q, and where on the edge
-        between p and q they come to be."""
+        """The vertices along a border from `start`, sewn to p, by `step` to one sewn to q, with their places on the edge
+        between p and q."""
         way, ends = [start, step], clusters.get(q, set())
         while way[-1] not in ends and len(way) <= LONGEST:
             onward = [i for i in border[way[-1]] if i not in way]

@@ -58,8 +58,8 @@ class Dressed:
         garment: as it is worn.
         sewn: s that closing the seams took; settled: s until it came to rest, or was told to end; rests: which of them.
         speed: RMS at the end [m/s].
-        intersections: edges of cloth through triangles of cloth at the end, of the garment and all that is worn under it,
-            counted exactly; None if it does not meet itself.
+        intersections: edges of cloth through triangles of cloth at the end, in the garment and those under it, counted
+            exactly; None if it does not meet itself.
         crossed: how many of them are between which two panels, the most first; of several garments each by "garment: panel".
         worn: all that is worn now, as it lies, from inside outwards; the garment is the last.
         notes: a sentence each on panels that were hung further out, or that no seam holds.

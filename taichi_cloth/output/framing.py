@@ -16,7 +16,7 @@ def fit_all(points: Iterable[np.ndarray], reach: float, aspect: float) -> Camera
     """The nearest camera, from the usual direction, that has all points and `reach` [m] round them in its picture.
 
     In the camera's axes, with t the tangent of half the opening angle and b the distance towards the camera, a point (r, u, b)
-    is within the sides where |r - r_0| <= t (b_0 - b): the largest r + t b and -r + t b decide.
+    is within the sides if |r - r_0| <= t (b_0 - b). The largest r + t b and -r + t b decide.
 
     Args:
         points: sets (n, 3) [m], one after the other.

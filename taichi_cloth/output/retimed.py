@@ -6,7 +6,7 @@ way between. With d = x_1 - x_0, the part of the way from the straight line to t
     1 - r^2, r = |d - h (v_0 + v_1) / 2| / (h |v_1 - v_0| / 2),    at least 0.
 
 Under a constant force r is 0, and motion is met exactly. If a point was stopped at a part f of the way, by a solid or a
-seam, r is |1 - 2 f|: just so much that it does not swing beyond the place where it stopped, as the cubic alone would.
+seam, r is |1 - 2 f|. With that it does not swing beyond the place where it stopped, as the cubic alone would.
 Solids have no recorded velocity: theirs is that between the frames before and after.
 """
 

@@ -106,8 +106,8 @@ class Appearance:
         panels: colours of faces all of whose corners are in a group of the cloth's mesh, by the groups' names; later ones go
             over earlier ones, and all over `color`. A scene's to say, in `add_cloth` and `add_garment`.
         sheen: light that fibres throw along outlines, as velvet does, 0 to 1 (0.1).
-        specular: part of the light that is thrown back in a highlight where it falls straight on the cloth, 0 to 1 (0.015);
-            roughness: how wide that is, from 0.1, silk, to 1 (0.6).
+        specular: part of the light that is reflected in a highlight at normal incidence, 0 to 1 (0.015).
+        roughness: width of the highlight, from 0.1, silk, to 1 (0.6).
         hem: width [m] of a hem along borders that are not sewn; None for none.
         thickness: [m] with which the cloth is drawn, half of it to each side, and walls along borders; None draws a sheet.
     """

@@ -171,8 +171,8 @@ class ClothContact:
         thickness: distance [m] that its middle surface keeps from that of a like cloth; two keep the mean of theirs.
         friction: Coulomb's coefficient; between two cloths it is the geometric mean of theirs.
         itself: whether it meets itself too.
-        layer: of two cloths, the one with the higher lies outside, further from solids: where it starts on the wrong side, it
-            is moved out before the first step. It says nothing of two with the same.
+        layer: of two cloths, the one with the higher number lies outside, further from solids. If it starts on the wrong
+            side, it is moved out before the first step. Two with the same number have no order.
     """
 
     thickness: float

@@ -30,7 +30,7 @@ class TriMesh:
         x: (n, 3) positions [m]; the given shape, from which rest angles can be taken.
         faces: (m, 3) vertex indices.
         uv: material coordinates [m], (n, 2) per vertex or, where a seam cuts the pattern, (m, 3, 2) per
-            corner; None takes the given shape: each triangle is flattened into a frame of its own.
+            corner. None takes the given shape: each triangle is flattened into a frame of its own.
         groups: named vertex groups, name -> indices.
         notes: repairs by a reader, one sentence each; a run repeats them. Borders that lie on each other and
             triangles that face opposite ways are added here.

@@ -111,9 +111,11 @@ def make_stitches(cloth: Cloth, a: object, b: object, force: object) -> Seam:
 
 
 def lengths(cloth: Cloth, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(k,) length [m] of a seam that each of its stitches stands for: half the way to the next on either side, in the cloth's
-    material, the mean of its two rows. A stitch that stands alone: half the way along its borders to their next vertices, or,
-    within the cloth, the mean length of its edges."""
+    """(k,) length [m] of a seam that each of its stitches stands for, in the cloth's material.
+
+    That is half the way to the next stitch on either side, in the mean of the two rows. For a single stitch it is half the way
+    along its borders to their next vertices, or, within the cloth, the mean length of its edges.
+    """
     out = np.zeros(len(a))
     mesh = cloth.mesh
     for row in (a, b):
@@ -135,8 +137,8 @@ def lengths(cloth: Cloth, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _ways(mesh: TriMesh, pairs: np.ndarray) -> np.ndarray:
-    """(k,) distances [m] in the material between pairs (k, 2) of vertices; where these have several places there, along the
-    edge between them, and without one in the given shape."""
+    """(k,) distances [m] in the material between pairs (k, 2) of vertices. If vertices have several places there, along the
+    edge between them; without such an edge, in the given shape."""
     places = mesh.x if mesh.vertex_uv is None else mesh.vertex_uv
     out = np.linalg.norm(places[pairs[:, 1]] - places[pairs[:, 0]], axis=1)
     if mesh.vertex_uv is None:

@@ -43,8 +43,8 @@ def doubts(cloth: Cloth, gravity: np.ndarray) -> list[str]:
 
 
 def doubts_of_solid(solid: Solid) -> list[str]:
-    """A sentence on a body of a mesh that is too large, or too small, to wear cloth; open meshes that stay as they are may be
-    hills, which are larger than bodies."""
+    """A sentence on a body that is too large, or too small, to wear cloth. Open meshes that do not deform are passed over:
+    they may be hills, which are larger than bodies."""
     if not isinstance(solid.shape, SolidMesh) or not (solid.shape.closed or solid.deforms):
         return []
     size = float(np.ptp(solid.shape.x[0], axis=0).max())

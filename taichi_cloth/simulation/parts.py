@@ -132,8 +132,8 @@ class Parts:
         fields.allocate()
 
     def _resolve_initial_overlap(self) -> None:
-        """Cloths with layers are put in order, contacts are looked at, and cloth that starts nearer to solids, or to itself,
-        than it can go on from is moved apart; `notes` say so."""
+        """Puts cloths with layers in order, and moves cloth apart that starts too near to solids or to itself; `notes` tell
+        of it."""
         if self.contacts is None:
             return
         held = self.prescribed.held(0.0)

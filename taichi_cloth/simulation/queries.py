@@ -45,8 +45,8 @@ class Queries(Parts):
         return self._live().model.read()[1]
 
     def energy(self) -> dict[str, float]:
-        """J by term, as in the log: stretch_u, stretch_v, shear, bend, gravity, attachments, gas, contact (repulsion between
-        layers of cloth, after a step in which they met), those that there are, and kinetic."""
+        """Energies [J] by name, as in the log: kinetic, and of the scene's terms stretch_u, stretch_v, shear, bend, gravity,
+        attachments, gas and contact. The last is the repulsion between layers, after a step in which they met."""
         self._live().model.save()
         energies, ended = self.meter.measure().energies, self.stepper.ended
         stored = {} if ended is None else {name: e for name, e in ended.energies.items() if name == "contact"}

@@ -273,8 +273,8 @@ class Simulation(Queries):
         difference as `edited`.
 
         Args:
-            edited: the scene may have been edited since: another integrator begins anew; parts that the scene no longer has,
-                and changes by hand, are left out; `notes` say so.
+            edited: the scene may have been edited since. Another integrator then begins anew. Parts that the scene no longer
+                has, and changes by hand, are left out; `notes` tell of it.
 
         Raises:
             SceneError: the state is of another mesh, of a scene that lacks parts of this one or, unless it was edited, has

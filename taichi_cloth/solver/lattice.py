@@ -122,8 +122,11 @@ def _around(where: np.ndarray, owner: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(first of each distinct row of (k, q) whole numbers, in order, which of these each row (k,) is): column by column, many
-    times as fast as by rows."""
+    """Distinct rows of (k, q) whole numbers, found column by column: many times as fast as by rows.
+
+    Returns:
+        (first row of each, in order; the number (k,) of each row's among them).
+    """
     first, index = np.zeros(1, dtype=np.int64), np.zeros(len(rows), dtype=np.int64)
     for column in rows.T:
         _, first, index = np.unique(index * (np.ptp(column) + 1) + column, return_index=True, return_inverse=True)

@@ -139,8 +139,8 @@ class Clusters:
 
     @ti.kernel
     def _lead(self, dv: ti.template(), h: float, zero: int, again: int):
-        """dv = S dv + z, z the change of the members' velocities against their mean that closes the gap at the start of the
-        step in h, or as much of it as CLOSING allows."""
+        """dv = S dv + z. z changes the members' velocities against their mean, so that the gap at the start of the step is
+        closed in h, or as much of it as CLOSING allows."""
         for k in range(self.size[0]):
             lo, hi = self.begins[k], self.begins[k + 1]
             some = self.members[lo]

@@ -98,8 +98,8 @@ class ParticleState:
         n: number of simulated particles.
         user: (n,) the user's vertex of each particle.
         sewn: clusters of particles that are sewn together, or None.
-        v_base: velocity [m/s] that a step or stage starts from: the saved one, unless a method sets another; ahead: how far
-            [m] the position that it starts from is ahead of the saved one.
+        v_base: velocity [m/s] that a step or stage starts from, the saved one unless a method sets another.
+        ahead: predictor offset [m]: the position that it starts from, less the saved one.
         origin: (3,) [m] taken off all positions, not zero only far from the world's origin.
     """
 

@@ -92,8 +92,8 @@ def mended(faces: np.ndarray, one: np.ndarray, weld: float | None) -> tuple[np.n
         faces: (m, 3); one: (n,) the vertex that each is made one with.
 
     Returns:
-        (triangles (k, 3), whose vertices from n on are copies: n times the copy's number and the vertex; the row (m,) of these
-        that each of `faces` has become, -1 for one without area; notes).
+        (triangles (k, 3); the row (m,) of these that each of `faces` has become, -1 for one without area; notes). Vertices
+        from n on are copies: n times the copy's number, plus the vertex.
     """
     notes, n = [], len(one)
     made, row = one[faces], np.full(len(faces), -1)

@@ -138,8 +138,14 @@ def _by(g: Arrays, panel: np.ndarray, names: np.ndarray) -> tuple[np.ndarray, Ar
 
 
 def turned(faces: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """(m,) which triangles face another way than most triangles connected to them, in faces (m, 3) of welded vertices of
-    cloths that begin at `starts`; none of a cloth that has one side only."""
+    """Triangles that face another way than most triangles connected to them.
+
+    Args:
+        faces: (m, 3) of welded vertices; starts: the first face of each cloth, and the end.
+
+    Returns:
+        (m,) bool; none of a cloth that has one side only.
+    """
     out = np.zeros(len(faces), dtype=bool)
     for first, last in zip(starts[:-1], starts[1:]):
         rows = first + np.flatnonzero(_whole(faces[first:last]))
