@@ -94,12 +94,16 @@ BEING_REWRITTEN = ("contact/", "step/")
 
 
 def test_code_is_plain(prose):
-    """In docstrings and comments "what" is only an argument's name, and sentences begin with their subject and are short."""
+    """In docstrings and comments "what" is an argument's name, and sentences are short and begin with their subject.
+
+    `python scripts/prose.py --code --list` prints the sentences that count.
+    """
     found = {package: sum(map(prose.code, paths), prose.Measured()) for package, paths in prose.by_package().items()}
     for package in found.keys() - BEING_REWRITTEN:
-        assert found[package].whats <= 1, f"{package}: {found[package].whats} times 'what' as a pronoun: name the thing"
-        assert found[package].openings <= 2, f"{package}: {found[package].openings} sentences without a subject in front"
-        assert found[package].mean <= 14, f"{package}: {found[package].mean:.1f} words a sentence"
+        m = found[package]
+        assert m.whats <= 1 + m.words / 1000, f"{package}: {m.whats} times 'what' as a pronoun: name the thing"
+        assert m.openings <= 1 + m.sentences / 100, f"{package}: {m.openings} sentences without a subject in front"
+        assert m.mean <= 14, f"{package}: {m.mean:.1f} words a sentence"
     total = sum(found.values(), prose.Measured())
     assert total.words > 80_000 and total.mean <= 14 and total.whats_per_thousand <= 6
 
