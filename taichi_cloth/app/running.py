@@ -25,7 +25,7 @@ Change = tuple[int, Callable[[Simulation], Simulation]]
 
 @dataclass(frozen=True)
 class RunOptions:
-    """A run as the command line asks for it.
+    """What the command line asks for.
 
     Attributes:
         out: folder, or None to write nothing.

@@ -1,4 +1,4 @@
-"""The folder in which Taichi keeps compiled kernels from process to process, checked to be writable."""
+"""Where Taichi keeps compiled kernels from process to process, and whether it can."""
 
 import functools
 import os

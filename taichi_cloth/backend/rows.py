@@ -29,7 +29,7 @@ def read(field, which: np.ndarray | None = None) -> np.ndarray:
 
 
 def write(field, data: np.ndarray) -> None:
-    """Sets the first k rows of a field from data (k,) or (k, width)."""
+    """Sets the first rows of a field, as many as there are in data."""
     if runtime.on_cpu():
         rows = field.share.memory[: len(data)]
         rows[...] = data.reshape(rows.shape)

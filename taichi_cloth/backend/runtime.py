@@ -92,7 +92,7 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
         raise BackendError(f"arch {arch!r} has no f64; use precision='f32', or arch 'cpu' or 'cuda'")
     if arch != "cpu" and not available(arch):
         others = [a for a in ARCHS if a == "cpu" or (a != arch and available(a))]
-        raise BackendError(f"arch {arch!r} does not run here; these do: {', '.join(others)}")
+        raise BackendError(f"arch {arch!r} does not run here; what does: {', '.join(others)}")
     import taichi as ti
 
     from . import field_pool, kernel_cache, placement
@@ -107,8 +107,8 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     words, before = io.StringIO() if quiet else sys.stdout, placement.running()
     try:
         with contextlib.redirect_stdout(words), _unasked():
-            # fast_math would let the compiler assume that there is no NaN, and drop the tests for it. LLVM repeats the other
-            # two passes, which take a third of the time to compile.
+            # fast_math would let the compiler assume that there is no NaN, and drop the tests for it; what the other two
+            # passes do, LLVM does again, and they take a third of the time to compile
             ti.init(arch=getattr(ti, arch), default_fp=fp, cpu_max_num_threads=wanted.threads, debug=debug,
                     enable_fallback=False, log_level=ti.ERROR if quiet else ti.INFO, fast_math=False, unrolling_limit=0,
                     cfg_optimization=False, simplify_after_lower_access=False, **kernel_cache.options(keep=not debug))

@@ -97,7 +97,7 @@ def view(what: Scene | Simulation, *, host: str = HOST, port: int | None = None,
 
 def serve(source: Source, title: str, host: str, port: int | None, opens: bool, plays: bool,
           tells: Callable[[str], object] = print) -> None:
-    """Shows the simulation of a source; `tells` is called with the page's address.
+    """Shows what a source makes; `tells` is called with the page's address.
 
     Raises:
         ClothError: see `view`; also any error of building the scene.

@@ -120,7 +120,7 @@ def test_another_runs_files_are_safe(out, tmp_path):
     (("run", "hang", "--h", "a/b"), "not a number"),
     (("run", "hang", "--size", "10"), "needs WIDTHxHEIGHT"),
     (("run", "hang", "--arch", "gpu"), "unknown arch 'gpu'"),
-    (("run", "hang", "--arch", "metal", "--precision", "f32"), "'metal' does not run here; these do: cpu"),
+    (("run", "hang", "--arch", "metal", "--precision", "f32"), "'metal' does not run here; what does: cpu"),
     (("run", "hang", "--K", "papre"), "did you mean 'paper'"),
     (("run", "hang_mesh", "--set", "mesh=none.obj"), "no such mesh file: none.obj"),
     (("run", "hang", "--out", "README.md"), "is a file, not a folder"),

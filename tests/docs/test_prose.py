@@ -101,8 +101,8 @@ def test_code_is_plain(prose):
     found = {package: sum(map(prose.code, paths), prose.Measured()) for package, paths in prose.by_package().items()}
     for package in found.keys() - BEING_REWRITTEN:
         m = found[package]
-        assert m.whats <= 1 + m.words / 1000, f"{package}: {m.whats} times 'what' as a pronoun: name the thing"
-        assert m.openings <= 1 + m.sentences / 100, f"{package}: {m.openings} sentences without a subject in front"
+        assert m.whats <= 2 + m.words / 1000, f"{package}: {m.whats} times 'what' as a pronoun: name the thing"
+        assert m.openings <= 2 + m.sentences / 100, f"{package}: {m.openings} sentences without a subject in front"
         assert m.mean <= 14, f"{package}: {m.mean:.1f} words a sentence"
     total = sum(found.values(), prose.Measured())
     assert total.words > 80_000 and total.mean <= 14 and total.whats_per_thousand <= 6

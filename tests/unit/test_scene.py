@@ -112,7 +112,7 @@ def test_impossible_requests_of_a_simulation():
 def test_empty_scene_and_absent_arch():
     with pytest.raises(tc.SceneError, match="at least one cloth"):
         tc.Simulation(tc.Scene())
-    with pytest.raises(tc.BackendError, match="arch 'metal' .*no f64|arch 'metal' does not run here; these do: cpu"):
+    with pytest.raises(tc.BackendError, match="arch 'metal' .*no f64|arch 'metal' does not run here; what does: cpu"):
         tc.Simulation(sheet()[0], arch="metal")
 
 
