@@ -454,7 +454,7 @@ def test_creases_that_cannot_be(rng):
     curved = scene.add_cloth(mesh, tc.Fabric(0.2, tc.Stretch(1000), tc.Shear(100), tc.Bend(1e-5, model="curvature")))
     other = tc.Scene().add_cloth(mesh, cloth.fabric, name="other")
     for what, given in (("line over the pattern, or edges", {}), ("line over", {"line": [(0, 0), (1, 1)], "edges": [[2, 7]]}),
-                        ("not an edge between two", {"line": [(0.15, 0), (0.15, 0.2)]}), ("two points", {"line": [(0.2, 0)]}),
+                        ("no edge between two", {"line": [(0.15, 0), (0.15, 0.2)]}), ("two points", {"line": [(0.2, 0)]}),
                         ("needs shape", {"line": [0.2, 0]}), ("vertices 0 and 1", {"edges": [[0, 1]]}),
                         ("out of range", {"edges": [[2, 70]]}), ("twice", {"edges": [[2, 7], [7, 2]]}),
                         ("no edges", {"edges": np.zeros((0, 2), dtype=int)})):
