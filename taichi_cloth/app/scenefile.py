@@ -213,7 +213,7 @@ def available() -> dict[str, pathlib.Path]:
 
 
 def own(scene: str) -> str:
-    """Which file a scene's name stands for, where it is one of the user's in ./scenes; "" for others, and for paths."""
+    """The file of a scene's name if it is one of the user's in ./scenes; "" for others, and for paths."""
     path, package = available().get(scene), [p for p in folders() if p != OWN]
     if pathlib.Path(scene).is_file() or path is None or path.parent != OWN or OWN.resolve() in (p.resolve() for p in package):
         return ""

@@ -5,7 +5,7 @@ claimed once and worked on; whoever ends the last one decides on the next phase.
 while take over blocks that nobody has claimed: a thread that the system has put aside between two blocks holds nobody up.
 If all blocks are claimed and one is not done for long, the system has taken the core of its thread for another program. Then a
 thread that waits leaves for good, so that the late one has a core, and the others do its blocks.
-Which thread works on a block makes no difference to the result.
+The result does not depend on the thread that works on a block.
 
     phases.start(FIRST)  # in a loop of its own before
     for t in range(phases.tasks):

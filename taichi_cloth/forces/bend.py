@@ -103,6 +103,6 @@ class Bend(HingeLaw):
         return out
 
     def recorded(self) -> dict[str, np.ndarray]:
-        """Angles [rad] that hinges have been creased by, and which of them are whole, where not all are."""
+        """(hinges,) angles [rad] by which hinges are creased; (hinges,) whether each is whole, unless all are."""
         out = {"hinge_crease": self.hysteresis.creases().astype(np.float32)} if self.yields else {}
         return out if self.host_whole.all() else out | {"hinge_whole": self.host_whole}

@@ -171,7 +171,7 @@ class ElementForce(Force):
 
     Attributes:
         elements: `system.state.Elements`.
-        meets: which of them each node's hat meets.
+        meets: for each node the elements that its hat meets.
     """
 
     elements: Any

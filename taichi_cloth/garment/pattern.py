@@ -74,7 +74,7 @@ class Panel:
         return f"<Panel {self.name!r} with {len(self.edges)} edges>"
 
     def outline(self) -> tuple[np.ndarray, np.ndarray]:
-        """(k, 2) [m] points of the border as it is drawn, and (k,) which edge goes on from each."""
+        """(k, 2) [m] points of the border as it is drawn, and (k,) number of the edge that goes on from each."""
         lines = [e.drawn(self.corners, PIECES)[:-1] for e in self.edges]
         return np.concatenate(lines), np.repeat(np.arange(len(lines)), [len(line) for line in lines])
 

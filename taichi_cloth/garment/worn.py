@@ -56,7 +56,7 @@ class Dressed:
 
     Attributes:
         garment: as it is worn.
-        sewn: s that closing the seams took; settled: s until it came to rest, or was told to end; rests: which of them.
+        sewn: s that closing the seams took; settled: s until it came to rest or had to end; rests: whether it came to rest.
         speed: RMS at the end [m/s].
         intersections: edges of cloth through triangles of cloth at the end, in the garment and those under it, counted
             exactly; None if it does not meet itself.

@@ -1,4 +1,4 @@
-"""Which pixels a triangle on the screen covers, and where in it they are."""
+"""Coverage of pixels by a triangle on the screen, and their places in it."""
 
 import numpy as np
 import taichi as ti

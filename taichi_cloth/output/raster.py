@@ -62,7 +62,7 @@ class Raster:
     @ti.kernel
     def _raster(self, p: ti.types.ndarray(), faces: ti.types.ndarray(), pieces: ti.types.ndarray(), w: int, offset: int,
                 identify: int, n: int):
-        """Nearest depth in each pixel; then, with `identify`, which face it was that has it."""
+        """Nearest depth in each pixel; then, with `identify`, the face that has it."""
         if ti.static(self.wide):
             for i in range(pieces.shape[0] * PIECE):
                 self._touch(p, faces, pieces, i // PIECE, i % PIECE, w, offset, identify, n)

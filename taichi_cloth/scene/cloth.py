@@ -100,7 +100,7 @@ class Cloth:
 
     @property
     def fabric_of(self) -> np.ndarray:
-        """(m,) which of `fabrics` each face is of."""
+        """(m,) row of `fabrics` of each face."""
         out = np.zeros(self.mesh.face_count, dtype=np.int64)
         for k, (rows, _) in enumerate(self.panels, 1):
             out[rows] = k

@@ -69,7 +69,7 @@ class Split:
         whole: the mesh that it was made of; mesh: as simulated: vertices of `whole`, then the corners that were added.
         of: (n,) the vertex of `whole` of each.
         edges, sides: (e, 2) ends, and triangles, of the edges between two triangles.
-        a, b: (k,) corners that a stitch joins; edge: (k,) the edge that it is across; at: (k,) which of its ends it is at.
+        a, b: (k,) corners that a stitch joins; edge: (k,) the edge that it is across; at: (k,) 0 or 1, the end of that edge.
     """
 
     whole: TriMesh
@@ -92,7 +92,7 @@ class Split:
         return self.mesh.faces[faces, (self.whole.faces[faces] == vertices[:, None]).argmax(axis=1)]
 
     def on_line(self, edges: np.ndarray) -> np.ndarray:
-        """(k,) which stitches are across edges (j, 2) of `whole`."""
+        """(k,) whether stitches are across edges (j, 2) of `whole`."""
         by = np.array([self.whole.vertex_count, 1])
         return np.isin(np.sort(self.edges, axis=1)[self.edge] @ by, np.sort(edges, axis=1) @ by)
 

@@ -30,9 +30,9 @@ class Stitches(Checkpointed):
         forces: those that are told of openings.
 
     Attributes:
-        whole: (k,) which hold; pulled: (k,) which are drawn together by a force, and will.
-        bears: (k,) [N] at which each gives; seam: (k,) which it is of.
-        firm: times its pull with which each of them is drawn.
+        whole: (k,) whether each holds; pulled: (k,) whether it is drawn together by a force, and will hold then.
+        bears: (k,) [N] at which each gives; seam: (k,) number of its seam.
+        firm: factor of the pull with which each is drawn.
     """
 
     STATE = ("whole", "pulled", "firm")
@@ -54,7 +54,7 @@ class Stitches(Checkpointed):
         self._follows = row[1:] & (self.seam[1:] == self.seam[:-1])  # stitch k + 1 stands next to stitch k
 
     def set(self, whole: np.ndarray) -> bool:
-        """Which stitches (k,) hold from now on. Returns whether that is a change."""
+        """Only the stitches with `whole` (k,) hold from now on. Returns whether that is a change."""
         if np.array_equal(whole, self.whole):
             return False
         self.whole = whole.copy()
@@ -127,7 +127,7 @@ class Stitches(Checkpointed):
         return np.where(gap > TOGETHER, 0.0, out)
 
     def giving(self, tension: np.ndarray) -> np.ndarray:
-        """(k,) which stitches give under a tension (n, 3) [N]: of those that bear too much, in a row the most loaded first."""
+        """(k,) whether stitches give under a tension (n, 3) [N]: of overloaded ones in a row only the most loaded gives."""
         part = self.loads(tension) / self.bears
         most = part.copy()
         most[1:] = np.where(self._follows, np.maximum(most[1:], part[:-1]), most[1:])

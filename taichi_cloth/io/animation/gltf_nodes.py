@@ -1,4 +1,4 @@
-"""The nodes of a glTF scene: which there are, how each is placed at any time, and the animation that moves them."""
+"""The nodes of a glTF scene: their transforms at any time, and the animation that moves them."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """A run's meshes cut into pieces for other tools: a mesh a cloth, a mesh a panel, or seams welded to one.
 
-Recorded garments are panels whose sewn vertices are in one place; they say which belong together (`sewn`) and which face is
-of which panel (`panel`, `panel_names`). Texture coordinates stay the pattern's, or the mesh's own. A frame may have faces of
-its own: then it has all of `FACES` that the run's geometry has. Triangles stay as they were simulated. Panels that are welded
+Recorded garments are panels whose sewn vertices are in one place; `sewn` is the vertex that stands for
+each, `panel` and `panel_names` tell the panel of each face. Texture coordinates stay the pattern's, or the mesh's own. A frame
+may have faces of its own: then it has all of `FACES` that the run's geometry has. Triangles stay as they were simulated. Panels that are welded
 may face both ways, and are turned to the side that most of them face, the same at all frames.
 """
 
@@ -42,7 +42,7 @@ class Cut:
         changing: whether normals may belong to other corners at every frame, as they do where seams open.
 
     Attributes:
-        turned: (m,) which of the recorded triangles go round the other way here.
+        turned: (m,) whether each of the recorded triangles goes round the other way here.
     """
 
     def __init__(self, recording: Recording, parts: str, changing: bool = True) -> None:
@@ -156,7 +156,7 @@ def turned(faces: np.ndarray, starts: np.ndarray) -> np.ndarray:
 
 
 def _whole(faces: np.ndarray) -> np.ndarray:
-    """(m,) which triangles have three corners: those of which two are sewn to each other have no area."""
+    """(m,) whether triangles have three corners: one with two corners sewn to each other has no area."""
     return (faces != np.roll(faces, 1, axis=1)).all(axis=1)
 
 
