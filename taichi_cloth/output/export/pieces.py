@@ -2,8 +2,8 @@
 
 Recorded garments are panels whose sewn vertices are in one place; `sewn` is the vertex that stands for
 each, `panel` and `panel_names` tell the panel of each face. Texture coordinates stay the pattern's, or the mesh's own. A frame
-may have faces of its own: then it has all of `FACES` that the run's geometry has. Triangles stay as they were simulated. Panels
-that are welded may face both ways, and are turned to the side that most of them face, the same at all frames.
+may have faces of its own: then it has all of `FACES` that the run's geometry has. Triangles stay as they were simulated.
+Panels that are welded may face both ways, and are turned to the side that most of them face, the same at all frames.
 """
 
 from collections.abc import Iterator
