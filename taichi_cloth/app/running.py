@@ -33,7 +33,7 @@ class RunOptions:
         simulation: arguments of `Simulation`.
         settings: options of the scene's build.
         look: as `look_flags.look_of` gives it.
-        pictures: the frames that are drawn, as `drawing.numbers_in` reads it; "" is all.
+        pictures: which frames are drawn, as `drawing.numbers_in` reads it; "" is all.
         passes: as `look_flags.passes_of` gives it.
         checkpoint_every: frames; 0 writes none.
         frames: whether positions are kept, for rendering again and for export.
