@@ -44,8 +44,8 @@ def add_parsers(commands) -> None:
 def _add_compare(commands) -> None:
     compare = commands.add_parser("compare", help="two runs side by side, with their difference frame by frame")
     compare.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
-    compare.add_argument("--to", metavar="PATH", help="a folder, the picture's file (.png), or the film's (.mp4, .apng), with the "
-                         "picture beside it (compare.png in the first run's folder)")
+    compare.add_argument("--to", metavar="PATH", help="a folder, the picture's file (.png), or the film's (.mp4, "
+                         ".apng), with the picture beside it (compare.png in the first run's folder)")
     compare.add_argument("--size", type=size_of, default=(480, 360), metavar="WxH", help="of one frame (480x360)")
     compare.add_argument("--frames", type=int, default=5, metavar="N", help="number of frames in a row")
     compare.add_argument("--movie", action="store_true", help="also both side by side as a film, .mp4, or .apng without the "

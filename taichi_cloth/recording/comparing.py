@@ -121,11 +121,12 @@ def files_at(to: pathlib.Path | None, run: pathlib.Path, movie: bool) -> tuple[p
     Raises:
         OutputError: a file of another kind, or a film that cannot be written.
     """
-    ending = "" if to is None or to.is_dir() else to.suffix.lower()
+    to = to or run
+    ending = "" if to.is_dir() else to.suffix.lower()
     if ending not in ("", ".png", *FILMS):
         raise OutputError(f"--to {str(to)!r}: takes a folder, the picture's file (.png), or the film's ({', '.join(FILMS)}), "
                           "which has the picture beside it")
-    picture = (to or run) / "compare.png" if ending == "" else to.with_suffix(".png") if ending in FILMS else to
+    picture = to / "compare.png" if ending == "" else to.with_suffix(".png") if ending in FILMS else to
     if ending == ".mp4":
         encoder()
     if ending in FILMS:
