@@ -25,7 +25,9 @@ def picture(name: str, settings: dict, size: tuple[int, int], quality: str):
     duration, fps = plan.pop("duration") * WHEN.get(name, 1.0), plan.pop("fps")
     sim = tc.Simulation(scene.make(settings), **plan)
     sim.run(duration, fps)
-    image = Artist(record.geometry(sim), size, Look(quality=quality, caption=name)).draw(record.frame(sim))
+    frame = record.frame(sim)
+    look = Look(quality=quality, caption=name)
+    image = Artist(record.geometry(sim), size, look, lambda: [frame], lambda: [frame]).draw(frame)
     sim.close()
     return image
 
