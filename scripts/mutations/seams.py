@@ -284,7 +284,7 @@ MUTATIONS = (
      "a round body faces anywhere", f"{FITS}::test_a_round_body_without_arms_faces_where_its_toes_are"),
     ("taichi_cloth/garment/figure.py", "return max(over, key=area)", "return max(parts, key=area)", "a thick arm is a trunk",
      f"{FITS}::test_a_thick_arm_beside_a_body_is_not_its_trunk"),
-    ("taichi_cloth/garment/limbs.py", "@ _turning(axes[2], way / np.linalg.norm(way)).T", "@ np.eye(3)", "sleeves stay as steep",
+    ("taichi_cloth/garment/limbs.py", "@ _turning(axes[2], way / np.linalg.norm(way)).T", "@ np.eye(3)", "sleeves stay steep",
      FITS + "::test_sleeves_go_round_arms_that_are_held_another_way"),
     ("taichi_cloth/garment/fitted.py", "max(across / along, along / across)", "across / along",
      "a trunk as narrow as no person's is taken", f"{FITS}::test_width_and_length_of_a_trunk_belong_together"),
