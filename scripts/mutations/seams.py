@@ -273,7 +273,7 @@ MUTATIONS = (
      "tests/unit/test_patterns.py::test_a_garment_settles_as_long_as_crossings_become_fewer"),
     (DRESSING, "if firm < FIRMEST:", "if False:", "what no longer closes gets no stronger pull", PLACED),
     (DRESSING, "whole if meets else [", "[", "cloth does not meet itself while it is sewn", PLACED),
-    (DRESSING, "if meets and firm >= FIRM and len(worn) == 1:", "if False:", "what does not close meets all by it", PLACED),
+    (DRESSING, "if rests and firm >= FIRM:", "if False:", "what does not close meets all by it", PLACED),
     (DRESSING, "sim.contacts.layers.release_around(np.array(nearest.particles))", "pass",
      "layers that no step parts do not rest", PLACED),
     (DRESSING, "                finest = 0.0\n", "                raise\n", "what solids stop ends the sewing", PLACED),
