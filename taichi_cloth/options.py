@@ -18,6 +18,7 @@ USUAL = 1 / 60  # s: with larger steps, contact is as stiff, and tried in as sma
 H_MIN_FACTOR = 4096.0  # h_min is `usual(h)` over this, if it is not given
 ARCHS, PRECISIONS = ("cpu", "cuda", "vulkan", "metal"), ("f32", "f64")
 MACHINE = ("arch", "precision", "threads", "quiet", "debug")  # what Taichi is started with, and recorded as what runs
+MOST_FRAMES = 10_000_000  # of a run: more have no end
 APART = (*MACHINE, "h", "h_min", "count_intersections", "log")  # a record has steps as control keeps them; the last two
 # decide nothing
 

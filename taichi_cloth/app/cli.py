@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import Field
 
-from ..options import ARCHS, BY_NAME
+from ..options import ARCHS, BY_NAME, MOST_FRAMES
 from . import dressing, fitting, looking, sweeping, taking, viewing
 from . import recorded as cli_recorded
 from . import studies as cli_study
@@ -87,13 +87,19 @@ def _dispatch(args: argparse.Namespace) -> int:
         return fitting.run(args)
     if args.command == "sweep":
         return _sweep(args)
+    if args.command == "view":
+        return viewing.run(args, lambda: _scene(args), _options)
+    return _run(args, _scene(args)) if args.command == "run" else _check(args, scenefile.checked(_scene(args)))
+
+
+def _scene(args: argparse.Namespace):
+    """The scene file that is meant; says where it is one of the user's."""
+    from . import scenefile
+
     scene, mine = scenefile.read(args.scene), scenefile.own(args.scene)
     if mine:
         print(f"note: scene {args.scene} is {mine}", file=sys.stderr)
-    if args.command == "view":
-        options = _options(args, scene)
-        return viewing.run(args, scene, options.settings, options.simulation)
-    return _run(args, scene) if args.command == "run" else _check(args, scenefile.checked(scene))
+    return scene
 
 
 def _guard(work: Callable[[], int]) -> int:
@@ -215,8 +221,7 @@ def _options(args: argparse.Namespace, scene):
 
     from .. import checks
     from ..errors import SceneError, did_you_mean
-    from ..simulation.simulation import MOST_FRAMES
-    from .running import RunOptions
+    from .runoptions import RunOptions
     from .scenefile import settings_of
 
     given = {"duration": DURATION, "fps": FPS, **scene.run}

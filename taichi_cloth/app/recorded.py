@@ -44,7 +44,8 @@ def add_parsers(commands) -> None:
 def _add_compare(commands) -> None:
     compare = commands.add_parser("compare", help="two runs side by side, with their difference frame by frame")
     compare.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
-    compare.add_argument("--to", metavar="FILE", help="picture (compare.png in the first run's folder)")
+    compare.add_argument("--to", metavar="PATH", help="a folder, the picture's file (.png), or the film's (.mp4, "
+                         ".apng), with the picture beside it (compare.png in the first run's folder)")
     compare.add_argument("--size", type=size_of, default=(480, 360), metavar="WxH", help="of one frame (480x360)")
     compare.add_argument("--frames", type=int, default=5, metavar="N", help="number of frames in a row")
     compare.add_argument("--movie", action="store_true", help="also both side by side as a film, .mp4, or .apng without the "
@@ -99,22 +100,23 @@ def _compare(args: argparse.Namespace) -> int:
     from .. import checks
     from ..errors import OutputError
     from ..output.recording import Recording
-    from ..recording.comparing import Pair, Sides, draw, film
+    from ..recording.comparing import Pair, Sides, draw, files_at, film
 
     _check_to(args)
     checks.integer("--frames", args.frames)
-    to = checks.maybe(args.to, checks.png, "--to", OutputError)
+    to = checks.maybe(args.to, checks.path, "--to", OutputError)
     a, b = map(Recording, args.runs)
+    file, movie = files_at(to, a.path, args.movie)
     pair = Pair(a, b, args.common)
-    file = to or pair.a.path / "compare.png"
     sides, files = Sides(pair, args.size, _look(args, pair.a)), [file]
     draw(pair, sides, file, args.frames)
     print("\n".join(pair.said()))
     if pair.apart is not None:
         files.append(file.with_suffix(".csv"))
         pair.written(files[-1])
-    if args.movie:
-        files.append(film(pair, sides, file, args.size))
+    if movie:
+        film(pair, sides, movie, args.size)
+        files.append(movie)
     print(f"written to {', '.join(map(str, files))}")
     return 0
 

@@ -9,7 +9,8 @@ from ..output.folder import RunFolder, hash_of_file
 from ..output.recording import Recording
 from ..recording.resuming import kept_from, resume
 from ..simulation import Simulation
-from .running import RunOptions, run
+from .running import run
+from .runoptions import RunOptions
 from .scenefile import SceneFile, plain, said
 from .summary import described
 from .takes import Take, bring

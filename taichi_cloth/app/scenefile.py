@@ -220,11 +220,11 @@ def own(scene: str) -> str:
     return str(path) + next((f", not {p / path.name}" for p in package if (p / path.name).is_file()), "")
 
 
-def read(scene: str) -> SceneFile:
-    """A scene file from its path or name.
+def path_of(scene: str) -> pathlib.Path:
+    """A scene's file, from its path or name.
 
     Raises:
-        SceneError: there is none, or it does not run.
+        SceneError: there is none.
     """
     path = pathlib.Path(scene)
     if not path.is_file():
@@ -232,6 +232,16 @@ def read(scene: str) -> SceneFile:
         if scene not in known:
             raise SceneError(f"no scene file {scene!r}{near(path) or '; ' + did_you_mean(path.stem, known)}")
         path = known[scene]
+    return path
+
+
+def read(scene: str) -> SceneFile:
+    """A scene file from its path or name.
+
+    Raises:
+        SceneError: there is none, or it does not run.
+    """
+    path = path_of(scene)
     spec = importlib.util.spec_from_file_location(f"scene_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise SceneError(f"{path} is not a Python file")

@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
     from ..output.folder import hash_of_file
     from ..output.recording import Recording
     from .runner import simulate
-    from .running import RunOptions
+    from .runoptions import RunOptions
     from .scenefile import settings_of
     from .summary import describe
     from .takes import Take

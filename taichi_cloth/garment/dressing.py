@@ -30,7 +30,7 @@ from .worn import Dressed, Worn, crossed_of, worn_under
 
 CALM = 2.0  # N s/m^3, drag of the air in which seams are closed
 SEWING, LONGEST = 3.0, 12.0  # s in which seams have to close, or else close so fast that they will have by the second
-LATELY = 6  # tenths of a second, ends included, over which it is seen how fast they close
+LATELY = 6  # tenths of a second, ends included, over which it is seen how fast they close; at the strongest pull, no longer
 PULL = 5.0  # N/m at most, with which seams are closed,
 FIRMER, FIRMEST = 4.0, 1024.0  # times as much where they close no further; at most in all
 FIRM = 64.0  # times as much at which contact beside stitches that do not close is released
@@ -159,14 +159,16 @@ def _sewn(worn: Sequence[Worn], solids: list[Solid], h: float, pull: float | Non
     try:
         if sim.contacts is not None:
             refuse_inside(zip(scene.cloths, [w.garment for w in worn]), sim.model, sim.contacts.scan, scene.solids)
-        firm, before, gaps = 1.0, np.inf, []
+        firm, before, gaps, spent = 1.0, np.inf, [], 0
+        rests = meets and len(worn) == 1
         while (gap := sim.seam_gaps().max(initial=0.0)) > 0:
             gaps.append(float(gap))
-            if sim.time > SEWING and closing(gaps) * max(LONGEST - sim.time, 0.0) < gap:
+            if (sim.time > SEWING or spent > LATELY) and closing(gaps) * max(LONGEST - sim.time, 0.0) < gap:
                 raise SceneError(_left_open(_each(sim)[-1], garment, sim.time, closing(gaps)))
             if pull is not None and before - gap < min(NEARER * before, SLOWEST * TENTH):
-                if meets and firm >= FIRM and len(worn) == 1:
+                if rests and firm >= FIRM:
                     sim.contacts.layers.release_around(sim.giving.stitches.apart)
+                spent += firm >= FIRMEST and not rests
                 if firm < FIRMEST:
                     firm *= FIRMER
                     sim.stepper.pull_firmer(FIRMER)

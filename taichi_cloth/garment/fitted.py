@@ -17,7 +17,9 @@ from ..scene.garment import Garment
 from ..scene.mesh import TriMesh, face_edges
 from ..scene.scene import Scene
 from .clear import hung_clear
-from .figure import AT, BY_HAND, Figure, measured, place
+from .figure import AT, BY_HAND, Figure, measured, place, surface_of
+from .limbs import round_limbs
+from .outside import tube_of
 
 DRAWN_FOR = Figure(0.835, 1.455, np.zeros(2), np.array([0.0, 1.0]), True,
                    np.array([0.963, 0.819, 0.815, 0.815, 0.815, 0.815]))
@@ -49,7 +51,7 @@ def fitted(garment: Garment, body: Scene, thickness: float, turn: float | None =
     across, along = _sizes(garment, figure)
     _refuse_uneven(figure, across, along)
     heading = figure.turn if turn is None else turn
-    made = _sized(garment, across, along, figure, heading)
+    made = round_limbs(_sized(garment, across, along, figure, heading), *surface_of(body))
     notes = [f"the garment is made {across:.3g} times as wide and {along:.3g} times as long, and turned by {round(heading)} "
              f"degrees, round {place(figure.centre)}"]
     if turn is None and not figure.faces:
@@ -107,8 +109,12 @@ def _upward(x: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     Returns:
         (the direction (2,) in the pattern that points up, or the v axis if the panel lies; the same (3,) in space).
+            A panel that is bent round a limb has the limb's direction, so that it stays round it.
     """
     linear = np.linalg.lstsq(np.column_stack([uv, np.ones(len(uv))]), x, rcond=None)[0][:2]
+    if (tube := tube_of(x, uv)) is not None:
+        way = tube[1][2]
+        return linear @ way / np.linalg.norm(linear @ way), way
     rise = linear[:, 1]
     up = rise / np.linalg.norm(rise) if np.linalg.norm(rise) > UPRIGHT else np.array([0.0, 1.0])
     way = up @ linear

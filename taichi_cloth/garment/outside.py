@@ -88,21 +88,14 @@ class Bent:
 
     @staticmethod
     def found(sheet: Sheet, uv: np.ndarray) -> Bent | None:
-        """The panel, where it is bent so: along the axis places are linear in the pattern's coordinates (n, 2)."""
-        x, linear = sheet.x, np.column_stack([uv, np.ones(len(uv))])
-        bulge = x - linear @ np.linalg.lstsq(linear, x, rcond=None)[0]
-        if np.abs(bulge).max() <= FLAT * np.ptp(uv, axis=0).min():
+        """The panel, where it is bent so; uv: (n, 2) the pattern's coordinates."""
+        tube = tube_of(sheet.x, uv)
+        if tube is None:
             return None
-        axes = np.linalg.svd(bulge, full_matrices=False)[2]
-        flat = x @ axes[:2].T
-        a, b, c = np.linalg.lstsq(np.column_stack([flat, np.ones(len(x))]), (flat**2).sum(axis=1), rcond=None)[0]
-        centre, radius = np.array([a, b]) / 2, float(np.sqrt(max(c + (a * a + b * b) / 4, 0.0)))
-        off = flat - centre
-        if np.abs(np.linalg.norm(off, axis=1) - radius).max() > FLAT * radius:
-            return None
-        if np.einsum("ki,ki->", off @ axes[:2], sheet.normal) <= 0:
+        middle, axes, radius = tube
+        if np.einsum("ki,ki->", (sheet.x - middle) @ axes[:2].T @ axes[:2], sheet.normal) <= 0:
             return None  # the limb would be outside
-        return Bent(sheet, centre @ axes[:2], axes, radius)
+        return Bent(sheet, middle, axes, radius)
 
     def moved(self, by: float) -> tuple[np.ndarray, np.ndarray]:
         """Vertices and ways out as `Flat.moved` gives them, bent wider by that much; no length changes."""
@@ -110,6 +103,22 @@ class Bent:
         angle, r = np.arctan2(b, a) * self.radius / (self.radius + by), np.hypot(a, b) + by
         ways = np.cos(angle)[:, None] * self.axes[0] + np.sin(angle)[:, None] * self.axes[1]
         return self.middle + r[:, None] * ways + s[:, None] * self.axes[2], ways
+
+
+def tube_of(x: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """(a place (3,) on the axis, axes (3, 3): across, across, along, radius [m]) of the tube that a panel with vertices x
+    (n, 3) is part of; None where it is bent another way. Along the axis places are linear in the pattern's uv (n, 2)."""
+    linear = np.column_stack([uv, np.ones(len(uv))])
+    bulge = x - linear @ np.linalg.lstsq(linear, x, rcond=None)[0]
+    if np.abs(bulge).max() <= FLAT * np.ptp(uv, axis=0).min():
+        return None
+    axes = np.linalg.svd(bulge, full_matrices=False)[2]
+    flat = x @ axes[:2].T
+    a, b, c = np.linalg.lstsq(np.column_stack([flat, np.ones(len(x))]), (flat**2).sum(axis=1), rcond=None)[0]
+    centre, radius = np.array([a, b]) / 2, float(np.sqrt(max(c + (a * a + b * b) / 4, 0.0)))
+    if np.abs(np.linalg.norm(flat - centre, axis=1) - radius).max() > FLAT * radius:
+        return None
+    return centre @ axes[:2], axes, radius
 
 
 def hung_outside(garment: Garment, worn: Sequence[Worn], thickness: float, body: Scene) -> tuple[Garment, tuple[str, ...]]:

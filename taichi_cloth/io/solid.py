@@ -124,8 +124,8 @@ def _found(motion: Motion, x: np.ndarray, scale: float) -> str:
     """A sentence on the content of a file with a scene."""
     size = np.ptp(x[0], axis=0) * motion.unit * scale
     height = size[UP.index(motion.up) + 1]
-    others = [name for k, (name, _) in enumerate(motion.clips) if k not in motion.taken]
-    played = " and ".join(repr(motion.clips[k][0]) for k in motion.taken)
+    others = [clip.name for k, clip in enumerate(motion.clips) if k not in motion.taken]
+    played = " and ".join(repr(motion.clips[k].name) for k in motion.taken)
     clip = f"clip {played}, " if played else ""
     moves = f"{clip}{len(x):,} frames at {motion.fps:g} a second" if motion.fps and len(x) > 1 else f"{clip}no animation"
     parts = f"{len(motion.parts)} parts" if len(motion.parts) > 1 else f"one part, {motion.parts[0].name!r}"

@@ -7,13 +7,15 @@ import pathlib
 import subprocess
 import sys
 import threading
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import OutputError
 from .pages import read, write
 from .server import address_of, free_port, installed
-from .session import Session
-from .teller import Teller
+
+if TYPE_CHECKING:  # a page starts before Taichi is imported
+    from .session import Session
+    from .teller import Teller
 
 PATIENCE = 10.0  # s that a page gets to end
 

@@ -188,7 +188,8 @@ class Session:
     def _build(self, settings: dict[str, object], anew: bool = False) -> None:
         scene = self.source.scene(settings)
         built = record.as_built(scene)
-        goes_on = not anew and all(np.array_equal(built[name], self._built[name]) for name in SAME)
+        moved = not anew and self._live.tally.steps > 0  # else its start is at hand, and needs no compiled kernels
+        goes_on = moved and all(np.array_equal(built[name], self._built[name]) for name in SAME)
         self._simulate(scene, self._live.checkpoint() if goes_on else None)
         self.settings = settings
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..backend import placement
 from ..errors import SceneError
-from ..options import SHORTEST, signature
+from ..options import MOST_FRAMES, SHORTEST, signature
 from ..scene.air import Wind
 from ..scene.attachment import Path
 from ..scene.cloth import Cloth
@@ -28,7 +28,7 @@ from ..system.checkpoint import VERSION, Checkpointed, below, numbered, understo
 from .queries import Queries
 
 ROUND_TIME = 1e-9  # part of a step below which two times are the same
-MOST_STEPS, MOST_FRAMES = 1e10, 10_000_000  # of a run: more have no end
+MOST_STEPS = 1e10  # of a run: more have no end
 
 
 @ti.data_oriented

@@ -6,6 +6,8 @@ from inside import ROOT, call
 from test_cli import read_png
 
 import taichi_cloth as tc
+from taichi_cloth.app.looking import told
+from taichi_cloth.io.animation.motion import Clip, Motion
 from taichi_cloth.recording import looked
 from taichi_cloth.scene.solids import SolidMesh
 
@@ -49,6 +51,14 @@ def test_look_at_a_scene_names_its_clips_and_parts(tmp_path):
     assert "2 parts, together <SolidMesh" in done.stdout and "moves   no animation\n" in done.stdout
     assert "1 x 1 x 0 m, the lowest point at 0 m" in done.stdout
     assert "group   'Foot'" not in call("look", tmp_path / "a.usda", "--only", "Hand").stdout
+
+
+def test_clips_are_told_by_name_frames_and_length():
+    x, faces = tc.Box((0.4, 1.0, 0.4), 0.0).surface()
+    clips = (Clip("Walk", 29 / 24, 24.0), Clip("Wave", 0.5, 30.0))
+    lines = told(SolidMesh(x, faces), Motion([], None, 1.0, "y", clips, (1,), ()))
+    assert [line for line in lines if line.startswith("clip")] == ["clip    0 'Walk', 30 frames, 1.208 s",
+                                                                   "clip    1 'Wave', 16 frames, 0.5 s, read"]
 
 
 def test_parts_have_colours_of_their_own(tmp_path):

@@ -31,6 +31,19 @@ class Part(NamedTuple):
     groups: dict[str, np.ndarray]
 
 
+class Clip(NamedTuple):
+    """An animation to choose from: `fps`, its own frames a second."""
+
+    name: str
+    seconds: float
+    fps: float
+
+    @property
+    def frames(self) -> int:
+        """How many it is read as."""
+        return _frames(self.seconds * self.fps)
+
+
 class Motion(NamedTuple):
     """The content of a file with a scene.
 
@@ -38,7 +51,7 @@ class Motion(NamedTuple):
         fps: frames a second of the parts' frames; None where nothing moves.
         unit: metres of the file's unit.
         up: the axis that points up, "y" or "z".
-        clips: (name, seconds) of each animation to choose from; taken: numbers of those that were read.
+        clips: to choose from; taken: numbers of those that were read.
         notes: sentences on the file.
     """
 
@@ -46,7 +59,7 @@ class Motion(NamedTuple):
     fps: float | None
     unit: float
     up: str
-    clips: tuple[tuple[str, float], ...]
+    clips: tuple[Clip, ...]
     taken: tuple[int, ...]
     notes: tuple[str, ...]
 
@@ -131,7 +144,12 @@ def times(first: float, last: float, fps: float, vertices: int) -> np.ndarray:
     if not 0 <= count * vertices * 24 < npz.memory():
         raise MeshError(f"its animation lasts {last - first:g} s: at {fps:g} frames a second its positions need "
                         f"{count * vertices * 24:.3g} bytes")
-    return first + np.arange(int(np.ceil(count * (1 - 1e-6))) + 1) / fps  # the rounding of times in f32 makes no frame
+    return first + np.arange(_frames(count)) / fps
+
+
+def _frames(count: float) -> int:
+    """From the first to the last, or just after it; the rounding of times in f32 makes none."""
+    return int(np.ceil(count * (1 - 1e-6))) + 1
 
 
 def distinct_names(names: Iterable[str | None], kind: str) -> list[str]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...errors import OutputError
 from ...scene.mesh import facing
+from ..colors import PALETTE, to_srgb
 from ..described import image_uv
 from ..recording import Recording
 
@@ -113,6 +114,21 @@ def first_uv(frame: Frame) -> np.ndarray:
     uv = np.zeros((len(frame["x"]), 2), dtype=np.float32)
     uv[faces[::-1].ravel()] = image_uv(frame.geometry)[0][::-1].reshape(-1, 2)
     return uv
+
+
+def first_color(frame: Frame) -> np.ndarray | None:
+    """(n, 3) uint8 sRGB colours of each vertex's first face; None where no panel has a colour of its own."""
+    g = frame.geometry
+    if "face_colors" not in g:
+        return None
+    piece = np.repeat(np.arange(len(g["cloth_names"])), np.diff(g["cloth_faces"]))
+    cloth = g["piece_cloth"][piece] if "piece_cloth" in g else piece
+    colors = np.array(PALETTE)[cloth % len(PALETTE)]
+    for own in (g["cloth_colors"][piece], g["face_colors"]):
+        colors = np.where(np.isnan(own).any(axis=1, keepdims=True), colors, own)
+    out = np.zeros((len(frame["x"]), 3), dtype=np.uint8)
+    out[g["faces"][::-1].ravel()] = np.repeat(to_srgb(colors)[::-1], 3, axis=0)
+    return out
 
 
 def cut(geometry: Arrays, parts: str, turned: np.ndarray) -> tuple[np.ndarray, Arrays]:
