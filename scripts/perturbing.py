@@ -73,7 +73,7 @@ class Recorder:
         """Simulations start perturbed from now on; conftest.py has set Taichi's environment by now."""
         from taichi_cloth.simulation.parts import Parts
 
-        settle = Parts._settle
+        settle = Parts._resolve_initial_overlap
 
         def perturbed(sim) -> None:
             if self.start:
@@ -82,7 +82,7 @@ class Recorder:
             self.used.append([sim.runtime.threads, sim.model.blocks.count])
             settle(sim)
 
-        Parts._settle = perturbed
+        Parts._resolve_initial_overlap = perturbed
         for plugin in self.config.pluginmanager.get_plugins():
             if hasattr(plugin, "LONGEST"):
                 plugin.LONGEST, plugin.THREADS = PATIENCE * plugin.LONGEST, self.threads

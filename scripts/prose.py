@@ -1,19 +1,23 @@
 """How plainly the project writes: words a sentence, "what" as a pronoun, openings such as "What is", by file.
 
     python scripts/prose.py                        # a row for each page of the docs
-    python scripts/prose.py --docstrings           # a row for each package, its docstrings together
+    python scripts/prose.py --code                 # a row for each package: its docstrings and comments together
+    python scripts/prose.py --code --list          # and each sentence that counts as long, as an opening or for its "what"
     python scripts/prose.py docs/limits.md         # these files
 
 A sentence ends with its paragraph, list item or quotation, or where a full stop, question mark or exclamation mark is followed
 by a capital letter. Code blocks, tables, generated parts, headings and formulas on lines of their own are left out. Formulas
-and code within a line count as one word each. "What" counts unless its sentence is a question; "whatever" does not. An opening
-counts where a sentence begins with What, Where, Of, So, As or That: words that hide its subject.
+and code within a line count as one word each. "What" counts unless its sentence is a question or it is an argument's name;
+"whatever" does not. An opening counts where a sentence begins with What, Where, Of, So, As or That: words that hide its
+subject. A comment of several lines is a paragraph.
 """
 
 import argparse
 import ast
+import io
 import pathlib
 import re
+import tokenize
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -25,6 +29,7 @@ WHOLE = re.compile(r"``.*?``|`[^`\n]*`|\$[^$]*\$")  # one word each
 LINK = re.compile(r"\[([^\]]*)\]\([^)]*\)")
 BLOCK = re.compile(r"\n\s*\n|\n\s*(?:[-*]|\d+\.)\s+|\n    (?=\w[\w, ]*: )|:\n(?=    )")  # items of lists and Google's sections
 END = re.compile(r"(?<=[.!?])(?<!e\.g\.)(?<!i\.e\.)[\"')*]*\s+(?=[\"'(*]*[A-ZΔΦ])")
+ORDERS = re.compile(r"#[:!\s]*(?:noqa(?:: [A-Z\d, ]+)?|type: ignore\S*)?")  # a comment's sign, and orders to linters in it
 OPENS = re.compile(r"(?:What|Where|Of|So|As|That)\b")
 
 
@@ -81,7 +86,7 @@ def measure(text: str) -> Measured:
         words = [word for word in sentence.split() if re.search(r"\w", word)]
         asks = sentence.endswith("?")
         out += Measured(len(words), 1, len(words) > LONG,
-                        0 if asks else len(re.findall(r"\bwhat\b", sentence, re.IGNORECASE)),
+                        0 if asks else len(re.findall(r"\bwhat\b(?![:,])", sentence, re.IGNORECASE)),
                         not asks and bool(OPENS.match(sentence)))
     return out
 
@@ -92,9 +97,32 @@ def pages() -> list[pathlib.Path]:
             *sorted((ROOT / "docs").rglob("*.md"))]
 
 
-def docstrings(path: pathlib.Path) -> Measured:
-    """Counts of all docstrings of a Python file."""
-    return sum((measure(ast.get_docstring(node) or "") for node in _documented(ast.parse(path.read_text()))), Measured())
+def prose_of(path: pathlib.Path) -> list[str]:
+    """The docstrings and comments of a Python file."""
+    text = path.read_text()
+    return [*(ast.get_docstring(node) or "" for node in _documented(ast.parse(text))), *comments(text)]
+
+
+def comments(text: str) -> list[str]:
+    """The comments of Python code; one that goes on over lines of its own is one."""
+    out: list[str] = []
+    last = (-1, -1)
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            row, column = token.start
+            alone = not token.line[:column].strip()
+            words = ORDERS.sub("", token.string, count=1).strip()
+            if alone and last == (row - 1, column):
+                out[-1] += f" {words}"
+            else:
+                out.append(words)
+            last = (row, column) if alone else (-1, -1)
+    return out
+
+
+def code(path: pathlib.Path) -> Measured:
+    """Counts of the docstrings and comments of a Python file."""
+    return sum(map(measure, prose_of(path)), Measured())
 
 
 def _documented(node: ast.AST) -> Iterator[ast.Module | ast.ClassDef | ast.FunctionDef]:
@@ -105,32 +133,45 @@ def _documented(node: ast.AST) -> Iterator[ast.Module | ast.ClassDef | ast.Funct
         yield from _documented(child)
 
 
-def by_package() -> dict[str, Measured]:
-    """Package of taichi_cloth -> counts of the docstrings of its files."""
+def by_package() -> dict[str, list[pathlib.Path]]:
+    """Package of taichi_cloth -> its files; modules beside the packages by their names."""
     package, out = ROOT / "taichi_cloth", {}
     for path in sorted(package.rglob("*.py")):
         inside = path.relative_to(package).parts
-        name = f"{inside[0]}/" if len(inside) > 1 else inside[0]
-        out[name] = out.get(name, Measured()) + docstrings(path)
+        out.setdefault(f"{inside[0]}/" if len(inside) > 1 else inside[0], []).append(path)
     return out
+
+
+def faults(path: pathlib.Path) -> Iterator[str]:
+    """The sentences of a file that count as long, as an opening or for a "what"."""
+    for text in prose_of(path) if path.suffix == ".py" else [path.read_text()]:
+        for sentence in sentences(text):
+            found = measure(sentence)
+            if found.long or found.whats or found.openings:
+                yield sentence
 
 
 def main() -> None:
     """Prints the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("paths", nargs="*", type=pathlib.Path, help="pages or Python files (all pages)")
-    parser.add_argument("--docstrings", action="store_true", help="docstrings of the package instead")
+    parser.add_argument("--code", action="store_true", help="docstrings and comments of the package instead")
+    parser.add_argument("--list", action="store_true", help="after its row, the sentences of a file that are not plain")
     args = parser.parse_args()
-    if args.docstrings:
+    if args.code:
         table = by_package()
     else:
         paths = [path.resolve() for path in args.paths] or pages()
-        table = {str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else str(path):
-                 docstrings(path) if path.suffix == ".py" else measure(path.read_text()) for path in paths}
+        table = {str(path.relative_to(ROOT)) if path.is_relative_to(ROOT) else str(path): [path] for path in paths}
+    total = Measured()
     print(HEAD)
-    for name, found in table.items():
+    for name, paths in table.items():
+        found = sum((code(path) if path.suffix == ".py" else measure(path.read_text()) for path in paths), Measured())
+        total += found
         print(found.row(name))
-    print(sum(table.values(), Measured()).row("all"))
+        for path in paths if args.list else []:
+            print(*(f"    {path.name}: {sentence}" for sentence in faults(path)), sep="\n")
+    print(total.row("all"))
 
 
 if __name__ == "__main__":

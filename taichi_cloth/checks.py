@@ -105,7 +105,7 @@ def choice(what: str, value: object, choices: Iterable[str], error: Error = Scen
     """`value` itself where it is one of `choices`.
 
     Raises:
-        error: where it is not, with the nearest right one.
+        error: if it is not, with the nearest right one.
     """
     choices = list(choices)
     if not isinstance(value, str) or value not in choices:
@@ -147,7 +147,7 @@ def function(what: str, value: object, *arguments: str, error: Error = SceneErro
 
 
 def takes(function: Callable, count: int) -> bool | None:
-    """Whether a function can be called with so many arguments; None where Python does not know."""
+    """Whether a function can be called with so many arguments; None if Python does not know."""
     try:
         inspect.signature(function).bind(*[None] * count)
     except TypeError:
@@ -171,7 +171,7 @@ def color(what: str, value: object, error: Error = SceneError) -> tuple[float, f
         named = colornames.linear_of(value)
         if named is None:
             near = difflib.get_close_matches(value[:40].lower(), colornames.NAMES, n=1)
-            raise error(f"{what} = {shown(value)}: is no colour: needs a name such as {near[0] if near else 'crimson'!r}, "
+            raise error(f"{what} = {shown(value)}: is not a colour: needs a name such as {near[0] if near else 'crimson'!r}, "
                         "'#rrggbb' in sRGB, or linear red, green and blue from 0 to 1")
         return named
     out = _floats(value)
@@ -187,8 +187,8 @@ def array(what: str, value: object, *shapes: Sequence[int | str], row: str = "ro
 
     Args:
         shapes: lengths; a letter stands for any. A shape that has all but the first of the longest is one value for all rows.
-        row: the kind of an index along the first axis; of: by which number each is known, its own where None; hint: what to do
-            about a wrong shape; for the messages.
+        row, of, hint: for the messages. The kind of an index along the first axis, the number of each row (None: its own), and
+            advice on a wrong shape.
 
     Raises:
         error: no array of numbers, another shape, or a number that is not finite.
@@ -247,7 +247,7 @@ def path(what: str, value: object, error: Error = SceneError) -> pathlib.Path:
         out = pathlib.Path(value)
         out.exists()  # names that no file can have are refused here, not where they are opened
     except (OSError, TypeError, ValueError) as problem:
-        raise error(f"{what} = {shown(value)}: is no path: {problem.args[-1]}") from None
+        raise error(f"{what} = {shown(value)}: is not a path: {problem.args[-1]}") from None
     return out
 
 
@@ -260,7 +260,7 @@ def png(what: str, value: object, error: Error = SceneError) -> pathlib.Path:
 
 
 def _real(value: object) -> float:
-    """A number as a float; NaN where it is none, infinity where it is too large for one."""
+    """A number as a float; NaN if it is none, infinity where it is too large for one."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, numbers.Real):
@@ -272,7 +272,7 @@ def _real(value: object) -> float:
 
 
 def _floats(value: object) -> np.ndarray | None:
-    """A copy as an array of float64; None where it is no array of numbers."""
+    """A copy as an array of float64; None if it is no array of numbers."""
     try:
         out = np.array(value)
         if out.dtype == object:  # integers too large for 64 bits, fractions; anything else is no number

@@ -32,7 +32,7 @@ NAMES = dict(zip(_WORDS[::2], _WORDS[1::2]))
 
 
 def linear_of(text: str) -> tuple[float, float, float] | None:
-    """Linear RGB of a name or of #rgb or #rrggbb in sRGB; None where it is neither."""
+    """Linear RGB of a name or of #rgb or #rrggbb in sRGB; None if it is neither."""
     word = text.strip().lower().replace(" ", "")
     code = NAMES.get(word) or (word[1:] if re.fullmatch("#([0-9a-f]{3}|[0-9a-f]{6})", word) else None)
     if code is None:
@@ -43,11 +43,11 @@ def linear_of(text: str) -> tuple[float, float, float] | None:
 
 
 def from_srgb(encoded: np.ndarray) -> np.ndarray:
-    """Linear light of sRGB values in 0..1 [IEC 61966-2-1]."""
+    """Linear light from an array of sRGB values in 0..1 [IEC 61966-2-1]."""
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
 def to_srgb(linear: np.ndarray) -> np.ndarray:
-    """sRGB values in 0..1 of linear light, which is cut to 0..1."""
+    """sRGB values in 0..1 from an array of linear light. It is cut to 0..1."""
     c = np.clip(linear, 0, 1)
     return np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)

@@ -65,7 +65,7 @@ def did_you_mean(name: object, choices: Iterable[object]) -> str:
 
 
 def near(path: object) -> str:
-    """A half-sentence for an error about a file or folder: the one beside it with nearly its name; "" where it is there."""
+    """A half-sentence for an error about a file or folder: the one beside it with nearly its name; "" if it is there."""
     place = pathlib.Path(str(path))
     try:
         names = [] if place.exists() else [f.name for f in itertools.islice(place.parent.iterdir(), 10_000)]

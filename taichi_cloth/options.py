@@ -1,4 +1,4 @@
-"""What a user may choose about a simulation: the one place of defaults, checks, flags and their meaning. No numpy, no Taichi.
+"""Options of a simulation: the one place of defaults, checks, flags and their meaning. No numpy, no Taichi.
 
 `Simulation` takes them by name, the command line makes its flags of them, the docs their table, and a run's manifest keeps
 them.
@@ -8,16 +8,17 @@ import inspect
 from dataclasses import MISSING, Field, asdict, dataclass, field, fields
 from typing import Any
 
-CG_TOL = 1e-4  # relative residual of the paper's single solve, where none is asked for
-NEWTON_TOL = 1e-4  # m, where none is asked for
+CG_TOL = 1e-4  # relative residual of the paper's single solve, if none is asked for
+NEWTON_TOL = 1e-4  # m, if none is asked for
 INTEGRATORS = ("auto", "safe", "tr_bdf2", "bdf2", "backward_euler", "newton_euler", "verlet")
 EXPLICIT = ("verlet",)
 PRECONDITIONERS = ("auto", "multilevel", "block_jacobi", "jacobi", "none")
 SHORTEST, LONGEST = 1e-12, 100.0  # steps [s] that may be asked for: time has no digits for shorter ones
-USUAL = 1 / 60  # s: where steps are larger, contact is as stiff, and tried in as small steps, as with that one
-H_MIN_FACTOR = 4096.0  # h_min is `usual(h)` over this, where it is not given
+USUAL = 1 / 60  # s: with larger steps, contact is as stiff, and tried in as small steps, as with that one
+H_MIN_FACTOR = 4096.0  # h_min is `usual(h)` over this, if it is not given
 ARCHS, PRECISIONS = ("cpu", "cuda", "vulkan", "metal"), ("f32", "f64")
 MACHINE = ("arch", "precision", "threads", "quiet", "debug")  # what Taichi is started with, and recorded as what runs
+MOST_FRAMES = 10_000_000  # of a run: more have no end
 APART = (*MACHINE, "h", "h_min", "count_intersections", "log")  # a record has steps as control keeps them; the last two
 # decide nothing
 
@@ -31,8 +32,8 @@ def _option(default: Any, kind: str, meaning: str, flag: str | None = None, unit
     """A field.
 
     Args:
-        kind: the check of `checks` that it has to pass, where it is not None.
-        flag: of the command line; None where it has none.
+        kind: the check of `checks` that it has to pass, unless it is None.
+        flag: of the command line; None if it has none.
         bounds: for the check.
     """
     return field(default=default, metadata={"kind": kind, "meaning": meaning, "flag": flag, "unit": unit, "bounds": bounds})
@@ -47,8 +48,8 @@ class Options:
     """
 
     h: float | None = _option(
-        None, "number", "step size [s], such as 1/60; the largest one where steps adapt (an explicit method's stable step "
-        "bounds it too). Where None 1/60, and for explicit methods, where no wind changes, up to 1/10 at once", "--h", "s",
+        None, "number", "step size [s], such as 1/60; if steps adapt, the largest one (an explicit method's stable step "
+        "bounds it too). None takes 1/60; an explicit method then makes up to 1/10 at once if no wind changes", "--h", "s",
         least=SHORTEST, most=LONGEST)
     arch: str = _option("cpu", "choice", '"cpu", "cuda", "vulkan" or "metal"', "--arch", choices=ARCHS)
     precision: str = _option("f64", "choice", '"f32" or "f64"', "--precision", choices=PRECISIONS)
@@ -62,13 +63,13 @@ class Options:
         "projected", "choice", 'stiffness matrix: "projected" (positive semidefinite), "gauss_newton" or "paper" (exact)',
         "--K", choices=("projected", "gauss_newton", "paper"))
     cg_tol: float | None = _option(
-        None, "number", "relative residual of a linear solve; where None 1e-4 for backward Euler, .03 and less for "
+        None, "number", "relative residual of a linear solve; None takes 1e-4 for backward Euler, .03 and less for "
         "'newton_euler' without contact, .03 and then .1 for the stages of others", "--cg-tol", positive=True, most=1.0)
     adaptive: bool = _option(
-        True, "flag", "a step that goes bad is tried again, smaller; where False exactly the steps asked for are done",
+        True, "flag", "a step that fails is repeated with a smaller h; False makes exactly the steps asked for",
         "--fixed-step")
     h_min: float | None = _option(
-        None, "number", f"smallest step [s]; where None h, or 1/60 s where that is less, over {H_MIN_FACTOR:g}", None, "s",
+        None, "number", f"smallest step [s]; None takes h, or 1/60 if that is less, over {H_MIN_FACTOR:g}", None, "s",
         positive=True)
     stretch_limit: float = _option(
         0.5, "number", "largest change of a triangle's stretch |w|/b in a step", "--stretch-limit", positive=True)
@@ -78,16 +79,16 @@ class Options:
     preconditioner: str = _option(
         "auto", "choice", '"multilevel", "block_jacobi", "jacobi" or "none" (masses); "auto" takes the first from 500 '
         'particles on, else the second, and always for K="paper"', "--preconditioner", choices=PRECONDITIONERS)
-    cg_max_iterations: int = _option(10_000, "integer", "of one solve", None, least=1, most=100_000_000)
-    threads: int | None = _option(None, "integer", "CPU threads, all where None", "--threads", least=1)
+    cg_max_iterations: int = _option(10_000, "integer", "most CG iterations of one solve", None, least=1, most=100_000_000)
+    threads: int | None = _option(None, "integer", "CPU threads; None takes all", "--threads", least=1)
     quiet: bool = _option(True, "flag", "no messages of Taichi's own")
     debug: bool = _option(False, "flag", "bounds checks in kernels (slow)", "--debug")
     newton_tol: float | None = _option(
-        None, "number", "RMS of the last change of position [m] at which Newton's method stops; where None 1e-4 for backward "
-        "Euler, and for TR-BDF2 what is left may be half of a stage's first change", "--newton-tol", "m", positive=True)
+        None, "number", "RMS of the last change of position [m] at which Newton's method stops; None takes 1e-4 for backward "
+        "Euler, and half of a stage's first change for TR-BDF2", "--newton-tol", "m", positive=True)
     contact_tol: float | None = _option(
-        None, "number", "part of all that acts on cloth in contact with solids by which forces may be out of balance at the "
-        "end of a step, .03 for example: steps are solved to that, by more solves, or smaller. Where None they are accepted "
+        None, "number", "largest residual of the force balance of cloth in contact with solids at the end of a step, as a "
+        "part of the forces on it, such as .03: steps are solved to it, by more solves or smaller steps. None accepts steps "
         "after one linearization, by their energy", "--contact-tol", positive=True, most=100.0)
     tolerance: float | None = _option(
         None, "number", "RMS error of positions [m] that half a second may add, as estimated; it drives h. None takes the "
@@ -96,18 +97,18 @@ class Options:
         "untangle", "choice", 'cloth that passes through cloth where it should not: "untangle" pulls it apart, "ignore" '
         'leaves it until it is apart, "abort" refuses such a start', "--tangles", choices=("untangle", "ignore", "abort"))
     contact: str = _option(
-        "repulsion", "choice", 'by what cloth is kept from cloth: "repulsion", or the paper\'s damped "springs", one solve a '
+        "repulsion", "choice", 'how cloth is kept from cloth: "repulsion", or the paper\'s damped "springs", one solve a '
         "step, for comparison", "--contact", choices=("repulsion", "springs"))
     count_intersections: bool = _option(
         False, "flag", "whether places where cloth passes through cloth are counted exactly after every step, for the log",
         "--count-intersections")
     log: int | str = _option(
-        "all", "kept", 'which steps `sim.log` keeps: "all" (2 kB each), so many of the last, or "none"; what is summed up, '
-        "and a folder's telemetry, have all", "--log")
+        "all", "kept", 'steps that `sim.log` keeps: "all" (2 kB each), a number of the last, or "none"; sums and a '
+        "folder's telemetry have all", "--log")
     substep: float | None = _option(
-        None, "number", 'of "verlet" [s]; where None as large as is stable. Triangles too stiff for a larger one give up as '
-        "much of their stretch and shear stiffness, and damping, as it takes; `notes` say how many and how much", "--substep",
-        "s", positive=True)
+        None, "number", 'substep of "verlet" [s]; None takes the largest stable one. Triangles too stiff for a larger one '
+        "give up as much of their stretch and shear stiffness, and damping, as it takes; `notes` say how many and how much",
+        "--substep", "s", positive=True)
 
     def __post_init__(self) -> None:
         from . import checks
@@ -142,7 +143,7 @@ class Options:
         return cls(**values)
 
     def record(self) -> dict[str, Any]:
-        """By name what decides how a run goes, wherever it runs."""
+        """By name the options that decide how a run goes, wherever it runs."""
         return {name: value for name, value in asdict(self).items() if name not in APART}
 
     @staticmethod
@@ -156,7 +157,7 @@ assert all(option.default is not MISSING for option in BY_NAME.values())
 
 
 def signature(*first: inspect.Parameter) -> inspect.Signature:
-    """Of a call that takes `first` and every other option by name."""
+    """Signature of a call that takes `first` and every other option by name."""
     named = {p.name for p in first}
     return inspect.Signature([*first, *(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=option.default,
                                                           annotation=option.type)

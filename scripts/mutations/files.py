@@ -119,6 +119,8 @@ MUTATIONS = (
      EXPORT + "::test_what_is_welded_faces_one_side"),
     (OUT + "export/shot.py", "2 * corners + against[:, None]", "corners", "triangles that face opposite ways share normals",
      EXPORT + "::test_what_is_welded_faces_one_side"),
+    (OUT + "export/pieces.py", "(g[\"cloth_colors\"][piece], g[\"face_colors\"])", "(g[\"cloth_colors\"][piece],)",
+     "vertices have no panel's colour", "tests/unit/test_export_printed.py::test_vertices_have_the_colours_of_panels"),
     (OUT + "export/pieces.py", "a[take] if name in", "a if name in", "frames keep the recorded vertices", EXPORT),
     (OUT + "export/pieces.py", "mine = g[\"sewn\"][g[\"faces\"][first:last]]", "mine = g[\"faces\"][first:last]",
      "nothing is welded", EXPORT),

@@ -5,7 +5,9 @@ RUNS, PARTS, SOFT = TESTS[0] + "::test_", TESTS[1] + "::test_", "tests/unit/test
 MUTATIONS = (
     (LIVE + "session.py", "self._clock += late", "pass", "lost time is made up for",
      RUNS + "it_keeps_to_the_clock_and_does_not_rush_after_what_it_lost"),
-    (LIVE + "session.py", "goes_on = not anew and", "goes_on =", "a reset goes on", RUNS + "play_pause_step_and_reset"),
+    (LIVE + "session.py", "moved = not anew and", "moved =", "a reset goes on", RUNS + "play_pause_step_and_reset"),
+    (LIVE + "session.py", "and self._live.tally.steps > 0", "", "kernels are loaded before a change is seen",
+     RUNS + "before_the_first_step_another_fabric_is_shown_at_once"),
     (LIVE + "session.py", "self._live.checkpoint() if goes_on else None", "None", "every change begins again",
      RUNS + "another_stiffness_goes_on_with_the_cloth_as_it_is"),
     (LIVE + "session.py", "            hand.let_go()\n", "            pass\n", "a hand does not let go",
@@ -23,5 +25,7 @@ MUTATIONS = (
      RUNS + "a_page_is_told_no_faster_than_it_shows"),
     (LIVE + "teller.py", "        if late:\n", "        if False:\n", "what a page was too slow for stays away",
      RUNS + "a_page_is_told_no_faster_than_it_shows"),
+    (LIVE + "page.py", "configure_environment_map(None)", "configure_environment_map()", "a browser without a GPU waits",
+     PARTS + "the_page_is_lit_by_lamps_alone"),
     ("taichi_cloth/scene/scene.py", "relative), None, 0.0, *soft)", "relative))", "motions are never soft", SOFT),
 )

@@ -26,7 +26,7 @@ class Problem(Exception):
 
 
 class Preferences(bpy.types.AddonPreferences):
-    """Of the add-on."""
+    """Preferences of the add-on."""
 
     bl_idname = __name__
     python: StringProperty(name="Python", subtype="FILE_PATH", description="The Python in which taichi_cloth is installed",
@@ -63,7 +63,7 @@ class OfObject(bpy.types.PropertyGroup):
 
 
 class OfScene(bpy.types.PropertyGroup):
-    """Of the bake as a whole."""
+    """Settings of the bake as a whole."""
 
     folder: StringProperty(name="Folder", subtype="DIR_PATH", default="//taichi_cloth", description="For all that is baked")
     last: IntProperty(name="Last frame", default=0, min=0, description="0: the scene's; the first is always the scene's")
@@ -175,7 +175,7 @@ class Bake:
         return (errors or lines or [f"taichi_cloth ended with code {self.process.returncode}"])[-1].removeprefix("error: ")
 
     def part(self) -> float:
-        """Of the frames, those that are there."""
+        """Part of the frames that is there, 0 to 1."""
         made = [file for file in self.frames.glob("*.npz") if file.stat().st_mtime >= self.begun]
         return min(len(made) / self.count, 1.0)
 
@@ -280,7 +280,7 @@ class Panel(bpy.types.Panel):
 
     @classmethod
     def poll(cls, context) -> bool:
-        """Of meshes alone."""
+        """Shown for meshes alone."""
         return context.object is not None and context.object.type == "MESH"
 
     def draw(self, context) -> None:

@@ -8,7 +8,7 @@ ADDON = pathlib.Path(__file__).with_name("blender_addon.py")
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    """Of `blend`, besides those of `export`."""
+    """Flags of `blend`, besides those of `export`."""
     parser.add_argument("--onto", metavar="FILE", help="your own .blend: a copy of it whose objects move as the run's cloths")
     parser.add_argument("--object", action="append", metavar="[CLOTH=]OBJECT",
                         help="the object that a cloth is put onto (that of its name); may come again")
@@ -16,7 +16,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def other(args: argparse.Namespace, retimed: Callable) -> int | None:
-    """The exit code of `--addon` or `--onto`; None where it is an export.
+    """The exit code of `--addon` or `--onto`; None if it is an export.
 
     Args:
         retimed: a recording at the times that are asked for, of the arguments and the recording.

@@ -1,4 +1,4 @@
-"""Command line: run, list, check, doctor; what works on finished runs is in `cli_recorded`.
+"""Command line: run, list, check, doctor; the commands on finished runs are in `recorded`.
 
 Heavy imports happen inside the commands, so that --help is instant.
 """
@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import Field
 
-from ..options import ARCHS, BY_NAME
+from ..options import ARCHS, BY_NAME, MOST_FRAMES
 from . import dressing, fitting, looking, sweeping, taking, viewing
 from . import recorded as cli_recorded
 from . import studies as cli_study
@@ -26,8 +26,12 @@ OK, FAILED, BAD_USAGE, GAVE_UP, OWN_CODE, INTERRUPTED, UNREAD = 0, 1, 2, 3, 4, 1
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs a command; returns the exit code: 0 ok, 1 check failed, 2 bad scene or usage, 3 gave up, 4 an exception of the
-    scene's own code while it runs, 130 interrupted, 141 nobody reads what it prints."""
+    """Runs a command.
+
+    Returns:
+        The exit code: 0 ok, 1 check failed, 2 bad scene or usage, 3 gave up, 4 an exception of the scene's own code while it
+        runs, 130 interrupted, 141 nobody reads its output.
+    """
     return _guard(lambda: _dispatch(_parser().parse_args(argv)))
 
 
@@ -36,7 +40,7 @@ def run(build: Callable, argv: Sequence[str] | None = None) -> None:
 
     Args:
         build: the scene's build function; `check`, `RUN` and `SMALL` are taken from its module.
-        argv: flags; the process's own where None.
+        argv: flags; the process's own if None.
     """
     from .. import checks
 
@@ -83,13 +87,19 @@ def _dispatch(args: argparse.Namespace) -> int:
         return fitting.run(args)
     if args.command == "sweep":
         return _sweep(args)
+    if args.command == "view":
+        return viewing.run(args, lambda: _scene(args), _options)
+    return _run(args, _scene(args)) if args.command == "run" else _check(args, scenefile.checked(_scene(args)))
+
+
+def _scene(args: argparse.Namespace):
+    """The scene file that is meant; says where it is one of the user's."""
+    from . import scenefile
+
     scene, mine = scenefile.read(args.scene), scenefile.own(args.scene)
     if mine:
         print(f"note: scene {args.scene} is {mine}", file=sys.stderr)
-    if args.command == "view":
-        options = _options(args, scene)
-        return viewing.run(args, scene, options.settings, options.simulation)
-    return _run(args, scene) if args.command == "run" else _check(args, scenefile.checked(scene))
+    return scene
 
 
 def _guard(work: Callable[[], int]) -> int:
@@ -211,8 +221,7 @@ def _options(args: argparse.Namespace, scene):
 
     from .. import checks
     from ..errors import SceneError, did_you_mean
-    from ..simulation.simulation import MOST_FRAMES
-    from .running import RunOptions
+    from .runoptions import RunOptions
     from .scenefile import settings_of
 
     given = {"duration": DURATION, "fps": FPS, **scene.run}
@@ -245,7 +254,7 @@ def _options(args: argparse.Namespace, scene):
                       checkpoint_every=args.checkpoint_every, frames=not args.no_frames, resume=resume,
                       from_frame=args.from_frame, force=args.force)
     if args.frames:
-        options.drawn  # noqa: B018  (what is wrong with it is said before anything runs)
+        options.drawn  # noqa: B018  (a wrong value is an error before anything runs)
     return options
 
 
@@ -308,7 +317,7 @@ def _option_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def _how(option: Field) -> dict:
-    """How argparse is to read an option of `Options`; None is what was not given."""
+    """Arguments of `add_argument` for an option of `Options`; an option that is not given becomes None."""
     kind, unit, meaning = (option.metadata[key] for key in ("kind", "unit", "meaning"))
     if kind == "flag":
         return {"action": "store_const", "const": not option.default,

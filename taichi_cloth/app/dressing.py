@@ -31,8 +31,8 @@ def add_parser(commands) -> None:
     add("--spacing", type=number_of, default=0.02, metavar="M", help="edge length of the cloth's triangles (0.02)")
     add("--thickness", type=number_of, default=0.003, metavar="M", help="of the cloth and of the body's skin (0.003)")
     add("--friction", type=number_of, default=0.3, metavar="X", help="of cloth on the body and on itself (0.3)")
-    add("--over", metavar="FILE", action="append", default=[], help="a worn garment, a .npz, that it is put on over; again for"
-        " what is over that; as they lie then they are written beside --out")
+    add("--over", metavar="FILE", action="append", default=[], help="a worn garment, a .npz, under the new one; again for"
+        " the next one over it; as they lie in the end they are written beside --out")
     add("--over-fabric", metavar="NAME", help="of those (as --fabric)")
     add("--pull", type=number_of, default=5.0, metavar="N/M", help="force a length that closes seams (5)")
     add("--no-meets", action="store_false", dest="meets", help="cloth passes through itself while it is sewn (quicker)")
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _checked_out(name: str) -> Path:
-    """Where the garment is to go; that it can be written is found out before anything is computed."""
+    """The file of the garment, checked before anything is computed: it must be writable."""
     from .. import checks
     from ..errors import SceneError
 

@@ -1,4 +1,4 @@
-"""A parser of command lines that names what a misspelt flag was perhaps meant to be, and takes negative values."""
+"""A parser of command lines that suggests a flag for a misspelt one, and takes negative values."""
 
 import argparse
 import difflib
@@ -12,7 +12,7 @@ class Help(argparse.Action):
     """Ends the process with the help of a command and, where a scene is named before, with the scene's options."""
 
     def __call__(self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, *_: object) -> NoReturn:
-        """As argparse calls it."""
+        """Prints the help and ends the process; argparse calls it."""
         said = parser.format_help()
         if getattr(namespace, "scene", None):
             from .scenefile import read
@@ -24,14 +24,14 @@ class Help(argparse.Action):
 
 
 class Parser(argparse.ArgumentParser):
-    """As argparse's, for a command and its subcommands."""
+    """The parser of argparse, for a command and its subcommands."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**{**options, "allow_abbrev": False, "add_help": False})  # --check is no --checkpoint-every
         self.add_argument("-h", "--help", action=Help, nargs=0, help="show this, and the options of a scene that is named")
 
     def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
-        """As argparse's; `--camera -1,1,2:0,0,0` is a flag and its value, which argparse would take for another flag."""
+        """Arguments by name; `--camera -1,1,2:0,0,0` is a flag and its value, and not two flags as for argparse."""
         words = list(sys.argv[1:] if args is None else args)
         joined: list[str] = []
         for word in words:
@@ -46,7 +46,7 @@ class Parser(argparse.ArgumentParser):
         return out
 
     def _hints(self, rest: list[str], command: str) -> list[str]:
-        """What each flag among the words that a command does not know was perhaps meant to be."""
+        """A suggestion for each flag among the words that a command does not know."""
         parsers: dict[str, argparse.ArgumentParser] = {"": self}
         for action in self._actions:
             if isinstance(action, argparse._SubParsersAction):
@@ -90,4 +90,4 @@ def number_of(text: str) -> float:
     try:
         return number(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number") from None

@@ -1,4 +1,4 @@
-"""Flags that say how to draw, and what they mean."""
+"""Flags for the look of pictures, read into `output.look.Look`."""
 
 import argparse
 from collections.abc import Callable
@@ -21,7 +21,7 @@ def look_flags(parser: argparse.ArgumentParser) -> None:
     add("--background", metavar="COLOR", help="sky, transparent, or a colour: crimson, #dc143c")
     add("--floor", metavar="KIND", help="checker, plain, shadow (nothing but shadows), none, or a colour")
     add("--light", type=_light, metavar="NAME", help="day, studio, sun or soft; X,Y,Z is the day with light from there")
-    add("--aperture", type=number_of, default=0.0, metavar="M", help="diameter of the lens [m]: blurs what is out of focus")
+    add("--aperture", type=number_of, default=0.0, metavar="M", help="diameter of the lens [m]: blurs cloth out of focus")
     add("--focus", type=number_of, metavar="M", help="distance that is sharp [m]; the middle of the cloth where absent")
     add("--color", action="append", default=[], metavar="[CLOTH=]COLOR", help="of all cloths or of one")
     add("--back", action="append", default=[], metavar="[CLOTH=]COLOR", help="of the other side")
@@ -40,7 +40,7 @@ def look_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def frame_flags(parser: argparse.ArgumentParser) -> None:
-    """Which frames are drawn, and what is written of them besides a picture."""
+    """Flags for the frames that are drawn, and for the passes written beside each picture."""
     add = parser.add_argument
     add("--frames", default="", metavar="FIRST:LAST[:STEP]", help="draw these only, such as 10:60:5 or 0,12,40:50")
     add("--passes", default="", metavar="NAMES", help="also depth, normal, id of each pixel, with commas between")
@@ -69,7 +69,7 @@ def look_of(args: argparse.Namespace) -> dict:
              "bits")
     look = {**{name: getattr(args, name) for name in names}, "shutter": getattr(args, "shutter", 0.0),
             "camera": _cameras(args.camera), "cloths": _cloths(args)}
-    Look(**look)  # what is wrong with it is said before anything runs
+    Look(**look)  # a wrong value is an error before anything runs
     return {**look, "heat": (args.heat, args.range) if args.heat else None}
 
 

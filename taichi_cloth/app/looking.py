@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     if is_pattern(args.file):
         return look_at(args)
     if args.pattern_size is not None:
-        raise OutputError(f"--pattern-size: {args.file} is no sewing pattern")
+        raise OutputError(f"--pattern-size: {args.file} is not a sewing pattern")
     to = checks.maybe(args.to, checks.png, "--to", OutputError)
     clips = [int(name) if checks.is_whole(name) else name for name in args.clip or ()] or None
     with warnings.catch_warnings(record=True) as warned, waiting(f"loading {args.file}"):
@@ -74,8 +74,9 @@ def told(shape, motion) -> list[str]:
                    f"vertex goes {moved:.3g} m from where it starts")
     else:
         out.append("moves   no animation")
-    for k, (name, seconds) in enumerate(motion.clips if motion else ()):
-        out.append(f"clip    {k} {name!r}, {seconds:.4g} s{', read' if k in motion.taken else ''}")
+    for k, clip in enumerate(motion.clips if motion else ()):
+        out.append(f"clip    {k} {clip.name!r}, {clip.frames:,} frames, {clip.seconds:.4g} s"
+                   f"{', read' if k in motion.taken else ''}")
     for name, index in shape.groups.items():
         faces = shape.faces[np.isin(shape.faces, index).all(axis=1)]
         border = int((distinct(face_edges(faces))[1] == 1).sum())

@@ -1,4 +1,4 @@
-"""How far a run is: a bar on a terminal and in a notebook, plain lines elsewhere."""
+"""Progress of a run: a bar on a terminal and in a notebook, plain lines elsewhere."""
 
 import contextlib
 import html
@@ -53,13 +53,16 @@ def _told_of_kernels(building: Callable[[], None]) -> Iterator[None]:
 
 
 class Left:
-    """How long a run goes on, if its frames go on to take as long as so far. The first does not count, nor does what first
-    launches of kernels take; a frame that took most of its time for these says that instead."""
+    """Estimate of a run's remaining time, from its frames so far.
+
+    The first frame does not count, nor does the time of first launches of kernels. A frame that spent most of its time on
+    these is reported as `BUILDING` instead.
+    """
 
     def __init__(self, frames: int) -> None:
         self.frames = frames
         self.first: tuple[int, float] | None = None  # frame, time [s], where counting began
-        self.seen, self.last, self.built = 0, 0.0, 0.0  # calls; time and what kernels had taken at the last of them [s]
+        self.seen, self.last, self.built = 0, 0.0, 0.0  # calls; time, and time spent on kernels, at the last of them [s]
 
     def __call__(self, frame: int) -> str:
         """In words, at the end of a frame; "" where nothing is known."""
@@ -121,8 +124,8 @@ def _line(sim: Simulation, frame: int, frames: int, left: Left) -> None:
 
 
 def _state(sim: Simulation, left: str, room: int = 1000) -> str:
-    """Simulated time, how long it goes on, steps that were tried again, the last one's size and CG iterations; what there is
-    no room for is left out."""
+    """Simulated time, remaining time, repeated steps, size and CG iterations of the last step; as many as there is room
+    for."""
     if not sim.last:
         return BUILDING
     last, rejected = sim.last, sim.tally.rejections.total()

@@ -19,7 +19,7 @@ def add_parsers(commands) -> None:
     render.add_argument("--every", type=int, default=1, metavar="N", help="every Nth frame")
     render.add_argument("--arch", default="cpu", help="cpu, cuda, vulkan or metal")
     render.add_argument("--shutter", type=number_of, default=0.0, metavar="PART",
-                        help="of the time until the next frame that a picture takes, 0 to 1: what moves is blurred")
+                        help="part of the time until the next frame over which a picture is exposed, 0 to 1: blurs motion")
     render.add_argument("--sheet", type=int, default=0, metavar="N", help="also N frames in one picture, sheet.png")
     render.add_argument("--apng", action="store_true", help="also an animated PNG, animation.png")
     render.add_argument("--mp4", action="store_true", help="also film.mp4 (needs the extra `film`)")
@@ -30,10 +30,10 @@ def add_parsers(commands) -> None:
     frame_flags(render)
     _add_compare(commands)
     _add_exports(commands)
-    diff = commands.add_parser("diff", help="what differs between two runs, and where their motion parts")
+    diff = commands.add_parser("diff", help="differences between two runs, and the time at which their motion parts")
     diff.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
     diff.add_argument("--tolerance", type=number_of, default=1e-6, metavar="M", help="RMS distance [m] that counts (1e-6)")
-    why = commands.add_parser("why", help="which steps cost the most, where, and what helps")
+    why = commands.add_parser("why", help="the costliest steps, where they had trouble, and advice")
     why.add_argument("run", help="a run's folder")
     why.add_argument("--steps", type=int, default=10, metavar="N", help="how many of them (10)")
     report = commands.add_parser("report", help="one HTML page about a run")
@@ -44,7 +44,8 @@ def add_parsers(commands) -> None:
 def _add_compare(commands) -> None:
     compare = commands.add_parser("compare", help="two runs side by side, with their difference frame by frame")
     compare.add_argument("runs", nargs=2, metavar="RUN", help="runs' folders")
-    compare.add_argument("--to", metavar="FILE", help="picture (compare.png in the first run's folder)")
+    compare.add_argument("--to", metavar="PATH", help="a folder, the picture's file (.png), or the film's (.mp4, "
+                         ".apng), with the picture beside it (compare.png in the first run's folder)")
     compare.add_argument("--size", type=size_of, default=(480, 360), metavar="WxH", help="of one frame (480x360)")
     compare.add_argument("--frames", type=int, default=5, metavar="N", help="number of frames in a row")
     compare.add_argument("--movie", action="store_true", help="also both side by side as a film, .mp4, or .apng without the "
@@ -99,22 +100,23 @@ def _compare(args: argparse.Namespace) -> int:
     from .. import checks
     from ..errors import OutputError
     from ..output.recording import Recording
-    from ..recording.comparing import Pair, Sides, draw, film
+    from ..recording.comparing import Pair, Sides, draw, files_at, film
 
     _check_to(args)
     checks.integer("--frames", args.frames)
-    to = checks.maybe(args.to, checks.png, "--to", OutputError)
+    to = checks.maybe(args.to, checks.path, "--to", OutputError)
     a, b = map(Recording, args.runs)
+    file, movie = files_at(to, a.path, args.movie)
     pair = Pair(a, b, args.common)
-    file = to or pair.a.path / "compare.png"
     sides, files = Sides(pair, args.size, _look(args, pair.a)), [file]
     draw(pair, sides, file, args.frames)
     print("\n".join(pair.said()))
     if pair.apart is not None:
         files.append(file.with_suffix(".csv"))
         pair.written(files[-1])
-    if args.movie:
-        files.append(film(pair, sides, file, args.size))
+    if movie:
+        film(pair, sides, movie, args.size)
+        files.append(movie)
     print(f"written to {', '.join(map(str, files))}")
     return 0
 
@@ -185,7 +187,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
 
 def _retiming(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--speed", type=number_of, metavar="X", help="seconds of the run in a second of the film: .5 is half "
-                        "as fast; what is between recorded frames is interpolated")
+                        "as fast; between recorded frames motion is interpolated")
     parser.add_argument("--fps", type=number_of, metavar="N", help="frames a second of the film (the run's)")
 
 

@@ -8,7 +8,8 @@ from ..errors import OutputError
 from ..output.folder import RunFolder
 from ..recording.recorded import Recording
 from ..simulation import Simulation
-from .running import RunOptions, run
+from .running import run
+from .runoptions import RunOptions
 from .summary import described
 
 

@@ -9,7 +9,8 @@ from ..output.folder import RunFolder, hash_of_file
 from ..output.recording import Recording
 from ..recording.resuming import kept_from, resume
 from ..simulation import Simulation
-from .running import RunOptions, run
+from .running import run
+from .runoptions import RunOptions
 from .scenefile import SceneFile, plain, said
 from .summary import described
 from .takes import Take, bring
@@ -25,7 +26,7 @@ def simulate(scene_file: SceneFile, options: RunOptions, take: Take | None = Non
         take, parent: how, and from which run, the new run in this folder goes on.
 
     Raises:
-        ClothError: by what went wrong; the frames so far are whole.
+        ClothError: the scene, the options, the run or its folder failed; the frames so far are whole.
     """
     old = parent or (Recording(options.out) if options.resume and options.out else None)
     take = take or Take.of(old, options.from_frame)
@@ -62,7 +63,7 @@ def simulate(scene_file: SceneFile, options: RunOptions, take: Take | None = Non
 
 def _folder(options: RunOptions, take: Take | None, parent: Recording | None, resumed: int | None, manifest: dict
             ) -> RunFolder | None:
-    """Where the run writes, with the frames that a take begins with; the manifest says whose they are."""
+    """The folder of the run, with the frames that a take begins with; the manifest names their run."""
     if options.out is None:
         return None
     instead = "`taichi-cloth run` of its scene goes on with it, with --resume" if parent else INSTEAD

@@ -1,11 +1,10 @@
-"""A run: simulate, draw, keep every frame in a folder, show how far it is. For the command and for `tc.record`."""
+"""A run: simulates, draws, keeps every frame in a folder, shows its progress. For the command and for `tc.record`."""
 
 import contextlib
-import functools
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 
 import numpy as np
 
@@ -18,70 +17,27 @@ from ..simulation import Simulation
 from ..step.stepper import StepRecord
 from .interrupts import after_this_frame
 from .progress import progress
+from .runoptions import RunOptions
 from .summary import summary
 
 Change = tuple[int, Callable[[Simulation], Simulation]]
-
-
-@dataclass(frozen=True)
-class RunOptions:
-    """What the command line asks for.
-
-    Attributes:
-        out: folder, or None to write nothing.
-        size: of the pictures [pixels], or None for no pictures.
-        simulation: arguments of `Simulation`.
-        settings: options of the scene's build.
-        look: as `look_flags.look_of` gives it.
-        pictures: which frames are drawn, as `drawing.numbers_in` reads it; "" is all.
-        passes: as `look_flags.passes_of` gives it.
-        checkpoint_every: frames; 0 writes none.
-        frames: whether positions are kept, for rendering again and for export.
-        resume: goes on with the run in `out`; from its last whole checkpoint, or from that of frame `from_frame` or the
-            last one before it.
-        force: goes on though the scene or its parameters have changed.
-    """
-
-    out: str | None
-    duration: float
-    fps: float
-    size: tuple[int, int] | None = None
-    overwrite: bool = False
-    settings: dict = field(default_factory=dict)
-    simulation: dict = field(default_factory=dict)
-    look: dict = field(default_factory=dict)
-    pictures: str = ""
-    passes: tuple[tuple[str, ...], str] = ((), "npy")
-    checkpoint_every: int = 10
-    frames: bool = True
-    resume: bool = False
-    from_frame: int | None = None
-    force: bool = False
-
-    @functools.cached_property
-    def drawn(self) -> set[int]:
-        """Numbers of the frames that are drawn."""
-        from ..recording.drawing import numbers_in
-
-        there = range(round(self.duration * self.fps) + 1)
-        return set(numbers_in(self.pictures, there) if self.pictures else there)
 
 
 def run(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest: dict,
         on_frame: Callable[[Simulation, int], None] | None = None, resumed: int | None = None, first: int | None = 0,
         began: float | None = None, said: Callable[[Exception], str] | None = None,
         before: Sequence[StepRecord] | None = None, changes: Iterable[Change] = ()) -> Simulation:
-    """Runs a simulation and keeps its frames; whatever ends it, they are whole and the manifest says what it was.
+    """Runs a simulation and keeps its frames. However it ends, they are whole and the manifest names the cause.
 
     Returns the simulation, or the last that took its place.
 
     Args:
         folder: to be closed at the end; None keeps nothing.
         on_frame: the user's, called before a frame is kept.
-        resumed: as in `Simulation.run`; first: frame that the folder has, None where it keeps none.
-        began: when it did, by `time.perf_counter`; now where None.
+        resumed: as in `Simulation.run`; first: frame that the folder has, None if it keeps none.
+        began: when it did, by `time.perf_counter`; now if None.
         said: an exception of the user's code in words.
-        before: steps that were made before; those of the log where None.
+        before: steps that were made before; those of the log if None.
         changes: by frame, functions of the simulation that return another, which goes on from there.
     """
     frames = max(1, round(options.duration * options.fps))
@@ -113,7 +69,7 @@ def run(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest
 def _kept(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest: dict, resumed: int | None,
           first: int | None, began: float, said: Callable[[Exception], str], before: Sequence[StepRecord]
           ) -> Iterator["Writer | None"]:
-    """What keeps frames; the folder's manifest says what becomes of the run."""
+    """The writer of frames; the folder's manifest gets the outcome of the run."""
     if folder is None:
         yield None
         return
@@ -145,10 +101,10 @@ def _said(error: Exception) -> str:
 
 
 class Writer:
-    """Writes what a run leaves behind, frame by frame, and keeps count of what that costs.
+    """Writes a run's frames, pictures, telemetry and checkpoints, and counts the time that this takes.
 
     Attributes:
-        seconds: wall time by what was done: draw, write.
+        seconds: wall time of drawing and of writing.
     """
 
     def __init__(self, folder: RunFolder, sim: Simulation, options: RunOptions, resumed: int | None, first: int | None,
@@ -242,7 +198,7 @@ class Writer:
 
 
 def _artist(geometry: dict[str, np.ndarray], options: RunOptions, scene: Scene):
-    """What draws the run's frames."""
+    """The artist of the run's frames."""
     from ..output.look import Look
     from ..output.picture import Artist
     from ..recording.expected import expected
@@ -258,7 +214,7 @@ def _artist(geometry: dict[str, np.ndarray], options: RunOptions, scene: Scene):
 
 
 def _framing(artist):
-    """What counts the pictures that cut cloth off."""
+    """The counter of pictures that cut cloth off."""
     from ..recording.drawing import Framing
 
     return Framing(artist)

@@ -1,8 +1,12 @@
 """Scene files: Python modules with build(...) and check(sim), found by path or by name.
 
-A scene file has a docstring whose first line says what it shows, `build(**options) -> Scene`, and may have
-`check(sim)`, which yields (sentence, passed) pairs, `metrics(sim)`, figures by name for `sweep`, `RUN`, defaults for the run
-(duration, fps, h, ...), `SMALL`, options that make it quick, and `RANGES`, (low, high) of options' sliders by name for `view`.
+A scene file has a docstring, whose first line is the scene's summary, and `build(**options) -> Scene`. It may have
+
+- `check(sim)`: yields (sentence, passed) pairs;
+- `metrics(sim)`: figures by name, for `sweep`;
+- `RUN`: defaults for the run (duration, fps, h, ...);
+- `SMALL`: options that make it quick;
+- `RANGES`: (low, high) of options' sliders by name, for `view`.
 """
 
 import importlib.util
@@ -23,7 +27,7 @@ if TYPE_CHECKING:
     from ..scene.scene import Scene
 
 OWN = pathlib.Path("scenes")  # where scenes of one's own are looked for by name
-EVERY = ("fabric", "wind")  # options that every scene has: what is said of them is done to the scene that was built
+EVERY = ("fabric", "wind")  # options that every scene has; they change the scene after it was built
 
 
 @dataclass(frozen=True)
@@ -72,7 +76,7 @@ class SceneFile:
         return self._told(scene, **said_of_all)
 
     def _told(self, scene: "Scene", fabric: Any = None, wind: Any = None) -> "Scene":
-        """A scene with what can be said of every one: the fabric of all its cloths, and a wind, in air as plates feel it."""
+        """The scene with the options of every scene: a fabric for all its cloths, and a wind, in air as plates feel it."""
         from ..scene.air import Air
         from ..scene.winds import DRAG, LIFT
 
@@ -98,7 +102,7 @@ class SceneFile:
         return left | self.typed(settings)
 
     def changed(self, recorded: dict[str, object]) -> dict[str, object]:
-        """The settings of a manifest that are not what the scene leaves them at."""
+        """The settings of a manifest that differ from the scene's defaults."""
         left = {name: plain(value) for name, value in self.settings({}).items()}
         return {name: value for name, value in recorded.items() if name not in left or value != left[name]}
 
@@ -122,7 +126,7 @@ class SceneFile:
 
 
 def said(error: Exception, file: str) -> str:
-    """An exception of a scene's own code in one line: what, and where in the scene's file."""
+    """An exception of a scene's own code in one line: type, message, and line of the scene's file."""
     places = traceback.extract_tb(error.__traceback__)
     where = next((p for p in reversed(places) if p.filename == file), None)
     if where is None and places[-1].filename == __file__:
@@ -178,7 +182,7 @@ def number(text: str, kind: type = float):
 
 
 def numbers(text: str, count: int) -> tuple[float, ...]:
-    """So many finite numbers from text such as "0,-.1,1e-2".
+    """Finite numbers, `count` of them, from text such as "0,-.1,1e-2".
 
     Raises:
         ValueError: they are not.
@@ -190,7 +194,7 @@ def numbers(text: str, count: int) -> tuple[float, ...]:
 
 
 def folders() -> list[pathlib.Path]:
-    """Where scenes are looked for by name: ./scenes, those of the checkout, those of the installed package."""
+    """Folders of scenes, in the order of search: ./scenes, the checkout's, the installed package's."""
     here = pathlib.Path(__file__).parents[1]
     places = [OWN, here.parent / "scenes", here / "bundled_scenes"]
     return [p for p in places if p.is_dir()]
@@ -209,11 +213,26 @@ def available() -> dict[str, pathlib.Path]:
 
 
 def own(scene: str) -> str:
-    """Which file a scene's name stands for, where it is one of the user's in ./scenes; "" for others, and for paths."""
+    """The file of a scene's name if it is one of the user's in ./scenes; "" for others, and for paths."""
     path, package = available().get(scene), [p for p in folders() if p != OWN]
     if pathlib.Path(scene).is_file() or path is None or path.parent != OWN or OWN.resolve() in (p.resolve() for p in package):
         return ""
     return str(path) + next((f", not {p / path.name}" for p in package if (p / path.name).is_file()), "")
+
+
+def path_of(scene: str) -> pathlib.Path:
+    """A scene's file, from its path or name.
+
+    Raises:
+        SceneError: there is none.
+    """
+    path = pathlib.Path(scene)
+    if not path.is_file():
+        known = available()
+        if scene not in known:
+            raise SceneError(f"no scene file {scene!r}{near(path) or '; ' + did_you_mean(path.stem, known)}")
+        path = known[scene]
+    return path
 
 
 def read(scene: str) -> SceneFile:
@@ -222,15 +241,10 @@ def read(scene: str) -> SceneFile:
     Raises:
         SceneError: there is none, or it does not run.
     """
-    path = pathlib.Path(scene)
-    if not path.is_file():
-        known = available()
-        if scene not in known:
-            raise SceneError(f"no scene file {scene!r}{near(path) or '; ' + did_you_mean(path.stem, known)}")
-        path = known[scene]
+    path = path_of(scene)
     spec = importlib.util.spec_from_file_location(f"scene_{path.stem}", path)
     if spec is None or spec.loader is None:
-        raise SceneError(f"{path} is no Python file")
+        raise SceneError(f"{path} is not a Python file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     if (folder := str(path.parent.resolve())) not in sys.path:
@@ -285,7 +299,7 @@ def run_check(scene: SceneFile, sim) -> Iterable[tuple[str, bool]]:
             count += 1
             yield sentence, bool(good)
         if not count:
-            raise TypeError("it yielded nothing: yield a sentence and True or False for what is checked")
+            raise TypeError("it yielded nothing: yield a sentence and True or False for each check")
     except ClothError:
         raise
     except Exception as error:

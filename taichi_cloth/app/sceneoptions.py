@@ -28,7 +28,7 @@ def meanings(build: Callable) -> dict[str, str]:
 
 
 def meanings_in(scene: SceneFile) -> dict[str, str]:
-    """By name, what each option of a scene is; those of every scene are among them."""
+    """By name the meaning of each option of a scene, those of every scene included."""
     return OF_ALL | meanings(scene.build)
 
 

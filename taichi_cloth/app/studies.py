@@ -1,4 +1,4 @@
-"""Commands that hold a scene against what is right: study and verify."""
+"""Commands that compare a scene with exact solutions and identities: study and verify."""
 
 import argparse
 import pathlib
@@ -22,7 +22,7 @@ def add_parsers(commands) -> None:
     study.add_argument("--tolerances", default="1e-2,1e-3", metavar="M,M", help="errors asked for [m]; empty for none")
     study.add_argument("--cg-tols", dest="cg_tols", default="", metavar="X,X", help="relative residuals; each method's own")
     study.add_argument("--substeps", default="1,3", metavar="X,X",
-                       help="substeps of verlet, in stable ones; above 1 it softens what is too stiff (1,3)")
+                       help="substeps of verlet, in stable ones; above 1 it softens triangles that are too stiff (1,3)")
     study.add_argument("--precision", default="f64", metavar="A,B", help="f64, f32 or both")
     study.add_argument("--arch", default="cpu", metavar="A,B", help="such as cpu,cuda")
     study.add_argument("--reference-h", dest="reference_h", type=number_of, default=1 / 1000, metavar="S",

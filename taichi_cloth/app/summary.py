@@ -1,4 +1,4 @@
-"""A run in numbers: what its manifest says of it, and the lines that the command ends with."""
+"""A run in numbers: the summary in its manifest, and the lines that the command ends with."""
 
 import datetime
 import platform
@@ -27,7 +27,7 @@ def summary(sim: Simulation) -> dict:
 
 
 def _seams(sim: Simulation) -> str:
-    """What is not sewn together yet, or no longer."""
+    """A line on seams that are open, not yet closed or torn apart; "" without seams."""
     seams = sim.scene.seams
     sewn = [k for k, seam in enumerate(seams) if not seam.tears]
     if not sewn:
@@ -48,7 +48,7 @@ def _seams(sim: Simulation) -> str:
 
 
 def _tears(sim: Simulation) -> str:
-    """How much of what may tear has."""
+    """A line on edges that are torn or cut; "" if none may be."""
     edges = [(seam.cloth.split.edge, opened)  # type: ignore[union-attr]
              for seam, opened in zip(sim.scene.seams, sim.stitches_open()) if seam.tears]
     torn, all_of = (sum(len(np.unique(e)) for e in part) for part in ([e[o] for e, o in edges], [e for e, _ in edges]))
@@ -71,7 +71,7 @@ def _doubt(sim: Simulation) -> str:
 
 
 def describe(sim: Simulation, wall: float, start: float = 0.0) -> str:
-    """The closing lines of a run: how complex it was, how often it went wrong, what it cost.
+    """The closing lines of a run: size of the model, trouble, energy and cost.
 
     Args:
         wall: time that it took [s]; start: simulated time from which on it did, where a run was gone on with.
@@ -100,7 +100,7 @@ def describe(sim: Simulation, wall: float, start: float = 0.0) -> str:
 
 
 def _energy(total: dict[str, float]) -> str:
-    """What put energy in, what took it, and what is unaccounted for, in a sentence."""
+    """Energy put in, taken out and unaccounted for [J], in a sentence."""
     given = [f.name for f in fields(Work)] + ["wind", "edited"]
     taken = ("damping", "plastic", "torn", "method")
     terms = (f"{name} {-value if name in taken else value:+.3g}" for name, value in total.items()
@@ -110,7 +110,7 @@ def _energy(total: dict[str, float]) -> str:
 
 
 def described(sim: Simulation, duration: float, fps: float, size: tuple[int, int] | None) -> dict:
-    """What a manifest says of a run whatever its scene comes from."""
+    """The part of a manifest that does not depend on the origin of its scene."""
     return {
         "taichi_cloth": __version__, "python": platform.python_version(), "numpy": np.__version__,
         "machine": f"{platform.system()} {platform.machine()}",

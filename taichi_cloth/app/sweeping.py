@@ -67,7 +67,7 @@ def add_parser(commands, simulation_flags) -> None:
     parser = commands.add_parser("sweep", help="a scene with every combination of some options: a table and a page")
     add = parser.add_argument
     add("scene", help="a scene file or name; figures of its metrics(sim) become columns")
-    add("--out", required=True, metavar="DIR", help="folder for sweep.csv, sweep.html and runs/; what is done there is kept")
+    add("--out", required=True, metavar="DIR", help="folder for sweep.csv, sweep.html and runs/; runs that are there are kept")
     add("--seeds", metavar="N", help="N seeds from 0 on, or FROM:TO, for the scene's option seed")
     add("--workers", type=int, metavar="N", help="processes; one a core (GPU) where not given; 0: one run after the other")
     add("--scheduler", metavar="ADDRESS", help="of a Dask scheduler that runs, such as tcp://host:8786")

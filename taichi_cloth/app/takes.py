@@ -1,7 +1,7 @@
 """A take: a recorded run that goes on from one of its frames in a folder of its own, with other options, blended in.
 
 The frames up to there are the run's, by hard links where the file system has them. From then on every frame of the blend has
-a scene of its own, from options between the old ones and the new, and goes on from the state at the end of the one before.
+a scene of its own, with options between the old ones and the new. It goes on from the state at the end of the frame before.
 """
 
 import os
@@ -25,7 +25,7 @@ from .scenefile import SceneFile
 
 @dataclass(frozen=True)
 class Take:
-    """What a take's manifest says of where it comes from.
+    """Origin of a take, as its manifest keeps it.
 
     Attributes:
         parent: folder of the run that it goes on from, as seen from the take's own.
@@ -45,7 +45,7 @@ class Take:
 
     @classmethod
     def of(cls, old: Recording | None, from_frame: int | None) -> "Take | None":
-        """That of a run that is gone on with; None where it is none, or goes on from before the options were all new."""
+        """The take of a resumed run; None if the run is no take, or is resumed before all options were new."""
         said = None if old is None else old.manifest.get("take")
         if not said:
             return None
@@ -53,7 +53,7 @@ class Take:
         return take if from_frame is None or from_frame >= take.frame + take.blend else None
 
     def share(self, frame: int) -> float:
-        """Of the change, from a frame to the next."""
+        """Part of the change that is reached from a frame to the next, 0 to 1."""
         return min(max((frame - self.frame + 1) / max(self.blend, 1), 0.0), 1.0)
 
     def scene(self, scene_file: SceneFile, settings: dict[str, object], frame: int) -> Scene:
@@ -68,7 +68,7 @@ class Take:
 
     def changes(self, scene_file: SceneFile, settings: dict[str, object], simulation: dict[str, Any], resumed: int
                 ) -> list[Change]:
-        """The frames from `resumed` on from which the scene is another, with what goes on there; none where it stays."""
+        """The frames from `resumed` on at which the scene changes, each with the function that makes the next simulation."""
         frames = range(max(self.frame, resumed + 1), self.frame + max(self.blend, 1))
         if not frames or scene_file.settings(settings) == scene_file.settings(self.was):
             return []

@@ -23,7 +23,7 @@ def add_parser(commands) -> None:
         help="an option of the scene that changes; fabric=NAME and wind=WORD go for every scene")
     add("--blend", type=int, default=0, metavar="FRAMES", help="over which options become the new ones (0: at once)")
     add("--duration", type=number_of, metavar="S", help="simulated time from the run's start on [s] (the run's)")
-    add("--scene", metavar="FILE", help="the scene's file, where it is no longer where the run had it")
+    add("--scene", metavar="FILE", help="the scene's file, if it was moved since the run")
     add("--checkpoint-every", type=int, default=10, metavar="N", help="frames (10); 0 writes no checkpoints")
 
 
@@ -33,7 +33,7 @@ def run(args: argparse.Namespace) -> int:
     from ..output.folder import hash_of_file
     from ..output.recording import Recording
     from .runner import simulate
-    from .running import RunOptions
+    from .runoptions import RunOptions
     from .scenefile import settings_of
     from .summary import describe
     from .takes import Take
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     out = _out(args.name, parent.path)
     _check_blended(parent, args.from_frame)
     if hash_of_file(scene.path) != parent.manifest.get("source"):
-        print(f"note: {scene.path} is not what it was when {parent.path} was run", file=sys.stderr)
+        print(f"note: {scene.path} was changed since {parent.path} was run", file=sys.stderr)
     options = RunOptions(str(out), duration, parent.fps, settings=settings, simulation=_simulation(parent),
                          checkpoint_every=args.checkpoint_every, resume=True, from_frame=args.from_frame)
     take = Take(os.path.relpath(parent.path, out), str(parent.manifest.get("started", "")), args.from_frame, blend, was)
@@ -67,7 +67,7 @@ def _scene(args: argparse.Namespace, parent):
 
     path = parent.manifest.get("path")
     if not path:
-        raise OutputError(f"{parent.path} was recorded from Python, and no file says what its scene is: make the simulation "
+        raise OutputError(f"{parent.path} was recorded from Python, and no file has its scene: make the simulation "
                           "again, sim.resume(...), and tc.record(sim, ...)")
     there = args.scene or (path if pathlib.Path(path).is_file() else str(parent.manifest.get("scene")))
     if not args.scene and not pathlib.Path(there).is_file() and there not in scenefile.available():

@@ -4,7 +4,8 @@ import argparse
 from collections.abc import Callable
 from dataclasses import replace
 
-from .scenefile import EVERY, SceneFile
+from .runoptions import RunOptions
+from .scenefile import EVERY, SceneFile, path_of
 
 
 def add_parser(commands, simulation_flags: Callable[[argparse.ArgumentParser], None]) -> None:
@@ -20,23 +21,30 @@ def add_parser(commands, simulation_flags: Callable[[argparse.ArgumentParser], N
     simulation_flags(parser)
 
 
-def run(args: argparse.Namespace, scene: SceneFile, settings: dict[str, str], simulation: dict) -> int:
-    """Shows; returns the exit code.
+def run(args: argparse.Namespace, read: Callable[[], SceneFile], options_of: Callable) -> int:
+    """Shows; returns the exit code. The page starts before the scene file is run, which imports Taichi.
 
     Args:
-        settings: of the scene, as `--set` gives them; simulation: arguments of `Simulation`.
+        read: gives the scene file; options_of: takes the flags and it, and gives `RunOptions`.
     """
+    from ..live.view import serve
+
+    title = path_of(args.scene).stem
+    serve(lambda: _source(args, scene := read(), options_of(args, scene)), title, args.host, args.port, not args.no_open,
+          not args.paused, lambda line: print(line, flush=True))
+    return 0
+
+
+def _source(args: argparse.Namespace, scene: SceneFile, options: RunOptions):
+    """Of the scene with any of its parameters."""
     from ..live.parameters import Parameter, parameters
-    from ..live.view import Made, serve
+    from ..live.view import Made
     from ..options import Options
     from .sceneoptions import meanings_in
 
-    given = scene.typed({**(scene.small if args.small else {}), **settings})
+    given = scene.typed({**(scene.small if args.small else {}), **options.settings})
     said = meanings_in(scene)
     shown = [*parameters(scene.options, scene.ranges, given), *(Parameter(name, str(given.get(name, ""))) for name in EVERY
                                                                if name not in scene.options)]
-    source = Made(lambda changed: scene.make({**given, **changed}), Options.named(simulation),
-                  tuple(replace(p, meaning=said.get(p.name, "")) for p in shown))
-    serve(source, scene.name, args.host, args.port, not args.no_open, not args.paused,
-          lambda line: print(line, flush=True))
-    return 0
+    return Made(lambda changed: scene.make({**given, **changed}), Options.named(options.simulation),
+                tuple(replace(p, meaning=said.get(p.name, "")) for p in shown))

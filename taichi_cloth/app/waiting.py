@@ -1,4 +1,4 @@
-"""A word on what takes long before there is anything to show: on stderr, and only where it does."""
+"""A message on stderr about long work before the first frame, if it does take long."""
 
 import contextlib
 import sys
@@ -10,7 +10,7 @@ PATIENCE = 1.0  # s
 
 @contextlib.contextmanager
 def waiting(what: str) -> Iterator[None]:
-    """Says what goes on, if it goes on for longer than `PATIENCE`."""
+    """Prints `what`, the name of the work, if it takes longer than `PATIENCE`."""
     timer = threading.Timer(PATIENCE, lambda: print(f"{what} ...", file=sys.stderr, flush=True))
     timer.daemon = True
     timer.start()

@@ -1,9 +1,9 @@
-"""Loops of which some parts cost far more than others, in pieces that threads take one after the other.
+"""Dynamic scheduling of loops with costly parts: threads take pieces one after the other.
 
-Taichi gives each CPU thread of a loop a run of its iterations beforehand, all of the first half to one of two. Where the
-costly ones are at one end, or a thread starts late or is put aside, the other waits: sums over the nodes of all levels took
-as long on two threads as on one. Here a thread that is done with a piece takes the next. Which thread works on a piece makes
-no difference to the result.
+Taichi gives each CPU thread of a loop a run of its iterations beforehand, all of the first half to one of two. If the
+costly ones are at one end, or a thread starts late or is put aside, the other waits. Sums over the nodes of all levels then
+took as long on two threads as on one. Here a thread that is done with a piece takes the next. The result does not depend on
+the thread that works on a piece.
 
     dealer.begin()
     for t in range(dealer.tasks):
@@ -38,12 +38,12 @@ class Dealer:
 
     @ti.func
     def begin(self):
-        """Of a loop."""
+        """Begins a loop: no piece is taken yet."""
         self.taken[0] = 0
 
     @ti.func
     def next(self):
-        """A piece that nobody has taken; beyond the last where there is none."""
+        """A piece that nobody has taken; beyond the last if there is none."""
         return ti.atomic_add(self.taken[0], 1)
 
     @ti.func
@@ -73,13 +73,13 @@ class Lists:
         self.arrays: list[np.ndarray] = [np.zeros((*shape, width), dtype=kind) for width, kind in self._kinds]
 
     def grow(self) -> bool:
-        """Makes room for entries that did not fit; False where all did."""
+        """Makes room for entries that did not fit; False if all did."""
         most, room = int(self.count.max(initial=0)), self.arrays[0].shape[1]
         if most > room:
             self._make(int(GROWTH * most))
         return most > room
 
     def joined(self) -> list[np.ndarray]:
-        """The columns of all pieces, one after the other."""
+        """The columns of all pieces, one after the other: arrays (rows,) or (rows, k)."""
         count = self.count.tolist()
         return [np.concatenate([rows[:k] for rows, k in zip(array, count)]) for array in self.arrays]

@@ -1,8 +1,8 @@
-"""Fields that closed simulations leave for the next, so that kernels need not be compiled again.
+"""A pool of fields: closed simulations leave them for the next, so that kernels need not be compiled again.
 
 Taichi compiles a kernel for the fields it reads, by identity. A field is known by where it was declared (the lines of code
 that led there, and how often they did before), by its type, its width and its room. A new simulation gets for each field the
-one that was declared alike before, and a new one where there is none. So it compiles only kernels of fields that no other had.
+one that was declared alike before, and a new one if there is none. It then compiles only kernels of fields that no other had.
 
 Simulations that are open at a time share their fields, each with numbers of its own: those of one of them lie in the fields,
 those of the others are swapped out to arrays. A launch, or a look at a field's memory, swaps in the numbers of the simulation
@@ -43,7 +43,7 @@ class Slot:
     Attributes:
         key: the declaration that it is known by.
         shares: of simulations, each for one at a time; the first has the field as it was declared.
-        holder: the share whose numbers lie in the field; None where nobody needs them.
+        holder: the share whose numbers lie in the field; None if nobody needs them.
         tree: in which it was allocated.
     """
 
@@ -101,7 +101,7 @@ class Share:
         return self.slot.numbers
 
     def swap_in(self) -> None:
-        """Its numbers lie in the slot from now on; those of the holder are copied out. Of either, the rows that are used."""
+        """Puts its numbers into the slot from now on; those of the holder are copied out. Only used rows are copied."""
         holder, numbers = self.slot.holder, self.slot.numbers
         lease = None if holder is None else holder.lease
         if holder is not None and lease is not None:
@@ -137,7 +137,7 @@ class Tree:
 
     @property
     def address(self) -> int:
-        """Of its first byte."""
+        """Address of its first byte."""
         if not self._address:
             self._address = int(_address(_scalar(self.slots[0].field)))
         return self._address
@@ -258,5 +258,5 @@ def _scalar(of):
 
 @ti.kernel
 def _address(first: ti.template()) -> ti.u64:
-    """Of the first row of a field, which is that of its tree where it was declared first."""
+    """Address of the first row of a field; the same as that of its tree if it was declared first."""
     return get_addr(first, [0])

@@ -20,7 +20,7 @@ CHUNK = 1 << 22  # numbers that are handed to a kernel at once
 
 @dataclass
 class Filled:
-    """A field of rows and what they are filled with, (n, width)."""
+    """A field of rows and the values (n, width) that fill them."""
 
     field: object
     width: int
@@ -58,14 +58,14 @@ class Fields:
         return out
 
     def real(self, n: int, width: int = 1, data: np.ndarray | None = None, dtype=float):
-        """A field of n numbers, or of n vectors of `width` numbers; filled with `data` at `allocate`."""
+        """A field of n numbers, or of n vectors of `width` numbers; filled with `data` (n,) or (n, width) at `allocate`."""
         return self._declare(n, width, dtype, data, self._reals)
 
     def integer(self, n: int, width: int = 1, data: np.ndarray | None = None):
-        """The same for 32-bit integers."""
+        """A field like that of `real`, of 32-bit integers."""
         return self._declare(n, width, ti.i32, data, self._integers)
 
-    def aside(self, n: int, width: int):
+    def scratch(self, n: int, width: int):
         """A field of n rows in a tree of its own: the compiler sees that writes to it change nothing else."""
 
         def make():
@@ -75,7 +75,7 @@ class Fields:
             return field
 
         alone: list = []
-        field = self._next(n, ("aside", width), make)
+        field = self._next(n, ("scratch", width), make)
         if alone:
             self._lease.planted(alone[0], alone=True)
         return field

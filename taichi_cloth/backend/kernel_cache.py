@@ -13,7 +13,7 @@ VARIABLE = "TI_OFFLINE_CACHE_FILE_PATH"  # of the environment: another folder th
 def options(keep: bool) -> dict[str, Any]:
     """Arguments of `ti.init` on the cache of kernels.
 
-    Taichi makes the folder even if it keeps nothing (`keep` False). Where it cannot, it fails at its second start, or as the
+    Taichi makes the folder even if it keeps nothing (`keep` False). If it cannot, it fails at its second start, or as the
     process ends: then it gets another folder.
     """
     from taichi.lang import impl
@@ -25,7 +25,7 @@ def options(keep: bool) -> dict[str, Any]:
 
 @functools.cache
 def _writable(folder: str) -> bool:
-    """Whether files can be made in a folder, which is made where it is not there; says so once where not."""
+    """Whether files can be made in a folder, which is made if it is not there; says so once where not."""
     try:
         os.makedirs(folder, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

@@ -1,9 +1,9 @@
 """Launches of this package's kernels without Taichi's look-ups at each of them.
 
-Which compiled kernel suits the arguments, and how each is handed over, is the same from launch to launch: a launch of three
-arrays takes 50 us by Taichi's own way, most of it in Python, and 20 by this. Arguments that are not plain (a matrix, an array
-that is not contiguous, a number of the wrong kind) goes Taichi's way, and so does everything where it differentiates or checks
-bounds.
+The compiled kernel that suits the arguments, and the way to hand each over, are the same from launch to launch. A launch of
+three arrays takes 50 us by Taichi's own way, most of it in Python, and 20 by this. Arguments that are not plain (a matrix, an
+array that is not contiguous, a number of the wrong kind) go Taichi's way, and so does everything while Taichi differentiates
+or checks bounds.
 """
 
 import time
@@ -84,7 +84,7 @@ class Launcher:
         return out[0] if len(out) == 1 else out
 
     def _features(self, args: tuple) -> tuple | None:
-        """The key that decides which compiled kernel it is; None where an argument is not plain."""
+        """The key that decides which compiled kernel it is; None if an argument is not plain."""
         extract, arguments = self.kernel.mapper.extract_arg, self.kernel.arguments
         out = [extract(args[k], arguments[k].annotation, arguments[k].name) for k in self._templates]
         for k, _, kind in self._handed:
@@ -114,7 +114,7 @@ class Launcher:
 
 
 def _kind(annotation) -> str:
-    """How an argument is handed over; "" where that is not plain."""
+    """How an argument is handed over; "" if that is not plain."""
     if isinstance(annotation, ndarray_type.NdarrayType):
         return "array" if annotation.dtype is None or id(annotation.dtype) in primitive_types.type_ids else ""
     if id(annotation) in primitive_types.real_type_ids:

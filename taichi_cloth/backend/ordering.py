@@ -41,8 +41,13 @@ def cuthill_mckee(n: int, faces: np.ndarray) -> np.ndarray:
 
 
 def by_slabs(order: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """An order of vertices (n,) changed to go from slab to slab, of SLAB vertices, across the longest side of where they are,
-    (n, 3): layers that lie on each other are in one block then. Within a slab it stays as it was."""
+    """An order of vertices (n,) changed to go from slab to slab of SLAB vertices, along the longest side of their box.
+
+    Layers that lie on each other are in one block then. Within a slab the order stays as it was.
+
+    Args:
+        points: (n, 3) of the vertices.
+    """
     along = points[:, np.argmax(np.ptp(points, axis=0))]
     slab = np.empty(len(order), dtype=np.int64)
     slab[np.argsort(along, kind="stable")] = np.arange(len(order)) // SLAB

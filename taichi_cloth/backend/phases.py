@@ -1,11 +1,11 @@
-"""CPU threads that go through the phases of an algorithm together, inside one kernel.
+"""Phases of a parallel algorithm inside one kernel: CPU threads go through them together.
 
 A launch costs some 75 us and a hand-over to other threads 45 us, a phase here .2 us. In each phase every block of rows is
 claimed once and worked on; whoever ends the last one decides on the next phase. Threads spin while they wait, and after a
 while take over blocks that nobody has claimed: a thread that the system has put aside between two blocks holds nobody up.
-Where all blocks are claimed and one is not done for long, its thread was put aside within it, for another program's sake: then
-one that waits leaves for good, so that the late one has a core, and the others do its blocks.
-Which thread works on a block makes no difference to the result.
+If all blocks are claimed and one is not done for long, the system has taken the core of its thread for another program. Then a
+thread that waits leaves for good, so that the late one has a core, and the others do its blocks.
+The result does not depend on the thread that works on a block.
 
     phases.start(FIRST)  # in a loop of its own before
     for t in range(phases.tasks):
@@ -18,7 +18,7 @@ Which thread works on a block makes no difference to the result.
                     if block >= 0:
                         ...  # the block's part of this kind of phase
                         if phases.last(phase):
-                            phases.turn(...)  # what comes next
+                            phases.turn(...)  # the next phase
 """
 
 import numpy as np
@@ -66,7 +66,7 @@ class PhaseScheduler:
 
     @ti.func
     def kind(self, waited):
-        """Of the phase that goes on; `END` for a thread that is to leave, having waited for so many looks."""
+        """Kind of the current phase; `END` for a thread that has to leave, after `waited` looks without work."""
         kind = ti.atomic_add(self.shared[APART], 0)
         if waited > LEAVES:  # all blocks are claimed, so somebody is at work
             left = ti.atomic_add(self.shared[3 * APART], 0)
@@ -77,7 +77,7 @@ class PhaseScheduler:
 
     @ti.func
     def claim(self, own, phase, waited):
-        """(block to work on or -1, looks since this thread had one; -1 where it takes blocks at once that others leave)."""
+        """(block to work on or -1, looks since this thread had one; -1 if it takes blocks at once that others leave)."""
         block, helps = -1, waited < 0
         if ti.atomic_max(self.claimed[own * APART], phase + 1) <= phase:
             block, waited = own, ti.min(waited, 0)

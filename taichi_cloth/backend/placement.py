@@ -1,9 +1,9 @@
-"""Taichi's CPU threads on cores of their own, while no other program wants these. Linux only.
+"""Binding of Taichi's CPU threads to cores of their own, while no other program wants these. Linux only.
 
-The system likes to wake threads where they were last, or where the one that wakes them is: two of them often share a core
-while another is idle, for the milliseconds that most kernels take, and so do no more than one. So each is bound to a core.
-But a bound thread cannot leave a core that another program keeps busy, and all wait for it. So how long threads wait for
-their cores is looked at now and then; where that is much they are let go, and bound again after a while, for a try.
+The system likes to wake a thread on its last core, or on that of the thread that wakes it. Two threads then often share a core
+while another is idle, for the milliseconds that most kernels take, and do no more than one would. Each is therefore bound to a
+core. But a bound thread cannot leave a core that another program keeps busy, and all wait for it. The time that threads wait
+for their cores is therefore measured now and then. If it is long they are let go, and bound again after a while, for a try.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""How many CPU cores a process may use: those that it may run on, and its container's share of their time."""
+"""Number of CPU cores that a process may use: those that it may run on, and its container's share of their time."""
 
 import math
 import os

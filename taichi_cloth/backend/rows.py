@@ -1,4 +1,4 @@
-"""Rows of fields: how many they have room for, and numpy arrays of those that are used.
+"""Rows of fields: those that are used, and numpy arrays of them.
 
 On the CPU arrays come straight from memory: a copy of 10,000 rows takes 5 us, with a kernel's launch it took .15 ms.
 """

@@ -70,10 +70,9 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
           debug: bool = False) -> Runtime:
     """Starts Taichi, or goes on with it where the same is running already and something still holds fields.
 
-    A start with other settings ends the simulations made before it; they say so when used. Where nothing holds fields
-    any more, nor the pool has any, Taichi starts anew: it numbers fields afresh, and so finds in its cache the kernels that it
-        compiled
-    for the same ones.
+    A start with other settings ends the simulations made before it; they say so when used. If no simulation
+    and no pool holds fields any more, Taichi starts anew: it numbers fields afresh, and finds the kernels of the same fields
+    in its cache.
 
     Args:
         threads: CPU threads; None takes all that the process may use.

@@ -2,7 +2,7 @@
 
 Taichi compiles a kernel of a class again for each instance. The result is decided by the values that the kernel reads of its
 arguments while it is compiled: fields, numbers, functions. Each read is written down as a path from the argument
-(`self.blocks.count` is 2). An object of which all of them read the same gets the kernel that was compiled then. Where one
+(`self.blocks.count` is 2). An object of which all of them read the same gets the kernel that was compiled then. If it
 reads a value that cannot be written so, such as a numpy array, it is compiled for each object as before.
 
 Only the package's kernels are shared. Another simulation has the same fields where they come from the pool (`field_pool.py`);
@@ -39,7 +39,7 @@ def _follow(args: Sequence, path: Path) -> Any:
 
 
 def _token(value: Any) -> tuple | None:
-    """The mark of a value that a compiled kernel depends on, to be compared; None where that cannot be said."""
+    """The mark of a value that a compiled kernel depends on, to be compared; None if that cannot be said."""
     if isinstance(value, PLAIN):
         return type(value), value
     if isinstance(value, Field):
@@ -105,7 +105,7 @@ class Reads:
             return False
 
     def shares(self, args: Sequence) -> list:
-        """Of the fields that a launch with these arguments reads or writes, those that come from the pool."""
+        """Fields from the pool that a launch with these arguments reads or writes."""
         return _shares(_follow(args, path) for path, token in self.tokens.items() if token[0] is Field) + self.beside
 
     def end(self) -> None:
@@ -219,7 +219,7 @@ def _shareable(kernel) -> bool:
 
 
 def _shares(values: Iterable) -> list:
-    """Of those values that are fields from the pool."""
+    """Shares of the values that are fields from the pool."""
     return [value.share for value in values if isinstance(value, Field) and hasattr(value, "share")]
 
 

@@ -46,7 +46,7 @@ def _own_or_taichi(module: str | None) -> bool:
 
 
 def _get_pos_info(original):
-    """Where a node is, without its line underlined; of Taichi's own functions, which come again and again, once as it was."""
+    """Location of a node, without its line underlined; worked out once for each of Taichi's own functions."""
     known: dict[tuple, str] = {}
 
     def position(context, node) -> str:
@@ -82,7 +82,7 @@ def _cached(original):
 
 
 def _get_traceback(original):
-    """Where a field was declared, in words: nothing for our own."""
+    """Location of a field's declaration, in words; "" for fields of this package."""
 
     def traceback(stacklevel: int = 1) -> str:
         frame = sys._getframe(1)

@@ -17,14 +17,14 @@ NEAR = (-9.0, 25.0)  # log of the slope over the rest to pi/2, of the first and 
 
 
 def cantilever(gamma: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Drop and reach of the free end over the strip's length, at Gamma = sigma g L^3 / D."""
+    """Drop and reach (k,) of the free end over the strip's length, at Gamma (k,) = sigma g L^3 / D."""
     low, high, drop, reach = _elastica()
     g = np.log(np.clip(gamma, low, high))
     return np.exp(drop(g)), reach(g)
 
 
 def rigidity_range(weight: np.ndarray) -> tuple[float, float]:
-    """D [N m] that the table of the elastica spans, for weights sigma g L^3 [N m]."""
+    """(lowest, highest) D [N m] that the table of the elastica spans, for weights (k,) sigma g L^3 [N m]."""
     low, high, _, _ = _elastica()
     return float(weight.max() / high), float(weight.min() / low)
 

@@ -48,7 +48,7 @@ def read(source: object, needed: Sequence[str], either: Sequence[str] = (),
 
 
 def within(columns: Mapping[str, np.ndarray], name: str, where: str, low: float, high: float = np.inf, hint: str = "") -> None:
-    """Refuses a column with a value that is not between two, both excluded.
+    """Refuses a column (rows,) with a value that is not between `low` and `high`, both excluded.
 
     Raises:
         SceneError: with the row.

@@ -31,7 +31,7 @@ class Fit:
     """Result of a fit.
 
     Attributes:
-        parameters: values by name, in SI units; intervals: (low, high) by name, None where there are no more measurements than
+        parameters: values by name, in SI units; intervals: (low, high) by name, None if there are no more measurements than
             parameters.
         confidence: of the intervals and of the curve's band.
         covariance: (n, n) of the parameters in their order.

@@ -1,4 +1,4 @@
-"""Positive parameters by least squares, and how sure they are.
+"""Least squares for positive parameters, with the uncertainty of each.
 
 Parameters p are fitted as q = log p: r(q) = (model - measured) / sigma. Near the optimum, cov(q) = s^2 (J^T J)^-1 with
 J = dr/dq, s^2 = |r|^2 / (m - n), or 1 where the measurements' sigma is known. Intervals are exp(q -+ t sqrt(cov)) with
@@ -18,10 +18,10 @@ Model = Callable[[np.ndarray], np.ndarray]
 
 @dataclass(frozen=True)
 class Estimate:
-    """Of n parameters.
+    """Estimate of n parameters.
 
     Attributes:
-        values: (n,); low, high: (n,) ends of their intervals, NaN where there are no more measurements than parameters.
+        values: (n,); low, high: (n,) ends of their intervals, NaN if there are no more measurements than parameters.
         covariance: (n, n) of the parameters; NaN likewise.
         scatter: standard deviation of the residuals, in the measurements' unit (in sigmas where these are given).
     """
@@ -64,8 +64,9 @@ def estimate(model: Model, measured: np.ndarray, start: np.ndarray, bounds: tupl
     q = found.x
     for k in range(n):
         if min(q[k] - low[k], high[k] - q[k]) < 1e-3 * (high[k] - low[k]):
-            raise SceneError(f"fit: {names[k]} runs to {np.exp(q[k]):.3g}, the end of what was tried ({bounds[0][k]:.3g} to "
-                             f"{bounds[1][k]:.3g}): the data do not determine it there, or --range must reach further")
+            raise SceneError(f"fit: {names[k]} runs to {np.exp(q[k]):.3g}, the end of the range that was tried "
+                             f"({bounds[0][k]:.3g} to {bounds[1][k]:.3g}): the data do not determine it there, or --range "
+                             "must reach further")
     J, free = _slope(residuals, q), m - n
     scatter = float(np.sqrt(np.sum(residuals(q) ** 2) / max(free, 1)))
     if np.linalg.matrix_rank(J, tol=1e-10 * max(float(np.linalg.norm(J)), 1e-300)) < n:

@@ -1,7 +1,7 @@
 """The forces that a scene needs; `force.Force` is the contract.
 
-A force that no cloth asks for is not in the list, so it has no fields, and no kernel contains it; what few scenes ask for is
-imported where one does.
+A force that no cloth asks for is not in the list, so it has no fields, and no kernel contains it. Forces that few scenes
+need are imported where one does.
 """
 
 from functools import partial

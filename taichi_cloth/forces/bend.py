@@ -1,6 +1,6 @@
 """Bending over hinges: psi = k/2 C^2 with C = theta - theta_0 and k = D |e|^2 / (A_1 + A_2), so that the torque is k C.
 
-What a fabric has beside it, friction between fibres and creases, is in `hysteresis`; the loops are in `hinge_law`.
+Friction between fibres and creases are in `hysteresis`; the loops over hinges are in `hinge_law`.
 
 Differs from [BW98 §4.2]: k scales with the mesh so that D is a plate rigidity. C levels off where a fold closes on
 itself, and fades with triangles that collapse: see `hinge`.
@@ -46,44 +46,45 @@ class Bend(HingeLaw):
             stiff = np.column_stack([law.own * rest[:, 0] + law.k.sum(axis=1), rest[:, 1:]])  # before sliders give
             rest = np.column_stack([law.own * rest[:, 0], rest[:, 1:]])
         self._begin(fields, [h for _, h in parts], vertices, rest, stiff)
-        self.adds = self.turns = self.gusty = law is not None  # explicit steps must be as short as its changes
+        self.has_extra_torque = self.has_crease_side = law is not None
+        self.gusty = law is not None  # explicit steps must be as short as its changes
         self.hysteresis: Any = None
         if law is not None:
             self.hysteresis = Hysteresis(fields, model, self.elements, law)
-        self.yields, self.creased = bool(self.adds and self.hysteresis.yields), bool(scene.creases)
+        self.yields, self.creased = bool(self.has_extra_torque and self.hysteresis.yields), bool(scene.creases)
         self.host_arc = np.concatenate([h.areas.sum(axis=1) / np.sqrt(h.length2) for _, h in parts])
         self.host_whole = np.ones(len(rest), dtype=bool)
         self._rest, self._sewn = rest, (scene, [(of, h) for of, (_, h) in zip(sewn, parts)])
 
     @ti.func
     def way(self, e):
-        """-1 where a hinge was creased to the negative side, else 1."""
+        """-1 if a hinge was creased to the negative side, else 1."""
         return self.hysteresis.way(e)
 
     @ti.func
     def side(self, e, C):
-        """-1 where a hinge at C is one that passed through itself, else 1."""
+        """-1 if a hinge at C is one that passed through itself, else 1."""
         return self.hysteresis.side(e, C)
 
     @ti.func
-    def beside(self, e, C):
-        """(torque, torque over displacement, slope, energy) of what the hinge remembers, at the condition C."""
+    def extra_torque(self, e, C):
+        """(torque, torque over displacement, slope, energy) of friction and creases, at the condition C."""
         return self.hysteresis.respond(e, C)
 
     def accept(self, h: float) -> bool:
         """Sliders follow the hinges."""
-        if self.adds:
-            self._settle(h)
-        return self.adds
+        if self.has_extra_torque:
+            self._return_map(h)
+        return self.has_extra_torque
 
     @ti.kernel
-    def _settle(self, h: float):
+    def _return_map(self, h: float):
         for e in range(self.elements.first[self.model.blocks.count]):
             if self.elements.primary[e] == 1:
-                self.hysteresis.settle(e, self.turned(e)[0], h)
+                self.hysteresis.return_map(e, self.turned(e)[0], h)
 
     def release(self, whole: np.ndarray, pulled: np.ndarray) -> None:
-        """Hinges over a seam go with either of the stitches at their ends."""
+        """Opens hinges over a seam with either of the stitches at their ends; see `Force`."""
         from ..system.stitches import ends_of
 
         rest = self._rest.copy()
@@ -102,6 +103,6 @@ class Bend(HingeLaw):
         return out
 
     def recorded(self) -> dict[str, np.ndarray]:
-        """Angles [rad] that hinges have been creased by, and which of them are whole, where not all are."""
+        """(hinges,) angles [rad] by which hinges are creased; (hinges,) whether each is whole, unless all are."""
         out = {"hinge_crease": self.hysteresis.creases().astype(np.float32)} if self.yields else {}
         return out if self.host_whole.all() else out | {"hinge_whole": self.host_whole}

@@ -34,7 +34,7 @@ class BendLaw(OwnLaw, HingeLaw):
         parameters: names of the law's numbers, in the order in which `k` has them.
     """
 
-    adds = True
+    has_extra_torque = True
     damped = ("N m s", 1)
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str, rows: Rows = (),
@@ -66,10 +66,10 @@ class BendLaw(OwnLaw, HingeLaw):
 
     @abstractmethod
     def dM(self, k, kappa):
-        """dM/dkappa [N m]. Where it is negative the matrix takes 0, or M/kappa."""
+        """dM/dkappa [N m]. If it is negative the matrix takes 0, or M/kappa."""
 
     @ti.func
-    def beside(self, e, C):
+    def extra_torque(self, e, C):
         """(torque, the matrix's stiffness but for K mode "paper", slope, energy) at the condition C."""
         area, length = self.size[e][0], self.size[e][1]
         kappa = C * length / area

@@ -1,12 +1,12 @@
-"""What pulls open seams together with a bounded force.
+"""The pull that closes open seams: bounded springs between stitched particles.
 
 A stitch between x_a and x_b, with u = x_b - x_a, d = |u|, w = v_b - v_a, pulls with
 
     f_a = T u/d + c w = -f_b,    T = min(k d, F),    E = k d^2/2, or F d - F^2/2k beyond F,
 
-F its share of the seam's pull a length, k = F/CATCH: the pull is whole until the stitch is so near that it becomes a
-constraint (`system.stitches`). c = F/CLOSING: what nothing holds closes at that speed, what is held pulls with F. A step's
-first solve takes T/d of where the step is led to, in all directions, a bound of the second derivative; further ones the
+F is the stitch's share of the seam's pull a length. k = F/CATCH: the pull is whole until the stitch is so near that it becomes
+a constraint (`system.stitches`). c = F/CLOSING: free cloth closes at that speed, held cloth is pulled with F. A step's first
+solve takes T/d of where the step is led to, in all directions, a bound of the second derivative; further ones the
 derivative itself.
 """
 
@@ -32,7 +32,7 @@ class Closing(Force):
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
         self.model, self._fields = model, fields
         a, b = (np.concatenate([model.particle[getattr(s, name) + s.cloth.start] for s in scene.seams]) for name in "ab")
-        self.pulls = np.concatenate([s.pulls for s in scene.seams])  # (k,) F [N], 0 where none
+        self.pulls = np.concatenate([s.pulls for s in scene.seams])  # (k,) F [N], 0 if none
         self.elements = Elements(fields, model.blocks, np.stack([a, b], axis=1))
         self.F = fields.real(self.elements.count, data=np.zeros(self.elements.count))
 

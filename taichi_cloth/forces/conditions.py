@@ -1,6 +1,6 @@
 """The paper's condition functions and their second derivatives, as functions of w_u and w_v; of hinges see `hinge`.
 
-Per unit area, with the energy psi = k/2 C^2, a block H is d2 psi / d(w_u, w_v)2. What each K mode keeps:
+Per unit area, with the energy psi = k/2 C^2, a block H is d2 psi / d(w_u, w_v)2. The terms that each mode of K keeps:
 
 | mode | stretch | shear | bend |
 |---|---|---|---|
@@ -19,7 +19,7 @@ TINY = 1e-30
 
 @ti.func
 def unit(w):
-    """w/|w|, or 0 where w is 0."""
+    """w/|w|, or 0 if w is 0."""
     return w * (1 / ti.max(w.norm(), TINY))  # one division, not three
 
 

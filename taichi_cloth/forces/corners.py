@@ -1,4 +1,4 @@
-"""Rooms of gas as arrays: corners, the faces round each, and which thread works on what. numpy only."""
+"""Vertices of gas volumes as arrays: corners, the faces round each, and the thread that sums each. numpy only."""
 
 import numpy as np
 

@@ -1,14 +1,14 @@
 """Bending by curvatures: E = area D/2 |x_ab|^2 a triangle, x_ab the second derivatives of position in the material plane.
 
-They come from the divergence theorem, x_ab = 1/area sum over edges of n_a l x_b, with one gradient x_b an edge, shared
-by its two triangles: the mean of what quadratics through each and its three neighbours have at the edge's middle. Exact
-for quadratics on any triangulation, and the forces of a constant curvature cancel at inner vertices, so that the
-rigidity is D on irregular meshes too (a hinge's is D on equilateral ones only, 0.8 to 3 D on others). For deformations that
-keep lengths |x_uu|^2 + 2 |x_uv|^2 + |x_vv|^2 is the sum of squares of the curvatures [Bergou et al. 2006]; patches of
-triangles without rotations as in [Onate, Zarate 2000]. Linear in positions: a constant matrix, the same in all three
-coordinates.
+They come from the divergence theorem, x_ab = 1/area sum over edges of n_a l x_b, with one gradient x_b an edge, shared by its
+two triangles. It is the mean of two gradients at the edge's middle: those of quadratics through each triangle and its three
+neighbours. It is exact for quadratics on any triangulation, and the forces of a constant curvature cancel at inner vertices.
+The rigidity is therefore D on irregular meshes too; a hinge's is D on equilateral ones only, 0.8 to 3 D on others. For
+deformations that keep lengths |x_uu|^2 + 2 |x_uv|^2 + |x_vv|^2 is the sum of squares of the curvatures [Bergou et al. 2006];
+patches of triangles without rotations as in [Onate, Zarate 2000]. Forces are linear in positions: a constant matrix, the same
+in all three coordinates.
 
-What it remembers is in `curvature_hysteresis`.
+Friction between fibres and creases are in `curvature_hysteresis`.
 
 Differs from [BW98 §4.2]: no angle; the rest shape is flat. Damping is that of the conditions C = |x_ab|, along x_ab: a
 cloth that turns as a whole is not slowed down.
@@ -93,7 +93,7 @@ class CurvatureBend(ElementForce):
         return self._unit_energy * d * d
 
     def build_stiffness(self) -> None:
-        """Allocates what only an implicit step needs."""
+        """Allocates the fields that only an implicit step needs."""
         self.A, self.stiff = self._fields.real(self.elements.count, 3), True
         self.over = self._fields.real(1, data=np.zeros(1))
         if self.damps:
@@ -108,14 +108,14 @@ class CurvatureBend(ElementForce):
     def accept(self, h: float) -> bool:
         """Sliders follow the curvatures."""
         if self.remembers:
-            self._settle(h)
+            self._return_map(h)
         return self.remembers
 
     @ti.kernel
-    def _settle(self, h: float):
+    def _return_map(self, h: float):
         for e in range(self.elements.first[self.model.blocks.count]):
             if self.elements.primary[e] == 1:
-                self.hysteresis.settle(e, self.second(e, self.model.x), h)
+                self.hysteresis.return_map(e, self.second(e, self.model.x), h)
 
     @ti.func
     def second(self, e, q: ti.template()):
@@ -138,7 +138,7 @@ class CurvatureBend(ElementForce):
 
     @ti.func
     def along(self, e, q, u, over):
-        """Rows of u, their parts along the rows of q; where `over` is a span, what these grew by in it instead."""
+        """Parts of the rows of u along the rows of q; if `over` > 0, the growth of those rows over that time [s] instead."""
         out = u
         for m in ti.static(range(3)):
             row = ti.Vector([q[m, 0], q[m, 1], q[m, 2]])
@@ -213,7 +213,7 @@ class CurvatureBend(ElementForce):
 
     @ti.func
     def linearize(self, e, moves, c, over, q, to: ti.template(), lo, hi):
-        """b += c (f + K motion); keeps the factors of -c D - c^2 K. Of damping as an energy nothing negative is in them."""
+        """b += c (f + K motion); keeps the factors of -c D - c^2 K. They have no negative part of damping as an energy."""
         r, moved = self.pull(e, q, over), q * 0
         if moves == 1:
             moved = self.second(e, to.motion)
@@ -260,7 +260,7 @@ class CurvatureBend(ElementForce):
 
     @ti.func
     def direction(self, e, m: ti.template()):
-        """Of damping of term m, scaled by the root of its factor."""
+        """Direction of the damping of term m, times the root of its factor."""
         return ti.Vector([self.way[e][3 * m], self.way[e][3 * m + 1], self.way[e][3 * m + 2]])
 
     @ti.func
@@ -284,7 +284,7 @@ class CurvatureBend(ElementForce):
 
     @ti.func
     def level_block(self, e, n, levels: ti.template()):
-        """A patch's, 6 numbers: the same in all directions, but for what its frame adds."""
+        """A patch's block, 6 numbers: isotropic, but for the part of its frame."""
         out, B, stiff = 0.0, ti.Vector.zero(float, 3), ti.Vector.zero(float, 3)
         if ti.static(self.remembers):
             stiff = self.hysteresis.stiffness(e)

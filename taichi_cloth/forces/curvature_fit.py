@@ -1,4 +1,4 @@
-"""Second derivatives of what is given at the vertices of a triangle mesh, by quadratics through patches of it. numpy only."""
+"""Second derivatives of vertex fields on a triangle mesh, by quadratics fitted to patches of it. numpy only."""
 
 import math
 
@@ -10,7 +10,7 @@ CONIC = 1e-2  # singular values of a fit below this part of the largest are left
 
 
 def curvatures(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Second derivatives of what is given at vertices, a triangle each.
+    """Second derivatives of vertex fields, one set a triangle.
 
     Returns:
         (m, k) vertices, (m, 3, k) their weights for uu, uv, vv in the triangle's material plane [1/m^2], 0 for those
@@ -57,12 +57,12 @@ def _merged(vertices: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray
 def edge_gradients(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Gradients at the middles of edges, of a quadratic through each triangle and the vertices across its edges.
 
-    At a border, where there is nothing across, a vertex across an edge of a neighbour stands in; where there is none
+    At a border, where there is nothing across, a vertex across an edge of a neighbour stands in; if there is none
     either, the fit is that of least energy.
 
     Returns:
-        (m, 6) vertices of each fit; (3m, 2, 6) weights of the gradient at edge r // m of triangle r % m, in its material
-        plane [1/m]; the neighbour's row of the same edge or -1; turns from the neighbour's plane, as `_unfold`.
+        (m, 6) vertices of each fit; (3m, 2, 6) weights of the gradient [1/m], row r for edge r // m of triangle r % m, in its
+        material plane. Then, as `_unfold` gives them: the neighbour's row of the same edge or -1, turns from its plane.
     """
     m, corner = mesh.face_count, _corners(mesh)
     ids, second, twin, turn = _fits(mesh)
@@ -115,8 +115,12 @@ def _fits(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray
 
 
 def _unfold(mesh: TriMesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """For row r, edge r // m of triangle r % m: the same edge's row in the neighbour or -1, and the rigid motion
-    (turn (3m, 2, 2), shift (3m, 2)) of the neighbour's material plane that lays it beside the triangle."""
+    """The neighbours across edges: row r is for edge r // m of triangle r % m.
+
+    Returns:
+        (3m,) the same edge's row in the neighbour or -1; (3m, 2, 2) turns and (3m, 2) shifts [m], the rigid motion that lays
+        the neighbour's material plane beside the triangle.
+    """
     faces, m, corner = mesh.faces, mesh.face_count, _corners(mesh)
     edges = face_edges(faces)
     order = np.lexsort((edges.max(axis=1), edges.min(axis=1)))
@@ -141,8 +145,8 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _corners(mesh: TriMesh) -> np.ndarray:
-    """(m, 3, 2) material coordinates [m] from the mesh's first corner: what is fitted knows no origin, and far from it loses
-    digits."""
+    """(m, 3, 2) material coordinates [m] from the mesh's first corner: the fit does not depend on the origin, and loses digits
+    far from it."""
     return mesh.corner_uv - mesh.corner_uv[0, 0]
 
 
@@ -159,7 +163,7 @@ def _shares(corner: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 
 def _excess(corner: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """(m, j, 3) what u^2/2, u v and v^2/2 exceed at places (m, j, 2) the plane through their values at the corners."""
+    """(m, j, 3) u^2/2, u v and v^2/2 at places (m, j, 2), less the plane through their values at the corners."""
     origin = corner[:, :1]
     return _quadratics(place - origin) - _shares(corner, place) @ _quadratics(corner - origin)
 

@@ -1,4 +1,4 @@
-"""What bending by curvatures remembers: friction and creases as `hysteresis` has them, a slider of each a triangle.
+"""Hysteresis of bending by curvatures: friction and creases as in `hysteresis`, with a slider of each kind a triangle.
 
 A slider is where the triangle's second derivatives x_ab have slid to: pi_ab, three vectors in the triangle's own frame F
 (first edge, across it, normal), so that it turns with the cloth. In a step it stays. With
@@ -12,7 +12,7 @@ friction on the bias would be twice that along warp and weft). After an accepted
 - friction: k_ab from HB^2, d = SLIP; bent along warp or weft the moment is +- HB of that direction, on the bias their mean;
 - creases: k_ab from (1 - H) D, d = yield curvature: of the mean of D, where D differs between warp and weft.
 
-x_ab are vectors, not angles, so sharp folds count too: there x_ab lies in the triangles' planes. As P turns,
+x_ab are vectors, not angles, so sharp folds count too: there x_ab lies in the triangles' planes. When the frame turns,
 dz = dx_ab - w x P - g P with the rotation w and the fading g by its corners. P fades as a triangle collapses and has no
 frame: r^2 (3 - 2 r) of its area over a tenth of that at rest. The matrix takes dE / dz over z, as hinges do, and leaves out
 how w changes.
@@ -32,7 +32,7 @@ SYM = ((0, 0, 0), (1, 0, 1), (2, 0, 2), (3, 1, 1), (4, 1, 2), (5, 2, 2))  # numb
 
 @ti.data_oriented
 class CurvatureHysteresis:
-    """Where the sliders of triangles are, and what they do. Only kinds that some triangle has are there.
+    """Positions of the sliders of triangles, and their response. Kinds that no triangle has are left out.
 
     Args:
         faces: (m, 3) particles at the triangles' corners.
@@ -56,13 +56,13 @@ class CurvatureHysteresis:
         self.state = model.remember("curvature_sliders", count * self.kinds, 9)
 
     def build_stiffness(self, made: Fields) -> None:
-        """Allocates what only implicit steps need: of the last `linearize`, edges and dE / dz over k z of each kind."""
+        """Allocates the fields of implicit steps: edges of the last `linearize`, and dE / dz over k z of each kind."""
         self.edge, self.stiff = made.real(self.elements.count, 6), True
         self.secant, self.led = (made.real(self.elements.count * self.kinds) for _ in range(2))
 
     @ti.func
     def edges(self, e, q: ti.template()):
-        """Of a per-vertex field, from the triangle's first corner."""
+        """Differences of a per-vertex field from the triangle's first corner."""
         c = self.corner[e]
         return q[c[1]] - q[c[0]], q[c[2]] - q[c[0]]
 
@@ -171,7 +171,8 @@ class CurvatureHysteresis:
 
     @ti.func
     def linearize(self, e, moves, c, q, moved, to: ti.template(), lo, hi):
-        """b's part of the frame, where it is led to with `moves`; that of x_ab, as rows. Keeps what products need."""
+        """b += the frame's part, at the predicted positions with `moves`; returns the part of x_ab, as rows. Keeps the edges
+        and secants that products need."""
         e_1, e_2 = self.edges(e, self.model.x)
         F, sizes = self.frame(e, e_1, e_2)
         d_1, d_2 = self.edges(e, to.motion)
@@ -203,7 +204,7 @@ class CurvatureHysteresis:
 
     @ti.func
     def stiffness(self, e):
-        """Of x_uu, x_uv, x_vv in the matrix, all kinds together."""
+        """Stiffness of x_uu, x_uv, x_vv in the matrix, summed over all kinds."""
         out = ti.Vector.zero(float, 3)
         for j in range(self.kinds):
             out += self.secant[self.kinds * e + j] * self.k[self.row[e] + j]
@@ -211,8 +212,8 @@ class CurvatureHysteresis:
 
     @ti.func
     def frame_block(self, e, B, s_1, s_2):
-        """What the frame adds to s^T A s, 6 numbers, where vertices move by a shape s that changes x_ab by B and the edges by
-        s_1 and s_2 times one direction or another."""
+        """The frame's part of s^T A s, 6 numbers, for a shape s that changes x_ab by B and the edges by s_1 and s_2 times one
+        direction or another."""
         e_1, e_2 = self.kept_edges(e)
         F, sizes = self.frame(e, e_1, e_2)
         out = ti.Vector.zero(float, 6)
@@ -233,7 +234,7 @@ class CurvatureHysteresis:
         return changed(P, w, g)
 
     @ti.func
-    def settle(self, e, q, h):
+    def return_map(self, e, q, h):
         """Sliders follow second derivatives that came to q in a step of h; those of triangles that are collapsed rest."""
         e_1, e_2 = self.edges(e, self.model.x)
         F, sizes = self.frame(e, e_1, e_2)
@@ -257,7 +258,7 @@ class CurvatureHysteresis:
 
     @ti.func
     def recover(self, e, row, z, h):
-        """Creases that are pulled back go back, at their rate and as far as what stays; z is in the frame."""
+        """Lets a crease that is pulled back recover at its rate, down to the part that stays; z is in the frame."""
         rate, stays = self.recovery[e][0], self.recovery[e][1]
         pi = self.state.now[row]
         at = ti.Matrix([[pi[0], pi[1], pi[2]], [pi[3], pi[4], pi[5]], [pi[6], pi[7], pi[8]]])

@@ -12,7 +12,7 @@ from .hysteresis import SLIP
 
 @dataclass(frozen=True)
 class CurvatureLaw:
-    """Of m triangles, with friction first and creases behind it.
+    """Constants of the sliders of m triangles, with friction first and creases behind it.
 
     Attributes:
         k: (m, 2, 3) stiffness for x_uu, x_uv, x_vv [N m^3]; reach: (m, 2) d [1/m]; mean: (m, 2) K [N m^3].
@@ -33,7 +33,7 @@ def own_part(bend: Bend) -> float:
 
 
 def curvature_law(bend: Bend, mesh: TriMesh) -> CurvatureLaw:
-    """Of a cloth that bends by curvatures."""
+    """Constants of the sliders of a cloth that bends by curvatures."""
     area, m = mesh.material_areas, mesh.face_count
     u, v = pair(bend.friction)
     rubs, gives = (u + v) / 2, (1 - own_part(bend)) * np.sqrt(np.prod(pair(bend.D)))
@@ -46,6 +46,6 @@ def curvature_law(bend: Bend, mesh: TriMesh) -> CurvatureLaw:
 
 
 def moduli_of(value) -> list[float]:
-    """Of the terms |x_uu|^2, |x_uv|^2, |x_vv|^2, from (warp, weft)."""
+    """Moduli of the terms |x_uu|^2, |x_uv|^2, |x_vv|^2, from (warp, weft)."""
     u, v = pair(value)
     return [u, 2 * np.sqrt(u * v), v]

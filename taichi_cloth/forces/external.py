@@ -105,7 +105,7 @@ class Drag(Force):
         return 0.0
 
     def build_stiffness(self) -> None:
-        """Allocates what only an implicit step needs."""
+        """Allocates the matrix, which only an implicit step needs."""
         self.A, self.stiff = self._fields.real(self.elements.count, 6), True
 
     @property
@@ -123,7 +123,7 @@ class Drag(Force):
             self.set_wind(self.air.wind_at(t))
 
     def set_wind(self, now: np.ndarray) -> None:
-        """Velocity of the air [m/s]."""
+        """Sets the velocity of the air (3,) [m/s]."""
         self.now = now
         self._set(*map(float, now))
 
@@ -169,8 +169,8 @@ class Drag(Force):
     @ti.func
     def evaluate(self, block, linearizes, moves, c, to: ti.template(), base: ti.template(), report: ti.template(),
                  dtype: ti.template()):
-        """No energy; half the power that drag takes [W] beyond what it takes from cloth at rest, in column `base`, and all
-        that it takes from the cloth. With `linearizes`, b += c f; stores -c D and adds its diagonal to P."""
+        """No energy; in column `base` half of the power of drag [W] beyond that on cloth at rest, then the power of drag on
+        the cloth [W]. With `linearizes`, b += c f; stores -c D and adds its diagonal to P."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
         total, taken = ti.cast(0, dtype), ti.cast(0, dtype)
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
@@ -195,7 +195,7 @@ class Drag(Force):
             self.scatter(e, sym_times(self.A[e], p[v[0]] + p[v[1]] + p[v[2]]), q, lo, hi)
 
     def build_levels(self, levels) -> None:
-        """Nothing: what the air adds to a node is small against its mass."""
+        """Nothing: the block of drag is small against the mass of a node."""
 
     @ti.func
     def add_level_block(self, n, c, D, levels: ti.template()):

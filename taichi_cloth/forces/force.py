@@ -1,5 +1,6 @@
-"""What every force is to the rest of the system: the contract, as a class."""
+"""The contract of a force: energy, force, linearization and products, as a class."""
 
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
@@ -9,18 +10,20 @@ import taichi as ti
 
 from ..scene.attachment import Script
 
+RENAMED = {"coupled": "low_rank", "add_coupled": "add_low_rank"}  # names of the last release
+
 
 class Force(ABC):
-    """A force on a model's particles: its energy, its part of eq. (18), and what others have to know of it.
+    """A force on a model's particles: its energy, its part of eq. (18), and the traits that other parts of a step rely on.
 
     Make subclasses `ti.data_oriented`. Methods with a `block` are Taichi functions that work on the rows of one block. A
     force is made with (fields, model, scene, K), see `forces.build_forces`; fields that a step changes and that have to be
     saved, rolled back and resumed are declared with `ParticleState.remember`.
 
     Attributes:
-        energies: names of its energy terms; none for what has no energy.
-        extremes: 0, or 2 where its columns of the report end with the largest stretch and its change, or 3 where with what is
-            used of limits of strain after them.
+        energies: names of its energy terms; empty for a force without energy.
+        extremes: number of columns at the end of its report: 0, 2 (largest stretch and its change) or 3 (also the largest used
+            part of a limit of strain).
         stiff: whether `build_stiffness` was called.
         rates: bounds at rest on the squared frequency [1/s^2] and the damping rate [1/s] of any mode, for explicit steps.
         slow: whether explicit methods may evaluate it once in several substeps.
@@ -28,12 +31,13 @@ class Force(ABC):
         uniform: whether all that changes is its `wind`, which explicit methods lead evenly through a step.
         abrupt: whether its stiffness can grow many times over within a step.
         of_contact: whether its elements come and go with contact.
-        attached: (k, 3) particle, stiffness and largest force of what it attaches softly; None where it never does.
-        coupled: whether its product takes sums over all of the cloth: `sum_up`, `add_coupled`.
+        attached: (k, 3) particle, stiffness [N/m] and largest force [N] of its soft attachments; None if it never has any.
+        low_rank: whether its matrix has a part of low rank, whose product takes sums over all of the cloth: `sum_up`,
+            `add_low_rank`.
         dead: whether it has no derivative, and so is in b alone: no product and no level takes it.
         driven: whether its energy changes with time by itself.
         indefinite: whether the matrix has a part of it that may not be semidefinite, see `leave_out`.
-        notes: what was found out when it was made, for people.
+        notes: sentences for the user, found when it was made.
     """
 
     energies: tuple[str, ...] = ()
@@ -46,11 +50,18 @@ class Force(ABC):
     abrupt: bool = False
     of_contact: bool = False
     attached: np.ndarray | None = None
-    coupled: bool = False
+    low_rank: bool = False
     dead: bool = False
     driven: bool = False
     indefinite: bool = False
     notes: Sequence[str] = ()
+
+    def __init_subclass__(cls) -> None:
+        for old, new in RENAMED.items():
+            if old in vars(cls):
+                warnings.warn(f"{cls.__name__}: `{old}` is called `{new}` now, and no longer read from the next release on",
+                              DeprecationWarning, stacklevel=2)
+                setattr(cls, new, vars(cls)[old])
 
     @classmethod
     def does(cls, method: str) -> bool:
@@ -63,7 +74,7 @@ class Force(ABC):
 
     @abstractmethod
     def build_stiffness(self) -> None:
-        """Allocates what only implicit steps need, and sets `stiff`."""
+        """Allocates the fields that only implicit steps need, and sets `stiff`."""
 
     @abstractmethod
     def add_force(self, block, f):
@@ -71,11 +82,13 @@ class Force(ABC):
 
     @abstractmethod
     def evaluate(self, block, linearizes, moves, c, to, base, report, dtype):
-        """Into columns of the report from `base`: energies [J], half the power it dissipates [W], the rate at which its
-        energies grow (the power that it takes where it has none) [W], extremes.
+        """Measures the force on the rows of a block, and linearizes it on request.
 
-        With `linearizes`, of an `Operator` `to`: b += c f, with `moves` c (f + K motion); keeps the block of -c D - c^2 K, and
-        adds its diagonal to P.
+        Writes into columns of the report from `base`: its energies [J], half the power it dissipates [W], the rate at which
+        its energies grow [W], and its `extremes`. A force without energies has the power that it takes in place of the rate.
+
+        With `linearizes`, for an `Operator` `to`: b += c f, or c (f + K motion) with `moves`. It then keeps the block of
+        -c D - c^2 K, and adds its diagonal to P.
         """
 
     @abstractmethod
@@ -84,48 +97,48 @@ class Force(ABC):
 
     @abstractmethod
     def build_levels(self, levels) -> None:
-        """Prepares what `add_level_block` needs; `levels` is a `solver.hierarchy.LevelFields`."""
+        """Prepares the tables of `add_level_block`; `levels` is a `solver.hierarchy.LevelFields`."""
 
     @abstractmethod
     def add_level_block(self, n, c, D, levels):
         """D, 6 numbers, plus the block of node n of the preconditioner's levels: s^T (-c D - c^2 K) s, s the node's hat."""
 
-    def prepare(self, motion=None) -> None:  # noqa: B027 (what follows is empty for most forces)
-        """What all of the cloth together decides at the model's x and v is found out, before `add_force` and `evaluate`.
+    def prepare(self, motion=None) -> None:  # noqa: B027 (the following methods are empty for most forces)
+        """Computes global quantities, such as the volume of a gas, at the model's x and v, before `add_force` and `evaluate`.
 
         Args:
-            motion: field of what K is applied to, where `evaluate` does.
+            motion: (n, 3) field [m] that `evaluate` applies K to, if it does.
         """
 
     def sum_up(self, block, p):  # noqa: B027
         """The block's parts of the sums over all of p that the product takes."""
 
-    def add_coupled(self, block, q):  # noqa: B027
-        """q += what these sums put on the rows of a block, another part of (-c D - c^2 K) p."""
+    def add_low_rank(self, block, q):  # noqa: B027
+        """q += the part of these sums on the rows of a block, the part of low rank in (-c D - c^2 K) p."""
 
     def damp_over(self, c: float) -> None:  # noqa: B027
         """In `evaluate` damping is from now on an energy of a step of c [s]: k_d/(2 c) (C - C_0)^2, C_0 of the saved state.
 
-        Where c is 0, as at first, it goes by velocities. What has no condition C does nothing. C_0 may be kept by `evaluate`
-        with `moves`, which comes first in such a step.
+        While c is 0, as at first, damping goes by velocities. Forces without a condition C do nothing. `evaluate` may keep C_0
+        at its first call in such a step, the one with `moves`.
         """
 
     def leave_out(self, part: bool) -> None:  # noqa: B027
-        """Whether what of it may not be semidefinite is left out of the matrix from the next linearization on."""
+        """Leaves the part that may be indefinite out of the matrix, or not, from the next linearization on."""
 
     def change_beside(self, led: np.ndarray) -> float:
-        """The change of stretch in its report, of what none of the particles `led` (n,) is a corner of."""
+        """Change of the largest stretch in its report, over the elements with no corner among the particles `led` (n,)."""
         return 0.0
 
     def set_time(self, t: float) -> None:  # noqa: B027
-        """What changes with time by itself is set to what it is at t [s]."""
+        """Sets prescribed functions of time, such as wind or pressure, to their values at t [s]."""
 
     def geometry(self) -> dict[str, np.ndarray]:
         """Arrays by name that a recording keeps, from which `quantities` are computed."""
         return {}
 
     def led(self, before: float, part: float) -> float:
-        """Work [J] that what moves by itself put into its energy in a step, from the model's saved state to where it is.
+        """Work [J] that prescribed motion put into its energy in a step, from the model's saved state to the current one.
 
         Args:
             before: energy with which the step began [J].
@@ -137,11 +150,11 @@ class Force(ABC):
         """From now on the force is as this script says, which events change."""
 
     def record(self) -> dict[str, tuple[float, float]]:
-        """What a step's record says of gas."""
+        """Volume [m^3] and pressure [Pa] of gas by name, for the step's record."""
         return {}
 
     def recorded(self) -> dict[str, np.ndarray]:
-        """Arrays by name that every frame keeps of what it remembers."""
+        """Arrays of its internal variables by name, kept with every frame."""
         return {}
 
     def accept(self, h: float) -> bool:
@@ -158,7 +171,7 @@ class ElementForce(Force):
 
     Attributes:
         elements: `system.state.Elements`.
-        meets: which of them each node's hat meets.
+        meets: for each node the elements that its hat meets.
     """
 
     elements: Any

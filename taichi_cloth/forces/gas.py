@@ -1,4 +1,4 @@
-"""Gas in closed pieces of cloth: pressure that pushes along dV, and K of it.
+"""Gas in closed pieces of cloth: forces p dV of its pressure, and their stiffness K.
 
 With V the volume of a room, E(V) the energy of its gas and p = -dE/dV its pressure over that outside,
 
@@ -13,8 +13,8 @@ f = p dV,    K = p ddV + p' dV dV^T,    6 dV_i = sum over faces (i, b, c) of (x_
 Sewn corners of faces count as their mean, so that V is that of a closed surface also while seams close: no room pushes itself,
 and V does not depend on the origin. p' dV dV^T, p' <= 0, couples all of a room: a product takes dV . p of all blocks first.
 p ddV is symmetric, as that of a closed surface, but indefinite; its diagonal blocks are 0, so that preconditioners have none
-of it. Of constant pressure it is taken whole, and left out where conjugate gradients find that A is indefinite; where p' is
-not 0 it is left out, since p goes elsewhere within the solve.
+of it. For gas of constant pressure p ddV is kept, and left out once conjugate gradients find that A is indefinite. For other
+gases it is left out, because p changes within the solve.
 """
 
 import warnings
@@ -41,17 +41,17 @@ LEAST = 1e-3  # of V_0, below which isothermal gas is a spring: no N/V is infini
 
 @ti.data_oriented
 class Gas(Force, Checkpointed):
-    """Gas in the rooms of a scene.
+    """Gas in the closed volumes ("rooms") of a scene.
 
-    A knot is what is sewn together, or a particle that is not; a corner is a knot of a room, and a particle is part of the
-    corners of its knot.
+    A knot is a cluster of particles sewn together, or a particle that is not sewn. A corner is a knot of a room; a particle is
+    part of the corners of its knot.
 
     Attributes:
         rooms: the closed pieces; known: (V_0, p_0) of inflations, by their keys, as they were found when they began.
     """
 
     energies = ("gas",)
-    coupled = indefinite = True
+    low_rank = indefinite = True
     STATE = ("known",)
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
@@ -73,7 +73,7 @@ class Gas(Force, Checkpointed):
         self.weight = fields.real(len(of.part), data=of.weight)
         self.at, self.g = fields.real(len(of.knot), 3), fields.real(len(of.knot), 3)
         self.partial = fields.real(blocks * len(self.rooms), 3, dtype=self.sum_type)  # V, its rate, its change by the motion
-        self.law = fields.real(len(self.rooms), 4, dtype=self.sum_type)  # kind, and what it goes by, see `law_of`
+        self.law = fields.real(len(self.rooms), 4, dtype=self.sum_type)  # kind and parameters, see `_row`
         self.state = fields.real(len(self.rooms), 6, dtype=self.sum_type)  # V, its rate, its change, p, -p', E
         self._law = np.zeros((len(self.rooms), 4))
         self._members = np.column_stack([of.knot[of.part[:, 1]], of.part[:, 0]])  # a corner's particle, and one sewn to it
@@ -85,7 +85,7 @@ class Gas(Force, Checkpointed):
         return sum(abs(room.inflation.pressure_at(0.0) or 0.0) * room.area for room in self.rooms) * d
 
     def build_stiffness(self) -> None:
-        """Allocates what only an implicit step needs: where it was linearized."""
+        """Allocates the fields that only an implicit step needs: the places of the last linearization."""
         n, self.stiff = self.at.rows, True
         self.x_l, self.g_l = self._fields.real(n, 3), self._fields.real(n, 3)
         self.taken = self._fields.real(len(self.rooms), 2)  # c^2 p, -c^2 p'
@@ -114,7 +114,7 @@ class Gas(Force, Checkpointed):
             out[np.unique(self._room_of[now[self._members[:, 0]] != now[self._members[:, 1]]])] = True
         return out
 
-    # what the rooms are filled with
+    # the gas of each room
 
     def follow(self, script: Script) -> None:
         """See `Force`."""
@@ -300,7 +300,7 @@ class Gas(Force, Checkpointed):
             row = k * self.model.blocks.count + block
             p, s = ti.cast(self.state[k][3], float), ti.cast(self.state[k][4], float)
             change = ti.cast(self.state[k][2], float)
-            lasting = ti.select(s > 0 or self.left_out[0] == 1, 0.0, p)  # not what the solve comes to, or not semidefinite
+            lasting = ti.select(s > 0 or self.left_out[0] == 1, 0.0, p)  # 0 if p changes in the solve, or if indefinite
             if block == 0:
                 self.taken[k] = ti.Vector([c * c * lasting, c * c * s])
             for j in range(self.share[row], self.share[row + 1]):
@@ -335,7 +335,7 @@ class Gas(Force, Checkpointed):
             self.sums[row] = total
 
     @ti.func
-    def add_coupled(self, block, q: ti.template()):
+    def add_low_rank(self, block, q: ti.template()):
         """q += -c^2 p' dV (dV . p)"""
         for k in range(self.size[1]):
             first, total = k * self.model.blocks.count, ti.cast(0, self.sum_type)
@@ -348,9 +348,9 @@ class Gas(Force, Checkpointed):
                     q[i] = q[i] + scale * self.weight[o] * self.g_l[self.part[o][1]]
 
     def build_levels(self, levels) -> None:
-        """Nothing."""
+        """Nothing: no level has a part of it."""
 
     @ti.func
     def add_level_block(self, n, c, D, levels: ti.template()):
-        """D: s^T ddV s is 0, and what couples all of a room is one direction of all, which a solve finds by itself."""
+        """D: s^T ddV s is 0, and p' dV dV^T has rank one, a direction that conjugate gradients find by themselves."""
         return D

@@ -1,7 +1,7 @@
 """The condition of a hinge, C = fade(a) fade(b) crest(theta - theta_0), as a function of its edge and its two arms.
 
 An angle alone is no smooth function of positions. It jumps by 2 pi where a fold passes through itself, and by pi where
-a triangle's tip passes through the edge, with gradients that grow without bounds on the way there. So
+a triangle's tip passes through the edge, with gradients that grow without bounds on the way there. Therefore
 
 - `crest` levels off in the last CREST before +-pi: a fold that passes through itself gains no energy by it, and the
   moment changes its side smoothly. (To unwind the angle by its history instead makes energy depend on the way that

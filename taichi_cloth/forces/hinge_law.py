@@ -1,6 +1,6 @@
 """The loops over hinges, written once for all laws of bending over them.
 
-A law says what torque a hinge has at its condition C, see `hinge`: k C, and the torque that subclasses have beside it.
+A law gives the torque of a hinge at its condition C, see `hinge`: k C, plus the torque of a subclass (`extra_torque`).
 Everything else is here: forces, energies and powers, the linear system, damping.
 """
 
@@ -19,12 +19,12 @@ class HingeLaw(HingeForce):
     """Hinges with damping, by a law.
 
     Attributes:
-        adds: whether there is a torque beside k C, see `beside`.
-        turns: whether hinges have sides that they were creased to: `way` and `side`, functions of (e) and of (e, C).
+        has_extra_torque: whether there is a torque beside k C, see `extra_torque`.
+        has_crease_side: whether hinges have sides that they were creased to: `way` and `side`, functions of (e) and of (e, C).
     """
 
-    adds: bool = False
-    turns: bool = False
+    has_extra_torque: bool = False
+    has_crease_side: bool = False
     way: Any
     side: Any
 
@@ -44,7 +44,7 @@ class HingeLaw(HingeForce):
         """C and dC as the hinge lies, whichever way it was creased."""
         e_x, a_x, b_x = self.arms(e, self.model.x)
         way = 1.0
-        if ti.static(self.turns):
+        if ti.static(self.has_crease_side):
             way = self.way(e)
         return hinge_condition(e_x, a_x, b_x, self.rest[e][2], self.rest[e][3], way)
 
@@ -52,7 +52,7 @@ class HingeLaw(HingeForce):
     def strain(self, e):
         """C, dC and C_dot at the current state."""
         C, g_e, g_a, g_b = self.turned(e)
-        if ti.static(self.turns):
+        if ti.static(self.has_crease_side):
             side = self.side(e, C)
             C, g_e, g_a, g_b = side * C, side * g_e, side * g_a, side * g_b
         C_dot = C * 0
@@ -67,7 +67,7 @@ class HingeLaw(HingeForce):
         return g_e.dot(e_v) + g_a.dot(a_v) + g_b.dot(b_v)
 
     @ti.func
-    def beside(self, e, C):
+    def extra_torque(self, e, C):
         """(torque, torque over displacement, slope, energy) of a hinge at the condition C, beside k C."""
         return 0.0, 0.0, 0.0, 0.0
 
@@ -78,8 +78,8 @@ class HingeLaw(HingeForce):
         for e in range(self.elements.first[block], self.elements.first[block + 1]):
             C, C_dot, g_e, g_a, g_b = self.strain(e)
             s = -(self.rest[e][0] * C + self.rest[e][1] * C_dot)
-            if ti.static(self.adds):
-                s -= self.beside(e, C)[0]
+            if ti.static(self.has_extra_torque):
+                s -= self.extra_torque(e, C)[0]
             self.scatter(e, s * g_e, s * g_a, s * g_b, f, lo, hi)
 
     @ti.func
@@ -103,8 +103,8 @@ class HingeLaw(HingeForce):
                 sums[2] += self.rest[e][0] * C * turning
                 if over > 0:
                     sums[2] += self.rest[e][1] * C_dot * (turning - C_dot)
-                if ti.static(self.adds):
-                    torque, secant, slope, energy = self.beside(e, C)
+                if ti.static(self.has_extra_torque):
+                    torque, secant, slope, energy = self.extra_torque(e, C)
                     sums[0] += energy
                     sums[2] += torque * turning
             if ti.static(self.stiff):
@@ -128,20 +128,20 @@ class HingeLaw(HingeForce):
         if moves == 1:
             s += k * (g_e.dot(m_e) + g_a.dot(m_a) + g_b.dot(m_b))
             self.before[e] = C  # where the step starts
-        if ti.static(self.adds):
+        if ti.static(self.has_extra_torque):
             led = C
             if moves == 1:
                 led += g_e.dot(m_e) + g_a.dot(m_a) + g_b.dot(m_b)
-            torque, secant, slope, energy = self.beside(e, led)
+            torque, secant, slope, energy = self.extra_torque(e, led)
             s += torque
             k += secant if ti.static(not self.exact) else slope
-            pull += self.beside(e, C)[0]
+            pull += self.extra_torque(e, C)[0]
         r_e, r_a, r_b = -c * s * g_e, -c * s * g_a, -c * s * g_b
         if ti.static(self.exact):
             e_x, a_x, b_x = self.arms(e, self.model.x)
             if over > 0:
                 pull += k_d * C_dot
-            if ti.static(self.turns):
+            if ti.static(self.has_crease_side):
                 if self.turned(e)[0] * C < 0:
                     pull = -pull  # on the other side: ddC below is that of the angle as it is
             if moves == 1:

@@ -20,7 +20,7 @@ def rest_of(cloth: Cloth, h: Hinges) -> np.ndarray:
 
 
 def creased(scene: Scene, cloth: Cloth, h: Hinges, rest: np.ndarray) -> np.ndarray:
-    """The same with what creases say of their edges."""
+    """The rows `rest` (hinges, 4), with those of creased edges as their creases give them."""
     plain = rest[:, :2].copy()
     code = np.sort(h.vertices[:, :2], axis=1) @ np.array([cloth.mesh.vertex_count, 1])
     order = np.argsort(code)
@@ -33,7 +33,7 @@ def creased(scene: Scene, cloth: Cloth, h: Hinges, rest: np.ndarray) -> np.ndarr
 
 
 def seam_rest(seam: Seam, h: Hinges) -> np.ndarray:
-    """The same of a seam's hinges."""
+    """(hinges, 4) the same for a seam's hinges."""
     return _rows(seam.cloth, h, h.angle if seam.rest == "given" else seam.rest, seam.stiffness)
 
 

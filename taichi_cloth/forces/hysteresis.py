@@ -1,4 +1,4 @@
-"""What bending remembers: friction between fibres, and creases.
+"""Hysteresis of bending: friction between fibres, and creases.
 
 Beside a hinge's own spring there are springs (k_j) in series with sliders (q_j) that give way at the angles d_j [Jenkins]. In
 a step the sliders stay where they are, and the torque and energy are, with z = C - q_j,
@@ -6,17 +6,17 @@ a step the sliders stay where they are, and the torque and energy are, with z = 
 T_j = k_j z where |z| <= d_j, else +- k_j d_j,    E_j = k_j z^2/2, else k_j d_j (|z| - d_j/2):
 
 convex, with a continuous torque. After an accepted step the sliders follow: q_j goes as far as |C - q_j| <= d_j again, and
-what is stored falls by k_j d_j |change of q_j|. Two of them:
+the stored energy falls by k_j d_j |change of q_j|. Two of them:
 
 - friction between fibres: k d = HB |e|, d = SLIP |curvature length|; M = D kappa +- HB [Kawabata 1980];
-- creases: k = (1 - H) D-stiffness, d = yield curvature; the hinge's own spring keeps H D, its hardening. What was folded by
-  C comes back to (1 - H) (C - d).
+- creases: k = (1 - H) D-stiffness, d = yield curvature; the hinge's own spring keeps H D, its hardening. A fold by C
+  springs back to (1 - H) (C - d).
 
 Folded flat, C levels off .1 rad below pi (`hinge`): creases then follow the angle itself, as far as C. A fold that passes
 through itself, by less than a radian in a step, has as much energy on either side: its sliders change theirs with it.
 
-The matrix takes T_j / z at the angle that the step is led to, not the slope, which is 0 where a slider gives: a semidefinite
-bound from above, so that no solve goes further than friction lets it.
+The matrix takes T_j / z at the predicted angle of the step. The slope would be 0 if a slider gives; T_j / z is a
+semidefinite bound from above, so that no solve goes further than friction lets it.
 """
 
 import math
@@ -40,7 +40,7 @@ PASSED = math.pi - 1.0  # rad on the other side beyond which a fold is one that 
 
 @dataclass(frozen=True)
 class Sliders:
-    """Of hinges.
+    """Constants of the sliders of hinges.
 
     Attributes:
         k: (hinges, 2) stiffness of either spring [N m]; reach: (hinges, 2) d_j [rad].
@@ -55,9 +55,9 @@ class Sliders:
 
 
 def sliders(cloth: Cloth, h: Hinges, rest: np.ndarray, seam: bool) -> Sliders:
-    """Of a cloth's hinges with rows `rest` (stiffness first); those of a seam remember nothing.
+    """Constants for a cloth's hinges with rows `rest` (stiffness first); the hinges of a seam have no hysteresis.
 
-    Where the two sides differ, friction is their mean, and the softer one says where they yield.
+    If the two sides differ, friction is their mean, and the softer one says where they yield.
     """
     if seam:
         n = len(rest)
@@ -82,7 +82,7 @@ def joined(parts: list[Sliders]) -> Sliders:
 
 @ti.data_oriented
 class Hysteresis:
-    """Where the sliders of hinges are, and what they do."""
+    """Positions of the sliders of hinges, and their response."""
 
     def __init__(self, made: Fields, model: ParticleState, elements: Elements, law: Sliders) -> None:
         self.elements, self.own, self.yields = elements, law.own, bool(law.k[:, CREASE].any())
@@ -103,7 +103,7 @@ class Hysteresis:
 
     @ti.func
     def side(self, e, C):
-        """-1 where a hinge at C is one that passed through itself, else 1."""
+        """-1 if a hinge at C is one that passed through itself, else 1."""
         side, way = 1.0, self.way(e)
         if C * way < -PASSED:
             side = -1.0
@@ -129,7 +129,7 @@ class Hysteresis:
         return torque, secant, slope, energy
 
     @ti.func
-    def settle(self, e, C, h):
+    def return_map(self, e, C, h):
         """The sliders follow a hinge that came to C in a step of h."""
         i, angle, side = self.hinge[e], uncrested(C), self.side(e, C)
         for j in ti.static(range(2)):

@@ -1,4 +1,4 @@
-"""Forces that a script puts on vertices, the same wherever these are. Like air they have no energy: their power is F . v."""
+"""Loads: forces that a script puts on vertices, whatever their positions. Without an energy, as air: their power is F . v."""
 
 import numpy as np
 import taichi as ti

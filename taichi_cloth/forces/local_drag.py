@@ -4,8 +4,9 @@ f = -A B (v - wind) as in `external.Drag`, where B has besides, of a plate [Keck
 
 density/2 |u| (drag c I + lift (n n^T - c^2 I)), c = |n.u| / |u|,
 
-so that B u drags along u and lifts across it; B is positive as lift <= drag. A B and the wind are those where the step
-begins, the wind that of its end: so the force has a potential in the solve's velocities, of first order in the step.
+so that B u drags along u and lifts across it; B is positive as lift <= drag. A B is that at the
+beginning of the step. The wind is taken at the places of the beginning, for the time of the end. The force then has a
+potential in the velocities of the solve, and is of first order in the step.
 """
 
 import numpy as np
@@ -58,7 +59,7 @@ class LocalDrag(Drag):
             n, speed = twice.normalized(1e-30), u.norm()
             c = ti.abs(n.dot(u)) / ti.max(speed, 1e-30)
             tangential = self.drag[1] + speed * (self.plate[0] * c - self.plate[1] * c * c)
-            beyond = self.drag[0] - self.drag[1] + speed * self.plate[1]  # what B has along n more than across
+            beyond = self.drag[0] - self.drag[1] + speed * self.plate[1]  # excess of B along n over that across
             B = 0.5 * twice.norm() * (sym_scaled_identity(tangential) + beyond * sym_outer(n))
             self.local[e] = ti.Vector([wind[0], wind[1], wind[2], B[0], B[1], B[2], B[3], B[4], B[5]])
 

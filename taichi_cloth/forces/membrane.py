@@ -1,15 +1,15 @@
 """Stretch and shear of woven cloth: the conditions of [BW98 §4.2] along warp and weft, per area of the pattern
 
-psi = k_u/2 (|w_u| - b_u)^2 + k_v/2 (|w_v| - b_v)^2 + k_s/2 (w_u . w_v)^2, and what a fabric has beyond: see `stiffening`.
+psi = k_u/2 (|w_u| - b_u)^2 + k_v/2 (|w_v| - b_v)^2 + k_s/2 (w_u . w_v)^2, plus the terms of `stiffening`.
 
-With n = w/|w|, the tensions T = k (|w| - b) and S = k_s w_u . w_v (both with what is beyond) and damping k_d C_dot in each:
+With n = w/|w|, the tensions T = k (|w| - b) and S = k_s w_u . w_v (both with their stiffening) and damping k_d C_dot in each:
 
 dpsi/dw_u = T_u n_u + S w_v, and the same with u and v changed (7), (11);
 d2psi/dw_u2 = T_u' n_u n_u^T + T_u/|w_u| (1 - n_u n_u^T) + S' w_v w_v^T,  d2psi/dw_u dw_v = S' w_v w_u^T + S 1.
 
 Differs from [BW98 §4.2, §4.5]: energy is area k/2 C^2 (see fabric); damping is weighted by area like its
-stiffness. Of a first solve its derivative by position and the term C_dot ddC are left out of the matrix; in further ones
-damping is an energy, k_d/(2 c) (C - C_0)^2, and its matrix is all of this energy's.
+stiffness. In a first solve the matrix leaves out the derivative of damping by position and the term C_dot ddC. In further
+solves damping is an energy, k_d/(2 c) (C - C_0)^2, and the matrix is that of this energy.
 """
 
 from typing import Any
@@ -22,7 +22,7 @@ from ..scene.scene import Scene
 from ..system.elements import triangles
 from ..system.state import Elements, ParticleState
 from .conditions import TINY, shear_stiffness, stretch_stiffness, unit
-from .membrane_lanes import APART, LANES, MembraneLanes
+from .membrane_lanes import APART, SIMD_WIDTH, MembraneLanes
 from .membrane_table import B_U, B_V, D_S, D_U, D_V, K_S, K_U, K_V, limits_of, materials_of, row_bounds, row_of
 from .stiffening import SHEAR, WARP, WEFT, Stiffening, stiffens
 
@@ -37,7 +37,7 @@ class Membrane(MembraneLanes):
             damping with them. None leaves all as they are.
 
     Attributes:
-        notes: what was softened.
+        notes: how many triangles were softened, and how far.
     """
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str, substep: float | None = None) -> None:
@@ -67,7 +67,7 @@ class Membrane(MembraneLanes):
         self.notes: list[str] = []
         if substep is not None:
             omega2, damping = rates
-            over = (substep**2 * omega2 + 2 * substep * damping) / 4  # 1 where it is just stable
+            over = (substep**2 * omega2 + 2 * substep * damping) / 4  # 1 if it is just stable
             left = 1 / np.maximum(1, over[vertices].max(axis=1))
             area, k = area * left, k * left[:, None]  # all that an element gives goes with its area
             if (left < 1).any():
@@ -79,8 +79,8 @@ class Membrane(MembraneLanes):
         self.area = fields.real(self.elements.count, data=per_entry(area))
         self.material = fields.integer(self.elements.count, data=per_entry(material))
         self.table = fields.real(len(table), 8, table)
-        self.lanes = LANES if model.blocks.grain > 1 and not self.stiffer else 1
-        self.aside = fields.aside(APART * model.blocks.count, 6 * self.lanes)
+        self.simd_width = SIMD_WIDTH if model.blocks.grain > 1 and not self.stiffer else 1
+        self.simd_scratch = fields.scratch(APART * model.blocks.count, 6 * self.simd_width)
         self.stretches = bool(table[:, [K_U, K_V]].any())
         self.shears = bool(table[:, K_S].any())
         self.damps = bool(table[:, [D_U, D_V, D_S]].any())
@@ -88,7 +88,7 @@ class Membrane(MembraneLanes):
         self._begin(fields, float(np.sum(area * stiffest[material][:, :K_S + 1].max(axis=1) * np.sum(inverse**2, axis=1)) / 2))
 
     def geometry(self) -> dict[str, np.ndarray]:
-        """Limits of triangles, in the order of their cloths, where there are any: b_u, b_v, L_u, L_v and L of shear."""
+        """Limits of triangles, in the order of their cloths, if there are any: b_u, b_v, L_u, L_v and L of shear."""
         return {"face_limit": self.host_limit} if self.abrupt else {}
 
     @ti.func
@@ -172,8 +172,8 @@ class Membrane(MembraneLanes):
 
     @ti.func
     def stiffness(self, e, w_u, w_v, u, v, s, over, whole):
-        """Per area, blocks uu (6 numbers), uv (3x3), vv (6) of -K in (w_u, w_v); with damping as an energy, at these rates,
-        where it is `over` a span."""
+        """Per area, blocks uu (6 numbers), uv (3x3), vv (6) of -K in (w_u, w_v). If `over` > 0 [s], with damping as an energy
+        at the rates u, v, s."""
         k = self.table[self.material[e]]
         uu, uv, vv = ti.Vector.zero(float, 6), ti.Matrix.zero(float, 3, 3), ti.Vector.zero(float, 6)
         if ti.static(self.shears):

@@ -62,7 +62,7 @@ class MembraneLaw(OwnLaw, TriangleLaw):
     def dP(self, k, w_u, w_v, exact):
         """d2psi/dF2 [N/m] as 3x3 blocks uu, uv, vv: that of P_u by w_u, of P_u by w_v and of P_v by w_v.
 
-        Where `exact` is 0 all of it is to be positive semidefinite, else CG breaks down: see `positive`.
+        If `exact` is 0 all of it is to be positive semidefinite, else CG breaks down: see `positive`.
         """
 
     @ti.func

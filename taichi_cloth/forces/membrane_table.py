@@ -22,15 +22,21 @@ def materials_of(cloths: list) -> np.ndarray:
 
 
 def limits_of(fabric) -> list[float]:
-    """b_u, b_v, L_u, L_v and L of shear; NaN where there is none."""
+    """b_u, b_v, L_u, L_v and L of shear; NaN if there is none."""
     stretch, shear = fabric.stretch, fabric.shear
     limit = pair(stretch.limit) if stretch and stretch.limit is not None else (np.nan, np.nan)
     return [*(pair(stretch.b) if stretch else (1.0, 1.0)), *limit, shear.limit if shear and shear.limit else np.nan]
 
 
 def row_bounds(vertices: np.ndarray, inverse: np.ndarray, mass: np.ndarray, k: np.ndarray) -> np.ndarray:
-    """(n,), the largest of which bounds the eigenvalues of M^-1 K in the plane of flat cloth, for k (m, 3) of warp, weft and
-    shear times the areas: these two pull at right angles."""
+    """Bounds on the eigenvalues of M^-1 K in the plane of flat cloth. Warp and weft pull at right angles.
+
+    Args:
+        k: (m, 3) stiffness of warp, weft and shear times the areas [N m].
+
+    Returns:
+        (n,) one a particle; the largest is the bound [1/s^2].
+    """
     u, v = (np.column_stack([-inverse[:, a] - inverse[:, a + 2], inverse[:, a], inverse[:, a + 2]]) for a in (0, 1))
     u_rows, v_rows, s_rows = (row_sums(vertices, factor[:, None, None] * np.abs(np.einsum("ei,ej->eij", p, p)), mass)
                               for p, factor in zip((u, v, np.hypot(u, v)), k.T))

@@ -79,13 +79,19 @@ class OwnLaw(ABC):
             raise SceneError(f"{what}: on which cloth? scene.add_force({what}.on(cloth, ...))")
         for cloth, _ in rows:
             if not any(cloth is other for other in scene.cloths):
-                raise SceneError(f"{what}: {cloth.name!r} is no cloth of this scene; pass what its add_cloth returned")
+                raise SceneError(f"{what}: {cloth.name!r} is not a cloth of this scene; pass the one that its add_cloth "
+                                 "returned")
 
     @abstractmethod
     def stiffest(self, *values: np.ndarray) -> Any:
-        """The largest second derivative of the energy per area at rest, from the parameters, (k,) each, in numpy: of a
-        membrane's psi along any F of size 1 [N/m], of bending's by curvature [N m]. Explicit steps are as short as it asks
-        for."""
+        """The largest second derivative of the energy per area at rest, in numpy: it decides the length of explicit steps.
+
+        Args:
+            values: the parameters, (k,) each.
+
+        Returns:
+            (k,) for a membrane that of psi along any F of size 1 [N/m], for bending that by curvature [N m].
+        """
 
     def _stiffest(self, numbers: np.ndarray) -> np.ndarray:
         """(k,) `stiffest` of rows of numbers, checked."""
@@ -96,5 +102,5 @@ class OwnLaw(ABC):
 
 
 def vectors(numbers: np.ndarray) -> np.ndarray:
-    """Rows of two numbers at least: a field of rows of one has no vectors."""
+    """(m, k) numbers with k at least 2: a field of rows of one number has no vectors."""
     return np.pad(numbers, ((0, 0), (0, max(0, 2 - numbers.shape[1]))))

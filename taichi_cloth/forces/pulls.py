@@ -5,9 +5,9 @@ With d = |x - g|, g the place that the vertex rides at,
     E = k d^2/2 where k d <= F, else F d - F^2/2k,    f = -T (x - g)/d,    T = min(k d, F):
 
 convex, with a continuous force. A step's first solve takes T/d of where the step is led to, in all directions: an upper
-bound of the second derivative, so that it pulls no vertex past its place. For what goes away from there it takes the
-derivative, as further solves and K = "paper" do: with the bound, what was loaded beyond F hung on for a fifth of a second, and
-Newton's method came to 1e-11 m in 61 solves or not at all.
+bound of the second derivative, so that it pulls no vertex past its place. For vertices that move away from their places it
+takes the derivative, as further solves and K = "paper" do. With the bound, vertices loaded beyond F hung on for a fifth of a
+second, and Newton's method came to 1e-11 m in 61 solves or not at all.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ from .force import Force
 
 @dataclass(frozen=True)
 class Pulled:
-    """What is attached softly, at a time.
+    """Soft attachments at a time.
 
     Attributes:
         index: (k,) particles; place: (k, 3) where they are pulled to [m].
@@ -63,7 +63,7 @@ class Pulls(Force):
     """Springs of soft attachments, at most one a particle.
 
     Attributes:
-        source: gives what is attached at a time [s].
+        source: gives the soft attachments at a time [s].
         began: time [s] at which the current step does.
     """
 
@@ -99,10 +99,10 @@ class Pulls(Force):
             write(field, rows)
 
     def led(self, before: float, part: float) -> float:
-        """What moving the places put into the energy in the step [J], attaching and letting go included.
+        """Work [J] of moving the places in the step, attaching and letting go included.
 
-        With `part` 0 as the cloth was at its beginning, E(x_0, g_1) - E_0: what backward Euler's energy is bounded by. With
-        1/2 the mean of that and of the same at its end: of second order.
+        With `part` 0 it is E(x_0, g_1) - E_0, with the cloth as at the beginning: the bound of backward Euler's energy. With
+        1/2 it is the mean of that and of the same at the end: of second order.
 
         Args:
             before: energy with which the step began [J].
@@ -186,5 +186,5 @@ class Pulls(Force):
 
     @ti.func
     def add_level_block(self, n, c, D, levels: ti.template()):
-        """D += sum_i w_i^2 A_i over what is not held"""
+        """D += sum_i w_i^2 A_i over the particles that are not held"""
         return levels.add_diagonal(n, D, self.A)

@@ -1,6 +1,6 @@
-"""What a fabric's tension has beyond k C: curves of measured cloth, and limits of strain.
+"""Stiffening: tension of a fabric beyond k C, from curves of measured cloth and limits of strain.
 
-Of a condition's size s (|w_u|, |w_v| or, in shear, |C|), with s_j where pieces of a curve begin and L the limit:
+With s the size of a condition (|w_u|, |w_v| or, in shear, |C|), s_j the strains at which a curve bends, and L the limit:
 
 T = sum_j a_j max(s - s_j, 0) + q max(s - L, 0)^2, which has the energy sum_j a_j/2 max(s - s_j, 0)^2 + q/3 max(s - L, 0)^3:
 
@@ -22,7 +22,7 @@ REACHED = 0.1  # of the way from rest to a limit that fabric is expected to go b
 
 @dataclass(frozen=True)
 class Law:
-    """Of one material in one direction.
+    """The law of one material in one direction.
 
     Attributes:
         bends: (s_j, a_j) of each; limit: L; q [N/m]; way: from rest to the limit.
@@ -87,7 +87,7 @@ def stiffens(fabric: Fabric) -> bool:
 
 
 def laws(fabric: Fabric) -> tuple[Law, Law, Law]:
-    """Of warp, weft and shear."""
+    """The laws of warp, weft and shear."""
     warp = weft = shear = Law()
     if fabric.stretch:
         warp, weft = (_of_stretch(fabric.stretch, axis) for axis in (WARP, WEFT))

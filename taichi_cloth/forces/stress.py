@@ -8,7 +8,7 @@ from .membrane import Membrane
 
 @ti.data_oriented
 class Stress:
-    """Of the triangles of a `Membrane`, damping included."""
+    """Stress of the triangles of a `Membrane`, damping included."""
 
     def __init__(self, membrane: Membrane) -> None:
         self.membrane = membrane

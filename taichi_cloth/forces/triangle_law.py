@@ -27,7 +27,7 @@ class TriangleLaw(TriangleForce):
     Attributes:
         area: (m,) of triangles in the pattern [m^2].
         damps: whether any triangle is damped.
-        lanes: elements whose forces a CPU thread takes together; add_forces(block, e, f), for so many where it is more than 1.
+        simd_width: elements whose forces a CPU thread takes together; above 1 there is add_forces(block, e, f) for so many.
         used: (e, w_u, w_v) gives the largest part of the ways from rest to a limit, where the law is `abrupt`.
         mode: K of the conditions.
     """
@@ -35,7 +35,7 @@ class TriangleLaw(TriangleForce):
     extremes = 2
     area: Any
     damps: bool
-    lanes: int = 1
+    simd_width: int = 1
     add_forces: Any
     used: Any
     mode: str
@@ -68,8 +68,8 @@ class TriangleLaw(TriangleForce):
 
     @abstractmethod
     def stiffness(self, e, w_u, w_v, u, v, s, over, whole):
-        """Per area, blocks uu (6 numbers), uv (3x3), vv (6) of -K in (w_u, w_v); with damping as an energy, at these rates,
-        where it is `over` a span. Positive semidefinite but where `whole` is 1, or K mode "paper" asks for the exact one."""
+        """Per area, blocks uu (6 numbers), uv (3x3), vv (6) of -K in (w_u, w_v). If `over` > 0 [s], with damping as an energy
+        at the rates u, v, s. Positive semidefinite unless `whole` is 1 or K mode "paper" asks for the exact one."""
 
     def rounding_energy(self, d: float) -> float:
         """Energy [J] that positions off by d [m] put into the rest shape."""
@@ -78,7 +78,7 @@ class TriangleLaw(TriangleForce):
     def build_stiffness(self) -> None:
         """Allocates the fields of implicit steps."""
         self.A, self.stiff = self._fields.real(self.elements.count, 21), True
-        self.way: Any = self._fields.real(2, data=np.zeros(2))  # span that damping is taken over [s]; 1 where K is whole
+        self.way: Any = self._fields.real(2, data=np.zeros(2))  # span that damping is taken over [s]; 1 if K is whole
 
     def damp_over(self, c: float) -> None:
         """See `Force`; from here on negative eigenvalues are in the matrix too."""
@@ -127,11 +127,11 @@ class TriangleLaw(TriangleForce):
         """f += internal forces of the block's elements; of those that it owns whole, a few at a time."""
         lo, hi = self.model.blocks.row[block], self.model.blocks.row[block + 1]
         first = self.elements.first[block]
-        if ti.static(self.lanes > 1):
-            groups = (self.elements.shared[block] - first) // self.lanes
+        if ti.static(self.simd_width > 1):
+            groups = (self.elements.shared[block] - first) // self.simd_width
             for group in range(groups):
-                self.add_forces(block, first + group * self.lanes, f)
-            first += groups * self.lanes
+                self.add_forces(block, first + group * self.simd_width, f)
+            first += groups * self.simd_width
         for e in range(first, self.elements.first[block + 1]):
             w_u, w_v = self.spread(e, self.model.x)
             v_u, v_v = self.spread(e, self.model.v)

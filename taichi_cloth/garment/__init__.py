@@ -14,15 +14,17 @@ OWN_UNITS, WITH_SIDE = (".svg", ".svgz", ".json"), (".svg", ".svgz", ".dxf", ".o
 
 def load_pattern(path: str | Path, side: str | Path | None = None, scale: float = 1.0, up: str = "y",
                  size: str | None = None) -> Pattern | StitchedPattern:
-    """A sewing pattern from a file in GarmentCode's JSON format, from panels drawn in an SVG, from a DXF of the apparel trade
-    (AAMA, ASTM D6673; needs the extra `dxf`), or from meshed panels in an OBJ.
+    """Reads a sewing pattern from a file.
+
+    Formats: GarmentCode's JSON, panels drawn in an SVG, a DXF of the apparel trade (AAMA, ASTM D6673; needs the extra
+    `dxf`), and meshed panels in an OBJ.
 
     Args:
-        side: of an SVG or a DXF, the JSON file with its stitches, labels and placement (see `garment.sidefile`); the one of
-            its name where None. Of an OBJ, the .csv with its stitches (see `load_stitched`); its own lines where None.
-        scale: of an OBJ, and of a DXF that names no unit, metres per unit of the file; others name their units.
-        up: of an OBJ, the file's axis that points up, "y" or "z"; others place their panels themselves.
-        size: of a DXF with several sizes, one of them, by name.
+        side: for an SVG or a DXF, the JSON file with its stitches, labels and placement (see `garment.sidefile`); None takes
+            the one of its name. For an OBJ, the .csv with its stitches (see `load_stitched`); None takes its own lines.
+        scale: metres per unit of the file, for an OBJ and for a DXF that names no unit; others name their units.
+        up: the file's axis that points up, "y" or "z", for an OBJ; others place their panels themselves.
+        size: name of one of a DXF's sizes, if it has several.
 
     Raises:
         SceneError: a missing or unreadable file, or a pattern that cannot be sewn, with the panel or stitch that is wrong.

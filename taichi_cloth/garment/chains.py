@@ -1,4 +1,4 @@
-"""Lines whose ends meet, as one line each. numpy only."""
+"""Chains of lines: lines whose ends meet become one line each. numpy only."""
 
 import math
 from collections.abc import Sequence
@@ -21,14 +21,14 @@ class Places:
         return int(point[0] // self.reach), int(point[1] // self.reach)
 
     def at(self, point: np.ndarray) -> list[int]:
-        """Numbers of those that are there."""
+        """Numbers of the points within reach of a point (2,)."""
         i, j = self._cell(point)
         found = [k for a in (i - 1, i, i + 1) for b in (j - 1, j, j + 1) for k in self._cells.get((a, b), ())]
         return [k for k in found if math.dist(self.points[k], point) <= self.reach]
 
 
 def chained(lines: Sequence[np.ndarray]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """(closed lines, whose first point is not repeated; open ones) of lines (k, 2); what is drawn twice counts once."""
+    """(closed lines, whose first point is not repeated; open ones) of lines (k, 2); lines drawn twice count once."""
     size = float(np.ptp(np.concatenate(lines), axis=0).max()) if len(lines) else 0.0
     if not size > 0:
         return [], []

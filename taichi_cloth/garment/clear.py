@@ -1,6 +1,6 @@
-"""Panels that start within a body hang further out: how far is found from where lines from them leave it. numpy only.
+"""Panels hung clear of a body: those that start within it go further out, along lines that leave it. numpy only.
 
-From each vertex goes a line the way its panel is brought out. Where it leaves a closed piece of the body once more than it
+From each vertex goes a line the way its panel is brought out. If it leaves a closed piece of the body once more than it
 enters, the vertex is within that piece. A panel goes out to the first place where no vertex is within and no edge through.
 """
 
@@ -50,8 +50,12 @@ def hung_clear(garment: Garment, body: Scene, thickness: float) -> tuple[Garment
 
 
 def exit_from(x: np.ndarray, ways: np.ndarray, widest: float, at: np.ndarray, faces: np.ndarray) -> float:
-    """[m] that the deepest of points x (n, 3) go along ways (n, 3), at most so far, to leave a closed surface with vertices
-    at (m, 3) and triangles (k, 3); 0 where none is within."""
+    """Distance [m] by which all points leave a closed surface; 0 if none is within.
+
+    Args:
+        x: (n, 3) points [m]; ways: (n, 3) along which they go; widest: the largest distance that is tried [m].
+        at: (m, 3) vertices of the surface [m]; faces: (k, 3) its triangles.
+    """
     ways = ways + ASKEW
     ray, far = np.zeros(0, dtype=np.int64), np.zeros(0)
     for i, j in near(np.stack([x, x + widest * ways], axis=1), at[faces]):

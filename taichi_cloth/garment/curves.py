@@ -19,11 +19,11 @@ class Curve:
     Attributes:
         start, end: numbers of the corners.
         kind: "line", "polyline", "quadratic", "cubic", "circle" or "ellipse".
-        parameters: of the Bezier curves control points (1 or 2, 2) against the edge, along it and to its left, in parts of its
-            length; of the polyline so the points (n, 2) between its ends; of the circle (radius, whether it is the large arc,
-            whether it bends to the right); of the ellipse (radius, other radius, angle of the first to the panel's u axis
-            [rad], large, right).
-        label: what the file calls it, or "".
+        parameters: depend on the kind. Bezier curves: control points (1 or 2, 2) along the edge and to its left, in parts of
+            its length. Polyline: the points (n, 2) between its ends, in the same coordinates. Circle: (radius, whether it is
+            the large arc, whether it bends to the right). Ellipse: (radius, other radius, angle of the first to the panel's u
+            axis [rad], large, right).
+        label: its name in the file, or "".
     """
 
     start: int
@@ -91,7 +91,7 @@ class Curve:
         return np.concatenate([corners[[self.start]], own, corners[[self.end]]])
 
     def length(self, corners: np.ndarray) -> float:
-        """[m]"""
+        """Length [m] between corners (k, 2) [m] of the panel."""
         if self.kind == "line":
             return math.dist(corners[self.start], corners[self.end])
         return float(_way(self.drawn(corners, FINE))[-1])

@@ -1,4 +1,4 @@
-"""A piece of a pattern as it is cut: corners and edges, a fold that is opened, mirrored copies. numpy only."""
+"""A cut piece of a pattern: corners and edges, a fold that is opened, mirrored copies. numpy only."""
 
 import math
 from typing import NamedTuple
@@ -29,7 +29,7 @@ class Cut(NamedTuple):
     grain: float
 
     def hung(self) -> "Cut":
-        """Turned by a quarter where its grain lies across, so that what was right is up."""
+        """Turned by a quarter if its grain lies across, so that its right side is up."""
         if abs((self.grain + math.pi / 2) % math.pi - math.pi / 2) > ACROSS:
             return self
         return Cut(self.points @ np.array([[0.0, 1.0], [-1.0, 0.0]]), self.corner, self.grain + math.pi / 2)
@@ -53,8 +53,8 @@ class Cut(NamedTuple):
         on = np.abs(away) <= near
         begins = np.flatnonzero(on & ~np.roll(on, -1))  # points on the line before one off it
         if len(begins) != 1 or on.sum() < 2:
-            raise SceneError("its mirror line (layer 6) is no edge of its outline: one edge of a half lies on it, from end to "
-                             "end")
+            raise SceneError("its mirror line (layer 6) is not an edge of its outline: one edge of a half lies on it, from "
+                             "end to end")
         points, turns, off = (np.roll(some, -begins[0], axis=0) for some in (self.points, self.corner, ~on))
         ends = points[[0, int(np.flatnonzero(off)[-1] + 1) % len(points)]]
         ends, half, turns = ends - np.outer((ends - a) @ across, across), points[off], turns[off]

@@ -26,9 +26,9 @@ class Shape(NamedTuple):
     """A visible shape.
 
     Attributes:
-        name: its label in Inkscape, title or id, else that of the nearest group; "" where none has any.
+        name: its label in Inkscape, title or id, else that of the nearest group; "" if none has any.
         own: whether the name is its own, and not a group's or an element's that is drawn several times.
-        what: what it is called in messages.
+        what: its name in messages.
         part: id of the nearest group with "-part-" in it.
         classes: of its class attribute.
         to_metres: (2, 2) from its coordinates to metres, y up.
@@ -92,7 +92,7 @@ class Drawing:
                 stack.extend(reversed(self._next(stack.pop())))
 
     def _next(self, visit: Visit) -> list[Visit]:
-        """What a group or a `use` draws. Of a shape nothing; it is added to the drawing's."""
+        """The elements that a group or a `use` draws. A shape has none; it is added to the drawing's shapes."""
         node, tag = visit.node, visit.node.tag.removeprefix(SVG)
         group = tag in GROUPS or (tag == "symbol" and bool(visit.used))
         if not (group or tag == "use" or tag in SHAPES):
@@ -179,7 +179,7 @@ def _transformed(what: str, to: np.ndarray, node: Element, style: dict[str, str]
 
 
 def _box(what: str, node: Element) -> list[float]:
-    """Of a `viewBox`: x, y, width, height."""
+    """x, y, width and height of a `viewBox`."""
     box = numbers(f"{what}: viewBox", node.get("viewBox", ""))
     if len(box) != 4 or min(box[2:]) <= 0:
         raise SceneError(f"{what}: viewBox = {shown(node.get('viewBox'))}: must be x, y, width and height, both positive")
@@ -210,7 +210,7 @@ def _page(root: Element) -> tuple[np.ndarray, tuple[float, float], bool]:
     if not root.get("viewBox", "").strip():
         return to, (sides.get("width", 0.0), sides.get("height", 0.0)), scaled
     if not sides:
-        raise SceneError("how large it is, is not said: give the drawing a width in mm, cm or in")
+        raise SceneError("it has no size: give the drawing a width in mm, cm or in")
     box = _box("the drawing", root)
     w, h = sides.get("width"), sides.get("height")
     w, h = (h or 0.0) * box[2] / box[3] if w is None else w, (w or 0.0) * box[3] / box[2] if h is None else h

@@ -1,10 +1,9 @@
-"""From panels that hang round a body to a garment that it wears: sewn without weight, then let down.
+"""Dressing a body: panels that hang round it are sewn without weight, then let down.
 
 1. Sewing: no gravity, air that calms, seams that close by a bounded pull (`forces.closing`), the body smooth; cloth meets
-   itself. Where seams close no further they get a stronger pull. Layers of a pleat narrower than a triangle have no room for
-   their thickness: where no step passes they rest, and in the end all that is beside what is still apart.
-2. Settling: gravity, the body's friction; until the cloth rests, and no more of what passed through itself while it was sewn
-   comes apart.
+   itself. Seams that close no further get a stronger pull. Layers of a pleat narrower than a triangle have no room for their
+   thickness: their contact is released if no step passes, and in the end for all cloth beside stitches still apart.
+2. Settling: gravity, the body's friction; until the cloth rests, and no more crossings from the sewing come apart.
 
 Garments that are worn already are there from the start: panels hang outside them (`outside`), and they give way.
 """
@@ -31,11 +30,11 @@ from .worn import Dressed, Worn, crossed_of, worn_under
 
 CALM = 2.0  # N s/m^3, drag of the air in which seams are closed
 SEWING, LONGEST = 3.0, 12.0  # s in which seams have to close, or else close so fast that they will have by the second
-LATELY = 6  # tenths of a second, ends included, over which it is seen how fast they close
+LATELY = 6  # tenths of a second, ends included, over which it is seen how fast they close; at the strongest pull, no longer
 PULL = 5.0  # N/m at most, with which seams are closed,
 FIRMER, FIRMEST = 4.0, 1024.0  # times as much where they close no further; at most in all
-FIRM = 64.0  # times as much where pairs beside what does not close rest
-FINEST, LOCKED = 32, 0.3  # part of h at which layers that are nearer than that part of what they keep rest, as no step passes
+FIRM = 64.0  # times as much at which contact beside stitches that do not close is released
+FINEST, LOCKED = 32, 0.3  # part of h; part of their distance below which layers are released at it
 NEARER, SLOWEST = 0.2, 0.1  # part of the widest gap, and m/s, by the lesser of which it closes, or else closes no further
 ROUGH = 1e-3  # relative residual of the solves: only the rest shape counts
 SPARED = 0.5  # of the solids' thickness that cloth keeps from them meanwhile
@@ -52,26 +51,26 @@ def dress(garment: Garment, fabric: Fabric | str, body: Scene, contact: ClothCon
 
     Args:
         garment: panels round the body, outside of it.
-        contact: how the cloth meets itself, and what it is worn over.
+        contact: how the cloth meets itself, and the garments under it.
         longest: s after which settling ends, at rest or not.
         tell: called with a line a tenth of a second of simulated time.
-        pull: force a length [N/m] that closes seams, four times as much and again where they close no further; None closes
-            them by whatever force it takes.
-        meets: whether cloth with a contact meets itself while it is sewn too. So layers keep their order; where not, sewing a
-            dress with pleats takes little more than half the time.
-        over: garments worn already, from inside outwards, such as another's `Dressed.worn`. Panels that would start within it
-            hang further out, what lies over them too, and it is moved as the garment moves it.
+        pull: force a length [N/m] that closes seams, raised fourfold whenever they close no further;
+            None sets no limit to the force.
+        meets: whether cloth with a contact meets itself while it is sewn too, so that layers keep their order. Without it,
+            sewing a dress with pleats takes little more than half the time.
+        over: garments worn already, from inside outwards, such as another's `Dressed.worn`. Panels that would start within
+            them hang further out, and so do panels that lie over these. The garment moves them while it is put on.
         name: of the garment, in reports; panels: fabrics of some of its panels, as in `Scene.add_cloth`.
 
     Raises:
-        SceneError: a body without solids, or of a size that shows another unit; panels that start inside the body, or seams
-            that do not close, by name; a garment, or a panel that nothing holds, that falls off the body.
+        SceneError: a body without solids or in another unit; panels that start inside the body or seams that do not close, by
+            name; a garment or a loose panel that falls off the body.
     """
     fabric = as_fabric("dress: fabric", fabric)
     h, longest = _checked(garment, body, contact, h, longest, tell, meets)
     worn = worn_under(over, contact, checks.name("dress: name", name))
     if worn and not meets:
-        raise SceneError("dress: over worn garments, cloth has to meet what is under it: leave out meets=False")
+        raise SceneError("dress: over worn garments, cloth has to meet the garments under it: leave out meets=False")
     still = [_still(s) for s in body.solids]
     new, notes = Worn(garment, fabric, contact, name, panels), garment.loose()
     if worn:
@@ -104,7 +103,7 @@ def dress(garment: Garment, fabric: Fabric | str, body: Scene, contact: ClothCon
 
 def _checked(garment: Garment, body: Scene, contact: ClothContact | None, h: float, longest: float,
              tell: Callable[[str], None] | None, meets: bool) -> tuple[float, float]:
-    """(h, longest) of `dress`, whose arguments are looked at here."""
+    """(h, longest) of `dress`, whose arguments are checked here."""
     checks.instance("dress: garment", garment, Garment)
     checks.instance("dress: body", body, Scene)
     if not body.solids:
@@ -160,14 +159,16 @@ def _sewn(worn: Sequence[Worn], solids: list[Solid], h: float, pull: float | Non
     try:
         if sim.contacts is not None:
             refuse_inside(zip(scene.cloths, [w.garment for w in worn]), sim.model, sim.contacts.scan, scene.solids)
-        firm, before, gaps = 1.0, np.inf, []
+        firm, before, gaps, spent = 1.0, np.inf, [], 0
+        rests = meets and len(worn) == 1
         while (gap := sim.seam_gaps().max(initial=0.0)) > 0:
             gaps.append(float(gap))
-            if sim.time > SEWING and closing(gaps) * max(LONGEST - sim.time, 0.0) < gap:
+            if (sim.time > SEWING or spent > LATELY) and closing(gaps) * max(LONGEST - sim.time, 0.0) < gap:
                 raise SceneError(_left_open(_each(sim)[-1], garment, sim.time, closing(gaps)))
             if pull is not None and before - gap < min(NEARER * before, SLOWEST * TENTH):
-                if meets and firm >= FIRM and len(worn) == 1:
+                if rests and firm >= FIRM:
                     sim.contacts.layers.release_around(sim.giving.stitches.apart)
+                spent += firm >= FIRMEST and not rests
                 if firm < FIRMEST:
                     firm *= FIRMER
                     sim.stepper.pull_firmer(FIRMER)
@@ -206,8 +207,8 @@ def _part(crossed: list[int]) -> bool:
 
 
 def _advance(sim: Simulation, tell: Callable[[str], None] | None, what: str, finest: float = 0.0) -> None:
-    """A tenth of a second. Where no step of `finest` [s] passes for layers that are pressed together, they rest; else smaller
-    ones are tried."""
+    """Simulates a tenth of a second. If no step of `finest` [s] passes, contact of the layers pressed most is released;
+    without such layers smaller steps are tried."""
     end, usual, meets = sim.time + TENTH, sim.control, finest > 0
     while end - sim.time > ROUND * TENTH:
         if finest:

@@ -1,6 +1,6 @@
 """Patterns in DXF files of the apparel trade: a panel of each piece. numpy only, and ezdxf.
 
-Of a piece the sew line (layer 14) is the panel's border, where there is one, else its outline (1), with its seam allowance.
+The panel's border is the piece's sew line (layer 14), or, if there is none, its outline (1) with the seam allowance.
 Edges end at turn points (2). A half is opened at its mirror line (6); the grain line (7) is the warp.
 """
 
@@ -26,11 +26,11 @@ OUTLINE, TURNS, CURVED, MIRROR, GRAIN, SEWN = "1", "2", "3", "6", "7", "14"
 MARKS = {"4": "notches", "8": "internal lines", "11": "cutouts", "13": "drill holes"}
 MOST_COPIES = 50  # of a piece: more are no garment's
 NONE = np.zeros((0, 2))
-Notes = defaultdict[str, list[str]]  # names of pieces, by what is to be known of them
+Notes = defaultdict[str, list[str]]  # names of pieces, by the note on them
 
 
 def read_dxf(path: Path, side: Path | None, size: str | None, scale: float | None) -> Pattern:
-    """The pattern of a file; `side` is its side file, or None: the one of its name, .json, where there is one.
+    """The pattern of a file; `side` is its side file, or None: the one of its name, .json, if there is one.
 
     Args:
         size: of a file with several sizes, one of them.
@@ -114,7 +114,7 @@ def _cut(piece: Piece, notes: Notes) -> Cut:
 
 
 def _longest(lines: list[np.ndarray]) -> np.ndarray | None:
-    """(2, 2) the ends of the line whose ends are farthest apart; None where there is none."""
+    """(2, 2) the ends of the line whose ends are farthest apart; None if there is none."""
     ends = [line[[0, -1]] for line in lines if len(line) > 1 and (line[0] != line[-1]).any()]
     return max(ends, key=lambda two: math.dist(*two)) if ends else None
 
@@ -155,7 +155,7 @@ def _rings(lines: list[np.ndarray], fold: np.ndarray | None) -> tuple[list[np.nd
 
 
 def _marks(pieces: list[Piece]) -> list[str]:
-    """A note on what is drawn in pieces and is no part of panels."""
+    """A note on notches, lines and holes drawn in pieces, which are no part of panels."""
     count = {what: sum(len(p.lines.get(layer, ())) + len(p.points.get(layer, ())) for p in pieces)
              for layer, what in MARKS.items()}
     some = [f"{n} {what}" for what, n in count.items() if n]

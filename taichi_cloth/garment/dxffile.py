@@ -1,4 +1,4 @@
-"""What is drawn in a DXF file of the apparel trade: pieces with texts, lines and points by layer. Read by ezdxf.
+"""Pieces in a DXF file of the apparel trade, with texts, lines and points by layer. Read by ezdxf.
 
 A piece is a block; its layers are numbers. [AAMA-DXF-292, ASTM D6673]
 """
@@ -27,7 +27,7 @@ NO_UNIT = ("no unit of length is named, neither by a text 'Units: METRIC' (milli
 
 
 class Heard(logging.Handler):
-    """What a library warns of, in place of printing it."""
+    """Keeps the warnings of a library in place of printing them."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
@@ -89,7 +89,7 @@ def read_sheet(path: Path, scale: float | None) -> Sheet:
 
 
 def _document(data: bytes) -> tuple[Any, list[str]]:
-    """(the document, what of it is damaged)."""
+    """(the document, messages on its damage)."""
     try:
         from ezdxf import recover
     except ImportError:
@@ -99,7 +99,7 @@ def _document(data: bytes) -> tuple[Any, list[str]]:
     try:
         document, auditor = recover.read(io.BytesIO(data), errors="ignore")
     except Exception as error:  # of any kind: of the parser, of its tables, of numbers
-        raise SceneError(f"is no DXF file, or a damaged one: {type(error).__name__}: {shown(str(error))}") from None
+        raise SceneError(f"is not a DXF file, or a damaged one: {type(error).__name__}: {shown(str(error))}") from None
     finally:
         log.removeHandler(heard)
     return document, [*heard.said, *(error.message for error in auditor.errors)]
@@ -120,7 +120,7 @@ def _said(entities: Iterable[Any]) -> dict[str, str]:
 def _metres(word: str, number: int, scale: float | None) -> tuple[float, tuple[str, ...]]:
     """(metres per unit, notes); word: of the text "Units: ..."; number: $INSUNITS."""
     if word and word.lower() not in WORDS:
-        raise SceneError(f"'Units: {word}' is no unit that is known: METRIC are millimetres, ENGLISH inches")
+        raise SceneError(f"'Units: {word}' is not a known unit: METRIC are millimetres, ENGLISH inches")
     own = WORDS[word.lower()] if word else INSUNITS.get(number)
     if scale is not None and own is not None:
         raise SceneError("names its unit itself: leave out scale=")

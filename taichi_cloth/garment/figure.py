@@ -57,7 +57,7 @@ def measured(body: Scene) -> Figure:
     Raises:
         SceneError: nothing that stands up on legs, with a trunk and a neck.
     """
-    x, faces = _surface(body)
+    x, faces = surface_of(body)
     floor, top = float(x[:, 1].min()), float(x[:, 1].max())
     heights = floor + (top - floor) * (np.arange(LEVELS) + 0.5) / LEVELS
     start = int(MIDDLE * LEVELS)
@@ -74,7 +74,7 @@ def measured(body: Scene) -> Figure:
     crotch, top_of = float(heights[lowest]), float(heights[neck])
     trunk_at = [hulls[k] for k in range(lowest, neck + 1)]
     girths = np.interp(crotch + AT * (top_of - crotch), heights[lowest: neck + 1], [girth(h) for h in trunk_at])
-    middle = np.mean([_centre(h) for h in trunk_at], axis=0)
+    middle = np.mean([centre(h) for h in trunk_at], axis=0)
     widest = max((hulls[k] for k in range(start, neck)), key=lambda h: np.ptp(h @ _across(h)))
     forward, known = _forward(x, faces, floor, top - floor, _across(widest))
     return Figure(crotch, top_of, middle, forward, known, girths)
@@ -131,7 +131,7 @@ def overlap(a: np.ndarray, b: np.ndarray) -> bool:
 
 
 def area(h: np.ndarray) -> float:
-    """Of a polygon (k, 2)."""
+    """Signed area of a polygon (k, 2) [m^2]."""
     after = np.roll(h, -1, axis=0)
     return float((h[:, 0] * after[:, 1] - h[:, 1] * after[:, 0]).sum() / 2)
 
@@ -145,14 +145,14 @@ def _turns(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
-def _centre(h: np.ndarray) -> np.ndarray:
+def centre(h: np.ndarray) -> np.ndarray:
     """(2,) centre of area of a polygon (k, 2)."""
     after = np.roll(h, -1, axis=0)
     part = h[:, 0] * after[:, 1] - h[:, 1] * after[:, 0]
     return ((h + after) * part[:, None]).sum(axis=0) / (3 * part.sum())
 
 
-def _surface(body: Scene) -> tuple[np.ndarray, np.ndarray]:
+def surface_of(body: Scene) -> tuple[np.ndarray, np.ndarray]:
     """(vertices (n, 3) of all solids at time 0 [m], triangles (m, 3))."""
     parts = [(s.surface_at(0.0), s.shape.surface()[1]) for s in body.solids]
     first = np.cumsum([0] + [len(x) for x, _ in parts])
@@ -168,14 +168,14 @@ def _over_feet(parts: list[np.ndarray], x: np.ndarray, faces: np.ndarray, floor:
     over = [h for h in parts if len(feet) > 2 and overlap(h, feet)]
     if not over:
         aside = max(parts, key=area)
-        at = place(_centre(feet)) if len(feet) > 2 else "nowhere"
+        at = place(centre(feet)) if len(feet) > 2 else "nowhere"
         raise SceneError(f"fitted: the body has no trunk over its feet, whose middle is {at}: half way up, its largest part "
-                         f"is {girth(aside):.3g} m round, at {place(_centre(aside))}, and none is over them: {BY_HAND}")
+                         f"is {girth(aside):.3g} m round, at {place(centre(aside))}, and none is over them: {BY_HAND}")
     return max(over, key=area)
 
 
 def place(at: np.ndarray) -> str:
-    """x and z [m] as a report has them."""
+    """x and z (2,) [m], written as a report has them."""
     u, v = at.round(3) + 0.0  # no minus before a 0
     return f"({u:g}, {v:g}) m"
 
@@ -207,7 +207,7 @@ def _forward(x: np.ndarray, faces: np.ndarray, floor: float, tall: float, across
     ankles = parts_at(x, faces, floor + ANKLE * tall)
     toes = np.zeros(2)
     for sole in parts_at(x, faces, floor + SOLE * tall):
-        off = [_centre(sole) - _centre(ankle) for ankle in ankles]
+        off = [centre(sole) - centre(ankle) for ankle in ankles]
         toes += min(off, key=np.linalg.norm, default=np.zeros(2))
     long = float(np.linalg.norm(toes))
     if long < STANDS_OUT * tall:

@@ -1,4 +1,4 @@
-"""A pattern is brought to a body of another size that stands elsewhere and faces another way. numpy only.
+"""Fitting a pattern to a body of another size that stands elsewhere and faces another way. numpy only.
 
 Shipped patterns hang round a figure that faces z, and whose measures are `DRAWN_FOR`. A garment is made as much wider as the
 body is, where the garment is, and as much longer as the body's trunk is. Each panel keeps its shape but for that.
@@ -17,7 +17,9 @@ from ..scene.garment import Garment
 from ..scene.mesh import TriMesh, face_edges
 from ..scene.scene import Scene
 from .clear import hung_clear
-from .figure import AT, BY_HAND, Figure, measured, place
+from .figure import AT, BY_HAND, Figure, measured, place, surface_of
+from .limbs import round_limbs
+from .outside import tube_of
 
 DRAWN_FOR = Figure(0.835, 1.455, np.zeros(2), np.array([0.0, 1.0]), True,
                    np.array([0.963, 0.819, 0.815, 0.815, 0.815, 0.815]))
@@ -26,13 +28,15 @@ UNEVEN = 1.8  # times as wide as long, or as long as wide, as the figure drawn f
 
 
 def fitted(garment: Garment, body: Scene, thickness: float, turn: float | None = None) -> tuple[Garment, tuple[str, ...]]:
-    """(the garment as large as a body, round it as it was round the figure that shipped patterns are drawn for, and clear of
-    it; sentences on what was done).
+    """Fits a shipped garment to a body: as large as it, round it as round the figure of the pattern, and clear of it.
 
     Args:
         body: the scene whose solids wear it, as they are at time 0.
         thickness: of the cloth [m]; panels that would start within the body go that and the solids' thickness out of it.
         turn: the way the body faces [degrees], from z towards x; None finds it.
+
+    Returns:
+        (the garment, sentences on the changes).
 
     Raises:
         SceneError: a body without legs, trunk or neck that its surface shows, or whose trunk is as wide or narrow as no
@@ -47,7 +51,7 @@ def fitted(garment: Garment, body: Scene, thickness: float, turn: float | None =
     across, along = _sizes(garment, figure)
     _refuse_uneven(figure, across, along)
     heading = figure.turn if turn is None else turn
-    made = _sized(garment, across, along, figure, heading)
+    made = round_limbs(_sized(garment, across, along, figure, heading), *surface_of(body))
     notes = [f"the garment is made {across:.3g} times as wide and {along:.3g} times as long, and turned by {round(heading)} "
              f"degrees, round {place(figure.centre)}"]
     if turn is None and not figure.faces:
@@ -74,7 +78,7 @@ def _refuse_uneven(figure: Figure, across: float, along: float) -> None:
     raise SceneError(f"fitted: the body's trunk would be from {figure.crotch:.3g} m (crotch) to {figure.neck:.3g} m (neck), "
                      f"round {place(figure.centre)}, with girths of {girths} m from below: {across:.3g} times as wide and "
                      f"{along:.3g} times as long as that of the figure that patterns are drawn for, as no person is. Bring "
-                     f"its arms away from it, leave out what it carries, or {BY_HAND}")
+                     f"its arms away from it, leave out things that it carries, or {BY_HAND}")
 
 
 def _sized(garment: Garment, across: float, along: float, figure: Figure, turn: float) -> Garment:
@@ -101,9 +105,16 @@ def _sized(garment: Garment, across: float, along: float, figure: Figure, turn: 
 
 
 def _upward(x: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(the direction (2,) in the pattern that points up where a panel hangs with corners x (n, 3) and uv (n, 2), or its v axis
-    where it lies; the same (3,) in space)."""
+    """The upward direction of a panel with corners x (n, 3) [m] and uv (n, 2) [m].
+
+    Returns:
+        (the direction (2,) in the pattern that points up, or the v axis if the panel lies; the same (3,) in space).
+            A panel that is bent round a limb has the limb's direction, so that it stays round it.
+    """
     linear = np.linalg.lstsq(np.column_stack([uv, np.ones(len(uv))]), x, rcond=None)[0][:2]
+    if (tube := tube_of(x, uv)) is not None:
+        way = tube[1][2]
+        return linear @ way / np.linalg.norm(linear @ way), way
     rise = linear[:, 1]
     up = rise / np.linalg.norm(rise) if np.linalg.norm(rise) > UPRIGHT else np.array([0.0, 1.0])
     way = up @ linear

@@ -36,5 +36,5 @@ def cut_on_fold(root: Element) -> list[str]:
 
 
 def _name(part: str) -> str:
-    """Of the id of a part's group, such as fs-stack-brian.back-part-brian.back."""
+    """Name of a part from the id of its group, such as fs-stack-brian.back-part-brian.back."""
     return part.partition("-part-")[2]

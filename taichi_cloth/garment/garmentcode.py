@@ -1,11 +1,11 @@
 """Patterns in GarmentCode's JSON format. [Korosteleva, Sorkine-Hornung 2023]
 
-Panels have corners [cm], edges that are straight or curved, a translation [cm] and a rotation R_z R_y R_x [degrees];
-stitches join two edges, the start of one to the end of the other unless "right_wrong" says otherwise.
+Panels have corners [cm], edges that are straight or curved, a translation [cm] and a rotation R_z R_y R_x [degrees].
+Stitches join two edges, the start of one to the end of the other unless "right_wrong" says otherwise.
 
 Beyond the format: a panel may be bent, as a sleeve round an arm, by `around`, the ends of an axis [cm], `radius` [cm] and
 `turn` [degrees]; other programs see its translation and rotation. In the place of `edge`, an end of a stitch may have
-`points` [cm], a line or a point within the panel. And the two ends of a stitch may be followed by what the seam is like,
+`points` [cm], a line or a point within the panel. And the two ends of a stitch may be followed by properties of the seam,
 {"rest": degrees, "flat" or "given", "stiffness": factor, "strength": N/m}, as in `Scene.sew`.
 """
 
@@ -36,7 +36,7 @@ def read_garmentcode(path: Path) -> Pattern:
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}{near(path)}") from None
     except ValueError as error:
-        raise SceneError(f"{path}: is no JSON: {error}") from None
+        raise SceneError(f"{path}: is not JSON: {error}") from None
     try:
         body = data["pattern"]
         per_metre = float(data.get("properties", {}).get("units_in_meter", CENTIMETRES))
@@ -52,7 +52,7 @@ def read_garmentcode(path: Path) -> Pattern:
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from None
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
-        raise SceneError(f"{path}: is no pattern in GarmentCode's format: {type(error).__name__}: {error}") from None
+        raise SceneError(f"{path}: is not a pattern in GarmentCode's format: {type(error).__name__}: {error}") from None
 
 
 def _panel(name: str, panel: dict, per_metre: float) -> Panel:

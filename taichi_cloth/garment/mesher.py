@@ -1,4 +1,4 @@
-"""Triangles in a closed line: a hexagonal lattice inside, the line's own points on the border, Delaunay, smoothed.
+"""Meshing of a closed line: a hexagonal lattice inside, the line's own points on the border, Delaunay, smoothed.
 
 Time and memory grow about as the number of vertices.
 """
@@ -54,7 +54,7 @@ def mesh_polygon(border: np.ndarray, spacing: float, name: str, inside: np.ndarr
         border: (k, 2) of a closed line that does not cross itself, the last joined to the first.
         spacing: length [m] of edges inside.
         name: of the panel, for errors.
-        inside: (j, 2) further points; lines: (p, 2) which points, by their numbers, an edge has to join.
+        inside: (j, 2) further points; lines: (p, 2) numbers of points that an edge has to join.
 
     Raises:
         MeshError: SciPy is missing, the line crosses itself, lines inside cross, or the spacing is too large for its shape.

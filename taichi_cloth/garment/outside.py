@@ -1,7 +1,7 @@
-"""Panels that are sewn over worn garments hang outside them: how far each has to go is found from positions. numpy only.
+"""Panels hung outside worn garments: the distance that each has to go out is found from positions. numpy only.
 
-A panel goes out until each of its places is outside the nearest place of what is worn: along the way it faces, away from the
-figure, or, where it is bent round a limb, by being bent wider. What lies over a panel goes out with it.
+A panel goes out until each of its vertices is outside the nearest vertex of a worn garment. It goes along the way it faces,
+away from the figure; a panel that is bent round a limb is bent wider. Panels that lie over it go out with it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ..scene.scene import Scene
 from ..system.quantities import vertex_normals
 from .worn import Worn
 
-NEAR = 1e-2  # of what layers keep from each other that panels may be nearer
+NEAR = 1e-2  # part of the distance of layers by which panels may be nearer
 ONE_WAY = 0.5  # length of the mean of a panel's normals, below which it faces all ways: one of half a circle has .64
 
 
@@ -82,57 +82,73 @@ class Bent:
         angle = np.sort(np.arctan2(off[:, 1], off[:, 0]))
         gaps = np.diff(np.append(angle, angle[0] + 2 * np.pi))
         k = int(gaps.argmax())
-        front = angle[k] + gaps[k] / 2 + np.pi  # opposite the middle of what is open
+        front = angle[k] + gaps[k] / 2 + np.pi  # opposite the middle of the opening
         first = np.cos(front) * axes[0] + np.sin(front) * axes[1]
         self.axes = np.stack([first, np.cross(along, first), along])
 
     @staticmethod
     def found(sheet: Sheet, uv: np.ndarray) -> Bent | None:
-        """The panel, where it is bent so: along the axis places are linear in the pattern's coordinates (n, 2)."""
-        x, linear = sheet.x, np.column_stack([uv, np.ones(len(uv))])
-        bulge = x - linear @ np.linalg.lstsq(linear, x, rcond=None)[0]
-        if np.abs(bulge).max() <= FLAT * np.ptp(uv, axis=0).min():
+        """The panel, where it is bent so; uv: (n, 2) the pattern's coordinates."""
+        tube = tube_of(sheet.x, uv)
+        if tube is None:
             return None
-        axes = np.linalg.svd(bulge, full_matrices=False)[2]
-        flat = x @ axes[:2].T
-        a, b, c = np.linalg.lstsq(np.column_stack([flat, np.ones(len(x))]), (flat**2).sum(axis=1), rcond=None)[0]
-        centre, radius = np.array([a, b]) / 2, float(np.sqrt(max(c + (a * a + b * b) / 4, 0.0)))
-        off = flat - centre
-        if np.abs(np.linalg.norm(off, axis=1) - radius).max() > FLAT * radius:
-            return None
-        if np.einsum("ki,ki->", off @ axes[:2], sheet.normal) <= 0:
+        middle, axes, radius = tube
+        if np.einsum("ki,ki->", (sheet.x - middle) @ axes[:2].T @ axes[:2], sheet.normal) <= 0:
             return None  # the limb would be outside
-        return Bent(sheet, centre @ axes[:2], axes, radius)
+        return Bent(sheet, middle, axes, radius)
 
     def moved(self, by: float) -> tuple[np.ndarray, np.ndarray]:
-        """As `Flat.moved`, bent wider by that much; no length changes."""
+        """Vertices and ways out as `Flat.moved` gives them, bent wider by that much; no length changes."""
         a, b, s = self.axes @ (self.sheet.x - self.middle).T
         angle, r = np.arctan2(b, a) * self.radius / (self.radius + by), np.hypot(a, b) + by
         ways = np.cos(angle)[:, None] * self.axes[0] + np.sin(angle)[:, None] * self.axes[1]
         return self.middle + r[:, None] * ways + s[:, None] * self.axes[2], ways
 
 
+def tube_of(x: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
+    """(a place (3,) on the axis, axes (3, 3): across, across, along, radius [m]) of the tube that a panel with vertices x
+    (n, 3) is part of; None where it is bent another way. Along the axis places are linear in the pattern's uv (n, 2)."""
+    linear = np.column_stack([uv, np.ones(len(uv))])
+    bulge = x - linear @ np.linalg.lstsq(linear, x, rcond=None)[0]
+    if np.abs(bulge).max() <= FLAT * np.ptp(uv, axis=0).min():
+        return None
+    axes = np.linalg.svd(bulge, full_matrices=False)[2]
+    flat = x @ axes[:2].T
+    a, b, c = np.linalg.lstsq(np.column_stack([flat, np.ones(len(x))]), (flat**2).sum(axis=1), rcond=None)[0]
+    centre, radius = np.array([a, b]) / 2, float(np.sqrt(max(c + (a * a + b * b) / 4, 0.0)))
+    if np.abs(np.linalg.norm(flat - centre, axis=1) - radius).max() > FLAT * radius:
+        return None
+    return centre @ axes[:2], axes, radius
+
+
 def hung_outside(garment: Garment, worn: Sequence[Worn], thickness: float, body: Scene) -> tuple[Garment, tuple[str, ...]]:
-    """The garment with its panels outside what is worn, and a note on each that had to go further out.
+    """The garment with its panels outside the worn garments, and a note on each that had to go further out.
 
     Args:
         thickness: of the garment [m]; it keeps the mean of its own and another's.
 
     Raises:
-        SceneError: a panel that passes through what is worn, or through another panel, however it is hung.
+        SceneError: a panel that passes through a worn garment, or through another panel, however it is hung.
     """
     figure = surface_of_solids(body)
     inner = [Sheet.of(w.garment, figure).worn() for w in worn]
     keeps = [(thickness + w.contact.thickness) / 2 for w in worn if w.contact is not None]
-    hung, notes = hung_by(garment, figure, lambda panel, _: _way_out(panel, inner, keeps), "over", "what is worn")
+    hung, notes = hung_by(garment, figure, lambda panel, _: _way_out(panel, inner, keeps), "over", "worn garments")
     _refuse_crossings(hung, count_self_crossings(garment.positions, garment.mesh.faces), worn)
     return hung, notes
 
 
 def hung_by(garment: Garment, figure: tuple[np.ndarray, np.ndarray] | None,
             way_out: Callable[[Flat | Bent, np.ndarray], float], over: str, what: str) -> tuple[Garment, tuple[str, ...]]:
-    """The garment with each panel as far out, away from a figure, as a function of it and its triangles (m, 3) says [m], and
-    a note on each that went out, over what; infinite is refused."""
+    """The garment with each panel hung out by its own distance, away from a figure.
+
+    Args:
+        way_out: the distance [m] of a panel, from it and its triangles (m, 3); infinite is refused.
+        over, what: why a panel went out, for the notes: "over", "worn garments".
+
+    Returns:
+        (the garment, a note on each panel that went out).
+    """
     whole, edges, faces = Sheet.of(garment, figure), face_edges(garment.mesh.faces), garment.mesh.faces
     label = components(garment.mesh.vertex_count, edges[:, 0], edges[:, 1])
     rows = [np.flatnonzero(label == k) for k in np.unique(label[faces])]
@@ -143,7 +159,7 @@ def hung_by(garment: Garment, figure: tuple[np.ndarray, np.ndarray] | None,
         raise SceneError(f"dress: panel {stuck!r} does not come outside {what} along the way it faces: place it "
                          "outside, by its translation or Garment.moved")
     flat = [k for k, panel in enumerate(panels) if isinstance(panel, Flat)]
-    for _ in flat:  # what lies over a panel goes out with it
+    for _ in flat:  # panels that lie over a panel go out with it
         for k in flat:
             by[k] = max([by[k]] + [by[j] for j in flat if by[j] > by[k] and panels[k].lies_over(panels[j])])  # type: ignore
     x, notes = garment.positions.copy(), []
@@ -165,7 +181,7 @@ def _panel(sheet: Sheet, uv: np.ndarray | None, rows: np.ndarray) -> Flat | Bent
 
 
 def _way_out(panel: Flat | Bent, inner: Sequence[Sheet], keeps: Sequence[float]) -> float:
-    """[m] by which a panel has to go out to keep a distance [m] of each sheet; infinite where it comes to no end."""
+    """[m] by which a panel has to go out to keep a distance [m] of each sheet; infinite if it comes to no end."""
     far, widest = 0.0, max(float(np.ptp(sheet.x, axis=0).max()) for sheet in inner)
     while far <= widest:
         lack = max(_lack(*panel.moved(far), panel.sheet.longest, sheet, keep) for sheet, keep in zip(inner, keeps))
@@ -176,8 +192,12 @@ def _way_out(panel: Flat | Bent, inner: Sequence[Sheet], keeps: Sequence[float])
 
 
 def _lack(x: np.ndarray, ways: np.ndarray, longest: float, sheet: Sheet, keeps: float) -> float:
-    """[m] that a panel with vertices x (n, 3), ways out (n, 3) and edges of at most a length [m] lacks to be as far outside a
-    sheet as it keeps: they over the sheet, and the sheet's vertices under the panel."""
+    """Distance [m] by which a panel is too near to a sheet, its vertices above the sheet and the sheet's below the panel.
+
+    Args:
+        x: (n, 3) vertices of the panel [m]; ways: (n, 3) its ways out; longest: of its edges [m].
+        keeps: distance [m] that they should keep.
+    """
     near = nearest(x, sheet.x)
     height, beside = _over(x - sheet.x[near], sheet.normal[near])
     lack = float((keeps - height)[beside < sheet.longest].max(initial=0.0))
@@ -202,5 +222,5 @@ def _refuse_crossings(hung: Garment, before: int, worn: Sequence[Worn]) -> None:
                              "far out they hang: place them round it, by their translation or Garment.moved")
     count = count_self_crossings(x, faces)
     if count > before:
-        raise SceneError(f"dress: hung outside what is worn, panels pass through each other in {count} pairs of an edge and a "
-                         "triangle: place them further apart, by their translation or Garment.moved")
+        raise SceneError(f"dress: hung outside worn garments, panels pass through each other in {count} pairs of an edge and "
+                         "a triangle: place them further apart, by their translation or Garment.moved")

@@ -63,7 +63,7 @@ def numbers(what: str, text: str) -> list[float]:
     while at < len(text):
         match = NUMBER.match(text, at)
         if match is None:
-            raise SceneError(f"{what}: {shown(text[at:at + 20].strip())} is no number")
+            raise SceneError(f"{what}: {shown(text[at:at + 20].strip())} is not a number")
         out.append(number(what, match[1]))
         at = match.end()
     return out
@@ -137,7 +137,7 @@ def _commands(what: str, d: str) -> list[tuple[str, list[float]]]:
         if match is None or not out and match[1] not in "Mm":
             rest = d[at:].lstrip()
             raise SceneError(f"{what}: its path has {shown(rest[:20].strip())} at character {len(d) - len(rest) + 1}, "
-                             f"{'which is no command' if match is None else 'and does not begin with M'}")
+                             f"{'which is not a command' if match is None else 'and does not begin with M'}")
         command, at = match[1], match.end()
         takes = TAKES[command.upper()]
         flags = (3, 4) if takes == 7 else ()
@@ -174,7 +174,7 @@ def _segment(upper: str, n: list[float], base: complex, at: complex, before: Seg
 
 def arc(start: complex, end: complex, rx: float, ry: float, tilt: float = 0.0, large: bool = False,
         grows: bool = True) -> Segment:
-    """Of an ellipse; a straight line where a radius is 0."""
+    """Arc of an ellipse; a straight line if a radius is 0."""
     if not (rx and ry):
         return Segment("L", (start, end))
     return Segment("A", (start, end), (abs(rx), abs(ry), tilt, large, grows))

@@ -1,4 +1,4 @@
-"""A sewing pattern: panels in the plane, where they hang round the body, and what is sewn to each other."""
+"""A sewing pattern: panels in the plane, their places round the body, and stitches between their edges."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Panel:
         set_(self, "translation", checks.vector(what + "translation", self.translation, "m"))
         R = checks.array(what + "rotation", self.rotation, (3, 3))
         if not (np.allclose(R @ R.T, np.eye(3), atol=1e-6) and np.linalg.det(R) > 0):
-            raise SceneError(f"{what}the matrix is no rotation")
+            raise SceneError(f"{what}the matrix is not a rotation")
         set_(self, "rotation", R)
         set_(self, "round_radius", checks.number(what + "round_radius", self.round_radius, "m", least=0.0))
         set_(self, "grain", checks.number(what + "grain", self.grain, "rad"))
@@ -67,14 +67,14 @@ class Panel:
                 raise SceneError(f"panel {self.name!r}: edge {k} begins at corner {edge.start}, and the edge before ends at "
                                  f"corner {self.edges[k - 1].end}: edges go round, each from where the last one ends")
         if len(self.edges) < 2 or len({e.start for e in self.edges}) < len(self.edges):
-            raise SceneError(f"panel {self.name!r}: its edges are no closed line through {len(self.edges)} corners")
+            raise SceneError(f"panel {self.name!r}: its edges are not a closed line through {len(self.edges)} corners")
         self._refuse_crossings()
 
     def __repr__(self) -> str:
         return f"<Panel {self.name!r} with {len(self.edges)} edges>"
 
     def outline(self) -> tuple[np.ndarray, np.ndarray]:
-        """(k, 2) [m] points of the border as it is drawn, and (k,) which edge goes on from each."""
+        """(k, 2) [m] points of the border as it is drawn, and (k,) number of the edge that goes on from each."""
         lines = [e.drawn(self.corners, PIECES)[:-1] for e in self.edges]
         return np.concatenate(lines), np.repeat(np.arange(len(lines)), [len(line) for line in lines])
 
@@ -127,7 +127,7 @@ class Pattern:
     """Panels and stitches.
 
     Attributes:
-        notes: what a reader has to say of the file, one sentence each; meshes repeat them.
+        notes: remarks of the reader on the file, one sentence each; meshes repeat them.
 
     Raises:
         SceneError: a stitch that names no edge, an edge that is sewn twice, or edges whose lengths do not fit.
@@ -161,7 +161,7 @@ class Pattern:
             one, other = (self._long(end) for end in (stitch.a, stitch.b))
             if max(one, other) > MOST_RATIO * min(one, other):
                 raise SceneError(f"stitch {k}: {place_of(stitch.a)} is {one:.4g} m long and {place_of(stitch.b)} {other:.4g} "
-                                 f"m: more than {MOST_RATIO:g} to 1 is no gathering")
+                                 f"m: more than {MOST_RATIO:g} to 1 is not a gathering")
             self._refuse_folded(k, stitch)
         self._refuse_units()
 
@@ -203,7 +203,7 @@ class Pattern:
                          f"for {taken}")
 
     def length(self, panel: str, edge: int) -> float:
-        """Of an edge [m]."""
+        """Length of an edge [m]."""
         p = next(p for p in self.panels if p.name == panel)
         return p.edges[edge].length(p.corners)
 
@@ -219,7 +219,7 @@ class Pattern:
 
         Args:
             around: (2, 3) ends of the axis [m], or (n, 3) points of the part, more than two, whose axis and radius are taken.
-            radius: at which it is bent [m]; of the points, where None, the farthest's from their axis and `gap` more.
+            radius: at which it is bent [m]; of the points, if None, the farthest's from their axis and `gap` more.
             turn: where round the axis its middle is [rad]; 0 is the side of +z.
 
         Raises:
@@ -261,8 +261,9 @@ class Pattern:
         return ()
 
     def mesh(self, spacing: float) -> Garment:
-        """Triangles with edges about `spacing` [m] long; edges and lines that are sewn to each other have as many points, and
-        the mesh has vertices and edges where they are.
+        """The garment in triangles with edges about `spacing` [m] long.
+
+        Edges and lines that are sewn to each other have as many points, and the mesh has vertices and edges there.
 
         Raises:
             MeshError: a panel that crosses itself, or has no triangles of that size; a spacing that makes too many.
@@ -309,8 +310,12 @@ class Pattern:
 
 
 def _numbered(border: np.ndarray, lines: list[np.ndarray]) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
-    """(numbers (k,) of each line's points (k, 2) among those of the border and then those inside, the latter (j, 2), pairs of
-    numbers (p, 2) of points that follow each other); what is in one place is one."""
+    """Points of lines (k, 2) in a panel, those in one place merged.
+
+    Returns:
+        (numbers (k,) of each line's points, counted along the border and then inside; the points inside (j, 2); pairs (p, 2)
+        of numbers of points that follow each other).
+    """
     number = {key: k for k, key in enumerate(map(tuple, border.round(SAME).tolist()))}
     inside: list[np.ndarray] = []
     rows = []

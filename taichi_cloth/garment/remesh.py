@@ -1,7 +1,8 @@
 """A meshed garment with triangles of another size: borders are divided anew, all layers of a seam alike. Needs SciPy.
 
-Borders are cut into segments at corners: where they turn, where a seam or a label begins or ends, where what is sewn there
-changes, and where another layer has a corner. So every segment is sewn along its whole length or not at all, to whole ones.
+Borders are cut into segments at corners: where they turn, where a seam or a label begins or ends, where the edges
+sewn there change, and where another layer has a corner. Every segment is then sewn along its whole length to whole segments,
+or not at all.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ class Segment:
 
     Attributes:
         way: vertices, both ends among them.
-        sewn: what identifies the segments that are sewn to it and itself; None where none is.
+        sewn: key shared with the segments that are sewn to it; None if there are none.
         rows: new vertices.
     """
 
@@ -95,8 +96,11 @@ class _Remeshed:
                                  "its pattern with the other spacing, by Pattern.mesh")
 
     def made(self, spacing: float) -> Garment:
-        """The garment. Where two corners of a triangle are sewn to each other, which would close it to a line, the edge
-        between them is flipped; where it cannot be, what lies between them on the border gets more parts."""
+        """The garment meshed anew.
+
+        If two corners of a triangle are sewn to each other, which would close it to a line, the edge between them is
+        flipped. If it cannot be, the segments between them on the border get more parts.
+        """
         corners = self._corners()
         segments = [self._segments(loop, corners) for loop in self.loops]
         border = sum(float(self._lengths(s.way).sum()) for some in segments for s in some)
@@ -188,7 +192,7 @@ class _Remeshed:
         return [loops[panel] for panel in sorted(loops)]
 
     def _sewn_edges(self) -> dict[Edge, int]:
-        """Of each border edge that is sewn to others the number of its class."""
+        """Class number of each border edge that is sewn to others."""
         edges = {_key(i, j): k for k, (i, j) in enumerate(e for loop in self.loops for e in zip(loop, loop[1:] + loop[:1]))}
         pairs, like = [], {}
         for seam in self.garment.seams:
@@ -224,8 +228,8 @@ class _Remeshed:
         return abs(math.atan2(one[0] * other[1] - one[1] * other[0], float(one @ other))) > TURN
 
     def _changes(self, u: int, v: int, w: int) -> bool:
-        """Whether more edges are sewn to the one before v than to the one after it, or fewer. Where they are others, but as
-        many, another panel has a corner there."""
+        """Whether more edges are sewn to the one before v than to the one after it, or fewer. If they are as many
+        others, another panel has a corner there."""
         before, after = self.sewn.get(_key(u, v)), self.sewn.get(_key(v, w))
         if before is None and after is None:
             return bool(self.members[self.cluster[v]] > 1)  # a single stitch
@@ -254,7 +258,7 @@ class _Remeshed:
 
     @staticmethod
     def _mesh(border: np.ndarray, spacing: float, name: str) -> tuple[np.ndarray, np.ndarray]:
-        """As `mesh_polygon`, for borders that go round to either side."""
+        """The mesh of `mesh_polygon`, for borders that go round to either side."""
         p, q = border, np.roll(border, -1, axis=0)
         side = np.sign((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum())
         points, faces = mesh_polygon(border * [side, 1], spacing, name)
@@ -298,8 +302,8 @@ class _Remeshed:
         return out
 
     def _single(self, seams: list[SewnRows], new: dict[int, int], mesh: TriMesh) -> tuple[list[SewnRows], int]:
-        """(stitches that stand alone: what is sewn to each other and no seam joins; how many are left out, as a triangle would
-        have both of their vertices)."""
+        """(single stitches, which no seam joins; how many of them are left out, since both their vertices would be in one
+        triangle)."""
         panel, lost = _panels(mesh), 0
         out: list[SewnRows] = []
         first = {int(self.panel[v]): panel[i] for v, i in new.items()}

@@ -22,7 +22,7 @@ def length(what: str, text: str, whole: float = 0.0) -> float:
     """
     match = NUMBER.match(text)
     if match is None:
-        raise SceneError(f"{what} = {shown(text)}: is no length")
+        raise SceneError(f"{what} = {shown(text)}: is not a length")
     value, unit = number(what, match[1]), text[match.end():].strip()
     if unit == "%" and not whole > 0:
         raise SceneError(f"{what} = {shown(text)}: a part of a size that is not given: give the drawing a width and a height")
@@ -65,7 +65,7 @@ def _through(what: str, points: str, closed: bool) -> list[Subpath]:
     """Straight segments from point to point."""
     n = numbers(f"{what}: points", points)
     if len(n) % 2:
-        raise SceneError(f"{what}: points: {len(n)} numbers are no points: the last has no y")
+        raise SceneError(f"{what}: points: {len(n)} numbers are not points: the last has no y")
     corners = [complex(x, y) for x, y in zip(n[::2], n[1::2])]
     ends = corners[1:] + corners[:1] if closed else corners[1:]
     return [Subpath([Segment("L", pair) for pair in zip(corners, ends)], closed)] if len(corners) > 1 else []

@@ -1,4 +1,4 @@
-"""What a drawing cannot say of its panels, in a JSON file: stitches, labels, where they hang. numpy only.
+"""Side file of a drawing, in JSON: stitches, labels and places of its panels. numpy only.
 
     {"stitches": [[{"panel": "front", "edge": 1}, {"panel": "back", "edge": 3}], ...],   as in GarmentCode's format
      "labels": {"waist": [{"panel": "front", "edge": 2}, ...]},
@@ -20,13 +20,13 @@ from .pattern import Panel, Pattern
 
 
 def side_of(path: Path) -> Path | None:
-    """The side file of a drawing's name, where there is one."""
+    """The side file of a drawing's name, if there is one."""
     side = path.with_suffix(".json")
     return side if side.is_file() else None
 
 
 def joined(panels: tuple[Panel, ...], side: Path | None) -> Pattern:
-    """Panels with what a side file says."""
+    """The pattern of panels with the stitches, labels and places of a side file."""
     if side is None:
         return Pattern(panels)
     try:
@@ -45,7 +45,7 @@ def joined(panels: tuple[Panel, ...], side: Path | None) -> Pattern:
     except SceneError as error:
         raise SceneError(f"{side}: {error}") from None
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise SceneError(f"{side}: is no side file of a drawing: {type(error).__name__}: {error}") from None
+        raise SceneError(f"{side}: is not a side file of a drawing: {type(error).__name__}: {error}") from None
 
 
 def _labelled(panels: dict[str, Panel], labels: dict) -> tuple[Panel, ...]:

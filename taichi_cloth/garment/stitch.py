@@ -20,8 +20,8 @@ class Stitch:
     button.
 
     Attributes:
-        a, b: (name of the panel, number of the edge), or (name of the panel, points (k, 2) [m]): a line from point to point
-            in the panel's coordinates, within it, or a single point there or at a corner.
+        a, b: (name of the panel, number of the edge), or (name of the panel, points (k, 2) [m]). Points are a line from
+            point to point in the panel's coordinates, within it, or a single point there or at a corner.
         together: whether both run the same way; else the start of one meets the end of the other.
         rest, stiffness, strength: angle of the seam at rest, factor of its hinges' stiffness, force a length [N/m] at which it
             rips, as in `Scene.sew`; along a line within a panel there are no hinges.

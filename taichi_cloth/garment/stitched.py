@@ -1,7 +1,7 @@
 """Meshed panels with stitches from a vertex to a place on an edge, as other programs write them.
 
-A stitch (v, a, b, t) sews v to (1 - t) a + t b. Where that is within an edge, the edge is split there; and where another side
-has a vertex between two that are sewn, the edge opposite is split too: all layers of a seam have as many vertices.
+A stitch (v, a, b, t) sews v to (1 - t) a + t b. If that is within an edge, the edge is split there. If another side has a
+vertex between two that are sewn, the edge opposite is split too: all layers of a seam have as many vertices.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ..scene.mesh import TriMesh
 from .remesh import remesh
 
 AT_END = 0.02  # of an edge within which a place on it is its end
-NEAR_END = 0.25  # the same where no triangle is lost by it: what is split off would be a sliver, which is stiff and takes long
+NEAR_END = 0.25  # the same if no triangle is lost by it: the part split off would be a stiff sliver
 LONGER = 1.25  # times as long as an edge is, at most, a side whose sewn vertices split it: not round the fold of a pleat
 LONGEST = 6  # vertices on one side of a seam between two that are sewn to the ends of one edge
 
@@ -35,7 +35,7 @@ Stitch = tuple[int, int, int, float]
 
 @dataclass(frozen=True)
 class StitchedPattern:
-    """What `load_pattern` makes of an OBJ.
+    """The pattern of an OBJ, as `load_pattern` returns it.
 
     Attributes:
         path, stitches, scale, up: as in `load_stitched`.
@@ -56,11 +56,11 @@ def load_stitched(path: str | Path, stitches: str | Path | None = None, scale: f
     """A garment from an OBJ with panels, texture coordinates as its pattern, and stitches.
 
     Args:
-        stitches: a .csv with columns vertex, edge_a, edge_b, t (vertices from 0); where None, the file's own lines
+        stitches: a .csv with columns vertex, edge_a, edge_b, t (vertices from 0); if None, the file's own lines
             `stitch v a b t` (from 0), or edges without a face, `l v w` (from 1).
         scale: metres per unit of the file.
-        positions: (n, 3) where the file's vertices are in the garment, as another program draped it, in the file's units and
-            with its axis up; where an edge is split, the new vertex is as far along it there.
+        positions: (n, 3) of the file's vertices in the garment as another program draped it, in the file's units and with
+            its axis up. The vertex that splits an edge is as far along it as in the pattern.
         spacing: length of edges [m] with which panels are meshed anew, as `remesh` does; None keeps the file's triangles.
         up: the file's axis that points up, "y" or "z": of the latter (x, y, z) is (x, z, -y) here.
 
@@ -190,7 +190,7 @@ class _Panels:
                 self._enter(len(self.faces) - 1, [i, j, face[third]])
 
     def _clusters(self) -> dict[int, set[int]]:
-        """Of each sewn vertex, all that it is sewn together with."""
+        """For each sewn vertex all vertices that it is sewn together with, itself included."""
         out: dict[int, set[int]] = {}
         for v, w in self.pairs:
             _unite(out, v, w)
@@ -201,7 +201,7 @@ class _Panels:
         return any(_key(i, j) in self.of for i in some for j in others)
 
     def _border(self) -> dict[int, list[int]]:
-        """Of each vertex its neighbours along borders."""
+        """Neighbours of each vertex along borders."""
         out: dict[int, list[int]] = defaultdict(list)
         for (i, j), of in self.of.items():
             if len(of) == 1:
@@ -224,8 +224,8 @@ class _Panels:
 
     def _between(self, start: int, step: int, clusters: dict[int, set[int]], border: dict[int, list[int]], p: int, q: int
                  ) -> list[tuple[float, int]]:
-        """The vertices along a border from start, which is sewn to p, by step to one that is sewn to q, and where on the edge
-        between p and q they come to be."""
+        """The vertices along a border from `start`, sewn to p, by `step` to one sewn to q, with their places on the edge
+        between p and q."""
         way, ends = [start, step], clusters.get(q, set())
         while way[-1] not in ends and len(way) <= LONGEST:
             onward = [i for i in border[way[-1]] if i not in way]

@@ -28,7 +28,7 @@ class Styles:
             depth = max(0, depth + chunk.count("{") - 1)
 
     def of(self, node: Element, tag: str) -> dict[str, str]:
-        """What is declared of an element: its attributes give way to rules, and these to its own `style`."""
+        """Style properties of an element: its attributes give way to rules, and these to its own `style`."""
         out = {name: value.strip() for name in READ if (value := node.get(name))}
         if self._rules:
             classes, id_ = node.get("class", "").split(), node.get("id", "")

@@ -1,7 +1,7 @@
 """Panels drawn in an SVG file. numpy only.
 
-Every closed outline is a panel; each segment of its border is an edge, counted from 0 in the order of the drawing, with a
-closing line where the last one does not end at the first point. Open lines are no panels.
+Every closed outline is a panel. Each segment of its border is an edge, counted from 0 in the order of the drawing; a
+closing line is added if the last one does not end at the first point. Open lines are no panels.
 """
 
 from dataclasses import replace
@@ -23,14 +23,14 @@ UNBOXED = ("the drawing has no viewBox: numbers without a unit are pixels, 96 to
 
 
 def read_svg(path: Path, side: Path | None) -> Pattern:
-    """The pattern of a drawing; `side` is its side file, or None: the one of the drawing's name, .json, where there is one.
+    """The pattern of a drawing; `side` is its side file, or None: the one of the drawing's name, .json, if there is one.
 
     Raises:
         SceneError: a file that cannot be read, or in which something is missing or wrong, by name.
     """
     root = parse(path)
     if root.tag.removeprefix(SVG) != "svg":
-        raise SceneError(f"{path}: is no SVG: its root is <{root.tag.rpartition('}')[2]}>")
+        raise SceneError(f"{path}: is not an SVG: its root is <{root.tag.rpartition('}')[2]}>")
     side = side or side_of(path)
     notes: tuple[str, ...] = ()
     try:
@@ -41,7 +41,7 @@ def read_svg(path: Path, side: Path | None) -> Pattern:
 
 
 def _panels(root: Element) -> tuple[tuple[Panel, ...], tuple[str, ...]]:
-    """The panels of a drawing, and notes on what else is in it."""
+    """The panels of a drawing, and notes on its other elements."""
     drawing = Drawing(root)
     closed: list[tuple[Shape, Outline]] = []
     lines: list[str] = []

@@ -1,4 +1,4 @@
-"""Garments that are worn, one over the other, and what came of putting one on. numpy only."""
+"""Garments that are worn, one over the other, and the result of putting one on. numpy only."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Worn:
         fabric: or the name of a measured one.
 
     Attributes:
-        contact: how it meets itself and what is worn over it.
+        contact: how it meets itself and garments worn over it.
         name: by which reports call it, and the cloth that it becomes.
         panels: fabrics of some panels, as in `Scene.add_cloth`.
     """
@@ -52,17 +52,17 @@ class Worn:
 
 @dataclass(frozen=True)
 class Dressed:
-    """What came of dressing.
+    """Result of `dress`.
 
     Attributes:
         garment: as it is worn.
-        sewn: s that closing the seams took; settled: s until it came to rest, or was told to end; rests: which of them.
+        sewn: s that closing the seams took; settled: s until it came to rest or had to end; rests: whether it came to rest.
         speed: RMS at the end [m/s].
-        intersections: edges of cloth through triangles of cloth at the end, of the garment and all that is worn under it,
-            counted exactly; None where it does not meet itself.
+        intersections: edges of cloth through triangles of cloth at the end, in the garment and those under it, counted
+            exactly; None if it does not meet itself.
         crossed: how many of them are between which two panels, the most first; of several garments each by "garment: panel".
         worn: all that is worn now, as it lies, from inside outwards; the garment is the last.
-        notes: what dressing has to say, a sentence each: panels that were hung further out, or that no seam holds.
+        notes: a sentence each on panels that were hung further out, or that no seam holds.
     """
 
     garment: Garment
@@ -77,7 +77,7 @@ class Dressed:
 
     def report(self) -> str:
         """A few words."""
-        under = "" if len(self.worn) < 2 else " and with what is under it"
+        under = "" if len(self.worn) < 2 else " and with those under it"
         crossed = "" if self.intersections is None else f", {self.intersections} crossings with itself{under}"
         if self.crossed:
             crossed += " (" + ", ".join(f"{n} of {a!r} and {b!r}" for a, b, n in self.crossed[:NAMED])
@@ -87,13 +87,13 @@ class Dressed:
 
 
 def worn_under(over: object, contact: ClothContact | None, name: str) -> tuple[Worn, ...]:
-    """What `dress` is to dress over, checked: it meets what comes over it, by names of its own.
+    """The garments under the one that `dress` puts on, checked: each has a contact and a name of its own.
 
     Raises:
         SceneError: no tuple of Worn, one without a contact, or a name that is there twice.
     """
     if not isinstance(over, (list, tuple)):
-        raise SceneError(f"dress: over = {shown(over)}: must be what is worn, from inside outwards, such as another's "
+        raise SceneError(f"dress: over = {shown(over)}: must be worn garments, from inside outwards, such as another's "
                          "`.worn`")
     worn = tuple(checks.instance("dress: over", one, Worn) for one in over)
     names = [w.name for w in worn] + [name]
@@ -104,13 +104,13 @@ def worn_under(over: object, contact: ClothContact | None, name: str) -> tuple[W
     if bare is None and worn and contact is None:
         bare = name
     if bare is not None:
-        raise SceneError(f"dress: {bare!r} has no contact, and would pass through what is worn with it: give it a "
+        raise SceneError(f"dress: {bare!r} has no contact, and would pass through garments worn with it: give it a "
                          "ClothContact")
     return worn
 
 
 def crossed_of(worn: Sequence[Worn]) -> tuple[tuple[str, str, int], ...]:
-    """(panel, panel, number) of what passes through itself or each other, the most first."""
+    """(panel, panel, number of crossings) of panels that pass through themselves or each other, the most first."""
     count = [w.garment.mesh.vertex_count for w in worn]
     first = np.cumsum([0, *count])
     faces = np.concatenate([w.garment.mesh.faces + start for w, start in zip(worn, first)])

@@ -42,7 +42,7 @@ def parse(path: Path) -> Element:
     except (expat.ExpatError, LookupError, ValueError) as error:
         if isinstance(error, SceneError):
             raise
-        raise SceneError(f"{path}: is no XML: {error}") from None
+        raise SceneError(f"{path}: is not XML: {error}") from None
 
 
 def bytes_of(path: Path) -> bytes:
@@ -61,5 +61,5 @@ def bytes_of(path: Path) -> bytes:
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}{near(path)}") from None
     if len(data) > MOST_BYTES:
-        raise SceneError(f"{path}: is larger than {MOST_BYTES >> 20} MB: leave out what is no panel, such as images")
+        raise SceneError(f"{path}: is larger than {MOST_BYTES >> 20} MB: leave out images and the like")
     return bytes(data)

@@ -34,11 +34,11 @@ class Surface(NamedTuple):
 
     Attributes:
         x: (n, 3) positions; faces: (m, 3).
-        corner_uv: (m, 3, 2) texture coordinates, or None where some face has none.
+        corner_uv: (m, 3, 2) texture coordinates, or None if some face has none.
         groups: vertices by the names of groups.
         notes: omissions.
-        unit: metres of the file's unit, 1 where it names none; up: the axis that points up, "y" where it names none.
-        polygon: (m,) the polygon that each triangle was cut from, or None where that is not known.
+        unit: metres of the file's unit, 1 if it names none; up: the axis that points up, "y" where it names none.
+        polygon: (m,) the polygon that each triangle was cut from, or None if that is not known.
         weights: of vertices of groups that have any below 1.
     """
 
@@ -58,24 +58,24 @@ def load(path: str | Path, scale: float = 1.0, uv: str = "auto", up: str | None 
     """A mesh from a file.
 
     Args:
-        path: .obj (v, vt, f, g, o, usemtl; polygons, negative indices, seams) or .ply, .stl, .vtk, .vtu, .off; of .glb, .gltf
-            (extra `gltf`), .usd, .usda, .usdc, .usdz (extra `usd`), .fbx and .abc (extra `blender`) the meshes as they stand
-            before any animation; of .blend (extra `blender`) one object with its own order of vertices, as shape keys and a
-            rig have it at the scene's first frame.
+        path: .obj (v, vt, f, g, o, usemtl; polygons, negative indices, seams), .ply, .stl, .vtk, .vtu, .off. From .glb, .gltf
+            (extra `gltf`), .usd, .usda, .usdc, .usdz (extra `usd`), .fbx and .abc (extra `blender`): the meshes as they stand
+            before any animation. From .blend (extra `blender`): one object with its own order of vertices, as shape keys and
+            a rig have it at the scene's first frame.
         scale: metres per unit of the file; of a file that names its unit, a factor besides.
-        uv: "auto" takes the file's texture coordinates as the pattern where they have the mesh's lengths to 3 %, in the
-            file's unit, metres, centimetres or millimetres, or all scaled alike; else the mesh's own shape is at rest, and
+        uv: "auto" takes the file's texture coordinates as the pattern if they have the mesh's lengths to 3 %, in the file's
+            unit, metres, centimetres or millimetres, or all scaled alike. Else the mesh's own shape is the rest shape, and
             they stay as `TriMesh.texture`, for images and exports. "pattern" takes them as the pattern as they are (times
             `scale`); "flatten" takes the mesh's own shape.
-        up: the file's axis that points up, "y" or "z": of the latter (x, y, z) is (x, z, -y) here. Where None, the one that
+        up: the file's axis that points up, "y" or "z": of the latter (x, y, z) is (x, z, -y) here. None takes the one that
             the file names, or y.
-        groups: a file has groups of faces. "touched" makes of each the vertices of its faces; "inside" only those all of
-            whose faces are in it, as a program's group of vertices comes back that it wrote as the faces it touches.
-        only: names of the parts that are read, of a file with a scene; all where None.
+        groups: a file has groups of faces. "touched" takes all vertices of a group's faces; "inside" only the vertices whose
+            faces are all in it. The latter gives a group of vertices back that a program wrote as the faces it touches.
+        only: names of the parts that are read, of a file with a scene; all if None.
 
     Returns:
-        The mesh, with groups of the file and notes on the use of its texture coordinates. Of .obj and .blend it
-        knows the polygons that triangles were cut from, and of .blend the weights in vertex groups.
+        The mesh, with groups of the file and notes on the use of its texture coordinates. Meshes of .obj and
+        .blend know the polygons that triangles were cut from; those of .blend the weights in vertex groups.
 
     Raises:
         MeshError: a missing or unreadable file, or a mesh that cannot be simulated.
@@ -132,7 +132,7 @@ def read(path: Path, inside: bool = False, choice: Wanted | None = None) -> Surf
 
     Args:
         inside: whether groups are without vertices that other faces have too.
-        choice: of a file with a scene, the parts that are read; all where None.
+        choice: of a file with a scene, the parts that are read; all if None.
 
     Raises:
         MeshError: a missing, unknown or unreadable file.

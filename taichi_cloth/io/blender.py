@@ -25,8 +25,10 @@ ABSENT = ("neither its module bpy nor the program `blender` is here: pip install
 
 
 def command(script: pathlib.Path) -> list[str] | None:
-    """The words that run a script, up to its own arguments: by the program that the environment names, Python with bpy, or the
-    program on the PATH; None where none is here."""
+    """The command line that runs a script in Blender, up to the script's arguments; None if there is no Blender.
+
+    Tried are the program that the environment names, Python with bpy, and the program on the PATH.
+    """
     named = os.environ.get("TAICHI_CLOTH_BLENDER")
     if not named and importlib.util.find_spec("bpy") is not None:
         return [sys.executable, str(script), "--"]

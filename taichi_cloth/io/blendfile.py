@@ -26,7 +26,7 @@ class Item(NamedTuple):
         material: (f,) number among `materials` of each polygon's.
         groups: (vertices, weights above 0) by the names of vertex groups.
         world: (t, 4, 4) transforms to the world, at the times asked for.
-        before: the modifier after which its cloth comes, "" where that comes first.
+        before: the modifier after which its cloth comes, "" if that comes first.
         late: modifiers that lead vertices and come later.
         linked: whether it is another file's.
     """
@@ -62,7 +62,7 @@ class Blend(NamedTuple):
 
 
 def read(path: Path, only: Sequence[str] | None, times: Sequence[float] = (0.0,)) -> Blend:
-    """Objects of a .blend by name, all where None.
+    """Objects of a .blend by name, all if None.
 
     Args:
         times: [s] after the scene's first frame, for `Item.world`.

@@ -27,7 +27,7 @@ def load_garment(path: str | Path) -> Garment:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}{near(path)}") from None
     except (KeyError, ValueError, TypeError) as error:
         what = f"{type(error).__name__}: " if isinstance(error, KeyError) else ""
-        raise SceneError(f"{path}: is no garment: {what}{error}") from None
+        raise SceneError(f"{path}: is not a garment: {what}{error}") from None
 
 
 def _fits(shapes: npz.Shapes) -> None:

@@ -17,7 +17,7 @@ def parse_json(data: bytes | str) -> Any:
     try:
         return json.loads(data if isinstance(data, str) else data.decode("utf-8-sig"), parse_int=_int)
     except UnicodeDecodeError as error:
-        raise ValueError(f"byte {error.start}, {error.object[error.start]:#04x}, is no text in UTF-8") from None
+        raise ValueError(f"byte {error.start}, {error.object[error.start]:#04x}, is not text in UTF-8") from None
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
 

@@ -76,7 +76,7 @@ def read(path: str | pathlib.Path, fits: Callable[[Shapes], None] | None = None)
 
 
 def digest(arrays: dict[str, np.ndarray]) -> str:
-    """Of names, types, shapes and content."""
+    """Hash of the names, types, shapes and content of arrays."""
     total = hashlib.sha256()
     for name in sorted(arrays):
         array = np.asarray(arrays[name], order="C")

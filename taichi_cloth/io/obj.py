@@ -144,7 +144,7 @@ def _plain(text: str, dtype: type) -> np.ndarray | None:
 
 
 def _corners(lines: _Lines) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(f,) corners of each face, (k,) vertices and texture coordinates of the corners of all, -1 where there are none."""
+    """(f,) corners of each face, (k,) vertices and texture coordinates of the corners of all, -1 if there are none."""
     text, counts = lines.words("f")
     if (counts > 2).all() and (plain := _plain(text, np.int64)) is not None:
         before = np.repeat(lines.before_faces("v"), counts)

@@ -17,7 +17,7 @@ def read_off(path: Path) -> tuple[np.ndarray, np.ndarray]:
     text = text_of(path.read_bytes())
     rows = [words for words in (line.split("#", 1)[0].split() for line in text.splitlines()) if words]
     if not rows or rows[0][0] != "OFF":
-        raise ValueError("is no OFF file: its first word is not OFF")
+        raise ValueError("is not an OFF file: its first word is not OFF")
     rows[0] = rows[0][1:]  # the sizes may follow in the same line
     rows = rows if rows[0] else rows[1:]
     if not rows or len(rows[0]) < 2:

@@ -19,8 +19,8 @@ def fit_pattern(x: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, scale: 
         scale: metres per unit of the file.
 
     Returns:
-        (m, 3, 2) material coordinates [m], or None where lengths are others; whether the texture coordinates are a
-        thing of their own besides; and a sentence on it (empty where they are the pattern, in the file's unit).
+        (m, 3, 2) material coordinates [m], or None if their lengths differ from the mesh's; whether the texture coordinates
+        are kept besides, for images; and a sentence on it (empty if they are the pattern, in the file's unit).
     """
     own = flatten(x, faces)
     shape = ("the mesh's own shape is the rest shape, as with uv='flatten', and they stay for images and exports; "
@@ -28,8 +28,8 @@ def fit_pattern(x: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, scale: 
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         area, area_uv = np.abs(twice_area(own)), np.abs(twice_area(corner_uv))
         if not area_uv.all():
-            return None, True, (f"the file's texture coordinates are no pattern: triangle {np.argmin(area_uv)} has no area in "
-                                f"them ({int((area_uv == 0).sum())} such triangles): {shape}")
+            return None, True, (f"the file's texture coordinates are not a pattern: triangle {np.argmin(area_uv)} has no area "
+                                f"in them ({int((area_uv == 0).sum())} such triangles): {shape}")
         lengths, ratio = stretches(corner_uv, own), float(np.sqrt(area.sum() / area_uv.sum()))
         for unit in dict.fromkeys((scale, *UNITS)):
             same = (np.abs(lengths / unit - 1) <= SAME).all(axis=1)
@@ -41,12 +41,12 @@ def fit_pattern(x: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, scale: 
         return corner_uv * ratio, True, (f"texture coordinates scaled by {ratio:.4g} are the pattern, as they have the mesh's "
                                          "lengths then; uv='pattern' takes them as they are, uv='flatten' the mesh's own "
                                          "shape")
-    return None, True, (f"the file's texture coordinates are no pattern: scaled to the mesh's area, their lengths differ from "
-                        f"the mesh's by {misfit:.0%} (RMS): {shape}")
+    return None, True, (f"the file's texture coordinates are not a pattern: scaled to the mesh's area, their lengths differ "
+                        f"from the mesh's by {misfit:.0%} (RMS): {shape}")
 
 
 def unlike(x: np.ndarray, faces: np.ndarray, material: np.ndarray) -> str:
-    """A sentence on a pattern (m, 3, 2) [m] whose lengths are not those of the mesh; empty where they are, to a tenth."""
+    """A sentence on a pattern (m, 3, 2) [m] whose lengths are not those of the mesh; empty if they are, to a tenth."""
     own = flatten(x, faces)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         misfit = _misfit(stretches(material, own), np.abs(twice_area(own)))

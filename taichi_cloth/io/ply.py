@@ -42,7 +42,7 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
     if polygons is None or not len(polygons):
         raise ValueError("the mesh has no faces")
     if isinstance(polygons, np.ndarray) and polygons.ndim == 1:
-        raise ValueError("the vertices of its faces are no lists")
+        raise ValueError("the vertices of its faces are not lists")
     return x, triangles_of(x, polygons)  # type: ignore[arg-type]
 
 
@@ -50,7 +50,7 @@ def _header(data: bytes) -> tuple[str, list[Element], bytes]:
     """Byte order ("" of text), elements and the data after the header; sizes are held against the file's own."""
     head, end, body = data.partition(b"end_header")
     if not data.startswith(b"ply") or not end:
-        raise ValueError("is no PLY file, or its header is cut off")
+        raise ValueError("is not a PLY file, or its header is cut off")
     body = body[2:] if body.startswith(b"\r\n") else body[1:]
     order, elements = None, []
     for line in head.decode("ascii", "replace").splitlines():

@@ -45,7 +45,7 @@ def read(path: Path) -> Cache:
 def _pc2(path: Path, data: bytes) -> Cache:
     """A header of 32 bytes, then float32 triples; the lowest byte comes first."""
     if len(data) < 32 or data[:12] != b"POINTCACHE2\0":
-        raise MeshError(f"{path}: is no PC2 point cache")
+        raise MeshError(f"{path}: is not a PC2 point cache")
     count, first, every, frames = struct.unpack("<iffi", data[16:32])
     _refuse_length(path, len(data), 32 + 12 * count * frames, frames, count)
     if not (math.isfinite(first) and 0 < every < math.inf):
@@ -56,7 +56,7 @@ def _pc2(path: Path, data: bytes) -> Cache:
 def _mdd(path: Path, data: bytes) -> Cache:
     """Numbers of frames and points, times [s], then float32 triples; the highest byte comes first."""
     if len(data) < 8:
-        raise MeshError(f"{path}: is no MDD point cache")
+        raise MeshError(f"{path}: is not an MDD point cache")
     frames, count = struct.unpack(">ii", data[:8])
     _refuse_length(path, len(data), 8 + 4 * frames + 12 * count * frames, frames, count)
     t = np.frombuffer(data, ">f4", frames, 8).astype(np.float64)

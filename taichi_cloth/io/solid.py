@@ -44,25 +44,25 @@ def load_solid(path: str | Path, scale: float = 1.0, fps: float | None = None, m
     """A solid from a file or a sequence.
 
     Args:
-        path: a mesh file; a pattern such as "body_*.obj" whose files, in the order of the numbers in their names, are the
-            frames; an .npz with `positions` or `vertices` ((n, 3) or (frames, n, 3)), `faces` (m, 3), perhaps `fps`, and
-            vertices `group_NAME`; a .pc2 or .mdd point cache, whose triangles are those of `mesh`; or a file with a scene,
-            whose skins, morph targets, transforms, instances and caches move its parts: .glb, .gltf (extra `gltf`), .usd,
-            .usda, .usdc, .usdz (extra `usd`), .fbx, .abc (extra `blender`, or Blender on the PATH).
+        path: a mesh file, or one of these. A pattern such as "body_*.obj": its files, in the order of the numbers in their
+            names, are the frames. An .npz with `positions` or `vertices` ((n, 3) or (frames, n, 3)), `faces` (m, 3), perhaps
+            `fps`, and vertices `group_NAME`. A .pc2 or .mdd point cache, whose triangles are those of `mesh`. A file with a
+            scene, whose skins, morph targets, transforms, instances and caches move its parts: .glb, .gltf (extra `gltf`),
+            .usd, .usda, .usdc, .usdz (extra `usd`), .fbx, .abc (extra `blender`, or Blender on the PATH).
         scale: metres per unit of the file; of a file that names its unit, a factor besides.
-        fps: frames a second of a sequence; the file's own where None. A point cache may have a position every few frames. A
-            scene is sampled at so many; where None at its own number, of glTF at that of its keys or a multiple, 24 or more.
-        up: the file's axis that points up, "y" or "z": of the latter (x, y, z) is (x, z, -y) here. Where None, the one that
+        fps: frames a second of a sequence; None takes the file's own. A point cache may have a position every few frames. A
+            scene is sampled at so many. None takes its own number; for glTF that of its keys or a multiple, 24 or more.
+        up: the file's axis that points up, "y" or "z": of the latter (x, y, z) is (x, z, -y) here. None takes the one that
             the file names, or y.
-        start: time [s] of a sequence's first frame; where None that of the frame at which a cache says it starts, 0 of
-            other files.
-        clip: the animation of a scene that has several, by name or number, or a list of some that play together. Where None
-            the first, with others that move nothing that it moves.
+        start: time [s] of a sequence's first frame; None takes the frame at which a cache says it starts, 0 for other
+            files.
+        clip: the animation of a scene that has several, by name or number, or a list of some that play together. None
+            takes the first, with others that move nothing that it moves.
         merge: whether parts of a scene become one surface where their vertices lie at one place in every frame; else they
             stay apart. Either way each is a group by its name, and so is each material.
-        only: names of the parts of a scene that are read; all where None.
-        weld: distance [m] up to which vertices that stay together are made one; 0 for none. Where None, of a scene those
-            that a rounding parts, as seams of its texture do; of other files none.
+        only: names of the parts of a scene that are read; all if None.
+        weld: distance [m] up to which vertices that stay together are made one; 0 for none. None makes
+            one, in a scene, of those apart by a rounding, as at seams of its texture; in other files of none.
 
     Raises:
         MeshError: a missing or unreadable file, frames whose topology is not the first one's, or a choice that a file has not.
@@ -124,8 +124,8 @@ def _found(motion: Motion, x: np.ndarray, scale: float) -> str:
     """A sentence on the content of a file with a scene."""
     size = np.ptp(x[0], axis=0) * motion.unit * scale
     height = size[UP.index(motion.up) + 1]
-    others = [name for k, (name, _) in enumerate(motion.clips) if k not in motion.taken]
-    played = " and ".join(repr(motion.clips[k][0]) for k in motion.taken)
+    others = [clip.name for k, clip in enumerate(motion.clips) if k not in motion.taken]
+    played = " and ".join(repr(motion.clips[k].name) for k in motion.taken)
     clip = f"clip {played}, " if played else ""
     moves = f"{clip}{len(x):,} frames at {motion.fps:g} a second" if motion.fps and len(x) > 1 else f"{clip}no animation"
     parts = f"{len(motion.parts)} parts" if len(motion.parts) > 1 else f"one part, {motion.parts[0].name!r}"

@@ -55,7 +55,7 @@ def _lines(path: pathlib.Path) -> Iterator[tuple[int, str]]:
                 if line.strip() and not line.lstrip().startswith("#"):
                     yield number, line
     except UnicodeDecodeError:
-        raise SceneError(f"{path}, line {number + 1} or later: is no text in UTF-8") from None
+        raise SceneError(f"{path}, line {number + 1} or later: is not text in UTF-8") from None
     except (OSError, ValueError) as error:
         raise SceneError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}{near(path)}") from None
 
@@ -64,7 +64,7 @@ def _cells(path: pathlib.Path, number: int, line: str, delimiter: str) -> list[s
     try:
         return next(csv.reader([line], delimiter=delimiter, strict=True, skipinitialspace=True))
     except csv.Error as error:
-        raise SceneError(f"{path}, line {number}: is no line of a table: {error}") from None
+        raise SceneError(f"{path}, line {number}: is not a line of a table: {error}") from None
 
 
 def _number(cell: str, what: str) -> float:

@@ -15,11 +15,11 @@ GALE = 20.0  # m/s: the most that a slider adds to the wind
 
 
 class Controls:
-    """Everything beside the picture; what a person does to it is asked of the session.
+    """The controls beside the picture; each change that a person makes becomes an order of the session.
 
     Args:
         gui: of a viser server.
-        ask: takes the name of what the session is to do, its values, and a key; see `page.Ask`.
+        ask: takes the name of an order, its values, and a key; see `page.Ask`.
     """
 
     def __init__(self, gui: Any, opened: Opening, ask: Callable[[str, tuple, str], object]) -> None:
@@ -48,7 +48,7 @@ class Controls:
             self.costly = gui.add_markdown("")
 
     def show(self, seen: Seen) -> None:
-        """What the session is, in words, and the colours' scale."""
+        """Shows the state of the session in words, and the colours' scale."""
         self.running = seen.running
         self.state.content, self.plays.label = seen.state, "Pause" if seen.running else "Play"
         if seen.heats is not None:

@@ -1,8 +1,8 @@
 """A hand that pulls on cloth: soft attachments of a small patch to a place that moves with the mouse.
 
 A patch, not a vertex: a fine mesh's vertex alone would be drawn out to a spike. The patch's springs together pull with twice
-the cloth's weight at most, so that a hand lifts it and does not tear it out of its pins; they do so a quarter of the cloth's
-size away, and with less nearer.
+the cloth's weight at most, so that a hand lifts it and does not tear it out of its pins. The pull is full a quarter of the
+cloth's size away, and less nearer.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The other end of a page's process: starts it, tells it what to show, hears what is asked, and ends it."""
+"""The other end of a page's process: starts it, sends it pictures, receives orders from it, and ends it."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ import pathlib
 import subprocess
 import sys
 import threading
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import OutputError
 from .pages import read, write
 from .server import address_of, free_port, installed
-from .session import Session
-from .teller import Teller
+
+if TYPE_CHECKING:  # a page starts before Taichi is imported
+    from .session import Session
+    from .teller import Teller
 
 PATIENCE = 10.0  # s that a page gets to end
 
@@ -48,18 +50,18 @@ class Link:
         """
         message = read(self.process.stdout)  # type: ignore[arg-type]
         if message is None:
-            raise OutputError("the page did not start: see what is said above")
+            raise OutputError("the page did not start: see the messages above")
         if self.asked not in (None, message[1]):
             raise OutputError(f"port {self.asked} of {self.host} was taken meanwhile: choose another with --port, or leave "
                               "it out")
         return address_of(self.host, message[1])
 
     def tell(self, message: Any) -> None:
-        """Hands the page what it is to show."""
+        """Sends the page an `Opening` or a `Seen` to show."""
         write(self.process.stdin, message)  # type: ignore[arg-type]
 
     def listen(self, session: Session, teller: Teller) -> None:
-        """What the page asks for becomes orders of the session, from now on; if it goes, the session ends."""
+        """Turns requests of the page into orders of the session, from now on; if the page goes, the session ends."""
 
         def hear() -> None:
             while (message := read(self.process.stdout)) is not None:  # type: ignore[arg-type]

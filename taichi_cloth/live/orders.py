@@ -1,4 +1,4 @@
-"""What a page asks a session for: from the threads of the page to the one thread that simulates."""
+"""Orders of a page to a session: from the threads of the page to the one thread that simulates."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 
 class Orders:
-    """Calls that wait to be made, in order. Of those with one key only the last is made: a slider's, a mouse's."""
+    """Calls that wait to be made, in order. Only the last call with a key is made, such as that of a slider or a mouse."""
 
     def __init__(self) -> None:
         self._ready = threading.Condition()
@@ -22,7 +22,7 @@ class Orders:
             self._ready.notify_all()
 
     def take(self, wait: float | None = 0.0) -> list[Callable[[], object]]:
-        """All that wait, and none are left; where there are none, waits for the first for so long [s], or for ever."""
+        """All that wait, and none are left; if there are none, waits for the first for so long [s], or for ever."""
         with self._ready:
             self._ready.wait_for(lambda: self._waiting, wait)
             out, self._waiting = [call for _, call in self._waiting], []

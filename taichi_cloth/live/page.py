@@ -1,4 +1,4 @@
-"""The page of a session: its cloth, its buttons and sliders, by viser. Only what is on the page is known here."""
+"""The page of a session: its cloth, its buttons and sliders, by viser. It knows nothing of the simulation."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ from .controls import Controls
 from .seen import Opening, Seen
 
 TILES = 40  # of the ground, along a side
+SKY, GROUND, AROUND = (255, 255, 255), (120, 115, 110), 2.5  # sRGB; times a lamp of viser's
 THREAD = (255, 140, 0)  # sRGB
-Ask = Callable[[str, tuple, str], object]  # what a session is to do, with which values; of one key only the last counts
+Ask = Callable[[str, tuple, str], object]  # an order of the session, its values, its key; only the last with a key counts
 
 
 class Page:
-    """Shows what it is told, and asks for what is clicked, turned and dragged.
+    """Shows each `Seen`, and turns clicks, sliders and drags into orders.
 
     Args:
-        server: of viser's; opened: what stays.
+        server: of viser's; opened: the part of the page that stays.
     """
 
     def __init__(self, server: Any, opened: Opening, ask: Ask) -> None:
@@ -31,6 +32,7 @@ class Page:
         server.gui.main_panel.dock_right()
         server.gui.set_panel_label(opened.title)
         server.scene.set_up_direction("+y")
+        self._light()
         self._place(opened)
         self.controls = Controls(server.gui, opened, ask)
 
@@ -83,6 +85,11 @@ class Page:
             self.thread.points = hand[None]
         if self.thread is not None:
             self.thread.visible = hand is not None
+
+    def _light(self) -> None:
+        """Lamps alone: the picture of surroundings that viser lights by takes a browser without a GPU ten seconds."""
+        self.server.scene.configure_environment_map(None)
+        self.server.scene.add_light_hemisphere("/sky", sky_color=SKY, ground_color=GROUND, intensity=AROUND)
 
     def _place(self, opened: Opening) -> None:
         """The camera and the ground."""

@@ -1,4 +1,4 @@
-"""The process of a page: viser's server, told by pickles through its standard input what to show, and telling what is asked.
+"""The process of a page: viser's server. Pictures come as pickles through its standard input, orders go out as pickles.
 
 Taichi keeps Python's lock while kernels are compiled and run, so a page in the simulation's process would stand still.
 """
@@ -20,7 +20,7 @@ from .server import started, stop
 def main(host: str, port: int) -> None:
     """Until its standard input ends."""
     out = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what others print is no message
+    os.dup2(2, 1)  # output of other packages is no message
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the simulation's process ends this one
     lock = threading.Lock()
 

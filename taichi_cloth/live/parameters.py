@@ -49,7 +49,7 @@ def parameters(options: Mapping[str, inspect.Parameter], ranges: object, given: 
         given: values in place of the defaults.
 
     Raises:
-        SceneError: RANGES is no table of pairs, or names what there is not.
+        SceneError: RANGES is no table of pairs, or names an option that build() does not have.
     """
     table: dict[str, object] = checks.instance("RANGES", ranges, dict)
     for name in table:
@@ -79,7 +79,7 @@ def _pair(name: str, pair: Any) -> tuple[float, float]:
 
 
 def _usual(default: int | float) -> tuple[float, float] | None:
-    """From 0 (1 for whole numbers) to some times the default, on its side of 0; None where that is 0."""
+    """From 0 (1 for whole numbers) to some times the default, on its side of 0; None if that is 0."""
     if not default:
         return None
     ends = math.copysign(1 if isinstance(default, int) else 0, default), WIDE[type(default)] * default

@@ -1,4 +1,4 @@
-"""What a page is told of a session, which is in another process: once what stays, then picture by picture. numpy only."""
+"""Messages from a session to its page, in another process: an `Opening`, then a `Seen` for every picture. numpy only."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .parameters import Parameter
 
 @dataclass(frozen=True)
 class Opening:
-    """What a page begins with.
+    """The part of a page that stays, sent once.
 
     Attributes:
         parameters: that can be changed; again: whether it can begin again; airy: whether there is air, and so wind.
@@ -61,11 +61,11 @@ class Seen:
 
     Attributes:
         number: of the scene; another one has other pieces.
-        x: (n, 3) f32 vertices [m]; pieces: what is drawn of them, by name; None where they are those of the picture before.
+        x: (n, 3) f32 vertices [m]; pieces: those drawn, by name; None if they are those of the picture before.
         state: one line; running: whether step follows step.
         heats: that there are; None before they are known. heat: that the cloth is coloured by, or None.
         hand: (2, 3) where the cloth is held, and the hand; None while it does not pull.
-        last, costly: what steps did; None where it is as before.
+        last, costly: text on the last step and on the costliest ones; None if it is as before.
     """
 
     number: int

@@ -65,7 +65,7 @@ def started(host: str, port: int):
 
 
 def address_of(host: str, port: int) -> str:
-    """Where a page is."""
+    """Address of a page."""
     shown = "localhost" if host in ("0.0.0.0", "::", "") else host
     return f"http://{f'[{shown}]' if ':' in shown else shown}:{port}"
 

@@ -25,12 +25,12 @@ from .parameters import Parameter
 IDLE = 0.5  # s that a paused session waits at a time: a wait without end would keep Ctrl-C from some systems
 PICTURE = 1 / 30  # s from picture to picture of a cloth that moves, at least
 ASKED = ("play", "pause", "step", "reset", "set", "blow", "color_by", "look", "grab", "drag", "drop", "finish")
-ASIDE = ("look", "drag", "drop")  # these leave what is said of the last trouble
-SAME = ("x", "faces", "uv", "solid_x", "solid_faces", "cloth_start")  # of a scene as built: what a run can go on with
+ASIDE = ("look", "drag", "drop")  # orders that keep the message of the last trouble
+SAME = ("x", "faces", "uv", "solid_x", "solid_faces", "cloth_start")  # arrays as built that a run needs to go on
 
 
 class Source(Protocol):
-    """Where scenes and their simulations come from.
+    """Maker of scenes and their simulations.
 
     Attributes:
         parameters: that can be changed.
@@ -48,16 +48,16 @@ class Source(Protocol):
 
 
 class Session:
-    """What runs and what is to be seen of it.
+    """A simulation with its state of play, its view and the orders for it.
 
     Args:
         show: is called with the session when there is something new to be seen.
 
     Attributes:
         running: whether step follows step; over: whether it is to end.
-        trouble: what went wrong last, in a line; "" where nothing did.
-        geometry, arrays: what there is to be seen, as `record` has it; preview: they are the scene's as it was built, which is
-            there before the simulation and has no heat maps.
+        trouble: the last error, in a line; "" if there is none.
+        geometry, arrays: the view, as `record` has it; preview: whether it is the scene as built, before there is a
+            simulation, and so without heat maps.
         heat: the quantity that colours the cloth, or "".
         sim: None until `begin`.
     """
@@ -83,7 +83,7 @@ class Session:
         self._look()
 
     def turn(self) -> None:
-        """Does what was asked for, then a step where steps follow each other and it is time for one; else waits for it."""
+        """Carries out the waiting orders, then a step if the session runs and it is time for one; else waits."""
         calls = self.orders.take(min(self._ahead(), IDLE) if self.running else IDLE)
         for call in calls:
             self._try(call)
@@ -109,7 +109,7 @@ class Session:
 
         self.orders.put(do, key)
 
-    # what can be asked for
+    # the orders of `ASKED`
 
     def play(self) -> None:
         """Step follows step, no faster than the clock."""
@@ -152,7 +152,7 @@ class Session:
         self.hand = Hand(self._live, point)
 
     def drag(self, place: np.ndarray) -> None:
-        """Pulls what is held to a place (3,) [m]."""
+        """Pulls the held patch to a place (3,) [m]."""
         if self.hand is not None:
             self.hand.place = checks.vector("place", place, "m")
 
@@ -183,12 +183,13 @@ class Session:
     def _advance(self) -> None:
         self._live.step()
         if (late := -self._ahead()) > 0:
-            self._clock += late  # what is lost is not made up for
+            self._clock += late  # lost time is not made up for
 
     def _build(self, settings: dict[str, object], anew: bool = False) -> None:
         scene = self.source.scene(settings)
         built = record.as_built(scene)
-        goes_on = not anew and all(np.array_equal(built[name], self._built[name]) for name in SAME)
+        moved = not anew and self._live.tally.steps > 0  # else its start is at hand, and needs no compiled kernels
+        goes_on = moved and all(np.array_equal(built[name], self._built[name]) for name in SAME)
         self._simulate(scene, self._live.checkpoint() if goes_on else None)
         self.settings = settings
 
@@ -219,7 +220,7 @@ class Session:
             self._live.set_wind(added(self.scene.air, self.breeze) if self.scene.air else self.breeze)
 
     def _see(self) -> None:
-        """What does not change while this simulation is there."""
+        """Takes the geometry of this simulation, which does not change."""
         self.geometry, self.preview = record.geometry(self._live), False
 
     def _look(self) -> None:
@@ -231,7 +232,7 @@ class Session:
         self.show(self)
 
     def _try(self, call: Callable[[], object]) -> None:
-        """Makes a call; what goes wrong is said, and the session goes on."""
+        """Makes a call; an error becomes `trouble`, and the session goes on."""
         try:
             call()
         except ClothError as error:

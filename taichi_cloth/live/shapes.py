@@ -1,4 +1,4 @@
-"""What a page draws of a scene: pieces of one colour each."""
+"""The pieces of a scene that a page draws, of one colour each."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Shapes:
         """All of them, by name.
 
         Args:
-            heat: what colours the cloth; None for its look.
+            heat: the heat map that colours the cloth; None for its look.
         """
         faces = arrays.get("faces", geometry["faces"])
         moved = not np.array_equal(faces, self.faces[: self.count])

@@ -1,4 +1,4 @@
-"""Tells a page what a session has to be seen, as fast as the page shows it: the session never waits for it."""
+"""Sends pictures of a session to its page, as fast as the page shows them: the session never waits for it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Teller:
     def __init__(self, title: str, send: Callable[[Opening | Seen], object]) -> None:
         self.title, self.send = title, send
         self._lock = threading.Lock()
-        self._busy = self._late = False  # the page still shows what it was told; there is more
+        self._busy = self._late = False  # the page is still drawing the last picture; a newer one waits
         self._geometry: Arrays | None = None
         self._number, self._worded = 0, 0.0
         self._told: object = None  # the pieces that the page has
@@ -53,7 +53,7 @@ class Teller:
         self.send(self._seen(session))
 
     def shown(self, session: Session) -> None:
-        """The page has shown what it was told last; may be called from any thread."""
+        """The page has shown the last picture; may be called from any thread."""
         with self._lock:
             self._busy, late = False, self._late
         if late:
@@ -76,7 +76,7 @@ class Teller:
 
 
 def opening(session: Session, title: str) -> Opening:
-    """What a page of the session begins with."""
+    """The `Opening` of a page of the session."""
     geometry = session.geometry
     x = np.concatenate([geometry["x"], geometry["solid_x"]])
     view = view_of(geometry)

@@ -1,4 +1,4 @@
-"""A session with its page, until it is ended."""
+"""A session with its page, until it is ended. The page starts first, and Taichi is imported meanwhile."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ import contextlib
 import webbrowser
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .. import checks
 from ..errors import SceneError, shown
 from ..options import Options
-from ..scene.scene import Scene
-from ..simulation import Simulation
-from .hand import pullable
 from .link import Link
 from .parameters import Parameter
 from .server import HOST
-from .session import Session, Source
-from .teller import Teller
+
+if TYPE_CHECKING:
+    from ..scene.scene import Scene
+    from ..simulation import Simulation
+    from .session import Session, Source
 
 KEPT = 600  # steps of the log that a page reads, where the options do not say
 
@@ -39,6 +39,9 @@ class Made:
 
     def simulation(self, scene: Scene) -> Simulation:
         """See `Source`; it can be pulled at."""
+        from ..simulation import Simulation
+        from .hand import pullable
+
         with pullable(scene):
             return Simulation(scene, options=self.options)
 
@@ -82,30 +85,43 @@ def view(what: Scene | Simulation, *, host: str = HOST, port: int | None = None,
         checks.flag(f"view: {name}", value)
     checks.instance("view: host", host, str)
     checks.maybe(port, checks.integer, "view: port", least=1, most=65535)
-    source: Source
-    if isinstance(what, Simulation):
-        if options:
-            raise SceneError(f"view: {next(iter(options))}: a simulation's options are decided before it is made")
-        what.checked_run(1.0, 1.0)  # it is open
-        source = Given(what)
-    elif isinstance(what, Scene):
-        source = Made(lambda settings: what, Options.named(options))
-    else:
+    source = _source(what, options)
+    serve(lambda: source, "taichi_cloth", host, port, opens, plays)
+
+
+def _source(what: object, options: dict[str, Any]) -> Source:
+    """Of a scene or a simulation."""
+    from ..scene.scene import Scene
+
+    if isinstance(what, Scene):
+        return Made(lambda settings: what, Options.named(options))
+    from ..simulation import Simulation
+
+    if not isinstance(what, Simulation):
         raise SceneError(f"view: what = {shown(what)}: must be a Scene or a Simulation")
-    serve(source, "taichi_cloth", host, port, opens, plays)
+    if options:
+        raise SceneError(f"view: {next(iter(options))}: a simulation's options are decided before it is made")
+    what.checked_run(1.0, 1.0)  # it is open
+    return Given(what)
 
 
-def serve(source: Source, title: str, host: str, port: int | None, opens: bool, plays: bool,
+def serve(make: Callable[[], Source], title: str, host: str, port: int | None, opens: bool, plays: bool,
           tells: Callable[[str], object] = print) -> None:
-    """Shows what a source makes; `tells` is called with the page's address.
+    """Shows what a source makes.
+
+    Args:
+        make: gives the source, once the page is starting; tells: is called with the page's address.
 
     Raises:
-        ClothError: see `view`; also what the scene's own making raises.
+        ClothError: see `view`; also any error of building the scene.
     """
-    link = Link(host, port)  # starts while the scene is built
+    link = Link(host, port)
     try:
+        from .session import Session
+        from .teller import Teller
+
         teller = Teller(title, link.tell)
-        session = Session(source, teller)
+        session = Session(make(), teller)
         address = link.wait()
         teller(session)
         link.listen(session, teller)

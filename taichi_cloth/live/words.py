@@ -1,4 +1,4 @@
-"""What a page says of a session, in sentences."""
+"""Sentences of a page on its session: state, last step, costliest steps."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ COSTLY = 3  # steps that are named
 
 
 def state(session: Session) -> str:
-    """One line: where it is, and what went wrong."""
+    """One line: whether it runs, its time [s], and the last error."""
     if session.sim is None:
         return "loading compiled kernels"
     mode = "runs" if session.running else "paused"
@@ -22,7 +22,7 @@ def state(session: Session) -> str:
 
 
 def last_step(record: StepRecord) -> str:
-    """What a step did, and why it took as long as it did."""
+    """Size, cost, contacts and rejections of a step, in sentences."""
     said = [f"A step of {1e3 * record.h:.3g} ms to t = {record.t:.4g} s took {1e3 * record.seconds.get('total', 0.0):.3g} ms: "
             f"{_many(record.solves, 'solve')}, {_many(record.iterations, 'iteration')}; "
             f"the largest stretch is {record.stretch:.3f}."]
@@ -40,7 +40,7 @@ def last_step(record: StepRecord) -> str:
 
 
 def costly(session: Session) -> str:
-    """The steps of the log that took longest, where cloth was in trouble, and what helps; "" before the first."""
+    """The steps of the log that took longest, where cloth was in trouble, and advice; "" before the first."""
     if session.sim is None or not session.sim.log:
         return ""
     return costliest_of([asdict(r) for r in session.sim.log], COSTLY)

@@ -53,7 +53,7 @@ def frame(camera: Camera) -> Frame:
 
 
 def ground_height(x: np.ndarray, view: View) -> float:
-    """Height of the ground [m]: the view's, or under all of the points by their reach."""
+    """Height of the ground [m]: the view's, or below all points x (n, 3) [m] by the view's reach and more."""
     if view.ground is not None:
         return view.ground
     low, high = x.min(axis=0), x.max(axis=0)

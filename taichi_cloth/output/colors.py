@@ -26,7 +26,7 @@ def heat_colors(values: np.ndarray, low: float, high: float, diverging: bool) ->
 
 
 def draw_bar(image: np.ndarray, low: float, high: float, diverging: bool, label: str) -> None:
-    """A colour bar with its ends and a label in the lower left corner of an image."""
+    """A colour bar with its ends and a label in the lower left corner of an image (h, w, c)."""
     scale = max(1, image.shape[0] // 360)
     width, height, edge = min(220 * scale // 2 * 2, image.shape[1] - 20), 8 * scale, 10 * scale
     row = image.shape[0] - edge - height - (HEIGHT + 3) * scale
@@ -39,5 +39,5 @@ def draw_bar(image: np.ndarray, low: float, high: float, diverging: bool, label:
 
 
 def to_srgb(linear: np.ndarray, bits: int = 8) -> np.ndarray:
-    """uint8 or uint16 sRGB of linear light."""
+    """uint8 or uint16 sRGB of linear light in 0..1, in an array of any shape."""
     return (colornames.to_srgb(linear) * (2**bits - 1) + 0.5).astype(np.uint8 if bits == 8 else np.uint16)

@@ -1,4 +1,4 @@
-"""Which pixels a triangle on the screen covers, and where in it they are."""
+"""Coverage of pixels by a triangle on the screen, and their places in it."""
 
 import numpy as np
 import taichi as ti
@@ -18,7 +18,7 @@ def wire(a, b, c, area, k, samples: ti.template()):
 
 @ti.func
 def spot(x, y, n):
-    """Where sample (x, y) is taken, n samples a pixel across: one in each of the pixel's n^2 columns and rows of it."""
+    """Place of sample (x, y), n samples a pixel across: one in each of the pixel's n^2 columns and rows."""
     return ti.Vector([x + (n - y % n - 0.5) / n, y + (x % n + 0.5) / n])
 
 

@@ -10,8 +10,8 @@ from ..scene.view import LIGHT, AnyCamera, CameraKeys, Color, View, camera_at, c
 
 
 def of_view(view: View, ground: float | None) -> dict[str, np.ndarray]:
-    """`camera` (eye, target, fov, up; NaN where fitted), `camera_keys` (k, 11) with the times before, `ground`, `reach`, and
-    `background`, `floor`, `light` where they are not as usual."""
+    """`camera` (eye, target, fov, up; NaN if fitted), `camera_keys` (k, 11) with the times before, `ground`, `reach`, and
+    `background`, `floor`, `light` if they are not as usual."""
     camera = view.camera
     out = {"camera": np.full(10, np.nan) if camera is None else camera_at(camera, 0.0).numbers,
            "ground": np.array(np.nan if ground is None else ground), "reach": np.array(view.reach)}
@@ -40,9 +40,12 @@ def view_of(g: dict[str, np.ndarray]) -> View:
 
 
 def of_appearances(looks: Sequence[Appearance]) -> dict[str, np.ndarray]:
-    """`cloth_colors` and, where they are anything more, `cloth_backs` (NaN where left to the renderer), `cloth_finish`
-    (squares or NaN, weave, its spacing [m], relief), `cloth_surface` (sheen, specular, roughness, hem [m], thickness [m], or
-    NaN), `texture_K` and `texture_place_K` (size, origin or NaN, repeat)."""
+    """Arrays on the looks of cloths: `cloth_colors`, and others if the looks have more than colours.
+
+    These are `cloth_backs` (NaN if left to the renderer), `cloth_finish` (squares or NaN, weave, its spacing [m], relief),
+    `cloth_surface` (sheen, specular, roughness, hem [m], thickness [m], or NaN), `texture_K` and `texture_place_K` (size,
+    origin or NaN, repeat).
+    """
     out = {"cloth_colors": np.array([look.color or (np.nan,) * 3 for look in looks]).reshape(-1, 3)}
     for k, look in enumerate(looks):
         if look.texture is not None:
@@ -60,11 +63,11 @@ def of_appearances(looks: Sequence[Appearance]) -> dict[str, np.ndarray]:
 
 
 def image_uv(g: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Where images go, and how large they are there.
+    """Texture coordinates of images, and their unit on the cloth.
 
     Returns:
-        (m, 3, 2) texture coordinates of faces' corners: the pattern's [m] where their cloth has no others; (c,) what one of
-        them is on each cloth [m], in the mean over its area: NaN where they are the pattern's.
+        (m, 3, 2) texture coordinates of faces' corners, the pattern's [m] if their cloth has no others; (c,) length of their
+        unit on each cloth [m], in the mean over its area, NaN if they are the pattern's.
     """
     uv, units = g["uv"], np.full(len(g["cloth_names"]), np.nan)
     if "image_uv" not in g:
@@ -78,7 +81,7 @@ def image_uv(g: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _area(corner: np.ndarray) -> float:
-    """Of triangles (m, 3, 2) together."""
+    """Area of triangles (m, 3, 2) together."""
     (a, b), (c, d) = np.moveaxis(corner[:, 1:] - corner[:, :1], 0, 2)
     return float(np.abs(a * d - b * c).sum() / 2)
 

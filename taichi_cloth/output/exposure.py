@@ -11,7 +11,11 @@ STEPS = (0.8566749, 0.7338919, 0.6287067, 0.5385973)  # of a low-discrepancy seq
 
 
 def spots(count: int) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
-    """Of each exposure: part of the time [0, 1), (2,) point of the lens in a circle of radius 1, (2,) of the pixel, +-1/2."""
+    """The exposures of a picture.
+
+    Yields:
+        part of the time [0, 1); (2,) point of the lens in a circle of radius 1; (2,) point of the pixel, +-1/2.
+    """
     for k in range(count):
         u, w, *pixel = (0.5 + k * np.array(STEPS)) % 1
         lens = np.sqrt(u) * np.array([np.cos(2 * np.pi * w), np.sin(2 * np.pi * w)])

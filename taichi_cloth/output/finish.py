@@ -52,12 +52,12 @@ class Textures:
 
     @property
     def texels(self) -> np.ndarray:
-        """All images."""
+        """(texels,) int32, the RGBA bytes of all levels of all images."""
         return np.concatenate(self.parts) if self.parts else np.zeros(1, dtype=np.int32)
 
     @property
     def levels(self) -> np.ndarray:
-        """Where each is."""
+        """(k, 3) first texel, width and height of each level."""
         starts = np.cumsum([0] + [len(p) for p in self.parts])[:-1]
         rows = [(start, w, h) for start, (w, h) in zip(starts, self.shapes)]
         return np.array(rows or [(0, 1, 1)], dtype=np.int32)

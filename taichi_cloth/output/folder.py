@@ -36,7 +36,7 @@ FORMAT = 2  # of checkpoints
 
 
 class RunFolder:
-    """Where a run writes.
+    """The folder that a run writes, locked while it does.
 
     Args:
         path: made where it does not exist.
@@ -189,7 +189,7 @@ def manifest_sum(content: dict) -> str:
 
 
 def hash_of_file(path: str | os.PathLike) -> str:
-    """Of a file's content, to tell whether it was edited; "" where there is none."""
+    """Hash of a file's content, to tell whether it was edited; "" if there is no file."""
     file = pathlib.Path(path)
     return hashlib.sha256(file.read_bytes()).hexdigest()[:16] if file.is_file() else ""
 
@@ -199,7 +199,7 @@ def written_aside(path: pathlib.Path, suffix: str = ".partial") -> Iterator[path
     """A path to write to, of the same name with `suffix`, that takes the place of `path` where all went well.
 
     Raises:
-        OutputError: it cannot be written; what was there before stays.
+        OutputError: it cannot be written; an older file stays as it was.
     """
     aside = path.with_name(path.name + suffix)
     try:
@@ -218,7 +218,7 @@ def write_whole(path: pathlib.Path, data: bytes) -> None:
     """Writes a file aside and renames it, so that it is whole or not there.
 
     Raises:
-        OutputError: it cannot be written; what was there before stays.
+        OutputError: it cannot be written; an older file stays as it was.
     """
     with written_aside(path) as aside:
         path.parent.mkdir(exist_ok=True)

@@ -16,7 +16,7 @@ def fit_all(points: Iterable[np.ndarray], reach: float, aspect: float) -> Camera
     """The nearest camera, from the usual direction, that has all points and `reach` [m] round them in its picture.
 
     In the camera's axes, with t the tangent of half the opening angle and b the distance towards the camera, a point (r, u, b)
-    is within the sides where |r - r_0| <= t (b_0 - b): the largest r + t b and -r + t b decide.
+    is within the sides if |r - r_0| <= t (b_0 - b). The largest r + t b and -r + t b decide.
 
     Args:
         points: sets (n, 3) [m], one after the other.
@@ -46,7 +46,7 @@ def fit_round(points: Iterable[np.ndarray], reach: float, aspect: float) -> Came
 
     A point at a distance r from the vertical through that middle, and y above it, goes round as the camera does. With the
     camera's elevation e and h = r cos(angle) it is b = y sin e + h cos e towards it, u = y cos e - h sin e up, and
-    r sin(angle) aside. As in `fit_all`, aside / t + b and |u| / t + b decide, and both are largest in closed form.
+    r sin(angle) aside. Like in `fit_all`, aside / t + b and |u| / t + b decide, and both are largest in closed form.
     """
     sets = list(points)
     low, high = np.min([x.min(axis=0) for x in sets], axis=0), np.max([x.max(axis=0) for x in sets], axis=0)

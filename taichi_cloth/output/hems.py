@@ -7,7 +7,7 @@ FAR = 1e6  # m: where there is no border
 
 
 def half_edges(faces: np.ndarray) -> np.ndarray:
-    """(3 m,) the same edge of the triangle on the other side, -1 where there is none; edge k of face f has number 3 f + k."""
+    """(3 m,) the same edge of the triangle on the other side, -1 if there is none; edge k of face f has number 3 f + k."""
     n = int(faces.max(initial=0)) + 1
     pairs = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1).astype(np.int64)
     _, inverse, count = np.unique(pairs @ np.array([n, 1]), return_inverse=True, return_counts=True)
@@ -45,7 +45,7 @@ def borders(faces: np.ndarray, uv: np.ndarray, width: np.ndarray) -> np.ndarray:
 
 
 def distance(at: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Of points (..., 2) from segments (..., 4)."""
+    """Distance of points (..., 2) from segments (..., 4)."""
     a, way = ends[..., :2], ends[..., 2:] - ends[..., :2]
     t = ((at - a) * way).sum(axis=-1) / np.maximum((way**2).sum(axis=-1), 1e-30)
     return np.linalg.norm(at - a - np.clip(t, 0, 1)[..., None] * way, axis=-1)

@@ -1,4 +1,4 @@
-"""Light that a surface throws back: spread evenly, in a highlight, and along its rim."""
+"""Light reflected by a surface: spread evenly, in a highlight, and along its rim."""
 
 import taichi as ti
 

@@ -1,4 +1,4 @@
-"""How to draw: settings of a picture, which come before those of the scene's view."""
+"""Settings of a picture, which come before those of the scene's view."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -45,7 +45,7 @@ class Look:
         wire: whether edges are drawn; heat: the quantity that colours the cloth, or None.
         caption: text, in which {t} and {frame} stand for the time and the frame; "" draws none.
         floor, background, light: as those of `View`.
-        aperture: diameter of the lens [m], 0 where all is sharp.
+        aperture: diameter of the lens [m], 0 if all is sharp.
         focus: distance along the view that is sharp [m], None for that of the cloth's middle.
         shutter: part of the time between two frames that a picture takes, 0 to 1: motion is blurred.
         smooth: how often triangles' edges are halved, for round outlines.
@@ -118,7 +118,7 @@ class Look:
         return replace(scene, **{name: value for name, value in said.items() if value is not None})
 
     def appearance(self, name: str, own: Appearance) -> Appearance:
-        """Of a cloth: the one asked for it, for all cloths, or the scene's."""
+        """Appearance of a cloth: the one asked for it, else for all cloths, else the scene's."""
         for key in ("", name):
             own = self.cloths[key].over(own) if key in self.cloths else own
         return own

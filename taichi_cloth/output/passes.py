@@ -33,9 +33,9 @@ class PassRaster:
         """Passes of a renderer's surfaces at positions x (n, 3) [m], through its camera.
 
         Returns:
-            depth (h, w) f32: distance along the direction of view [m], infinite where nothing is; normal (h, w, 3) f32: in
-            the world, of length 1, towards the eye, 0 where nothing is; id (h, w) int32: 0 where nothing is, then cloths,
-            solids and the ground from 1 on.
+            depth (h, w) f32: distance along the direction of view [m]; normal (h, w, 3) f32: in the world, of length 1,
+            towards the eye; id (h, w) int32: cloths, solids and the ground from 1 on. In empty pixels depth is infinite,
+            normal and id are 0.
         """
         s, c = renderer.surfaces, renderer.camera
         screen = c.project(x, self.width, self.height).astype(np.float32)

@@ -30,8 +30,8 @@ class Artist:
 
     Args:
         size: (width, height) [pixels].
-        frames: gives the frames, or what is known of them, of the whole motion: the ground is below all of them.
-        fits: gives those that a fitted camera has to have in its picture; the first shape and all of `frames` where None.
+        frames: gives the frames of the whole motion, or expected ones: the ground is below all of them.
+        fits: gives those that a fitted camera has to have in its picture; the first shape and all of `frames` if None.
 
     Raises:
         SceneError: the look names a cloth that is not there.
@@ -103,7 +103,7 @@ class Artist:
         return total / count
 
     def captioned(self, image: np.ndarray, frame: Frame, number: int = 0) -> np.ndarray:
-        """The same picture with its caption."""
+        """The picture (h, w, c) with its caption and colour bar drawn in."""
         look = self.look
         if look.heat is not None:
             label = f"{look.heat.name} [{look.heat.unit}]" if look.heat.unit else look.heat.name
@@ -194,7 +194,7 @@ class Artist:
                 x = self._all_of(frame, first[:0])
                 low = (float(part[:, 1].min(initial=np.inf)) for part in np.split(x, [len(frame["x"])]))
                 cloth, solid = map(min, (cloth, solid), low)
-                if fits is None and len(x):  # of solids alone, what stands still is in the first set
+                if fits is None and len(x):  # solids that stand still are in the first set already
                     sets.append(x - self._followed(frame))
             if fits is not None and self.fitted:
                 sets = [self._all_of(frame, first[n:]) - self._followed(frame) for frame in fits()]
@@ -214,7 +214,7 @@ class Artist:
 
 
 def contact_sheet(images: list[np.ndarray], columns: int) -> np.ndarray:
-    """Pictures of one size and type in one, row by row; white, or transparent, where there is none."""
+    """Pictures (h, w, c) of one size and type in one, row by row; empty places are white, or transparent."""
     height, width, channels = images[0].shape
     rows = -(-len(images) // columns)
     empty = np.iinfo(images[0].dtype).max if channels == 3 else 0

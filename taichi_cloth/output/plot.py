@@ -25,14 +25,14 @@ class Mean:
 
 
 def scatter_plot(series: dict[str, Mean], x_label: str, log: bool = False, log_x: bool = False) -> str:
-    """As `line_plot`, of points that repeat."""
+    """The plot of `line_plot` for points that repeat: a line through their means, and dots."""
     return line_plot({name: s.line() for name, s in series.items()}, x_label, log, log_x,
                      dots={name: (s.x, s.y) for name, s in series.items()})
 
 
 def line_plot(series: dict[str, tuple[np.ndarray, np.ndarray]], x_label: str, log: bool = False, log_x: bool = False,
               marks: bool = False, dots: dict[str, tuple[np.ndarray, np.ndarray]] | None = None) -> str:
-    """An SVG of lines (x, y) by name over a common axis; steps where there is one point, nothing where there is none.
+    """An SVG of lines (x, y) by name over a common axis; steps if there is one point, nothing if there is none.
 
     Args:
         log, log_x: logarithmic y and x axis; values that are not positive are left out.

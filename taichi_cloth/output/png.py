@@ -36,7 +36,7 @@ def encode_apng(images: list[np.ndarray], fps: float, level: int = 3) -> bytes:
     """An animated PNG's bytes, which plays for ever.
 
     Args:
-        images: as `encode_png` takes them, all of one size and type.
+        images: (h, w, c) each, as `encode_png` takes them, all of one size and type.
         fps: frames a second.
     """
     height, width = images[0].shape[:2]

@@ -1,4 +1,4 @@
-"""Which triangle is seen in each sample: a z-buffer, in two passes, the first for depths and the second for faces."""
+"""Rasterizer: the triangle seen in each sample, by a z-buffer in two passes, the first for depths and the second for faces."""
 
 import numpy as np
 import taichi as ti
@@ -36,7 +36,7 @@ class Raster:
 
     @ti.func
     def row(self, t, turns, height):
-        """Of iteration t; `height` or more where there is none."""
+        """Row of the picture for iteration t; `height` or more if there is none."""
         turn, out = t // self.grain, height
         if t % self.grain == 0:
             out = turn % BANDS * (turns // (self.grain * BANDS)) + turn // BANDS
@@ -50,7 +50,7 @@ class Raster:
             self._raster(screen, faces, seen, self.w, 0, identify, self.samples)
 
     def see_behind(self, points: np.ndarray, faces: np.ndarray, side: int) -> None:
-        """Rasterises depths into the other map, a square."""
+        """Rasterises depths of points (n, 3) and faces (m, 3) into the other map, `side` samples square."""
         self._raster(points, faces, pieces(points, faces, side, side, np.inf), side, self.w * self.h, 0, 1)
 
     @ti.kernel
@@ -62,7 +62,7 @@ class Raster:
     @ti.kernel
     def _raster(self, p: ti.types.ndarray(), faces: ti.types.ndarray(), pieces: ti.types.ndarray(), w: int, offset: int,
                 identify: int, n: int):
-        """Nearest depth in each pixel; then, with `identify`, which face it was that has it."""
+        """Nearest depth in each pixel; then, with `identify`, the face that has it."""
         if ti.static(self.wide):
             for i in range(pieces.shape[0] * PIECE):
                 self._touch(p, faces, pieces, i // PIECE, i % PIECE, w, offset, identify, n)

@@ -31,7 +31,7 @@ class Recording:
         self.notes: list[str] = []
         file = self.path / MANIFEST
         if not file.is_file():
-            raise OutputError(f"{self.path} is no run's folder: it has no {MANIFEST}{near(self.path)}")
+            raise OutputError(f"{self.path} is not a run's folder: it has no {MANIFEST}{near(self.path)}")
         try:
             self.manifest: dict = parse_json(file.read_bytes())
             if self.manifest.pop("checksum", "") != manifest_sum(self.manifest):
@@ -49,7 +49,7 @@ class Recording:
 
     @property
     def kept(self) -> tuple[int, int] | None:
-        """First and last frame whose positions the run kept; None where it kept none, or did not end by itself."""
+        """First and last frame whose positions the run kept; None if it kept none, or did not end by itself."""
         kept = self.manifest.get("frames")
         return tuple(kept) if kept and kept[1] is not None else None
 
@@ -71,7 +71,7 @@ class Recording:
         return numbers
 
     def time(self, frame: int) -> float:
-        """Of a frame [s]: frame 0 is where recording began."""
+        """Time of a frame [s]: recording began at frame 0."""
         return float(self.manifest.get("begins", 0.0)) + frame / self.fps
 
     @property
@@ -159,7 +159,7 @@ class Recording:
         return arrays
 
     def numbers(self, kind: str) -> list[int]:
-        """Of the files of a kind, `FRAMES` or `CHECKPOINTS`, whether they are whole or not."""
+        """Numbers of the files of a kind, `FRAMES` or `CHECKPOINTS`, whether they are whole or not."""
         return sorted(int(f.stem) for f in (self.path / kind).glob("*.npz") if f.stem.isascii() and f.stem.isdigit())
 
 

@@ -125,7 +125,7 @@ def light_frame(direction: Color) -> np.ndarray:
 
 
 def around_of(view: View, rig: Rig) -> Around:
-    """Of which kind background, floor and lights are."""
+    """The kinds of background, floor and lights."""
     background, floor = view.background, view.drawn_floor
     return Around(background if isinstance(background, str) else "color", floor if isinstance(floor, str) else "plain",
                   any(rig.power), any(rig.fill + rig.rim))

@@ -1,12 +1,12 @@
 """A recorded run at other times: slower, faster, with another number of frames a second, or frozen. numpy only.
 
 Between two frames a point goes along the cubic through both positions with both velocities, as far as the velocities fit the
-way between: with d = x_1 - x_0, the part of the way to the cubic from the straight line is
+way between. With d = x_1 - x_0, the part of the way from the straight line to the cubic is
 
     1 - r^2, r = |d - h (v_0 + v_1) / 2| / (h |v_1 - v_0| / 2),    at least 0.
 
-Under a constant force r is 0, and motion is met exactly. Where a point was stopped at a part f of the way, by a solid or a
-seam, r is |1 - 2 f|: just so much that it does not swing beyond the place where it stopped, as the cubic alone would.
+Under a constant force r is 0, and motion is met exactly. If a point was stopped at a part f of the way, by a solid or a
+seam, r is |1 - 2 f|. With that it does not swing beyond the place where it stopped, as the cubic alone would.
 Solids have no recorded velocity: theirs is that between the frames before and after.
 """
 
@@ -26,8 +26,8 @@ class Retimed(Recording):
     Args:
         source: the run.
         speed: seconds of the run in a second of the film; .5 is half as fast.
-        fps: frames a second of the film; the run's where None.
-        first, last: recorded frames between which it is; all where None.
+        fps: frames a second of the film; the run's if None.
+        first, last: recorded frames between which it is; all if None.
 
     Raises:
         SceneError: a speed or a number of frames that is not positive.

@@ -36,8 +36,8 @@ class Shader:
 
     Args:
         light: `ShadowMap` or `TracedLight`.
-        around: background and floor; textured, woven, hemmed: whether any cloth is. What is not
-            there is not compiled.
+        around: background and floor; textured, woven, hemmed: whether any cloth is. Code for
+            other kinds is not compiled.
     """
 
     def __init__(self, raster: Raster, light: Any, around: "Around", textured: bool, woven: bool, hemmed: bool) -> None:

@@ -50,7 +50,7 @@ class ShadowMap:
         """Share of the light that reaches a point: 0 in full shadow.
 
         Samples of the map count by a tent over REACH of them to either side, so that shade changes without steps from place to
-        place; each is compared with the height of the face's plane there, so that no face shades itself.
+        place. Each is compared with the height of the face's plane there, so that no face shades itself.
         """
         scale = corner(rows, SHADOW + 1)
         seen = (seen_by_light(position, rows) - corner(rows, SHADOW)) * scale

@@ -10,7 +10,7 @@ class Shell:
     """Sheets and walls over a mesh.
 
     Args:
-        faces: (m, 3) of n vertices; thickness: (n,) [m], 0 where a single sheet stays.
+        faces: (m, 3) of n vertices; thickness: (n,) [m], 0 if a single sheet stays.
 
     Attributes:
         faces: (k, 3) of `count` vertices: the m front ones, those behind, walls.

@@ -2,9 +2,9 @@
 
 [C. Loop: Smooth Subdivision Surfaces Based on Triangles, 1987; weights of J. Warren: 3/(8 k) for k neighbours]
 Differs from it: border vertices of one or two triangles, the corners of a sheet, stay where they are. Loop's rules round a
-surface off on its inner side. Where cloth lies on a solid that would press it in: there a point is no nearer to the solid than
-the triangles that were simulated, nor than a surface through their vertices, whose vertices are first moved out by as much as
-the rules move them in.
+surface off on its inner side, and would press cloth that lies on a solid into it. There a point is no nearer to the solid
+than the simulated triangles. Nor is it nearer than a smooth surface whose vertices were first moved out by as much as the
+rules move them in.
 """
 
 import numpy as np

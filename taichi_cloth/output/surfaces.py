@@ -68,6 +68,6 @@ def plain(faces: np.ndarray, corner_uv: np.ndarray, colors: np.ndarray) -> Surfa
 
 
 def back_of(colors: np.ndarray) -> np.ndarray:
-    """Colours of the other side where none is given: the same, a little darker and greyer, as the back of dyed cloth is."""
+    """Colours (..., 3) of the other side if none is given: a little darker and greyer, as the back of dyed cloth is."""
     grey = colors.mean(axis=-1, keepdims=True)
     return 0.72 * (0.85 * colors + 0.15 * grey)

@@ -18,6 +18,7 @@ from ..output.text import draw_text
 from .drawing import frames_of
 from .playback import apart_in_all, distances, rms_of, same_times, spread, weights
 
+FILMS = (".mp4", ".apng")
 ROWS = 12  # of the table that is printed; the file has all
 
 
@@ -85,16 +86,17 @@ class Sides:
         self.second = Artist(pair.b.geometry, size, replace(look, camera=self.first.camera), frames)
 
     def both(self, k: int) -> list[np.ndarray]:
-        """Pictures of a frame of the first run and of that of the second at its time."""
+        """Pictures (h, w, c) of frame k of the first run and of the second run's frame at the same time."""
         pair = self.pair
         images = [self.first.draw(pair.a.frame(k), k), self.second.draw(pair.b.frame(pair.frames[k]), pair.frames[k])]
         for image, name in zip(images, pair.names):
-            scale = max(1, image.shape[0] // 360)
+            scale = max(1, image.shape[0] // 180)
             draw_text(image, name, 10 * scale, image.shape[0] - 20 * scale, scale)
         return images
 
     def difference(self, k: int, high: float) -> np.ndarray:
-        """The first run's cloth at a frame, coloured by its distance from the other's, up to `high` [m]."""
+        """Picture (h, w, c) of the first run's cloth at frame k, coloured by its distance from the second's,
+        up to `high` [m]."""
         assert self.pair.apart is not None
         return self.first.draw(self.pair.a.frame(k), k, heat_colors(self.pair.apart[k], 0.0, high, False))
 
@@ -110,17 +112,44 @@ def draw(pair: Pair, sides: Sides, file: pathlib.Path, count: int) -> None:
     write_whole(file, encode_png(contact_sheet([image for row in rows for image in row], len(numbers))))
 
 
-def film(pair: Pair, sides: Sides, file: pathlib.Path, size: tuple[int, int]) -> pathlib.Path:
-    """Both runs side by side as a film: `file` with .mp4, or .apng where the package for films is absent."""
-    images = (np.concatenate(sides.both(k), axis=1) for k in pair.frames)
-    numbers = list(pair.frames)
-    fps = pair.a.fps * (len(numbers) - 1) / max(numbers[-1] - numbers[0], 1) or pair.a.fps
+def files_at(to: pathlib.Path | None, run: pathlib.Path, movie: bool) -> tuple[pathlib.Path, pathlib.Path | None]:
+    """The files of the picture and of the film, which is None where none is asked for.
+
+    Args:
+        to: a folder, the picture's file, or the film's; None is the first run's folder, `run`.
+        movie: whether a film is asked for; one that is named is, too.
+
+    Raises:
+        OutputError: a file of another kind, or a film that cannot be written.
+    """
+    to = to or run
+    ending = "" if to.is_dir() else to.suffix.lower()
+    if ending not in ("", ".png", *FILMS):
+        raise OutputError(f"--to {str(to)!r}: takes a folder, the picture's file (.png), or the film's ({', '.join(FILMS)}), "
+                          "which has the picture beside it")
+    picture = to / "compare.png" if ending == "" else to.with_suffix(".png") if ending in FILMS else to
+    if ending == ".mp4":
+        encoder()
+    if ending in FILMS:
+        return picture, to
+    return picture, picture.with_suffix(_kind()) if movie else None
+
+
+def _kind() -> str:
+    """Of films: what the packages that there are can write."""
     try:
         encoder()
     except OutputError:
-        out = file.with_suffix(".apng")
-        write_whole(out, encode_apng(list(images), fps))
-        return out
-    out = file.with_suffix(".mp4")
-    write_mp4(out, images, (2 * size[0], size[1]), fps)
-    return out
+        return ".apng"
+    return ".mp4"
+
+
+def film(pair: Pair, sides: Sides, file: pathlib.Path, size: tuple[int, int]) -> None:
+    """Both runs side by side as a film; its kind goes by the file's name."""
+    images = (np.concatenate(sides.both(k), axis=1) for k in pair.frames)
+    numbers = list(pair.frames)
+    fps = pair.a.fps * (len(numbers) - 1) / max(numbers[-1] - numbers[0], 1) or pair.a.fps
+    if file.suffix.lower() == ".apng":
+        write_whole(file, encode_apng(list(images), fps))
+    else:
+        write_mp4(file, images, (2 * size[0], size[1]), fps)

@@ -55,7 +55,7 @@ class Framing:
         self._high = frame["x"].max(axis=0, initial=-np.inf).clip(min=self._high)
 
     def note(self, path: object) -> str | None:
-        """What is cut off of the run in a folder, and the way out; None where nothing is, or the scene's camera does it."""
+        """A note on cloth that the camera cuts off in a run's folder, and the way out; None if the scene's own camera does."""
         if not self.cut or not (self.artist.fitted or self.artist.look.camera):
             return None
         if self.artist.fitted:

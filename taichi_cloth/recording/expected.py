@@ -1,4 +1,4 @@
-"""Where cloth and solids will be, as far as that is known before they move: for a camera that has to be placed then."""
+"""Expected places of cloth and solids, from prescribed motion alone: for a camera that is placed before the run."""
 
 from collections.abc import Iterator
 
@@ -8,14 +8,14 @@ from ..scene.attachment import Attachment
 from ..scene.scene import Scene
 from .record import drawn_solids, is_ground
 
-TIMES = 13  # at which what is prescribed is looked at, from the first drawn frame to the last
+TIMES = 13  # at which prescribed motion is evaluated, from the first drawn frame to the last
 
 
 def expected(scene: Scene, last: float, first: float = 0.0) -> Iterator[dict[str, np.ndarray]]:
-    """Frames, as far as positions go, that a run will perhaps come near between two times [s].
+    """Yields frames with positions that a run will perhaps come near between two times [s].
 
-    Solids and led vertices are where their functions put them; a cloth follows a motion that leads it as a whole; held cloth
-    hangs down by its length from there; free cloth falls to the ground, where there is one.
+    Solids and led vertices are at the places of their functions. A cloth follows a motion that leads it as a whole. Held cloth
+    hangs down by its length from there; free cloth falls to the ground, if there is one.
     """
     x = np.concatenate([c.positions for c in scene.cloths])
     solids = drawn_solids(scene)

@@ -42,7 +42,7 @@ def draw(shape: SolidMesh, path: Path, size: tuple[int, int], parts: Sequence[st
 
 
 def _apart(shape: SolidMesh, parts: Sequence[str]) -> list[SolidMesh]:
-    """A mesh for each of the parts that has a face, and one for what is of none of them."""
+    """A mesh for each part that has a face, and one for the faces of no part."""
     inside = [np.isin(shape.faces, shape.groups[name]).all(axis=1) for name in parts if name in shape.groups]
     first = np.argmax([*inside, np.ones(len(shape.faces), dtype=bool)], axis=0)  # a face of two parts is the first one's
     out = []

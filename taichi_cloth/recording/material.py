@@ -1,4 +1,4 @@
-"""Where a point of one run's cloth is in another run's, of another resolution: the same material coordinates."""
+"""Points of one run's cloth found in another run's, of another resolution, by their material coordinates."""
 
 import numpy as np
 
@@ -96,7 +96,7 @@ def _take(points: np.ndarray, triangles: np.ndarray, p: np.ndarray, row: np.ndar
 
 
 def _parts(g: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Rows of faces of each panel, or of each cloth where there are none, by name."""
+    """Rows of faces of each panel, or of each cloth if there are none, by name."""
     if "panel" in g:
         return {str(name): np.flatnonzero(g["panel"] == k) for k, name in enumerate(g["panel_names"])}
     ends = g["cloth_faces"]

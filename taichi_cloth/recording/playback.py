@@ -28,7 +28,7 @@ def heat_of(name: str, geometry: dict[str, np.ndarray], limits: tuple[float, flo
     """The heat map of one of `quantities.QUANTITIES`.
 
     Args:
-        limits: (low, high) of its scale; else those that fit the recording, or the usual ones where there is none.
+        limits: (low, high) of its scale; else those that fit the recording, or the usual ones if there is none.
     """
     quantity = QUANTITIES[checks.choice("quantity", name, QUANTITIES)]
     require(name, geometry)
@@ -56,7 +56,7 @@ class Films:
 
 def render(recording: Recording, folder: pathlib.Path, size: tuple[int, int], look: Look, numbers: list[int],
            films: Films, extras: Extras = NOTHING) -> list[pathlib.Path]:
-    """Draws frames of a recorded run into `folder`; the files that were written. `recording.notes` say what a camera cut off.
+    """Draws frames of a recorded run into `folder`; the files that were written. `recording.notes` tell of cloth cut off.
 
     Raises:
         OutputError: a film that cannot be written, or cannot be transparent, or no folder; nothing is drawn then.
@@ -111,7 +111,7 @@ def id_names(geometry: dict[str, np.ndarray]) -> dict[int, str]:
 def distances(a: Recording, b: Recording) -> dict[int, np.ndarray]:
     """By frame of a at whose time b has one too, (n,) distance [m] of each of its vertices from the other run.
 
-    Where meshes differ, from the place of the other cloth with the same material coordinates.
+    If meshes differ, it is the distance from the place of the other cloth with the same material coordinates.
 
     Raises:
         OutputError: the runs are of other cloths, or have no time in common.
@@ -173,7 +173,7 @@ def same_times(a: Recording, b: Recording) -> list[tuple[int, int]]:
 
 
 def rms_of(parts: list, of: np.ndarray | None = None) -> float:
-    """Root of the mean square of all numbers, weighted by `of` (n,) where given."""
+    """Root of the mean square of all numbers, weighted by `of` (n,) if given."""
     values = np.concatenate([np.atleast_1d(p) for p in parts])
     return float(np.sqrt(np.average(values**2, weights=of)))
 

@@ -22,11 +22,14 @@ if TYPE_CHECKING:  # data of a scene by itself need no Taichi
 def geometry(sim: Simulation) -> dict[str, np.ndarray]:
     """Constant data: everything that pictures and exports need besides `frame`.
 
-    The arrays of `as_built`; hinges with stiffness [N m] and rest angle; where bending goes by curvatures `patches` of
-    vertices round triangles, their weights and stiffness; where anything is sewn, `sewn`, the vertex that stands for the
-    cluster of each, `panel` of each face with `panel_names`, and `seam_length` [m] of each vertex; where fabrics have limits
-    `face_limit`, where they yield or are creased `creases` and what a hinge's or triangle's curvature is computed from; where
-    cloth may tear `corners` (m, 3), faces over corners of their own.
+    The arrays of `as_built`; `hinges` with stiffness [N m] and rest angle. Besides, if the scene has them:
+
+    - bending by curvatures: `patches` of vertices round triangles, their weights and stiffness;
+    - seams: `sewn`, the vertex that stands for the cluster of each, `panel` of each face with `panel_names`, and
+      `seam_length` [m] of each vertex;
+    - limits of strain: `face_limit`;
+    - fabrics that yield, or creases: `creases`, with the arrays from which curvatures of hinges or triangles are computed;
+    - cloth that may tear: `corners` (m, 3), faces over corners of their own.
     """
     out = as_built(sim.scene)
     if any(c.split is not None for c in sim.scene.cloths):
@@ -41,9 +44,9 @@ def as_built(scene: Scene) -> dict[str, np.ndarray]:
     """Data of a scene by itself, at time 0.
 
     Faces and uv of all cloths in one, `polygon` of faces that were cut from larger ones, `cloth_start` (first vertex of each
-    and the end), `cloth_thickness`, `cloth_names`, `cloth_colors` (NaN where left to the renderer), groups of faces, and what
-    else `described.of_appearances` says; the same for solids (`solid_*`, without those drawn as ground); how it is seen, as
-    `described.of_view` says.
+    and the end), `cloth_thickness`, `cloth_names`, `cloth_colors` (NaN if left to the renderer), groups of faces, and the
+    arrays of `described.of_appearances`. The same for solids (`solid_*`, without those drawn as ground). The view, as
+    `described.of_view` gives it.
     """
     cloths, solids = scene.cloths, drawn_solids(scene)
     surfaces = [s.shape.surface() for s in solids]
@@ -73,7 +76,7 @@ def as_built(scene: Scene) -> dict[str, np.ndarray]:
 
 
 def _image_uv(cloths: list[Cloth]) -> dict[str, np.ndarray]:
-    """`image_uv` (m, 3, 2), NaN where it is the pattern, where meshes have texture coordinates of their own."""
+    """`image_uv` (m, 3, 2), NaN if it is the pattern, where meshes have texture coordinates of their own."""
     own = [c.mesh.texture for c in cloths]
     if all(texture is None for texture in own):
         return {}
@@ -91,14 +94,14 @@ def _polygons(cloths: list[Cloth]) -> dict[str, np.ndarray]:
 
 
 def _thickness(cloths: list[Cloth]) -> dict[str, np.ndarray]:
-    """`cloth_thickness` (c,) [m], NaN where a cloth passes through others, where any does not."""
+    """`cloth_thickness` (c,) [m], NaN if a cloth passes through others, where any does not."""
     if all(c.contact is None for c in cloths):
         return {}
     return {"cloth_thickness": np.array([np.nan if c.contact is None else c.contact.thickness for c in cloths])}
 
 
 def _face_colors(cloths: list[Cloth]) -> dict[str, np.ndarray]:
-    """`face_colors` (m, 3), NaN where a face has its cloth's, where panels have colours of their own."""
+    """`face_colors` (m, 3), NaN if a face has its cloth's, where panels have colours of their own."""
     own = [c.face_colors() for c in cloths]
     if all(colors is None for colors in own):
         return {}
@@ -107,8 +110,8 @@ def _face_colors(cloths: list[Cloth]) -> dict[str, np.ndarray]:
 
 
 def _face_groups(cloths: list[Cloth]) -> dict[str, np.ndarray]:
-    """`face_group` (m,), row of `face_groups` (names, blanks between several of a face) or -1, where meshes have groups that
-    are made of faces: all of their vertices are corners of faces that have all of theirs in the group."""
+    """`face_group` (m,), row of `face_groups` (names, blanks between several of a face) or -1, if meshes have groups of
+    whole faces. All vertices of such a group are corners of faces that have all of their corners in it."""
     labels: list[np.ndarray] = []
     names: list[str] = []
     for cloth in cloths:
@@ -174,9 +177,10 @@ def _seam_tension(sim: Simulation) -> np.ndarray:
 def frame(sim: Simulation) -> dict[str, np.ndarray]:
     """Moving data, now: t [s]; f32 x (n, 3) [m], v [m/s], with solids contact [N], surfaces and camera where they move.
 
-    With seams `seam`, their tension [N/m] at each vertex; with fabrics that yield `hinge_crease` [rad], `patch_crease` [1/m];
-    where cloth may tear, faces (m, 3) as they hang together, over one vertex for all that are joined; where seams have opened
-    `sewn`; hinges over openings are not among `hinge_whole`.
+    With seams, `seam`: their tension [N/m] at each vertex. With fabrics that yield, `hinge_crease` [rad] and
+    `patch_crease` [1/m].
+    With cloth that may tear, `faces` (m, 3) as they now hang together, over one vertex for all that are joined. With open
+    seams, `sewn`; hinges over openings are not among `hinge_whole`.
     """
     solids = drawn_solids(sim.scene)
     out = {"t": np.array(sim.time), "x": sim.positions().astype(np.float32), "v": sim.velocities().astype(np.float32)}

@@ -39,9 +39,9 @@ class Recording(recording.Recording):
 
         Args:
             format: blend, abc, usda, usdc, glb, gltf, obj, pc2, vtu or ply.
-            path: a folder; for a format of one file also that file's name; FORMAT in the run's folder where None.
-            parts: one mesh for each of the "cloths", of the "panels" of garments, or garments "welded" over their seams, whose
-                triangles are turned to one side where panels face both ways; `notes` say how many were.
+            path: a folder; for a format of one file also that file's name; FORMAT in the run's folder if None.
+            parts: one mesh for each of the "cloths", of the "panels" of garments, or garments "welded" over their seams.
+                Welding turns triangles to one side if panels face both ways; `notes` say how many.
 
         Returns:
             The files that it wrote.
@@ -64,7 +64,7 @@ class Recording(recording.Recording):
 
         Args:
             speed: seconds of the run in a second of the film; .5 is half as fast.
-            fps: frames a second of the film; the run's where None.
+            fps: frames a second of the film; the run's if None.
 
         Returns:
             Frames numbered from 0; between recorded ones points go along curves, as `output/retimed.py` says.
@@ -94,7 +94,7 @@ class Recording(recording.Recording):
         """Writes one HTML page about the run, as `taichi-cloth report` does.
 
         Args:
-            path: of the page; report.html in the run's folder where None.
+            path: of the page; report.html in the run's folder if None.
 
         Returns:
             Its path.

@@ -1,4 +1,4 @@
-"""Going on with a run that ended early: from which checkpoint, and whether it is the same run."""
+"""Resuming a run that ended early: from which checkpoint, and whether it is the same run."""
 
 import hashlib
 import json
@@ -40,7 +40,7 @@ def resume(sim: Simulation, old: Recording, manifest: dict, last: int, from_fram
         old.notes.append(damage)
     frame, state = old.last_checkpoint(from_frame, None if lenient else run_of(manifest), len(records))
     if frame > last:
-        raise SceneError(f"{old.path} is at frame {frame} already, and what is asked for ends at frame {last}: --from-frame "
+        raise SceneError(f"{old.path} is at frame {frame} already, and this request ends at frame {last}: --from-frame "
                          "goes back")
     if not force:
         _check_frames(old, frame)
@@ -57,7 +57,7 @@ def resume(sim: Simulation, old: Recording, manifest: dict, last: int, from_fram
 
 
 def kept_from(old: Recording | None, resumed: int | None, keeps: bool) -> int | None:
-    """The first frame whose positions are in the folder of a run that goes on, or None where it keeps none."""
+    """The first frame whose positions are in the folder of a run that goes on, or None if it keeps none."""
     if old is not None and resumed is not None and old.manifest.get("frames"):
         return int(old.manifest["frames"][0])
     return None if not keeps else 0 if resumed is None else resumed + 1

@@ -44,7 +44,7 @@ def render(what: Drawable, path: str | Path | None = None, frame: int | None = N
     Args:
         what: a simulation, drawn as it now is; a recorded run; or a scene, drawn as it was built.
         path: of a PNG to be written, or None.
-        frame: of a recorded run; its last one where None.
+        frame: of a recorded run; its last one if None.
         size: (width, height) [pixels].
         quality: "fast" (shadow map), "standard" or "high" (traced shadows and ambient occlusion).
         heat: quantity that colours the cloth: stretch, shear, bend, speed, contact, crease, limit or seam; not of a scene.
@@ -89,8 +89,8 @@ def passes(what: Drawable, frame: int | None = None, size: tuple[int, int] = (12
         look: other arguments of `render` that move the camera or the surfaces: camera, orbit, follow, floor, smooth.
 
     Returns:
-        By name: depth (h, w) f32, distance along the direction of view [m], infinite where nothing is; normal (h, w, 3) f32,
-        towards the eye, 0 where nothing is; id (h, w) int32, 0 where nothing is, then cloths, solids and the ground from 1.
+        By name: depth (h, w) f32, distance along the direction of view [m]; normal (h, w, 3) f32, towards the eye; id (h, w)
+        int32, cloths, solids and the ground from 1. In empty pixels depth is infinite, normal and id are 0.
 
     Raises:
         SceneError: an impossible value or an unknown name.

@@ -1,4 +1,4 @@
-"""Which steps of a recorded run cost the most, where cloth was in trouble then, and remedies."""
+"""Costliest steps of a recorded run, the places where cloth was in trouble then, and remedies."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""The air that cloth moves in: how it drags and lifts, and how it blows. numpy only."""
+"""Air that cloth moves in: drag, lift and wind. numpy only."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ Wind = str | ArrayLike | Callable[[float], ArrayLike] | Callable[[np.ndarray, fl
 class Air:
     """Forces of the air on a triangle that moves through it, with u = velocity - wind, n its normal and c = |n.u| / |u|.
 
-    Viscous: f/A = -normal (n.u) n - tangential (u - (n.u) n). Of a thin plate, besides, with `drag` and `lift`:
+    Viscous: f/A = -normal (n.u) n - tangential (u - (n.u) n). Besides, for a thin plate with `drag` and `lift`:
     f/A = -density/2 |u|^2 (drag c e + lift ((n.e) n - c^2 e)) with e = u/|u|: lift is normal to u.
 
     Args:
         normal, tangential: viscous coefficients [N s/m^3].
-        wind: velocity of the air [m/s]: (3,), or a function of time [s] that returns it, or a function of positions (n, 3) [m]
+        wind: velocity of the air [m/s]: (3,), or a function of time [s] that returns it. Or a function of positions (n, 3) [m]
             and time that returns (n, 3), or (3,) for all of them. In words, "breeze" blows along x and "gale -z" along -z;
             `taichi-cloth winds` lists them.
         drag, lift: coefficients C_D and C_L of a plate; lift at most drag.
@@ -88,8 +88,8 @@ class Air:
 class Gusts:
     """A wind that varies in space and time: a mean, which carries gusts along.
 
-    Gusts are a sum of waves a cos(k.(x - mean t) + omega t + phi) with a normal to k, so that no air is lost: wave lengths
-    from `length` down to a tenth of it, squared amplitudes as k^(-5/3) a decade of them has, omega = |a| |k|.
+    Gusts are a sum of waves a cos(k.(x - mean t) + omega t + phi) with a normal to k, so that no air is lost. Wave
+    lengths go from `length` down to a tenth of it, squared amplitudes as a decade of k^(-5/3), and omega = |a| |k|.
 
     Args:
         mean: (3,) [m/s].

@@ -1,4 +1,4 @@
-"""How a cloth looks: the colours of its two sides, an image printed on the pattern, the weave. For pictures only."""
+"""Appearance of a cloth: the colours of its two sides, an image printed on the pattern, the weave. For pictures only."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -17,8 +17,8 @@ WEAVES = ("plain", "twill")
 class Texture:
     """An image on the pattern: its lower left corner at `origin`, its width along u, its height along v.
 
-    On a mesh with texture coordinates of its own (`TriMesh.texture`) it goes by these: one image from 0 to 1, or a metre as
-    long as it is in the mean over the mesh, with its origin at 0.
+    On a mesh with texture coordinates of its own (`TriMesh.texture`) the image goes by these: one
+    image from 0 to 1, or a metre as long as it is in the mean over the mesh, with its origin at 0.
 
     Args:
         image: a file (PNG, JPEG ...; needs the extra `texture`), or (h, w, 3 or 4) uint8, first row on top, sRGB.
@@ -57,7 +57,7 @@ class Texture:
 
         Args:
             uv: (m, 3, 2) corners of the pattern's faces [m].
-            unit: length of 1 in texture coordinates that are not the pattern's [m]; NaN where they are.
+            unit: length of 1 in texture coordinates that are not the pattern's [m]; NaN if they are.
         """
         if not np.isnan(unit):
             return np.array(self.origin or (0.0, 0.0)), np.array(self.size or (unit, unit))
@@ -96,8 +96,9 @@ class Appearance:
 
     Args:
         color: of the front, to which the faces' normals point (corners run counterclockwise there): the upper side of
-            `grid` in the plane "xz", that towards +z in "xy"; back: of the other side, on which no texture shows then. Names
-            of CSS ("crimson"), "#rrggbb" in sRGB, or linear RGB in 0..1.
+            `grid` in the plane "xz", that towards +z in "xy". Names of CSS ("crimson"), "#rrggbb" in sRGB, or linear RGB in
+            0..1.
+        back: color of the other side, on which no texture shows then.
         squares: whether squares on the pattern show how it is strained; None draws them where there is neither texture
             nor weave.
         texture: an image on the pattern.
@@ -105,8 +106,8 @@ class Appearance:
         panels: colours of faces all of whose corners are in a group of the cloth's mesh, by the groups' names; later ones go
             over earlier ones, and all over `color`. A scene's to say, in `add_cloth` and `add_garment`.
         sheen: light that fibres throw along outlines, as velvet does, 0 to 1 (0.1).
-        specular: part of the light that is thrown back in a highlight where it falls straight on the cloth, 0 to 1 (0.015);
-            roughness: how wide that is, from 0.1, silk, to 1 (0.6).
+        specular: part of the light that is reflected in a highlight at normal incidence, 0 to 1 (0.015).
+        roughness: width of the highlight, from 0.1, silk, to 1 (0.6).
         hem: width [m] of a hem along borders that are not sewn; None for none.
         thickness: [m] with which the cloth is drawn, half of it to each side, and walls along borders; None draws a sheet.
     """

@@ -63,7 +63,7 @@ class Attachment:
 
     @property
     def springs(self) -> np.ndarray:
-        """(k,) stiffness [N/m] of those to `vertices`; 0 where it holds exactly."""
+        """(k,) stiffness [N/m] of those to `vertices`; 0 if it holds exactly."""
         every = np.broadcast_to(0.0 if self.stiffness is None else self.stiffness, len(self.selected))
         return every[np.searchsorted(self.selected, self.vertices)]
 
@@ -88,7 +88,7 @@ class Attachment:
         return here + value if self.relative else np.broadcast_to(value, here.shape)
 
     def checked(self, t: float) -> np.ndarray:
-        """The path's value at t, checked for shape and finiteness; rows sorted by vertex."""
+        """The path's value at t [s], (k, 3) or (3,) [m], checked for shape and finiteness; rows sorted by vertex."""
         k = len(self.selected)
         what = f"the path that moves {k} vertices of {self.cloth.name!r}, at t = {t:g} s"
         shapes = [(k, 3)] + ([(3,)] if self.relative or k == 1 else [])
@@ -132,7 +132,7 @@ class Script:
         return replace(self, **lists)
 
     def drives(self) -> tuple:
-        """What forces jump with where it changes at once."""
+        """The prescribed drives of forces: inflations, loads and the air. Forces jump when one changes at once."""
         return (*self.inflations, *self.loads, self.air)
 
 

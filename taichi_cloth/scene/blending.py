@@ -1,4 +1,4 @@
-"""Between two scenes: cloth of a fabric, and air, that become others bit by bit. numpy only."""
+"""Interpolation between two scenes: cloth of a fabric, and air, that become others bit by bit. numpy only."""
 
 from __future__ import annotations
 

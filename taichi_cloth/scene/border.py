@@ -29,8 +29,14 @@ def said(x: np.ndarray, edges: np.ndarray) -> str:
 
 
 def gap_of(x: np.ndarray, edges: np.ndarray) -> float | None:
-    """The distance [m] up to which every vertex of a border has another of it beside it that is no neighbour along it; None
-    where one has none nearer than half an edge."""
+    """The distance [m] up to which every vertex of a border has another one beside it that is no neighbour along it.
+
+    Args:
+        x: (n, 3) positions [m]; edges: (k, 2) of the border.
+
+    Returns:
+        None if a vertex has none nearer than half an edge.
+    """
     used = np.unique(edges)
     reach = 0.5 * float(np.median(np.linalg.norm(x[edges[:, 0]] - x[edges[:, 1]], axis=1)))
     boxes = x[used][:, None] + [[-reach / 2], [reach / 2]]

@@ -100,14 +100,14 @@ class Cloth:
 
     @property
     def fabric_of(self) -> np.ndarray:
-        """(m,) which of `fabrics` each face is of."""
+        """(m,) row of `fabrics` of each face."""
         out = np.zeros(self.mesh.face_count, dtype=np.int64)
         for k, (rows, _) in enumerate(self.panels, 1):
             out[rows] = k
         return out
 
     def face_colors(self) -> np.ndarray | None:
-        """(m, 3) linear RGB of faces in panels that have a colour of their own, NaN elsewhere; None where none has.
+        """(m, 3) linear RGB of faces in panels that have a colour of their own, NaN elsewhere; None if none has.
 
         Raises:
             SceneError: a panel that is no group of the mesh, or has no face.
@@ -145,7 +145,7 @@ def panels_of(mesh: TriMesh, fabrics: Mapping[str, Fabric | str]) -> tuple[tuple
 
 
 def panel_faces(mesh: TriMesh, name: str) -> np.ndarray:
-    """Rows of the faces all of whose corners are in a group of vertices.
+    """(k,) rows of the faces that have all corners in a group of vertices.
 
     Raises:
         SceneError: there is none.
@@ -157,7 +157,11 @@ def panel_faces(mesh: TriMesh, name: str) -> np.ndarray:
 
 
 def used_vertices(cloth: Cloth, vertices: object) -> np.ndarray:
-    """The selected vertices, all of which belong to a face."""
+    """(k,) selected vertices, checked.
+
+    Raises:
+        SceneError: none is selected, or one belongs to no face.
+    """
     index = cloth.mesh.select(vertices)
     if not len(index):
         raise SceneError(f"the selection {vertices!r} of {cloth.name!r} is empty")

@@ -51,7 +51,7 @@ class Contents:
 
     @property
     def gravity(self) -> np.ndarray:
-        """(3,) [m/s^2], to be read, and assigned as a whole; zeros where None was given."""
+        """(3,) [m/s^2], to be read, and assigned as a whole; zeros if none was given."""
         return self._gravity
 
     @gravity.setter
@@ -95,8 +95,8 @@ class Contents:
 
         Args:
             fabric: one, or the name of a measured one, such as "denim"; `tc.fabrics` has them.
-            positions: (n, 3) at time 0 [m]; the mesh's own where None.
-            velocities: (n, 3) or (3,) at time 0 [m/s]; zero where None.
+            positions: (n, 3) at time 0 [m]; the mesh's own if None.
+            velocities: (n, 3) or (3,) at time 0 [m/s]; zero if None.
             color: for pictures: a name of CSS, "#rrggbb" in sRGB, or linear RGB in 0..1; or an `Appearance`.
             contact: how it meets itself and other cloth that has a contact; None passes through, and costs nothing.
             panels: fabrics of faces all of whose corners are in a group of the mesh, by the groups' names.
@@ -191,7 +191,7 @@ class Contents:
         """Adds a force of your own.
 
         Args:
-            make: what `MembraneLaw.on` or `BendLaw.on` gives, or a class or function that makes a `forces.force.Force` of
+            make: the result of `MembraneLaw.on` or `BendLaw.on`, or a class or function that makes a `forces.force.Force` of
                 (fields, model, scene, K).
         """
         checks.function("add_force: make", make, "fields", "model", "scene", "K")
@@ -239,4 +239,5 @@ class Contents:
     def _own(self, cloth: Cloth) -> None:
         if not any(cloth is c for c in self.cloths):
             what = cloth.name if isinstance(cloth, Cloth) else cloth
-            raise SceneError(f"not a cloth of this scene: {shown(what)}; pass what its add_cloth returned, not a name")
+            raise SceneError(f"not a cloth of this scene: {shown(what)}; pass the one that its add_cloth returned, not a "
+                             "name")

@@ -32,7 +32,7 @@ class Crease:
 
 
 def make(cloth: Cloth, angle: object, line: object, edges: object, stiffness: object) -> Crease:
-    """As `Scene.crease`."""
+    """The crease of `Scene.crease`."""
     what = f"crease of {cloth.name!r}"
     if (line is None) == (edges is None):
         raise SceneError(f"{what}: give a line over the pattern, or edges")
@@ -47,7 +47,7 @@ def make(cloth: Cloth, angle: object, line: object, edges: object, stiffness: ob
         lost = np.flatnonzero(~np.isin(chosen @ np.array([n, 1]), there @ np.array([n, 1])))
         if len(lost):
             a, b = chosen[lost[0]].tolist()
-            raise SceneError(f"{what}: vertices {a} and {b} are no edge between two triangles")
+            raise SceneError(f"{what}: vertices {a} and {b} are not an edge between two triangles")
         if len(np.unique(chosen, axis=0)) < len(chosen):
             raise SceneError(f"{what}: an edge is named twice")
     if cloth.fabric.bend is None or cloth.fabric.bend.model != "hinge":

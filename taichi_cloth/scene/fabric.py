@@ -72,7 +72,7 @@ class Stretch:
     def _take_curve(self) -> None:
         """Checks the curve; k is its first slope."""
         if self.k is not None:
-            raise SceneError(f"stretch k = {checks.shown(self.k)}: the curve says what k is; give one of them")
+            raise SceneError(f"stretch k = {checks.shown(self.k)}: the curve gives k already; give one of them")
         given = self.curve
         two = checks.is_sequence(given) and len(given) == 2 and all(  # type: ignore[arg-type]
             checks.is_sequence(g) and len(g) and checks.is_sequence(g[0]) for g in given)  # type: ignore[union-attr, arg-type]
@@ -116,8 +116,7 @@ class Bend:
         D: bending rigidity [N m]; a number or (for curvature along warp, along weft).
         k_d: damping [N m s], weighted over the mesh like D.
         rest: "flat" (theta_0 = 0), "given" (theta_0 from the mesh's given shape), or (k,) angles theta_0 [rad] of the mesh's
-            `inner_edges`, kept as a tuple; None takes "given" where the mesh came without material coordinates and "flat"
-            elsewhere.
+            `inner_edges`, kept as a tuple. None takes "given" for a mesh without material coordinates, else "flat".
         model: "hinge", or "curvature": its rigidity is D on any triangulation, its rest shape flat, its cost higher.
         friction: HB [N], half the width of the loop of moment over curvature, M = D kappa +- HB (tables give 2HB); a number or
             (warp, weft).
@@ -172,8 +171,8 @@ class ClothContact:
         thickness: distance [m] that its middle surface keeps from that of a like cloth; two keep the mean of theirs.
         friction: Coulomb's coefficient; between two cloths it is the geometric mean of theirs.
         itself: whether it meets itself too.
-        layer: of two cloths, the one with the higher lies outside, further from solids: where it starts on the wrong side, it
-            is moved out before the first step. It says nothing of two with the same.
+        layer: of two cloths, the one with the higher number lies outside, further from solids. If it starts on the wrong
+            side, it is moved out before the first step. Two with the same number have no order.
     """
 
     thickness: float

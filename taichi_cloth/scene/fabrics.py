@@ -10,7 +10,7 @@ Nobody measured damping, nor friction with skin or with themselves: damping is 0
 was it measured for these how wide the loop of their bending is (2HB), so they have no friction of bending.
 
 For other cloths that loop was measured, with bending but without a density: `tc.bends["wool_tropical"]`, for a `Fabric` of
-your own. Where a cloth yields was measured for none of them.
+your own. The curvature at which a cloth yields was measured for none of them.
 
 - Matsudaira, Masuda, Wada, Yokura 2015, J. Textile Eng. 61(6), tables 1 and 2, as quoted by others.
 - Journal of Textiles 2016, article 4614168, table 5: six cellulosic denims, means of warp and weft.
@@ -36,7 +36,7 @@ class Measured(Fabric):
 
     Attributes:
         source: who measured it.
-        thickness: [m], or None where it was not measured.
+        thickness: [m], or None if it was not measured.
         far: stretch stiffness [N/m] of (warp, weft) at a strain of 17 %, where it was measured.
     """
 
@@ -45,7 +45,7 @@ class Measured(Fabric):
     far: tuple[float, float] | None = None
 
     def scaled(self, density: float = 1.0, stretch: float = 1.0, shear: float = 1.0, bend: float = 1.0) -> Fabric:
-        """As `Fabric.scaled`; the result is a plain `Fabric`, as nobody measured it."""
+        """The fabric of `Fabric.scaled`; the result is a plain `Fabric`, as nobody measured it."""
         return Fabric(self.density, self.stretch, self.shear, self.bend).scaled(density, stretch, shear, bend)
 
 
@@ -74,7 +74,7 @@ class Table(dict[str, T]):
     """Values by name; a name that is not there is answered with the nearest.
 
     Args:
-        what: they are, in messages.
+        what: the kind of thing they are, in messages.
     """
 
     def __init__(self, what: str, values: dict[str, T]) -> None:

@@ -1,4 +1,4 @@
-"""Vertices that ride on a solid: at the nearest place of its surface, in that place's own frame. numpy only."""
+"""Attachment to a solid: vertices ride at the nearest place of its surface, in that place's own frame. numpy only."""
 
 from dataclasses import dataclass
 
@@ -35,7 +35,7 @@ class Places:
 
 
 def places(solid: Placed, t: float, points: np.ndarray) -> Places:
-    """Of points (k, 3) [m] at time t [s]."""
+    """Places on a solid of points (k, 3) [m] at time t [s]."""
     if not (isinstance(solid.shape, SolidMesh) and solid.deforms):
         R, p = solid.pose(t)
         return Places(None, np.zeros((len(points), 3)), (points - p) @ R)

@@ -23,8 +23,8 @@ class Inflation:
         part: vertices of the piece, or None for all of the cloth; name: its name in records.
         pressure: over that outside [Pa], a number or a function of time [s]; None is the pressure there is when it begins.
         gas: "constant", "isothermal" or "volume".
-        volume: [m^3] where the gas has that pressure, or the volume that is held, which may be a function of time [s]; None is
-            what there is when it begins.
+        volume: [m^3] at which the gas has that pressure, or the volume that is held, which may be a function of time [s]. None
+            is the volume when it begins.
         ambient: pressure outside [Pa].
         bulk: modulus [Pa] by which "volume" is held.
         key: rises with every inflation that is made.
@@ -64,8 +64,8 @@ class Inflation:
 
 
     def begins_at(self, now: float, t: float) -> float | None:
-        """Pressure [Pa] over that outside with which a gas whose volume is given begins at t [s] in `now` m^3; None where it
-        takes what is there."""
+        """Pressure [Pa] over that outside with which a gas of given volume begins at t [s] in `now` m^3; None if its volume is
+        the present one."""
         if self.gas == "constant" or self.volume is None:
             return None
         volume = self.volume_at(t)
@@ -75,29 +75,29 @@ class Inflation:
         return ((self.pressure_at(t) or 0.0) + self.ambient) * volume / now - self.ambient if now > 0 else np.inf
 
     def check_begin(self, room: str, now: float, t: float = 0.0) -> str:
-        """What to say of a gas that begins far from the pressure that is asked for, since its room has `now` m^3 at t [s]; ""
-        of others."""
+        """A warning about a gas that begins far from the pressure asked for, since its room has `now` m^3 at t [s]; else
+        ""."""
         p, asked = self.begins_at(now, t), 0.0 if self.gas == "volume" else self.pressure_at(t) or 0.0
         if p is None or abs(p - asked) <= FAR * self.ambient:
             return ""
         way = f"a suction of {-p:.3g} Pa" if p < 0 else f"{p:.3g} Pa"
         return (f"{room!r} encloses {now:.4g} m^3 where its gas begins, and volume = {self.volume_at(t):.4g} m^3: it begins "
                 f"with {way} and not with the {asked:.3g} Pa that are asked for, which pulls or throws the cloth; volume=None "
-                "takes what is there, a function of time goes on from it")
+                "takes the present volume, a function of time goes on from it")
 
 
 def make(cloth: Cloth, pressure: object, gas: object, volume: object, part: object, ambient: object, bulk: object,
          key: int) -> Inflation:
-    """As `Scene.inflate`."""
+    """The inflation of `Scene.inflate`."""
     name = cloth.name if part is None else f"{cloth.name}.{part}" if isinstance(part, str) else f"{cloth.name}.part{key}"
     checks.choice("gas", gas, GASES)
     if gas == "constant" and pressure is None:
         raise SceneError(f"inflate: gas of constant pressure in {name!r} needs its pressure [Pa]")
     if gas == "constant" and volume is not None:
-        raise SceneError(f"inflate: volume = {shown(volume)}: gas of constant pressure takes what volume it finds; "
-                         "use gas=\"isothermal\" or gas=\"volume\"")
+        raise SceneError(f"inflate: volume = {shown(volume)}: `volume` cannot be set for gas=\"constant\"; "
+                         "give `pressure` alone, or use gas=\"isothermal\" or gas=\"volume\"")
     if gas == "volume" and pressure is not None:
-        raise SceneError(f"inflate: pressure = {shown(pressure)}: where the volume is given, the pressure is what comes out; "
+        raise SceneError(f"inflate: pressure = {shown(pressure)}: if the volume is given, the pressure follows from it; "
                          "see sim.gas()")
     if gas == "isothermal" and callable(volume):
         raise SceneError("inflate: the volume at which isothermal gas has its pressure must be a number; pressures may change")

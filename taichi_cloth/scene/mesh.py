@@ -30,14 +30,14 @@ class TriMesh:
         x: (n, 3) positions [m]; the given shape, from which rest angles can be taken.
         faces: (m, 3) vertex indices.
         uv: material coordinates [m], (n, 2) per vertex or, where a seam cuts the pattern, (m, 3, 2) per
-            corner; None takes the given shape: each triangle is flattened into a frame of its own.
+            corner. None takes the given shape: each triangle is flattened into a frame of its own.
         groups: named vertex groups, name -> indices.
         notes: repairs by a reader, one sentence each; a run repeats them. Borders that lie on each other and
             triangles that face opposite ways are added here.
         texture: (m, 3, 2) texture coordinates of corners, where images go, 0 to 1 across one; None: they are the material
-            coordinates. Where uv is None the warp runs along their u, and a flat mesh has its own plane as its pattern.
+            coordinates. If uv is None the warp runs along their u, and a flat mesh has its own plane as its pattern.
         polygon: (m,) the number of the polygon that each triangle was cut from; None: triangles are all there is.
-        weights: of vertices in groups, above 0 up to 1, by the groups' names; 1 where they are not named.
+        weights: of vertices in groups, above 0 up to 1, by the groups' names; 1 if they are not named.
 
     Attributes:
         flattened: whether each triangle is in a frame of its own.
@@ -122,7 +122,7 @@ class TriMesh:
 
     @cached_property
     def vertex_uv(self) -> np.ndarray | None:
-        """(n, 2) material coordinates of the vertices [m]; None where one has several, or where flattening made them."""
+        """(n, 2) material coordinates of the vertices [m]; None if one has several, or where flattening made them."""
         if self.flattened or self.uv.ndim == 2:
             return None if self.flattened else self.uv
         first = _fixed(self.first_uv)
@@ -130,7 +130,7 @@ class TriMesh:
 
     @property
     def first_uv(self) -> np.ndarray:
-        """(n, 2) material coordinates [m] of the first corner at each vertex; 0 where there is none."""
+        """(n, 2) material coordinates [m] of the first corner at each vertex; 0 if there is none."""
         out = np.zeros((self.vertex_count, 2))
         out[self.faces[::-1].ravel()] = self.corner_uv[::-1].reshape(-1, 2)
         return out
@@ -160,7 +160,7 @@ class TriMesh:
         return len(self.inner_edges) > 0
 
     def select(self, vertices: object) -> np.ndarray:
-        """Vertex indices from an index, a list, a boolean mask, a group's name or a list of names.
+        """(k,) vertex indices from an index, a list, a boolean mask, a group's name or a list of names.
 
         Raises:
             MeshError: an unknown group, an index out of range, a mask of the wrong length or no vertex.
@@ -180,7 +180,7 @@ class TriMesh:
         return checks.indices("vertices", [vertices] if one else vertices, len(self.x), error=MeshError)
 
     def select_weights(self, vertices: object) -> np.ndarray:
-        """(k,) weights of the vertices that `select` gives: their group's, 1 where it has none or there is no group."""
+        """(k,) weights of the vertices that `select` gives: their group's, 1 if it has none or there is no group."""
         if isinstance(vertices, str) and vertices in self.weights:
             return self.weights[vertices]
         if isinstance(vertices, (list, tuple)) and any(isinstance(v, str) and v in self.weights for v in vertices):
@@ -248,7 +248,7 @@ def open_note(x: np.ndarray, borders: np.ndarray, joined: np.ndarray | None = No
 
     Args:
         borders: (k, 2) vertices of edges.
-        joined: (n,) a number of each vertex that those have in common that are sewn to each other; none are where None.
+        joined: (n,) a number of each vertex that those have in common that are sewn to each other; none are if None.
     """
     ends = borders if joined is None else joined[borders]
     ends = distinct(ends)[0]  # two that are sewn are one

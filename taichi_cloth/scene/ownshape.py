@@ -1,4 +1,4 @@
-"""The rest shape of a mesh that has no pattern: its own lengths, in the plane. numpy only."""
+"""The rest shape of a mesh without a pattern: its own lengths, in the plane. numpy only."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ LEVEL = 1e-5  # of its size: a mesh thicker than this is not flat; a file's digi
 
 
 def own_shape(x: np.ndarray, faces: np.ndarray, texture: np.ndarray | None) -> np.ndarray:
-    """Material coordinates [m] with the lengths that positions have; the warp runs along the texture's u where there is one.
+    """Material coordinates [m] with the lengths that positions have; the warp runs along the texture's u if there is one.
 
     Args:
         x: (n, 3) positions [m]; faces: (m, 3).
@@ -42,7 +42,7 @@ def twice_area(corner_uv: np.ndarray) -> np.ndarray:
 
 
 def gradients(corner_uv: np.ndarray, corner: np.ndarray) -> np.ndarray:
-    """(m, d, 2) of the maps that take triangles (m, 3, 2) to others (m, 3, d); 0 where a triangle has no area."""
+    """(m, d, 2) of the maps that take triangles (m, 3, 2) to others (m, 3, d); 0 if a triangle has no area."""
     det = twice_area(corner_uv)[:, None]
     a, b = (corner_uv[:, k] - corner_uv[:, 0] for k in (1, 2))
     e, g = (corner[:, k] - corner[:, 0] for k in (1, 2))

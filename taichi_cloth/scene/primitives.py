@@ -42,7 +42,7 @@ class Plane:
 
     @property
     def parameters(self) -> list[float]:
-        """What the distance function takes."""
+        """Arguments of the distance function."""
         return [*self.normal]
 
     def surface(self) -> tuple[np.ndarray, np.ndarray]:
@@ -71,7 +71,7 @@ class Sphere:
 
     @property
     def parameters(self) -> list[float]:
-        """What the distance function takes."""
+        """Arguments of the distance function."""
         return [self.radius]
 
     def surface(self) -> tuple[np.ndarray, np.ndarray]:
@@ -90,7 +90,7 @@ class Capsule:
 
     a: tuple[float, float, float]
     b: tuple[float, float, float]
-    radius: float = math.nan  # has to be given: what is given instead is answered by how
+    radius: float = math.nan  # has to be given; the default makes its absence an error with advice
     kind = CAPSULE
 
     def __post_init__(self) -> None:
@@ -105,7 +105,7 @@ class Capsule:
 
     @property
     def parameters(self) -> list[float]:
-        """What the distance function takes."""
+        """Arguments of the distance function."""
         return [*self.a, *self.b, self.radius]
 
     def surface(self) -> tuple[np.ndarray, np.ndarray]:
@@ -145,7 +145,7 @@ class Box:
 
     @property
     def parameters(self) -> list[float]:
-        """What the distance function takes."""
+        """Arguments of the distance function."""
         return [*(s / 2 for s in self.size), self.radius]
 
     def surface(self) -> tuple[np.ndarray, np.ndarray]:
@@ -201,7 +201,7 @@ class Cylinder:
 
     @property
     def parameters(self) -> list[float]:
-        """What the distance function takes."""
+        """Arguments of the distance function."""
         return [self.radius, self.length / 2]
 
     def surface(self) -> tuple[np.ndarray, np.ndarray]:

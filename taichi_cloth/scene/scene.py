@@ -36,8 +36,8 @@ class Scene(Sewn):
         Args:
             vertices: index, list, mask, group name or list of names.
             directions: None (all), axis letters such as "y" or "xz", or (3,) or (1..3, 3) vectors.
-            stiffness: of a group with weights (`TriMesh.weights`): weight 1 holds exactly, a weight w below it by a spring to
-                where the vertex is, of `stiffness` w / (1 - w) [N/m], which is `stiffness` at one half.
+            stiffness: [N/m] of a group with weights (`TriMesh.weights`). Weight 1 holds exactly. A weight w below it holds by
+                a spring to the vertex's place, of `stiffness` w / (1 - w): that is `stiffness` at one half.
 
         Raises:
             SceneError: weights below 1 without a stiffness, or with directions.
@@ -66,8 +66,8 @@ class Scene(Sewn):
 
         Args:
             path: function of time [s] that returns (k, 3) positions [m] of the k selected vertices in the order
-                given ((3,) where k is 1); with `relative`, displacements from where they are when the motion
-                begins, (k, 3) or one (3,) for all.
+                given ((3,) where k is 1). With `relative`, displacements from their places when the motion begins, (k, 3) or
+                one (3,) for all.
             directions: as in `pin`; the other directions stay free.
             stiffness, most: of springs, as in `attach`; they pull in all directions.
 
@@ -103,7 +103,7 @@ class Scene(Sewn):
         self._attach(cloth, vertices, None, None, False, solid, since, *_spring("attach", stiffness, most))
 
     def detach(self, cloth: Cloth, vertices: object = None) -> None:
-        """Releases vertices (all of the cloth's where None) from solids that they are attached to; pins and motions stay.
+        """Releases vertices (all of the cloth's if None) from solids that they are attached to; pins and motions stay.
 
         Raises:
             SceneError: where none of them is attached.
@@ -111,7 +111,7 @@ class Scene(Sewn):
         self._release(cloth, vertices, "detach", "attached to a solid", lambda a: a.solid is not None)
 
     def unpin(self, cloth: Cloth, vertices: object = None) -> None:
-        """Releases vertices (all of the cloth's where None) from every pin, motion and attachment.
+        """Releases vertices (all of the cloth's if None) from every pin, motion and attachment.
 
         Raises:
             SceneError: where none of them is held.
@@ -160,17 +160,17 @@ class Scene(Sewn):
 
         Args:
             pressure: p over that outside [Pa], a number or a function of time [s], such as a ramp.
-            gas: "constant": p is given, whatever the volume V, as with a fan or a line. "isothermal": an amount of gas,
+            gas: "constant": p is given, whatever the volume V, as with a fan or a line. "isothermal": an amount of gas:
                 (p + ambient) V keeps its value at `volume`; without a pressure, the present gas is shut in. "volume": the
                 piece is full of a liquid, of which there is `volume`: p = bulk (1 - V/volume).
-            volume: [m^3], of a liquid it may be a function of time [s]; the one when this begins where None.
-            part: vertices as in `pin`: the faces that have all corners among them; all of the cloth where None.
+            volume: [m^3], of a liquid it may be a function of time [s]; the one when this begins if None.
+            part: vertices as in `pin`: the faces that have all corners among them; all of the cloth if None.
             ambient: pressure outside [Pa].
             bulk: modulus of the liquid [Pa]: the volume is off by p/bulk.
 
         Raises:
-            SceneError: an impossible value; in an event, a piece that was not inflated when the simulation was made. That a
-                piece is open is found out when the scene is simulated.
+            SceneError: an impossible value; in an event, a piece that was not inflated when the simulation was made. A
+                piece that is open is refused later, when the scene is simulated.
         """
         self._own(cloth)
         new = make_inflation(cloth, pressure, gas, volume, part, ambient, bulk, self.script.made)

@@ -28,7 +28,7 @@ class Score:
 
 
 def score(cloth: Cloth, line: object, fraction: object) -> Score:
-    """As `Scene.score`."""
+    """The score of `Scene.score`."""
     what = f"score of {cloth.name!r}"
     if cloth.split is None:
         raise SceneError(f"{what}: it does not tear: add it with tear=Tear(strength)")

@@ -19,8 +19,8 @@ class Seam:
         a, b: (k,) vertices.
         rest: angle of the seam's hinges at rest [rad], or "given": that of the cloth's mesh.
         stiffness: factor of their bending stiffness.
-        bears: (k,) force [N] at which each stitch gives; infinite where it never does.
-        pulls: (k,) force [N] with which each stitch is drawn together while it is apart; 0 where it is led, by any force.
+        bears: (k,) force [N] at which each stitch gives; infinite if it never does.
+        pulls: (k,) force [N] with which each stitch is drawn together while it is apart; 0 if it is led, by any force.
         tears: whether it holds the corners of triangles of cloth that may tear.
         row: whether stitches stand next to each other, as in a row, or each by itself, as buttons do.
     """
@@ -44,7 +44,7 @@ class Seam:
         return bool(np.isfinite(self.bears).any())
 
     def stitches(self, vertices: object = None, what: str = "unsew") -> np.ndarray:
-        """(j,) numbers of the stitches that a selection of the cloth's vertices is sewn by, on either side; all where None.
+        """(j,) numbers of the stitches that a selection of the cloth's vertices is sewn by, on either side; all if None.
 
         Raises:
             SceneError: none of them is.
@@ -80,7 +80,7 @@ def rows_of(cloth: Cloth, a: object, b: object) -> tuple[np.ndarray, np.ndarray]
 
 
 def make(cloth: Cloth, a: object, b: object, rest: object, stiffness: object, strength: object, pull: object) -> Seam:
-    """As `Scene.sew`."""
+    """The seam of `Scene.sew`."""
     rows = rows_of(cloth, a, b)
     angle = seam_angle("sew: rest", rest)
     factor = checks.number("sew: stiffness", stiffness, least=0.0)
@@ -104,16 +104,18 @@ def corners(cloth: Cloth) -> Seam:
 
 
 def make_stitches(cloth: Cloth, a: object, b: object, force: object) -> Seam:
-    """As `Scene.stitch`."""
+    """The seam of `Scene.stitch`."""
     rows = rows_of(cloth, a, b)
     bears = np.full(len(rows[0]), np.inf if force is None else checks.number("stitch: force", force, "N", positive=True))
     return Seam(cloth, *rows, 0.0, 0.0, bears, np.zeros(len(rows[0])), row=False)
 
 
 def lengths(cloth: Cloth, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """(k,) length [m] of a seam that each of its stitches stands for: half the way to the next on either side, in the cloth's
-    material, the mean of its two rows. A stitch that stands alone: half the way along its borders to their next vertices, or,
-    within the cloth, the mean length of its edges."""
+    """(k,) length [m] of a seam that each of its stitches stands for, in the cloth's material.
+
+    That is half the way to the next stitch on either side, in the mean of the two rows. For a single stitch it is half the way
+    along its borders to their next vertices, or, within the cloth, the mean length of its edges.
+    """
     out = np.zeros(len(a))
     mesh = cloth.mesh
     for row in (a, b):
@@ -135,8 +137,8 @@ def lengths(cloth: Cloth, a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _ways(mesh: TriMesh, pairs: np.ndarray) -> np.ndarray:
-    """(k,) distances [m] in the material between pairs (k, 2) of vertices; where these have several places there, along the
-    edge between them, and without one in the given shape."""
+    """(k,) distances [m] in the material between pairs (k, 2) of vertices. If vertices have several places there, along the
+    edge between them; without such an edge, in the given shape."""
     places = mesh.x if mesh.vertex_uv is None else mesh.vertex_uv
     out = np.linalg.norm(places[pairs[:, 1]] - places[pairs[:, 0]], axis=1)
     if mesh.vertex_uv is None:

@@ -47,8 +47,8 @@ class Sewn(Contents):
             strength: float | None = None, pull: float | None = None) -> Seam:
         """Sews two rows of vertices of a cloth to each other, one by one.
 
-        They move as one, exactly; vertices that are apart come together first, at .5 m/s at most. Where vertices that follow
-        each other in a row are the ends of an edge, in both rows, the two edges have a hinge. Three and more layers are seams
+        They move as one, exactly; vertices that are apart come together first, at .5 m/s at most. If vertices that follow
+        each other are the ends of an edge, in both rows, the two edges have a hinge. Three and more layers are seams
         between two of them each.
 
         Args:
@@ -57,9 +57,9 @@ class Sewn(Contents):
             stiffness: factor of its hinges' bending stiffness; with 0 there are none.
             strength: force a length [N/m] at which it rips, stitch by stitch; None never does. Each stitch bears it over
                 half the way to the next on either side, from when it is closed.
-            pull: force a length [N/m] that draws it together while it is apart, a single stitch for half of the border
-                beside it; a stitch that bears more stays apart, and `Simulation.seam_gaps` says how far. None draws by
-                whatever force it takes.
+            pull: force a length [N/m] that draws it together while it is apart; a single stitch has half of the border
+                beside it. A stitch that bears more stays apart, see `Simulation.seam_gaps`. None sets no limit to the
+                force.
 
         Raises:
             SceneError: rows of different lengths, a vertex twice in a row, nothing to sew, or a strength that is not
@@ -96,8 +96,8 @@ class Sewn(Contents):
         self._stitch("unsew", seam, vertices, False)
 
     def resew(self, seam: Seam, vertices: object = None) -> None:
-        """Closes a seam that has opened, by `unsew` or because it gave, or those of its stitches that are at `vertices` of its
-        cloth; in an event, from then on. They come together as `sew` says, and bear as much as before.
+        """Closes a seam that was opened by `unsew` or gave, or its stitches at `vertices` of its cloth; in an event, from then
+        on. They come together as `sew` says, and bear as much as before.
 
         Raises:
             SceneError: a seam of another scene, or no stitch there.

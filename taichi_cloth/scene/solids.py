@@ -190,7 +190,7 @@ class Placed:
         if R.shape == (3,):
             R = rotation_matrix(R)
         elif not (np.allclose(R @ R.T, np.eye(3), atol=1e-6) and np.linalg.det(R) > 0):
-            raise SceneError(f"{self.WHAT} {self.name!r}: the matrix at t = {t:g} s is no rotation")
+            raise SceneError(f"{self.WHAT} {self.name!r}: the matrix at t = {t:g} s is not a rotation")
         return R, p
 
     def surface_at(self, t: float) -> np.ndarray:
@@ -253,7 +253,7 @@ class Solid(Placed):
         self.face_friction()
 
     def face_friction(self) -> np.ndarray:
-        """(m,) friction of a mesh's faces, NaN where cloth passes.
+        """(m,) friction of a mesh's faces, NaN if cloth passes.
 
         Raises:
             SceneError: a part that is no group of the mesh, or has no face.
@@ -262,7 +262,7 @@ class Solid(Placed):
         out = np.full(len(faces), self.friction)
         for name, mu in self.parts.items():
             if name not in groups:
-                raise SceneError(f"solid {self.name!r}: part {name!r} is no group of its mesh; "
+                raise SceneError(f"solid {self.name!r}: part {name!r} is not a group of its mesh; "
                                  f"{did_you_mean(name, list(groups))}")
             mine = np.isin(faces, groups[name]).all(axis=1)
             if not mine.any():

@@ -1,6 +1,6 @@
-"""Cloth that may tear: how strong it is, where, and its mesh with the corners of triangles apart there. numpy only.
+"""Cloth that may tear: its strength, the places, and its mesh with the corners of triangles apart there. numpy only.
 
-Where a cloth may tear each triangle has corners of its own, and the corners at a vertex are sewn together across the edges
+Cloth that may tear has corners of its own for each triangle, and the corners at a vertex are sewn together across the edges
 between their triangles. Sewn, they move as the whole mesh does, exactly; tearing opens stitches, and changes no mesh.
 """
 
@@ -51,7 +51,7 @@ class Tear:
 
 
 def _vertices(where: object) -> object:
-    """What a mesh may select vertices by, as far as it can be told without the mesh."""
+    """A selection of vertices, checked as far as possible without the mesh."""
     names = isinstance(where, str) or (isinstance(where, (list, tuple)) and len(where) > 0
                                        and all(isinstance(name, str) for name in where))
     mask = isinstance(where, np.ndarray) and where.dtype == bool and where.ndim == 1
@@ -69,7 +69,7 @@ class Split:
         whole: the mesh that it was made of; mesh: as simulated: vertices of `whole`, then the corners that were added.
         of: (n,) the vertex of `whole` of each.
         edges, sides: (e, 2) ends, and triangles, of the edges between two triangles.
-        a, b: (k,) corners that a stitch joins; edge: (k,) the edge that it is across; at: (k,) which of its ends it is at.
+        a, b: (k,) corners that a stitch joins; edge: (k,) the edge that it is across; at: (k,) 0 or 1, the end of that edge.
     """
 
     whole: TriMesh
@@ -92,7 +92,7 @@ class Split:
         return self.mesh.faces[faces, (self.whole.faces[faces] == vertices[:, None]).argmax(axis=1)]
 
     def on_line(self, edges: np.ndarray) -> np.ndarray:
-        """(k,) which stitches are across edges (j, 2) of `whole`."""
+        """(k,) whether stitches are across edges (j, 2) of `whole`."""
         by = np.array([self.whole.vertex_count, 1])
         return np.isin(np.sort(self.edges, axis=1)[self.edge] @ by, np.sort(edges, axis=1) @ by)
 

@@ -1,4 +1,4 @@
-"""Numbers that look like another unit's: said once, not refused. numpy only."""
+"""Check of units: numbers that look like another unit's are told of once, not refused. numpy only."""
 
 import math
 import warnings
@@ -43,8 +43,8 @@ def doubts(cloth: Cloth, gravity: np.ndarray) -> list[str]:
 
 
 def doubts_of_solid(solid: Solid) -> list[str]:
-    """A sentence on a body of a mesh that is too large, or too small, to wear cloth; open meshes that stay as they are may be
-    hills, which are larger than bodies."""
+    """A sentence on a body that is too large, or too small, to wear cloth. Open meshes that do not deform are passed over:
+    they may be hills, which are larger than bodies."""
     if not isinstance(solid.shape, SolidMesh) or not (solid.shape.closed or solid.deforms):
         return []
     size = float(np.ptp(solid.shape.x[0], axis=0).max())
@@ -55,8 +55,11 @@ def doubts_of_solid(solid: Solid) -> list[str]:
 
 
 def fitting(size: float, reader: str) -> str:
-    """With which `scale` a reader makes something of a usual size of what is so large [m] by mistake: in units of which it
-    has one, the likeliest first; else by the power of ten that comes nearest. Where it was read with a scale, times that."""
+    """Advice on the `scale` of a reader for a shape of a wrong size [m].
+
+    The scales are of usual units that give a usual size, the likeliest first; else the power of ten that comes nearest. If
+    the shape was read with a scale, they multiply it.
+    """
     def off(scale: float) -> float:
         return abs(math.log(size * scale / TYPICAL))
 

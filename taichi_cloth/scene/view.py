@@ -1,4 +1,4 @@
-"""How a scene wants to be seen. Description only: the renderer is in output/."""
+"""View of a scene: camera, ground, background and light. Description only: the renderer is in output/."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -103,14 +103,14 @@ class View:
 
     Args:
         camera: one, or cameras by time [s], such as {0: Camera(...), 2: Camera(...)}; None fits one.
-        ground: height [m] of the ground; None takes that of a level plane that stays, else puts it where it touches the
-            lowest solid, if nothing comes lower in all frames, else some way below all of them.
+        ground: height [m] of the ground; None takes that of a level plane that stays. Else it touches the lowest solid, if
+            nothing comes lower in all frames; else it is some way below all of them.
         reach: room [m] that the cloth will need round its first shape, for the fitted camera.
         floor: the ground: "checker", "plain", "shadow" (nothing but the shadows on it), "none", or a colour. None is
             "none" where the background is transparent, "plain" in the lights "studio" and "soft", "checker" elsewhere.
         background: "sky", "transparent" or a colour. Colours are names of CSS, "#rrggbb" in sRGB, or linear RGB.
-        light: direction towards the key light of the day; or lights by name: "day", "studio" (a large light, one that fills
-            shadows and one from behind, round the camera), "sun" (low, warm, hard shadows), "soft" (an overcast sky alone).
+        light: direction towards the key light of the day, or lights by name. "day"; "studio": a large light, one that fills
+            shadows and one from behind, round the camera; "sun": low, warm, hard shadows; "soft": an overcast sky alone.
     """
 
     camera: AnyCamera | Mapping[float, Camera] | None = None

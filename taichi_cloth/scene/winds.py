@@ -1,4 +1,4 @@
-"""Winds by name: how fast each blows, its effects out of doors, and how far it lifts a cloth that hangs. numpy only.
+"""Winds by name: the speed of each, its effects out of doors, and the angle to which it lifts hanging cloth. numpy only.
 
 The names and speeds are those of Beaufort's scale, each in the middle of its range, with two everyday words: a draught in a
 room, and a breeze.
@@ -61,7 +61,7 @@ def velocity(what: str, text: str) -> np.ndarray:
 def lifted(speed: float, density: float, drag: float = DRAG, lift: float = LIFT, air: float = AIR) -> float:
     """Angle [degrees] from the vertical at which cloth hangs that is held at its upper edge in a steady wind.
 
-    All of it hangs straight, at the angle a of its weight and the air's force: with s = sin a, c = cos a, q = air speed^2 / 2,
+    It hangs straight, at the angle a of its weight and the air's force: with s = sin a, c = cos a, q = air speed^2 / 2,
     density g s = q c (drag c + lift s^2).
 
     Args:

@@ -85,7 +85,7 @@ class Parts:
         self.stepper = Stepper(self.model, self.integrator, self.meter, self.control, self.locator, self.giving)
         self.prescribed = Prescribed(self.model, scene.script.copy(), self.force_terms, self.contacts)
         try:
-            self._settle()
+            self._resolve_initial_overlap()
         except BaseException:
             self._fields.free()
             raise
@@ -126,14 +126,14 @@ class Parts:
                                             self.options, self.runtime, scene, self.contacts)
         if self.integrator.system is not None:
             self.notes += self.integrator.system.notes
-            self.integrator.system.notes = self.notes  # what is noted on the way is among them
+            self.integrator.system.notes = self.notes  # notes made during the run are among them
         if self.model.sewn is not None:
             self.model.sewn.notes = self.notes
         fields.allocate()
 
-    def _settle(self) -> None:
-        """Cloths with layers are put in order, contacts are looked at, and cloth that starts nearer to solids, or to itself,
-        than it can go on from is moved apart; `notes` say so."""
+    def _resolve_initial_overlap(self) -> None:
+        """Puts cloths with layers in order, and moves cloth apart that starts too near to solids or to itself; `notes` tell
+        of it."""
         if self.contacts is None:
             return
         held = self.prescribed.held(0.0)
@@ -248,7 +248,7 @@ class Parts:
 
 
 def notes_of(cloth: Cloth, seams: Iterable[Seam]) -> tuple[str, ...]:
-    """Of a cloth's mesh; where its border lies on itself it is not open where it is sewn."""
+    """Notes of a cloth's mesh; borders that lie on each other count as open only if they are not sewn."""
     seams, mesh, whole = [s for s in seams if s.cloth is cloth], cloth.mesh, cloth.whole
     if all(s.tears for s in seams):
         return mesh.notes

@@ -45,8 +45,8 @@ class Queries(Parts):
         return self._live().model.read()[1]
 
     def energy(self) -> dict[str, float]:
-        """J by term, as in the log: stretch_u, stretch_v, shear, bend, gravity, attachments, gas, contact (repulsion between
-        layers of cloth, after a step in which they met), those that there are, and kinetic."""
+        """Energies [J] by name, as in the log: kinetic, and of the scene's terms stretch_u, stretch_v, shear, bend, gravity,
+        attachments, gas and contact. The last is the repulsion between layers, after a step in which they met."""
         self._live().model.save()
         energies, ended = self.meter.measure().energies, self.stepper.ended
         stored = {} if ended is None else {name: e for name, e in ended.energies.items() if name == "contact"}
@@ -56,8 +56,8 @@ class Queries(Parts):
         """(n, 3) [N] internal plus external, at the current state.
 
         Args:
-            renew: False keeps what a step takes from its start, as it was last set: loads, the wind, and the coefficients
-                of a plate in air. The linear system's matrix is the derivative of these forces.
+            renew: False keeps the values that a step takes at its start as they were last set: loads, the wind, and the
+                coefficients of a plate in air. The linear system's matrix is the derivative of these forces.
         """
         self._live()
         if checks.flag("forces: renew", renew):
@@ -94,7 +94,7 @@ class Queries(Parts):
 
         Args:
             h: step size [s].
-            constraints: the scene's own pins and motions where None.
+            constraints: the scene's own pins and motions if None.
 
         Raises:
             SimulationError: where the solve does not converge, with its status.
@@ -112,7 +112,8 @@ class Queries(Parts):
         return self.model.to_user(read(self.integrator.system.solver.dv))
 
     def constraint_forces(self) -> np.ndarray:
-        """(n, 3) [N] of the constraints in the last step or solve, (A dv - b)/h; 0 in free directions."""
+        """(n, 3) [N] reaction forces of pins, prescribed motion and other constraints in the last step or solve, (A dv - b)/h;
+        0 in free directions."""
         system = self._system()
         return self.model.to_user(system.reaction())
 
@@ -125,13 +126,13 @@ class Queries(Parts):
         return self.model.to_user(system.tension() / system.span)
 
     def seam_gaps(self) -> np.ndarray:
-        """(seams,) [m] how far apart the two sides of a seam still are, at its widest, in the order of `Scene.seams`."""
+        """(seams,) [m] the widest gap between the two sides of each seam, in the order of `Scene.seams`."""
         x, seams = self.positions(), self.scene.seams
         return np.array([np.linalg.norm(x[s.a + s.cloth.start] - x[s.b + s.cloth.start], axis=1).max() for s in seams])
 
     def seam_states(self) -> list[str]:
-        """Of each of `Scene.seams`: "open" where a stitch of it has given or was opened, else "closing" while some are still
-        apart, else "closed"."""
+        """State of each of `Scene.seams`: "open" if a stitch of it has given or was opened, "closing" while some are apart,
+        else "closed"."""
         given = self.stitches_open() or [np.zeros(1, dtype=bool)] * len(self.scene.seams)
         return ["open" if opened.any() else "closing" if gap > 0 else "closed" for opened, gap in zip(given, self.seam_gaps())]
 
@@ -145,7 +146,7 @@ class Queries(Parts):
         return self.model.to_user(force)
 
     def stitch_loads(self) -> list[np.ndarray]:
-        """For each of `Scene.seams`, (k,) [N] forces of its stitches in the last step; 0 where open or still apart."""
+        """For each of `Scene.seams`, (k,) [N] forces of its stitches in the last step; 0 if open or still apart."""
         system = self._system()
         if self.giving is None:
             return []
@@ -153,7 +154,7 @@ class Queries(Parts):
         return np.split(stitches.loads(system.tension() / system.span), stitches.first[1:-1])
 
     def stitches_open(self) -> list[np.ndarray]:
-        """For each of `Scene.seams`, (k,) which of its stitches have given or were opened."""
+        """For each of `Scene.seams`, (k,) whether each of its stitches has given or was opened."""
         self._live()
         if self.giving is None:
             return []

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from .. import checks
 from ..backend import placement
 from ..errors import SceneError
-from ..options import SHORTEST, signature
+from ..options import MOST_FRAMES, SHORTEST, signature
 from ..scene.air import Wind
 from ..scene.attachment import Path
 from ..scene.cloth import Cloth
@@ -28,7 +28,7 @@ from ..system.checkpoint import VERSION, Checkpointed, below, numbered, understo
 from .queries import Queries
 
 ROUND_TIME = 1e-9  # part of a step below which two times are the same
-MOST_STEPS, MOST_FRAMES = 1e10, 10_000_000  # of a run: more have no end
+MOST_STEPS = 1e10  # of a run: more have no end
 
 
 @ti.data_oriented
@@ -60,7 +60,7 @@ class Simulation(Queries):
     # running
 
     def step(self, h: float | None = None) -> StepRecord:
-        """Advances by h [s] (the simulation's own where None), in one step if it passes, else in smaller ones.
+        """Advances by h [s] (the simulation's own if None), in one step if it passes, else in smaller ones.
 
         Returns:
             the record of the last of them.
@@ -125,13 +125,13 @@ class Simulation(Queries):
         self.prescribed.begin_anew()
 
     def pin(self, cloth: Cloth, vertices: object, directions: object = None, stiffness: float | None = None) -> None:
-        """As `Scene.pin`, for this simulation, from now on."""
+        """`Scene.pin` for this simulation, from now on."""
         self._check_soft("pin", stiffness)
         self._change(lambda: self.scene.pin(cloth, vertices, directions, stiffness))
 
     def move(self, cloth: Cloth, vertices: object, path: Path, relative: bool = False, directions: object = None,
              stiffness: float | None = None, most: float | None = None) -> None:
-        """As `Scene.move`, for this simulation, from now on; the path is a function of the simulation's time.
+        """`Scene.move` for this simulation, from now on; the path is a function of the simulation's time.
 
         Raises:
             SceneError: with a stiffness, as `attach`.
@@ -141,7 +141,7 @@ class Simulation(Queries):
 
     def attach(self, cloth: Cloth, vertices: object, solid: Solid | Prop, since: float | None = None,
                stiffness: float | None = None, most: float | None = None) -> None:
-        """As `Scene.attach`, for this simulation, from now on; `since` [s] is now where None.
+        """`Scene.attach` for this simulation, from now on; `since` [s] is now if None.
 
         Raises:
             SceneError: with a stiffness, where the scene had nothing attached softly, and no events, when it was begun.
@@ -156,20 +156,20 @@ class Simulation(Queries):
                              "in its scene before, and detach it by hand, or attach in an event (scene.at)")
 
     def detach(self, cloth: Cloth, vertices: object = None) -> None:
-        """As `Scene.detach`, for this simulation, from now on."""
+        """`Scene.detach` for this simulation, from now on."""
         self._change(lambda: self.scene.detach(cloth, vertices))
 
     def unpin(self, cloth: Cloth, vertices: object = None) -> None:
-        """As `Scene.unpin`, for this simulation, from now on."""
+        """`Scene.unpin` for this simulation, from now on."""
         self._change(lambda: self.scene.unpin(cloth, vertices))
 
     def unsew(self, seam: Seam, vertices: object = None) -> None:
-        """As `Scene.unsew`, for this simulation, from now on."""
+        """`Scene.unsew` for this simulation, from now on."""
         self._change(lambda: self.scene.unsew(seam, vertices))
         self._stitch()
 
     def resew(self, seam: Seam, vertices: object = None) -> None:
-        """As `Scene.resew`, for this simulation, from now on."""
+        """`Scene.resew` for this simulation, from now on."""
         self._change(lambda: self.scene.resew(seam, vertices))
         self._stitch()
 
@@ -185,15 +185,15 @@ class Simulation(Queries):
 
     def inflate(self, cloth: Cloth, pressure: Drive | None = None, gas: str = "constant", volume: Drive | None = None,
                 part: object = None, ambient: float = ATMOSPHERE, bulk: float = 1e6) -> None:
-        """As `Scene.inflate`, for this simulation, from now on: a piece that was inflated when it was made gets other gas."""
+        """`Scene.inflate` for this simulation, from now on: a piece that was inflated when it was made gets other gas."""
         self._change(lambda: self.scene.inflate(cloth, pressure, gas, volume, part, ambient, bulk))
 
     def deflate(self, cloth: Cloth, part: object = None) -> None:
-        """As `Scene.deflate`, for this simulation, from now on."""
+        """`Scene.deflate` for this simulation, from now on."""
         self._change(lambda: self.scene.deflate(cloth, part))
 
     def add_load(self, cloth: Cloth, vertices: object, force: Force) -> Load:
-        """As `Scene.add_load`, for this simulation, from now on; a function is one of the simulation's time.
+        """`Scene.add_load` for this simulation, from now on; a function is one of the simulation's time.
 
         Raises:
             SceneError: besides, where the scene had no load when this simulation was made.
@@ -201,11 +201,11 @@ class Simulation(Queries):
         return self._change(lambda: self.scene.add_load(cloth, vertices, force))
 
     def remove_load(self, load: Load) -> None:
-        """As `Scene.remove_load`, for this simulation, from now on."""
+        """`Scene.remove_load` for this simulation, from now on."""
         self._change(lambda: self.scene.remove_load(load))
 
     def set_wind(self, wind: Wind) -> None:
-        """As `Scene.set_wind`, for this simulation, from now on.
+        """`Scene.set_wind` for this simulation, from now on.
 
         Raises:
             SceneError: besides, a function of time where the method is explicit and the scene's own wind is none.
@@ -268,16 +268,16 @@ class Simulation(Queries):
     def resume(self, state: dict[str, np.ndarray], edited: bool = False) -> None:
         """Goes on where `checkpoint` was taken, bit for bit on the same machine, threads and precision.
 
-        Events of the scene up to then are fired again; the simulation must be new. Where cloth is of another material the
-        next step begins with energies as they now are, and nothing of the last step goes on; its ledger has the difference
-        as `edited`.
+        Events of the scene up to then are fired again; the simulation must be new. If cloth is of another material, the
+        next step begins with the energies as they now are and takes nothing from the last step; its ledger has the
+        difference as `edited`.
 
         Args:
-            edited: the scene may have been edited since: another integrator begins anew; parts that the scene no longer has,
-                and changes by hand, are left out; `notes` say so.
+            edited: the scene may have been edited since. Another integrator then begins anew. Parts that the scene no longer
+                has, and changes by hand, are left out; `notes` tell of it.
 
         Raises:
-            SceneError: the state is of another mesh, of a scene without what this one has or, unless it was edited, with
+            SceneError: the state is of another mesh, of a scene that lacks parts of this one or, unless it was edited, has
                 more, or of another version.
         """
         self._live()
@@ -308,8 +308,8 @@ class Simulation(Queries):
         changes = self.prescribed.changes
         if int(state.get("script.changed", changes)) == changes:
             return state
-        self.notes.append("what was changed by hand (sim.pin, unpin, move, attach, add_load, set_wind and so on) before the "
-                          "checkpoint is left out")
+        self.notes.append("changes by hand (sim.pin, unpin, move, attach, add_load, set_wind and so on) before the "
+                          "checkpoint are left out")
         return {**state, "script.changed": np.array(changes)}
 
     def _going_on(self, state: dict[str, np.ndarray], edited: bool) -> dict[str, Any]:
@@ -325,7 +325,7 @@ class Simulation(Queries):
         if others:
             self.notes.append(f"the integrator was {was!r} and is {self.integrator_name!r}: it begins anew")
         if more:
-            self.notes.append(f"the scene no longer has what the checkpoint calls {', '.join(more[:3])}: left out")
+            self.notes.append(f"the scene no longer has the part that the checkpoint calls {', '.join(more[:3])}: left out")
         return {name: part for name, part in parts.items()
                 if name not in others and not (edited and part.STATE and not below(name, state))}
 

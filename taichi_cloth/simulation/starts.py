@@ -1,4 +1,4 @@
-"""Panels of garments start outside of solids: those that are inside one, or through it, would be sewn through it."""
+"""Check of starts: panels inside a solid, or through it, are refused, since they would be sewn through it."""
 
 from collections.abc import Iterable
 

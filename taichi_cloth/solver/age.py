@@ -1,4 +1,4 @@
-"""How long what was made for one system serves others. numpy only."""
+"""Age of a preconditioner: how many more solves one that was made for an earlier system serves. numpy only."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ class Age(Checkpointed):
     """Whether levels that were made for an earlier system do for this one.
 
     Attributes:
-        made_for: what was held then, and the span.
+        made_for: (k,) numbers that describe the held particles then, and the effective step c [s] last.
         cost, excess: iterations when they were new, and those beyond since; kept: solves since.
         wait, pause: solves until they may last again, and the last such pause.
     """
@@ -25,7 +25,12 @@ class Age(Checkpointed):
         self.cost = self.excess = self.kept = self.wait = self.pause = 0
 
     def allows(self, wanted: np.ndarray, most: float = 0.0) -> bool:
-        """Whether they last for one more solve, with at most so many numbers but the last that are not as wanted."""
+        """Whether the levels serve one more solve.
+
+        Args:
+            wanted: (k,) as `made_for`, for the new system; the last must be the same.
+            most: how many of the others may differ.
+        """
         if len(wanted) != len(self.made_for) or wanted[-1] != self.made_for[-1]:
             return False
         if np.count_nonzero(wanted != self.made_for) > most:
@@ -35,17 +40,17 @@ class Age(Checkpointed):
             return True
         if self.wait:
             self.wait -= 1
-        else:  # what did not last for two steps is not tried again at once
+        else:  # levels that did not last for two steps are not kept again at once
             self.pause = min(2 * self.pause + 1, LONGEST) if self.kept < 2 else 0
             self.wait = self.pause
         return False
 
     def begin(self, made_for: np.ndarray) -> None:
-        """They are made anew."""
+        """The levels are made anew."""
         self.made_for, self.cost, self.excess, self.kept = made_for, 0, 0, 0
 
     def count_iterations(self, iterations: int) -> None:
-        """Of a solve."""
+        """Counts the iterations of a solve."""
         self.cost = self.cost or iterations
         self.excess += max(iterations - self.cost, 0)
 
@@ -53,8 +58,8 @@ class Age(Checkpointed):
 class Drift(Checkpointed):
     """How many iterations more solves need than they did at first, as a cumulative sum. [Page 1954]
 
-    What is in contact comes and goes, and solves need more or fewer iterations by it, whatever they are preconditioned with.
-    Around the same mean that cancels in the sum; a lasting rise does not.
+    Contacts come and go, and solves need more or fewer iterations by them, with any preconditioner. Such changes around the
+    same mean cancel in the sum; a lasting rise does not.
 
     Attributes:
         age: solves in all; solves, cost: so many, and the mean iterations of the first of them; excess: iterations beyond.
@@ -66,11 +71,11 @@ class Drift(Checkpointed):
         self.age, self.solves, self.cost, self.excess = 0, 0, 0.0, 0.0
 
     def begin(self) -> None:
-        """Others are the first from now on."""
+        """The next solves are the first from now on."""
         self.solves, self.cost = 0, 0.0
 
     def count_iterations(self, iterations: int) -> None:
-        """Of a solve."""
+        """Counts the iterations of a solve."""
         self.age += 1
         self.solves += 1
         if self.solves <= FIRST:

@@ -2,11 +2,11 @@
 
     A_c = Q^T (A_0 + H) Q,   H_i = T_i + s (I - S_i),
 
-with Q the hats of the coarsest level's nodes, on what is sewn together their mean; A_0 what couples particles but for contact;
-T_i the diagonal blocks of contact, and s a stiffness that holds what the filter S holds, the mean of A_0's part of the
-diagonal. Q^T A_0 Q is found by products with hats that have nothing in common: nodes of one color are so far apart that no row
-meets two of them. Both parts are made anew where they have aged; in between they are an approximation, as a preconditioner may
-be.
+with Q the hats of the coarsest level's nodes, averaged over particles that are sewn together. A_0 is the matrix without
+contact; T_i are the diagonal blocks of contact. s is a stiffness that holds the directions constrained by the filter S: the
+mean of the diagonal of A_0. Q^T A_0 Q is found by products with hats that have nothing in common: nodes of one color are so
+far apart that no row meets two of them. Both parts are made anew when they have aged; in between they are an approximation,
+as a preconditioner may be.
 """
 
 from collections.abc import Callable
@@ -27,7 +27,7 @@ from .pointwise import Pointwise
 
 FEW, MOST, SHARE = 128, 200, 30  # nodes of a level that is solved exactly: a part of the particles' number, within bounds
 PROBE = 3  # iterations that a product with hats costs: Q^T A_0 Q is found anew when age has cost as many as all of them
-OLD = 100  # solves after which it is found anew in any case: what grows slowly does not show
+OLD = 100  # solves after which it is found anew in any case: `Drift` does not show a slow rise
 LEAST = 1e-10  # of the mean of the diagonal of Q^T A_0 Q is added to it, in f32 a rounding
 
 
@@ -38,7 +38,7 @@ class Coarse(Checkpointed):
     Args:
         faces: (m, 3) of the cloths.
         first: number of the level's first node.
-        tell: is told, in a sentence, of what cannot be made.
+        tell: takes a sentence about directions that cannot be solved for.
     """
 
     STATE = ("matrix", "inverse", "span", "pressed", "drift")
@@ -68,7 +68,7 @@ class Coarse(Checkpointed):
         self._weighed: tuple[np.ndarray, np.ndarray] | None = None  # Q^T M Q, and the seams' labels that it is of
 
     def make(self, span: float, contact) -> None:
-        """For a system as linearized with c = span [s], if what there is will not do.
+        """Prepares for a system as linearized with c = span [s], the effective step; reuses the old parts while they serve.
 
         Args:
             contact: field (n, 6) of diagonal blocks of contact, or None.
@@ -77,7 +77,7 @@ class Coarse(Checkpointed):
         changed = abs(span - self.span) > 1e-3 * span
         if aged:
             self.matrix, self.span, self.drift = self._matrix(), span, Drift()
-        elif changed:  # all but the masses is nearly in proportion to c^2
+        elif changed:  # all but the masses are nearly in proportion to c^2
             M = self._masses()
             self.matrix, self.span = M + (span / self.span) ** 2 * (self.matrix - M), span
             self.drift.begin()
@@ -111,7 +111,7 @@ class Coarse(Checkpointed):
         """(3 count, 3 count) inverse of A_c.
 
         Hats depend on each other where they meet nothing but one seam, or lie across a flat panel: Q^T A_0 Q may be singular,
-        and gets a little on its diagonal. Should it not be positive definite even so, what has no eigenvalue beyond that is
+        and gets a little on its diagonal. If it is not positive definite even so, eigenvectors with smaller eigenvalues are
         left to the other levels.
         """
         A, index = self.matrix, np.flatnonzero(self.pressed[:, [0, 3, 5]].any(axis=1))
@@ -195,5 +195,5 @@ class Coarse(Checkpointed):
 
 
 def most_nodes(n: int) -> int:
-    """Of a level that is solved exactly, for n particles: it may cost as much as a few iterations."""
+    """Largest number of nodes of a level that is solved exactly, for n particles: it may cost as much as a few iterations."""
     return min(max(FEW, n // SHARE), MOST)

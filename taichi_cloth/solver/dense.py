@@ -1,4 +1,4 @@
-"""Inverses of small dense matrices, in tiles so small that the linear algebra library gives them to one thread. numpy only.
+"""Inverses of small dense matrices, in tiles so small that the linear algebra library uses one thread for each. numpy only.
 
 Several threads gain little here, and wait for each other for long where another program has their cores.
 """

@@ -1,4 +1,4 @@
-"""What the coarsest level needs of its hats: which nodes couple, sums over particles seen through hats. numpy only."""
+"""Galerkin sums of the coarsest level: nodes that couple, and sums over particles weighted by hats. numpy only."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ RINGS = 2  # of neighbours that a force may couple a vertex with
 
 
 class Hats:
-    """Hats Q of a level's nodes as they move sewn cloth: on what is sewn together, the mean of its members' hats.
+    """Hats Q of a level's nodes as they move sewn cloth: particles sewn together have the mean of their hats.
 
     Args:
         sewn: the model's clusters, which may change as seams open.
@@ -78,8 +78,8 @@ class Hats:
 
 
 def coupled(level: Level, faces: np.ndarray, knot: np.ndarray) -> np.ndarray:
-    """(count, count) whether Q^T A Q may have a block between two nodes: whether what one's hat meets is within RINGS of what
-    the other's does, over seams too.
+    """(count, count) whether Q^T A Q may have a block between two nodes: their hats meet particles within RINGS of each
+    other, over seams too.
 
     Args:
         knot: (n,) one particle for all that are sewn together.

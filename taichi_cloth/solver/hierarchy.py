@@ -1,8 +1,8 @@
 """The levels of a multilevel preconditioner in fields: their hats, and how values pass from level to level. [Bramble, Pasciak,
 Xu 1990]
 
-Hats nest: a node's hat is a sum of hats of the level below, so what is restricted to one level, or prolonged from it, goes by
-way of the next.
+Hats nest: a node's hat is a sum of hats of the level below. Restriction to a level, and prolongation from it, therefore go by
+way of the next finer one.
 """
 
 from collections.abc import Callable
@@ -66,7 +66,7 @@ class Hierarchy:
         size: as kernels read them: nodes of the finest level, of all but the coarsest, of all.
         width: hats of a level that may be round a particle.
         particles: of every node, the particles that its hat meets.
-        r, z: what is restricted to nodes, and their values.
+        r, z: the residual restricted to nodes, and the values of nodes.
     """
 
     def __init__(self, fields: Fields, made: list[Level], n: int) -> None:

@@ -1,8 +1,8 @@
-"""Lattices over the cloth's material for a multilevel preconditioner: hat functions, and who meets them. numpy only.
+"""Lattices over the cloth's material for a multilevel preconditioner: hat functions and their supports. numpy only.
 
 Level l has nodes 2^l edge lengths apart in the plane of the pattern, piece by piece (in space, where a cloth has
 no pattern of its own), and multilinear hats. A hat whose support is in several parts, as across a slit, is as many
-hats: what is not connected does not move together. A hat is a weighted sum of those of the level below, exactly, so
+hats: parts that are not connected do not move together. A hat is a weighted sum of those of the level below, exactly, so
 that values go from level to level.
 """
 
@@ -31,7 +31,7 @@ class Gather:
 
     Attributes:
         first: (rows + 1,).
-        source: (entries,) index of what is taken.
+        source: (entries,) index of the summand.
         weight: (entries,) where sums are weighted.
     """
 
@@ -58,8 +58,8 @@ class Level:
 
 
 def coordinates(mesh: TriMesh) -> np.ndarray:
-    """(n, 2) places of the vertices in the pattern, of those on a cut the first; (n, 3) the given positions [m] where it is
-    cut at most corners, so that it does not say what lies beside what."""
+    """(n, 2) places of the vertices in the pattern, for those on a cut the first. If most corners are on a cut, the pattern
+    does not tell which vertices are neighbours: then the given positions (n, 3) [m]."""
     if mesh.flattened:
         return mesh.x
     places = mesh.uv if mesh.uv.ndim == 2 else mesh.first_uv
@@ -122,8 +122,11 @@ def _around(where: np.ndarray, owner: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(first of each distinct row of (k, q) whole numbers, in order, which of these each row (k,) is): column by column, many
-    times as fast as by rows."""
+    """Distinct rows of (k, q) whole numbers, found column by column: many times as fast as by rows.
+
+    Returns:
+        (first row of each, in order; the number (k,) of each row's among them).
+    """
     first, index = np.zeros(1, dtype=np.int64), np.zeros(len(rows), dtype=np.int64)
     for column in rows.T:
         _, first, index = np.unique(index * (np.ptp(column) + 1) + column, return_index=True, return_inverse=True)
@@ -170,8 +173,11 @@ def _compose(fine: Level, node: np.ndarray, weight: np.ndarray, count: int) -> t
 
 
 def _by_node(node: np.ndarray, value: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Sums of values (m, k) that are not 0 by node (m, k) within each row, a row's nodes in rising order: in turn the first of
-    each row, the second of each that has more, and so on, as (rows, nodes, sums)."""
+    """Sums of values (m, k) that are not 0 by node (m, k) within each row, a row's nodes in rising order.
+
+    Yields:
+        (rows, nodes, sums) for the first node of each row, then for the second of each row that has more, and so on.
+    """
     last, row = np.iinfo(node.dtype).max, np.arange(len(node))
     node = np.where(value != 0, node, last).T.copy()  # a row of values is a column: sums over few numbers are slow
     value = value.T.copy()
@@ -188,7 +194,7 @@ def _by_node(node: np.ndarray, value: np.ndarray) -> Iterator[tuple[np.ndarray, 
 
 
 def gather(node: np.ndarray, weight: np.ndarray, count: int) -> Gather:
-    """The transpose of weights (n, c) on nodes (n, c): what each of `count` nodes takes."""
+    """The transpose of weights (n, c) on nodes (n, c): the entries of each of `count` nodes."""
     used = weight > 0
     source = np.repeat(np.arange(len(node)), used.sum(axis=1))
     target, value = node[used], weight[used]

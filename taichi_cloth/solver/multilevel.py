@@ -8,8 +8,8 @@ count with their trace, as they are in flat cloth and as if nothing were held.
 Symmetric positive definite by its form, for any mesh. Values pass from level to level, so that a cycle costs little
 more than the finest one.
 
-Differs from Bramble, Pasciak and Xu: the factors c_l, in scenes with contact. Levels have much in common, and what is curved,
-or pressed, moves less well with a hat the wider it is.
+Differs from Bramble, Pasciak and Xu: the factors c_l, in scenes with contact. Levels overlap, and a wide hat fits the motion
+of curved or pressed cloth less well.
 """
 
 from collections.abc import Callable
@@ -31,9 +31,9 @@ from .hierarchy import Hierarchy, LevelFields
 from .lattice import coordinates, levels
 from .pointwise import Pointwise
 
-COUNTS, FADE = 0.6, 0.85  # c of the finest level, and of each over that of the one below; what is solved exactly counts whole
+COUNTS, FADE = 0.6, 0.85  # c of the finest level, and of each over that of the one below; 1 for a level solved exactly
 ALIKE = 0.02, 0.1  # parts of all particles, and of those then held, that others may be held of, where contact holds them
-MOST_EXACT = 1000  # nodes of a level that is solved exactly: what it takes grows with their cube, here to seconds
+MOST_EXACT = 1000  # nodes of a level that is solved exactly: the time grows with their cube, here to seconds
 NOTHING = 1e-24  # trace [kg] of a node's block below which it says nothing
 
 
@@ -77,7 +77,8 @@ class Multilevel(Checkpointed):
             self.coarsest = Coarse(fields, operator, self.jacobi, made[-1], self.hats.start[-2], faces, tell)
 
     def make(self, span: float, held: Held | None, lasting: bool = False) -> None:
-        """For a system as linearized with c = span [s]; the levels, if they are lasting, not before they have aged."""
+        """Prepares for a system as linearized with c = span [s], the effective step. If `lasting`, levels are kept until they
+        have aged."""
         self.jacobi.make(span, held)
         if self.has_contact:
             self._contact_diagonal()
@@ -92,12 +93,12 @@ class Multilevel(Checkpointed):
         self._invert()
 
     def _others(self) -> float:
-        """How many may be held, or free, that were not when levels were made: these hold what has come free."""
+        """Number of particles that may have become held, or free, since the levels were made; levels still hold the latter."""
         held = np.count_nonzero(self.age.made_for[:-1])
         return min(ALIKE[0] * self.operator.model.n, ALIKE[1] * held) if self.has_contact else 0.0
 
     def _held_numbers(self, held: Held | None) -> np.ndarray:
-        """What levels were made for: all of what is held, or, where contact holds ever others, which particles are."""
+        """Numbers that the levels depend on: the held particles, and without contact also their projectors."""
         if self.has_contact:
             out = np.zeros(self.operator.model.n)
             out[() if held is None else held.index] = 1
@@ -105,7 +106,7 @@ class Multilevel(Checkpointed):
         return np.zeros(0) if held is None else np.column_stack([held.index, held.projector.reshape(-1, 9)]).ravel()
 
     def forget(self) -> None:
-        """What levels were made for is no more: they are made anew."""
+        """Drops the levels: the next `make` makes them anew."""
         self.age.made_for = np.zeros(0)
         if self.coarsest is not None:
             self.coarsest.span = 0.0
@@ -148,7 +149,7 @@ class Multilevel(Checkpointed):
 
     @ti.kernel
     def _sum_elements(self, c: float):
-        """The elements' part of the nodes' diagonal blocks, of what is free. Where hats meet only seams, what hangs on the
+        """The elements' part of the nodes' diagonal blocks, over free particles. If hats meet only seams, the cloth on the
         other side counts by the particles' blocks."""
         self.dealer.begin()
         for t in range(self.dealer.tasks):
@@ -173,7 +174,7 @@ class Multilevel(Checkpointed):
 
     @ti.kernel
     def _invert(self):
-        """Inverts the nodes' diagonal blocks: of elements as they were summed up, of masses, and of what now touches."""
+        """Inverts the nodes' diagonal blocks: elements as they were summed up, masses, and current contacts."""
         self.dealer.begin()
         for t in range(self.dealer.tasks):
             if t % self.dealer.grain == 0:
@@ -184,7 +185,7 @@ class Multilevel(Checkpointed):
 
     @ti.func
     def inverse_block(self, n):
-        """c_l D_l^-1 of a node; 0 where all that it meets is held."""
+        """c_l D_l^-1 of a node; 0 if all that it meets is held."""
         D, out = self.summed[n], ti.Vector.zero(float, 6)
         for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
             i = self.hats.particles.source[k]
@@ -200,7 +201,7 @@ class Multilevel(Checkpointed):
 
     @ti.func
     def seen(self, i, block):
-        """S_i block S_i, 0 where particle i is held in all directions."""
+        """S_i block S_i, 0 if particle i is held in all directions."""
         out = self.free(i) * block
         if ti.static(self.has_contact):
             if self.partly(i):
@@ -225,7 +226,7 @@ class Multilevel(Checkpointed):
 
     @ti.func
     def add_diagonal(self, n, D, blocks: ti.template()):
-        """D + sum_i w_i^2 blocks_i over what is not held of the particles i that node n's hat w meets."""
+        """D + sum_i w_i^2 blocks_i over the particles i that node n's hat w meets and that are not held."""
         for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
             i = self.hats.particles.source[k]
             w = self.hat(n, i)
@@ -312,7 +313,7 @@ class Multilevel(Checkpointed):
 
     @ti.func
     def prolong(self, n):
-        """A node's value: its own, and what the level above says. What is solved exactly has its value."""
+        """A node's value: its own part plus that of the level above. A node that is solved exactly has its value already."""
         inner = n < self.hats.size[1]
         if inner or ti.static(not self.exact):
             z = sym_times(self.inverse_l[n], self.hats.r[n])
@@ -323,7 +324,7 @@ class Multilevel(Checkpointed):
 
     @ti.func
     def correction(self, i):
-        """The levels' part at particle i, after `sweep`; of what is sewn together the mean."""
+        """The levels' part at particle i, after `sweep`; the mean over particles sewn together."""
         out = self.hats.interpolated(i)
         if ti.static(self.jacobi.sews):
             k = self.jacobi.sewn.of[i]
@@ -347,7 +348,7 @@ def _material(scene: Scene, model) -> tuple[np.ndarray, np.ndarray]:
 def _links(scene: Scene, model) -> np.ndarray:
     """(e, 2) particles at the ends of the mesh's edges."""
     ends = np.concatenate([model.particle[face_edges(c.mesh.faces) + c.start] for c in scene.cloths])
-    if any(c.split is not None for c in scene.cloths):  # what may tear hangs together for now
+    if any(c.split is not None for c in scene.cloths):  # cloth that may tear is still connected
         joined = [model.particle[np.stack([s.a, s.b], axis=1) + s.cloth.start] for s in scene.seams if s.tears]
         ends = np.concatenate([ends, *joined])
     return distinct(ends)[0]

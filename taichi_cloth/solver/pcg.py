@@ -1,10 +1,13 @@
 """Preconditioned conjugate gradients with the filter of [BW98 §5.3]; on the CPU one launch a solve.
 
-Differs from [BW98 §5.2]: the preconditioner is the inverse of S P S on the free directions, and r and s are
-filtered where they are made, so that a constrained component never leaves z by more than rounding; the
-recurrences are those of Chronopoulos and Gear, one pass for the product and one for all updates; the stop is on the
-filtered residual of b - A z; breakdown (c^T A c <= 0 or r^T P^-1 r < 0) is detected, not divided through; and the
-residual of the answer is computed afresh, with restarts while it is not what the recurrence says.
+Differs from [BW98 §5.2]:
+
+- The preconditioner is the inverse of S P S on the free directions. r and s are filtered where they are made, so that a
+  constrained component never leaves z by more than rounding.
+- The recurrences are those of Chronopoulos and Gear: one pass for the product and one for all updates.
+- The stop is on the filtered residual of b - A z.
+- Breakdown (c^T A c <= 0 or r^T P^-1 r < 0) is detected, not divided through.
+- The residual of the answer is computed afresh, with restarts while it differs from that of the recurrence.
 """
 
 import math
@@ -22,7 +25,7 @@ from .recurrences import BAD, BROKEN, DONE, GO_ON, Recurrences
 CONVERGED, MAX_ITERATIONS, BREAKDOWN, NOT_FINITE = "CONVERGED", "MAX_ITERATIONS", "BREAKDOWN", "NOT_FINITE"
 BEGIN, ITERATE, CHECK = range(3)  # stages of a phase scheduler's solve
 COPY, MULTIPLY, RESTART, UPDATE, TAKE, SOLVE, GIVE, CORRECT, SUM_UP = range(1, 10)  # kinds of its phases
-STAGE, STATE, DID, ROUND = range(4)  # what it counts
+STAGE, STATE, DID, ROUND = range(4)  # its counters
 FIRST, LAST = range(2)  # residual norms that it keeps
 RESTARTS = 5
 FUTILE = 0.75  # of a residual that a restart must get below to be followed by another
@@ -38,8 +41,8 @@ class Solution:
         status: CONVERGED, MAX_ITERATIONS, BREAKDOWN or NOT_FINITE.
         iterations: over all restarts.
         residual: of the answer, computed afresh, relative to that of Delta v = z; filtered, in the norm of P^-1.
-        tolerance: what `residual` was held against; above `cg_tol` only where rounding allows no less.
-        preliminary: whether it only had to say what contacts bear, for a solve after it.
+        tolerance: bound on `residual`; above `cg_tol` only where rounding allows no less.
+        preliminary: whether it was a low-accuracy solve, used only to estimate contact forces.
     """
 
     status: str
@@ -79,7 +82,7 @@ class PCG(Recurrences):
             tolerance: on the filtered residual, relative to that of dv = z.
             free: nothing is held, or being sewn: start from the translation that has all of b's momentum, which is the answer
                 where cloth falls freely.
-            warm: dv is not z but what a solve of nearly the same system gave, and its reference is that solve's.
+            warm: dv is the answer of nearly the same system instead of z, and the reference is that of its solve.
             zero: starts from dv = 0, whatever is in place.
             least: residual norm that the tolerance is relative to where its own is less.
             loose: nothing is held, though seams may be closing: the total momentum is made exact, where `balanced`.
@@ -109,7 +112,7 @@ class PCG(Recurrences):
         return Solution(name, done, norm / first, allowed)
 
     def residual_history(self) -> np.ndarray:
-        """Filtered residual norms of the last solve, one an iteration, as the recurrence has them."""
+        """(iterations,) filtered residual norms of the last solve, as the recurrence has them."""
         return np.sqrt(np.maximum(self.history.to_numpy()[: self.last], 0))
 
     def _apart(self, tolerance: float, reference: float, least: float, zero: int, most: int) -> tuple:
@@ -155,7 +158,7 @@ class PCG(Recurrences):
             if zero == 1:
                 self.dv[i] = ti.Vector.zero(float, 3)
             self.s[i] = self.dv[i]
-        if ti.static(self.operator.couples):
+        if ti.static(self.operator.has_low_rank):
             for t in range(self.blocks.count * self.blocks.grain):
                 if t % self.blocks.grain == 0:
                     self.operator.sum_up(t // self.blocks.grain, self.s)
@@ -172,7 +175,7 @@ class PCG(Recurrences):
 
     @ti.kernel
     def _balance(self):
-        """Adds the translation whose momentum the answer lacks: however rough a solve, what is free falls as it should."""
+        """Adds the translation whose momentum the answer lacks: free cloth falls exactly, however rough the solve."""
         ti.loop_config(serialize=True)
         for _ in range(1):
             r, m = ti.Vector.zero(self.sum_type, 3), ti.cast(0, self.sum_type)
@@ -186,7 +189,7 @@ class PCG(Recurrences):
     @ti.kernel
     def _step(self, target: float, iteration: int) -> int:
         """One iteration, on all threads; says how it went."""
-        if ti.static(self.operator.couples):
+        if ti.static(self.operator.has_low_rank):
             for t in range(self.blocks.count * self.blocks.grain):
                 if t % self.blocks.grain == 0:
                     self.operator.sum_up(t // self.blocks.grain, self.s)
@@ -236,7 +239,7 @@ class PCG(Recurrences):
             self.restart(block)
         elif kind == UPDATE:
             self.update(block)
-        if ti.static(self.operator.couples):
+        if ti.static(self.operator.has_low_rank):
             if kind == SUM_UP:
                 self.operator.sum_up(block, self.s)
         if ti.static(not self.preconditioner.pointwise):
@@ -276,14 +279,14 @@ class PCG(Recurrences):
             following = CORRECT
         elif kind != COPY and kind != SUM_UP:
             following = self.decide(tolerance, reference, least, most)
-        if ti.static(self.operator.couples):
+        if ti.static(self.operator.has_low_rank):
             if following == MULTIPLY and kind != SUM_UP:
                 following = SUM_UP
         return following
 
     @ti.func
     def decide(self, tolerance, reference, least, most):
-        """What a phase scheduler does after a residual or an iteration."""
+        """The next phase of a phase scheduler after a residual or an iteration."""
         following = MULTIPLY
         if self.count[STAGE] == ITERATE:
             state = self.conclude((tolerance * self.norm[FIRST]) ** 2, self.count[DID])

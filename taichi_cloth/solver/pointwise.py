@@ -15,10 +15,10 @@ class Pointwise(Checkpointed):
     """(S P S)^-1 on the free directions of each particle, 0 on the constrained ones: symmetric, 6 numbers.
 
     Args:
-        kind: what P is: "block_jacobi", the diagonal 3x3 block of A; "jacobi", its diagonal; "none", the particle's mass.
+        kind: the matrix P: "block_jacobi", the diagonal 3x3 block of A; "jacobi", its diagonal; "none", the particle's mass.
     """
 
-    pointwise = True  # what it makes of r_i depends on r_i alone
+    pointwise = True  # s_i depends on r_i alone
 
     def __init__(self, fields: Fields, operator: Operator, kind: str = "block_jacobi") -> None:
         self.operator, self.kind, self.sewn = operator, kind, operator.model.sewn
@@ -29,7 +29,7 @@ class Pointwise(Checkpointed):
 
     @ti.func
     def block(self, i):
-        """P_i, 6 numbers; of what is sewn together the mean."""
+        """P_i, 6 numbers; the mean over particles sewn together."""
         P = self.average(i, self.operator.P)
         if ti.static(self.kind == "jacobi"):
             P = ti.Vector([P[0], 0.0, 0.0, P[3], 0.0, P[5]])
@@ -38,7 +38,7 @@ class Pointwise(Checkpointed):
         return P
 
     def make(self, span: float, held: Held | None, lasting: bool = False) -> None:
-        """For a system as linearized with c = span [s]."""
+        """Prepares for a system as linearized with c = span [s], the effective step."""
         if held is None:
             self.build(np.zeros(0, dtype=np.int32))
             return
@@ -52,8 +52,8 @@ class Pointwise(Checkpointed):
 
     @ti.kernel
     def build(self, fully: ti.types.ndarray()):
-        """Inverts every diagonal block as if its particle were free, and takes particles that are held in all directions
-        out: S = 0."""
+        """Inverts every diagonal block as if its particle were free; particles `fully` (k,), held in all directions, get
+        S = 0."""
         for i in range(self.operator.model.rows()):
             self.is_held[i] = 0
             self.inverse[i] = sym(sym_unpack(self.block(i)).inverse())
@@ -83,7 +83,7 @@ class Pointwise(Checkpointed):
 
     @ti.func
     def average(self, i, q: ti.template()):
-        """q_i, or its mean over what particle i is sewn to: the seams' part of S."""
+        """q_i, or its mean over the particles sewn to i: the seams' part of S."""
         out = q[i]
         if ti.static(self.sews):
             out = self.sewn.mean(i, q)

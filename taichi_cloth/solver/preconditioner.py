@@ -1,4 +1,4 @@
-"""Which preconditioner a solve has; only what it needs is imported."""
+"""Choice of the preconditioner of a solve; only its own modules are imported."""
 
 from collections.abc import Callable
 
@@ -13,7 +13,7 @@ def build_preconditioner(name: str, fields: Fields, operator: Operator, scene: S
     """The preconditioner of a name in `options.PRECONDITIONERS`, or the next simpler one that can be made.
 
     Args:
-        tell: is told, in a sentence, of what cannot be made, now or later.
+        tell: takes a sentence about a preconditioner that cannot be made, now or later.
     """
     if name == "auto":
         name = "multilevel" if operator.model.n >= WORTH_LEVELS else "block_jacobi"

@@ -1,6 +1,6 @@
-"""The recurrences of preconditioned conjugate gradients, block by block: what one launch and many have in common.
+"""The recurrences of preconditioned conjugate gradients, block by block: shared by solves of one launch and of many.
 
-[Chronopoulos and Gear 1989]: with s = P^-1 r, one pass takes A s and s.A s, and one makes all updates:
+[Chronopoulos and Gear 1989]: with s = P^-1 r, one pass takes A s and s.A s, and one makes all updates. The numbers are
 beta = r.s / (r.s before), c^T A c = s^T A s - beta r.s / (alpha before), alpha = r.s / c^T A c.
 """
 
@@ -64,7 +64,7 @@ class Recurrences:
 
     @ti.func
     def multiply(self, block):
-        """As = A s and the block's part of s.As"""
+        """The block's part of As = A s and of s.As."""
         self.operator.product(block, self.s, self.As)
         sAs = ti.cast(0, self.sum_type)
         for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
@@ -107,7 +107,7 @@ class Recurrences:
 
     @ti.func
     def precondition(self, column: ti.template()):
-        """Adds what needs all of r to s; r.s into a column of the partial sums."""
+        """Adds to s the part that needs all of r; r.s into a column of the partial sums."""
         self.preconditioner.sweep(self.r)
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:

@@ -1,6 +1,6 @@
 """Error against cost on any scene: every method and step size held against a reference that is checked first.
 
-The reference is run twice, the second time with half the step. Where the two part, the motion is no longer
+The reference is run twice, the second time with half the step. Once the two part, the motion is no longer
 predictable: positions are compared up to there and not beyond, energies and stretch over the whole run. A row whose
 error is not ten times the references' own difference says "reference not converged" instead of a number that means
 nothing.
@@ -278,7 +278,7 @@ def _track(sim: Simulation, samples: int) -> Track:
 
 
 def _run(case: Case, make: Callable[[], Scene], samples: int) -> tuple[Row, Track | None]:
-    """A case's row, with its cost, and its run; None where it failed."""
+    """A case's row, with its cost, and its run; None if it failed."""
     row, sim, track = Row(case), None, None
     try:
         substep = substep_of(make(), case.substep, case.arch, case.precision) if case.substep != 1 else None
@@ -310,7 +310,7 @@ def _run(case: Case, make: Callable[[], Scene], samples: int) -> tuple[Row, Trac
 
 
 def substep_of(scene: Scene, times: float, arch: str = "cpu", precision: str = "f64") -> float:
-    """So many times the explicit substep [s] that is stable in a scene."""
+    """`times` the explicit substep [s] that is stable in a scene."""
     sim = Simulation(scene, arch=arch, precision=precision, integrator="verlet")
     stable = SAFETY * sim.integrator.stable_step
     sim.close()

@@ -1,7 +1,7 @@
 """The description by which a run is known again: all that its scene describes, and the code that measures it.
 
 Functions of time (motions, wind, loads, gas) count by their code and by their values at times of the run, so that data which
-they read from elsewhere counts too; the functions of events count by their code.
+they read from elsewhere count too. The functions of events count by their code.
 """
 
 from collections.abc import Callable, Iterator
@@ -37,7 +37,7 @@ def described(scene: Scene, metrics: object, duration: float, fps: float) -> tup
 
 
 def of_failure(reason: str, message: str) -> tuple[str, str]:
-    """As `described`, of a scene that could not be built."""
+    """The description of a scene that could not be built, like that of `described`."""
     return told(combined("failure", [reason.encode(), message.encode()])), ""
 
 

@@ -1,4 +1,4 @@
-"""A digest of any value, the same in every process: arrays by their bytes, functions by their code and all that it reads.
+"""Digest of any value, the same in every process: arrays by their bytes, functions by their code and all that it reads.
 
 Numbers count exactly, dicts and sets in no order, objects by their class and state. Installed code (Python, packages, this
 one) counts by its name and version; code of one's own is followed wherever it is called. Formatting and comments are no code.
@@ -171,7 +171,7 @@ class Digest:
         return combined("code", [self.of(what), *(self.of(c, "a constant") for c in consts)])
 
     def _module(self, module: types.ModuleType, names: set[str] | None) -> bytes:
-        """A module by its name and version, or one's own by those parts that are read (all where None)."""
+        """A module by its name and version, or one's own by those parts that are read (all if None)."""
         if _is_installed(getattr(module, "__file__", None)) or any(other == id(module) for other, _ in self._within):
             return _installed_name(module.__name__, "")
         self._within.append((id(module), module.__name__))

@@ -1,4 +1,4 @@
-"""Where the runs of a sweep are done: one after the other in this process, or as tasks of Dask distributed."""
+"""Execution of a sweep's runs: one after the other in this process, or as tasks of Dask distributed."""
 
 import contextlib
 import logging
@@ -23,13 +23,13 @@ TLS = ("ca", "cert", "key")
 
 @dataclass(frozen=True)
 class Where:
-    """Where a sweep's workers are.
+    """The workers of a sweep: processes here, jobs of Slurm, or a cluster that runs.
 
     Attributes:
         workers: processes with one core each, or one GPU each where `gpu`; not used with `scheduler`.
         scheduler: address of one that runs, such as "tcp://10.0.0.5:8786".
         slurm: arguments of dask_jobqueue's SLURMCluster.
-        tls: files by the names of `TLS`, with which both ends of every connection prove who they are; None where there are
+        tls: files by the names of `TLS`, with which both ends of every connection prove who they are; None if there are
             none, or where Dask's configuration names them.
         dashboard: address at which Dask shows its pages, such as "127.0.0.1:8787"; None has none.
     """

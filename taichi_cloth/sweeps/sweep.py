@@ -41,7 +41,7 @@ class Sweep:
     notes: list[str] = field(default_factory=list)
 
     def column(self, name: str) -> np.ndarray:
-        """(runs,) of one name; NaN, or None where it holds texts, in rows that do not have it.
+        """(runs,) of one name; NaN, or None if it holds texts, in rows that do not have it.
 
         Raises:
             SceneError: no row has it.
@@ -93,7 +93,7 @@ def sweep(build: Callable[..., Scene], grid: Mapping[str, Iterable], metrics: Me
         seeds: values of the option `seed`, or how many of them from 0 on.
         duration: of each run [s]; fps: frames a second, whose times steps hit.
         out: folder for runs/, sweep.csv, sweep.html and, where pyarrow is installed, sweep.parquet.
-        workers: processes on this machine, as many as cores (GPUs) where None; 0 runs one after the other in this one. With
+        workers: processes on this machine, as many as cores (GPUs) if None; 0 runs one after the other in this one. With
             `slurm`, the number of jobs.
         scheduler: address of a Dask scheduler, instead.
         slurm: arguments of dask_jobqueue's SLURMCluster, such as {"queue": "cpu", "walltime": "01:00:00"}, instead.
@@ -200,7 +200,7 @@ def _finish(result: Sweep, runs: Sequence[Run], found: Mapping[int, Outcome], st
     unknown = [done.unknown for done in found.values() if done.unknown]
     if unknown:
         result.notes.append(f"{len(unknown)} rows cannot be known again and are not kept, since their scene or metrics hold "
-                            f"what cannot be read: {unknown[0]}")
+                            f"values that cannot be read: {unknown[0]}")
     if store.others:
         result.notes.append(f"{store.others} files in {store.path / RUNS} are of an earlier version, which knew runs by the "
                             "text of build only: they are left, and not used")

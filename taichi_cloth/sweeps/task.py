@@ -54,7 +54,7 @@ class Outcome:
         reason: a rejection's name, or an error's class; message: its text.
         figures: by name; those that the run did not reach are absent.
         wall: time it took [s].
-        scene: digest by which the run is known again, besides its settings; "" where it is not, and `unknown` says why.
+        scene: digest by which the run is known again, besides its settings; "" if it is not, and `unknown` says why.
     """
 
     status: str
@@ -92,7 +92,7 @@ def _simulated(scene: Scene, task: Task) -> tuple[dict[str, Any], Failure]:
 
 
 def _figures(sim: Simulation, task: Task) -> dict[str, Any]:
-    """Of a run, from its start to its end."""
+    """Figures of a run, made from its start to its end."""
     sim.run(task.duration, task.fps)
     return {**outcome(sim), **_measured(task, sim)}
 
@@ -145,7 +145,7 @@ def _measured(task: Task, sim: Simulation) -> dict[str, Any]:
 
 
 def _figure(name: str, value: object) -> float | int | str | bool | None:
-    """A figure as JSON has it; None where it is not finite."""
+    """A figure as JSON has it; None if it is not finite."""
     if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 0):
         value = value.item()
     if value is None or isinstance(value, (bool, int, str)):

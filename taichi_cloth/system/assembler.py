@@ -26,7 +26,7 @@ class Measures:
         rate: at which the energies but the kinetic grow by the motion [W].
         wind: power of the air and of loads on the cloth [W].
         change: 1/2 (v - v_base)^T M (v - v_base) [J].
-        stretch: largest |w|/b; 1 is the pattern's size, 0 where no cloth has stretch or shear.
+        stretch: largest |w|/b; 1 is the pattern's size, 0 if no cloth has stretch or shear.
         stretch_change: its largest change away from 1 in any triangle since the saved state.
         used: largest part of its way from rest to its limit of strain that any triangle went, in stretch or in shear.
         finite: no NaN and no infinity in x or v.
@@ -69,7 +69,7 @@ class Assembler:
     """Measures a model under its forces, and linearizes them: both need the same strains.
 
     Args:
-        operator: the linearized system, or None where no step is implicit.
+        operator: the linearized system, or None if no step is implicit.
     """
 
     operator: Operator
@@ -133,7 +133,7 @@ class Assembler:
         return (replace(start, energies=energies) if total else start), total
 
     def change_beside(self, led: np.ndarray) -> float:
-        """`Measures.stretch_change` of triangles without a corner among the particles `led` (n,); 0 where none may stretch."""
+        """`Measures.stretch_change` of triangles without a corner among the particles `led` (n,); 0 if none may stretch."""
         return max((force.change_beside(led) for force in self.forces), default=0.0)
 
     def linearize(self, c: float, moves: bool, over: float = 0.0) -> Measures:

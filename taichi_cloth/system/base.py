@@ -1,4 +1,4 @@
-"""Where an implicit step starts from: M (v - v_base) = c f(x_base + c v, v). numpy only.
+"""Base state of an implicit step: M (v - v_base) = c f(x_base + c v, v). numpy only.
 
 Backward Euler starts from the saved state with c = h; a multistep method from an extrapolated state, with a c of its own.
 """
@@ -10,10 +10,10 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Base:
-    """Of a step of h [s].
+    """Base state of a step of h [s].
 
     Attributes:
-        h, c: [s].
+        h: size of the step; c: the effective step of the formula [s].
         ahead: (n, 3) x_base less the saved positions [m]; v: (n, 3) v_base [m/s].
         guess: (n, 3) velocities [m/s] of the end, where the first solve is linearized.
     """

@@ -150,7 +150,9 @@ class Filter:
                   y: ti.types.ndarray(), h: float, zero: int):
         """dv = S dv + (I - S) z so that held directions reach their target in a step: z = (target - y - x_base)/h - v_base.
 
-        With `zero`, S dv = 0.
+        Args:
+            index: (k,) particles; projector: (k, 3, 3) I - S; target: (k, 3) [m]; y: (k, 3) [m], see `Held`.
+            h: [s]; zero: 1 sets S dv = 0.
         """
         ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
@@ -164,7 +166,7 @@ class Filter:
 
     @ti.kernel
     def lead(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), target: ti.types.ndarray(), c: float):
-        """dv = (I - S) (target - x)/c; with c = 0 x goes there, to where it must be without the last rounding of x + h v."""
+        """dv = (I - S) (target - x)/c, for particles index (k,); with c = 0 x goes there, without the rounding of x + h v."""
         ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
             if c > 0:
@@ -180,7 +182,7 @@ class Filter:
 
     @ti.kernel
     def impose(self, index: ti.types.ndarray(), projector: ti.types.ndarray(), z: ti.types.ndarray(), zero: int):
-        """dv = S dv + (I - S) z; with `zero`, S dv = 0."""
+        """dv = S dv + (I - S) z, for particles index (k,) and z (k, 3) [m/s]; with `zero`, S dv = 0."""
         ti.loop_config(serialize=self.model.blocks.serial)
         for i in range(self.model.rows()):
             if zero == 1:

@@ -33,8 +33,8 @@ class Hinges:
         length2: (k,) squared length of the edge in the material plane [m^2], the mean of its two sides.
         areas: (k, 2) of the two triangles [m^2].
         feet: (k, 2) where the perpendiculars from the opposite vertices meet the edge, in parts of it from i.
-        across: (k, 2) squared components along u and v of the unit vector across the edge: the direction of
-            curvature when the hinge bends, the mean of its two sides.
+        across: (k, 2) squared components along u and v of the unit vector across the edge, the direction of curvature
+            when the hinge bends; the mean of its two sides.
         angle: (k,) angle theta in the given shape.
     """
 

@@ -1,4 +1,4 @@
-"""Enclosed volumes of cloth: which faces, sewn together, are a closed surface, and which way is out. numpy only."""
+"""Enclosed volumes of cloth: the faces that, sewn together, are a closed surface, and their outer side. numpy only."""
 
 from dataclasses import dataclass
 
@@ -96,7 +96,7 @@ def _oriented(inflation: Inflation, name: str, faces: np.ndarray, x: np.ndarray)
 
 
 def _between(faces: np.ndarray) -> np.ndarray:
-    """(m,) which faces are not sewn onto another one by all three corners, as in a pillow's corner: nothing is between."""
+    """(m,) whether faces enclose something: not those sewn onto another one by all three corners, as in a pillow's corner."""
     _, which, count = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True)
     return count[which.reshape(-1)] != 2
 

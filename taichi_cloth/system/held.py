@@ -1,4 +1,4 @@
-"""Constraints of a step: I - S, the projector on the held directions, and where these lead. [BW98 §5.1]"""
+"""Held particles of a step: I - S, the projector on their held directions, and their targets. [BW98 §5.1]"""
 
 from dataclasses import dataclass
 
@@ -32,5 +32,5 @@ class Held:
 
 
 def kernel_array(values: ArrayLike, dtype: type) -> np.ndarray:
-    """An array as kernels take it: contiguous, of the type they were compiled for."""
+    """An array of any shape as kernels take it: contiguous, of the type they were compiled for."""
     return np.ascontiguousarray(values, dtype=dtype)

@@ -25,8 +25,8 @@ class Operator:
     def __init__(self, fields: Fields, model: ParticleState, forces: list) -> None:
         self.model, self.blocks = model, model.blocks
         self.forces = [force for force in forces if not force.dead]
-        self.coupled = [force for force in forces if force.coupled]
-        self.couples = len(self.coupled) > 0
+        self.low_rank = [force for force in forces if force.low_rank]
+        self.has_low_rank = len(self.low_rank) > 0
         for force in forces:
             force.build_stiffness()
         self.b, self.motion = fields.real(model.n, 3), fields.real(model.n, 3)
@@ -41,7 +41,7 @@ class Operator:
 
     @ti.kernel
     def alter_motion(self, index: ti.types.ndarray(), y: ti.types.ndarray()):
-        """motion += y on particles index[k]"""
+        """motion += y (k, 3) [m] on particles index (k,)"""
         ti.loop_config(serialize=self.blocks.serial)
         for k in range(index.shape[0]):
             i = index[k]
@@ -55,14 +55,14 @@ class Operator:
             q[i] = self.model.m[i] * p[i]
         for k in ti.static(range(len(self.forces))):
             self.forces[k].add_product(block, p, q)
-        for k in ti.static(range(len(self.coupled))):
-            self.coupled[k].add_coupled(block, q)
+        for k in ti.static(range(len(self.low_rank))):
+            self.low_rank[k].add_low_rank(block, q)
 
     @ti.func
     def sum_up(self, block, p: ti.template()):
         """Sums over all of p that the product needs, a block's part."""
-        for k in ti.static(range(len(self.coupled))):
-            self.coupled[k].sum_up(block, p)
+        for k in ti.static(range(len(self.low_rank))):
+            self.low_rank[k].sum_up(block, p)
 
 
 @ti.data_oriented
@@ -107,7 +107,7 @@ class Probe:
     @ti.kernel
     def apply(self, times: int):
         """q = A p; several times over in one launch where that is to be timed."""
-        if ti.static(self.operator.couples):
+        if ti.static(self.operator.has_low_rank):
             for t in range(self.blocks.count * self.blocks.grain):
                 if t % self.blocks.grain == 0:
                     self.operator.sum_up(t // self.blocks.grain, self.p)

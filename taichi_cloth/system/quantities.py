@@ -18,7 +18,7 @@ class Quantity:
     Attributes:
         unit: of its values.
         reach: how far the scale goes where nothing is known of a run yet.
-        middle: the value in the middle of a diverging scale, or None where values only go up from 0.
+        middle: the value in the middle of a diverging scale, or None if values only go up from 0.
     """
 
     unit: str
@@ -26,7 +26,7 @@ class Quantity:
     middle: float | None = None
 
     def scale(self, values: np.ndarray | None = None) -> tuple[float, float]:
-        """(low, high) of a scale that fits values, but for the last half percent; the usual one where None."""
+        """(low, high) of a scale that fits values, but for the last half percent; the usual one if None."""
         middle = self.middle or 0.0
         reach = self.reach if values is None else max(float(np.percentile(np.abs(values - middle), 99.5)), 1e-3 * self.reach)
         return (0.0 if self.middle is None else middle - reach), middle + reach
@@ -119,7 +119,7 @@ def require(name: str, geometry: dict[str, np.ndarray]) -> None:
 
 
 def _used(w: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """(m,) how much of a triangle's limits (m, 5: b_u, b_v, L_u, L_v, L of shear; NaN where none) is used: 1 at the first."""
+    """(m,) how much of a triangle's limits (m, 5: b_u, b_v, L_u, L_v, L of shear; NaN if none) is used: 1 at the first."""
     u, v = w[:, :, 0], w[:, :, 1]
     parts = [(np.linalg.norm(side, axis=1) - limit[:, k]) / (limit[:, k + 2] - limit[:, k]) for k, side in enumerate((u, v))]
     parts.append(np.abs(np.einsum("mi,mi->m", u, v)) / limit[:, 4])
@@ -163,7 +163,7 @@ def on_vertices(values: np.ndarray, faces: np.ndarray, area: np.ndarray, n: int)
 
 
 def vertex_normals(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """(n, 3) normals, the mean of a vertex's triangles weighted by area; 0 where it has none."""
+    """(n, 3) normals, the mean of a vertex's triangles weighted by area; 0 if it has none."""
     a, b, c = (x[faces[:, k]] for k in range(3))
     normal = np.cross(b - a, c - a)
     out = np.zeros_like(x)

@@ -62,7 +62,7 @@ class Clusters:
         self.count = int(self.label.max(initial=-1)) + 1
         self.first = np.searchsorted(self.label[self.member], np.arange(self.count + 1))
         total = np.bincount(self.label[self.member], model.mass[self.member], self.count)
-        self.share = model.mass[self.member] / total[self.label[self.member]]
+        self.mass_fraction = model.mass[self.member] / total[self.label[self.member]]
 
     def connect(self, whole: np.ndarray) -> None:
         """Only the stitches (k,) that are whole hold anything from now on."""
@@ -73,7 +73,7 @@ class Clusters:
         write(self.members, np.concatenate([self.member, np.zeros(self.members.rows - len(self.member))]).astype(np.int32))
 
     @property
-    def _own(self) -> np.ndarray:
+    def _cluster(self) -> np.ndarray:
         """(m,) cluster of each member."""
         return self.label[self.member]
 
@@ -81,7 +81,7 @@ class Clusters:
     def knot(self) -> np.ndarray:
         """(n,) one particle of each cluster for all of them; itself where nothing is sewn."""
         out = np.arange(self.model.n)
-        out[self.member] = self.member[self.first[self._own]]
+        out[self.member] = self.member[self.first[self._cluster]]
         return out
 
     @property
@@ -139,8 +139,8 @@ class Clusters:
 
     @ti.kernel
     def _lead(self, dv: ti.template(), h: float, zero: int, again: int):
-        """dv = S dv + z, z the change of the members' velocities against their mean that closes the gap at the start of the
-        step in h, or as much of it as CLOSING allows."""
+        """dv = S dv + z. z changes the members' velocities against their mean, so that the gap at the start of the step is
+        closed in h, or as much of it as CLOSING allows."""
         for k in range(self.size[0]):
             lo, hi = self.begins[k], self.begins[k + 1]
             some = self.members[lo]
@@ -196,7 +196,7 @@ class Clusters:
             self._settle(max(TOGETHER, 8 * resolution), RESTING)
 
     def spread(self, held: Held | None, h: float) -> Held | None:
-        """What holds a member holds its cluster: rows for all members, behind those that are there. Members that are held at
+        """A constraint of a member holds for its cluster: adds rows for the other members. Members that are held at
         several places are led to the middle between these, which a note tells.
 
         Args:
@@ -225,7 +225,7 @@ class Clusters:
         target[group[full]] = goal[full]  # as it is, bit for bit
         row = np.full(self.count, -1)
         row[groups] = np.arange(len(groups))
-        missing = self.member[(row[self._own] >= 0) & ~np.isin(self.member, held.index)]
+        missing = self.member[(row[self._cluster] >= 0) & ~np.isin(self.member, held.index)]
         index = np.concatenate([held.index, missing])
         at = np.concatenate([np.flatnonzero(mine), np.arange(len(held.index), len(index))])
         of = row[self.label[index[at]]]
@@ -244,7 +244,7 @@ class Clusters:
             vertex = int(self.model.user[index[worst]])
             cloth = next(c for c in reversed(self._cloths) if c.start <= vertex)
             self._told = True
-            self.notes.append(f"vertex {vertex - cloth.start} of {cloth.name!r} is held, and sewn to what is held elsewhere: "
+            self.notes.append(f"vertex {vertex - cloth.start} of {cloth.name!r} is held, and sewn to vertices held elsewhere: "
                               f"both are led to one place, it by {far[worst]:.2g} m; unpin one, or give the seam a pull")
 
     def _left(self, h: float) -> np.ndarray:
@@ -252,22 +252,22 @@ class Clusters:
         out = np.zeros((self.model.n, 3))
         if self.open:
             x = self.model.read_particles()[0][self.member]
-            away = x - self._mean(x)[self._own]
+            away = x - self._mean(x)[self._cluster]
             widest = np.maximum.reduceat(np.linalg.norm(away, axis=1), self.first[:-1])
             kept = 1 - np.minimum(1.0, CLOSING * h / np.maximum(widest, 1e-300))
-            out[self.member] = kept[self._own, None] * away
+            out[self.member] = kept[self._cluster, None] * away
         return out
 
     def shared(self, index: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Of impulses (k, 3) on constrained particles, index (k,) with all members of their clusters: the part that acts on a
-        cluster from outside, by its members' masses, without their forces on each other."""
+        """External part of impulses (k, 3) on constrained particles, index (k,) with all members of their clusters: shared out
+        by the members' masses, without their forces on each other."""
         mine = np.flatnonzero(self.label[index] >= 0)
         if not len(mine):
             return rows
         own = self.label[index[mine]]
         total = np.stack([np.bincount(own, rows[mine, c], self.count) for c in range(3)], axis=1)
         share = np.zeros(self.model.n)
-        share[self.member] = self.share
+        share[self.member] = self.mass_fraction
         out = rows.copy()
         out[mine] = share[index[mine], None] * total[own]
         return out
@@ -275,9 +275,9 @@ class Clusters:
     def tension(self, residual: np.ndarray) -> np.ndarray:
         """(n, 3) the part of A dv - b (n, 3) that members put on each other."""
         rows = residual[self.member]
-        total = np.stack([np.bincount(self._own, rows[:, c], self.count) for c in range(3)], axis=1)
+        total = np.stack([np.bincount(self._cluster, rows[:, c], self.count) for c in range(3)], axis=1)
         out = np.zeros_like(residual)
-        out[self.member] = rows - self.share[:, None] * total[self._own]
+        out[self.member] = rows - self.mass_fraction[:, None] * total[self._cluster]
         return out
 
 
@@ -290,7 +290,7 @@ def _replaced(old: np.ndarray, at: np.ndarray, value: np.ndarray, n: int) -> np.
 
 
 def _padded(first: np.ndarray, rows: int) -> np.ndarray:
-    """As many rows, the last one again and again."""
+    """The array with `rows` rows: its last row is repeated."""
     return np.concatenate([first, np.full(rows - len(first), first[-1])])
 
 

@@ -58,7 +58,7 @@ class Elements:
         self.primary = fields.integer(self.count, data=self.entries.primary)
 
     def per_entry(self, data: np.ndarray) -> np.ndarray:
-        """Rows of per-element data for each entry."""
+        """Rows of per-element data (elements, ...) for each entry: (entries, ...)."""
         return np.asarray(data)[self.entries.element]
 
 
@@ -98,8 +98,8 @@ class ParticleState:
         n: number of simulated particles.
         user: (n,) the user's vertex of each particle.
         sewn: clusters of particles that are sewn together, or None.
-        v_base: velocity [m/s] that a step or stage starts from: the saved one, unless a method sets another; ahead: how far
-            [m] the position that it starts from is ahead of the saved one.
+        v_base: velocity [m/s] that a step or stage starts from, the saved one unless a method sets another.
+        ahead: predictor offset [m]: the position that it starts from, less the saved one.
         origin: (3,) [m] taken off all positions, not zero only far from the world's origin.
     """
 
@@ -137,6 +137,9 @@ class ParticleState:
 
     def remember(self, name: str, n: int, width: int = 1, data: np.ndarray | None = None) -> Remembered:
         """Declares a field of n numbers, or of n vectors of `width` numbers, that steps change; before fields are allocated.
+
+        Args:
+            data: (n,) or (n, width) to begin with; zeros if None.
 
         Raises:
             ValueError: there is one of this name.
@@ -203,15 +206,15 @@ class ParticleState:
         return _reals(self.x), _reals(self.v)
 
     def read_saved(self) -> tuple[np.ndarray, np.ndarray]:
-        """The same of the saved state."""
+        """(x, v) of the saved state, as `read_particles` gives the current one."""
         return _reals(self.x_saved), _reals(self.v_saved)
 
     def write(self, positions: np.ndarray, velocities: np.ndarray) -> None:
-        """Sets the state from arrays in the user's order."""
+        """Sets positions [m] and velocities [m/s] from (n, 3) arrays in the user's order."""
         self.write_particles(positions[self.user] - self.origin, velocities[self.user])
 
     def write_particles(self, x: np.ndarray, v: np.ndarray) -> None:
-        """Sets the state from the arrays of `read_particles`, bit for bit."""
+        """Sets x [m] and v [m/s] from (n, 3) arrays as `read_particles` gives them, bit for bit."""
         write(self.x, x.astype(self.exchange))
         write(self.v, v.astype(self.exchange))
 
@@ -222,7 +225,7 @@ class ParticleState:
         return out
 
     def to_particles(self, values: np.ndarray) -> np.ndarray:
-        """Rows of per-vertex data in particle order, in the type that kernels take."""
+        """(n, ...) per-vertex data in particle order, in the type that kernels take."""
         return np.ascontiguousarray(np.asarray(values)[self.user].astype(self.exchange))
 
     @ti.kernel
@@ -260,7 +263,7 @@ def _masses(scene: Scene) -> np.ndarray:
 
 
 def _corners_together(scene: Scene, used: np.ndarray) -> np.ndarray:
-    """As `cuthill_mckee` of the meshes as they were handed in, the corners at a vertex behind each other."""
+    """Order of `cuthill_mckee` for the meshes as handed in, with the corners at a vertex one after another."""
     of = np.concatenate([c.start + (np.arange(c.mesh.vertex_count) if c.split is None else c.split.of) for c in scene.cloths])
     faces = np.concatenate([c.whole.faces + c.start for c in scene.cloths])
     whole = np.unique(faces)

@@ -1,8 +1,7 @@
-"""Stitches that give: the load of each, which are whole, and changes where one opens.
+"""Breaking of stitches: the load of each, those that still hold, and changes when one opens.
 
-The reaction of a seam's constraint, (I - S)(A dv - b) over the step's span, is the force of its members on each other. Where
-two are sewn together it is the stitch's force; where more are, the least forces of the stitches between them that add up to
-it,
+The reaction of a seam's constraint, (I - S)(A dv - b) over the step's span, is the force of its members on each other. For
+two members it is the force of their stitch. For more, forces of stitches are the least ones that add up to it,
 
     f = B L^+ t,   L = B^T B,
 
@@ -31,9 +30,9 @@ class Stitches(Checkpointed):
         forces: those that are told of openings.
 
     Attributes:
-        whole: (k,) which hold; pulled: (k,) which are drawn together by a force, and will.
-        bears: (k,) [N] at which each gives; seam: (k,) which it is of.
-        firm: times its pull with which each of them is drawn.
+        whole: (k,) whether each holds; pulled: (k,) whether it is drawn together by a force, and will hold then.
+        bears: (k,) [N] at which each gives; seam: (k,) number of its seam.
+        firm: factor of the pull with which each is drawn.
     """
 
     STATE = ("whole", "pulled", "firm")
@@ -55,7 +54,7 @@ class Stitches(Checkpointed):
         self._follows = row[1:] & (self.seam[1:] == self.seam[:-1])  # stitch k + 1 stands next to stitch k
 
     def set(self, whole: np.ndarray) -> bool:
-        """Which stitches (k,) hold from now on. Returns whether that is a change."""
+        """Only the stitches with `whole` (k,) hold from now on. Returns whether that is a change."""
         if np.array_equal(whole, self.whole):
             return False
         self.whole = whole.copy()
@@ -63,7 +62,7 @@ class Stitches(Checkpointed):
         return True
 
     def set_by_hand(self, rows: np.ndarray, holds: bool) -> bool:
-        """Opens stitches, or closes them. Returns whether that is a change."""
+        """Opens the stitches `rows` (k,), or closes them with `holds`; whether that is a change."""
         whole, pulled = self.whole.copy(), self.pulled.copy()
         if holds:
             drawn = self._draws[rows] & (self._gaps()[rows] > CATCH)
@@ -108,7 +107,7 @@ class Stitches(Checkpointed):
         return self.set(self.whole | near)
 
     def loads(self, tension: np.ndarray) -> np.ndarray:
-        """(k,) force [N] in each stitch of seams; 0 where its ends are, or were before the step, still apart.
+        """(k,) force [N] in each stitch of seams; 0 if its ends are, or were before the step, still apart.
 
         Args:
             tension: (n, 3) [N] forces of members on each other.
@@ -128,7 +127,7 @@ class Stitches(Checkpointed):
         return np.where(gap > TOGETHER, 0.0, out)
 
     def giving(self, tension: np.ndarray) -> np.ndarray:
-        """(k,) which stitches give under a tension (n, 3) [N]: of those that bear too much, in a row the most loaded first."""
+        """(k,) whether stitches give under a tension (n, 3) [N]: of overloaded ones in a row only the most loaded gives."""
         part = self.loads(tension) / self.bears
         most = part.copy()
         most[1:] = np.where(self._follows, np.maximum(most[1:], part[:-1]), most[1:])

@@ -117,7 +117,7 @@ def test_another_runs_files_are_safe(out, tmp_path):
     (("run", "hang", "--set", "cells=many"), "needs a whole number"),
     (("run", "hang", "--set", "cells"), "needs name=value"),
     (("run", "hang", "--h", "0"), "--h = 0.0: must be a positive number"),
-    (("run", "hang", "--h", "a/b"), "no number"),
+    (("run", "hang", "--h", "a/b"), "not a number"),
     (("run", "hang", "--size", "10"), "needs WIDTHxHEIGHT"),
     (("run", "hang", "--arch", "gpu"), "unknown arch 'gpu'"),
     (("run", "hang", "--arch", "metal", "--precision", "f32"), "'metal' does not run here; what does: cpu"),

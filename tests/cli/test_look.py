@@ -6,6 +6,8 @@ from inside import ROOT, call
 from test_cli import read_png
 
 import taichi_cloth as tc
+from taichi_cloth.app.looking import told
+from taichi_cloth.io.animation.motion import Clip, Motion
 from taichi_cloth.recording import looked
 from taichi_cloth.scene.solids import SolidMesh
 
@@ -51,6 +53,14 @@ def test_look_at_a_scene_names_its_clips_and_parts(tmp_path):
     assert "group   'Foot'" not in call("look", tmp_path / "a.usda", "--only", "Hand").stdout
 
 
+def test_clips_are_told_by_name_frames_and_length():
+    x, faces = tc.Box((0.4, 1.0, 0.4), 0.0).surface()
+    clips = (Clip("Walk", 29 / 24, 24.0), Clip("Wave", 0.5, 30.0))
+    lines = told(SolidMesh(x, faces), Motion([], None, 1.0, "y", clips, (1,), ()))
+    assert [line for line in lines if line.startswith("clip")] == ["clip    0 'Walk', 30 frames, 1.208 s",
+                                                                   "clip    1 'Wave', 16 frames, 0.5 s, read"]
+
+
 def test_parts_have_colours_of_their_own(tmp_path):
     """A file's body and what it wears beside it: two colours in the picture, in the middle of each."""
     x, faces = tc.Box((0.4, 1.0, 0.4), 0.0).surface()
@@ -88,7 +98,7 @@ def test_look_at_a_pattern(tmp_path):
         done = call("look", path, *words)
         assert done.returncode == 2 and message in done.stderr
     done = call("look", drum(tmp_path / "a.npz"), "--pattern-size", "M")
-    assert done.returncode == 2 and "is no sewing pattern" in done.stderr
+    assert done.returncode == 2 and "is not a sewing pattern" in done.stderr
 
 
 @pytest.mark.slow

@@ -80,7 +80,7 @@ def test_going_on_is_refused_where_things_changed(whole, tmp_path):
     said = call("diff", whole, folder).stdout
     assert "settings.friction was 0.4 and is 0.0" in said and re.search(r"the motion parts at frame (9|1\d)", said)
     done = call("run", "sphere_drape", "--out", tmp_path / "none", "--resume")
-    assert done.returncode == 2 and "no run's folder" in done.stderr
+    assert done.returncode == 2 and "not a run's folder" in done.stderr
 
 
 @pytest.mark.parametrize("name, integrator", [("trampoline", "backward_euler"), ("swing", "verlet")])
@@ -193,7 +193,7 @@ def test_a_film_is_written(whole, tmp_path):
 
 def test_what_cannot_be_done_with_a_run_is_named(whole, tmp_path):
     for args, words in ((("export", whole, "--format", "fbx"), "unknown format 'fbx'"),
-                        (("export", tmp_path, "--format", "pc2"), "no run's folder"),
+                        (("export", tmp_path, "--format", "pc2"), "not a run's folder"),
                         (("render", whole, "--heat", "sped"), "did you mean 'speed'"),
                         (("render", whole, "--quality", "best"), "unknown quality"),
                         (("render", whole, "--range", "2:1"), "LOW:HIGH"),

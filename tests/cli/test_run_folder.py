@@ -171,7 +171,7 @@ def test_a_run_goes_on_with_its_own_checkpoints_only(again, finished, capsys):
 
 def test_a_shorter_run_than_there_is_already_is_refused(again, capsys):
     assert again(lambda: None, "--resume", "--duration", "0.2") == 2
-    assert "is at frame 8 already, and what is asked for ends at frame 4" in capsys.readouterr().err
+    assert "is at frame 8 already, and this request ends at frame 4" in capsys.readouterr().err
     assert names(again.out, "frames") == list(range(9))
 
 

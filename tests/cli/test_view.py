@@ -153,7 +153,7 @@ def test_a_fabric_and_a_wind_are_typed_into_the_page(monkeypatch):
         pytest.skip("no Chromium is installed")
     playwright = pytest.importorskip("playwright.sync_api", reason="a browser is led by playwright: pip install playwright")
     sources: list[Made] = []
-    monkeypatch.setattr(view, "serve", lambda source, *_: sources.append(source))
+    monkeypatch.setattr(view, "serve", lambda make, *_: sources.append(make()))
     assert cli.main(["view", "hang", "--set", "cells=8", "--set", "fabric=shirting", "--set", "wind=calm"]) == 0
     with (opened(sources[0]) as (session, _, address), playwright.sync_playwright() as started,
           started.chromium.launch(executable_path=BROWSER, args=SOFTLY) as browser):

@@ -116,6 +116,18 @@ def test_links_lead_somewhere(page):
             assert anchor in anchors(page.parent / target if target else page), f"{page.name}: {target}#{anchor}"
 
 
+def test_arrays_of_a_frame_are_those_that_are_recorded():
+    page, code = (ROOT / "docs/tutorials/output.md").read_text(), ROOT / "taichi_cloth"
+    table = page[page.index("| array | shape |"):].partition("\n\n")[0]
+    told = re.findall(r"`(\w+)`", "".join(line.split("|")[1] for line in table.splitlines()[2:]))
+    frame = (code / "recording/record.py").read_text().partition("def frame(")[2].partition("\ndef ")[0]
+    kept = re.findall(r'out\["(\w+)"\]|[{ ]"(\w+)": ', frame)
+    for path in (code / "forces").glob("*.py"):
+        recorded = path.read_text().partition("def recorded(")[2].partition("\n    def ")[0]
+        kept += re.findall(r'["{| ]+"(\w+)(?=": self)()', recorded)
+    assert set(told) == {a or b for a, b in kept}
+
+
 FILES = {path.relative_to(ROOT).as_posix(): path for folder in ("taichi_cloth", "scripts", "tests")
          for path in (ROOT / folder).rglob("*.py")}
 EXPLAINS = [ROOT / "docs/glossary.md", *sorted((ROOT / "docs/theory").glob("*.md"))]

@@ -46,7 +46,7 @@ def test_parts_that_cannot_be(tmp_path):
                         ({"grippy": "x"}, "'grippy'")):
         with pytest.raises(tc.SceneError, match=what):
             tc.Scene().add_solid(body, 0.3, THICK, parts=parts)
-    with pytest.raises(tc.SceneError, match="no group"):
+    with pytest.raises(tc.SceneError, match="not a group"):
         tc.Scene().add_solid(tc.Sphere(0.1), 0.3, THICK, parts={"grippy": 1.0})
     with pytest.raises(tc.SceneError, match="no face"):
         tc.Scene().add_solid(tc.SolidMesh(body.x, body.faces, groups={"tip": [0, 1]}), 0.3, THICK, parts={"tip": 1.0})

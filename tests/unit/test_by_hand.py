@@ -67,7 +67,7 @@ def test_going_on_needs_the_same_changes(simulations):
         with pytest.raises(tc.SceneError, match="4 times by hand"):
             again.resume(state)
         again.resume(state, edited=True)
-        assert any("changed by hand" in note for note in again.notes) and (again.positions() == at).all()
+        assert any("changes by hand" in note for note in again.notes) and (again.positions() == at).all()
     with tc.Simulation(sim.scene, h=1 / 60) as again:
         act(again, cloth, ball)
         again.resume(state)

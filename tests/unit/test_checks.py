@@ -105,7 +105,7 @@ def test_angles_of_a_camera(fov):
 def test_paths():
     assert checks.path("a", "b/c.obj").name == "c.obj"
     for value in ("", None, 3, b"a", "n" * 5000):
-        with pytest.raises(tc.MeshError, match="^a = .*: (must be a|is no) path"):
+        with pytest.raises(tc.MeshError, match="^a = .*: (must be a|is not a) path"):
             checks.path("a", value, tc.MeshError)
 
 
@@ -121,7 +121,7 @@ def test_functions_and_their_results_are_named():
             (lambda: tc.Air(1, wind=lambda t: (t, 0, 0) if t < 1 else None).wind_at(2), "the wind at t = 2 s = None"),
             (lambda: scene.add_solid(tc.Sphere(1), 0, 0.1, rotation=lambda t: (t, nan, 0)),
              "rotation at t = 0 s: .* not finite"),
-            (lambda: scene.add_cloth(SHEET, tc.Fabric(0.2), color="redd"), "color .*'redd': is no colour: .*'red'"),
+            (lambda: scene.add_cloth(SHEET, tc.Fabric(0.2), color="redd"), "color .*'redd': is not a colour: .*'red'"),
             (lambda: scene.add_cloth(SHEET, tc.Fabric(0.2), name="a\nf 1 2 3"), "on one line"),
             (lambda: scene.add_cloth(SHEET, tc.Fabric(0.2), velocities=(nan, 0, 0)), "velocities of 'cloth1': .* not finite"),
             (lambda: tc.Camera((nan, 0, 0), (0, 0, 0)), "camera eye"),

@@ -7,7 +7,7 @@ import pytest
 from test_playback import run
 
 from taichi_cloth.errors import OutputError
-from taichi_cloth.recording.comparing import Pair, film
+from taichi_cloth.recording.comparing import Pair, files_at, film
 
 
 def test_distances_are_a_row_a_frame(tmp_path):
@@ -66,7 +66,38 @@ def test_a_film_has_both_side_by_side(tmp_path, monkeypatch):
 
     monkeypatch.setattr(comparing, "encoder", refuse)
     pair = Pair(run(tmp_path / "a", 3), run(tmp_path / "b", 3))
-    out = film(pair, Flat(pair), tmp_path / "both.png", (12, 8))
+    _, out = files_at(tmp_path / "both.png", pair.a.path, True)
+    film(pair, Flat(pair), out, (12, 8))
     data = out.read_bytes()
-    assert out.name == "both.apng" and data.count(b"fcTL") == 4
+    assert out == tmp_path / "both.apng" and data.count(b"fcTL") == 4
     assert data[16:24] == (24).to_bytes(4, "big") + (8).to_bytes(4, "big")  # wide as both
+
+
+def test_a_folder_a_picture_or_a_film_is_named(tmp_path, monkeypatch):
+    from taichi_cloth.recording import comparing
+
+    monkeypatch.setattr(comparing, "encoder", lambda: None)
+    folder, run_at = tmp_path / "with.dot", tmp_path / "run"
+    folder.mkdir()
+    for to, movie, picture, film_at in (
+            (None, False, run_at / "compare.png", None), (None, True, run_at / "compare.png", run_at / "compare.mp4"),
+            (folder, False, folder / "compare.png", None), (tmp_path / "new", True, tmp_path / "new/compare.png",
+                                                           tmp_path / "new/compare.mp4"),
+            (tmp_path / "a.PNG", False, tmp_path / "a.PNG", None),
+            (tmp_path / "a.mp4", False, tmp_path / "a.png", tmp_path / "a.mp4"),
+            (tmp_path / "a.apng", True, tmp_path / "a.png", tmp_path / "a.apng")):
+        assert files_at(to, run_at, movie) == (picture, film_at), to
+    for name in ("a.gif", "a.mov", "a.jpg"):
+        with pytest.raises(OutputError, match=rf"{name}.*folder.*\.png.*\.mp4, \.apng"):
+            files_at(tmp_path / name, run_at, True)
+
+
+def test_a_film_that_is_named_needs_the_package_before_anything_is_drawn(tmp_path, monkeypatch):
+    from taichi_cloth.recording import comparing
+
+    def refuse():
+        raise OutputError("absent")
+
+    monkeypatch.setattr(comparing, "encoder", refuse)
+    with pytest.raises(OutputError, match="absent"):
+        files_at(tmp_path / "a.mp4", tmp_path, False)

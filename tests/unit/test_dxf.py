@@ -227,7 +227,7 @@ def test_marks_are_told(load):
     ((block("A", polyline(1, SQUARE), Quantity="0"),), {}, "no piece of it is cut"),
     ((block("A", polyline(1, SQUARE)), block("B", polyline(1, SQUARE), piece="A")), {}, "two blocks are piece 'A'"),
     ((block("A", polyline(1, SQUARE)),), {"units": ""}, "no unit of length is named.*scale=0.001"),
-    ((block("A", polyline(1, SQUARE)),), {"units": "ELLS"}, "'Units: ELLS' is no unit that is known"),
+    ((block("A", polyline(1, SQUARE)),), {"units": "ELLS"}, "'Units: ELLS' is not a known unit"),
     ((block("A", polyline(1, SQUARE)),), {"scale": 0.01}, "names its unit itself"),
     ((block("A", polyline(1, [(0, 0), (1e200, 0), (1, 1)])),), {}, "piece 'A': layer '1' has coordinates that are no numbers"),
     ((block("A", polyline(1, SQUARE)),), {"inserts": entity("INSERT", 1, _2="A", _10=0, _20=0, _41=2)}, "'A' is inserted 2"),

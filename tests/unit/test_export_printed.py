@@ -176,3 +176,25 @@ def test_colours_of_panels_are_in_a_palette(tmp_path, rng):
     assert read_obj(files[-1])["b"].uv == pytest.approx(made.geometry["uv"][3:])
     file = Gltf(export(made.recording, "glb", tmp_path / "g", "panels")[0])
     assert [len(file.json["materials"][k]["pbrMetallicRoughness"].get("baseColorFactor", [])) for k in range(3)] == [0, 4, 4]
+
+
+@pytest.mark.parametrize("parts, order", [("cloths", [0, 1, 2, 3, 4]), ("panels", [0, 1, 3, 4, 2])])
+def test_vertices_have_the_colours_of_panels(tmp_path, rng, parts, order):
+    """Of the first face that each is a corner of, as bytes: ParaView and mesh viewers show them as they are."""
+    import meshio
+
+    own = np.full((5, 3), np.nan)
+    own[0], own[3], own[4] = (1, 0, 0), (0, 0.5, 1), (0, 0.5, 1)
+    made = make(tmp_path / "run", rng, cloth_colors=np.array([COLORS[0], [0.9, 0.5, 0.1]]), face_colors=own,
+                panel=np.array([0, 0, 2, 1, 1]), panel_names=np.array(["a", "b", "c"]), sewn=np.arange(9))
+    colors = np.where(np.isnan(own), made.geometry["cloth_colors"][[0, 0, 1, 1, 1]], own)[order]
+    for format in ("ply", "vtu"):
+        mesh = meshio.read(next(f for f in export(made.recording, format, tmp_path / format, parts) if f.suffix != ".pvd"))
+        parted = [mesh.point_data[name].view(np.uint8) for name in ("red", "green", "blue") if format == "ply"]
+        found = np.column_stack(parted) if parted else mesh.point_data["color"]
+        faces = mesh.cells_dict["triangle"]
+        for vertex, shown in enumerate(found):
+            first = int(np.flatnonzero((faces == vertex).any(axis=1))[0])
+            assert found.dtype == np.uint8 and np.abs(shown - encoded(colors[first])).max() <= 1, (format, vertex)
+    plain = make(tmp_path / "plain", rng)
+    assert "color" not in meshio.read(export(plain.recording, "vtu", tmp_path / "n")[0]).point_data

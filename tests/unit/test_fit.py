@@ -114,7 +114,7 @@ def test_drag_of_a_swing_by_the_decay_of_its_closed_form(rng, monkeypatch, tmp_p
     assert (tmp_path / "sweep" / "sweep.csv").is_file() and "6 runs" in str(found)
     monkeypatch.setattr(module, "POINTS", 2)
     monkeypatch.setattr(module, "CLOSER", 0)
-    with pytest.raises(tc.SceneError, match="end of what was tried"):
+    with pytest.raises(tc.SceneError, match="end of the range that was tried"):
         tc.fit("swing", {"time": t, "x": x}, density=sigma, length=0.2, width=0.1, cells=4, h=1 / 60, workers=0,
                range_=(0.4, 0.8), out=tmp_path)
 

@@ -113,6 +113,32 @@ def test_panels_that_start_within_a_body_come_out():
     assert 0.05 + by[front, 2].max() < 0.17  # the hips reach .12 m
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("size, drop, ahead", [(0.85, 10.0, 25.0), (1.1, 55.0, -10.0)])
+def test_sleeves_go_round_arms_that_are_held_another_way(size, drop, ahead):
+    """Patterns hang round arms that drop by 45 degrees. The arm's line is in the middle of each sleeve, and the way in, where
+    it is not sewn yet, is less than half of the way round."""
+    pytest.importorskip("scipy", reason="meshing patterns needs the extra `garment`")
+    garment, body = tc.load_pattern(SCENES / "patterns" / "shirt.json").mesh(0.05), tc.Scene()
+    down, fore = np.radians([drop, ahead])
+    out, front = np.cos(down) * np.array([np.cos(fore), np.sin(fore)])
+    ways = {side: np.array([side * out, -np.sin(down), front]) for side in (1, -1)}
+    for solid in somebody(size).solids:
+        a, b, r = np.array(solid.shape.a), np.array(solid.shape.b), solid.shape.radius
+        if abs(b[0]) > 0.4 * size:  # an arm
+            b = a + size * 0.5 * ways[np.sign(b[0])]
+        body.add_solid(tc.Capsule(a, b, r), friction=0.4, thickness=0.004, name=solid.name)
+    made, _ = tc.fitted(garment, body, THICKNESS)
+    for name, side in (("right sleeve", 1), ("left sleeve", -1)):
+        x, way = made.positions[garment.mesh.groups[name]] - size * np.array([side * 0.17, 1.39, 0.0]), ways[side]
+        off = x - (x @ way)[:, None] * way
+        far = np.linalg.norm(off, axis=1)
+        assert far.min() > 0.042 * size and np.ptp(far) < 0.03, name
+        first = np.cross(way, [0.0, 0.0, 1.0])
+        angle = np.sort(np.arctan2(off @ np.cross(way, first), off @ first))
+        assert np.diff(np.append(angle, angle[0] + 2 * np.pi)).max() < np.pi, name
+
+
 def test_lines_leave_a_body_by_where_they_are_within_it():
     """A cube of 2 m: from its middle 1 m, from 0.3 m before its side 0.3 m; from outside, or past a second cube, nothing."""
     x, faces = tc.Box((2.0, 2.0, 2.0)).surface()

@@ -218,5 +218,5 @@ def test_arrays_that_do_not_go_together_are_refused_by_their_shapes(tmp_path, mo
         arrays = {key: file[key] for key in file.files}
     np.savez(path, **{**arrays, name: np.zeros(shape, arrays[name].dtype)})
     monkeypatch.setattr(np.lib.format, "read_array", lambda *_, **__: pytest.fail("it was read"))
-    with pytest.raises(tc.SceneError, match=r"g\.npz: is no garment: .* needs shape \(.*, 3\), not \("):
+    with pytest.raises(tc.SceneError, match=r"g\.npz: is not a garment: .* needs shape \(.*, 3\), not \("):
         tc.load_garment(path)

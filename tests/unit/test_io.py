@@ -105,7 +105,7 @@ def test_textures_of_curved_meshes_leave_them_their_lengths(tmp_path):
     _, first, index = np.unique(ball.round(9), axis=0, return_index=True, return_inverse=True)  # closed at the seam
     mesh = tc.load(write(tmp_path, obj(ball[first], index.reshape(-1, 3), flat)))
     assert sides(mesh.corner_uv) == pytest.approx(sides(mesh.x[mesh.faces])) and mesh.flattened
-    assert (mesh.texture == flat).all() and "no pattern" in mesh.notes[0]
+    assert (mesh.texture == flat).all() and "not a pattern" in mesh.notes[0]
     du = np.linalg.solve(np.diff(flat, axis=1), np.diff(mesh.corner_uv, axis=1))  # rows: d(material) / du, dv
     assert (du[:, 0, 0] > 0).all() and np.abs(du[:, 0, 1]).max() < 1e-9 and (du[:, 1, 1] > 0).all()
     mirrored = tc.load(write(tmp_path, obj(ball[first], index.reshape(-1, 3), flat * [-1, 1])))

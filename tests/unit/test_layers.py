@@ -13,7 +13,7 @@ NUMPY_ONLY = {"colornames", "errors", "checks", "options", "scene", "io", "backe
               "app.recorded",
               "app.studies", "app.flags", "app.look_flags", "app.cli", "app.dressing", "app.fitting", "app.looking",
               "app.sweeping", "app.blending", "app.taking", "app.viewing", "live.orders", "live.parameters", "live.server",
-              "live.seen", "live.controls", "live.page", "live.pages",
+              "live.seen", "live.controls", "live.page", "live.pages", "live.link", "live.view", "app.runoptions",
               "app.interrupts", "garment.curves", "garment.pattern", "garment.garmentcode", "garment.svg",
               "garment.pathdata", "garment.shapes", "garment.styles", "garment.xmlfile", "garment.drawing", "garment.outlines",
               "garment.freesewing", "garment.stitch", "garment.worn", "garment.chains", "garment.cutpiece", "garment.dxf",

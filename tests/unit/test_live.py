@@ -106,6 +106,14 @@ def test_another_stiffness_goes_on_with_the_cloth_as_it_is(session):
     assert session.sim.time == pytest.approx(t + H)
 
 
+def test_before_the_first_step_another_fabric_is_shown_at_once(session, monkeypatch):
+    """There is nothing to go on from: the energies that going on looks at would take their compiled kernels first."""
+    session.seen.clear()
+    monkeypatch.setattr(tc.Simulation, "resume", lambda *_, **__: pytest.fail("it goes on"))
+    ask(session, lambda: session.set("k", 900.0))
+    assert session.seen == [(True, 25), (False, 25)] and session.trouble == "" and session.settings["k"] == 900.0
+
+
 def test_another_mesh_begins_again_and_is_shown_before_it_is_simulated(session):
     ask(session, *[session.step] * 3)
     session.seen.clear()
@@ -158,7 +166,7 @@ def test_a_hand_pulls_with_so_many_weights_at_most_and_lets_go(session):
     ask(session, session.drop)
     assert not session.sim.attachment_forces().any() and session.hand is None
     turned = session.sim.positions()
-    ask(session, lambda: session.set("k", 500.0))  # what was changed by hand is no reason to begin again
+    ask(session, lambda: session.set("k", 500.0))  # changes by hand are no reason to begin again
     assert np.allclose(session.sim.positions(), turned, atol=1e-12) and session.sim.time > 0.3
 
 
@@ -275,9 +283,9 @@ def test_a_page_is_served_until_it_is_ended(monkeypatch, end):
     if end == "error":
         monkeypatch.setattr(source, "simulation", fails)
         with pytest.raises(tc.SceneError, match="no simulation of it"):
-            serve(source, "title", "host", None, True, True, said.append)
+            serve(lambda: source, "title", "host", None, True, True, said.append)
     else:
-        serve(source, "title", "host", None, True, True, said.append)
+        serve(lambda: source, "title", "host", None, True, True, said.append)
     link = Told.made[-1]
     assert said[0].split()[:5] == ["title", "is", "shown", "at", "http://there:1"], "nothing clings to the address"
     assert said[1:] == ["http://there:1"] and not link.open

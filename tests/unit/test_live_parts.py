@@ -3,9 +3,11 @@
 import inspect
 import io
 import socket
+import subprocess
 import sys
 import threading
 import types
+import unittest.mock
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from taichi_cloth.live import pages, server
 from taichi_cloth.live.controls import LOOK, Controls
 from taichi_cloth.live.hand import pullable
 from taichi_cloth.live.orders import Orders
+from taichi_cloth.live.page import Page
 from taichi_cloth.live.parameters import Parameter, parameters
 from taichi_cloth.live.seen import Opening, Scale, Seen
 from taichi_cloth.live.session import ASKED, added
@@ -118,7 +121,7 @@ def test_the_page_of_any_scene_takes_a_fabric_and_a_wind(monkeypatch):
     from taichi_cloth.live import view
 
     given: list = []
-    monkeypatch.setattr(view, "serve", lambda source, *_: given.append(source))
+    monkeypatch.setattr(view, "serve", lambda make, *_: given.append(make()))
     assert main(["view", "hang", "--set", "cells=3", "--set", "wind=gale", "--no-open"]) == 0
     source = given[0]
     values = {p.name: p.value for p in source.parameters}
@@ -279,6 +282,30 @@ def test_without_air_there_is_no_wind_to_add():
     gui = Gui()
     Controls(gui, opened(airy=False), print)
     assert "x" not in gui.made and "cells" in gui.made
+
+
+def test_the_page_is_lit_by_lamps_alone():
+    """The surroundings that viser lights by without being told took a browser without a GPU eight of ten seconds."""
+    server = unittest.mock.MagicMock()
+    Page(server, opened(airy=False), print)
+    assert server.scene.configure_environment_map.call_args.args == (None,)
+    assert server.scene.add_light_hemisphere.called
+
+
+def test_the_page_starts_before_taichi_is_imported():
+    program = """if True:
+        import sys
+        from taichi_cloth.app import cli
+        from taichi_cloth.live import view
+
+        def link(host, port):
+            print("taichi" in sys.modules, "numpy.linalg" in sys.modules)
+            raise SystemExit
+
+        view.Link = link
+        cli.main(["view", "hang", "--set", "fabric=denim", "--no-open"])"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.split() == ["False", "True"]
 
 
 def test_messages_of_processes_are_whole_or_none():

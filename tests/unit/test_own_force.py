@@ -84,6 +84,19 @@ class Other(Counter):
     """Another kind of the same."""
 
 
+def test_names_of_the_last_release_are_read_with_a_warning():
+    with pytest.warns(DeprecationWarning) as told:
+        class Old(Counter):
+            coupled = True
+
+            def add_coupled(self, block, q):
+                """A part of low rank."""
+
+    assert [str(w.message).split(",")[0] for w in told] == ["Old: `coupled` is called `low_rank` now",
+                                                             "Old: `add_coupled` is called `add_low_rank` now"]
+    assert Old.low_rank and Old.does("add_low_rank") and Old.add_low_rank is Old.add_coupled and not Counter.low_rank
+
+
 def counting(*kinds) -> tc.Simulation:
     scene = tc.Scene()
     scene.add_cloth(tc.grid(0.3, 2), tc.Fabric(FABRIC.density, FABRIC.stretch))

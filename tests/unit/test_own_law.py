@@ -288,7 +288,7 @@ def test_what_cannot_be_is_said_by_name():
 
     with pytest.raises(tc.SceneError, match="Half: the law lacks P, dP, stiffest"):
         Half.on(cloth)
-    for what, force in (("on which cloth", law), ("is no cloth of this scene", law.on(other, lam=1.0, mu=1.0)),
+    for what, force in (("on which cloth", law), ("is not a cloth of this scene", law.on(other, lam=1.0, mu=1.0)),
                         ("must be positive", law.on(cloth, lam=1.0, mu=-5.0))):
         wrong = tc.Scene()
         wrong.cloths = scene.cloths

@@ -328,7 +328,7 @@ def test_units_that_cannot_be_right(tmp_path, per_metre, what):
 def test_units_and_files(tmp_path):
     with pytest.raises(tc.SceneError, match="positive"):
         read(tmp_path, skirt(units_in_meter=0))
-    for name, text, what in (("a.json", "{", "no JSON"), ("b.json", "[]", "no pattern"), ("c.txt", "", ".json")):
+    for name, text, what in (("a.json", "{", "not JSON"), ("b.json", "[]", "not a pattern"), ("c.txt", "", ".json")):
         (tmp_path / name).write_text(text)
         with pytest.raises(tc.SceneError, match=what):
             tc.load_pattern(tmp_path / name)
@@ -517,7 +517,7 @@ def test_the_command_dresses(tmp_path, capsys):
     coat, under = tmp_path / "coat.npz", tmp_path / "coat-over-worn.npz"
     assert cli.main([*command[:5], str(coat), *command[6:], "--scale", "0.01", "--over", str(out)]) == 0
     said = capsys.readouterr()
-    assert "further out, over what is worn" in said.err and f"written to {under}, {coat}" in said.out
+    assert "further out, over worn garments" in said.err and f"written to {under}, {coat}" in said.out
     (inner, outer), y = (load_garment(file) for file in (under, coat)), x
     assert count_crossings(inner.positions, inner.mesh.faces, outer.positions, outer.mesh.faces) == 0
     assert inner.gap() == outer.gap() == 0 and (load_garment(out).positions == y).all()

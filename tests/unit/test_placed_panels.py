@@ -120,7 +120,8 @@ def test_what_is_too_tight_for_the_usual_pull_is_closed_by_more(monkeypatch, con
     rests.clear()
     monkeypatch.setattr(dressing, "FIRM", 1.0)
     monkeypatch.setattr(dressing, "FIRMEST", 1.0)
-    with pytest.raises(tc.SceneError, match="1 of 1 seams are still open after 3.[01] s; the widest is seam 0, "
+    until = "3.[01]" if contact else "[01].[0-9]"  # resting layers have time to make room; without, nothing more comes
+    with pytest.raises(tc.SceneError, match=f"1 of 1 seams are still open after {until} s; the widest is seam 0, "
                                             ".* with 0.02.* Garment.bent.*--pull"):
         tc.dress(band(), FABRIC, trunk(), contact, longest=0.5)
     assert (len(rests) > 20 and all(len(of) == 10 for of in rests)) if contact else not rests

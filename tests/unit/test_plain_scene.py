@@ -22,10 +22,11 @@ loaded = [m.removeprefix("taichi_cloth.") for m in sys.modules if m.startswith("
 membrane, bend, gravity = sim.force_terms
 from taichi_cloth.recording import record as recording
 print(json.dumps({
-    "loaded": loaded, "forces": [type(f).__name__ for f in sim.force_terms], "remembers": bend.adds,
+    "loaded": loaded, "forces": [type(f).__name__ for f in sim.force_terms], "remembers": bend.has_extra_torque,
     "energies": sorted(sim.energy()), "ledger": sorted(record.ledger), "stiffens": membrane.stiffening is not None,
     "sewn": sim.model.sewn is not None, "gives": sim.giving is not None, "remembered": len(sim.model.remembered),
-    "couples": sim.meter.operator.couples, "frame": sorted(recording.frame(sim)), "geometry": sorted(recording.geometry(sim)),
+    "low_rank": sim.meter.operator.has_low_rank,
+    "frame": sorted(recording.frame(sim)), "geometry": sorted(recording.geometry(sim)),
     "checkpoint": sorted(sim.checkpoint())}))
 """
 
@@ -39,7 +40,7 @@ def test_what_a_scene_does_not_name_is_not_there():
     assert not set(told["loaded"]) & set(ABSENT)
     assert told["forces"] == ["Membrane", "Bend", "Gravity"]
     assert told["energies"] == ["bend", "gravity", "kinetic", "shear", "stretch_u", "stretch_v"]
-    for name in ("remembers", "stiffens", "sewn", "gives", "remembered", "couples"):
+    for name in ("remembers", "stiffens", "sewn", "gives", "remembered", "low_rank"):
         assert not told[name], name
     assert told["frame"] == ["t", "v", "x"]
     for name in ("sewn", "corners", "creases", "face_limit", "hinge_own", "patches"):

@@ -49,7 +49,7 @@ def test_a_browser_is_shown_the_page(made, tmp_path, monkeypatch):
     file = play.show()
     assert opened == [file.as_uri()] and file.read_text() == play.save(tmp_path / "page.html").read_text()
     assert "3 frames" in repr(play)
-    with pytest.raises(tc.OutputError, match="is no path|must be a path"):
+    with pytest.raises(tc.OutputError, match="is not a path|must be a path"):
         play.save(3)
 
 

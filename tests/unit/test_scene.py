@@ -55,8 +55,9 @@ def test_impossible_values(make, words):
     (lambda s, c: s.add_mass(c, 0, 0), "point mass = 0"),
     (lambda s, c: s.add_cloth(c.mesh, FABRIC, name=c.name), "named 'cloth0' already"),
     (lambda s, c: s.add_cloth(c.mesh, FABRIC, positions=np.zeros((3, 3))), r"shape \(25, 3\)"),
-    (lambda s, c: tc.Scene().pin(c, 0), "not a cloth of this scene: 'cloth0'; pass what its add_cloth returned"),
-    (lambda s, c: s.pin(c.name, 0), "not a cloth of this scene: 'cloth0'; pass what its add_cloth returned, not a name$"),
+    (lambda s, c: tc.Scene().pin(c, 0), "not a cloth of this scene: 'cloth0'; pass the one that its add_cloth returned"),
+    (lambda s, c: s.pin(c.name, 0),
+     "not a cloth of this scene: 'cloth0'; pass the one that its add_cloth returned, not a name$"),
     (lambda s, c: (s.pin(c, 0), s.move(c, 0, lambda t: (0, 0, 0))), "vertex 0 .* already held"),
 ])
 def test_impossible_actions(act, words):

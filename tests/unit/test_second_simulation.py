@@ -131,7 +131,7 @@ def fields():
 
     def make(n, width=3, pooled=True):
         fields = Fields(np.float64, pooled=pooled)
-        made = fields.real(n, 2, np.arange(2 * n)), fields.integer(n), fields.aside(n, 4), fields.real(n, width)
+        made = fields.real(n, 2, np.arange(2 * n)), fields.integer(n), fields.scratch(n, 4), fields.real(n, width)
         fields.allocate()
         return fields, made
 

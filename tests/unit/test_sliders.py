@@ -30,7 +30,7 @@ class Hinge:
 
     @ti.kernel
     def turn(self, C: float):
-        self.law.settle(0, C, 0.01)
+        self.law.return_map(0, C, 0.01)
         torque, secant, slope, energy = self.law.respond(0, C)
         self.out[0], self.out[1] = torque, energy
 

@@ -168,7 +168,7 @@ def test_a_sequence_is_interpolated():
     (lambda: tc.Scene().add_solid(tc.Sphere(1), friction=-0.1, thickness=0.01), "friction"),
     (lambda: tc.Scene().add_solid(tc.Sphere(1), friction=0.1, thickness=0.0), "thickness"),
     (lambda: tc.Scene().add_solid(tc.Sphere(1), 0.1, 0.01, position=lambda t: (0, t / 0 if t else np.inf, 0)), "position"),
-    (lambda: tc.Scene().add_solid(tc.Sphere(1), 0.1, 0.01, rotation=np.ones((3, 3))), "no rotation"),
+    (lambda: tc.Scene().add_solid(tc.Sphere(1), 0.1, 0.01, rotation=np.ones((3, 3))), "not a rotation"),
     (lambda: tc.Scene().add_solid("ball", 0.1, 0.01), "solid 'solid0': needs a Plane.*not 'ball'"),
 ])
 def test_bad_solids_are_named(make, words):

@@ -315,12 +315,12 @@ def test_a_width_without_a_viewbox_is_of_the_page_alone(tmp_path, side, size):
     ('<path id="a" transform="rotate(1 2)" d="M0 0 L 100 0 L 100 100 Z"/>', None, "rotate has 2 numbers: it takes 1 or 3"),
     ('<path id="a" style="transform:rotate(3deg)" d="M0 0 L 100 0 L 100 100 Z"/>', None, "transform in a style"),
     ('<g transform="scale(1e30)">' * 12 + SQUARE + "</g>" * 12, None, "transforms are too large"),
-    ('<rect id="a" width="abc" height="4"/>', None, "rect 'a': width = 'abc': is no length"),
+    ('<rect id="a" width="abc" height="4"/>', None, "rect 'a': width = 'abc': is not a length"),
     ('<rect id="a" width="-4" height="4"/>', None, "width = -4: must be 0 or more"),
     ('<rect id="a" width="4em" height="4"/>', None, "unit 'em' is not read"),
     ('<circle id="a" r="-1"/>', None, "rx = -1"),
-    ('<polygon id="a" points="0 0 50 0 50"/>', None, "5 numbers are no points"),
-    ('<polygon id="a" points="0 0 50 x"/>', None, "points: 'x' is no number"),
+    ('<polygon id="a" points="0 0 50 0 50"/>', None, "5 numbers are not points"),
+    ('<polygon id="a" points="0 0 50 x"/>', None, "points: 'x' is not a number"),
     ('<svg viewBox="0 0 0 5">' + SQUARE + "</svg>", None, "viewBox = '0 0 0 5'"),
     ('<use id="a" href="#a"/>', None, "use 'a' draws itself"),
     ('<g id="g"><use href="#g"/></g>', None, "draws itself: 'g'"),
@@ -338,7 +338,7 @@ def test_a_width_without_a_viewbox_is_of_the_page_alone(tmp_path, side, size):
     (FRONT, {"placement": {"front": {"around": [[0, 0, 0], [0, 50, 0]]}}}, "radius"),
     (FRONT, {"placement": {"front": {"around": [[0, 0, 0], [0, 50, 0]], "radius": 5}}}, "'front' is 0.4 m wide"),
     (FRONT, "{", "cannot be read"),
-    (FRONT, "[]", "no side file"),
+    (FRONT, "[]", "not a side file"),
 ])
 def test_what_is_wrong_with_a_drawing_is_named(tmp_path, body, side, what):
     if what is None:  # the name is that of the layer
@@ -359,17 +359,17 @@ BOMB = '<!DOCTYPE svg [<!ENTITY a0 "lol">' + "".join(f'<!ENTITY a{k + 1} "{f"&a{
 
 
 @pytest.mark.parametrize("data, what", [
-    (b"", "is no XML"), (b"  \n", "is no XML"), (b"hello", "is no XML"), (b"<svg>", "is no XML"),
-    (bytes(range(256)), "is no XML"), (b"<html/>", "its root is <html>"),
+    (b"", "is not XML"), (b"  \n", "is not XML"), (b"hello", "is not XML"), (b"<svg>", "is not XML"),
+    (bytes(range(256)), "is not XML"), (b"<html/>", "its root is <html>"),
     (BOMB.encode() + b"<svg>&a12;</svg>", "declares the entity 'a1'"),
     (b'<!DOCTYPE svg [<!ENTITY a "' + b"x" * 9999 + b'">]><svg>' + b"&a;" * 9999 + b"</svg>", "declares the entity 'a'"),
     (b'<!DOCTYPE svg [<!ENTITY a SYSTEM "file:///a">]><svg>&a;</svg>', "declares the entity 'a'"),
-    (b'<?xml version="1.0" encoding="utf-7"?><svg/>', "is no XML"),
-    (b'<?xml version="1.0" encoding="odd"?><svg/>', "is no XML"),
+    (b'<?xml version="1.0" encoding="utf-7"?><svg/>', "is not XML"),
+    (b'<?xml version="1.0" encoding="odd"?><svg/>', "is not XML"),
     (gzip.compress(b"<svg/>", mtime=0)[:20], "cannot be unpacked"),
     (gzip.compress(bytes(1 << 17), mtime=0) * 600, "larger than 64 MB"),
     (b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"><rect id="r" width="5" height="5"/></svg>', "how large"),
-    (b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="x"/>', "drawing's width = 'x': is no length"),
+    (b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="x"/>', "drawing's width = 'x': is not a length"),
     (b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9" width="9"/>', "viewBox = '0 0 9'"),
     (b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1e-320 9" width="9"/>',
      "1e-320 9': (is too small|must be)"),  # where processors take it for 0
@@ -411,7 +411,7 @@ def test_files(tmp_path):
     with pytest.raises(tc.SceneError, match="cannot be read"):
         tc.load_pattern(tmp_path / "none.svg")
     (tmp_path / "bad.svg").write_text("<svg>")
-    with pytest.raises(tc.SceneError, match="is no XML"):
+    with pytest.raises(tc.SceneError, match="is not XML"):
         tc.load_pattern(tmp_path / "bad.svg")
     (tmp_path / "other.svg").write_text("<html/>")
     with pytest.raises(tc.SceneError, match="root is <html>"):

@@ -29,12 +29,12 @@ WRONG = {
     b"length;drop\n0,1;0,02\n": "'0,1': must be a number, with a point",
     b"length,length\n.1,.1\n": "line 1: needs a name for each column, each once",
     b"length,,drop\n": "line 1: needs a name for each", b"length," + b"x" * 200 + b"\n": "of at most 60 characters",
-    b'length,drop\n".1,.2\n': "line 2: is no line of a table",
-    b'length,drop\n".1"2,.2\n': "line 2: is no line of a table",
-    b"length,drop\n" + b"1" * 200_000 + b",.1\n": "line 2: is no line",
-    b"length,drop\n.1,.2\xff\n": "is no text in UTF-8",
-    "length,drop\n.1,.2\n".encode("utf-16"): "line 1 or later: is no text",
-    b"\x89PNG\r\n\x1a\n\x00\x00": "is no text in UTF-8", b"length,drop\n.1,\x00\n": "line 2"}
+    b'length,drop\n".1,.2\n': "line 2: is not a line of a table",
+    b'length,drop\n".1"2,.2\n': "line 2: is not a line of a table",
+    b"length,drop\n" + b"1" * 200_000 + b",.1\n": "line 2: is not a line",
+    b"length,drop\n.1,.2\xff\n": "is not text in UTF-8",
+    "length,drop\n.1,.2\n".encode("utf-16"): "line 1 or later: is not text",
+    b"\x89PNG\r\n\x1a\n\x00\x00": "is not text in UTF-8", b"length,drop\n.1,\x00\n": "line 2"}
 
 
 @pytest.mark.parametrize("guise", GUISES)
@@ -94,7 +94,7 @@ def test_json_is_read_or_one_error_says_why():
     assert parse_json(b'\xef\xbb\xbf{"a": [1, 2.5]}') == {"a": [1, 2.5]}
     assert parse_json("12345678901234567890") == 12345678901234567890
     assert parse_json("1" + "0" * 5000) == np.inf == parse_json("1e400")  # for the checks of what they are for
-    for text, words in ((b"", "Expecting value"), (b"{'a': 1}", "line 1 column 2"), (b"\xff\xfe{}", "no text in UTF-8"),
+    for text, words in ((b"", "Expecting value"), (b"{'a': 1}", "line 1 column 2"), (b"\xff\xfe{}", "not text in UTF-8"),
                         (b"[" * 100_000, "nested too deeply"), (b'{"a":' * 100_000, "nested too deeply"),
                         (b"\x00", "Expecting value")):
         with pytest.raises(ValueError, match=words):

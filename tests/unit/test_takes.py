@@ -179,7 +179,7 @@ def test_fabric_and_wind_in_words_go_for_every_scene(first):
     (("first", "new", "--from-frame", "3", "--blend", "-2"), "--blend = -2: must be a whole number"),
     (("first", "new", "--from-frame", "3", "--scene", "gone.py"), "no scene file 'gone.py'"),
     (("first", "first", "--from-frame", "3"), "is the run's own folder"),
-    (("gone", "new", "--from-frame", "3"), "gone is no run's folder"),
+    (("gone", "new", "--from-frame", "3"), "gone is not a run's folder"),
 ])
 def test_what_cannot_be_taken_is_named_and_nothing_is_written(first, words, said, capsys):
     before = content(first)

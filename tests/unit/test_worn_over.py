@@ -1,4 +1,4 @@
-"""Clothes over clothes: panels hang outside what is worn, and are sewn over it with contact from the start."""
+"""Clothes over clothes: panels hang outside worn garments, and are sewn over them with contact from the start."""
 
 import numpy as np
 import pytest
@@ -121,7 +121,7 @@ def test_a_garment_that_was_caught_is_named(radius, caught):
 
 
 @pytest.mark.parametrize("change, what", [
-    ({"over": "skirt"}, "over = 'skirt': must be what is worn"), ({"over": [3]}, "dress: over"),
+    ({"over": "skirt"}, "over = 'skirt': must be worn garments"), ({"over": [3]}, "dress: over"),
     ({"name": "tube"}, "two garments are named 'tube'"), ({"contact": None}, "'vest' has no contact"),
     ({"over": [tc.Worn(tube(0.16, 0.3).garment, FABRIC, None, "silk")]}, "'silk' has no contact"),
     ({"meets": False}, "leave out meets=False"), ({"name": ""}, "dress: name"), ({"panels": {"cuff": FABRIC}}, "cuff"),
@@ -152,7 +152,7 @@ def test_a_garment_is_sewn_over_a_worn_one(under, elastic):
     assert len(made.notes) == (0 if elastic else 2)
     assert count_crossings(inner.positions, inner.mesh.faces, outer.positions, outer.mesh.faces) == 0
     assert sum(count_self_crossings(g.positions, g.mesh.faces) for g in (inner, outer)) == made.intersections == 0
-    assert inner.gap() == outer.gap() == 0 and "with what is under it" in made.report()
+    assert inner.gap() == outer.gap() == 0 and "with those under it" in made.report()
     r, angle = np.hypot(*outer.positions[:, [0, 2]].T), np.arctan2(*outer.positions[:, [0, 2]].T)
     for x in inner.positions[inner.positions[:, 1] > outer.positions[:, 1].min() + 0.03]:
         round_it = r * np.angle(np.exp(1j * (angle - np.arctan2(x[0], x[2]))))

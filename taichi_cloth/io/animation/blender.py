@@ -11,7 +11,7 @@ from ...errors import MeshError
 from .. import blender
 from ..polygon import cut
 from . import kept
-from .motion import Motion, Part, Wanted, chosen_clips, chosen_parts, finite
+from .motion import Clip, Motion, Part, Wanted, chosen_clips, chosen_parts, finite
 
 SCRIPT = Path(__file__).with_name("blender_script.py")
 KINDS = {".fbx": "FBX", ".abc": "Alembic", ".blend": "a .blend"}
@@ -39,8 +39,10 @@ def read(path: Path, wanted: Wanted) -> Motion:
         raise MeshError(f"has no mesh: {chosen[0]!r} has no faces")
     moves = any(len(part.x) > 1 for part in parts)
     notes = ("Alembic names no unit: metres are taken (scale=...)",) if path.suffix.lower() == ".abc" else ()
-    return Motion(parts, float(got["fps"]) if moves else None, float(got["unit"]), "y",
-                  tuple(zip(clips, got["seconds"].tolist())), tuple(got["taken"].tolist()), notes)
+    fps = float(got["fps"])
+    lengths = tuple(Clip(name, seconds, fps) for name, seconds in zip(clips, got["seconds"].tolist()))
+    return Motion(parts, fps if moves else None, float(got["unit"]), "y",
+                  lengths, tuple(got["taken"].tolist()), notes)
 
 
 def _evaluated(path: Path, choices: str) -> dict[str, np.ndarray]:

@@ -11,7 +11,7 @@ from ...errors import MeshError
 from . import gltf_nodes
 from .gltf_file import COMPRESSED, File, item
 from .gltf_nodes import Nodes
-from .motion import Motion, Part, Wanted, chosen_clips, chosen_parts, distinct_names, finite, mirrors, times
+from .motion import Clip, Motion, Part, Wanted, chosen_clips, chosen_parts, distinct_names, finite, mirrors, times
 from .skin import skinned, weighed
 
 POINTS, STRIP, FAN = 3, 5, 6  # modes up to POINTS are points and lines, 4 is triangles
@@ -46,7 +46,7 @@ def read(path: Path, wanted: Wanted) -> Motion:
         made += _parts(file, nodes, k, name, notes)
     if not made:
         raise MeshError("has no mesh: it has points and lines alone")
-    lengths = tuple((name, clip.span[1] - clip.span[0]) for name, clip in zip(names, clips))
+    lengths = tuple(Clip(name, clip.span[1] - clip.span[0], wanted.fps or clip.fps) for name, clip in zip(names, clips))
     return Motion(made, fps, 1.0, "y", lengths, clip.numbers, tuple(notes))
 
 
@@ -156,7 +156,7 @@ class _Rest:
         return skinned(x, joints, weights, at @ bind[: len(said.joints)])
 
     def _stacked(self, key: str, width: int, floats: bool = True) -> np.ndarray | None:
-        """(n, width) an attribute of all primitives; None where one has none."""
+        """(n, width) an attribute of all primitives; None if one has none."""
         out = []
         for p in self.primitives:
             index = getattr(p.attributes, key, None)

@@ -145,7 +145,7 @@ def _parsed(path: Path) -> Any:
     except RecursionError:
         raise MeshError("is nested too deeply") from None
     except Exception as error:  # of json, struct and dataclasses
-        raise MeshError(f"is no glTF file, or a damaged one: {type(error).__name__}: {error}") from None
+        raise MeshError(f"is not a glTF file, or a damaged one: {type(error).__name__}: {error}") from None
     version = document.asset.version if document is not None and document.asset else None
     if not str(version).startswith("2"):
         raise MeshError(f"is of glTF version {version}: 2.0 is read")
@@ -153,7 +153,7 @@ def _parsed(path: Path) -> Any:
 
 
 def _scaled(values: np.ndarray, normalized: bool) -> np.ndarray:
-    """As float64."""
+    """Values in float64; integers that are normalized go to [0, 1] or [-1, 1]."""
     out = values.astype(np.float64)
     return np.maximum(out / np.iinfo(values.dtype).max, -1.0) if normalized and values.dtype.kind in "iu" else out
 

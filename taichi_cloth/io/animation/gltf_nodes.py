@@ -1,4 +1,4 @@
-"""The nodes of a glTF scene: which there are, how each is placed at any time, and the animation that moves them."""
+"""The nodes of a glTF scene: their transforms at any time, and the animation that moves them."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ class Nodes:
         return placed(move, turn, scale)
 
     def _scene(self) -> tuple[list[int], tuple[str, ...]]:
-        """The scene that the document shows by default, or its first; all nodes where there is none."""
+        """The scene that the document shows by default, or its first; all nodes if there is none."""
         scenes = self.file.document.scenes or []
         notes: tuple[str, ...] = ()
         if not scenes:
@@ -153,7 +153,7 @@ def together(clips: list[Clip], numbers: tuple[int, ...] | None) -> Clip:
     """Animations that play at once: of two that move the same the first counts.
 
     Args:
-        numbers: of those that are meant; where None the first, and others that move nothing that is moved already.
+        numbers: of those that are meant; if None the first, and others that move nothing that is moved already.
     """
     out = Clip({}, (0.0, 0.0), FPS, (), ())
     for k in range(len(clips)) if numbers is None else dict.fromkeys(numbers):

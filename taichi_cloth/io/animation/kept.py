@@ -18,7 +18,7 @@ VARIABLE = "TAICHI_CLOTH_CACHE"  # of the environment: another folder
 
 
 def folder() -> Path:
-    """Where they are kept."""
+    """The folder in which they are kept."""
     said = os.environ.get(VARIABLE)
     return Path(said) if said else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "taichi_cloth"
 

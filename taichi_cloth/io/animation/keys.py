@@ -86,7 +86,7 @@ def slerp(a: np.ndarray, b: np.ndarray, u: np.ndarray) -> np.ndarray:
 
 
 def unit(q: np.ndarray) -> np.ndarray:
-    """Quaternions of length one; no turn where there is no length."""
+    """(..., 4) quaternions of length one; no turn for a quaternion of length 0."""
     length = np.linalg.norm(q, axis=-1, keepdims=True)
     return np.where(length > 0, q / np.where(length > 0, length, 1.0), [0.0, 0.0, 0.0, 1.0])
 

@@ -31,6 +31,19 @@ class Part(NamedTuple):
     groups: dict[str, np.ndarray]
 
 
+class Clip(NamedTuple):
+    """An animation to choose from: `fps`, its own frames a second."""
+
+    name: str
+    seconds: float
+    fps: float
+
+    @property
+    def frames(self) -> int:
+        """How many it is read as."""
+        return _frames(self.seconds * self.fps)
+
+
 class Motion(NamedTuple):
     """The content of a file with a scene.
 
@@ -38,7 +51,7 @@ class Motion(NamedTuple):
         fps: frames a second of the parts' frames; None where nothing moves.
         unit: metres of the file's unit.
         up: the axis that points up, "y" or "z".
-        clips: (name, seconds) of each animation to choose from; taken: numbers of those that were read.
+        clips: to choose from; taken: numbers of those that were read.
         notes: sentences on the file.
     """
 
@@ -46,7 +59,7 @@ class Motion(NamedTuple):
     fps: float | None
     unit: float
     up: str
-    clips: tuple[tuple[str, float], ...]
+    clips: tuple[Clip, ...]
     taken: tuple[int, ...]
     notes: tuple[str, ...]
 
@@ -55,10 +68,10 @@ class Wanted(NamedTuple):
     """Choices of the caller.
 
     Attributes:
-        clip: names or numbers of animations that play together; where None the first, with others that move nothing that it
+        clip: names or numbers of animations that play together; if None the first, with others that move nothing that it
             moves.
-        fps: frames a second at which it is sampled, the file's own where None.
-        only: names of the parts that are read; all where None.
+        fps: frames a second at which it is sampled, the file's own if None.
+        only: names of the parts that are read; all if None.
         moves: whether the animation is read at all.
     """
 
@@ -131,11 +144,16 @@ def times(first: float, last: float, fps: float, vertices: int) -> np.ndarray:
     if not 0 <= count * vertices * 24 < npz.memory():
         raise MeshError(f"its animation lasts {last - first:g} s: at {fps:g} frames a second its positions need "
                         f"{count * vertices * 24:.3g} bytes")
-    return first + np.arange(int(np.ceil(count * (1 - 1e-6))) + 1) / fps  # the rounding of times in f32 makes no frame
+    return first + np.arange(_frames(count)) / fps
+
+
+def _frames(count: float) -> int:
+    """From the first to the last, or just after it; the rounding of times in f32 makes none."""
+    return int(np.ceil(count * (1 - 1e-6))) + 1
 
 
 def distinct_names(names: Iterable[str | None], kind: str) -> list[str]:
-    """Names that can be printed and differ from each other; `kind` and a number where there is none."""
+    """Names that can be printed and differ from each other; `kind` and a number if there is none."""
     out: list[str] = []
     for k, name in enumerate(names):
         plain = "".join(c if c.isprintable() else " " for c in name or "").strip() or f"{kind} {k}"
@@ -147,7 +165,7 @@ def distinct_names(names: Iterable[str | None], kind: str) -> list[str]:
 
 
 def finite(part: str, values: np.ndarray) -> np.ndarray:
-    """The same numbers.
+    """The same numbers (rows, k), checked.
 
     Raises:
         MeshError: one is not finite, with its row.

@@ -19,7 +19,7 @@ class Joined(NamedTuple):
     """Parts in one.
 
     Attributes:
-        x: (frames, n, 3); faces: (m, 3); corner_uv: (m, 3, 2), 0 for parts that have none, or None where none has any.
+        x: (frames, n, 3); faces: (m, 3); corner_uv: (m, 3, 2), 0 for parts that have none, or None if none has any.
         groups: rows of `faces` by the names of parts, materials and subsets.
         notes: sentences on changes of the topology.
     """
@@ -92,8 +92,8 @@ def mended(faces: np.ndarray, one: np.ndarray, weld: float | None) -> tuple[np.n
         faces: (m, 3); one: (n,) the vertex that each is made one with.
 
     Returns:
-        (triangles (k, 3), whose vertices from n on are copies: n times the copy's number and the vertex; the row (m,) of these
-        that each of `faces` has become, -1 for one without area; notes).
+        (triangles (k, 3); the row (m,) of these that each of `faces` has become, -1 for one without area; notes). Vertices
+        from n on are copies: n times the copy's number, plus the vertex.
     """
     notes, n = [], len(one)
     made, row = one[faces], np.full(len(faces), -1)
@@ -118,7 +118,7 @@ def mended(faces: np.ndarray, one: np.ndarray, weld: float | None) -> tuple[np.n
 def cut_copies(faces: np.ndarray) -> np.ndarray:
     """(m, 3) number of the copy of its vertex that each corner has, so that no edge has more than two triangles.
 
-    Where some edge has more, the triangles round a vertex stay together as far as edges of two triangles join them.
+    If some edge has more, the triangles round a vertex stay together as far as edges of two triangles join them.
     """
     m, ends = len(faces), face_edges(faces)
     out = np.zeros(3 * m, dtype=np.int64)  # corner k of triangle t is k m + t, and begins edge k m + t

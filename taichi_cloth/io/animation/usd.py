@@ -45,7 +45,7 @@ def read(path: Path, wanted: Wanted) -> Motion:
 
 
 def _opened(path: Path) -> tuple[Any, Any, list[str]]:
-    """The stage, the module that knows of its geometry, and what USD warns of, but for the file's age: it is read."""
+    """The stage, the module of its geometry, and warnings of USD, without those on the file's age: it is read."""
     try:
         from pxr import Tf, Usd, UsdGeom, UsdUtils  # type: ignore[import-not-found]
     except ImportError:

@@ -113,7 +113,7 @@ class Mesh:
         return np.stack(out), np.stack(turns)
 
     def holes(self) -> np.ndarray:
-        """Faces that are holes."""
+        """(k,) rows of the faces that are holes."""
         return np.array(self.mesh.GetHoleIndicesAttr().Get(self._time.EarliestTime()) or (), dtype=np.int64)
 
     def left_handed(self) -> bool:

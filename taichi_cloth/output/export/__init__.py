@@ -32,11 +32,11 @@ def export(recording: Recording, format: str, path: str | os.PathLike | None = N
 
     Args:
         format: one of `FORMATS`.
-        path: a folder; for a format of one file also that file's name; `FORMAT` in the run's folder where None.
-        parts: one mesh for each of the "cloths", of the "panels" of garments, or garments "welded" over their seams, whose
-            triangles are turned to one side where panels face both ways; `Recording.notes` say how many were.
+        path: a folder; for a format of one file also that file's name; `FORMAT` in the run's folder if None.
+        parts: one mesh for each of the "cloths", of the "panels" of garments, or garments "welded" over their seams.
+            Welding turns triangles to one side if panels face both ways; `Recording.notes` say how many.
         fields: by name, functions of a frame that give (n,) or (n, 3) values on vertices, for vtu and ply; stretch and
-            forces of contact where None.
+            forces of contact if None.
 
     Returns:
         The files that it wrote.

@@ -81,9 +81,9 @@ def arrays(shot: Shot) -> dict[str, np.ndarray]:
 def surroundings(view: View, camera: Frame) -> dict[str, np.ndarray]:
     """Lights and background as pictures here have them, by name.
 
-    `lights` are the ways towards the key light and those that throw no shadow, (k, 3), of linear RGB `powers` (k, 3), the
-    first seen under the angle `sun`; `everywhere` is the radiance from all sides, of which the second row is times the height
-    of a direction; `sky` the colours at the horizon and above, none of a transparent background.
+    `lights` are the directions towards the key light and those that throw no shadow, (k, 3), with linear RGB `powers` (k, 3);
+    the first is seen under the angle `sun`. `everywhere` is the radiance from all sides; its second row is times the height
+    of a direction. `sky` has the colours at the horizon and above, none for a transparent background.
     """
     rig = rig_of(view.light, camera)
     others = [way for way in (rig.fill, rig.rim) if any(way)]

@@ -31,8 +31,8 @@ def onto(recording: Recording, blend: str | os.PathLike, path: str | os.PathLike
 
     Args:
         blend: the file, which stays as it is.
-        path: the new one, beside which a folder of caches is made; `blend/NAME` in the run's folder where None.
-        objects: an object's name for each cloth; where None objects have the names of the cloths.
+        path: the new one, beside which a folder of caches is made; `blend/NAME` in the run's folder if None.
+        objects: an object's name for each cloth; if None objects have the names of the cloths.
 
     Returns:
         The files that it wrote, the .blend first; `Recording.notes` say where modifiers may be in the way.

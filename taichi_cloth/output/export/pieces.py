@@ -1,9 +1,9 @@
 """A run's meshes cut into pieces for other tools: a mesh a cloth, a mesh a panel, or seams welded to one.
 
-Recorded garments are panels whose sewn vertices are in one place; they say which belong together (`sewn`) and which face is
-of which panel (`panel`, `panel_names`). Texture coordinates stay the pattern's, or the mesh's own. A frame may have faces of
-its own: then it has all of `FACES` that the run's geometry has. Triangles stay as they were simulated. Panels that are welded
-may face both ways, and are turned to the side that most of them face, the same at all frames.
+Recorded garments are panels whose sewn vertices are in one place; `sewn` is the vertex that stands for
+each, `panel` and `panel_names` tell the panel of each face. Texture coordinates stay the pattern's, or the mesh's own. A frame
+may have faces of its own: then it has all of `FACES` that the run's geometry has. Triangles stay as they were simulated.
+Panels that are welded may face both ways, and are turned to the side that most of them face, the same at all frames.
 """
 
 from collections.abc import Iterator
@@ -13,6 +13,7 @@ import numpy as np
 
 from ...errors import OutputError
 from ...scene.mesh import facing
+from ..colors import PALETTE, to_srgb
 from ..described import image_uv
 from ..recording import Recording
 
@@ -42,7 +43,7 @@ class Cut:
         changing: whether normals may belong to other corners at every frame, as they do where seams open.
 
     Attributes:
-        turned: (m,) which of the recorded triangles go round the other way here.
+        turned: (m,) whether each of the recorded triangles goes round the other way here.
     """
 
     def __init__(self, recording: Recording, parts: str, changing: bool = True) -> None:
@@ -61,7 +62,7 @@ class Cut:
         return float(self.manifest.get("fps", 24.0))
 
     def frames(self) -> list[int]:
-        """As `Recording.frames`."""
+        """Numbers of the recorded frames."""
         return self.recording.frames()
 
     def frame(self, number: int) -> Frame:
@@ -115,6 +116,21 @@ def first_uv(frame: Frame) -> np.ndarray:
     return uv
 
 
+def first_color(frame: Frame) -> np.ndarray | None:
+    """(n, 3) uint8 sRGB colours of each vertex's first face; None where no panel has a colour of its own."""
+    g = frame.geometry
+    if "face_colors" not in g:
+        return None
+    piece = np.repeat(np.arange(len(g["cloth_names"])), np.diff(g["cloth_faces"]))
+    cloth = g["piece_cloth"][piece] if "piece_cloth" in g else piece
+    colors = np.array(PALETTE)[cloth % len(PALETTE)]
+    for own in (g["cloth_colors"][piece], g["face_colors"]):
+        colors = np.where(np.isnan(own).any(axis=1, keepdims=True), colors, own)
+    out = np.zeros((len(frame["x"]), 3), dtype=np.uint8)
+    out[g["faces"][::-1].ravel()] = np.repeat(to_srgb(colors)[::-1], 3, axis=0)
+    return out
+
+
 def cut(geometry: Arrays, parts: str, turned: np.ndarray) -> tuple[np.ndarray, Arrays]:
     """(recorded vertex of each vertex, geometry) by cloths, by panels, or welded over their seams."""
     if parts == "panels" and "panel" in geometry:
@@ -138,8 +154,14 @@ def _by(g: Arrays, panel: np.ndarray, names: np.ndarray) -> tuple[np.ndarray, Ar
 
 
 def turned(faces: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """(m,) which triangles face another way than most triangles connected to them, in faces (m, 3) of welded vertices of
-    cloths that begin at `starts`; none of a cloth that has one side only."""
+    """Triangles that face another way than most triangles connected to them.
+
+    Args:
+        faces: (m, 3) of welded vertices; starts: the first face of each cloth, and the end.
+
+    Returns:
+        (m,) bool; none of a cloth that has one side only.
+    """
     out = np.zeros(len(faces), dtype=bool)
     for first, last in zip(starts[:-1], starts[1:]):
         rows = first + np.flatnonzero(_whole(faces[first:last]))
@@ -150,7 +172,7 @@ def turned(faces: np.ndarray, starts: np.ndarray) -> np.ndarray:
 
 
 def _whole(faces: np.ndarray) -> np.ndarray:
-    """(m,) which triangles have three corners: those of which two are sewn to each other have no area."""
+    """(m,) whether triangles have three corners: one with two corners sewn to each other has no area."""
     return (faces != np.roll(faces, 1, axis=1)).all(axis=1)
 
 

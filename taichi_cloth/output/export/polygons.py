@@ -7,7 +7,7 @@ def loops(faces: np.ndarray, polygon: np.ndarray | None) -> tuple[np.ndarray, np
     """(k,) places in `faces.ravel()` of the corners of all polygons, one after the other, and (f,) how many each has.
 
     Args:
-        faces: (m, 3); polygon: (m,) a number of each, or None where all are on their own. Triangles of a number that have no
+        faces: (m, 3); polygon: (m,) a number of each, or None if all are on their own. Triangles of a number that have no
             single border stay triangles.
     """
     if polygon is None:

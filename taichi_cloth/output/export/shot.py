@@ -30,9 +30,9 @@ class Surface(NamedTuple):
 
     Attributes:
         faces: (m, 3) int32 vertices.
-        uv: (m, 3, 2) of corners, the pattern's [m], the mesh's own, or across its print; None where there are none.
+        uv: (m, 3, 2) of corners, the pattern's [m], the mesh's own, or across its print; None if there are none.
         normal_of: (m, 3) number of each corner's normal: corners round a sharp edge have different ones.
-        polygon: (m,) number of the polygon that each was cut from, or None where all are triangles.
+        polygon: (m,) number of the polygon that each was cut from, or None if all are triangles.
     """
 
     faces: np.ndarray
@@ -57,8 +57,8 @@ class Mesh:
         x: (n, 3) float32 [m], one or one a frame.
         v: the same, in metres a second of the film, or none.
         printed: its print, or None.
-        thickness: of a cloth [m], or None where none is known.
-        groups: (m,) names, with blanks between, of the groups that each face is in; None where it has none.
+        thickness: of a cloth [m], or None if none is known.
+        groups: (m,) names, with blanks between, of the groups that each face is in; None if it has none.
     """
 
     name: str
@@ -86,7 +86,7 @@ class Mesh:
         return self.x[k if len(self.x) > 1 else 0]
 
     def surface(self, k: int) -> Surface:
-        """That of the k-th frame."""
+        """The surface in the k-th frame."""
         return self.surfaces[k if len(self.surfaces) > 1 else 0]
 
     def normals(self, k: int) -> np.ndarray:
@@ -100,7 +100,7 @@ class Mesh:
         return np.where(length > 0, sums / np.maximum(length, 1e-300), [0.0, 1.0, 0.0]).astype(np.float32)
 
     def normal_of_vertex(self, k: int) -> np.ndarray | None:
-        """(n,) number of each vertex's normal at the k-th frame; None where a vertex has several."""
+        """(n,) number of each vertex's normal at the k-th frame; None if a vertex has several."""
         surface = self.surface(k)
         out = np.zeros(len(self.position(k)), dtype=np.int64)
         out[surface.faces] = surface.normal_of

@@ -6,15 +6,15 @@ from collections.abc import Callable
 import numpy as np
 
 from ..folder import write_whole, written_aside
-from .pieces import Cut, Frame, first_uv
+from .pieces import Cut, Frame, first_color, first_uv
 
 Fields = dict[str, Callable[[Frame], np.ndarray]]
 
 
 def write(pieces: Cut, folder: pathlib.Path, fields: Fields) -> list[pathlib.Path]:
-    """`cloth.pvd` and `00000.vtu ...` with uv, velocity and the fields on vertices.
+    """`cloth.pvd` and `00000.vtu ...` with uv, velocity and the fields on vertices, and colours where panels have their own.
 
-    Vertices on seams have the uv of their first corner.
+    Vertices on seams have the uv and the colour of their first corner.
     """
     import meshio
 
@@ -24,6 +24,7 @@ def write(pieces: Cut, folder: pathlib.Path, fields: Fields) -> list[pathlib.Pat
         faces = frame.geometry["faces"].astype(np.int64)
         data = {"uv": first_uv(frame), "velocity": frame["v"]}
         data |= {name: f(frame).astype(np.float32) for name, f in fields.items()}
+        data |= {} if (color := first_color(frame)) is None else {"color": color}
         mesh = meshio.Mesh(frame["x"], [("triangle", faces)], point_data=data)
         files.append(folder / f"{k:05d}.vtu")
         with written_aside(files[-1]) as aside:
