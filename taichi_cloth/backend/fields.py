@@ -1,8 +1,5 @@
 """Taichi fields, declared one by one, allocated together, filled from numpy, freed together."""
 
-from . import taichi_patches  # noqa: F401  (before Taichi)
-
-# isort: split
 import sys
 import weakref
 from collections.abc import Callable, Iterator
@@ -10,9 +7,9 @@ from dataclasses import dataclass
 from types import FrameType
 
 import numpy as np
-import taichi as ti
 
 from . import field_pool, runtime
+from .language import ti
 from .rows import capacity, fill, write
 
 CHUNK = 1 << 22  # numbers that are handed to a kernel at once

@@ -7,15 +7,17 @@ bounds.
 """
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
-from taichi.lang import impl, kernel_impl
-from taichi.types import ndarray_type, primitive_types
 
+from . import compiler
 from .timing import compiling
 
+impl, kernel_impl, ndarray_type, primitive_types = compiler.private(
+    "lang.impl", "lang.kernel_impl", "types.ndarray_type", "types.primitive_types")
 LARGEST = np.iinfo(np.int32).max  # numbers of an array that Taichi can tell apart
 SWAPS = [0]  # how often numbers of a simulation were swapped out of its fields: see field_pool.py
 REALS, INTEGERS = (float, int, np.floating, np.integer), (int, np.integer)
@@ -64,7 +66,7 @@ class Launcher:
             self._learn(features, args, shares)
             compiling.seconds += time.perf_counter() - began
             return out
-        made, data, shares = known
+        made, go, shares = known
         swap_in(shares)
         context = made.make_launch_context()
         for k, slot, kind in self._handed:
@@ -76,7 +78,7 @@ class Launcher:
                 context.set_arg_float(slot, float(arg))
             else:
                 context.set_arg_int(slot, int(arg))
-        runtime.prog.launch_kernel(data, context)
+        go(context)
         if kernel.return_type is None:
             return None
         runtime.prog.synchronize()
@@ -110,7 +112,15 @@ class Launcher:
         kernel, prog = self.kernel, self.kernel.runtime.prog
         if not kernel.has_print and not impl.current_cfg().debug:
             made = kernel.compiled_kernels[kernel.ensure_compiled(*args)]
-            self._known[features] = made, prog.compile_kernel(prog.config(), prog.get_device_caps(), made), shares
+            self._known[features] = made, _launcher(prog, made), shares
+
+
+def _launcher(prog, made) -> Callable[[Any], None]:
+    """Launches a compiled kernel with the arguments of a context; a compiler that does so in one call looks it up again."""
+    config, device = prog.config(), prog.get_device_caps()
+    if hasattr(prog, "compile_and_launch_kernel"):
+        return partial(prog.compile_and_launch_kernel, config, device, made)
+    return partial(prog.launch_kernel, prog.compile_kernel(config, device, made))
 
 
 def _kind(annotation) -> str:

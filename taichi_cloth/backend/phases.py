@@ -22,9 +22,9 @@ Which thread works on a block makes no difference to the result.
 """
 
 import numpy as np
-import taichi as ti
 
 from .fields import Fields
+from .language import ti
 from .runtime import TASK
 
 END = 0  # kind of phase after which there is none

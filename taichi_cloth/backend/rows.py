@@ -3,13 +3,10 @@
 On the CPU arrays come straight from memory: a copy of 10,000 rows takes 5 us, with a kernel's launch it took .15 ms.
 """
 
-from . import taichi_patches  # noqa: F401  (before Taichi)
-
-# isort: split
 import numpy as np
-import taichi as ti
 
 from . import runtime
+from .language import ti
 
 SMALL, MIDDLE, LARGE = 1 << 10, 1 << 14, 1 << 18  # rows: two sizes, then twice as many each, then multiples
 

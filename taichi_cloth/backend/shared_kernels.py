@@ -16,12 +16,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from taichi.lang import kernel_impl
-from taichi.lang.ast.ast_transformer import ASTTransformer
-from taichi.lang.field import Field
 
-from . import launches
+from . import compiler, launches
 
+kernel_impl, ASTTransformer, Field = compiler.private(
+    "lang.kernel_impl", "lang.ast.ast_transformer:ASTTransformer", "lang.field:Field")
 PACKAGE = __name__.split(".")[0]
 PLAIN = (bool, int, float, str, bytes, type(None), np.number, np.bool_)
 HARMLESS = (len, range, zip, enumerate, min, max, isinstance, int, float, bool, abs)  # functions that read no attributes
@@ -58,7 +57,7 @@ def _token(value: Any) -> tuple | None:
 
 
 def _of_taichi(thing: Any) -> bool:
-    return (getattr(thing, "__module__", None) or "").split(".")[0] == "taichi"
+    return (getattr(thing, "__module__", None) or "").split(".")[0] == compiler.chosen().name
 
 
 class Reads:
@@ -182,9 +181,9 @@ def _materialize(original):
     A kernel that is not the package's own, such as one of a user's force, is not shared; its reads are kept too.
     """
 
-    def materialize(self, key=None, args=None, arg_features=None):
+    def materialize(self, key=None, args=None, arg_features=None, **more):
         if key is None or key in self.compiled_kernels:
-            return original(self, key, args, arg_features)
+            return original(self, key, args, arg_features, **more)
         _kernels.add(self)
         self.reads_by_key = getattr(self, "reads_by_key", {})
         roots = self.template_slot_locations
@@ -197,7 +196,7 @@ def _materialize(original):
         reads = Reads(args, roots)
         reads.beside += _shares(_enclosed(self.func))
         with _watched(reads):
-            original(self, key, args, arg_features)
+            original(self, key, args, arg_features, **more)
         self.reads_by_key[key] = reads
         if reads.whole and _shareable(self):
             self.compiled_kernels[Variant(reads, features)] = self.compiled_kernels[key]

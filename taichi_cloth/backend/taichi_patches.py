@@ -2,33 +2,44 @@
 
 Sources that Taichi draws for its messages, and looks up again and again, are replaced where the kernel, the class or the field
 is the package's own. Those of others keep all of it: their source lines underlined in errors, and where their fields were
-declared. Measured in docs/decisions/071-compile-once.md. Parts that another version of Taichi lacks stay as they are there.
-Import it before any class with kernels is made, best before Taichi itself. With the environment variable
-TAICHI_CLOTH_PATCHES=0 Taichi stays as it is.
+declared. Measured in docs/decisions/071-compile-once.md. A compiler that has not all parts that this needs stays as it is, and
+notes of simulations say so; so does any with the environment variable TAICHI_CLOTH_PATCHES=0. `language.py` imports this
+module, and with it the compiler, before any class with kernels is made.
 """
 
 import functools
+import importlib
 import inspect
 import os
 import sys
 import textwrap
 from types import SimpleNamespace
 
-PACKAGE = __name__.split(".")[0]
-WANTED = os.environ.get("TAICHI_CLOTH_PATCHES", "1") != "0"
+from . import compiler
 
-_getmodule = inspect.getmodule
-if WANTED:
+PACKAGE = __name__.split(".")[0]
+NAME = compiler.chosen().name
+NEEDED = ("lang.impl:current_cfg", "lang.kernel_impl:AutodiffMode", "lang.kernel_impl:Kernel.materialize",
+          "lang.kernel_impl:_BoundedDifferentiableMethod", "lang.kernel_impl:_process_args",
+          "lang.ast.ast_transformer:ASTTransformer.build_Attribute", "types.ndarray_type:NdarrayType",
+          "types.primitive_types:real_type_ids", "_lib:core.Program.launch_kernel")
+
+_asked, _getmodule = os.environ.get("TAICHI_CLOTH_PATCHES", "1") != "0", inspect.getmodule
+if _asked:
     inspect.getmodule = lambda *_, **__: None  # type: ignore[assignment]
 try:  # it would go through all modules for the source of each of its own kernels
-    import taichi as ti
-    from taichi.lang import impl, kernel_impl
-    from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
-    from taichi.lang.field import Field
+    ti = importlib.import_module(NAME)
 finally:
     inspect.getmodule = _getmodule
 
 from . import launches, shared_kernels  # noqa: E402
+
+LACKS = [place for place, found in zip(NEEDED, compiler.private(*NEEDED)) if found is None]
+WANTED = _asked and not LACKS
+NOTES = [f"compiler {NAME} has no {' nor '.join(LACKS)}: each simulation compiles all of its kernels, and launches are "
+         "slower"] if _asked and LACKS else []
+impl, kernel_impl, context = compiler.private(
+    "lang.impl", "lang.kernel_impl", "lang.ast.ast_transformer_utils:ASTTransformerContext")
 
 
 @functools.lru_cache(1024)  # asked for every node of a kernel's tree
@@ -42,7 +53,7 @@ def _own(module: str | None) -> bool:
 
 
 def _own_or_taichi(module: str | None) -> bool:
-    return _own(module) or _of(module, "taichi")
+    return _own(module) or _of(module, NAME)
 
 
 def _get_pos_info(original):
@@ -53,7 +64,7 @@ def _get_pos_info(original):
         function = context.func.func
         if _own(function.__module__):
             return f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {function.__name__}:\n'
-        if not _of(function.__module__, "taichi"):
+        if not _of(function.__module__, NAME):
             return original(context, node)
         key = function, node.lineno, node.col_offset, node.end_lineno, node.end_col_offset
         if key not in known:
@@ -86,7 +97,7 @@ def _get_traceback(original):
 
     def traceback(stacklevel: int = 1) -> str:
         frame = sys._getframe(1)
-        while frame.f_back is not None and _of(frame.f_globals.get("__name__"), "taichi"):
+        while frame.f_back is not None and _of(frame.f_globals.get("__name__"), NAME):
             frame = frame.f_back
         return "" if _own(frame.f_globals.get("__name__")) else original(stacklevel + 1)
 
@@ -158,10 +169,10 @@ def _lines(_original):
 
 def _apply() -> None:
     for owner, name, faster in (
-            (ASTTransformerContext, "get_pos_info", _get_pos_info), (kernel_impl, "_inside_class", _inside_class),
+            (context, "get_pos_info", _get_pos_info), (kernel_impl, "_inside_class", _inside_class),
             (kernel_impl, "getsourcelines", _cached), (kernel_impl, "getsourcefile", _cached),
             (kernel_impl, "textwrap", _lines), (ti, "data_oriented", _data_oriented), (impl, "get_traceback", _get_traceback),
-            (kernel_impl.Kernel, "__call__", _call), (Field, "_initialize_host_accessors", _host_accessors)):
+            (kernel_impl.Kernel, "__call__", _call), (ti.Field, "_initialize_host_accessors", _host_accessors)):
         if hasattr(owner, name):
             setattr(owner, name, faster(getattr(owner, name)))
     shared_kernels.apply()

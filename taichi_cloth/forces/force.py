@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
+from ..backend.language import ti
 from ..scene.attachment import Script
 
 

@@ -1,9 +1,9 @@
 """Forces that a script puts on vertices, the same wherever these are. Like air they have no energy: their power is F . v."""
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.rows import write
 from ..scene.attachment import Script
 from ..scene.scene import Scene

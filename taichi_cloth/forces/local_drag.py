@@ -9,9 +9,9 @@ begins, the wind that of its end: so the force has a potential in the solve's ve
 """
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..scene.scene import Scene
 from ..system.state import ParticleState
 from .conditions import sym_outer, sym_scaled_identity

@@ -1,19 +1,16 @@
 """The composition root: a scene becomes fields, forces, an integrator and a stepper."""
 
-from ..backend import taichi_patches  # noqa: F401  (before Taichi)
-
-# isort: split
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
-import taichi as ti
 
 from .. import checks
-from ..backend import runtime
+from ..backend import runtime, taichi_patches
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.ordering import components
 from ..errors import BackendError, SceneError
 from ..forces import build_forces
@@ -108,7 +105,7 @@ class Parts:
         """Everything that lives in fields."""
         fields = self._fields
         self.model = ParticleState(fields, scene, self.runtime)
-        self.notes: list[str] = []
+        self.notes = list(taichi_patches.NOTES)
         substep = self.options.substep
         self.force_terms = build_forces(fields, self.model, scene, self.options.K, substep and substep / SAFETY)
         self.notes += [note for force in self.force_terms for note in force.notes]

@@ -6,9 +6,9 @@ import subprocess
 import sys
 
 import pytest
-import taichi as ti
 
 from taichi_cloth.backend import runtime
+from taichi_cloth.backend.language import ti
 
 ROOT = pathlib.Path(__file__).parents[2]
 CODE = """
@@ -16,7 +16,7 @@ import taichi_cloth
 from taichi_cloth.backend import runtime
 
 runtime.start("cpu", "f64", 1)
-import taichi as ti
+from taichi_cloth.backend.language import ti
 
 @ti.kernel
 def twice(x: float) -> float:

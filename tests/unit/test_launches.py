@@ -4,9 +4,9 @@ import gc
 
 import numpy as np
 import pytest
-import taichi as ti
 
 from taichi_cloth.backend import launches, runtime, shared_kernels, taichi_patches
+from taichi_cloth.backend.language import ti
 from taichi_cloth.system.state import ParticleState
 
 pytestmark = pytest.mark.restarts

@@ -7,10 +7,10 @@ import sys
 
 import numpy as np
 import pytest
-import taichi as ti
 from taichi.lang import kernel_impl
 
 from taichi_cloth.backend import field_pool, runtime, shared_kernels
+from taichi_cloth.backend.language import ti
 from taichi_cloth.backend.rows import read, write
 
 pytestmark = pytest.mark.restarts

@@ -4,9 +4,9 @@ import subprocess
 import sys
 
 import pytest
-import taichi as ti
 
 from taichi_cloth.backend import runtime, taichi_patches
+from taichi_cloth.backend.language import ti
 from taichi_cloth.system.state import ParticleState
 
 
