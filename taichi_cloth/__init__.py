@@ -36,6 +36,7 @@ _NAMES = {
     "scene.view": "Camera View",
     "scene.appearance": "Appearance Texture Weave",
     "forces.membrane_law": "MembraneLaw", "forces.bend_law": "BendLaw",
+    "backend.language": "ti",
     "system.constraints": "Constraint",
     "options": "Options",
     "simulation": "Simulation",

@@ -7,14 +7,17 @@ come from `private`: one that lacks some of these is slower, and a simulation's 
 import functools
 import importlib
 import importlib.util
+import inspect
 import operator
 import os
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 from ..errors import BackendError, did_you_mean
 
 VARIABLE = "TAICHI_CLOTH_COMPILER"
+PATCHED = os.environ.get("TAICHI_CLOTH_PATCHES", "1") != "0"  # whether this package may change how a compiler works
 
 
 @dataclass(frozen=True)
@@ -57,7 +60,7 @@ def chosen() -> Compiler:
     """
     name = os.environ.get(VARIABLE) or DEFAULT
     if name not in COMPILERS:
-        raise BackendError(f"{VARIABLE}: no compiler is named {name!r}: {did_you_mean(name, COMPILERS)}")
+        raise BackendError(f"{VARIABLE}: no compiler is named {name!r}; {did_you_mean(name, COMPILERS)}")
     found = COMPILERS[name]
     if not found.installed:
         way = f"pip install 'taichi-cloth[{found.extra}]'" if found.extra else f"pip install {found.distribution}"
@@ -66,17 +69,44 @@ def chosen() -> Compiler:
     return found
 
 
+@functools.cache
+def language() -> ModuleType:
+    """The compiler's package. Taichi would go through all modules for the source of each of its own kernels."""
+    getmodule = inspect.getmodule
+    if PATCHED:
+        inspect.getmodule = lambda *_, **__: None  # type: ignore[assignment]
+    try:
+        return importlib.import_module(chosen().name)
+    finally:
+        inspect.getmodule = getmodule
+
+
 def private(*places: str) -> list[Any]:
-    """Modules "lang.impl" or things "lang.impl:get_runtime" in the compiler; None for each that it does not have."""
-    out = []
+    """Modules "lang.impl", or things "lang.impl:get_runtime" in them, of the compiler; None for each that it does not have."""
+    out, package = [], language().__name__
     for place in places:
         module, _, name = place.partition(":")
         try:
-            found = importlib.import_module(f"{chosen().name}.{module}")
+            found = importlib.import_module(f"{package}.{module}".rstrip("."))
             out.append(operator.attrgetter(name)(found) if name else found)
         except (ImportError, AttributeError):
             out.append(None)
     return out
+
+
+def foreign(kind: type) -> str:
+    """Another compiler in whose language a class has functions or kernels; "" where there is none."""
+    for value in (value for base in kind.__mro__ for value in vars(base).values()):
+        made = getattr(value, "__globals__", {}).get("__name__") or type(value).__module__
+        name = str(made).partition(".")[0]
+        if name in COMPILERS and name != chosen().name:
+            return name
+    return ""
+
+
+def told() -> dict[str, str]:
+    """For what tells runs apart: nothing of the usual compiler, the name of another."""
+    return {} if chosen().name == DEFAULT else {"compiler": chosen().name}
 
 
 def version(language: Any) -> str:

@@ -28,6 +28,7 @@ from . import compiler, launches, taichi_patches
 from .language import ti
 
 get_addr, to_numpy_type = compiler.private("lang.snode:get_addr", "lang.util:to_numpy_type")
+SEEN = None not in (get_addr, to_numpy_type)  # whether the compiler lets fields' memory be seen
 MOST_BYTES = 256 << 20  # that are kept where nobody uses them; a sheet of 10,000 vertices with contact has some 250 MB
 MOST_TREES = 200  # of Taichi's fields; it has room for 512
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from . import field_pool, runtime
 from .language import ti
-from .rows import capacity, fill, write
+from .rows import capacity, fill, in_reach, write
 
 CHUNK = 1 << 22  # numbers that are handed to a kernel at once
 
@@ -40,7 +40,7 @@ class Fields:
         self.exchange, self.exact = exchange, exact
         runtime.hold(self)
         field_pool.trim()
-        self._lease = field_pool.Lease(pooled and not exact)
+        self._lease = field_pool.Lease(pooled and in_reach() and not exact)
         self._maker = sys._getframe(1).f_code  # places of declarations are told from there on
         self._builder = None  # of new fields
         self._reals: list[Filled] = []
@@ -86,7 +86,7 @@ class Fields:
         self._finalize()
         self._lease.keep()
         weakref.finalize(self, self._lease.leave).atexit = False
-        if runtime.on_cpu():
+        if in_reach():
             for filled in self._reals + self._integers:  # a kernel for it would be compiled for each set of fields
                 write(filled.field, filled.data)
         else:

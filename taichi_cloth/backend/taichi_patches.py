@@ -8,38 +8,26 @@ module, and with it the compiler, before any class with kernels is made.
 """
 
 import functools
-import importlib
-import inspect
-import os
 import sys
 import textwrap
 from types import SimpleNamespace
 
-from . import compiler
+import numpy as np
+
+from . import compiler, launches, shared_kernels
 
 PACKAGE = __name__.split(".")[0]
 NAME = compiler.chosen().name
 NEEDED = ("lang.impl:current_cfg", "lang.kernel_impl:AutodiffMode", "lang.kernel_impl:Kernel.materialize",
           "lang.kernel_impl:_BoundedDifferentiableMethod", "lang.kernel_impl:_process_args",
           "lang.ast.ast_transformer:ASTTransformer.build_Attribute", "types.ndarray_type:NdarrayType",
-          "types.primitive_types:real_type_ids", "_lib:core.Program.launch_kernel")
-
-_asked, _getmodule = os.environ.get("TAICHI_CLOTH_PATCHES", "1") != "0", inspect.getmodule
-if _asked:
-    inspect.getmodule = lambda *_, **__: None  # type: ignore[assignment]
-try:  # it would go through all modules for the source of each of its own kernels
-    ti = importlib.import_module(NAME)
-finally:
-    inspect.getmodule = _getmodule
-
-from . import launches, shared_kernels  # noqa: E402
-
+          "types.primitive_types:real_type_ids", "_lib:core.Program.launch_kernel", "lang.snode:get_addr",
+          "lang.util:to_numpy_type")
 LACKS = [place for place, found in zip(NEEDED, compiler.private(*NEEDED)) if found is None]
-WANTED = _asked and not LACKS
+WANTED = compiler.PATCHED and not LACKS
 NOTES = [f"compiler {NAME} has no {' nor '.join(LACKS)}: each simulation compiles all of its kernels, and launches are "
-         "slower"] if _asked and LACKS else []
-impl, kernel_impl, context = compiler.private(
-    "lang.impl", "lang.kernel_impl", "lang.ast.ast_transformer_utils:ASTTransformerContext")
+         "slower"] if compiler.PATCHED and LACKS else []
+ti, [kernel_impl] = compiler.language(), compiler.private("lang.kernel_impl")
 
 
 @functools.lru_cache(1024)  # asked for every node of a kernel's tree
@@ -167,16 +155,35 @@ def _lines(_original):
     return SimpleNamespace(fill=lambda line, **_: line.expandtabs(4).rstrip(), dedent=dedent)
 
 
-def _apply() -> None:
-    for owner, name, faster in (
-            (context, "get_pos_info", _get_pos_info), (kernel_impl, "_inside_class", _inside_class),
-            (kernel_impl, "getsourcelines", _cached), (kernel_impl, "getsourcefile", _cached),
-            (kernel_impl, "textwrap", _lines), (ti, "data_oriented", _data_oriented), (impl, "get_traceback", _get_traceback),
-            (kernel_impl.Kernel, "__call__", _call), (ti.Field, "_initialize_host_accessors", _host_accessors)):
+def _numbers(original):
+    """A kernel's launch with Python's numbers: quadrants looks its arguments up, and warns of numpy's that it cannot."""
+
+    def call(self, *args, **kwargs):
+        return original(self, *(a.item() if isinstance(a, np.generic) else a for a in args), **kwargs)
+
+    return call
+
+
+READ = (  # how sources are read and messages made: owner, name and what makes the faster one, where a compiler has it
+    ("lang.ast.ast_transformer_utils:ASTTransformerContext", "get_pos_info", _get_pos_info),
+    ("lang.ast.ast_transformer_utils:ASTTransformerFuncContext", "_build_pos_info", _get_pos_info),
+    ("lang.kernel_impl", "_inside_class", _inside_class), ("lang.impl", "get_traceback", _get_traceback),
+    ("lang.kernel_impl", "getsourcelines", _cached), ("lang.kernel_impl", "getsourcefile", _cached),
+    ("lang._func_base", "get_source_info_and_src", _cached), ("lang.kernel_impl", "textwrap", _lines),
+    ("lang._func_base", "textwrap", _lines))
+LAUNCH = (("", "data_oriented", _data_oriented), ("lang.kernel_impl:Kernel", "__call__", _call),
+          ("lang.field:Field", "_initialize_host_accessors", _host_accessors))
+PLAINLY = (("lang.kernel_impl:Kernel", "__call__", _numbers),)
+
+
+def _apply(patches: tuple) -> None:
+    for place, name, faster in patches:
+        [owner] = compiler.private(place)
         if hasattr(owner, name):
             setattr(owner, name, faster(getattr(owner, name)))
-    shared_kernels.apply()
 
 
+if compiler.PATCHED:
+    _apply(READ + (LAUNCH if WANTED else PLAINLY))
 if WANTED:
-    _apply()
+    shared_kernels.apply()
