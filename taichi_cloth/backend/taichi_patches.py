@@ -12,8 +12,6 @@ import sys
 import textwrap
 from types import SimpleNamespace
 
-import numpy as np
-
 from . import compiler, launches, shared_kernels
 
 PACKAGE = __name__.split(".")[0]
@@ -155,15 +153,6 @@ def _lines(_original):
     return SimpleNamespace(fill=lambda line, **_: line.expandtabs(4).rstrip(), dedent=dedent)
 
 
-def _numbers(original):
-    """A kernel's launch with Python's numbers: quadrants looks its arguments up, and warns of numpy's that it cannot."""
-
-    def call(self, *args, **kwargs):
-        return original(self, *(a.item() if isinstance(a, np.generic) else a for a in args), **kwargs)
-
-    return call
-
-
 READ = (  # how sources are read and messages made: owner, name and what makes the faster one, where a compiler has it
     ("lang.ast.ast_transformer_utils:ASTTransformerContext", "get_pos_info", _get_pos_info),
     ("lang.ast.ast_transformer_utils:ASTTransformerFuncContext", "_build_pos_info", _get_pos_info),
@@ -173,7 +162,6 @@ READ = (  # how sources are read and messages made: owner, name and what makes t
     ("lang._func_base", "textwrap", _lines))
 LAUNCH = (("", "data_oriented", _data_oriented), ("lang.kernel_impl:Kernel", "__call__", _call),
           ("lang.field:Field", "_initialize_host_accessors", _host_accessors))
-PLAINLY = (("lang.kernel_impl:Kernel", "__call__", _numbers),)
 
 
 def _apply(patches: tuple) -> None:
@@ -184,6 +172,6 @@ def _apply(patches: tuple) -> None:
 
 
 if compiler.PATCHED:
-    _apply(READ + (LAUNCH if WANTED else PLAINLY))
+    _apply(READ + (LAUNCH if WANTED else ()))
 if WANTED:
     shared_kernels.apply()

@@ -46,4 +46,4 @@ def test_kernels_that_cannot_be_kept_are_compiled_anew(tmp_path):
     done = subprocess.run([sys.executable, str(script)], env={k: v for k, v in there.items() if k != "HOME"},
                           capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
-    assert done.stderr.count(f"compiled kernels cannot be kept in {script / 'cache'} (Not a directory)") == 1, done.stderr
+    assert done.stderr.count(f"compiled kernels cannot be kept in {script / 'cache'}") == 1, done.stderr
