@@ -36,7 +36,6 @@ _NAMES = {
     "scene.view": "Camera View",
     "scene.appearance": "Appearance Texture Weave",
     "forces.membrane_law": "MembraneLaw", "forces.bend_law": "BendLaw",
-    "backend.language": "ti",
     "system.constraints": "Constraint",
     "options": "Options",
     "simulation": "Simulation",
@@ -62,6 +61,8 @@ def __getattr__(name: str):
         if name == "Simulation":
             found.view = _view
         return found
+    if name == "ti":  # the language of kernels, for laws of one's own
+        return importlib.import_module(".backend.language", __name__).ti
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

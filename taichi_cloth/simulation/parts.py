@@ -3,7 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Any, Self
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from ..system.operator import ForceField, Operator, Probe
 from ..system.quantities import collapsed, deformation
 from ..system.state import ParticleState
 
+P = TypeVar("P", bound="Parts")
 OF_SCENE = ("gravity", "air")
 ROUNDED = 100.0  # times a vertex's weight, from which rounding in f32 is told of
 H, H_EXPLICIT = 1 / 60, 0.1  # s, where none is given; explicit methods need it only to look at their result
@@ -171,7 +172,7 @@ class Parts:
             tears = Tears(self.scene, stitches, self.force_terms)
         return Giving(stitches, self.integrator, self.meter, self.contacts, tears)
 
-    def __enter__(self) -> Self:
+    def __enter__(self: P) -> P:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -225,7 +226,7 @@ class Parts:
         self._extra.append(fields)
         return made
 
-    def _live(self) -> Self:
+    def _live(self: P) -> P:
         if not self._open:
             raise BackendError("this simulation was closed")
         if self._generation != runtime.generation():
