@@ -136,15 +136,14 @@ def _call(original):
     return call
 
 
-def _host_accessors(original):
-    """A look at, or a change of, one row of a field from Python: the numbers of its simulation are in it."""
+def _swapped_in(original):
+    """A look at fields, or a change of them, from Python: the numbers of their simulations are in them."""
 
-    def initialize(self) -> None:
-        if hasattr(self, "share"):
-            launches.swap_in([self.share])
-        original(self)
+    def look(self, *args, **kwargs):
+        launches.swap_in(field.share for field in (self, *args) if hasattr(field, "share"))
+        return original(self, *args, **kwargs)
 
-    return initialize
+    return look
 
 
 def _lines(_original):
@@ -161,7 +160,10 @@ READ = (  # how sources are read and messages made: owner, name and what makes t
     ("lang._func_base", "get_source_info_and_src", _cached), ("lang.kernel_impl", "textwrap", _lines),
     ("lang._func_base", "textwrap", _lines))
 LAUNCH = (("", "data_oriented", _data_oriented), ("lang.kernel_impl:Kernel", "__call__", _call),
-          ("lang.field:Field", "_initialize_host_accessors", _host_accessors))
+          ("lang.field:Field", "_initialize_host_accessors", _swapped_in),
+          *((place, f"_try_native_dense_{name}", _swapped_in)  # taichi_forge copies whole fields without a kernel
+            for place in ("lang.field:ScalarField", "lang.matrix:MatrixField")
+            for name in ("fill", "to_numpy", "from_numpy", "copy_from")))
 
 
 def _apply(patches: tuple) -> None:
