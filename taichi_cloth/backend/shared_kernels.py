@@ -17,10 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from . import compiler, launches
+from ..errors import BackendError
+from . import compiler
 
-kernel_impl, ASTTransformer, Field = compiler.private(
-    "lang.kernel_impl", "lang.ast.ast_transformer:ASTTransformer", "lang.field:Field")
+kernel_impl, ASTTransformer, Field, runtime = compiler.private(
+    "lang.kernel_impl", "lang.ast.ast_transformer:ASTTransformer", "lang.field:Field", "lang.impl:get_runtime")
 PACKAGE = __name__.split(".")[0]
 PLAIN = (bool, int, float, str, bytes, type(None), np.number, np.bool_)
 HARMLESS = (len, range, zip, enumerate, min, max, isinstance, int, float, bool, abs)  # functions that read no attributes
@@ -141,7 +142,6 @@ class Variant:
 
 
 _compiling: list[Reads] = []
-_kernels: weakref.WeakSet = weakref.WeakSet()  # that were compiled
 
 
 @contextlib.contextmanager
@@ -184,7 +184,6 @@ def _materialize(original):
     def materialize(self, key=None, args=None, arg_features=None, **more):
         if key is None or key in self.compiled_kernels:
             return original(self, key, args, arg_features, **more)
-        _kernels.add(self)
         self.reads_by_key = getattr(self, "reads_by_key", {})
         roots = self.template_slot_locations
         self.runtime.materialize()
@@ -206,9 +205,20 @@ def _materialize(original):
 
 
 def look_again() -> None:
-    """An object has got other fields than it had: each kernel looks anew for one that was compiled from such objects."""
-    for kernel in _kernels:
-        launches.of(kernel).forget()
+    """An object has got other fields than it had: each kernel looks anew for one that was compiled from such objects.
+
+    Raises:
+        BackendError: the compiler does not tell of its kernels.
+    """
+    if runtime is None:
+        raise BackendError(f"more room is needed for contacts, and compiler {compiler.chosen().name} has no "
+                           "lang.impl:get_runtime to compile kernels anew: use another compiler")
+    for kernel in list(runtime().kernels):
+        if not hasattr(kernel, "compiled_kernels"):  # of quadrants
+            kernel.reset()
+            continue
+        if hasattr(kernel, "launcher"):
+            kernel.launcher.forget()
         for key in [k for k in kernel.compiled_kernels if not isinstance(k, Variant)]:
             del kernel.compiled_kernels[key]
 
