@@ -10,7 +10,6 @@ import importlib.util
 import inspect
 import operator
 import os
-import warnings
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -73,7 +72,6 @@ def chosen() -> Compiler:
 @functools.cache
 def language() -> ModuleType:
     """The compiler's package. Taichi would go through all modules for the source of each of its own kernels."""
-    warnings.filterwarnings("ignore", "cannot create weak reference")  # of quadrants, to arguments such as numbers of numpy
     getmodule = inspect.getmodule
     if PATCHED:
         inspect.getmodule = lambda *_, **__: None  # type: ignore[assignment]

@@ -214,8 +214,9 @@ def look_again() -> None:
         raise BackendError(f"more room is needed for contacts, and compiler {compiler.chosen().name} has no "
                            "lang.impl:get_runtime to compile kernels anew: use another compiler")
     for kernel in list(runtime().kernels):
-        if not hasattr(kernel, "compiled_kernels"):  # of quadrants
+        if not hasattr(kernel, "compiled_kernels"):  # of quadrants, which knows launches by the addresses of kernels
             kernel.reset()
+            kernel.launch_context_buffer_cache = type(kernel.launch_context_buffer_cache)()
             continue
         if hasattr(kernel, "launcher"):
             kernel.launcher.forget()

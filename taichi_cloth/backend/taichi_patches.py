@@ -12,6 +12,8 @@ import sys
 import textwrap
 from types import SimpleNamespace
 
+import numpy as np
+
 from . import compiler, launches, shared_kernels
 
 PACKAGE = __name__.split(".")[0]
@@ -152,6 +154,17 @@ def _lines(_original):
     return SimpleNamespace(fill=lambda line, **_: line.expandtabs(4).rstrip(), dedent=dedent)
 
 
+def _viewed(original):
+    """A launch with views of arrays, and Python's numbers: quadrants keeps weak references to what it is given. It warns of
+    numbers that have none, and numpy changes the size of no array that has one."""
+
+    def call(self, *args, **kwargs):
+        return original(self, *(a.view() if isinstance(a, np.ndarray) else a.item() if isinstance(a, np.generic) else a
+                                for a in args), **kwargs)
+
+    return call
+
+
 READ = (  # how sources are read and messages made: owner, name and what makes the faster one, where a compiler has it
     ("lang.ast.ast_transformer_utils:ASTTransformerContext", "get_pos_info", _get_pos_info),
     ("lang.ast.ast_transformer_utils:ASTTransformerFuncContext", "_build_pos_info", _get_pos_info),
@@ -173,6 +186,7 @@ def _apply(patches: tuple) -> None:
             setattr(owner, name, faster(getattr(owner, name)))
 
 
+_apply((("lang.kernel:Kernel", "__call__", _viewed),))  # quadrants has this module alone, and needs it
 if compiler.PATCHED:
     _apply(READ + (LAUNCH if WANTED else ()))
 if WANTED:
