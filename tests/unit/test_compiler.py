@@ -31,6 +31,37 @@ for _ in range(6):
 assert max(r.contacts for r in sim.log) > 0
 np.savez(sys.argv[1], x=sim.positions(), v=sim.velocities(), notes=sim.notes)
 """
+OUTGROWN = """
+import sys
+import numpy as np
+from taichi_cloth import ti
+from taichi_cloth.backend import runtime, shared_kernels
+from taichi_cloth.backend.fields import Fields
+
+@ti.data_oriented
+class First:
+    def take(self, value):
+        fields = Fields(np.float64, pooled=True)
+        self.field = fields.real(1, data=np.array([value]))
+        fields.allocate()
+        self.all = getattr(self, "all", []) + [fields]
+
+    @ti.kernel
+    def add(self, numbers: ti.types.ndarray(), times: float) -> float:
+        out = times * self.field[0]
+        for i in range(numbers.shape[0]):
+            out += numbers[i]
+        return out
+
+runtime.start("cpu", "f64", 1)
+first, seen, numbers = First(), [], np.ones(4)
+for value in (1.0, 2.0):
+    first.take(value)
+    shared_kernels.look_again()
+    seen += [first.add(numbers, np.float64(2.0)), first.add(numbers, 3.0)]
+numbers.resize(400, refcheck=False)  # as pairs of layers are
+np.savez(sys.argv[1], seen=seen)
+"""
 FREE = """
 import sys
 import numpy as np
@@ -140,6 +171,11 @@ def test_a_law_in_the_language_of_another_compiler_is_refused(monkeypatch):
         build_forces(None, None, scene, "gauss_newton")
 
 
+@pytest.mark.parametrize("patches", ["0", "1"])
+def test_kernels_are_compiled_for_fields_that_replace_others(tmp_path, patches):
+    assert run(tmp_path, OUTGROWN, TAICHI_CLOTH_PATCHES=patches)["seen"].tolist() == [6, 7, 8, 10]
+
+
 @pytest.mark.slow
 def test_no_private_part_of_a_compiler_is_needed(tmp_path):
     usual, bare = run(tmp_path, FREE), run(tmp_path, FREE, "public")
@@ -153,6 +189,7 @@ def test_a_fork_gives_the_same_positions(tmp_path, name):
     for other in ("taichi", name):
         if not compiler.COMPILERS[other].installed:
             pytest.skip(f"{other} is not installed")
+    assert run(tmp_path, OUTGROWN, TAICHI_CLOTH_COMPILER=name)["seen"].tolist() == [6, 7, 8, 10]
     ours = run(tmp_path, CONTACT, TAICHI_CLOTH_COMPILER="taichi")
     theirs = run(tmp_path, CONTACT, cache=tmp_path / "cache", TAICHI_CLOTH_COMPILER=name)
     assert np.abs(theirs["x"] - ours["x"]).max() < 1e-12 and np.abs(theirs["v"] - ours["v"]).max() < 1e-10
