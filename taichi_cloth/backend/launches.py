@@ -7,8 +7,7 @@ bounds.
 """
 
 import time
-from collections.abc import Callable, Iterable
-from functools import partial
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -66,7 +65,7 @@ class Launcher:
             self._learn(features, args, shares)
             compiling.seconds += time.perf_counter() - began
             return out
-        made, go, shares = known
+        made, data, shares = known
         swap_in(shares)
         context = made.make_launch_context()
         for k, slot, kind in self._handed:
@@ -78,7 +77,10 @@ class Launcher:
                 context.set_arg_float(slot, float(arg))
             else:
                 context.set_arg_int(slot, int(arg))
-        go(context)
+        if data is not None:
+            runtime.prog.launch_kernel(data, context)
+        else:
+            runtime.prog.compile_and_launch_kernel(runtime.prog.config(), runtime.prog.get_device_caps(), made, context)
         if kernel.return_type is None:
             return None
         runtime.prog.synchronize()
@@ -112,15 +114,14 @@ class Launcher:
         kernel, prog = self.kernel, self.kernel.runtime.prog
         if not kernel.has_print and not impl.current_cfg().debug:
             made = kernel.compiled_kernels[kernel.ensure_compiled(*args)]
-            self._known[features] = made, _launcher(prog, made), shares
+            self._known[features] = made, _compiled(prog, made), shares
 
 
-def _launcher(prog, made) -> Callable[[Any], None]:
-    """Launches a compiled kernel with the arguments of a context; a compiler that does so in one call looks it up again."""
-    config, device = prog.config(), prog.get_device_caps()
+def _compiled(prog, made):
+    """Code of a kernel, as it is launched; None by a compiler that looks it up at each launch."""
     if hasattr(prog, "compile_and_launch_kernel"):
-        return partial(prog.compile_and_launch_kernel, config, device, made)
-    return partial(prog.launch_kernel, prog.compile_kernel(config, device, made))
+        return None
+    return prog.compile_kernel(prog.config(), prog.get_device_caps(), made)
 
 
 def _kind(annotation) -> str:
