@@ -3,8 +3,8 @@
     python scripts/bench_compilers.py
     python scripts/bench_compilers.py --rounds 5 --json out/compilers.json
 
-Starts are CPU seconds of a process from Python's start to the end of the first step, which other programs disturb least.
-Steps are the least of those that compilers make in turns, in milliseconds.
+All is CPU time, which other programs disturb least: a start from Python's to the end of the first step, and a step, the
+least of those that processes make in turns. On one thread, as threads that wait for each other take CPU time, too.
 """
 
 import argparse
@@ -33,9 +33,9 @@ sim = tc.Simulation(scene.build(**settings), threads=threads, **options)
 sim.step()
 start, times = time.process_time(), []
 for _ in range(steps):
-    begun = time.perf_counter()
+    begun = time.process_time()
     sim.step()
-    times.append(time.perf_counter() - begun)
+    times.append(time.process_time() - begun)
 np.savez(out, x=sim.positions(), start=start, times=times)
 """
 
@@ -71,7 +71,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=3, help="warm runs of each compiler and scene")
     parser.add_argument("--steps", type=int, default=30)
-    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--json", type=pathlib.Path, help="writes the figures, too")
     args = parser.parse_args()
     names = [known.name for known in compiler.COMPILERS.values() if known.installed]
