@@ -75,6 +75,7 @@ MUTATIONS = (
      "compilers share a folder of kernels", COMPILERS),
     (COMPILER, 'return {} if chosen().name == DEFAULT else {"compiler": chosen().name}', "return {}",
      "a sweep has rows of another compiler", COMPILERS),
+    (COMPILER, '("compile_tier", "full"), ', "", "steps of taichi_forge take seven times as long", COMPILERS),
     (COMPILER, "if not found.installed:", "if False:", "an absent compiler is no error of ours", COMPILERS),
     (POOL, "SEEN = None not in (get_addr, to_numpy_type)", "SEEN = True", "a private part of a compiler is needed", COMPILERS),
 )
