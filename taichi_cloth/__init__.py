@@ -6,7 +6,9 @@ Names are loaded when first used, so that describing a scene does not start Taic
 import importlib
 import os
 
-os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")  # read when taichi is imported, wherever that is
+for name in ("TAICHI", "QUADRANTS"):
+    os.environ.setdefault(f"ENABLE_{name}_HEADER_PRINT", "0")  # read when it is imported, wherever that is
+del name
 if os.name == "posix" and "HOME" not in os.environ:  # Taichi ends the process then, as under some services
     home = os.path.expanduser("~")
     os.environ["HOME"] = home if os.path.isabs(home) else os.sep
@@ -59,6 +61,8 @@ def __getattr__(name: str):
         if name == "Simulation":
             found.view = _view
         return found
+    if name == "ti":  # the language of kernels, for laws of one's own
+        return importlib.import_module(".backend.language", __name__).ti
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

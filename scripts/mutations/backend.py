@@ -9,7 +9,8 @@ TESTS = (SECOND, MEMORY, PLACED, DEALT, LAUNCHED)
 
 KERNELS, POOL, PLACEMENT, DEALING, ROWS, LAUNCHES, RUNTIME = (f"taichi_cloth/backend/{name}.py" for name in (
     "shared_kernels", "field_pool", "placement", "dealing", "rows", "launches", "runtime"))
-ENVIRONMENT = "tests/unit/test_environment.py"
+COMPILER = "taichi_cloth/backend/compiler.py"
+ENVIRONMENT, COMPILERS = "tests/unit/test_environment.py", "tests/unit/test_compiler.py"
 FILLED = f"{SECOND}::test_memory_is_filled_as_kernels_fill_it"
 
 MUTATIONS = (
@@ -70,4 +71,11 @@ MUTATIONS = (
     ("taichi_cloth/__init__.py", '"HOME" not in os.environ', "False", "Taichi ends the process without a home", ENVIRONMENT),
     (RUNTIME, "TemporaryDirectory() as folder, _unasked():", "TemporaryDirectory() as folder:", "TI_ARCH is tried instead",
      ENVIRONMENT),
+    ("taichi_cloth/backend/kernel_cache.py", "folder if name == compiler.DEFAULT else os.path.join(folder, name)", "folder",
+     "compilers share a folder of kernels", COMPILERS),
+    (COMPILER, 'return {} if chosen().name == DEFAULT else {"compiler": chosen().name}', "return {}",
+     "a sweep has rows of another compiler", COMPILERS),
+    (COMPILER, '("compile_tier", "full"), ', "", "steps of taichi_forge take seven times as long", COMPILERS),
+    (COMPILER, "if not found.installed:", "if False:", "an absent compiler is no error of ours", COMPILERS),
+    (POOL, "SEEN = None not in (get_addr, to_numpy_type)", "SEEN = True", "a private part of a compiler is needed", COMPILERS),
 )

@@ -185,12 +185,15 @@ def _doctor() -> int:
     import platform
 
     from .. import __version__
-    from ..backend import runtime
+    from ..backend import compiler, runtime
 
+    chosen = compiler.chosen()
     print(f"taichi_cloth {__version__}, Python {platform.python_version()}, {platform.platform()}")
-    for package in ("taichi", "numpy", "meshio", "rich"):
+    for package in (chosen.distribution, "numpy", "meshio", "rich"):
         from importlib.metadata import version
         print(f"{package:8} {version(package)}")
+    here = ", ".join(other.name for other in compiler.COMPILERS.values() if other.installed)
+    print(f"compiler {chosen.name}; installed: {here}; {compiler.VARIABLE} chooses")
     cores = runtime.cores()
     print(f"cpu      runs, f32 and f64, {cores} threads")
     for arch in ARCHS[1:]:

@@ -4,9 +4,9 @@ Items are in an order that keeps neighbours together, LEAF of them a leaf. Boxes
 """
 
 import numpy as np
-import taichi as ti
 
 from .fields import Fields
+from .language import ti
 
 LEAF = 4
 

@@ -15,9 +15,9 @@ the thread that works on a piece.
 """
 
 import numpy as np
-import taichi as ti
 
 from .fields import Fields
+from .language import ti
 
 GROWTH = 1.5  # times the number that a piece turned out to write down, where that is more than there was room for
 

@@ -12,9 +12,6 @@ Fields are handed out zero, as new ones are. The pool is bounded: beyond that, t
 to the system, those used longest ago first.
 """
 
-from . import taichi_patches  # noqa: F401  (before Taichi)
-
-# isort: split
 import copy
 import ctypes
 import itertools
@@ -26,12 +23,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import taichi as ti
-from taichi.lang.snode import get_addr
-from taichi.lang.util import to_numpy_type
 
-from . import launches
+from . import compiler, launches, taichi_patches
+from .language import ti
 
+get_addr, to_numpy_type = compiler.private("lang.snode:get_addr", "lang.util:to_numpy_type")
+SEEN = None not in (get_addr, to_numpy_type)  # whether the compiler lets fields' memory be seen
 MOST_BYTES = 256 << 20  # that are kept where nobody uses them; a sheet of 10,000 vertices with contact has some 250 MB
 MOST_TREES = 200  # of Taichi's fields; it has room for 512
 

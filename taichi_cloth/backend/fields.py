@@ -1,8 +1,5 @@
 """Taichi fields, declared one by one, allocated together, filled from numpy, freed together."""
 
-from . import taichi_patches  # noqa: F401  (before Taichi)
-
-# isort: split
 import sys
 import weakref
 from collections.abc import Callable, Iterator
@@ -10,10 +7,10 @@ from dataclasses import dataclass
 from types import FrameType
 
 import numpy as np
-import taichi as ti
 
 from . import field_pool, runtime
-from .rows import capacity, fill, write
+from .language import ti
+from .rows import capacity, fill, in_reach, write
 
 CHUNK = 1 << 22  # numbers that are handed to a kernel at once
 
@@ -43,7 +40,7 @@ class Fields:
         self.exchange, self.exact = exchange, exact
         runtime.hold(self)
         field_pool.trim()
-        self._lease = field_pool.Lease(pooled and not exact)
+        self._lease = field_pool.Lease(pooled and in_reach() and not exact)
         self._maker = sys._getframe(1).f_code  # places of declarations are told from there on
         self._builder = None  # of new fields
         self._reals: list[Filled] = []
@@ -89,7 +86,7 @@ class Fields:
         self._finalize()
         self._lease.keep()
         weakref.finalize(self, self._lease.leave).atexit = False
-        if runtime.on_cpu():
+        if in_reach():
             for filled in self._reals + self._integers:  # a kernel for it would be compiled for each set of fields
                 write(filled.field, filled.data)
         else:

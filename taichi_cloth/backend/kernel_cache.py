@@ -1,4 +1,4 @@
-"""Where Taichi keeps compiled kernels from process to process, and whether it can."""
+"""Where a compiler keeps compiled kernels from process to process, and whether it can; each of them apart from the others."""
 
 import functools
 import os
@@ -6,21 +6,30 @@ import tempfile
 import warnings
 from typing import Any
 
+from . import compiler
+
 MOST = 1 << 29  # bytes of compiled kernels that are kept: some hundred scenes
-VARIABLE = "TI_OFFLINE_CACHE_FILE_PATH"  # of the environment: another folder than Taichi's own
+VARIABLE = "TI_OFFLINE_CACHE_FILE_PATH"  # of the environment: another folder than the compiler's own
 
 
 def options(keep: bool) -> dict[str, Any]:
-    """Arguments of `ti.init` on the cache of kernels.
+    """Arguments of `ti.init` on the cache of kernels; forks of Taichi have a folder of theirs in it.
 
     Taichi makes the folder even if it keeps nothing (`keep` False). If it cannot, it fails at its second start, or as the
     process ends: then it gets another folder.
     """
-    from taichi.lang import impl
-
-    if _writable(os.environ.get(VARIABLE) or impl.default_cfg().offline_cache_file_path):
-        return {"offline_cache": keep, "offline_cache_max_size_of_files": MOST}
+    folder = _folder(compiler.chosen().name)
+    if _writable(folder):
+        return {"offline_cache": keep, "offline_cache_max_size_of_files": MOST, "offline_cache_file_path": folder}
     return {"offline_cache": False, "offline_cache_file_path": tempfile.gettempdir()}
+
+
+def _folder(name: str) -> str:
+    """The folder of a compiler: Taichi has the one that it always had."""
+    [usual] = compiler.private("lang.impl:default_cfg")
+    own = usual().offline_cache_file_path if usual else os.path.expanduser("~/.cache/taichi_cloth/kernels")
+    folder = os.environ.get(VARIABLE) or own
+    return folder if name == compiler.DEFAULT else os.path.join(folder, name)
 
 
 @functools.cache

@@ -11,11 +11,12 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from taichi.lang import impl, kernel_impl
-from taichi.types import ndarray_type, primitive_types
 
+from . import compiler
 from .timing import compiling
 
+impl, kernel_impl, ndarray_type, primitive_types = compiler.private(
+    "lang.impl", "lang.kernel_impl", "types.ndarray_type", "types.primitive_types")
 LARGEST = np.iinfo(np.int32).max  # numbers of an array that Taichi can tell apart
 SWAPS = [0]  # how often numbers of a simulation were swapped out of its fields: see field_pool.py
 REALS, INTEGERS = (float, int, np.floating, np.integer), (int, np.integer)
@@ -76,7 +77,10 @@ class Launcher:
                 context.set_arg_float(slot, float(arg))
             else:
                 context.set_arg_int(slot, int(arg))
-        runtime.prog.launch_kernel(data, context)
+        if data is not None:
+            runtime.prog.launch_kernel(data, context)
+        else:
+            runtime.prog.compile_and_launch_kernel(runtime.prog.config(), runtime.prog.get_device_caps(), made, context)
         if kernel.return_type is None:
             return None
         runtime.prog.synchronize()
@@ -110,7 +114,14 @@ class Launcher:
         kernel, prog = self.kernel, self.kernel.runtime.prog
         if not kernel.has_print and not impl.current_cfg().debug:
             made = kernel.compiled_kernels[kernel.ensure_compiled(*args)]
-            self._known[features] = made, prog.compile_kernel(prog.config(), prog.get_device_caps(), made), shares
+            self._known[features] = made, _compiled(prog, made), shares
+
+
+def _compiled(prog, made):
+    """Code of a kernel, as it is launched; None by a compiler that looks it up at each launch."""
+    if hasattr(prog, "compile_and_launch_kernel"):
+        return None
+    return prog.compile_kernel(prog.config(), prog.get_device_caps(), made)
 
 
 def _kind(annotation) -> str:

@@ -22,9 +22,9 @@ The result does not depend on the thread that works on a block.
 """
 
 import numpy as np
-import taichi as ti
 
 from .fields import Fields
+from .language import ti
 from .runtime import TASK
 
 END = 0  # kind of phase after which there is none

@@ -3,13 +3,10 @@
 On the CPU arrays come straight from memory: a copy of 10,000 rows takes 5 us, with a kernel's launch it took .15 ms.
 """
 
-from . import taichi_patches  # noqa: F401  (before Taichi)
-
-# isort: split
 import numpy as np
-import taichi as ti
 
-from . import runtime
+from . import field_pool, runtime
+from .language import ti
 
 SMALL, MIDDLE, LARGE = 1 << 10, 1 << 14, 1 << 18  # rows: two sizes, then twice as many each, then multiples
 
@@ -22,15 +19,20 @@ def capacity(n: int) -> int:
     return size if n <= LARGE else -(-n // LARGE) * LARGE
 
 
+def in_reach() -> bool:
+    """Whether numbers of fields are read and written where they lie: on the CPU, by a compiler that says where."""
+    return field_pool.SEEN and runtime.on_cpu()
+
+
 def read(field, which: np.ndarray | None = None) -> np.ndarray:
     """A copy of the rows of a field that `Fields` made, or of those that `which` (k,) names."""
-    rows = field.share.memory if runtime.on_cpu() else field.to_numpy()
+    rows = field.share.memory if in_reach() else field.to_numpy()
     return rows[: field.rows].copy() if which is None else rows.take(which, axis=0)
 
 
 def write(field, data: np.ndarray) -> None:
     """Sets the first rows of a field, as many as there are in data."""
-    if runtime.on_cpu():
+    if in_reach():
         rows = field.share.memory[: len(data)]
         rows[...] = data.reshape(rows.shape)
     else:

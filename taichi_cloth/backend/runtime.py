@@ -20,7 +20,8 @@ from .quota import cores
 
 TASK = 512  # iterations of a loop that Taichi gives to a CPU thread at once
 MOST_THREADS = 64  # that may be asked for where there are fewer cores: thousands take minutes to start
-ARCH_VARIABLE = "TI_ARCH"  # of the environment: to Taichi it comes before the arch that a program asks for
+VARIABLES = ("ARCH", "OFFLINE_CACHE_FILE_PATH")  # of the environment: to a compiler they come before what a program asks for
+SPARED = {"cfg_optimization": False, "simplify_after_lower_access": False}  # passes that LLVM makes again
 NO_DOUBLE = ("vulkan", "metal")  # f64 there is absent, or lacks atan2
 
 
@@ -33,6 +34,7 @@ class Runtime:
         precision: "f32" or "f64".
         threads: CPU threads, also the number of blocks on the CPU.
         debug: Taichi's checks of bounds are on (slow).
+        taichi: the compiler's version, with the name of one that is not Taichi itself.
     """
 
     arch: str
@@ -93,11 +95,10 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     if arch != "cpu" and not available(arch):
         others = [a for a in ARCHS if a == "cpu" or (a != arch and available(a))]
         raise BackendError(f"arch {arch!r} does not run here; what does: {', '.join(others)}")
-    import taichi as ti
+    from . import compiler, field_pool, kernel_cache, placement
+    from .language import ti
 
-    from . import field_pool, kernel_cache, placement
-
-    wanted = Runtime(arch, precision, threads or there, debug, ".".join(map(str, ti.__version__)))
+    wanted = Runtime(arch, precision, threads or there, debug, compiler.version(ti))
     if wanted == _current and (len(_holders) or field_pool.holds()):
         if len(_holders):
             gc.collect()  # simulations that nobody knows any more hold fields until then
@@ -105,13 +106,14 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
         return wanted
     fp = ti.f32 if precision == "f32" else ti.f64
     words, before = io.StringIO() if quiet else sys.stdout, placement.running()
+    options = {**compiler.options(SPARED), **kernel_cache.options(keep=not debug)}
     try:
         with contextlib.redirect_stdout(words), _unasked():
-            # fast_math would let the compiler assume that there is no NaN, and drop the tests for it; what the other two
-            # passes do, LLVM does again, and they take a third of the time to compile
+            # fast_math would let the compiler assume that there is no NaN, and drop the tests for it; passes that are
+            # spared take a third of the time to compile
             ti.init(arch=getattr(ti, arch), default_fp=fp, cpu_max_num_threads=wanted.threads, debug=debug,
                     enable_fallback=False, log_level=ti.ERROR if quiet else ti.INFO, fast_math=False, unrolling_limit=0,
-                    cfg_optimization=False, simplify_after_lower_access=False, **kernel_cache.options(keep=not debug))
+                    **options)
     except RuntimeError as error:
         raise BackendError(f"arch {arch!r} does not start: {error}") from None
     placement.place(before, wanted.threads if arch == "cpu" else 0)
@@ -123,13 +125,15 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
 
 @contextlib.contextmanager
 def _unasked() -> Iterator[None]:
-    """Within it Taichi starts on the arch that it is told, and not on that of an environment variable."""
-    asked = os.environ.pop(ARCH_VARIABLE, None)
+    """Within it a compiler starts on the arch, and with the cache, that it is told, and not with those of the environment."""
+    from .compiler import chosen
+
+    names = [chosen().prefix + name for name in VARIABLES]
+    asked = {name: os.environ.pop(name) for name in names if name in os.environ}
     try:
         yield
     finally:
-        if asked is not None:
-            os.environ[ARCH_VARIABLE] = asked
+        os.environ.update(asked)
 
 
 def go_on() -> Runtime:
@@ -161,7 +165,9 @@ def generation() -> int:
 
 def available(arch: str) -> bool:
     """Whether an arch starts on this machine; tried in a process of its own, because a missing one may crash."""
-    code = (f"import taichi as ti; ti.init(arch=ti.{arch}, enable_fallback=False, offline_cache=False)\n"
+    from .compiler import chosen
+
+    code = (f"import {chosen().name} as ti; ti.init(arch=ti.{arch}, enable_fallback=False, offline_cache=False)\n"
             "f = ti.field(ti.i32, 4)\n"
             "@ti.kernel\ndef k():\n    for i in f: f[i] = i\n"
             "k(); assert f[3] == 3")

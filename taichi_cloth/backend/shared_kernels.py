@@ -16,12 +16,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from taichi.lang import kernel_impl
-from taichi.lang.ast.ast_transformer import ASTTransformer
-from taichi.lang.field import Field
 
-from . import launches
+from ..errors import BackendError
+from . import compiler
 
+kernel_impl, ASTTransformer, Field, runtime = compiler.private(
+    "lang.kernel_impl", "lang.ast.ast_transformer:ASTTransformer", "lang.field:Field", "lang.impl:get_runtime")
 PACKAGE = __name__.split(".")[0]
 PLAIN = (bool, int, float, str, bytes, type(None), np.number, np.bool_)
 HARMLESS = (len, range, zip, enumerate, min, max, isinstance, int, float, bool, abs)  # functions that read no attributes
@@ -58,7 +58,7 @@ def _token(value: Any) -> tuple | None:
 
 
 def _of_taichi(thing: Any) -> bool:
-    return (getattr(thing, "__module__", None) or "").split(".")[0] == "taichi"
+    return (getattr(thing, "__module__", None) or "").split(".")[0] == compiler.chosen().name
 
 
 class Reads:
@@ -142,7 +142,6 @@ class Variant:
 
 
 _compiling: list[Reads] = []
-_kernels: weakref.WeakSet = weakref.WeakSet()  # that were compiled
 
 
 @contextlib.contextmanager
@@ -182,10 +181,9 @@ def _materialize(original):
     A kernel that is not the package's own, such as one of a user's force, is not shared; its reads are kept too.
     """
 
-    def materialize(self, key=None, args=None, arg_features=None):
+    def materialize(self, key=None, args=None, arg_features=None, **more):
         if key is None or key in self.compiled_kernels:
-            return original(self, key, args, arg_features)
-        _kernels.add(self)
+            return original(self, key, args, arg_features, **more)
         self.reads_by_key = getattr(self, "reads_by_key", {})
         roots = self.template_slot_locations
         self.runtime.materialize()
@@ -197,7 +195,7 @@ def _materialize(original):
         reads = Reads(args, roots)
         reads.beside += _shares(_enclosed(self.func))
         with _watched(reads):
-            original(self, key, args, arg_features)
+            original(self, key, args, arg_features, **more)
         self.reads_by_key[key] = reads
         if reads.whole and _shareable(self):
             self.compiled_kernels[Variant(reads, features)] = self.compiled_kernels[key]
@@ -207,9 +205,21 @@ def _materialize(original):
 
 
 def look_again() -> None:
-    """An object has got other fields than it had: each kernel looks anew for one that was compiled from such objects."""
-    for kernel in _kernels:
-        launches.of(kernel).forget()
+    """An object has got other fields than it had: each kernel looks anew for one that was compiled from such objects.
+
+    Raises:
+        BackendError: the compiler does not tell of its kernels.
+    """
+    if runtime is None:
+        raise BackendError(f"more room is needed for contacts, and compiler {compiler.chosen().name} has no "
+                           "lang.impl:get_runtime to compile kernels anew: use another compiler")
+    for kernel in list(runtime().kernels):
+        if not hasattr(kernel, "compiled_kernels"):  # of quadrants, which knows launches by the addresses of kernels
+            kernel.reset()
+            kernel.launch_context_buffer_cache = type(kernel.launch_context_buffer_cache)()
+            continue
+        if hasattr(kernel, "launcher"):
+            kernel.launcher.forget()
         for key in [k for k in kernel.compiled_kernels if not isinstance(k, Variant)]:
             del kernel.compiled_kernels[key]
 

@@ -2,33 +2,32 @@
 
 Sources that Taichi draws for its messages, and looks up again and again, are replaced where the kernel, the class or the field
 is the package's own. Those of others keep all of it: their source lines underlined in errors, and where their fields were
-declared. Measured in docs/decisions/071-compile-once.md. Parts that another version of Taichi lacks stay as they are there.
-Import it before any class with kernels is made, best before Taichi itself. With the environment variable
-TAICHI_CLOTH_PATCHES=0 Taichi stays as it is.
+declared. Measured in docs/decisions/071-compile-once.md. A compiler that has not all parts that this needs stays as it is, and
+notes of simulations say so; so does any with the environment variable TAICHI_CLOTH_PATCHES=0. `language.py` imports this
+module, and with it the compiler, before any class with kernels is made.
 """
 
 import functools
-import inspect
-import os
 import sys
 import textwrap
 from types import SimpleNamespace
 
+import numpy as np
+
+from . import compiler, launches, shared_kernels
+
 PACKAGE = __name__.split(".")[0]
-WANTED = os.environ.get("TAICHI_CLOTH_PATCHES", "1") != "0"
-
-_getmodule = inspect.getmodule
-if WANTED:
-    inspect.getmodule = lambda *_, **__: None  # type: ignore[assignment]
-try:  # it would go through all modules for the source of each of its own kernels
-    import taichi as ti
-    from taichi.lang import impl, kernel_impl
-    from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
-    from taichi.lang.field import Field
-finally:
-    inspect.getmodule = _getmodule
-
-from . import launches, shared_kernels  # noqa: E402
+NAME = compiler.chosen().name
+NEEDED = ("lang.impl:current_cfg", "lang.kernel_impl:AutodiffMode", "lang.kernel_impl:Kernel.materialize",
+          "lang.kernel_impl:_BoundedDifferentiableMethod", "lang.kernel_impl:_process_args",
+          "lang.ast.ast_transformer:ASTTransformer.build_Attribute", "types.ndarray_type:NdarrayType",
+          "types.primitive_types:real_type_ids", "_lib:core.Program.launch_kernel", "lang.snode:get_addr",
+          "lang.util:to_numpy_type")
+LACKS = [place for place, found in zip(NEEDED, compiler.private(*NEEDED)) if found is None]
+WANTED = compiler.PATCHED and not LACKS
+NOTES = [f"compiler {NAME} has no {' nor '.join(LACKS)}: each simulation compiles all of its kernels, and launches are "
+         "slower"] if compiler.PATCHED and LACKS else []
+ti, [kernel_impl] = compiler.language(), compiler.private("lang.kernel_impl")
 
 
 @functools.lru_cache(1024)  # asked for every node of a kernel's tree
@@ -42,7 +41,7 @@ def _own(module: str | None) -> bool:
 
 
 def _own_or_taichi(module: str | None) -> bool:
-    return _own(module) or _of(module, "taichi")
+    return _own(module) or _of(module, NAME)
 
 
 def _get_pos_info(original):
@@ -53,7 +52,7 @@ def _get_pos_info(original):
         function = context.func.func
         if _own(function.__module__):
             return f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {function.__name__}:\n'
-        if not _of(function.__module__, "taichi"):
+        if not _of(function.__module__, NAME):
             return original(context, node)
         key = function, node.lineno, node.col_offset, node.end_lineno, node.end_col_offset
         if key not in known:
@@ -86,7 +85,7 @@ def _get_traceback(original):
 
     def traceback(stacklevel: int = 1) -> str:
         frame = sys._getframe(1)
-        while frame.f_back is not None and _of(frame.f_globals.get("__name__"), "taichi"):
+        while frame.f_back is not None and _of(frame.f_globals.get("__name__"), NAME):
             frame = frame.f_back
         return "" if _own(frame.f_globals.get("__name__")) else original(stacklevel + 1)
 
@@ -139,15 +138,14 @@ def _call(original):
     return call
 
 
-def _host_accessors(original):
-    """A look at, or a change of, one row of a field from Python: the numbers of its simulation are in it."""
+def _swapped_in(original):
+    """A look at fields, or a change of them, from Python: the numbers of their simulations are in them."""
 
-    def initialize(self) -> None:
-        if hasattr(self, "share"):
-            launches.swap_in([self.share])
-        original(self)
+    def look(self, *args, **kwargs):
+        launches.swap_in(field.share for field in (self, *args) if hasattr(field, "share"))
+        return original(self, *args, **kwargs)
 
-    return initialize
+    return look
 
 
 def _lines(_original):
@@ -156,16 +154,40 @@ def _lines(_original):
     return SimpleNamespace(fill=lambda line, **_: line.expandtabs(4).rstrip(), dedent=dedent)
 
 
-def _apply() -> None:
-    for owner, name, faster in (
-            (ASTTransformerContext, "get_pos_info", _get_pos_info), (kernel_impl, "_inside_class", _inside_class),
-            (kernel_impl, "getsourcelines", _cached), (kernel_impl, "getsourcefile", _cached),
-            (kernel_impl, "textwrap", _lines), (ti, "data_oriented", _data_oriented), (impl, "get_traceback", _get_traceback),
-            (kernel_impl.Kernel, "__call__", _call), (Field, "_initialize_host_accessors", _host_accessors)):
+def _viewed(original):
+    """A launch with views of arrays, and Python's numbers: quadrants keeps weak references to what it is given. It warns of
+    numbers that have none, and numpy changes the size of no array that has one."""
+
+    def call(self, *args, **kwargs):
+        return original(self, *(a.view() if isinstance(a, np.ndarray) else a.item() if isinstance(a, np.generic) else a
+                                for a in args), **kwargs)
+
+    return call
+
+
+READ = (  # how sources are read and messages made: owner, name and what makes the faster one, where a compiler has it
+    ("lang.ast.ast_transformer_utils:ASTTransformerContext", "get_pos_info", _get_pos_info),
+    ("lang.ast.ast_transformer_utils:ASTTransformerFuncContext", "_build_pos_info", _get_pos_info),
+    ("lang.kernel_impl", "_inside_class", _inside_class), ("lang.impl", "get_traceback", _get_traceback),
+    ("lang.kernel_impl", "getsourcelines", _cached), ("lang.kernel_impl", "getsourcefile", _cached),
+    ("lang._func_base", "get_source_info_and_src", _cached), ("lang.kernel_impl", "textwrap", _lines),
+    ("lang._func_base", "textwrap", _lines))
+LAUNCH = (("", "data_oriented", _data_oriented), ("lang.kernel_impl:Kernel", "__call__", _call),
+          ("lang.field:Field", "_initialize_host_accessors", _swapped_in),
+          *((place, f"_try_native_dense_{name}", _swapped_in)  # taichi_forge copies whole fields without a kernel
+            for place in ("lang.field:ScalarField", "lang.matrix:MatrixField")
+            for name in ("fill", "to_numpy", "from_numpy", "copy_from")))
+
+
+def _apply(patches: tuple) -> None:
+    for place, name, faster in patches:
+        [owner] = compiler.private(place)
         if hasattr(owner, name):
             setattr(owner, name, faster(getattr(owner, name)))
-    shared_kernels.apply()
 
 
+_apply((("lang.kernel:Kernel", "__call__", _viewed),))  # quadrants has this module alone, and needs it
+if compiler.PATCHED:
+    _apply(READ + (LAUNCH if WANTED else ()))
 if WANTED:
-    _apply()
+    shared_kernels.apply()

@@ -7,10 +7,10 @@ what is round it turns: `points`.
 """
 
 import numpy as np
-import taichi as ti
 
 from ..backend import shared_kernels
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.ordering import touching
 from ..backend.rows import write
 from ..forces.conditions import sym_both, sym_outer, sym_times

@@ -1,6 +1,6 @@
 """Closest points of points, edges and triangles. [Ericson, Real-Time Collision Detection, §5.1]"""
 
-import taichi as ti
+from ..backend.language import ti
 
 TINY = 1e-30
 VERTEX_FACE, EDGE_EDGE = 0, 1

@@ -1,7 +1,6 @@
 """A vertex and a face, or two edges: how far apart, along what, how fast they can close in, how much they count."""
 
-import taichi as ti
-
+from ..backend.language import ti
 from .geometry import EDGE_EDGE, VERTEX_FACE, of_segments, on_triangle
 
 PARALLEL = 1e-3  # squared sine of the angle below which edges count less and less, as parallel ones have no closest points

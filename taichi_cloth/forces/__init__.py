@@ -7,7 +7,9 @@ need are imported where one does.
 from functools import partial
 from typing import Any
 
+from ..backend import compiler
 from ..backend.fields import Fields
+from ..errors import SceneError
 from ..scene.scene import Scene
 from ..system.state import ParticleState
 from .bend import Bend
@@ -58,12 +60,22 @@ def _from_outside(scene: Scene) -> list:
         from .closing import Closing
 
         kinds.append(Closing)
-    kinds += scene.forces
+    kinds += [_spoken(kind) for kind in scene.forces]
     if scene.pieces:
         from .gas import Gas
 
         kinds.append(Gas)
     return kinds
+
+
+def _spoken(kind: Any) -> Any:
+    """A kind of force of the user's own, which must be written in the language of the compiler that runs."""
+    made = getattr(kind, "func", kind)
+    other = compiler.foreign(made) if isinstance(made, type) else ""
+    if other:
+        raise SceneError(f"{made.__name__}: is written in {other}'s language, and {compiler.chosen().name} compiles the "
+                         f"kernels: write `from taichi_cloth import ti` instead of `import {other} as ti`")
+    return kind
 
 
 def pulled_softly(scene: Scene) -> bool:

@@ -9,9 +9,9 @@ itself, and fades with triangles that collapse: see `hinge`.
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.rows import write
 from ..scene.fabric import remembers
 from ..scene.scene import Scene

@@ -10,9 +10,9 @@ With psi = D/2 kappa^2 that is `bend`'s law.
 from abc import abstractmethod
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..scene.scene import Scene
 from ..system.elements import hinges_of
 from ..system.state import ParticleState

@@ -11,9 +11,9 @@ derivative itself.
 """
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.rows import write
 from ..scene.scene import Scene
 from ..system.seams import CLOSING

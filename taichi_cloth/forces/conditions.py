@@ -12,7 +12,7 @@ In further solves of backward Euler "projected" is exact in stretch and shear wh
 A collapsed direction (w = 0) has n = 0: no force, no stiffness. Eigenvalues of shear: [Kim 2020].
 """
 
-import taichi as ti
+from ..backend.language import ti
 
 TINY = 1e-30
 

@@ -18,9 +18,9 @@ from dataclasses import fields as fields_of
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.rows import write
 from ..errors import SceneError
 from ..scene.fabric import remembers

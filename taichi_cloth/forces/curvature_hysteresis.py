@@ -19,9 +19,9 @@ how w changes.
 """
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.rows import read
 from ..system.state import Elements, ParticleState
 from .conditions import TINY, unit

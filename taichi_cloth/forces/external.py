@@ -1,9 +1,9 @@
 """Gravity and air drag."""
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..scene.air import Air
 from ..scene.attachment import Script
 from ..scene.scene import Scene

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
+from ..backend.language import ti
 from ..scene.attachment import Script
 
 RENAMED = {"coupled": "low_rank", "add_coupled": "add_low_rank"}  # names of the last release

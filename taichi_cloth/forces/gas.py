@@ -20,9 +20,9 @@ gases it is left out, because p changes within the solve.
 import warnings
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.rows import read, write
 from ..errors import SceneError
 from ..scene.attachment import Script

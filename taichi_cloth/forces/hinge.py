@@ -14,8 +14,7 @@ A fold of exactly pi has no side; it is pushed to the positive one, or to that w
 
 import math
 
-import taichi as ti
-
+from ..backend.language import ti
 from .conditions import TINY, unit
 
 CREST = 0.2  # rad

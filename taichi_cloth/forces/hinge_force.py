@@ -4,9 +4,9 @@ products and levels."""
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..system.elements import Hinges, flat_turns, row_sums
 from ..system.state import Elements, ParticleState
 from .conditions import sym, sym_outer, sym_scaled_identity

@@ -7,8 +7,8 @@ Everything else is here: forces, energies and powers, the linear system, damping
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
+from ..backend.language import ti
 from ..backend.rows import write
 from .hinge import hinge_condition, hinge_condition_change, turned_by
 from .hinge_force import HingeForce

@@ -23,9 +23,9 @@ import math
 from dataclasses import dataclass, fields
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.rows import read
 from ..scene.cloth import Cloth
 from ..scene.fabric import Bend, pair

@@ -1,9 +1,9 @@
 """Loads: forces that a script puts on vertices, whatever their positions. Without an energy, as air: their power is F . v."""
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.rows import write
 from ..scene.attachment import Script
 from ..scene.scene import Scene

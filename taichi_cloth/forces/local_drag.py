@@ -10,9 +10,9 @@ potential in the velocities of the solve, and is of first order in the step.
 """
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..scene.scene import Scene
 from ..system.state import ParticleState
 from .conditions import sym_outer, sym_scaled_identity

@@ -15,9 +15,9 @@ solves damping is an energy, k_d/(2 c) (C - C_0)^2, and the matrix is that of th
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..scene.scene import Scene
 from ..system.elements import triangles
 from ..system.state import Elements, ParticleState

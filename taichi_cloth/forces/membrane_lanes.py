@@ -2,8 +2,7 @@
 
 from typing import Any
 
-import taichi as ti
-
+from ..backend.language import ti
 from .conditions import TINY
 from .membrane_table import B_U, B_V, D_S, D_U, D_V, K_S, K_U, K_V
 from .triangle_law import TriangleLaw

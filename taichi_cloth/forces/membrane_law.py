@@ -3,9 +3,9 @@
 from abc import abstractmethod
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..scene.scene import Scene
 from ..system.elements import row_sums, triangles
 from ..system.state import Elements, ParticleState

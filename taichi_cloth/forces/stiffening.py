@@ -10,9 +10,9 @@ convex, with a continuous slope where a limit begins and a step in it where a cu
 from dataclasses import dataclass
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..scene.fabric import STIFFER, Fabric, Stretch, pair
 
 WARP, WEFT, SHEAR = range(3)

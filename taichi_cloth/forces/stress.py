@@ -1,8 +1,8 @@
 """Membrane stress of triangles in the material plane."""
 
 import numpy as np
-import taichi as ti
 
+from ..backend.language import ti
 from .membrane import Membrane
 
 

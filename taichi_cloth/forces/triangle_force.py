@@ -5,8 +5,7 @@ With d_1, d_2 the edges from the first corner and R the inverse of the material 
 
 from typing import Any
 
-import taichi as ti
-
+from ..backend.language import ti
 from ..system.state import Elements, ParticleState
 from .conditions import sym, sym_unpack
 from .force import ElementForce

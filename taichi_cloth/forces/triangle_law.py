@@ -10,9 +10,9 @@ from abc import abstractmethod
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.rows import write
 from .conditions import sym_outer, sym_times, unit
 from .triangle_force import TriangleForce

@@ -1,7 +1,8 @@
 """Coverage of pixels by a triangle on the screen, and their places in it."""
 
 import numpy as np
-import taichi as ti
+
+from ..backend.language import ti
 
 PIECE = 64  # pixels of a triangle's box that one thread of a CPU tests; on a GPU they are threads
 

@@ -1,8 +1,8 @@
 """Finish of a cloth's surface besides its colour: squares, an image, threads. Compiled only where something has them."""
 
 import numpy as np
-import taichi as ti
 
+from ..backend.language import ti
 from ..colornames import from_srgb, to_srgb
 from ..scene.appearance import WEAVES, Appearance
 from .surroundings import soft_checker

@@ -1,7 +1,6 @@
 """The ground of a picture: where a ray meets it."""
 
-import taichi as ti
-
+from ..backend.language import ti
 from .coverage import corner
 from .uniforms import AXES, EYE, LENS, PLACE
 

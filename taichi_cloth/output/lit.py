@@ -1,7 +1,6 @@
 """Light reflected by a surface: spread evenly, in a highlight, and along its rim."""
 
-import taichi as ti
-
+from ..backend.language import ti
 from .coverage import corner
 from .finish import SHARPNESS, SHEEN, SPECULAR
 from .surroundings import ambient

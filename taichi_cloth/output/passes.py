@@ -4,10 +4,10 @@ truth."""
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
 from ..backend import runtime
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..system.quantities import vertex_normals
 from .coverage import corner, edge, weights
 from .ground import FADE, ground_at

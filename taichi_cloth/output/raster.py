@@ -1,9 +1,9 @@
 """Rasterizer: the triangle seen in each sample, by a z-buffer in two passes, the first for depths and the second for faces."""
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.runtime import TASK
 from .coverage import PIECE, corner, edge, pieces, spot, weights
 

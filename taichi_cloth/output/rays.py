@@ -1,10 +1,10 @@
 """Occlusion of rays by triangles: a bounding-volume tree over them in Morton order, in f32, rebuilt for every picture."""
 
 import numpy as np
-import taichi as ti
 
 from ..backend.bvh import BVH, LEAF, morton
 from ..backend.fields import Fields
+from ..backend.language import ti
 
 FAR = 1e30
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
+from ..backend.language import ti
 from . import finish
 from .coverage import corner, edge, spot, weights, wire
 from .ground import FADE, ground_at

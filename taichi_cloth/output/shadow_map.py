@@ -1,8 +1,8 @@
 """Shadows by a map: depths as the light sees them. Quick, with edges as soft as a few of its samples."""
 
 import numpy as np
-import taichi as ti
 
+from ..backend.language import ti
 from .coverage import corner
 from .raster import Raster
 from .uniforms import LIGHT, SHADOW, SIDE

@@ -1,7 +1,6 @@
 """Surroundings of cloth in a picture: ground, sky, the light from them."""
 
-import taichi as ti
-
+from ..backend.language import ti
 from .coverage import corner
 from .uniforms import DOWN, HORIZON, UP, ZENITH
 

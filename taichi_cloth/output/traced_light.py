@@ -2,9 +2,9 @@
 take the findings of pixels around that see the same surface."""
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from .coverage import corner, edge, spot, weights
 from .ground import FADE, ground_at
 from .raster import Raster

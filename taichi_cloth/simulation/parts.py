@@ -1,19 +1,16 @@
 """The composition root: a scene becomes fields, forces, an integrator and a stepper."""
 
-from ..backend import taichi_patches  # noqa: F401  (before Taichi)
-
-# isort: split
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
-from typing import Any, Self
+from typing import Any, TypeVar
 
 import numpy as np
-import taichi as ti
 
 from .. import checks
-from ..backend import runtime
+from ..backend import runtime, taichi_patches
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.ordering import components
 from ..errors import BackendError, SceneError
 from ..forces import build_forces
@@ -35,6 +32,7 @@ from ..system.operator import ForceField, Operator, Probe
 from ..system.quantities import collapsed, deformation
 from ..system.state import ParticleState
 
+P = TypeVar("P", bound="Parts")
 OF_SCENE = ("gravity", "air")
 ROUNDED = 100.0  # times a vertex's weight, from which rounding in f32 is told of
 H, H_EXPLICIT = 1 / 60, 0.1  # s, where none is given; explicit methods need it only to look at their result
@@ -108,7 +106,7 @@ class Parts:
         """Everything that lives in fields."""
         fields = self._fields
         self.model = ParticleState(fields, scene, self.runtime)
-        self.notes: list[str] = []
+        self.notes = list(taichi_patches.NOTES)
         substep = self.options.substep
         self.force_terms = build_forces(fields, self.model, scene, self.options.K, substep and substep / SAFETY)
         self.notes += [note for force in self.force_terms for note in force.notes]
@@ -174,7 +172,7 @@ class Parts:
             tears = Tears(self.scene, stitches, self.force_terms)
         return Giving(stitches, self.integrator, self.meter, self.contacts, tears)
 
-    def __enter__(self) -> Self:
+    def __enter__(self: P) -> P:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -228,7 +226,7 @@ class Parts:
         self._extra.append(fields)
         return made
 
-    def _live(self) -> Self:
+    def _live(self: P) -> P:
         if not self._open:
             raise BackendError("this simulation was closed")
         if self._generation != runtime.generation():

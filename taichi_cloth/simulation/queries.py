@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import taichi as ti
 from numpy.typing import ArrayLike
 
 from .. import checks
+from ..backend.language import ti
 from ..backend.ordering import components
 from ..backend.rows import read
 from ..errors import SceneError, SimulationError

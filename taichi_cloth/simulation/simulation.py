@@ -8,11 +8,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import taichi as ti
 from numpy.typing import ArrayLike
 
 from .. import checks
 from ..backend import placement
+from ..backend.language import ti
 from ..errors import SceneError
 from ..options import MOST_FRAMES, SHORTEST, signature
 from ..scene.air import Wind

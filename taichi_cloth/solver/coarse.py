@@ -12,9 +12,9 @@ as a preconditioner may be.
 from collections.abc import Callable
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.rows import read, write
 from ..forces.conditions import sym_scaled_identity
 from ..system.checkpoint import Checkpointed

@@ -15,10 +15,10 @@ of curved or pressed cloth less well.
 from collections.abc import Callable
 
 import numpy as np
-import taichi as ti
 
 from ..backend.dealing import Dealer
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..forces.conditions import sym, sym_scaled_identity, sym_times, sym_unpack
 from ..scene.mesh import distinct, face_edges
 from ..scene.scene import Scene

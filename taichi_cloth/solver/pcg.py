@@ -14,9 +14,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.phases import END, TASK, PhaseScheduler
 from ..backend.runtime import Runtime
 from ..system.operator import Operator

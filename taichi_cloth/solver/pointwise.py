@@ -1,9 +1,9 @@
 """Preconditioners that work a particle at a time, on the directions that are free: 3x3 block Jacobi, Jacobi, none."""
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..forces.conditions import sym, sym_scaled_identity, sym_times, sym_unpack
 from ..system.checkpoint import Checkpointed
 from ..system.held import Held

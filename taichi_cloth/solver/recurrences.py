@@ -4,9 +4,8 @@
 beta = r.s / (r.s before), c^T A c = s^T A s - beta r.s / (alpha before), alpha = r.s / c^T A c.
 """
 
-import taichi as ti
-
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.runtime import Runtime
 from ..system.operator import Operator
 

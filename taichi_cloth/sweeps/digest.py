@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from ..backend.compiler import COMPILERS
 from ..errors import shown
 from ..scene.contents import Contents
 
@@ -145,7 +146,7 @@ class Digest:
         wrapped = getattr(value, "__wrapped__", None)
         parts = [self.of(wrapped, "what it wraps"), self.of(value.__defaults__), self.of(value.__kwdefaults__)]
         name = str(globals_.get("__name__"))
-        if name.partition(".")[0] == "taichi":  # a kernel's wrapper: its closure holds Taichi's objects
+        if name.partition(".")[0] in COMPILERS:  # a kernel's wrapper: its closure holds Taichi's objects
             return combined("function", [_installed_name(name, code.co_name), *parts])
         names = _names(code)
         cells = {n: _content(c) for n, c in zip(code.co_freevars, value.__closure__ or ())}

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .. import __version__, checks
+from ..backend import compiler
 from ..errors import SceneError, did_you_mean, shown
 from ..options import BY_NAME, Options
 
@@ -67,7 +68,7 @@ def runs_of(build: Callable, grid: Mapping[str, Iterable], options: Mapping[str,
         settings = {name: value for name, value in varied.items() if _of_scene(name, parameters)}
         chosen = {**options, **{name: value for name, value in varied.items() if name not in settings}}
         full = Options.named({**vars(Options()), **chosen})
-        manifest = {"taichi_cloth": __version__, "format": FORMAT, **about,
+        manifest = {"taichi_cloth": __version__, "format": FORMAT, **about, **compiler.told(),
                     "settings": {n: plain(v) for n, v in settings.items()},
                     "simulation": {n: plain(v) for n, v in vars(full).items() if n not in ("quiet", "debug")}}
         out.append(Run(settings, chosen, varied, manifest, key_of(manifest)))

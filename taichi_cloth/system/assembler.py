@@ -5,8 +5,8 @@ import json
 from dataclasses import dataclass, replace
 
 import numpy as np
-import taichi as ti
 
+from ..backend.language import ti
 from ..backend.runtime import Runtime
 from .checkpoint import numbered
 from .operator import Operator

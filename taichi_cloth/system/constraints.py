@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import taichi as ti
 from numpy.typing import ArrayLike
 
 from .. import checks
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..errors import SceneError, shown
 from ..scene.attachment import Attachment, orthonormal
 from .held import Held, kernel_array

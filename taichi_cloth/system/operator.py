@@ -4,9 +4,9 @@
 """
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.rows import read, write
 from .state import ParticleState
 

@@ -10,9 +10,9 @@ closes the gap, at most `CLOSING`.
 """
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.ordering import components
 from ..backend.rows import write
 from ..errors import SceneError

@@ -3,9 +3,9 @@
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
 from ..backend.fields import Fields
+from ..backend.language import ti
 from ..backend.ordering import Entries, block_bounds, by_slabs, cuthill_mckee, partition
 from ..backend.rows import read, write
 from ..backend.runtime import TASK, Runtime

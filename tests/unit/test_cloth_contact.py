@@ -7,12 +7,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import taichi as ti
 from reference.geometry import boxes_within
 
 import taichi_cloth as tc
 from taichi_cloth.backend import rows, runtime
 from taichi_cloth.backend.fields import Fields
+from taichi_cloth.backend.language import ti
 from taichi_cloth.backend.timing import Clock
 from taichi_cloth.contact import contact_force
 from taichi_cloth.contact.cloth import barrier as repulsion

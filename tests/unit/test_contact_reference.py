@@ -5,12 +5,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-import taichi as ti
 from reference import contact as ref
 
 import taichi_cloth as tc
 from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
+from taichi_cloth.backend.language import ti
 from taichi_cloth.contact.cloth import barrier as repulsion
 from taichi_cloth.contact.cloth.narrow_phase import LayerDetector
 from taichi_cloth.contact.cloth.pair_kernels import BACK, BEARS, FORCE, GAP, OWN, POTENTIAL, RUB, RUBBED, STIFF, STOPPED

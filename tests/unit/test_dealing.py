@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import taichi as ti
 
 from taichi_cloth.backend import runtime
 from taichi_cloth.backend.dealing import Dealer
 from taichi_cloth.backend.fields import Fields
+from taichi_cloth.backend.language import ti
 
 pytestmark = pytest.mark.restarts
 

@@ -6,9 +6,9 @@ import subprocess
 import sys
 
 import pytest
-import taichi as ti
 
 from taichi_cloth.backend import runtime
+from taichi_cloth.backend.language import ti
 
 ROOT = pathlib.Path(__file__).parents[2]
 CODE = """
@@ -16,7 +16,7 @@ import taichi_cloth
 from taichi_cloth.backend import runtime
 
 runtime.start("cpu", "f64", 1)
-import taichi as ti
+from taichi_cloth.backend.language import ti
 
 @ti.kernel
 def twice(x: float) -> float:
@@ -46,4 +46,4 @@ def test_kernels_that_cannot_be_kept_are_compiled_anew(tmp_path):
     done = subprocess.run([sys.executable, str(script)], env={k: v for k, v in there.items() if k != "HOME"},
                           capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
-    assert done.stderr.count(f"compiled kernels cannot be kept in {script / 'cache'} (Not a directory)") == 1, done.stderr
+    assert done.stderr.count(f"compiled kernels cannot be kept in {script / 'cache'}") == 1, done.stderr

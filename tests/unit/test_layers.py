@@ -3,14 +3,15 @@
 import ast
 import pathlib
 
-PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
+ROOT = pathlib.Path(__file__).parents[2]
+PACKAGE = ROOT / "taichi_cloth"
 
 ROOMS = ("colornames", "errors", "checks", "options", "scene", "io", "backend", "system", "forces", "contact", "solver",
          "step", "simulation", "garment", "output", "recording", "studies", "sweeps", "fitting", "live", "app", "__main__",
          "__init__")
 NUMPY_ONLY = {"colornames", "errors", "checks", "options", "scene", "io", "backend.ordering", "backend.timing",
-              "backend.placement", "backend.quota", "system.elements", "system.quantities", "step.ledger", "app.scenefile",
-              "app.recorded",
+              "backend.placement", "backend.quota", "backend.compiler", "system.elements", "system.quantities", "step.ledger",
+              "app.scenefile", "app.recorded",
               "app.studies", "app.flags", "app.look_flags", "app.cli", "app.dressing", "app.fitting", "app.looking",
               "app.sweeping", "app.blending", "app.taking", "app.viewing", "live.orders", "live.parameters", "live.server",
               "live.seen", "live.controls", "live.page", "live.pages", "live.link", "live.view", "app.runoptions",
@@ -18,9 +19,10 @@ NUMPY_ONLY = {"colornames", "errors", "checks", "options", "scene", "io", "backe
               "garment.pathdata", "garment.shapes", "garment.styles", "garment.xmlfile", "garment.drawing", "garment.outlines",
               "garment.freesewing", "garment.stitch", "garment.worn", "garment.chains", "garment.cutpiece", "garment.dxf",
               "garment.dxffile", "garment.sheet", "garment.sidefile", "garment.figure", "app.patterns"}
+LANGUAGE = {"backend.language", "backend.taichi_patches"}  # importing them imports the compiler
 OUTPUT_MAY = {"colornames", "errors", "checks", "io.blender", "io.blendfile", "io.npz", "io.jsonfile", "io.sequence",
               "scene.mesh", "scene.view", "scene.appearance", "backend.runtime", "backend.bvh", "backend.placement",
-              "backend.fields", "backend.rows", "backend.ordering", "system.quantities"}
+              "backend.fields", "backend.language", "backend.rows", "backend.ordering", "system.quantities"}
 
 
 def name_of(path: pathlib.Path) -> str:
@@ -32,24 +34,20 @@ def name_of(path: pathlib.Path) -> str:
 FILES = {name_of(path): path for path in sorted(PACKAGE.rglob("*.py"))}
 
 
-def imports(name: str) -> tuple[set[str], set[str]]:
-    """(modules of the package, packages from outside) that a module imports, wherever in it."""
+def imports(name: str) -> set[str]:
+    """Modules of the package that a module imports, wherever in it."""
     path = FILES[name]
     folder = path.relative_to(PACKAGE).parent.parts
-    inside, outside = set(), set()
+    inside = set()
     for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            outside |= {alias.name.split(".")[0] for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and not node.level:
-            outside.add(node.module.split(".")[0])
-        elif isinstance(node, ast.ImportFrom):
+        if isinstance(node, ast.ImportFrom) and node.level:
             base = [*folder[: len(folder) - node.level + 1], *(node.module.split(".") if node.module else [])]
             for alias in node.names:
                 module = ".".join([*base, alias.name])
                 target = module if module in FILES else ".".join(base)
                 if target:  # else a name of the package itself, such as its version
                     inside.add(target)
-    return inside, outside
+    return inside
 
 
 GRAPH = {name: imports(name) for name in FILES}
@@ -62,14 +60,14 @@ def belongs(name: str, names) -> bool:
 
 def test_rooms_are_in_order():
     assert len(FILES) > 100
-    for name, (inside, outside) in GRAPH.items():
+    for name, inside in GRAPH.items():
         room = name.split(".")[0]
         for target in inside:
             where = f"{name} imports {target}"
             other = target.split(".")[0]
             assert ROOMS.index(other) <= ROOMS.index(room), where
             assert room != "output" or other == "output" or target in OUTPUT_MAY, where
-        assert not (belongs(name, NUMPY_ONLY) and "taichi" in outside), name
+        assert not (belongs(name, NUMPY_ONLY) and inside & LANGUAGE), name
 
 
 def test_no_circle_among_files():
@@ -78,9 +76,19 @@ def test_no_circle_among_files():
     def visit(name: str, trail: tuple[str, ...]) -> None:
         assert name not in trail, " imports ".join([*trail[trail.index(name):], name])
         if name not in done:
-            for target in GRAPH[name][0]:
+            for target in GRAPH[name]:
                 visit(target, (*trail, name))
             done.add(name)
 
     for name in FILES:
         visit(name, ())
+
+
+def test_the_compiler_is_imported_in_one_place():
+    """Everything else has its language from `backend/language.py`, so that another compiler serves all of it."""
+    for path in (path for folder in ("taichi_cloth", "scenes", "scripts", "tests") for path in (ROOT / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else [
+                node.module] if isinstance(node, ast.ImportFrom) and not node.level else []
+            found = {name.split(".")[0] for name in names} & {"taichi", "taichi_forge", "quadrants"}
+            assert not found or path == PACKAGE / "backend" / "language.py", f"{path} imports {found}"

@@ -8,13 +8,13 @@ import weakref
 
 import numpy as np
 import pytest
-from taichi.lang import impl
 
 import taichi_cloth as tc
-from taichi_cloth.backend import field_pool, runtime
+from taichi_cloth.backend import compiler, field_pool, runtime
 from taichi_cloth.backend.fields import Fields
 
 pytestmark = pytest.mark.restarts
+[impl] = compiler.private("lang.impl")
 
 
 def trees() -> int:

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-import taichi as ti
 from test_forces import irregular, ladder, products
 
 import taichi_cloth as tc
+from taichi_cloth.backend.language import ti
 
 D, B = 2e-2, 3e-5  # N m, N m^3
 K_D = 2e-4

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
-import taichi as ti
 
 import taichi_cloth as tc
+from taichi_cloth.backend.language import ti
 from taichi_cloth.backend.rows import read, write
 from taichi_cloth.forces.bend import Bend
 from taichi_cloth.forces.force import Force

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-import taichi as ti
 from test_forces import irregular, ladder, products
 
 import taichi_cloth as tc
+from taichi_cloth.backend.language import ti
 from taichi_cloth.backend.rows import read
 from taichi_cloth.forces.stress import Stress
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-import taichi as ti
 
 from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
+from taichi_cloth.backend.language import ti
 from taichi_cloth.backend.phases import APART, END, PATIENT, TASK, PhaseScheduler
 
 pytestmark = pytest.mark.restarts

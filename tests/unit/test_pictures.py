@@ -5,12 +5,12 @@ import struct
 
 import numpy as np
 import pytest
-import taichi as ti
 
 import taichi_cloth as tc
 from taichi_cloth import colornames
 from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
+from taichi_cloth.backend.language import ti
 from taichi_cloth.output import finish
 from taichi_cloth.output.camera import frame
 from taichi_cloth.output.described import appearances_of, of_appearances, of_view, view_of

@@ -14,7 +14,7 @@ SECOND = 1_000_000_000  # ns
 
 WHO_WORKS = '''
 import os
-import taichi as ti
+from taichi_cloth.backend.language import ti
 from taichi_cloth.backend import placement, runtime
 
 os.sched_setaffinity(0, set(range(os.cpu_count())))

@@ -55,9 +55,8 @@ def test_every_quantity_has_a_value_a_vertex(crumpled):
 
 def test_rays_against_every_triangle(rng):
     runtime.start()
-    import taichi as ti
-
     from taichi_cloth.backend.fields import Fields
+    from taichi_cloth.backend.language import ti
     from taichi_cloth.output.rays import RayTree
 
     count, rays = 300, 400

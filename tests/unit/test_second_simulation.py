@@ -7,13 +7,13 @@ import sys
 
 import numpy as np
 import pytest
-import taichi as ti
-from taichi.lang import kernel_impl
 
-from taichi_cloth.backend import field_pool, runtime, shared_kernels
+from taichi_cloth.backend import compiler, field_pool, runtime, shared_kernels
+from taichi_cloth.backend.language import ti
 from taichi_cloth.backend.rows import read, write
 
 pytestmark = pytest.mark.restarts
+[kernel_impl] = compiler.private("lang.kernel_impl")
 
 CODE = """
 import sys, numpy as np

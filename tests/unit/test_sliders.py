@@ -4,10 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import taichi as ti
 
 from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
+from taichi_cloth.backend.language import ti
 from taichi_cloth.backend.rows import read, write
 from taichi_cloth.forces.hysteresis import Hysteresis, Sliders
 from taichi_cloth.system.state import Remembered

@@ -4,10 +4,10 @@ import struct
 
 import numpy as np
 import pytest
-import taichi as ti
 
 import taichi_cloth as tc
 from taichi_cloth.backend import runtime
+from taichi_cloth.backend.language import ti
 from taichi_cloth.backend.rows import read
 from taichi_cloth.scene.intersections import count_crossings, count_self_crossings
 from taichi_cloth.scene.solids import rotation_matrix

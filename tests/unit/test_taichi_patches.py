@@ -4,9 +4,9 @@ import subprocess
 import sys
 
 import pytest
-import taichi as ti
 
 from taichi_cloth.backend import runtime, taichi_patches
+from taichi_cloth.backend.language import ti
 from taichi_cloth.system.state import ParticleState
 
 
@@ -71,9 +71,9 @@ def test_fields_of_others_know_where_they_were_declared():
 
 
 def test_taichi_can_be_left_as_it_is():
-    code = ("import taichi_cloth.system.state, taichi as ti; from taichi.lang import kernel_impl; "
-            "print(ti.data_oriented.__module__, kernel_impl.textwrap.__name__, "
+    code = ("import taichi_cloth.system.state; from taichi_cloth.backend.taichi_patches import kernel_impl, ti; "
+            "print(ti.data_oriented.__module__, kernel_impl._inside_class.__name__, "
             "'__getattribute__' in vars(taichi_cloth.system.state.ParticleState))")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True,
                           env={**__import__("os").environ, "TAICHI_CLOTH_PATCHES": "0"})
-    assert done.stdout.split("\n")[-2] == "taichi.lang.kernel_impl textwrap True"
+    assert done.stdout.split("\n")[-2] == f"{taichi_patches.NAME}.lang.kernel_impl _inside_class True"

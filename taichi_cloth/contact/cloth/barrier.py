@@ -7,7 +7,8 @@ grows with -log d.
 """
 
 import numpy as np
-import taichi as ti
+
+from ...backend.language import ti
 
 FLOOR = 0.2  # of a pair's distance
 SHALLOW = 0.02  # part of what is above the floor from which on downwards the force grows more slowly, and of r its end

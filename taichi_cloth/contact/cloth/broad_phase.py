@@ -7,11 +7,11 @@ leaving it: it brings nothing nearer.
 """
 
 import numpy as np
-import taichi as ti
 
 from ...backend.bvh import BVH, LEAF
 from ...backend.dealing import Dealer, Lists
 from ...backend.fields import Fields
+from ...backend.language import ti
 from ...backend.rows import read, write
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed

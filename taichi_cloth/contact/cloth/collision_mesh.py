@@ -1,10 +1,10 @@
 """The vertices, edges and faces of cloth that can collide: whose they are, how near they may come, which of them can meet."""
 
 import numpy as np
-import taichi as ti
 
 from ...backend.bvh import morton
 from ...backend.fields import Fields
+from ...backend.language import ti
 from ...backend.rows import write
 from ...scene.mesh import face_edges
 from ...scene.scene import Scene

@@ -5,10 +5,10 @@ What may be near is known from `broad_phase`; distances and the collision-free s
 """
 
 import numpy as np
-import taichi as ti
 
 from ...backend.dealing import Lists
 from ...backend.fields import Fields
+from ...backend.language import ti
 from ...backend.rows import write
 from ...scene.scene import Scene
 from ...system.state import ParticleState

@@ -4,9 +4,9 @@ Arrays of numbers have a row for each kind of number, named below, and a column 
 """
 
 import numpy as np
-import taichi as ti
 
 from ...backend.fields import Fields
+from ...backend.language import ti
 from ...forces.conditions import sym_outer, sym_scaled_identity
 from ...options import USUAL
 from ...system.state import ParticleState

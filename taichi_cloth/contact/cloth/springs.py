@@ -6,8 +6,7 @@ and pairs that come near within it are not known of. Friction is that of `layers
 Differs from [BW98 §6]: a step on whose way cloth would pass through cloth is tried smaller, and not taken.
 """
 
-import taichi as ti
-
+from ...backend.language import ti
 from ..step_start import StepStart
 from .contact_pairs import ContactPairs
 from .layers import Layers

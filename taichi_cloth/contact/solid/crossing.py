@@ -5,9 +5,9 @@ still slip past it. A step that leaves a new crossing behind is not accepted whi
 """
 
 import numpy as np
-import taichi as ti
 
 from ...backend.bvh import LEAF
+from ...backend.language import ti
 from ...system.state import ParticleState
 from ..geometry import of_segments, on_triangle
 from .pair_candidates import PairCandidates

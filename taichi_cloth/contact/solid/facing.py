@@ -7,9 +7,9 @@ that passes through itself too.
 from dataclasses import dataclass, fields
 
 import numpy as np
-import taichi as ti
 
 from ...backend.bvh import LEAF
+from ...backend.language import ti
 from .tree import TriangleTree
 
 SURE = 0.5  # part of the distance to a triangle that the height above it should be: else it is seen past its border

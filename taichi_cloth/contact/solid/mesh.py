@@ -6,10 +6,10 @@ conservative advancement: strides of the distance left over the speed left, whic
 """
 
 import numpy as np
-import taichi as ti
 
 from ...backend.bvh import LEAF
 from ...backend.fields import Fields
+from ...backend.language import ti
 from ...scene.scene import Scene
 from ...system.state import ParticleState
 from ..geometry import of_pair

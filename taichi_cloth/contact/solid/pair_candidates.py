@@ -5,10 +5,10 @@ come somewhat nearer than they need, and again only for particles that have move
 """
 
 import numpy as np
-import taichi as ti
 
 from ...backend.bvh import LEAF
 from ...backend.fields import Fields
+from ...backend.language import ti
 from ...backend.rows import read
 from ...scene.mesh import face_edges
 from ...scene.scene import Scene

@@ -1,7 +1,6 @@
 """Signed distance and outward normal of analytic shapes in their local frame, as 4 numbers (d, n)."""
 
-import taichi as ti
-
+from ...backend.language import ti
 from ...scene.primitives import BOX, CAPSULE, CYLINDER, PLANE, SPHERE
 
 TINY = 1e-20

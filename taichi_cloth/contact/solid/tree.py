@@ -4,10 +4,10 @@ Its boxes hold the triangles at the start and at the end of a step, and so on al
 """
 
 import numpy as np
-import taichi as ti
 
 from ...backend.bvh import BVH, LEAF, morton
 from ...backend.fields import Fields
+from ...backend.language import ti
 from ...backend.rows import write
 from ...scene.mesh import face_edges
 from ...scene.primitives import Cylinder

@@ -8,9 +8,9 @@ it comes within the thickness there is a contact: a plane that the vertex must b
 from dataclasses import dataclass, replace
 
 import numpy as np
-import taichi as ti
 
 from ...backend.fields import Fields
+from ...backend.language import ti
 from ...scene.scene import Scene
 from ...scene.solids import MESH
 from ...system.state import ParticleState

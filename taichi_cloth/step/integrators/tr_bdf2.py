@@ -20,9 +20,9 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import taichi as ti
 
 from ...backend.fields import Fields
+from ...backend.language import ti
 from ...backend.timing import Clock
 from ...options import Options
 from ...solver.pcg import CONVERGED, Solution

@@ -11,9 +11,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import taichi as ti
 
 from ...backend.fields import Fields
+from ...backend.language import ti
 from ...backend.phases import END, TASK, PhaseScheduler
 from ...backend.runtime import Runtime
 from ...backend.timing import Clock

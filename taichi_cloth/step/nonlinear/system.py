@@ -4,9 +4,9 @@ Shared by all methods that a simulation may use, so that each kernel is compiled
 """
 
 import numpy as np
-import taichi as ti
 
 from ...backend.fields import Fields
+from ...backend.language import ti
 from ...backend.rows import read
 from ...backend.runtime import Runtime
 from ...options import Options
