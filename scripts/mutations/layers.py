@@ -104,8 +104,6 @@ MUTATIONS = (
      "what stops new pairs: sign of speed", SOLVES),
     (CONTACT + "cloth/pair_kernels.py", "least = ti.min(ti.max(began, height(SHALLOW, radius)), height(0.5, radius))",
      "least = height(SHALLOW, radius)", "first solves linearised at the predicted end", SOLVES),
-    (CONTACT + "cloth/pair_kernels.py", "speed**2 / (2 * CREEP), speed - CREEP / 2)", "speed**2 / (2 * CREEP), speed)",
-     "friction's potential with a jump", SOLVES),
     (CONTACT + "cloth/narrow_phase.py", "KEEP = 0.2", "KEEP = 0.02", "paths leave a fiftieth", WAY),
     (CONTACT + "cloth/narrow_phase.py", "left = floor + keep", "left = keep", "paths go below the floor", WAY),
     (CONTACT + "cloth/narrow_phase.py", "NEAR_END = 0.05", "NEAR_END = 0.9", "paths end needlessly early", WAY),

@@ -196,7 +196,7 @@ class Contacts(Checkpointed):
         them."""
         moved, solids = self.model.read_particles()[0] - self.base[0], self.solids
         points = [*([self.between] if self.sprung else []), solids.rubbing, solids.pressing]
-        return sum(p.potential(moved, h) for p in points) + (self.layers.lagged() if self.layers is not None else 0.0)
+        return sum(p.potential(moved, h) for p in points)
 
     def commit(self) -> None:
         """The step was accepted: the next begins from its contacts."""

@@ -75,9 +75,12 @@ def understood(state: dict[str, np.ndarray], integrator: str, forces: Iterable[s
     version, known = int(state.get("version", 0)), list(forces)
     if version == VERSION:
         return state
-    if version != BEFORE:
-        raise SceneError(f"the checkpoint is of version {version}, and this taichi_cloth goes on from versions {BEFORE} and "
+    if not BEFORE <= version < VERSION:
+        raise SceneError(f"the checkpoint is of version {version}, and this taichi_cloth goes on from versions {BEFORE} to "
                          f"{VERSION}")
+    state = {key: array for key, array in state.items() if key != "contacts.foresight.mends"}  # 13 dropped it
+    if version > BEFORE:
+        return {**state, "version": np.array(VERSION)}
     of_force = below("gas", state)
     if of_force and len(known) > 1:
         raise SceneError(f"the checkpoint is of version {BEFORE}, which kept the state of one force only, and this scene has "

@@ -35,7 +35,7 @@ def scene_of(shape: str, above: float, layers: int = 1) -> tuple[tc.Scene, list[
 
 @pytest.mark.parametrize("shape, layers", [pytest.param("mesh", 2, marks=pytest.mark.slow), ("box", 2)])
 def test_what_starts_near_is_moved_apart(shape, layers):
-    """By less than thicknesses, not where it is pinned; and its first steps are as large as asked, and calm."""
+    """By less than thicknesses, not where it is pinned; and its first steps are calm, and half as large as asked at least."""
     scene, cloths = scene_of(shape, 0.05 * T, layers)
     scene.pin(cloths[0], [0, 1])
     with tc.Simulation(scene, h=1 / 60) as sim:
@@ -56,7 +56,8 @@ def test_what_starts_near_is_moved_apart(shape, layers):
         for _ in range(4):
             sim.step()
             v.append(np.linalg.norm(sim.velocities(), axis=1).max())
-        assert max(v) < 9.81 * 4 / 60 and len(sim.log) == 4  # what hangs over an edge falls
+        assert max(v) < 9.81 * 4 / 60  # what hangs over an edge falls
+        assert min(r.h for r in sim.log) > 0.99 / 120
         assert against_solids(sim, sampled=True)["ground"][1] == 0 and (layers == 1 or cloth_crossings(sim) == 0)
 
 
