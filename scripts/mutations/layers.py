@@ -209,7 +209,7 @@ MUTATIONS = (
      "what is free let go by a pinch", BESIDE),
     (CONTACT + "cloth/untangle.py", "bincount(one, ~sewn[four].any(axis=1))", "bincount(one)",
      "tangles of pleats are large", UNIT + "test_a_tangle_is_as_large_as_what_crosses_away_from_seams"),
-    (NONLINEAR + "layer_contact.py", "k >= BOLD and self.layers.release_beside(contacts.solids.holds())", "False",
+    (NONLINEAR + "layer_contact.py", "k >= STUCK and self.layers.release_beside(contacts.solids.holds())", "False",
      "steps get small for what a tangle holds", GIVEN_UP),
     (NONLINEAR + "layer_contact.py", "self.doubt(measures, ledger) <= BEARABLE", "True",
      "steps of layers leave what they leave unaccounted for", LEDGER),
