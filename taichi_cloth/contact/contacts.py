@@ -20,7 +20,7 @@ from .solid.solid_contacts import SolidContacts
 from .step_start import StepStart
 
 AGREED = 0.001  # part of all that acts by which contacts may be off Coulomb's law in a step. With .003, this and .0003
-# `sphere_drape` (16 cells) takes 232, 247 and 291 solves, and the slowest patch of `incline` slides .0179, .0182, .0183 of .0186 m
+# `sphere_drape` (16 cells) takes 232, 247 and 291 solves, the slowest patch of `incline` slides .0179, .0182, .0183 of .0186 m
 NEAR = 0.03  # the same, with which the next solve has friction as it is: far from there it is smooth in one solve
 STRICT = 7  # solves of a step with which they may; in each further one by twice as much
 
