@@ -211,7 +211,7 @@ MUTATIONS = (
      "tangles of pleats are large", UNIT + "test_a_tangle_is_as_large_as_what_crosses_away_from_seams"),
     (NONLINEAR + "layer_contact.py", "k >= STUCK and self.layers.release_beside(contacts.solids.holds())", "False",
      "steps get small for what a tangle holds", GIVEN_UP),
-    (NONLINEAR + "layer_contact.py", "self.doubt(measures, ledger) <= BEARABLE", "True",
+    (NONLINEAR + "euler.py", "return abs(ledger.unaccounted) <= BEARABLE * fall", "return True",
      "steps of layers leave what they leave unaccounted for", LEDGER),
     (NONLINEAR + "layer_contact.py", "self.layers.stop_short()", "pass",
      "what stops a step short is as soft in the next solve", THROWN),

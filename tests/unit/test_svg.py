@@ -368,7 +368,7 @@ BOMB = '<!DOCTYPE svg [<!ENTITY a0 "lol">' + "".join(f'<!ENTITY a{k + 1} "{f"&a{
     (b'<?xml version="1.0" encoding="odd"?><svg/>', "is not XML"),
     (gzip.compress(b"<svg/>", mtime=0)[:20], "cannot be unpacked"),
     (gzip.compress(bytes(1 << 17), mtime=0) * 600, "larger than 64 MB"),
-    (b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"><rect id="r" width="5" height="5"/></svg>', "how large"),
+    (b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"><rect id="r" width="5" height="5"/></svg>', "it has no size"),
     (b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="x"/>', "drawing's width = 'x': is not a length"),
     (b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9" width="9"/>', "viewBox = '0 0 9'"),
     (b'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1e-320 9" width="9"/>',

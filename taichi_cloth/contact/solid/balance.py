@@ -48,7 +48,7 @@ class Found:
     """The contacts of a state, by the law: `Balance`'s attributes.
 
     Attributes:
-        rubbed: whether friction is to change.
+        rubbed: whether more contacts begin to slide than to stick.
     """
 
     residual: Residual
@@ -68,7 +68,8 @@ class Balance:
         goal: (k,) gap [m] that each is led to; less than 0 where it starts too deep to come out in a step.
         on: (k, 3) impulses that the law says, of the contacts that bear in the state that was last judged.
         inertia: (n,) by which particles resist a force [kg]: `System.inertia`, their mass before a solve.
-        k: linear solves so far; smoothed: whether the last one took friction smooth; rubbed: whether friction changed in it.
+        k: linear solves so far; smoothed: whether the last one took friction smooth; rubbed: whether more contacts
+            began to slide in it than to stick.
     """
 
     def __init__(self, solids: SolidContacts, base_v: np.ndarray) -> None:
@@ -156,7 +157,8 @@ class Balance:
         known, was = self.rows.of(f.key)
         other = ~known[bears] | (was.stick[bears] != rows.stick[bears])
         r = replace(r, changed=int(np.sum(other)) + int(np.sum(known & ~bears)))
-        rubbed = bool(((f.friction[bears] > 0) & other).any())
+        change = (known & (f.friction > 0))[bears] * (was.stick[bears].astype(int) - rows.stick[bears])
+        rubbed = bool(change.sum() > 0)
         goal = _rows(self.rows.key, self.goal, f.key)[bears]
         return Found(r, f.take(bears), rows.take(bears), slip[bears], goal, p[bears], rubbed)
 
@@ -215,8 +217,9 @@ class Balance:
         return Residual(float(np.sqrt(size.sum())) / acting, int(size.argmax()), acting), rows, p, bears
 
     def go_on(self, solved: bool) -> None:
-        """A further solve follows. Where friction changed in the first one, it is smooth in the next, unless all is in balance
-        (`solved`)."""
+        """A further solve follows. If contacts began to slide in the first one, friction is smooth in the next, unless all is
+        in balance (`solved`). Contacts that slide slower than `SMOOTH` would seem to stick in it.
+        """
         self.smoothed = self.k == 1 and self.rubbed and not solved
         if self.smoothed:
             f = self.f

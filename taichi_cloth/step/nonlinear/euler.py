@@ -15,6 +15,8 @@ Differs from [BW98]: the test and what follows it; the paper accepts every solve
 from collections.abc import Callable
 from dataclasses import asdict, replace
 
+import numpy as np
+
 from ...backend.timing import Clock
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
@@ -177,12 +179,15 @@ class EulerStep(StepProblem):
         return ended if ended is None or ended[1].braked or self.fits(*ended) else None
 
     def fits(self, measures: Measures, ledger: Ledger) -> bool:
-        """False where cloth runs into a limit or tears, or gas works on it, and a solve left too much of the step's energy
-        unaccounted for."""
-        if not (self.exacting or measures.used > 1):
+        """False if a solve left too much of the step's energy unaccounted for, and cloth runs into a limit or tears, or gas
+        works on it, or it touches something. In contact, a part of the gain of a step of free fall may be left in any case."""
+        doubt = self.doubt(measures, ledger)
+        if self.exacting or measures.used > 1:
+            return doubt <= (ACCOUNTED if self.system.gave or not self.system.fragile else LOOSE)
+        if not self.touches or doubt <= BEARABLE:
             return True
-        most = ACCOUNTED if self.system.gave or not self.system.fragile else LOOSE
-        return self.doubt(measures, ledger) <= most
+        fall = 0.5 * self.system.model.mass.sum() * (np.linalg.norm(self.system.scene.gravity) * self.c) ** 2
+        return abs(ledger.unaccounted) <= BEARABLE * fall
 
     @property
     def exacting(self) -> bool:

@@ -13,8 +13,6 @@ others of that step may leave LOOSER times `cg_tol`. None of this where somethin
 import math
 from dataclasses import replace
 
-import numpy as np
-
 from ...backend.timing import Clock
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
@@ -24,7 +22,7 @@ from ..ledger import Ledger
 from .brake import MOST
 from .effort import Effort
 from .energy import EnergyTest
-from .euler import BEARABLE, EulerStep
+from .euler import EulerStep
 from .newton import Outcome, minimize
 from .solid_contact import SolidPolicy, predict
 from .system import System
@@ -47,6 +45,8 @@ class LayerStep(EulerStep):
         reference: residual norm with which the step began: what further solves leave undone is held against no less.
         released: whether pairs that leave no room were released, so that the step is worth another attempt.
     """
+
+    touches = True
 
     def __init__(self, system: System, energy: EnergyTest, h: float, pins: Held | None, start: Measures, clock: Clock,
                  solutions: list[Solution]) -> None:
@@ -157,14 +157,6 @@ class LayerStep(EulerStep):
         given = math.inf if self.layers.intersections.active else self.stiffened + self.layers.stiffened
         return self.energy.conclude(self.c, self.held, self.start, measures, MOST, given,
                                     self.fits if early else None)
-
-    def fits(self, measures: Measures, ledger: Ledger) -> bool:
-        """As without contact; and never is more than BEARABLE left, also of what a step of free fall would gain: what layers
-        stop at once leaves much to a further solve."""
-        if not super().fits(measures, ledger):
-            return False
-        fall = 0.5 * self.system.model.mass.sum() * (np.linalg.norm(self.system.scene.gravity) * self.c) ** 2
-        return self.doubt(measures, ledger) <= BEARABLE or abs(ledger.unaccounted) <= BEARABLE * fall
 
     def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
         """Whether solids let the step pass."""
