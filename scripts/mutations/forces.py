@@ -72,7 +72,7 @@ MUTATIONS = (
     (SLIDERS, "both - B[m] * (G[c][m, d] + G[d][m, c])", "both", "diagonal: the frame's mixed terms", SLIDES),
     (SLIDERS, "sizes[3] * n.dot(T) * t_2", "0.0 * t_2", "no force turns the frame in its plane", SLIDES),
     (SLIDERS, "self.move(row, (1 - d / phi) * z)", "self.move(row, z)", "sliders go all the way", SLIDES),
-    (EULER, "self.doubt(measures, ledger) <= most", "self.doubt(measures, ledger) <= 10 * most",
+    (EULER, "return doubt <= most", "return doubt <= 10 * most",
      "steps into a limit end with their first solve", LEDGER),
     ("taichi_cloth/step/ledger.py", "STILL = 1e-4", "STILL = 0.0", "what hardly moves is solved to its last digit", BLOWN),
     ("taichi_cloth/step/nonlinear/system.py", "scene.air is None and not self.pulled", "scene.air is None",

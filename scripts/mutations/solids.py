@@ -334,7 +334,7 @@ MUTATIONS = (
      "tests/physics/test_solved_contact.py::test_law[rope_holds-0.01]"),
     (BALANCED, "r, rows, p, bears = self._by(needed, f, slip, b, v)\n        if r.off > enough:\n    ", "",
      "a turn within the step is friction beyond the cone", SOLVED_TURN),
-    (FACADE, "AGREED = 0.002", "AGREED = 0.3", "contacts may be far off their law", COULOMBS),
+    (FACADE, "AGREED = 0.001", "AGREED = 0.3", "contacts may be far off their law", COULOMBS),
     (SOLVES, "tolerance /= 2", "tolerance /= 1", "no solve is more exact than the first", HALVED),
     (SOLVES, "if not self.solutions[-1].preliminary:", "if True:", "a step ends with a preliminary solve", HALVED),
     (BALANCED, "self.k >= MET and", "False and", "contacts never keep their planes",

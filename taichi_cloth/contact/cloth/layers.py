@@ -243,6 +243,20 @@ class Layers(Checkpointed):
         self.stiffened += self.energy - before
 
     @timed
+    def lagged(self) -> float:
+        """What layers add to the incremental potential [J] besides `energy`, now, as the last solve took it.
+
+        Friction, and the stop of approaches, of the pairs of that solve; and what repulsion would be with their factors:
+        factors change from place to place and have no force.
+        """
+        q, p, compared = self.linearized, self.near, self.compared
+        if q is None or compared is None or not len(q.near.end):
+            return 0.0
+        change = np.where(compared.rows >= 0, q.near.factor[compared.rows] / p.factor - 1, 0.0)
+        lost = compared.measured[pair_kernels.RUB] + compared.measured[pair_kernels.STOPPED]
+        return float(np.sum(lost) + np.sum(change * self._evaluate(p)[0][pair_kernels.POTENTIAL]))
+
+    @timed
     def commit(self) -> None:
         """The step was accepted."""
         p, q = self.near, self.linearized
@@ -398,5 +412,6 @@ class Layers(Checkpointed):
         """(., j) numbers of pairs that a solve took, where the model now is."""
         p, out = q.near, np.empty((pair_kernels.LED, len(q.near.end)))
         if len(p.end):
-            self.kernels.measure(p.vertices, p.weights, p.normal, q.points.turns, q.taken, self.start.h, out)
+            self.kernels.measure(p.vertices, p.weights, p.normal, p.radius, p.factor, q.weighed, q.points.turns, q.taken,
+                              self.start.h, out)
         return out

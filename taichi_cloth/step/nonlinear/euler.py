@@ -183,7 +183,8 @@ class EulerStep(StepProblem):
         works on it, or it touches something. In contact, a part of the gain of a step of free fall may be left in any case."""
         doubt = self.doubt(measures, ledger)
         if self.exacting or measures.used > 1:
-            return doubt <= (ACCOUNTED if self.system.gave or not self.system.fragile else LOOSE)
+            most = ACCOUNTED if self.system.gave or not self.system.fragile else LOOSE
+            return doubt <= most
         if not self.touches or doubt <= BEARABLE:
             return True
         fall = 0.5 * self.system.model.mass.sum() * (np.linalg.norm(self.system.scene.gravity) * self.c) ** 2
