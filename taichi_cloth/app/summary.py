@@ -84,7 +84,9 @@ def describe(sim: Simulation, wall: float, start: float = 0.0) -> str:
     model = f"{sim.model.n} vertices, {faces} triangles, {len(sim.scene.solids)} solids, at most {s['contacts']} contacts"
     layers, since = "", f", from t = {start:.4g} s on; of the whole run" if start else ""
     if sim.contacts is not None and sim.contacts.layers is not None:
-        counted = "not counted" if s["intersections"] is None else s["intersections"]
+        counted = "not counted" if s["intersections"] is None else f"at most {s['intersections']}"
+        if sim.log and sim.log[-1].intersections is not None:
+            counted += f", {sim.log[-1].intersections} at the end"
         layers = (f"layers: at most {s['layers']} pairs of cloth in contact, smallest gap {s['least_gap']:.2f} thicknesses; "
                   f"cloth through cloth {counted}, tangled at most {s['tangled']}, pinched {s['pinched']}\n")
     unsolved = (f"contacts with solids more than 1 % off Coulomb's law in {s['unsolved_contact']} steps, at most "

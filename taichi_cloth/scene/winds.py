@@ -26,10 +26,10 @@ class Named(NamedTuple):
 
 WINDS = {
     "calm": Named(0.0, 0, "smoke rises straight up"),
-    "draught": Named(0.5, 1, "a candle's flame leans; a door is open somewhere"),
-    "light_air": Named(1.0, 1, "smoke drifts"),
+    "draught": Named(0.5, 1, "a candle's flame leans, a thin curtain stirs"),
+    "light_air": Named(1.0, 1, "smoke drifts, a thin curtain swings out"),
     "light_breeze": Named(2.5, 2, "felt on the face, leaves rustle"),
-    "breeze": Named(3.0, 2, "leaves rustle, thin curtains swing"),
+    "breeze": Named(3.0, 2, "leaves rustle, a thin curtain flies"),
     "gentle_breeze": Named(4.5, 3, "twigs move, a light flag stands out"),
     "moderate_breeze": Named(6.5, 4, "dust and paper fly, small branches move"),
     "fresh_breeze": Named(9.5, 5, "small trees sway"),
