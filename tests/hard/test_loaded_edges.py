@@ -51,7 +51,7 @@ def test_what_bore_a_load_is_let_go_without_a_push():
         for _ in range(30):
             sim.step()
         firm = sim.contacts.solids.firmness
-        assert len(firm.accepted.key) > 3 and (firm.accepted.stiffness > 500).all()
+        assert len(firm.accepted.key) > 3 and (firm.accepted.stiffness > 100).all()
         state = sim.checkpoint()
         given, had, before = 0.0, sim.log[-1].energies, len(sim.log)
         for _ in range(5):

@@ -433,4 +433,4 @@ def test_no_vertex_of_a_cloth_is_inside_a_figure_that_walks(tmp_path):
         sim.run(0.05, fps=20)
         x = sim.positions()
         assert (winding(x, solid.surface_at(sim.time), body.faces) < 0.5).all()
-    assert x[:, 2].mean() > 0.3 and x[:, 1].min() < top - 0.2 and abs(x[:, 1].max() - top) < 0.03  # worn
+    assert x[:, 2].mean() > 0.3 and x[:, 1].min() < top - 0.2 and abs(x[:, 1].max() - top) < 0.04  # worn

@@ -31,6 +31,7 @@ from .system import System
 
 PATIENCE = 5  # of them without one that goes all of its way
 BEARABLE = 0.2  # part unaccounted for with which a step is better than a smaller one
+EARTH = 9.81  # m/s^2: what a step leaves is compared with its gain in a fall there, also where gravity is less
 LOOSE = 0.1  # part of what a step's energy went through that may be unaccounted for where something may rip, or gas works,
 ACCOUNTED = 0.02  # and where cloth is beyond a limit, or in which something does
 
@@ -185,10 +186,16 @@ class EulerStep(StepProblem):
         if self.exacting or measures.used > 1:
             most = ACCOUNTED if self.system.gave or not self.system.fragile else LOOSE
             return doubt <= most
-        if not self.touches or doubt <= BEARABLE:
+        if not self.touches or doubt <= BEARABLE or self.squeezed:
             return True
-        fall = 0.5 * self.system.model.mass.sum() * (np.linalg.norm(self.system.scene.gravity) * self.c) ** 2
+        g = max(float(np.linalg.norm(self.system.scene.gravity)), EARTH)
+        fall = 0.5 * self.system.model.mass.sum() * (g * self.c) ** 2
         return abs(ledger.unaccounted) <= BEARABLE * fall
+
+    @property
+    def squeezed(self) -> bool:
+        """Whether solids leave cloth no room, or cross it: no solve accounts for what moves it then."""
+        return False
 
     @property
     def exacting(self) -> bool:

@@ -139,6 +139,11 @@ class SolidStep(EulerStep):
         self.solve_linear(tolerance)
         return self.unsolved()
 
+    @property
+    def squeezed(self) -> bool:
+        """See `EulerStep`."""
+        return self.system.contacts.hindered
+
     def refuse(self, name: str, detail: str) -> Outcome:
         """The end of a step that contact does not allow."""
         return Outcome(name, detail, self.system.meter.measure())
