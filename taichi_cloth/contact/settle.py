@@ -1,11 +1,11 @@
 """Starts nearer than the thickness: cloth is moved apart from solids before the first step, layers with it. numpy only.
 
 Scans, and drapes of other programs, start nearer to a body than a scene's thickness, edges at micrometres from edges. To
-throw such cloth out within a step takes speeds that no step passes. It is therefore moved out by small displacements, vertices
-and pairs of edges alike, as far as both keep most of their distance. Layers that would come nearer to each other than they should
-move as one, and particles that would pass through a solid stay. Sewn particles that are nearly together are joined before. Pairs
-with solids that are left near have a part of their thickness, which grows (`growth`); layers that are left as near as if they were
-tangled rest for a while. A start of which nothing is that near stays as it is, bit for bit.
+throw such cloth out within a step takes speeds that no step passes. It is therefore moved out by small displacements,
+vertices and pairs of edges alike, as far as both keep most of their distance. Layers that would come nearer to each other
+than they should move as one, and particles that would pass through a solid stay. Sewn particles that are nearly together
+are joined before. Pairs with solids that are left near have a part of their thickness, which grows (`growth`); layers that
+are left as near as if they were tangled rest for a while. A start of which nothing is that near stays as it is, bit for bit.
 """
 
 from __future__ import annotations

@@ -210,7 +210,7 @@ class Layers(Checkpointed):
         late = lag > LAGGED * rubs_as and self.round <= (SOONER if hindered else PATIENCE)
         beyond = np.maximum(compared.measured[pair_kernels.RUBBED] - pair_kernels.CONE * bears, 0)
         over = float(np.sum(beyond + compared.measured[pair_kernels.BACK] * bears))
-        rubs = over > RUBBED * rubs_as and self.round == 1  # friction that still does so then, does in the next step
+        rubs = over > RUBBED * rubs_as and self.round == 1  # friction still over then is over in the next step too
         nearer = p.end < (1 - ROUNDING) * weighed[pair_kernels.BEGAN]  # rows that are pinned stay as near as they are
         near = (self._too_near() & nearer).any()
         if near and not (self.off or rubs or late):
