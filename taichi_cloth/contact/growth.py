@@ -1,4 +1,4 @@
-"""Starts nearer than the thickness: each particle has a part of it, which grows from the distance at the start to all of it. numpy only.
+"""Starts nearer than the thickness: each particle has a part of it, which grows from the first distance to all. numpy only.
 
 Scans, and drapes of other programs, start nearer to a body, or to themselves, than a scene's thickness. To throw such cloth
 out within a step takes speeds that no step passes. Particles near at the start therefore keep the distance they have, and more

@@ -1,9 +1,9 @@
 """The law by which two places of cloth repel each other.
 
 A pair of stiffness k should keep a distance r; its floor is a fifth of that. Its distance d is s above the floor, and
-R = r - floor. The potential over k has phi'' = 1 from R down to R/2, and phi = -R^2 / 4 log s below: joined with two continuous
-derivatives, convex, growing towards the floor. From just above the floor on, where only cloth pressed together by solids gets to, it
-grows with -log d.
+R = r - floor. The potential over k has phi'' = 1 from R down to R/2, and phi = -R^2 / 4 log s below: joined with two
+continuous derivatives, convex, growing towards the floor. From just above the floor on, where only cloth pressed together by
+solids gets to, it grows with -log d.
 """
 
 import numpy as np

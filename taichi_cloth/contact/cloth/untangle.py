@@ -1,8 +1,8 @@
 """Cloth that passes through cloth where it should not: found, left alone by contact, and pulled apart. numpy only.
 
 A scene may start with crossings, and solids may press layers through each other. Crossing pairs, and pairs near
-them, are left out of repulsion and of the collision-free step, until they are apart. Meanwhile each crossing edge is led out of
-its triangle, along the direction in which the contour that the two surfaces have in common gets shorter [Volino,
+them, are left out of repulsion and of the collision-free step, until they are apart. Meanwhile each crossing edge is led out
+of its triangle, along the direction in which the contour that the two surfaces have in common gets shorter [Volino,
 Magnenat-Thalmann 2006]. A small tangle that lasts, as beside seams where layers of a pleat hold each other, is led more and
 more firmly.
 """

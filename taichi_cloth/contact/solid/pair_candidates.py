@@ -202,7 +202,7 @@ class PairCandidates:
 
 @ti.func
 def which(pair):
-    """Features of a triangle and a face that pair: kind, the triangle's corner or edge, and by how much the face's corners are shifted."""
+    """A triangle and a face as a pair: kind, the triangle's corner or edge, and by how much the face's corners are shifted."""
     kind, k, shift = VERTEX_FACE, pair, 0
     if pair >= 3:
         kind, k, shift = EDGE_EDGE, (pair - 3) // 3, (pair - 3) % 3
