@@ -157,7 +157,7 @@ class Candidates(Checkpointed):
         self.boxes = BVH(fields, m)
         self.face_hull, self.edge_hull = fields.real(m, 12), fields.real(len(self.mesh.edges), 12)
         self.changed = fields.integer(2 * self.boxes.first_leaf)  # whether a box has faces with displaced particles
-        self.face_low, self.face_high = fields.real(m, 3), fields.real(m, 3)  # swept box, by half a thickness and the skin wider
+        self.face_low, self.face_high = fields.real(m, 3), fields.real(m, 3)  # swept box, by half thickness and skin wider
         half = self.mesh.half_thickness
         skin = SKIN * min(float(half[half > 0].min()), self.mesh.spacing / 2)
         self.paths = Paths(fields, model, skin)

@@ -46,7 +46,8 @@ class Holding:
         """(forces [N] (k, 3) of contacts on their particles, their parts (k,) along the normals) from those on held particles.
 
         Several contacts of one particle share its force: by their normals, and evenly the rest that these cannot make up.
-        Normals that are hardly apart count as one, as they do where they hold: each would bear many times the force, and rub by it.
+        Normals that are hardly apart count as one, as they do where they hold: each would bear many times the force, and
+        rub by it.
         """
         if not len(self.rows):
             return np.zeros((0, 3)), np.zeros(0)
