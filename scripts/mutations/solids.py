@@ -218,7 +218,7 @@ MUTATIONS = (
     (FIRM, "pulls = (firm > 0) & (load <", "pulls = (firm > 1e9) & (load <", "pairs pull by their stiffness", EDGES),
     (FIRM, "np.minimum(firm, load / (BORNE * reach))", "0.0", "what bears a load that stays forgets it", EDGES),
     (RESPONSE, '"growth", "firmness")', '"growth")', "stiffness by load is not resumed", EDGES),
-    (RESPONSE, "if self.start.pins is not None:  # what", "if False:  # what", "what scripts squeeze gets ever stiffer",
+    (RESPONSE, "if self.start.pins is not None:  # no", "if False:  # no", "what scripts squeeze gets ever stiffer",
      "tests/unit/test_soft_attach.py::test_what_is_soft_gives_where_a_solid_presses"),
     (FIRM, "self.missed.get(k, 0) >= TIMES", "self.missed.get(k, 0) >= 1", "impacts stiffen pairs at once", EDGES),
     (RESPONSE, "            self.firmness.commit(self.linearized.key", "            Firmness().commit(self.linearized.key",

@@ -1,9 +1,9 @@
-"""What contacts add to the system of a step besides held directions: points of cloth with a 3x3 block each.
+"""Terms of contacts in the system of a step besides held directions: points of cloth with a 3x3 block each.
 
-A point is a weighted sum of up to four particles: a particle that slides under friction, the place on a cloth edge or
-face that a solid's edge or corner presses, the difference of two places on cloth. Its block and right-hand side are
+A point is a weighted sum of up to four particles. It is a particle that slides under friction, the place on a cloth edge or
+face that a solid's edge or corner presses, or the difference of two places on cloth. Its block and right-hand side are
 worked out on the host, a few numbers a contact, and added to A and b like any force's. Between layers it also goes by how
-what is round it turns: `points`.
+the cloth round it turns: `points`.
 """
 
 import numpy as np
@@ -59,7 +59,7 @@ class ContactForce(Force):
         self._use(0)
 
     def _use(self, rows: int) -> None:
-        """So many rows of the points' fields are used."""
+        """Sets how many rows of the points' fields are used."""
         for field in self._points():
             field.rows = rows
 

@@ -1,4 +1,4 @@
-"""What a step sees of contact: what its next solve holds and feels, whether that settled, forces, checkpoints."""
+"""Contact as a step sees it: particles its next solve holds, forces on them, whether that settled, checkpoints."""
 
 from typing import Any
 
@@ -29,9 +29,9 @@ class Contacts(Checkpointed):
     """The contacts of a model's cloth with a scene's solids, and of its cloths with each other.
 
     Attributes:
-        solids: against solids; scan: what looks for these; layers: cloth against cloth, or None; sprung: whether by the
+        solids: against solids; scan: the detectors of these; layers: cloth against cloth, or None; sprung: whether by the
             paper's springs.
-        force: what contacts add to the system of a solve.
+        force: the terms of contacts in the system of a solve.
         start: of the attempt; base: positions and velocities (n, 3) with which its last solve began.
         balance: the contacts with solids from solve to solve of the attempt; found: by the last of `rounds`.
         between: points of layers in that solve.
@@ -81,7 +81,7 @@ class Contacts(Checkpointed):
             self.layers.begin(self.start, together)
 
     def hold(self) -> tuple[Held | None, float]:
-        """(what the next solve from the saved state holds, pins included; the largest closing distance [m])"""
+        """(particles that the next solve from the saved state holds, pins included; the largest closing distance [m])"""
         balance, closing = self.balance, 0.0
         if self.found is None:
             balance.begin()
@@ -101,15 +101,15 @@ class Contacts(Checkpointed):
         self.set_points()
 
     def set_points(self) -> None:
-        """Friction of what slides, pairs, and layers where they are part of the problem, as points of contact."""
+        """Friction of sliding contacts, pairs, and layers where they are part of the problem, as points of contact."""
         self.take(self.balance.rubs(self.base[1]), True)
 
     def take(self, rubs: Points | None, led: bool) -> bool:
-        """Points of a solve that begins at `base`: layers where they are part of the problem, friction of what is pinched,
+        """Points of a solve that begins at `base`: layers where they are part of the problem, friction of pinched particles,
         pairs of edges, and `rubs`. False where there are more than there is room for.
 
         Args:
-            led: whether pairs are taken where what is held leads them, not where they are.
+            led: whether pairs are taken where held particles lead them, not where they are.
         """
         points = self.solids.take_others(self.base, led) + ([] if rubs is None else [rubs])
         if self.layered and self.layers is not None:
@@ -119,13 +119,13 @@ class Contacts(Checkpointed):
         return not self.crowded
 
     def judge(self, reaction: np.ndarray, inertia: np.ndarray, left: float = 0.0) -> bool:
-        """Whether the contacts of a linear solve agree with what it says of them.
+        """Whether the contacts of a linear solve agree with its solution.
 
         Args:
             reaction: (k, 3) [N s] on the held particles, in `hold`'s order.
             inertia: (n,) as `System.inertia`, of the system that was solved.
-            left: norm [N s] of what that solve has left undone, where it is not to be made more exact: contacts need not be
-                more exact than that.
+            left: norm [N s] of that solve's residual, where it is not to be made smaller: contacts need not be more exact
+                than that.
         """
         solids, balance = self.solids, self.balance
         self.rounds += 1
@@ -156,8 +156,8 @@ class Contacts(Checkpointed):
         """Whether contacts agree with the forces where a linear solve led; if so, they bear these.
 
         Args:
-            lacks: (n, 3) [N s] that the step lacks there, without friction of what slides on solids.
-            needed: (k, 3) [N s] that balances it on what is held.
+            lacks: (n, 3) [N s] that the step lacks there, without friction of particles that slide on solids.
+            needed: (k, 3) [N s] that balances it on the held particles.
         """
         solids, balance, active = self.solids, self.balance, self.solids.active
         bear = active.holding.forces(active.contacts, needed)
@@ -169,7 +169,7 @@ class Contacts(Checkpointed):
         return True
 
     def record(self, reaction: np.ndarray) -> None:
-        """What contacts bore in a further solve that held the same; `reaction` as in `judge`."""
+        """Records the forces of contacts in a further solve that held the same; `reaction` as in `judge`."""
         self.solids.look()
         self.solids.record_forces(reaction, self.base[0])
 
@@ -193,8 +193,8 @@ class Contacts(Checkpointed):
         return out
 
     def lagged(self, h: float) -> float:
-        """What friction, pairs and layers add to the incremental potential [J] where the model now is, as the last solve took
-        them."""
+        """Terms of friction, pairs and layers in the incremental potential [J] where the model now is, as the last solve
+        took them."""
         moved, solids = self.model.read_particles()[0] - self.base[0], self.solids
         points = [*([self.between] if self.sprung else []), solids.rubbing, solids.pressing]
         return sum(p.potential(moved, h) for p in points) + (self.layers.lagged() if self.layers is not None else 0.0)
@@ -245,7 +245,7 @@ class Contacts(Checkpointed):
         return self.solids.penetration.crossings(self.solids.near.vertices)
 
     def counts(self) -> dict[str, Any]:
-        """What a step's record says of contact, by the names of `Attempt`."""
+        """The counts of contact in a step's record, by the names of `Attempt`."""
         pinched = int(np.sum(self.solids.penetration.spared > 0))
         led = self.solids.pinches.where
         out = {"contacts": self.count, "unsettled": self.solids.unsettled, "crossings": self.crossings, "pinched": pinched,
@@ -258,19 +258,19 @@ class Contacts(Checkpointed):
                       "layers": layers.count, "least": layers.least, "tangled": tangles.count}
 
     def place(self) -> Place | None:
-        """Where cloth is nearest to what it is in contact with, over what it should keep."""
+        """The place of the smallest distance in contact, over the distance that should be kept there."""
         places = [self.solids.nearest(), self.layers.nearest() if self.layered and self.layers is not None else None]
         return min((p for p in places if p is not None), key=lambda p: p.gap, default=None)
 
     def inspect(self) -> list[str]:
-        """As `Scanner.inspect`, at the beginning."""
+        """See `Scanner.inspect`; called at the beginning."""
         notes = self.scan.inspect(self.start.h_usual)
         self.clear()
         return notes + (self.layers.intersections.inspect() if self.layers is not None else [])
 
     def settle(self, fixed: np.ndarray) -> Moved:
         """Moves cloth apart that starts nearer to solids, or to itself, than it can go on from, but for particles (k,) that
-        are fixed. What starts inside solids is let out over the first steps."""
+        are fixed. Particles that start inside solids are let out over the first steps."""
         moved = move_apart(self.scan, self.model, self.layers, fixed)
         if len(moved.near):
             self.clear()
@@ -288,7 +288,7 @@ class Contacts(Checkpointed):
             self.layers.clear()
 
     def pushed(self) -> np.ndarray:
-        """(n, 3) [N] on each particle in the last solve from what repels: edges and corners of solids, layers of cloth."""
+        """(n, 3) [N] on each particle in the last solve by repulsion: edges and corners of solids, layers of cloth."""
         out = self.solids.pushed()
         return out if self.layers is None else out + self.layers.forces()
 

@@ -6,7 +6,7 @@ OFTEN = 2  # steps one after the other that took more solves, after which the ne
 
 
 class Foresight(Checkpointed):
-    """Of the steps with layers of cloth in their problem.
+    """Foresight of the steps with layers of cloth in their problem.
 
     Attributes:
         rounds: accepted steps, one after the other, in which a Newton step was cut short, or changed many contacts.

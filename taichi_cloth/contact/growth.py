@@ -1,22 +1,22 @@
-"""Starts nearer than the thickness: each particle has a part of it, which grows from what there is to all of it. numpy only.
+"""Starts nearer than the thickness: each particle has a part of it, which grows from the first distance to all. numpy only.
 
-Scans, and what other programs drape, start nearer to a body, or to themselves, than a scene's thickness. To throw such cloth
-out within a step takes speeds that no step passes. So what is near at the start keeps what distance it has, and more by and
-by: no faster than the whole thickness in RAMP, and no faster than the cloth really gets away.
+Scans, and drapes of other programs, start nearer to a body, or to themselves, than a scene's thickness. To throw such cloth
+out within a step takes speeds that no step passes. Particles near at the start therefore keep the distance they have, and more
+by and by: no faster than the whole thickness in RAMP, and no faster than the cloth really gets away.
 """
 
 import numpy as np
 
 from ..system.checkpoint import Checkpointed
 
-NEAR = 0.5  # of its distance: what starts nearer has a part of its thickness only
+NEAR = 0.5  # of its distance: a particle that starts nearer has a part of its thickness only
 LEAST = 0.005  # part of its thickness that any particle has
 RAMP = 0.2  # s in which thickness grows from nothing to the whole
 FURTHER = 1.3  # times the distance that there is, to which thickness may grow in a step
 
 
 class Growth(Checkpointed):
-    """Of the thickness of n particles.
+    """Growth of the thickness of n particles.
 
     Attributes:
         part: (n,) that each has; active: whether any has not all of it.

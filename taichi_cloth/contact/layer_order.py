@@ -1,4 +1,4 @@
-"""Which cloth lies outside which: before the first step, what starts on the wrong side is moved out. numpy only.
+"""Which cloth lies outside which: before the first step, vertices on the wrong side are moved out. numpy only.
 
 A scan, or clothes put on one over the other, start with layers through each other, and contact cannot know which belongs
 outside. `ClothContact.layer` says it. A cloth is moved out of those with lower layers, by as little as brings it to the
@@ -21,8 +21,8 @@ from ..system.state import ParticleState
 from .settle import as_one
 from .solid.query import Scanner
 
-DEEPEST = 0.03  # m: what is further inside belongs elsewhere, on the other side of a limb for example
-BESIDE = 1.0  # edges of a surface: what is further beside its nearest vertex is beyond its border
+DEEPEST = 0.03  # m: vertices further inside belong elsewhere, on the other side of a limb for example
+BESIDE = 1.0  # edges of a surface: a point further beside its nearest vertex is beyond its border
 SWEEPS = 12
 SAMPLE = 400  # triangles of a panel that say which way it faces
 ROWS = 512  # points at a time whose nearest others are looked for
@@ -101,7 +101,7 @@ def put_in_order(scan: Scanner, model: ParticleState, scene: Scene, fixed: np.nd
             through = scan.find_crossings()
             if len(through) <= crossed:
                 break
-            held[through] = True  # a solid is there: contact parts what it can
+            held[through] = True  # a solid is there: contact parts layers as it can
         far = np.linalg.norm(x[rows] - before[rows], axis=1)
         names = " and ".join(f"{c.name!r}" for c in inside)
         moved.append(MovedOut(outer, names, count, int(far.argmax()), float(far.max())))
@@ -115,7 +115,7 @@ def _rows(cloth: Cloth) -> slice:
 
 
 def _out_of(outer: Cloth, x: np.ndarray, facing: np.ndarray, lower: _Surface) -> tuple[np.ndarray, int]:
-    """(positions (n, 3) of a cloth's vertices outside what belongs inside it, how many were not)."""
+    """(positions (n, 3) of a cloth's vertices outside the cloth that belongs inside it, how many were not)."""
     wrong, there = np.zeros(len(x), dtype=bool), x.copy()
     for sweep in range(SWEEPS):
         upper = _surface(outer, there, facing)

@@ -63,7 +63,7 @@ def closing(kind, dp, dq, dr, ds):
 
 @ti.func
 def least_between(first, last, speed):
-    """A lower bound of a pair's distance [m] on a path at whose ends it is `first` and `last`, by what `closing` says."""
+    """A lower bound of a pair's distance [m] on a path at whose ends it is `first` and `last`, by `closing`."""
     return ti.min(first, last, (first + last - speed) / 2)
 
 

@@ -15,7 +15,7 @@ class Points:
     """Places on cloth, or differences of two, that contacts add to the system of a step.
 
     A point moves by J p = sum_a (w_a I + t_a n^T) p_a where its particles move by p_a. The turns t, at right angles to n, take
-    off what it moves by as what is round it turns.
+    off its motion by the turning of the cloth round it.
 
     Attributes:
         vertices: (k, 4) particles; weights: (k, 4) w.
@@ -40,7 +40,7 @@ class Points:
         return out + np.einsum("kai,ka->ki", self.turns, np.einsum("kai,ki->ka", mine, self.normal))
 
     def spread(self, forces: np.ndarray, to: np.ndarray) -> None:
-        """Adds to (n, 3) forces on the particles what forces (k, 3) on the points are for them."""
+        """Adds to (n, 3) forces on the particles their shares of forces (k, 3) on the points."""
         push = self.weights[:, :, None] * forces[:, None, :]
         if self.turns is not None and self.normal is not None:
             push += np.einsum("kai,ki->ka", self.turns, forces)[:, :, None] * self.normal[:, None, :]
@@ -56,7 +56,7 @@ class Points:
         return float(np.einsum("ki,ki->k", self.forces(moved, h), self.of(way)).sum())
 
     def potential(self, moved: np.ndarray, h: float) -> float:
-        """What they add to the incremental potential [J] there: sum 1/2 (J dv)^T A J dv - r . J dv."""
+        """Their part of the incremental potential [J] there: sum 1/2 (J dv)^T A J dv - r . J dv."""
         dv = self.of(moved) / h
         return float(np.sum((sym_times(self.block, dv) / 2 - self.rhs) * dv))
 
@@ -116,7 +116,7 @@ def among(keys: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 
 
 def rows_of(keys: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Where each wanted key is among sorted keys, or -1."""
+    """Row of each wanted key among sorted keys, or -1."""
     if not len(keys):
         return np.full(len(wanted), -1)
     where = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)

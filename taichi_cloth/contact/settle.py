@@ -1,11 +1,11 @@
 """Starts nearer than the thickness: cloth is moved apart from solids before the first step, layers with it. numpy only.
 
-Scans, and what other programs drape, start nearer to a body than a scene's thickness, edges at micrometres from edges. To
-throw such cloth out within a step takes speeds that no step passes. So it is moved out by small displacements, vertices and
-pairs of edges alike, as far as both keep most of their distance. Layers that would come nearer to each other than they should
-move as one, and what would pass through a solid stays. What is sewn, and nearly together, is put together before. Pairs with
-solids that are left near have a part of their thickness, which grows (`growth`); layers that are left as near as if they were
-tangled rest for a while. A start of which nothing is that near stays as it is, bit for bit.
+Scans, and drapes of other programs, start nearer to a body than a scene's thickness, edges at micrometres from edges. To
+throw such cloth out within a step takes speeds that no step passes. It is therefore moved out by small displacements,
+vertices and pairs of edges alike, as far as both keep most of their distance. Layers that would come nearer to each other
+than they should move as one, and particles that would pass through a solid stay. Sewn particles that are nearly together
+are joined before. Pairs with solids that are left near have a part of their thickness, which grows (`growth`); layers that
+are left as near as if they were tangled rest for a while. A start of which nothing is that near stays as it is, bit for bit.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ if TYPE_CHECKING:
     from .cloth.contact_pairs import ContactPairs
     from .cloth.layers import Layers
 
-NEARER = 0.1  # of what layers keep: what starts nearer is moved apart
+NEARER = 0.1  # of the distance layers keep: pairs that start nearer are moved apart
 SWEEPS = 60
-PATIENCE, BETTER = 8, 0.98  # sweeps in which what lacks has to become so much less of itself
-LAYERS, SPARE = 0.6, 0.2  # of what layers keep: to which they are moved apart, and what they may lack more
-AIM, ENOUGH = 0.9, 0.05  # of what is kept: to which cloth is moved apart; what may lack of that in the end
-NEAREST = 0.5  # of the thickness: what is sewn to each other and nearer to its mean is brought together
-AGAIN = 4  # times that what crosses then is left as it is
-MOST = 0.1  # of the thickness by which anything is moved in a sweep
+PATIENCE, BETTER = 8, 0.98  # sweeps in which the lack has to become so much less of itself
+LAYERS, SPARE = 0.6, 0.2  # of the distance layers keep: to which they are moved apart, and how much more they may lack
+AIM, ENOUGH = 0.9, 0.05  # of the distance kept: to which cloth is moved apart; how much of that may lack in the end
+NEAREST = 0.5  # of the thickness: sewn particles that are nearer to their mean are brought together
+AGAIN = 4  # times that particles that cross then are left as they are
+MOST = 0.1  # of the thickness: most by which a particle is moved in a sweep
 TOGETHER = 12  # times that layers which would come too near are moved as one, before all of it is made smaller
 
 
 @dataclass(frozen=True)
 class Moved:
-    """What was moved apart.
+    """The particles that were moved apart.
 
     Attributes:
         near: (k,) particles that started too near; left: (j,) those that still are.
@@ -103,7 +103,7 @@ class _Start:
         return self.layers.detector.look()
 
     def sewn(self, x: np.ndarray, still: np.ndarray) -> np.ndarray:
-        """Positions with what is sewn together, and nearly at its mean, there, but for what is still (n,) or would cross."""
+        """Positions with sewn particles near their mean put there, but for particles that are still (n,) or would cross."""
         knots = self.knots
         to_mean = as_one(x, knots, np.zeros(len(x), dtype=bool)) - x
         far = np.zeros(len(x))
@@ -153,7 +153,7 @@ class _Start:
         return x
 
     def shift(self, layered: bool) -> tuple[np.ndarray, float]:
-        """((n, 3) displacements [m] that bring what is near out, the most that lacks, of what is kept)."""
+        """((n, 3) displacements [m] that bring near particles out, the largest lack, of the distance kept)."""
         n, found, pairs = self.model.n, self.scan.detect(), self.scan.find_pairs()
         by, count, most = np.zeros((n, 3)), np.zeros(n), [0.0]
         t = self.scan.thickness[found.solid]
@@ -196,14 +196,14 @@ class _Start:
 
 
 def as_one(by: np.ndarray, group: np.ndarray, still: np.ndarray) -> np.ndarray:
-    """(n, 3) means of displacements over groups (n,); what is in a group with anything that is still (n,) does not move."""
+    """(n, 3) means of displacements over groups (n,); groups with a particle that is still (n,) do not move."""
     count, stays = np.maximum(np.bincount(group), 1), np.bincount(group, still) > 0
     mean = np.stack([np.bincount(group, by[:, k]) for k in range(3)], axis=1) / count[:, None]
     return np.where(stays[:, None], 0.0, mean)[group]
 
 
 def _joined(four: np.ndarray, knots: np.ndarray) -> np.ndarray:
-    """(n,) a number for each group of particles in rows (k, 4) with particles in common; what is sewn together is one."""
+    """(n,) a number for each group of particles in rows (k, 4) with particles in common; particles sewn together are one."""
     group, before = knots.copy(), None
     while before is None or (group != before).any():
         before = group.copy()

@@ -1,4 +1,4 @@
-"""Where an attempt at a step begins, as contact sees it. numpy only."""
+"""The start of an attempt at a step, as contact sees it. numpy only."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,9 +20,9 @@ class StepStart:
     Attributes:
         h: its size; h_usual: the largest one's [s].
         x, v: (n, 3) saved positions [m] and velocities [m/s].
-        pins: what a script holds.
+        pins: particles that a script holds.
         together: whether layers of cloth are part of its problem from the first solve on.
-        base: what the method starts from, where that is not the saved state.
+        base: the state from which the method starts, where that is not the saved state.
     """
 
     h: float
@@ -35,7 +35,7 @@ class StepStart:
 
     @property
     def c(self) -> float:
-        """What the method multiplies forces by [s]."""
+        """The factor by which the method multiplies forces [s]."""
         return self.h if self.base is None else self.base.c
 
     @property
@@ -61,7 +61,7 @@ class StepStart:
         return v if self.base is None else (self.base.ahead + self.c * v) / self.h
 
     def altered(self, held: Held | None) -> Held | None:
-        """What is held, such that it ends with its mean velocity of the step, alterations apart."""
+        """Held particles, such that they end with their mean velocity of the step, alterations apart."""
         if held is None or self.base is None:
             return held
         i = held.index
@@ -71,7 +71,7 @@ class StepStart:
 
     @cached_property
     def share(self) -> float:
-        """Of a usual step."""
+        """The step over a usual one, 1 at most."""
         return min(1.0, self.h / self.h_usual)
 
     @cached_property

@@ -1,9 +1,9 @@
 """The law by which two places of cloth repel each other.
 
-Over the stiffness k of the pair, with s what its distance d is above a floor of a fifth of the distance r that it should
-keep, and R = r - floor: phi'' = 1 from R down to R/2, and phi = -R^2 / 4 log s below: joined with two continuous
-derivatives, convex, growing towards the floor. From just above the floor on, where only what solids press together gets to, it
-grows with -log d.
+A pair of stiffness k should keep a distance r; its floor is a fifth of that. Its distance d is s above the floor, and
+R = r - floor. The potential over k has phi'' = 1 from R down to R/2, and phi = -R^2 / 4 log s below: joined with two
+continuous derivatives, convex, growing towards the floor. From just above the floor on, where only cloth pressed together by
+solids gets to, it grows with -log d.
 """
 
 import numpy as np
@@ -11,11 +11,11 @@ import numpy as np
 from ...backend.language import ti
 
 FLOOR = 0.2  # of a pair's distance
-SHALLOW = 0.02  # part of what is above the floor from which on downwards the force grows more slowly, and of r its end
+SHALLOW = 0.02  # part of the height above the floor from which on downwards the force grows more slowly, and of r its end
 
 
 def room(d: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """(k,) what parts of the way from the floor up to r distances d are at; negative below the floor."""
+    """(k,) height of distances d above the floor, over that of r; negative below the floor."""
     return (d / r - FLOOR) / (1 - FLOOR)
 
 

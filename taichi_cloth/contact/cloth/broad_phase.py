@@ -1,6 +1,6 @@
 """Which vertices and faces, edges and edges of cloth may come near each other on a path at all.
 
-A tree of swept boxes is walked, and what may be near is written down, thread by thread, in lists that grow. They hold every
+A tree of swept boxes is walked, and candidates are written down, thread by thread, in lists that grow. They hold every
 pair that comes near on paths within a skin of where the particles were walked for; where some leave it, the pairs of those
 are looked for again, and only theirs. A translation that most particles have in common, as in a fall, does not count as
 leaving it: it brings nothing nearer.
@@ -33,7 +33,7 @@ SKIN = 0.4  # of half the thickness, or half the spacing if less: how far paths 
 class Paths(Checkpointed):
     """On which particles go from `start` to where the model is, against those for which the tree was walked.
 
-    A step that stops short goes on from somewhere on the path it took: what is known of the rest of that path is known of the
+    A step that stops short goes on from somewhere on the path it took. Candidates for the rest of that path serve for the
     next, where that leads to the same end. `part` is how much of it lies behind.
 
     Attributes:
@@ -42,7 +42,7 @@ class Paths(Checkpointed):
             begins to `start`, from `walked` to where the model is, and from `walked` to `start`.
         part: of the way from left to walked at which all begin now, as nearly as one number can say; any is safe.
         displaced_now, displaced: how far [m] particles are from `walked`, and are at most anywhere on their paths, without
-            what is in common.
+            the translation in common.
         strayed: how far [m] the paths lead from the rest of those that are known, likewise.
         moved: whether a particle's pairs are looked for.
         skin: [m] that a path may lead from where the tree was walked for.
@@ -84,7 +84,7 @@ class Paths(Checkpointed):
         return count
 
     def _measured(self, common: np.ndarray) -> int:
-        """Measures with what is in common; how many have strayed."""
+        """Measures with the translation in common; how many have strayed."""
         write(self.common, common.astype(self.model.exchange))
         self._measure(self._count)
         return int(self._count[0])
@@ -109,7 +109,7 @@ class Paths(Checkpointed):
 
     @ti.func
     def begins(self, i):
-        """Where the rest of the path begins on which a particle's pairs are known."""
+        """The place where the rest of the path begins on which a particle's pairs are known."""
         return self.left[i] + self.part[0] * (self.walked[i] - self.left[i])
 
     @ti.kernel
@@ -157,7 +157,7 @@ class Candidates(Checkpointed):
         self.boxes = BVH(fields, m)
         self.face_hull, self.edge_hull = fields.real(m, 12), fields.real(len(self.mesh.edges), 12)
         self.changed = fields.integer(2 * self.boxes.first_leaf)  # whether a box has faces with displaced particles
-        self.face_low, self.face_high = fields.real(m, 3), fields.real(m, 3)  # swept box, with what belongs to it round it
+        self.face_low, self.face_high = fields.real(m, 3), fields.real(m, 3)  # swept box, by half thickness and skin wider
         half = self.mesh.half_thickness
         skin = SKIN * min(float(half[half > 0].min()), self.mesh.spacing / 2)
         self.paths = Paths(fields, model, skin)
@@ -202,7 +202,7 @@ class Candidates(Checkpointed):
             rows[free] = new
 
     def _look_for(self, everything: bool) -> np.ndarray:
-        """(k, 3) pairs of what is displaced, or all, that may come within reach, and twice the skin, on their paths."""
+        """(k, 3) pairs of displaced particles, or all, that may come within reach, and twice the skin, on their paths."""
         self._refit(int(everything))
         while True:
             self._walk(*self.found.arrays, self.found.count)
@@ -217,7 +217,7 @@ class Candidates(Checkpointed):
 
     @ti.kernel
     def _distances(self, rows: ti.types.ndarray(), out: ti.types.ndarray(), radii: ti.types.ndarray()):
-        """Of candidates where they were walked for, and the largest that they may have to keep."""
+        """Distances of candidates where they were walked for, and the largest that they may have to keep."""
         for k in range(rows.shape[0]):
             kind = rows[k, 2]
             v = self.mesh.corners(rows[k, 0], rows[k, 1], kind)
@@ -228,7 +228,7 @@ class Candidates(Checkpointed):
     @ti.func
     def may_come_near(self, kind, v):
         """1 if a pair may come nearer than its largest radius on any path within the skin of that which is walked for, or will
-        soon: a step's first solve begins with what is known. Neighbours in the cloth's own shape have small radii, and seldom
+        soon: a step's first solve begins with known pairs. Neighbours in the cloth's own shape have small radii, and seldom
         may."""
         begin, end = ti.static(self.paths.left, self.paths.walked)
         p, q, r, s = end[v[0]], end[v[1]], end[v[2]], end[v[3]]

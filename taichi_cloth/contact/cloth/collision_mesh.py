@@ -14,7 +14,7 @@ from ..pair_geometry import between
 from .sewn_shape import sewn_distances
 
 ACROSS = (0, 1), (0, 2), (0, 3), (1, 2), (1, 3)  # two of a pair's four particles, on different sides of it
-LEAST = 0.01  # of a thickness: sides of what opened that have not been so far apart are one surface
+LEAST = 0.01  # of a thickness: sides of an opening that have not been so far apart are one surface
 
 
 @ti.data_oriented
@@ -60,7 +60,7 @@ class CollisionMesh:
         self.knot = fields.integer(model.n, data=self.knots)
         self.sews, self.over_seams = model.sewn is not None, False
         if self.sews:
-            self.joined = fields.integer(model.n, data=self.knots)  # what was one in the beginning
+            self.joined = fields.integer(model.n, data=self.knots)  # particles that were one in the beginning
             self.grown = fields.real(model.n, data=2 * self.half_thickness)  # see `Lips`
             self._keep_sewn_shape(fields, given)
         owner = np.concatenate([np.full(c.mesh.vertex_count, k) for k, c in enumerate(scene.cloths)])[model.user]
@@ -104,16 +104,16 @@ class CollisionMesh:
 
     @ti.func
     def thickness(self, v):
-        """Of the two layers of a pair with particles v [m]."""
+        """Thickness [m] of the two layers of a pair with particles v."""
         return self.half[v[0]] + self.half[v[3]]
 
     def set_knots(self, knots: np.ndarray) -> None:
-        """What is sewn together from now on."""
+        """Sets the particles that are sewn together from now on."""
         self.knots = knots
         write(self.knot, knots.astype(np.int32))
 
     def set_grown(self, grown: np.ndarray) -> None:
-        """What particles keep [m] from what they were sewn to."""
+        """Sets the distance [m] that particles keep from those they were sewn to."""
         write(self.grown, grown.astype(self.exchange))
 
     @ti.func
@@ -158,7 +158,7 @@ class CollisionMesh:
 
     @ti.func
     def largest_radius(self, kind, v):
-        """What `radius` may grow to [m]: the thickness, or half of how far the two are from each other in the cloth's own
+        """The largest value of `radius` [m]: the thickness, or half of how far the two are from each other in the cloth's own
         shape, if that is less."""
         out = self.thickness(v)
         if self.has_shape(kind, v):
@@ -169,7 +169,7 @@ class CollisionMesh:
 
     @ti.func
     def radius_bound(self, kind, v):
-        """What `largest_radius` does not exceed [m]: quicker, by the distance between the middles of the two."""
+        """A bound [m] that `largest_radius` does not exceed: quicker, by the distance between the middles of the two."""
         out = self.thickness(v)
         if self.has_shape(kind, v):
             p, q, r, s = self.rest[v[0]], self.rest[v[1]], self.rest[v[2]], self.rest[v[3]]

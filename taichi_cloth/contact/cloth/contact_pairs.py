@@ -71,7 +71,7 @@ class LinearizedPairs:
 
     Attributes:
         near: the pairs.
-        points: what the solve is given of them.
+        points: of contact, by which they enter the solve.
         weighed, taken: (., k) numbers of theirs, see `pair_kernels`.
     """
 

@@ -1,7 +1,7 @@
 """How much stiffer than their law pairs of cloth with cloth are: by factors of their particles. numpy only.
 
-What a step leaves with little of its room gets stiffer, from step to step, and within a step that would not pass else; what
-has much room gets softer again.
+Pairs that a step leaves with little room get stiffer, from step to step, and within a step that would not pass else. Pairs
+with much room get softer again.
 """
 
 import numpy as np
@@ -10,12 +10,12 @@ from ...system.checkpoint import Checkpointed
 from .barrier import room
 from .contact_pairs import ContactPairs
 
-CLOSE, WIDE = 0.3, 0.7  # of a pair's room: what ends with less gets stiffer, with more softer again
+CLOSE, WIDE = 0.3, 0.7  # of a pair's room: a pair that ends with less gets stiffer, with more softer again
 STIFFER, SOFTER, STIFFEST = 4.0, 0.8, 4096.0  # factors from usual step to usual step, and their product at most
 
 
 class Firmness(Checkpointed):
-    """Of n particles.
+    """Firmness of n particles.
 
     Attributes:
         boost: (n,) factors from step to step; more: (n,) as many times as much within this attempt.

@@ -3,13 +3,13 @@
 Pairs of vertex and face, edge and edge repel each other (`barrier`). Each is a point of contact: linearised along its
 normal, semidefinite, in the matrix-free product and the preconditioner (`pair_kernels`, which has friction too). The first
 solve of a step linearises them where the last motion would lead; further solves, where the cloth then is. Each update stops
-at the first collision (`narrow_phase.collision_free_step`): what was apart stays apart.
+at the first collision (`narrow_phase.collision_free_step`): layers that were apart stay apart.
 
-What comes nearer than at the start of the step, and than it should, is stopped by a stiffness of the step's own h,
-which gives no speed back. Friction is a damping by the slip that was last seen, or, where that would be more than
+A pair that comes nearer than at the start of the step, and than it should, is stopped by a stiffness of the step's
+own h, which gives no speed back. Friction is a damping by the slip that was last seen, or, where that would be more than
 Coulomb's cone, its full size against the slip; the normal force is the pair's in the last solve.
 
-Differs from [BW98 §6]: the paper's damped springs act on what is near at the start of a step, and trust in coherence:
+Differs from [BW98 §6]: the paper's damped springs act on pairs that are near at the start of a step, and trust in coherence:
 `springs`.
 """
 
@@ -34,15 +34,15 @@ from .narrow_phase import LayerDetector
 from .untangle import Intersections
 
 PATIENCE = 8  # solves after which normal forces that friction goes by, and that still change, do so in the next step,
-SOONER = 3  # and where something is pinched or passes through itself
-LAGGED = 0.1  # relative error of the sum of friction's bounds, against what the same solve's normal forces give
-AGREED = 0.1  # part of all forces of pairs by which what solves take them to be may be off
+SOONER = 3  # and where cloth is pinched or passes through itself
+LAGGED = 0.1  # relative error of the sum of friction's bounds, against those by the same solve's normal forces
+AGREED = 0.1  # part of all forces of pairs by which their forces in a solve may be off
 RUBBED = 0.05  # the same of friction beyond its cone
-LOOSE = 2.0  # of gravity: what the forces of pairs may be off by, over the mass they act on
+LOOSE = 2.0  # of gravity: error that the forces of pairs may have, over the mass they act on
 GIVE = 0.01  # of a pair's distance over h^2: the same where gravity is small
-PINCHING = 0.02  # of half the thickness: what moves more than that within a step is not pinched, but comes fast
-AROUND = 1  # rings of neighbours that rest with what is let go between steps
-STUCK = 0.1  # of what layers keep: what starts nearer, when all that could be was moved apart, is tangled
+PINCHING = 0.02  # of half the thickness: particles that move more than that within a step are not pinched, but fast
+AROUND = 1  # rings of neighbours that rest with the particles let go between steps
+STUCK = 0.1  # of the distance layers keep: pairs that start nearer, after all moving apart, are tangled
 
 NOTHING: dict[str, np.ndarray] = {"key": np.zeros(0, dtype=np.int64), "force": np.zeros(0)}
 
@@ -52,9 +52,9 @@ class Layers(Checkpointed):
 
     Attributes:
         count: pairs in contact after the last solve; energy: of their repulsion [J].
-        least: smallest distance of any pair over what it should keep; 1 where none is in contact.
-        off: pairs whose force was not what the last solve took it to be.
-        firmness: how much stiffer pairs are than their law; stiffened: what becoming stiffer stored in the attempt [J].
+        least: smallest distance of any pair over that which it should keep; 1 where none is in contact.
+        off: pairs whose force was not as the last solve took it.
+        firmness: how much stiffer pairs are than their law; stiffened: energy that becoming stiffer stored in the attempt [J].
         waived: (n,) particles that solids pinch; freed: whether any is no longer pinched.
     """
 
@@ -166,7 +166,7 @@ class Layers(Checkpointed):
 
     @timed
     def energy_here(self) -> float:
-        """Of the repulsion [J] where the model now is, for an attempt at a state that no step led to."""
+        """Energy of the repulsion [J] where the model now is, for an attempt at a state that no step led to."""
         return self._energy(self.detector.look())
 
     def _energy(self, p: ContactPairs) -> float:
@@ -190,7 +190,7 @@ class Layers(Checkpointed):
 
     @timed
     def settled(self) -> bool:
-        """Whether forces are what the last solve took them to be, and nothing has come too near by it."""
+        """Whether forces are as the last solve took them, and no pair has come too near by it."""
         p, q, compared = self.near, self.linearized, self.compared
         assert q is not None and compared is not None
         weighed, row, bears = self._evaluate(p)[0], compared.rows, q.taken[pair_kernels.BEARS]
@@ -210,7 +210,7 @@ class Layers(Checkpointed):
         late = lag > LAGGED * rubs_as and self.round <= (SOONER if hindered else PATIENCE)
         beyond = np.maximum(compared.measured[pair_kernels.RUBBED] - pair_kernels.CONE * bears, 0)
         over = float(np.sum(beyond + compared.measured[pair_kernels.BACK] * bears))
-        rubs = over > RUBBED * rubs_as and self.round == 1  # what it still is then, it is in the next step
+        rubs = over > RUBBED * rubs_as and self.round == 1  # friction still over then is over in the next step too
         nearer = p.end < (1 - ROUNDING) * weighed[pair_kernels.BEGAN]  # rows that are pinned stay as near as they are
         near = (self._too_near() & nearer).any()
         if near and not (self.off or rubs or late):
@@ -229,13 +229,13 @@ class Layers(Checkpointed):
             self._stiffen()
 
     def _too_near(self) -> np.ndarray:
-        """(k,) which pairs end nearer than a step may leave them, and have not parted: what rests no more may begin nearer."""
+        """(k,) which pairs end nearer than a step may leave them, and have not parted: after a rest they may begin nearer."""
         p, was = self.near, float(room(np.array([self.was]), np.ones(1))[0])
         allowed = FLOOR + (1 - FLOOR) * min(CLOSE / 3, was / 2, 2 * was)
         return (p.end <= allowed * p.radius) & (p.end <= self._evaluate(p)[0][pair_kernels.BEGAN])
 
     def _stiffen(self) -> None:
-        """Pairs with little room left get stiffer within the step; what that stores is `stiffened`."""
+        """Pairs with little room left get stiffer within the step; the energy that this stores is `stiffened`."""
         p, before = self.near, self.energy
         self.firmness.stiffen(p)
         self._weighed = None
@@ -244,9 +244,9 @@ class Layers(Checkpointed):
 
     @timed
     def lagged(self) -> float:
-        """What layers add to the incremental potential [J] besides `energy`, now, as the last solve took it.
+        """The part of the incremental potential [J] of layers besides `energy`, now, as the last solve took it.
 
-        Friction, and the stop of approaches, of the pairs of that solve; and what repulsion would be with their factors:
+        Friction, and the stop of approaches, of the pairs of that solve; and repulsion as it would be with their factors:
         factors change from place to place and have no force.
         """
         q, p, compared = self.linearized, self.near, self.compared
@@ -271,12 +271,12 @@ class Layers(Checkpointed):
         self.kept = NOTHING if q is None else {"key": q.near.key[q.near.order], "force": self.last_forces[q.near.order]}
         self.firmness.commit(p, self.start.share)
         self._weighed = None
-        self.energy = self._energy(p)  # what the next step begins with
+        self.energy = self._energy(p)  # the next step begins with it
 
     @timed
     def count_tangled(self, everywhere: bool = True) -> None:
-        """Counts what crosses where the model now is; not `everywhere`, after a step, among what was left alone: both sides of
-        what passes through each other have a particle that rests."""
+        """Counts crossings where the model now is. Not `everywhere`, after a step, among the particles left alone: both sides
+        of a crossing have a particle that rests."""
         alone = self.intersections.resting | self.waived | self._were_waived
         all_of_it = everywhere or (self.lips is not None and self.lips.growing)
         self.intersections.look(self.model.read_particles()[0], None if all_of_it else alone)
@@ -288,7 +288,7 @@ class Layers(Checkpointed):
 
     @timed
     def part(self, whole: np.ndarray) -> None:
-        """After a step, with the stitches (k,) that are whole: sides of open ones keep what they have come apart by. Those
+        """After a step, with the stitches (k,) that are whole: sides of open ones keep the distance they came apart by. Those
         that were in one place may pass through each other: that counts as tangled, and is left to come apart by itself."""
         self.detector.fresh &= not self.lips.part(whole)
         if self.lips.growing:
@@ -302,7 +302,7 @@ class Layers(Checkpointed):
     def release(self, every: bool) -> bool:
         """Deactivates for a while the pairs that allow no collision-free step: they are pinched. Whether there were any.
 
-        Only what hardly moves within the step: what comes fast is not pinched, a smaller step stops it. With `every`, all.
+        Only pairs that hardly move within the step: fast ones are not pinched, a smaller step stops them. With `every`, all.
         """
         d = self.detector
         four = d.mesh.particles_of(self.blocking)
@@ -314,8 +314,8 @@ class Layers(Checkpointed):
         return len(four) > 0
 
     def release_beside(self, held: np.ndarray) -> bool:
-        """Deactivates for a while pairs that end nearer than a step may leave them: of what rests, since a tangle holds them,
-        and of what is pinched, where solids pinch or hold, `held` (n,), all particles of a pair. Whether the nearest is one.
+        """Deactivates for a while pairs that end nearer than a step may leave them. Either a particle rests, since a tangle
+        holds it; or one is pinched, and solids pinch or hold, `held` (n,), all of the pair. Whether the nearest is one.
         """
         p, near = self.near, self._too_near()
         led = self.waived[p.vertices].any(axis=1) & (self.waived | held)[p.vertices].all(axis=1)
@@ -342,8 +342,8 @@ class Layers(Checkpointed):
         self.was = self.least
 
     def _release_stuck(self, which: np.ndarray) -> None:
-        """Deactivates for a while those pairs with any of particles (n,) that are as good as tangled where the model is: of
-        what they have left, no step could take less."""
+        """Deactivates for a while those pairs with any of particles (n,) that are as good as tangled where the model is: no
+        step could take less than the distance they have left."""
         p = self.detector.look()
         stuck = (p.end < STUCK * p.radius) & which[p.vertices].any(axis=1)
         if stuck.any():
@@ -351,7 +351,7 @@ class Layers(Checkpointed):
             self._let_rest()
 
     def nearest(self) -> Place | None:
-        """The pair with the smallest distance over what it should keep, where cloth was last looked at."""
+        """The pair with the smallest distance over that which it should keep, where cloth was last looked at."""
         p = self.near
         if not len(p.end):
             return None

@@ -1,7 +1,7 @@
-"""The two sides of what has opened, as contact sees them: a pair keeps the distance that its sides have had since.
+"""The two sides of an opening, as contact sees them: a pair keeps the distance that its sides have had since.
 
-Where a stitch opens its sides are in one place, nearer than layers may be. They would push each other apart at once if they
-were to keep a thickness; so they keep what they came apart by, which grows to that.
+When a stitch opens its sides are in one place, nearer than layers may be. They would push each other apart at once if they
+were to keep a thickness; so they keep the distance they came apart by, which grows to that.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from ...system.seams import connected
 from ...system.state import ParticleState
 from .collision_mesh import CollisionMesh
 
-RINGS = 2  # of neighbours round what crosses
+RINGS = 2  # of neighbours round a crossing
 
 
 class Lips(Checkpointed):
@@ -61,7 +61,7 @@ class Lips(Checkpointed):
         return True
 
     def grow(self, apart: np.ndarray) -> None:
-        """Particles are so far (n,) [m] from what they were sewn to. Sides that cross, from when they were in one place, are
+        """Particles are so far (n,) [m] from those they were sewn to. Sides that cross, from when they were in one place, are
         one surface until they do not."""
         knots, most = self.mesh.knots, 2 * self.mesh.half_thickness
         faces = self.mesh.faces[self.short[self.mesh.faces].any(axis=1)]

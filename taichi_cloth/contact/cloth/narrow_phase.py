@@ -1,7 +1,7 @@
 """Cloth near cloth: how near vertices and faces, edges and edges come to each other on a path, and how far everything may go
 along it.
 
-What may be near is known from `broad_phase`; distances and the collision-free step are taken pair by pair.
+Candidates come from `broad_phase`; distances and the collision-free step are taken pair by pair.
 """
 
 import numpy as np
@@ -21,7 +21,7 @@ from .contact_pairs import ContactPairs
 STRIDES = 48
 KEEP = 0.2  # of a pair's distance above its floor that a path must leave
 NEAR_END = 0.05  # of it: a path may end so much before it must
-PINCHED = 1.02  # times its floor: what is so near is pressed by more than forces hold, and has no floor
+PINCHED = 1.02  # times its floor: a pair so near is pressed by more than forces hold, and has no floor
 TURNED = 0.5  # cosine between a pair's directions when it came near and at the end for the end's to be taken
 PIECES, ROOM = 2048, 16  # of the candidates at most; pairs in reach of each, to begin with
 LED, RESTS = 1, 2  # in `LayerDetector.tangled`
@@ -79,8 +79,8 @@ class LayerDetector(Candidates):
                             start, end, normal.astype(np.float64), factor, radius)
 
     def apart(self) -> np.ndarray:
-        """(n,) how far [m] particles are, where the model is, from what they were sewn to and are no more, a thickness at
-        most; paths begin there."""
+        """(n,) how far [m] particles are, where the model is, from those they were sewn to and are no more, a thickness
+        at most; paths begin there."""
         self.paths.arrive()
         self.cover()
         out: np.ndarray = (2 * self.mesh.half_thickness).astype(self.exchange)
@@ -90,7 +90,7 @@ class LayerDetector(Candidates):
 
     @ti.func
     def path(self, v, swept):
-        """Where four particles' path begins and how far it leads; where it is not swept, its end and nowhere."""
+        """Start of four particles' path and how far it leads; of one that is not swept, its end and zeros."""
         p, q, r, s = self.model.x[v[0]], self.model.x[v[1]], self.model.x[v[2]], self.model.x[v[3]]
         dp, dq, dr, ds = 0 * p, 0 * q, 0 * r, 0 * s
         if swept:
@@ -140,7 +140,7 @@ class LayerDetector(Candidates):
                 if d > 0 and (1 - KEEP) * (d - floor) < speed:
                     radius = self.mesh.radius(kind, v)
                     if radius < 0:
-                        continue  # sides of what has just opened
+                        continue  # sides of a new opening
                     floor = self.floor * radius
                     if d <= PINCHED * floor:
                         floor = 0.0
@@ -198,8 +198,8 @@ class LayerDetector(Candidates):
 
     @ti.func
     def in_reach(self, kind, v, distance, reach, swept):
-        """Whether a candidate is in reach, its weights and its direction; and its distance where the path begins and, along
-        that direction, where it ends, the part that it counts, and what it should keep."""
+        """Whether a candidate is in reach, its weights and its direction. Its distance where the path begins and, along
+        that direction, where it ends; the part that it counts, and the distance it should keep."""
         start, end, counts, radius = 0.0, 0.0, 0.0, -1.0
         n, w = ti.Vector([0.0, 0.0, 0.0]), ti.Vector([0.0, 0.0, 0.0, 0.0])
         near = self.may_reach(kind, v, distance, reach, swept)

@@ -1,4 +1,4 @@
-"""The arithmetic of pairs of cloth, pair by pair in kernels: what they evaluate, how a solve takes them, where it leads them.
+"""The arithmetic of pairs of cloth, pair by pair in kernels: their laws, how a solve takes them, where it leads them.
 
 Arrays of numbers have a row for each kind of number, named below, and a column for each pair.
 """
@@ -15,20 +15,20 @@ from .barrier import SHALLOW, height, law, potential
 
 STEEP = 4.0  # size of a turn from which on friction fades: edges near parallel would turn each other by large normal forces
 FLAT = 1e-6  # over that: from which on there is none
-PRESS = 12.0  # stiffness of a pair over mass / h^2, h = USUAL whatever the step, so that what rests lies as near
-STOP = 30.0  # the same of what stops an approach, h this step
+PRESS = 12.0  # stiffness of a pair over mass / h^2, h = USUAL whatever the step, so that resting layers lie as near
+STOP = 30.0  # the same of the stop of an approach, h this step
 SETTLING = 0.3  # radii a second that a pair may come nearer before it is stopped: loads settle as fast whatever h is
 CREEP = 2e-5  # slip [m/s] below which friction between layers is viscous
-CONE = 1.02  # times the most that friction can be, above which what it damps slides
+CONE = 1.02  # times the most that friction can be, above which a damped pair slides
 
 # of a pair as it is: the mass that its distance has [kg], its stiffness [N/m], its distance where the step began, along its
 # normal [m], its force [N], its potential [J], the most that its friction can be over its force
 OWN, STIFF, BEGAN, NOW, POTENTIAL, MU, WEIGHED = range(7)
 # as a solve takes it: force [N] and slope [N/m] at a distance [m]; the most that friction can be [N], friction over slip
-# [N s/m], and, from WAY on, the direction of the slip of what slides, 0 for what sticks
+# [N s/m], and, from WAY on, the direction of the slip of a sliding pair, 0 for one that sticks
 FORCE, SLOPE, AT, BEARS, DRAG, WAY, TAKEN = 0, 1, 2, 3, 4, 5, 8
 # and as that led it: distance along its normal [m], size of friction [N], 1 where that pushes forwards, potentials of friction
-# and of what stops approaches [J]
+# and of the stop of approaches [J]
 GAP, RUBBED, BACK, RUB, STOPPED, LED = range(6)
 
 
@@ -74,11 +74,11 @@ class PairKernels:
         """Pairs as a solve takes them that begins at base (n, 3), and their blocks (k, 6) and right-hand sides (k, 3).
 
         Args:
-            h, c: step; what the method multiplies forces by [s].
+            h, c: step; factor by which the method multiplies forces [s].
             first: 1 in a step's first solve.
             there: (n, 3) where slip is looked at.
             last_force: (k,) normal forces [N] of the last solve, negative where that is not known.
-            row: (k,) what they were in the last solve, columns of `before`, or -1.
+            row: (k,) their columns of `before`, from the last solve, or -1.
         """
         for k in range(vertices.shape[0]):
             n = row_of(normals, k)
@@ -95,7 +95,7 @@ class PairKernels:
                 slip += (w * then + n.dot(then) * turn) / h
             slip -= n.dot(slip) * n
             speed, expected = slip.norm(), last_force[k]
-            if expected < 0:  # what stops those that are new, and no more
+            if expected < 0:  # no more than stops those that are new
                 repelled, _ = law(at, radius[k])
                 expected = ti.min(stiff * repelled, own / h**2 * ti.max(radius[k] - began - h * n.dot(v), 0.0))
             bears = weighed[MU, k] * expected
@@ -144,8 +144,8 @@ class PairKernels:
     def turn(self, kind, vertices: ti.template(), k, n, d, turns: ti.template()):
         """Works out a pair's turns; part of its friction that it keeps.
 
-        Slip is w . v + sum_a t_a (n . v_a). The turns t_a add up to 0 on either side, and t_a x_a^T to d (I - n n^T): what
-        turns as one does not slip, and friction, which acts at two places a distance d apart, does not turn the pair.
+        Slip is w . v + sum_a t_a (n . v_a). The turns t_a add up to 0 on either side, and t_a x_a^T to d (I - n n^T): a
+        pair that turns as one does not slip. Friction, which acts at two places a distance d apart, does not turn the pair.
         """
         p, q = self.model.x[vertices[k, 0]], self.model.x[vertices[k, 1]]
         a, b = self.model.x[vertices[k, 2]] - q, self.model.x[vertices[k, 3]] - q  # of the face
@@ -169,7 +169,7 @@ class PairKernels:
     @ti.func
     def where(self, end, radius, began, first):
         """Distance [m] at which a pair is linearised: where it is, and in a first solve no nearer than it began, or than half
-        of what it should keep."""
+        of the distance it should keep."""
         least = SHALLOW * radius
         if first == 1:
             least = ti.min(ti.max(began, height(SHALLOW, radius)), height(0.5, radius))
@@ -177,10 +177,10 @@ class PairKernels:
 
     @ti.func
     def pull(self, d, radius, began, stiff, own, factor, h):
-        """(force [N], slope [N/m]) of a pair at a distance d: repulsion, and what stops its approach.
+        """(force [N], slope [N/m]) of a pair at a distance d: repulsion, and the stop of its approach.
 
-        What comes nearer than at the start of the step, and than it should, is stopped by a stiffness that goes with this
-        step's own h. It acts within the step alone, and so gives no speed back.
+        A pair that comes nearer than at the start of the step, and than it should, is stopped by a stiffness that goes with
+        this step's own h. It acts within the step alone, and so gives no speed back.
         """
         force, slope = law(d, radius)
         most, stop = limit(began, radius, h), STOP * own * factor / h**2
@@ -192,7 +192,7 @@ class PairKernels:
     def slide(self, slip, speed, bears, row, before: ti.template()):
         """The direction of a pair's slip where friction is taken as its full size against it, and not as a damping; else 0.
 
-        A damping, by the slip that was last seen, never pushes backwards, and bounds friction's work from above. What was
+        A damping, by the slip that was last seen, never pushes backwards, and bounds friction's work from above. A pair
         damped by more than friction can do slides, until it turns round.
         """
         way = 0 * slip

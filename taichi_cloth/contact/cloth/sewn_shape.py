@@ -1,7 +1,7 @@
 """How far particles are from each other along a sewn cloth's own shape: panels lie apart where their pattern does. numpy only.
 
-Of two places within a panel the distance in its own shape is that of the panel. Of places on two panels it is that over the
-seam, which is as short as the edges there: places at either end of an edge shorter than the thickness are no two layers.
+Two places within a panel have the panel's distance in its own shape. Places on two panels have that over the seam, which is
+as short as the edges there: places at either end of an edge shorter than the thickness are no two layers.
 """
 
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ from heapq import heappop, heappush
 
 import numpy as np
 
-APART = 1e-9  # m: what is sewn together and further apart in its own shape joins what lies apart
+APART = 1e-9  # m: particles sewn together and further apart in their own shape join panels that lie apart
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class SewnDistances:
 
     Attributes:
         first: (n + 1,) where each one's row begins.
-        to: (k,) particles, by the numbers of what is sewn together; distance: (k,) along edges [m].
+        to: (k,) particles, by the numbers of those sewn together; distance: (k,) along edges [m].
     """
 
     first: np.ndarray
@@ -54,7 +54,7 @@ def sewn_distances(rest: np.ndarray, edges: np.ndarray, knots: np.ndarray, most:
 
 
 def _within(near: dict[int, list[tuple[int, float]]], start: Iterable[int], most: float) -> dict[int, float]:
-    """What is within a distance of any of `start` along edges, and how far it is. [Dijkstra 1959]"""
+    """Particles within a distance of any of `start` along edges, and how far they are. [Dijkstra 1959]"""
     out: dict[int, float] = {}
     ahead = [(0.0, i) for i in start]
     while ahead:

@@ -1,4 +1,4 @@
-"""Cloth against cloth by the paper's springs: what is near where a step begins is pushed apart by damped springs. [BW98 §6]
+"""Cloth against cloth by the paper's springs: pairs near where a step begins are pushed apart by damped springs. [BW98 §6]
 
 For comparison with `layers`. A step has its one solve; pairs are those of its beginning, as the paper trusts in coherence,
 and pairs that come near within it are not known of. Friction is that of `layers`.
@@ -59,7 +59,7 @@ class Springs(Layers):
         self.here = self.near
 
     def resumed(self) -> None:
-        """See `Checkpointed`: the next step begins with what is near where the last one ended."""
+        """See `Checkpointed`: the next step begins with the pairs near where the last one ended."""
         super().resumed()
         self.look()
         self.here = self.near

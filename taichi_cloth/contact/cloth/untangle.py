@@ -1,9 +1,9 @@
 """Cloth that passes through cloth where it should not: found, left alone by contact, and pulled apart. numpy only.
 
-A scene may start with crossings, and solids may press layers through each other. What crosses, and what is near it,
-is left out of repulsion and of the collision-free step, until it is apart. Meanwhile each crossing edge is led out of its
-triangle, along the direction in which the contour that the two surfaces have in common gets shorter. [Volino,
-Magnenat-Thalmann 2006] A small tangle that lasts, as beside seams where layers of a pleat hold each other, is led more and
+A scene may start with crossings, and solids may press layers through each other. Crossing pairs, and pairs near
+them, are left out of repulsion and of the collision-free step, until they are apart. Meanwhile each crossing edge is led out
+of its triangle, along the direction in which the contour that the two surfaces have in common gets shorter [Volino,
+Magnenat-Thalmann 2006]. A small tangle that lasts, as beside seams where layers of a pleat hold each other, is led more and
 more firmly.
 """
 
@@ -25,7 +25,7 @@ PULL_STIFF = 10.0  # stiffness of that over mass / h^2
 FEW = 20  # crossings away from seams, at most, of a tangle that is led more firmly the longer it lasts
 FIRMER, FIRMEST = 2.0, 1024.0  # times as stiff after each usual step; at which it begins anew
 HOLDS = 128.0  # times as stiff pairs are led apart that have just come apart
-RELEASED = 0.1  # s for which what was pinched rests
+RELEASED = 0.1  # s for which particles that were pinched rest
 
 NONE = np.zeros((0, 4), dtype=np.int64), np.zeros((0, 4)), np.zeros((0, 3)), np.zeros(0)
 
@@ -41,7 +41,7 @@ class Intersections(Checkpointed):
         count: crossing (edge, triangle) pairs where cloth was last looked at; pinched: particles that were let go, as no way
             was free for them.
         resting: (n,) whether pairs of a particle with another such rest; active: whether any does.
-        until: (n,) time [s] for which what was pinched rests.
+        until: (n,) time [s] for which a particle that was pinched rests.
         edges, rows: (k, 2) particles and (k,) rows of faces that crossed where the step begins.
         firm: (n,) how much stiffer particles of crossings are led than at first.
         parting: pairs that have just come apart, too near to count: particles (k, 4), weights (k, 4), normals (k, 3) from the
@@ -78,7 +78,7 @@ class Intersections(Checkpointed):
         return len(self.found[1])
 
     def inspect(self) -> list[str]:
-        """What is wrong from the start, in words.
+        """Notes on crossings at the start.
 
         Raises:
             SceneError: cloth passes through cloth, and the policy is "abort".
@@ -123,7 +123,7 @@ class Intersections(Checkpointed):
         return edges, rows, (knots[edges][:, :, None] == knots[self.faces[rows]][:, None, :]).any(axis=(1, 2))
 
     def commit(self, h: float = 0.0, share: float = 0.0) -> None:
-        """Where cloth was last looked at, h [s] later, the next step begins; that was so much of a usual step."""
+        """The next step begins where cloth was last looked at, h [s] later; that was so much of a usual step."""
         before, (self.edges, self.rows) = self._in_small_tangles(), self.found
         lasts = before & self._in_small_tangles() & (self.firm < FIRMEST)
         self.firm = np.where(lasts, FIRMER**share * self.firm, 1.0)
@@ -143,7 +143,7 @@ class Intersections(Checkpointed):
         return out
 
     def _rest(self) -> None:
-        """What is near a crossing rests, and what was pinched."""
+        """Particles near a crossing rest, and so do those that were pinched."""
         near = np.zeros(self.n, dtype=bool)
         near[self.edges.ravel()] = True
         near[self.faces[self.rows].ravel()] = True
@@ -167,13 +167,13 @@ class Intersections(Checkpointed):
         self.parting = tuple(np.concatenate(both) for both in zip(self.parting, more))
 
     def points(self, start: StepStart, base: np.ndarray, mass: np.ndarray) -> Points:
-        """What leads edges out of triangles, and pairs apart, as points of contact."""
+        """Points of contact that lead edges out of triangles, and pairs apart."""
         if self.policy != "untangle":
             return Points.none()
         return Points.join([self._crossing(start, base, mass), self._parting(start, base, mass)])
 
     def _parting(self, start: StepStart, base: np.ndarray, mass: np.ndarray) -> Points:
-        """What leads pairs apart that have just come apart: on their way, by a thickness in a usual step."""
+        """Points that lead pairs further that have just come apart: on their way, by a thickness in a usual step."""
         vertices, weights, normal, radius = self.parting
         gap, gone = (np.einsum("ki,ka,kai->k", normal, weights, rows[vertices]) for rows in (start.x, base - start.x))
         step = np.clip(radius - gap, 0.0, PULL * radius * start.share)
@@ -182,7 +182,7 @@ class Intersections(Checkpointed):
                       (stiff * (step - gone) / start.c)[:, None] * normal)
 
     def _crossing(self, start: StepStart, base: np.ndarray, mass: np.ndarray) -> Points:
-        """What leads edges out of triangles."""
+        """Points that lead edges out of triangles."""
         k, x_0 = len(self.rows), start.x
         face = self.faces[self.rows]
         p, q = x_0[self.edges[:, 0]], x_0[self.edges[:, 1]]

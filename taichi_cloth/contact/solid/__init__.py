@@ -1,1 +1,1 @@
-"""Cloth against solids: which vertices, edges and corners meet them on their way, and what is held, freed and pushed."""
+"""Cloth against solids: which vertices, edges and corners meet them on their way, and are held, freed and pushed."""

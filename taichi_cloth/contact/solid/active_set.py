@@ -1,4 +1,4 @@
-"""Contacts with solids: what is known of them from round to round, and what holds, with pins, as one set of held directions.
+"""Contacts with solids: their states from round to round, and the active ones, with pins, as one set of held directions.
 numpy only."""
 
 from dataclasses import dataclass, field
@@ -13,13 +13,13 @@ APART = 0.3  # sine of the angle between directions below which the second is no
 
 @dataclass
 class States:
-    """What is known of the contacts of a step, sorted by key; kept from step to step.
+    """States of the contacts of a step, sorted by key; kept from step to step.
 
     Attributes:
         key: (k,) particle and solid.
         stick: (k,) whether friction holds it.
         force: (k,) normal force [N].
-        push: (k, 3) direction of friction on what has just begun to slide, 0 elsewhere.
+        push: (k, 3) direction of friction on contacts that have just begun to slide, 0 elsewhere.
     """
 
     key: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -30,7 +30,7 @@ class States:
 
 @dataclass(frozen=True)
 class Holding:
-    """What holds particles.
+    """The contacts and pins that hold particles.
 
     Attributes:
         held: contacts and pins; None where there are neither.
@@ -43,10 +43,11 @@ class Holding:
     rows: np.ndarray
 
     def forces(self, f: VertexContacts, on_held: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(forces [N] (k, 3) of contacts on their particles, their parts (k,) along the normals) from those on what is held.
+        """(forces [N] (k, 3) of contacts on their particles, their parts (k,) along the normals) from those on held particles.
 
-        Several contacts of one particle share its force: by their normals, and evenly what these cannot make up. Normals that
-        are hardly apart count as one, as they do where they hold: each would bear many times the force, and rub by it.
+        Several contacts of one particle share its force: by their normals, and evenly the rest that these cannot make up.
+        Normals that are hardly apart count as one, as they do where they hold: each would bear many times the force, and
+        rub by it.
         """
         if not len(self.rows):
             return np.zeros((0, 3)), np.zeros(0)
@@ -67,10 +68,10 @@ class ActiveSet:
     """The contacts that a solve holds.
 
     Attributes:
-        contacts: k of them; states: what is known of each.
+        contacts: k of them; states: of each.
         slip: (k, 3) their velocity against the solid before the solve [m/s].
         lift: (k,) how far [m] each moves its particle along its normal.
-        holding: them and pins, as what the solve's filter holds.
+        holding: them and pins, as the solve's filter holds them.
     """
 
     contacts: VertexContacts

@@ -61,7 +61,7 @@ class Found:
 
 
 class Balance:
-    """Of a step from the saved state, in contact with solids.
+    """Balance of a step from the saved state, in contact with solids.
 
     Attributes:
         rows: the contacts' states in the next solve; f: these contacts, with where they were met.
@@ -125,8 +125,8 @@ class Balance:
         return np.maximum(inertia - drag, self.mass)
 
     def assess_linear(self, v: np.ndarray, reaction: np.ndarray, base: np.ndarray) -> Found:
-        """As `assess`, of the balance of a linear solve that began at positions base (n, 3), and put reaction (k, 3) [N s] on
-        what it held."""
+        """Like `assess`, of the balance of a linear solve that began at positions base (n, 3), and put reaction (k, 3) [N s]
+        on the particles that it held."""
         solids, b, c = self.solids, np.zeros_like(v), self.start.c
         if self.held is not None:
             b[self.held.index] -= reaction
@@ -163,7 +163,7 @@ class Balance:
         return Found(r, f.take(bears), rows.take(bears), slip[bears], goal, p[bears], rubbed)
 
     def reached(self, found: Found, short: np.ndarray) -> Found:
-        """As found, but for new contacts that are not met where the cloth stopped, by (n, 3) [m] away from there."""
+        """`found` without new contacts that are not met where the cloth stopped, by (n, 3) [m] away from there."""
         f = found.f
         met = f.gap + np.einsum("ki,ki->k", short[f.index], f.normal) < 0
         kept = self.rows.of(f.key)[0] | met

@@ -1,6 +1,6 @@
 """Whether cloth passes through triangles of solids: the last word on a step, after all rounds.
 
-Detection follows pairs to where they come near; what slides a long way along an edge, or turns, in one step can
+Detection follows pairs to where they come near; cloth that slides a long way along an edge, or turns, in one step can
 still slip past it. A step that leaves a new crossing behind is not accepted while it can be made smaller.
 """
 
@@ -25,7 +25,7 @@ class CrossingCounter:
     def find(self, grown: bool = False) -> np.ndarray:
         """(k, 3) particles of the face of each (face, triangle) that cross; touching is no crossing.
 
-        Balls, tubes and rounded boxes are there as cores; `grown` counts what is nearer to these than their radius.
+        Balls, tubes and rounded boxes are there as cores; `grown` counts cloth that is nearer to these than their radius.
         """
         self._find(self._found, int(grown))
         face = np.flatnonzero(self._found)

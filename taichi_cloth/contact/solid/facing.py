@@ -1,7 +1,7 @@
 """Surfaces of mesh solids near points, by the direction they face.
 
-What is nearest to a particle between an arm and a trunk is one of them; the other is found by where it faces, inside a body
-that passes through itself too.
+The surface nearest to a particle between an arm and a trunk is one of them; the other is found by where it faces, inside a
+body that passes through itself too.
 """
 
 from dataclasses import dataclass, fields
@@ -13,7 +13,7 @@ from ...backend.language import ti
 from .tree import TriangleTree
 
 SURE = 0.5  # part of the distance to a triangle that the height above it should be: else it is seen past its border
-COLUMNS = 9  # of what is found: solid or -1, height, normal (3), motion (3), triangle
+COLUMNS = 9  # of a found surface: solid or -1, height, normal (3), motion (3), triangle
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class FacingSurfaces:
 
         Args:
             at: (k, 3) points, relative to the model's origin [m].
-            way: (k, 3) unit vectors; cosine: what a surface's normal must have with them at least.
+            way: (k, 3) unit vectors; cosine: the least that a surface's normal must have with them.
             reach: (k,) how far away it may be; least: (k,) height above it that the point must have [m].
             only: (k,) solid that it must be of; but: (k,) solid that it must not be of; -1 for any.
             sure: part of the distance that the height must be.

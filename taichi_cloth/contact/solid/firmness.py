@@ -6,7 +6,7 @@ F that it bears moves it by a small part of its range r,
 
     k = F / (GIVE r),
 
-and holds it where it began: it resists what comes nearer, and hardly pushes. The next solve of the step goes by it. A pair
+and holds it where it began: it resists an approach, and hardly pushes. The next solve of the step goes by it. A pair
 that pulls by it is let go. It lasts from step to step, so that a load that stays is borne by one solve.
 """
 
@@ -21,7 +21,7 @@ GIVE, BORNE = 0.02, 0.05  # of a pair's range, by which its load moves it, at fi
 STIFFER, SOFTER = 4.0, 0.8  # factors: at least, from solve to solve; from usual step to usual step
 FIRMEST = 1e5  # times the stiffness that a pair has anyway: where others push against it none would do
 TIMES = 3  # solves running after which a pair ended too near
-PULLS = 1e-3  # of the mean force of pairs: what pulls more is let go
+PULLS = 1e-3  # of the mean force of pairs: a pair that pulls more is let go
 
 
 @dataclass
@@ -38,7 +38,7 @@ class Firm:
 
 
 class Firmness(Checkpointed):
-    """Of the pairs of a model's cloth with solids.
+    """Firmness of the pairs of a model's cloth with solids.
 
     Attributes:
         accepted: with which the last accepted step ended; trial: in this attempt.

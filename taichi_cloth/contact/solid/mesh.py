@@ -1,7 +1,7 @@
 """Cloth against triangles of solids, both on their way through the step.
 
 Vertices of cloth meet the surfaces of mesh solids: a plane each, like those of analytic solids. Edges and corners
-of solids meet edges and faces of cloth: a pair each. Where something comes near enough within the step is found by
+of solids meet edges and faces of cloth: a pair each. The places where they come near enough within the step are found by
 conservative advancement: strides of the distance left over the speed left, which cannot jump over a contact.
 """
 
@@ -67,8 +67,8 @@ class SurfaceDetector:
 
     @ti.func
     def contact(self, i, a, b):
-        """Solid (or -1), triangle, plane (normal, point) and the solid's motion there, of the way from a to b. What is nearest
-        to a part that is off meets nothing."""
+        """Solid (or -1), triangle, plane (normal, point) and the solid's motion there, of the way from a to b. A
+        particle nearest to a part that is off meets nothing."""
         reach = self.margin[0] + self.depth[i]
         low, high = ti.min(a, b) - reach, ti.max(a, b) + reach
         # nearest at the start: distance, side, motion of the solid; at the end: distance, side, triangle; first hit
@@ -231,7 +231,7 @@ class PairDetector:
     @ti.func
     def write(self, kind, f, t, k, shift, n, w, along, most, i, j, v_0, v_1, v_2, r_0, r, poses: ti.template(),
               found: ti.template(), rows: ti.template()):
-        """Writes a pair down where it ends within range; its distance is `most` at most, that of what then is nearest."""
+        """Writes a pair down where it ends within range; its distance is `most` at most, that of the nearest place then."""
         x = ti.static(self.model.x)
         x_0 = ti.static(self.model.x_saved)
         at_1 = (1 - along) * self.tree.vertex(i, 1.0) + along * self.tree.vertex(j, 1.0)

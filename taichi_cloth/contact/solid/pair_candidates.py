@@ -1,6 +1,6 @@
 """Pairs of edges and corners of solids with edges and faces of cloth that may come within range, kept from look to look.
 
-A step looks several times at what cloth meets, and from look to look cloth moves little. So the tree is walked for pairs that
+A step looks for contacts several times, and from look to look cloth moves little. The tree is therefore walked for pairs that
 come somewhat nearer than they need, and again only for particles that have moved further than that.
 """
 
@@ -170,7 +170,7 @@ class PairCandidates:
 
     @ti.func
     def distance(self, kind, f, t, k, shift):
-        """Of a pair, at the start of the paths for which the tree was walked [m]."""
+        """Distance [m] of a pair, at the start of the paths for which the tree was walked."""
         i, j = self.ends(kind, t, k)
         v = self.faces[f]
         x = ti.static(self.left)
@@ -202,7 +202,7 @@ class PairCandidates:
 
 @ti.func
 def which(pair):
-    """Of a triangle and a face: kind, the triangle's corner or edge, and by how much the face's corners are shifted."""
+    """A triangle and a face as a pair: kind, the triangle's corner or edge, and by how much the face's corners are shifted."""
     kind, k, shift = VERTEX_FACE, pair, 0
     if pair >= 3:
         kind, k, shift = EDGE_EDGE, (pair - 3) // 3, (pair - 3) % 3

@@ -7,15 +7,15 @@ import numpy as np
 from ...options import USUAL
 from ..points import EYE, Points, rows_of, sym_outer, sym_times, tangential
 
-PAIR = 0.5  # of the thickness (beyond the core's radius): what edges and faces of cloth keep
+PAIR = 0.5  # of the thickness (beyond the core's radius): distance that edges and faces of cloth keep
 PRESS = 100.0  # stiffness of a pair over mass / h^2, h the largest step
-LEAST = 0.42  # of a pair's range: what ends nearer takes another round; a fifth of the thickness
+LEAST = 0.42  # of a pair's range: a nearer end takes another round; a fifth of the thickness
 LOST = 0.3  # of a pair's range: nearer is not accepted
 SETTLING = 0.3  # ranges a second that a pair may come nearer before it is stopped, as between layers
-CLOSE, CREEP = 0.55, 0.05  # of a pair's range: what ends nearer than that, by so much, takes another round
-HELD = 0.6  # of a pair's range: what begins or comes nearer is held by what stiffness of its own it has
+CLOSE, CREEP = 0.55, 0.05  # of a pair's range: an end nearer than that, by so much, takes another round
+HELD = 0.6  # of a pair's range: a pair that begins or comes nearer is held by any stiffness of its own
 BARELY, KEPT = 0.45, 0.7  # of a pair's range: nearer than that, or than it was, a step stops it with a stiffness of its
-# own; the former for small steps, which lift what is nearer no faster than large ones do
+# own; the former for small steps, which lift nearer pairs no faster than large ones do
 SHALLOW = 0.05  # of the way from LEAST to the range: the law stiffens no further
 LIGHT = 0.01  # weight of a particle below which a place on cloth is not its
 DRAG_SLIP = 5e-4  # slip [m/s] below which a pair's friction is viscous
@@ -73,7 +73,7 @@ class Step:
         h: step; h_usual: the largest one [s].
         x_0: (n, 3) positions at the start of the step [m].
         x, v: (n, 3) where particles end if the solve changes nothing, and how fast they go in the mean, alterations apart.
-        c: what the method multiplies forces by [s].
+        c: factor by which the method multiplies forces [s].
     """
 
     h: float
@@ -94,8 +94,8 @@ def press(p: Pairs, step: Step, mass: np.ndarray, thickness: np.ndarray, frictio
     """Repulsion of pairs, linearised where they now are, and friction as a damping.
 
     Within the range r the force is k (r - d) down to halfway between r and the least distance d_0, and
-    k (r - d_0)^2/4(d - d_0) below, with k = PRESS m/h^2, h = USUAL whatever the step: it bears what rests. What comes nearer
-    in this step than it was is stopped by as much again, of this step's own h, and given no speed by it.
+    k (r - d_0)^2/4(d - d_0) below, with k = PRESS m/h^2, h = USUAL whatever the step: it bears resting cloth. A pair that
+    comes nearer in this step than it was is stopped by as much again, of this step's own h, and given no speed by it.
 
     Args:
         mass: (n,) of the particles [kg]; thickness, friction: of each pair's solid.

@@ -1,9 +1,9 @@
-"""What a step leaves too deep inside solids, too near to their edges, or across: and whether it may be left there.
+"""Particles that a step leaves too deep inside solids, too near to their edges, or across; and whether they may stay.
 
-Such a step is tried smaller; one that is small already is taken as it is where solids leave no room (`room`). What goes
-wrong then is pinched: for a while it does not make steps small again.
+Such a step is tried smaller; one that is small already is taken as it is where solids leave no room (`room`). Particles
+that end wrong then are pinched: for a while they do not make steps small again.
 
-Where a solid opens that has pinched cloth, edges may be left that pass through it though their vertices are outside. The
+When a solid that pinched cloth opens, edges may be left that pass through it though their vertices are outside. The
 vertices of triangles that cross a solid, and are not pinched, are raised slowly until nothing crosses, and let down again.
 """
 
@@ -18,13 +18,13 @@ from .room import has_room, pinned_particles, walls
 from .vertices import VertexContacts
 
 PENETRATION = 1e-2  # of the thickness that a particle may end inside it without a further round
-DEEP, DEEPER = 0.5, 0.7  # of the thickness: what ends deeper is not accepted; where pairs guard faces and edges of cloth too
-OUT, HIGHEST = 0.05, 0.5  # m/s by which what crosses is raised, and mean edges by which it is at most
-SPARED = 0.1  # s for which what is pinched does not make steps small again
+DEEP, DEEPER = 0.5, 0.7  # of the thickness: deeper ends are not accepted; where pairs guard faces and edges of cloth too
+OUT, HIGHEST = 0.05, 0.5  # m/s by which crossing cloth is raised, and mean edges by which it is at most
+SPARED = 0.1  # s for which pinched particles do not make steps small again
 
 
 class Penetration(Checkpointed):
-    """Of a model's cloth into solids.
+    """Penetration of a model's cloth into solids.
 
     Attributes:
         deep: (solids,) depth [m] that is not accepted.
@@ -53,14 +53,14 @@ class Penetration(Checkpointed):
         return (self.spared == 0) & ~self.pinched
 
     def inside(self, f: VertexContacts, held: np.ndarray) -> VertexContacts:
-        """Of contacts, those that end inside a solid's thickness and are not among the keys (sorted) that are held, or held at
+        """Those contacts that end inside a solid's thickness and are not among the keys (sorted) that are held, or held at
         another plane, and are not pinched; as deep as they are, whatever they are raised by."""
         f = f.nearer(-self.raised[f.index])
         moved_on = (f.gap < -self.deep[f.solid]) & (f.gap < f.start_gap - PENETRATION * self.thickness[f.solid])
         return f.take((f.gap < 0) & (~among(held, f.key) | moved_on) & self.minded[f.index])
 
     def left(self, near: Nearby, inside: VertexContacts, linearized: Pairs | None) -> tuple[int, bool]:
-        """(pairs that are left closer than they should be, whether they or what is inside ended too deep).
+        """(pairs that are left closer than they should be, whether they or the contacts inside ended too deep).
 
         Args:
             linearized: pairs as the last solve took them.
@@ -102,7 +102,7 @@ class Penetration(Checkpointed):
         return len(across) + int(inside.sum())
 
     def wrong(self, near: Nearby, held: np.ndarray, linearized: Pairs | None) -> np.ndarray:
-        """(k, 3) particles of what ends too deep inside solids, too near to them or across."""
+        """(k, 3) particles of contacts and pairs that end too deep inside solids, too near to them or across."""
         inside = self.inside(near.vertices, held)
         deep = inside.index[inside.gap < -self.deep[inside.solid]]
         rows = [np.repeat(deep[:, None], 3, axis=1)]

@@ -1,11 +1,11 @@
 """Cloth between two surfaces of solids that leave it no room: it is held midway between them, and rubs along them. [BWK03 §5,
 flypaper] numpy only.
 
-Where an arm closes on a trunk, or a body passes through itself, no place is outside both. A particle there has a height
-above either surface; their sum is the room. Where it ends below what both thicknesses need, the particle is pinched: the
+An arm may close on a trunk, or a body pass through itself: no place is outside both. A particle there has a height
+above either surface; their sum is the room. If it ends below the need of both thicknesses, the particle is pinched: the
 direction across is held (S = I - n n^T), z leads it by the mean of both surfaces' motions, and towards its share of the room
-at a bounded speed. Along them both rub it, as if pressed by PRESSURE. Its contacts are none, and what passes through what
-there does not count. Once there is a quarter more room than needed, and it is outside both, it is free again.
+at a bounded speed. Along them both rub it, as if pressed by PRESSURE. It has no contacts, and crossings there do not
+count. Once there is a quarter more room than needed, and it is outside both, it is free again.
 """
 
 from dataclasses import dataclass, field, replace
@@ -23,10 +23,10 @@ from .query import Scanner
 from .vertices import VertexContacts
 
 FACING = -0.5  # cosine between normals below which surfaces face each other
-WHOLE, WEDGE = 0.0, 0.5  # below which they need all of their room, next to what is pinched, and above which none
+WHOLE, WEDGE = 0.0, 0.5  # below which they need all of their room, next to pinched particles, and above which none
 SAME = 0.5  # cosine between the normals of one side from step to step
-FREE = 1.25  # times the room needed: with more, what was pinched is free
-SLOWLY = 0.05  # m/s by which what is pinched goes to its share of the room, besides the surfaces' own motions
+FREE = 1.25  # times the room needed: with more, a pinched particle is free
+SLOWLY = 0.05  # m/s by which pinched particles go to their share of the room, besides the surfaces' own motions
 LEAST = 0.1  # length of the difference of two normals that shifts are measured by
 SHARE = 0.2  # of the room that is kept from either side
 PRESSURE = 2000.0  # Pa with which surfaces without room between them press, as far as friction goes: flesh yields
@@ -87,7 +87,7 @@ class Pinches(Checkpointed):
         particle: (n,) of a vertex.
 
     Attributes:
-        between: (n,) [m] what its cloth keeps from cloth; 0 where it meets none. area: (n,) of cloth [m^2].
+        between: (n,) [m] distance that its cloth keeps from cloth; 0 where it meets none. area: (n,) of cloth [m^2].
         possible: whether a scene's solids can close on each other, or on themselves, at all: two of which one moves, or one
             that deforms.
         accepted: as of the last accepted step; trial: of this attempt.
@@ -163,7 +163,7 @@ class Pinches(Checkpointed):
                               a.friction + b.friction, both.index)
 
     def _grows(self, known: np.ndarray, new: Between) -> np.ndarray:
-        """(k,) which of what could be pinched is: where surfaces face each other, and next to that. In a corner by itself, of
+        """(k,) which candidates are pinched: where surfaces face each other, and next to that. In a corner by itself, of
         a floor and a wall that moves for example, cloth is pushed along."""
         faces, out, inside = self.scan.faces, new.cosine < FACING, np.zeros(len(self.where), dtype=bool)
         inside[known] = True
@@ -195,7 +195,7 @@ class Pinches(Checkpointed):
         return start.x[both.index] + mean + shift[:, None] * across
 
     def _known(self, start: StepStart) -> tuple[Between, np.ndarray]:
-        """What was pinched and still is, and its shares."""
+        """Particles that were pinched and still are, and their shares."""
         old = self.accepted
         a, b = (self._side(start, old, k) for k in range(2))
         both = Between(old.index, a, b)
@@ -205,7 +205,7 @@ class Pinches(Checkpointed):
         return both.take(keep), old.share[keep]
 
     def _side(self, start: StepStart, old: Pinched, k: int) -> Sides:
-        """One side of what was pinched, where it is now; of a mesh next to where its foot was: not of another part of it."""
+        """One side of pinched particles, where it is now; of a mesh next to where its foot was: not of another part of it."""
         solid, x = old.solid[:, k], start.x[old.index]
         sides, analytic = self._above(x, solid), ~self.scan.meshes[solid]
         if analytic.all() or self.surfaces is None:
@@ -228,8 +228,8 @@ class Pinches(Checkpointed):
         return sides
 
     def _entering(self, start: StepStart, found: VertexContacts) -> Between:
-        """What gets pinched in this step: between what it is in contact with, and another solid or another part of a mesh that
-        deforms."""
+        """Particles that get pinched in this step: between a solid in contact, and another solid or another part of a mesh
+        that deforms."""
         scan, sides, parts = self.scan, self._above(start.x[found.index], found.solid), []
         if self.surfaces is not None:
             thick, nothing = self.thickness[found.solid], np.full(len(found.solid), -1)
@@ -259,13 +259,13 @@ class Pinches(Checkpointed):
         return all_.take(rows[first])
 
     def with_pins(self, pins: Held | None) -> Held | None:
-        """What scripts hold, and what is pinched; where scripts hold all directions of a particle they have it their way."""
+        """Particles held by scripts, and pinched ones. Scripts have their way with particles held in all directions."""
         index, target = self.trial.index, self.target
         self.led = np.ones(len(index), dtype=bool)
         if not len(index):
             return pins
         projector, y = np.einsum("ki,kj->kij", self.contacts.normal, self.contacts.normal), np.zeros_like(target)
-        if pins is not None:  # what they hold in part is held whole
+        if pins is not None:  # particles they hold in part are held whole
             projector[np.isin(index, pins.index)] = np.eye(3)
             whole = pins.index[np.trace(pins.projector, axis1=1, axis2=2) > 2.5]
             self.led = ~np.isin(index, whole)
@@ -305,8 +305,8 @@ class Pinches(Checkpointed):
         return float(np.sum(size * np.abs(taken - wanted))) > LAGGED * float(np.sum(size))
 
     def bear(self, held: Held | None, reaction: np.ndarray, moved: np.ndarray, c: float) -> None:
-        """Remembers what the last solve took: `reaction` (k, 3) [N] on what it held, and friction where particles moved by
-        (n, 3) [m]; c: what the method multiplies forces by [s]."""
+        """Remembers forces of the last solve: `reaction` (k, 3) [N] on held particles, and friction where particles moved by
+        (n, 3) [m]; c: the factor by which the method multiplies forces [s]."""
         if held is not None and len(self.trial.index):
             whole = np.zeros((len(self.where), 3))
             whole[held.index] = reaction

@@ -1,4 +1,4 @@
-"""What cloth meets on its way through a step: the detectors that a scene needs, and where its solids are."""
+"""Detection of contacts on the way through a step: the detectors that a scene needs, and where its solids are."""
 
 from dataclasses import dataclass, replace
 
@@ -20,7 +20,7 @@ SOLIDS = 65536  # more than a scene can have
 
 @dataclass(frozen=True)
 class Nearby:
-    """What cloth meets on its way from the saved state to where the model was.
+    """Contacts and pairs of cloth on its way from the saved state to where the model was.
 
     Attributes:
         there: (n, 3) positions where it was [m].
@@ -117,7 +117,7 @@ class Scanner:
         return self.tree.fastest if self.tree is not None else 0.0
 
     def inspect(self, h: float) -> list[str]:
-        """What is wrong with the scene from the start, in words; remembers who is inside. h: a usual step [s]."""
+        """Notes on faults of the scene from the start; remembers which particles are inside. h: a usual step [s]."""
         notes = [f"{s.name}: {note}" for s in self.solids if isinstance(s.shape, SolidMesh) for note in s.shape.notes]
         notes += [f"{s.name}: its thickness {s.thickness:g} m is more than the cloth's mean edge {self.edge:.3g} m: contacts "
                   "will look swollen" for s in self.solids if s.thickness > self.edge]
@@ -176,7 +176,7 @@ class Scanner:
         return [*R.ravel(), *(p - self.model.origin)]
 
     def look(self, h: float) -> Nearby:
-        """What cloth meets on its way from the saved state to where the model now is, in a step of h [s]."""
+        """Contacts and pairs of cloth on its way from the saved state to where the model now is, in a step of h [s]."""
         f, there = self.detect(), self.model.read_particles()[0]
         return Nearby(there, f, tangential((there[f.index] - f.carried) / h, f.normal), self.find_pairs())
 
@@ -199,7 +199,7 @@ class Scanner:
         return found if (np.diff(key) > 0).all() else found.take(np.argsort(key))
 
     def above(self, x: np.ndarray, solid: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of points x (k, 3) at the start of the step [m] above solids (k,) that are no meshes: (heights (k,) [m], normals
+        """Points x (k, 3) at the start of the step [m] above solids (k,) that are no meshes: (heights (k,) [m], normals
         (k, 3), motions (k, 3) of the solids there in the step [m])."""
         out: np.ndarray = np.zeros((len(x), 4), dtype=self.exchange)
         if len(x) and self.vertices is not None:
@@ -225,7 +225,7 @@ class Scanner:
         return self.growth.of(pairs.vertices) * self.thickness[pairs.solid]
 
     def part_of(self, pairs: Pairs) -> np.ndarray:
-        """(k,) how far pairs are from each other over what they should keep in the end."""
+        """(k,) how far pairs are from each other over the distance they should keep in the end."""
         return pairs.distance / (PAIR * self.thickness[pairs.solid])
 
     def find_pairs(self) -> Pairs | None:

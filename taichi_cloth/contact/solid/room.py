@@ -1,7 +1,7 @@
 """Whether solids leave cloth room where a step ends inside them, or across. numpy only.
 
-Such a step is tried smaller, however small it gets, and is taken as it is only where no step can do better: where cloth
-is between two surfaces that face each other nearer than what it should keep from both, or is pinned there itself.
+Such a step is tried smaller, however small it gets, and is taken as it is only where no step can do better. There cloth
+is between two surfaces that face each other nearer than it should keep from both, or is pinned itself.
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class Walls:
 
 
 def walls(found: VertexContacts, near: Pairs | None, x: np.ndarray, thickness: np.ndarray) -> Walls:
-    """What particles at x (n, 3) touch, and the places of pairs; thickness (solids,) [m]."""
+    """Surfaces that particles at x (n, 3) touch, and the places of pairs; thickness (solids,) [m]."""
     height = found.gap + thickness[found.solid]
     parts = [(np.repeat(found.index[:, None], 3, axis=1), found.solid, x[found.index] - height[:, None] * found.normal,
               found.normal)]
@@ -55,7 +55,7 @@ def has_room(rows: np.ndarray, faces: np.ndarray, around: Walls, thickness: np.n
     """(k,) whether there is room for the places of cloth whose particles are rows (k, 3).
 
     Args:
-        faces: (m, 3) of the cloth: what shares one with a place is near it.
+        faces: (m, 3) of the cloth: particles that share one with a place are near it.
         thickness: (solids,) [m]; yields: (solids,) whether a solid deforms, and so may close on itself.
         pinned: (n,) whether pins hold a particle.
     """

@@ -37,10 +37,10 @@ REACH, PUSH = 4.0, 0.25  # mean edges that a particle may close in on a solid in
 
 @dataclass(frozen=True)
 class Forces:
-    """What solids put on cloth in the last solve.
+    """Forces of solids on cloth in the last solve.
 
     Attributes:
-        held: (k, 3) [N] on the particles of the active set, with friction of what slides.
+        held: (k, 3) [N] on the particles of the active set, with friction of the sliding ones.
         pairs: (j, 3) [N] on the places of pairs; at: (j, 3) where these are [m].
     """
 
@@ -57,12 +57,12 @@ class SolidContacts(Checkpointed):
 
     Attributes:
         start: of the attempt; scan: looks for contacts; growth: of the thickness that pairs go by; penetration:
-            judges what is too deep; pinches: what solids leave no room.
+            judges which particles are too deep; pinches: cloth that solids leave no room.
         reach: how far [m] a particle may close in on a solid in one step.
         accepted: states with which the last accepted step ended; trial: those of the last solve of this attempt.
         pinned: (n,) whether all directions of a particle are held anyway: solids hold nothing there.
-        near: what was met when last looked; active: what the last solve held; sliding, linearized, pressing: friction, pairs
-            and their points as it took them; forces: what they came to.
+        near: contacts and pairs when last looked; active: contacts that the last solve held; sliding, linearized, pressing:
+            friction, pairs and their points as it took them; forces: of all these.
         unsettled: contacts that do not agree with the last solve, where solves ended before all did.
     """
 
@@ -90,7 +90,7 @@ class SolidContacts(Checkpointed):
         return self.scan.thickness
 
     def begin(self, start: StepStart) -> StepStart:
-        """A new attempt; the model is at its predicted end. Returns its start, with what is pinched among the pins."""
+        """A new attempt; the model is at its predicted end. Returns its start, with pinched particles among the pins."""
         self.trial, self.unsettled = self.accepted, 0
         self.penetration.crossed = self.penetration.before
         self.firmness.begin()
@@ -107,11 +107,11 @@ class SolidContacts(Checkpointed):
         self.penetration.let_out(particles, self.start.h_usual * depth / (PUSH * self.scan.edge))
 
     def look(self) -> None:
-        """What cloth meets on its way to where it now is, and how fast it slips there."""
+        """Contacts and pairs of cloth on its way to where it now is, and how fast it slips there."""
         self.near = self._minded(self.scan.look(self.start.h))
 
     def _minded(self, near: Nearby) -> Nearby:
-        """Without what is pinched; what is raised, from where it is to be."""
+        """Without pinched particles; raised particles are measured from where they are to be."""
         near = near.without(self.pinches.where, self.pinches.around)
         return near.raised(self.penetration.raised) if self.penetration.raised.any() else near
 
@@ -126,7 +126,7 @@ class SolidContacts(Checkpointed):
         return bool((self.near.vertices.gap < 0).any()) or self.near.any_pairs
 
     def hold(self) -> float:
-        """Chooses what the next solve holds, pins included: `active`. Returns the largest closing distance [m]."""
+        """Chooses the active contacts of the next solve, pins included: `active`. Returns the largest closing distance [m]."""
         f, old, start, c = self.near.vertices, self.trial, self.start, self.start.c
         where = rows_of(old.key, f.key)
         known = where >= 0
@@ -138,7 +138,7 @@ class SolidContacts(Checkpointed):
             stick[known], force[known] = old.stick[where[known]], old.force[where[known]]
             push[known] = old.push[where[known]]
         new = ~known
-        if new.any():  # what stops the approach, and carries the weight
+        if new.any():  # the force that stops the approach and carries the weight
             n = f.normal[new]
             arrive = start.base_v[f.index[new]] - (f.carried[new] - start.x[f.index[new]]) / start.h
             force[new] = mass[new] * np.maximum(0, -np.einsum("ki,ki->k", n, arrive) / c
@@ -162,10 +162,10 @@ class SolidContacts(Checkpointed):
         return np.union1d(mine, by_pins) if len(by_pins) else mine
 
     def take_others(self, base: tuple[np.ndarray, np.ndarray], led: bool) -> list[Points]:
-        """Friction of what is pinched, and pairs, for a solve that begins at base: positions and velocities, each (n, 3).
+        """Friction of pinched particles, and pairs, for a solve that begins at base: positions and velocities, each (n, 3).
 
         Args:
-            led: whether pairs are taken where what is held leads them, not where they are.
+            led: whether pairs are taken where held particles lead them, not where they are.
         """
         mass, start = self.model.mass, self.start
         rubbing = [self.pinches.rub(start, self.near.there, base[1])]
@@ -187,11 +187,11 @@ class SolidContacts(Checkpointed):
 
     @property
     def rubbing(self) -> Points:
-        """Friction of what slides on solids and of what slips between them."""
+        """Friction of particles that slide on solids, and of those that slip between them."""
         return Points.join([self.sliding.points, self.pinches.rubbing])
 
     def _to_go(self) -> np.ndarray:
-        """(n, 3) how far what is held has to go from where pairs were looked for."""
+        """(n, 3) how far held particles have to go from where pairs were looked for."""
         out, held = np.zeros_like(self.near.there), self.active.holding.held
         if held is not None:
             out[held.index] = np.einsum("kij,kj->ki", held.projector, held.target - self.near.there[held.index])
@@ -209,13 +209,13 @@ class SolidContacts(Checkpointed):
         if taken is None or near is None:
             return 0
         lost = self.penetration.below_least(self.near)
-        if self.start.pins is not None:  # what a script squeezes against a solid no stiffness can help
+        if self.start.pins is not None:  # no stiffness helps pairs that a script squeezes
             lost &= ~np.isin(near.vertices, self.start.pins.index).any(axis=1)
         lost = near.key[lost]
         return self.firmness.bear(np.isin(taken.key, lost), taken.key, *self._borne(taken))
 
     def _borne(self, taken: Pairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of the pairs (k,) of the last solve: (load [N], range [m], stiffness of their law [N/m])."""
+        """Pairs (k,) of the last solve: (load [N], range [m], stiffness of their law [N/m])."""
         load = np.einsum("ki,ki->k", self.forces.pairs, taken.normal)
         return load, PAIR * self.scan.kept_by(taken), PRESS / USUAL**2 * inertia(taken, self.model.mass)
 
@@ -223,7 +223,7 @@ class SolidContacts(Checkpointed):
         """Forces of contacts in the last solve, which was taken whole, to where cloth was last looked at.
 
         Args:
-            reaction: (k, 3) impulse [N s] on the held particles, in the order of what was held.
+            reaction: (k, 3) impulse [N s] on the held particles, in the order in which they were held.
             base: (n, 3) positions with which the solve began [m].
         """
         f, states, h = self.active.contacts, self.active.states, self.start.c
@@ -235,7 +235,7 @@ class SolidContacts(Checkpointed):
         self._record_others(reaction, moved)
 
     def bear(self, reaction: np.ndarray, moved: np.ndarray, solved: tuple[Pairs | None, Points]) -> int:
-        """As `wanting`, after a linear solve that put a reaction (k, 3) on what it held and moved particles by (n, 3) [m].
+        """Like `wanting`, after a linear solve: reaction (k, 3) on the particles that it held, motions (n, 3) [m] of all.
 
         Args:
             solved: the pairs that it took, and their points.
@@ -248,7 +248,7 @@ class SolidContacts(Checkpointed):
         return wanting
 
     def _record_others(self, reaction: np.ndarray, moved: np.ndarray) -> None:
-        """Forces of what is pinched, and of pairs, in a solve that moved particles by (n, 3) [m]."""
+        """Forces of pinched particles, and of pairs, in a solve that moved particles by (n, 3) [m]."""
         h = self.start.c
         self.pinches.bear(self.active.holding.held, reaction / h, moved, h)
         if self.linearized is not None:
@@ -260,7 +260,7 @@ class SolidContacts(Checkpointed):
         return self.penetration.left(self.near, inside, self.linearized)[1] and self.may_shrink()
 
     def may_shrink(self) -> bool:
-        """As `Penetration.may_shrink`."""
+        """See `Penetration.may_shrink`."""
         return self.penetration.may_shrink(self.start, self.near, self.held_keys, self.linearized)
 
     def went_through(self) -> bool:
@@ -268,8 +268,8 @@ class SolidContacts(Checkpointed):
         return self.penetration.look_across() and self.may_shrink()
 
     def rows_held(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Of rows of what is held (count,): whether solids hold them, and not pins alone; whether they are brought out of
-        solids that they were inside of."""
+        """Two flags for each held row (count,): whether solids hold it, and not pins alone; whether it is brought out of
+        a solid that it was inside of."""
         solids, out, rows = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool), self.active.holding.rows
         solids[rows] = True
         out[rows[self.active.lift > 0]] = True
@@ -279,7 +279,7 @@ class SolidContacts(Checkpointed):
         return solids, out
 
     def commit(self) -> None:
-        """The step was accepted: the next begins from its contacts. What went wrong in a small one is pinched."""
+        """The step was accepted: the next begins from its contacts. Particles that end wrong in a small one are pinched."""
         self.penetration.pass_time(self.start.h)
         self.pinches.commit()
         self.penetration.spare(np.flatnonzero(self.pinches.around))
@@ -313,7 +313,7 @@ class SolidContacts(Checkpointed):
         self.penetration.crossed = self.penetration.before = self.scan.find_crossings()
 
     def nearest(self) -> Place | None:
-        """The vertex or pair that is nearest to a solid, over what it should keep, where cloth was last looked at."""
+        """The vertex or pair that is nearest to a solid, over the distance it should keep, where cloth was last looked at."""
         f, pairs, places = self.near.vertices, self.near.pairs, []
         if len(f.gap):
             gap = 1 + f.gap / self.thickness[f.solid]
@@ -334,7 +334,7 @@ class SolidContacts(Checkpointed):
         return out + self.pushed()
 
     def begun(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of contacts that the last solve held and the accepted step before did not: (particles (k,), projectors (k, 3, 3) on
+        """Contacts that the last solve held and the accepted step before did not: (particles (k,), projectors (k, 3, 3) on
         the directions that are held, friction (k, 3) [N] of those that slide)."""
         f, stick = self.active.contacts, self.active.states.stick
         new = ~np.isin(f.key, self.accepted.key)
@@ -353,7 +353,7 @@ class SolidContacts(Checkpointed):
     def loads(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """(force [N], torque [N m] about the origin) on each solid, by name."""
         f, pinched, x = self.active.contacts, self.pinches.trial, self.model.read_particles()[0]
-        either = [self.pinches.forces / 2] * 2  # of what is pinched, as much on either side
+        either = [self.pinches.forces / 2] * 2  # of pinched particles, as much on either side
         at, force = x[np.concatenate([f.index, pinched.index, pinched.index])], np.concatenate([self.forces.held, *either])
         which = np.concatenate([f.solid, pinched.solid[:, 0], pinched.solid[:, 1]])
         if self.linearized is not None:

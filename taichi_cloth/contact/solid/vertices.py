@@ -1,7 +1,7 @@
 """Cloth vertices against analytic solids, swept over the step.
 
 A vertex moves from x_0 to x_1 while the solid moves from one pose to the next; in the solid's frame that is taken
-as a segment, and followed in strides of the distance left, which none of these shapes can be nearer than. Where
+as a segment. It is followed in strides of the distance left, which none of these shapes can be nearer than. If
 it comes within the thickness there is a contact: a plane that the vertex must be above at the end of the step.
 """
 
@@ -154,7 +154,7 @@ class VertexDetector:
 
 @ti.func
 def slot(out: ti.template(), i, count, gap):
-    """Where a further contact of vertex i is written down: behind the others, or, where there is no room, in place of the
+    """Slot of a further contact of vertex i: behind the others, or, where there is no room, in place of the
     one whose plane the vertex is furthest above; -1 where that is the new one."""
     where, most = count, gap
     if count == SLOTS:
@@ -178,7 +178,7 @@ def pose(poses: ti.template(), s, first: ti.template()):
 
 @ti.func
 def carry(poses: ti.template(), s, x):
-    """Where a point x at the start of the step is at its end if it moves with rigid solid s."""
+    """Place at the end of the step of a point that is at x at its start and moves with rigid solid s."""
     R_0, p_0 = pose(poses, s, 0)
     R_1, p_1 = pose(poses, s, 12)
     return R_1 @ (R_0.transpose() @ (x - p_0)) + p_1
