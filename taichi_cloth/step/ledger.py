@@ -7,11 +7,11 @@ forces F_i = -dV + damping + air + held + contact + r at its stages i. r is the 
        = work of constraints, of contact and of air - damping - method + sum_i w_i r_i . v_i,
     method = sum_i w_i F_i . (v_i - u) + [sum_i w_i dV_i . v_i - (V_1 - V_0)]
 
-`method` is the loss by the method's velocities and by the curvature of V in a step. The energy unaccounted for is
+`method` is the loss by the method's velocities and by the curvature of V in a step. The change unaccounted for is
 the work of the residuals, and rounding. Backward Euler has one stage, w = h, at the end: there the first part
-of `method` is 1/2 |dv|_M^2. Backward Euler also alters positions by y, which are no motion: x_1 = x_0 + h v_1 + y. Only V is altered
-with them, damping and friction go by v: y puts dV . y in, and the second part of `method` has it too, so that neither is
-negative where V is convex. If damping is an energy of the step, its force k_d (C - C_0)/h dC works along the change of C:
+of `method` is 1/2 |dv|_M^2. It also alters positions by y, without motion: x_1 = x_0 + h v_1 + y. Only V is altered with
+them, damping and friction go by v. The alteration puts dV . y in, and the second part of `method` has it too, so neither
+is negative where V is convex. If damping is an energy of the step, its force k_d (C - C_0)/h dC works along the change of C:
 `damping` is k_d (C - C_0)^2/h. `method` has the excess of h C_dot over that change.
 """
 

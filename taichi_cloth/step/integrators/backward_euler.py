@@ -104,6 +104,6 @@ class BackwardEuler(Checkpointed):
         return h
 
     def commit(self, taken: float = 0.0) -> None:
-        """The last attempt was accepted; materials with memory took the energy `taken` [J] after it."""
+        """The last attempt was accepted; forces with memory took the energy `taken` [J] after it."""
         if self.contacts is not None:
             self.contacts.commit()

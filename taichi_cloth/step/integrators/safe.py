@@ -74,7 +74,7 @@ class Safe(Checkpointed):
         return redone.instead_of(made, reason)
 
     def commit(self, taken: float = 0.0) -> None:
-        """The last attempt was accepted; materials with memory took the energy `taken` [J] after it."""
+        """The last attempt was accepted; forces with memory took the energy `taken` [J] after it."""
         self.last.commit(taken)
         if self.last is self.robust:
             self.mean = self.mean_1

@@ -48,7 +48,7 @@ WORK = 0.05  # part of the constraints' work in a step by which the quadrature m
 SHARE = 0.1  # of the error allowed in a step that Newton's method may leave
 HORIZON = 0.5  # s: time in which a run may gather the error asked for
 LEFT = 0.01  # part of the motion's energy that residuals of solves may put into a step, or take from it
-CLOSER, FURTHER = 0.01, 0.1  # beyond that: factors of the residuals of solves, and of the change that Newton's method may leave
+CLOSER, FURTHER = 0.01, 0.1  # beyond that: factors of residuals of solves, and of the change that Newton's method may leave
 FILTER = 0.01  # relative residual of the solve that filters the error estimate
 
 NO_PINS: tuple[np.ndarray, ...] = np.zeros(0, dtype=np.int32), np.zeros((0, 3, 3)), np.zeros((0, 3))
@@ -148,7 +148,7 @@ class TRBDF2(Checkpointed):
         return Attempt(None, "", measures, tuple(solutions), clock.seconds, error=error, order=2, ledger=ledger)
 
     def commit(self, taken: float = 0.0) -> None:
-        """The last attempt was accepted; materials with memory took the energy `taken` [J] after it."""
+        """The last attempt was accepted; forces with memory took the energy `taken` [J] after it."""
         self.known, self.power, self.c, self.motion, self.rate = True, self.power_1, self.tried, self.motion_1, None
         self.debt = max(0.0, self.debt_1 - taken)
 
