@@ -93,7 +93,7 @@ class StepRecord:
         error: estimated, over the error that the tolerance allows in this step; 0 without a tolerance.
         fell_back: why the default method redid the step by backward Euler; "" where it did not.
         opened: stitches of seams that are open at its end, of all.
-        gas: (volume [m^3], pressure over that outside [Pa]) of gases, by name.
+        gas: (volume [m^3], pressure over that outside [Pa]) of each gas, by name.
         ledger: J by name, works and losses of this step: see `ledger.Ledger`.
         troubles: where attempts before it were rejected, and where it was itself slow to solve: see `trouble.Trouble`.
     """

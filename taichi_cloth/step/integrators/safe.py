@@ -1,6 +1,6 @@
 """The default: TR-BDF2, and backward Euler for the steps that it cannot take.
 
-A step that gains energy or whose Newton iteration fails is redone by backward Euler with its energy test. That loses
+A step that gains energy or whose Newton iteration fails is redone by backward Euler with its energy test. This loses
 accuracy but not the run. Without solids and limits of strain, the step is first tried smaller, twice. Steps in which
 cloth touches solids are backward Euler's too (BDF2's where asked for): contact is settled in its solve. And so are those in
 which something tears, and recoils.

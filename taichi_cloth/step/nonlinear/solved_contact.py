@@ -5,8 +5,8 @@ Newton's method on all of it: the cloth's forces, and by one rule the forces, st
 that are predicted. It ends the step where that leaves forces and contacts in balance, within `contact_tol` of all that acts.
 Else Newton's method goes on, each solve from where the last one ended. A step that is not solved by then is tried smaller.
 
-Against `solid_contact`: states of contacts follow from one rule in each solve, and none waits for the next step; the balance
-is that of the step's end, not of its linearization; energy is a last guard only.
+Differs from `solid_contact`: states of contacts follow from one rule in each solve, and none waits for the next step. The
+balance is that of the step's end, not of its linearization. Energy is a last guard only.
 
 Tried and left out:
 - a line search on the potential with friction and depths (as many solves, more evaluations);
