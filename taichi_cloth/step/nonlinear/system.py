@@ -38,7 +38,7 @@ class System:
         resolution: rounding of positions [m].
         floor: energy [J] that this rounding amounts to.
         base: the start of the step, if not the saved state.
-        notes: options that could not be met, and their substitutes.
+        notes: requests that could not be met, and their substitutes.
     """
 
     def __init__(self, fields: Fields, model: ParticleState, operator: Operator, forces: list, meter: Assembler,
