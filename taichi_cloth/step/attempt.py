@@ -1,4 +1,4 @@
-"""What an integrator proposes to step control, and the names of what may be wrong with it."""
+"""The step that an integrator proposes to step control, and the names of reasons to reject it."""
 
 from dataclasses import dataclass, replace
 
@@ -18,7 +18,7 @@ class Attempt:
     """A proposed step.
 
     Attributes:
-        rejection: None, or what is wrong with it.
+        rejection: None, or the name of the reason to reject it.
         detail: more about the rejection, for people.
         measures: of the proposed state; None where it was not reached.
         solutions: of its linear solves, in order.
@@ -26,10 +26,10 @@ class Attempt:
         contacts: number of contacts with solids; unsettled: how many of them, and of pairs of cloth, had not settled.
         contact_error: how far contacts with solids are from Coulomb's law, over all that acts.
         crossings: triangles of cloth and solids that pass through each other.
-        layers: pairs of cloth in contact with cloth; least: their smallest distance over what they should keep.
+        layers: pairs of cloth in contact with cloth; least: their smallest distance over the distance to keep.
         tangled: pairs of an edge and a triangle of cloth that pass through each other; pinched: particles that were let go.
         evaluations: of the forces, by explicit methods.
-        error: estimated, over what the tolerance allows in this step; None where it was not estimated.
+        error: estimated, over the error that the tolerance allows in this step; None if not estimated.
         order: of the method, which says how the error goes with the step.
         fell_back: why the step was redone by a more robust method, or "".
         ledger: of its energy; None where the step was not finished.

@@ -1,7 +1,7 @@
-"""What gives within a step: where stitches bear more than they can, it is tried again from its start with those open.
+"""Stitches that fail within a step: a step with overloaded stitches is tried again from its start with those open.
 
-A step that is accepted loads nothing beyond what it bears, unless more gives in it than `TRIES` tries tell; the rest
-follows in the next step. A step that is tried smaller begins with what was whole before.
+An accepted step overloads no stitch, unless more fail in it than `TRIES` tries can open; the others fail in the
+next step. A step that is tried smaller begins with the stitches that were whole before.
 """
 
 import numpy as np
@@ -16,9 +16,9 @@ class Giving:
 
     Args:
         stitches: those of the scene.
-        integrator: what tries steps; its system knows what stitches bear.
+        integrator: tries steps; its system knows the tension of stitches.
         meter: measures potential energy where the model is.
-        contacts: what is told of surfaces that are now apart, or None.
+        contacts: contacts to tell of surfaces that are now apart, or None.
         tears: `tearing.Tears` where cloth may tear, or None.
     """
 
@@ -27,11 +27,11 @@ class Giving:
         self.tears = tears
         integrator.system.fragile |= stitches.gives or tears is not None
         self.before: np.ndarray = stitches.whole  # at the start of a step in which something gave
-        self.torn, self.tries = 0.0, 0  # J that is gone with what gave in this step; tries that let go
+        self.torn, self.tries = 0.0, 0  # J lost with stitches that failed in this step; tries that opened any
 
     def gives(self) -> bool:
-        """Whether the attempt that the model shows loads anything beyond what it bears: that is open then, and the model back
-        at its start."""
+        """Whether the attempt in the model overloads anything: then that is opened, and the model is back at the
+        step's start."""
         if self.tries == TRIES or not (self.stitches.gives or self.tears is not None):
             return False
         system = self.integrator.system
@@ -50,7 +50,7 @@ class Giving:
         return True
 
     def take_back(self) -> bool:
-        """What gave in a step that is to be tried smaller holds again. Whether anything did; the model is at its start."""
+        """Closes the stitches that failed in a step to be tried smaller. Whether any had; the model is at the step's start."""
         changed = self.tries > 0
         if changed:
             self._set(self.before)
@@ -58,8 +58,8 @@ class Giving:
         return changed
 
     def commit(self) -> tuple[float, int, int]:
-        """The step was accepted: (energy [J] that went with what gave, stitches that are open, crossings of cloth with cloth,
-        among them the sides of what has opened, and of what is not closed yet)."""
+        """The step was accepted: (energy [J] lost with failed stitches, stitches that are open, crossings of cloth with cloth
+        among the sides of seams that have opened or are not closed yet)."""
         torn, tangled = self.torn, 0
         self.torn, self.tries, self.integrator.system.gave = 0.0, 0, False
         if self.contacts is not None and self.contacts.layers is not None:
@@ -68,14 +68,14 @@ class Giving:
         return torn, self.stitches.open, tangled
 
     def join(self) -> bool:
-        """After a step that was accepted: what was pulled together and has come near holds. Whether anything does."""
+        """After an accepted step: stitches that were pulled together and have come near hold. Whether any now do."""
         joined = self.stitches.join()
         if joined:
             self.integrator.loosen()
         return joined
 
     def pull_firmer(self, factor: float) -> None:
-        """What is pulled together is pulled by so many times as much from now on, between steps."""
+        """Multiplies the pull on stitches being closed from now on, between steps."""
         self.stitches.firm *= factor
         self.stitches.resumed()
         self.integrator.loosen()
@@ -90,7 +90,7 @@ class Giving:
         return changed
 
     def _set(self, whole: np.ndarray) -> float:
-        """What holds from now on; energy [J] that this takes."""
+        """Sets the stitches that hold from now on. Returns the energy [J] that this takes."""
         had = self.meter.measure().potential
         self.stitches.set(whole)
         self.integrator.loosen()

@@ -1,18 +1,18 @@
-"""Energy, step by step: what put it in, what took it, and what nothing accounts for. numpy only.
+"""Energy, step by step: work put in, losses, and the change that nothing accounts for. numpy only.
 
-Exactly, whatever made the step, T_1 - T_0 = u . M dv with u = (v_0 + v_1)/2. Where a method says M dv = sum_i w_i F_i, with
-forces F_i = -dV + damping + air + held + contact + r at its stages i, r being what its solves left undone,
+Exactly, whatever made the step, T_1 - T_0 = u . M dv with u = (v_0 + v_1)/2. A method sets M dv = sum_i w_i F_i, with
+forces F_i = -dV + damping + air + held + contact + r at its stages i. r is the residual of its solves. Then
 
     dE = T_1 - T_0 + V_1 - V_0 = sum_i w_i F_i . v_i - [sum_i w_i F_i . (v_i - u)] + V_1 - V_0
-       = work of what is held, of contact and of air - damping - method + sum_i w_i r_i . v_i,
+       = work of constraints, of contact and of air - damping - method + sum_i w_i r_i . v_i,
     method = sum_i w_i F_i . (v_i - u) + [sum_i w_i dV_i . v_i - (V_1 - V_0)]
 
-so that the method's own part is what its velocities and the curvature of V take in a step. What is unaccounted for is
-the work of what solves left undone, and rounding. Backward Euler has one stage, w = h, at the end: there the first part
-of `method` is 1/2 |dv|_M^2. It also alters positions by y, which are no motion: x_1 = x_0 + h v_1 + y. Only V is altered
-with them, damping and friction go by v: y puts dV . y in, and the second part of `method` has it too, so that neither is
-negative where V is convex. Where damping is an energy of the step, its force k_d (C - C_0)/h dC works by what C changed:
-`damping` is k_d (C - C_0)^2/h, and `method` has by how much h C_dot is more.
+`method` is the loss by the method's velocities and by the curvature of V in a step. The change unaccounted for is
+the work of the residuals, and rounding. Backward Euler has one stage, w = h, at the end: there the first part
+of `method` is 1/2 |dv|_M^2. It also alters positions by y, without motion: x_1 = x_0 + h v_1 + y. Only V is altered with
+them, damping and friction go by v. The alteration puts dV . y in, and the second part of `method` has it too, so neither
+is negative where V is convex. If damping is an energy of the step, its force k_d (C - C_0)/h dC works along the change of C:
+`damping` is k_d (C - C_0)^2/h. `method` has the excess of h C_dot over that change.
 """
 
 from dataclasses import asdict, dataclass, fields, replace
@@ -25,14 +25,14 @@ class Work:
     """Work on the cloth in a step [J].
 
     Attributes:
-        attachments: of places on solids on what is attached to them softly, letting go included.
+        attachments: of places on solids on particles attached softly to them, letting go included.
         pins: of pins and motions of a script, and of seams while they close.
-        solids: of solids: by what they hold, their friction that sticks, and their edges and corners.
-        lifted: of alterations of position (y) that bring out what is inside solids.
-        lowered: of those that bring down to a solid what would else go through it: its motion has to pay for them.
+        solids: of solids: by the particles they hold, static friction, and their edges and corners.
+        lifted: of alterations of position (y) that push particles out of solids.
+        lowered: of those that pull particles down to a solid that they would pass: their motion has to pay for this work.
         friction: of friction of cloth that slides on solids.
-        layers: of cloth on cloth, besides the repulsion that is stored; with it what is stored anew where repulsion stiffens.
-        gas: of what changes a pressure, see `pump`.
+        layers: of cloth on cloth, besides stored repulsion; it includes energy stored anew as repulsion stiffens.
+        gas: of pumps, which change a pressure; see `pump`.
     """
 
     attachments: float = 0.0
@@ -58,14 +58,14 @@ class Ledger(Work):
     Attributes:
         kinetic, potential: change of either.
         wind: work of the air, and of loads.
-        damping: what the cloth's own damping took.
-        method: what the method took beyond; negative where it gave.
-        plastic: what the cloth's shape at rest took as it changed after the step: fibres that slid, creases; what pulled
+        damping: loss by the cloth's own damping.
+        method: further loss by the method; negative if it gained.
+        plastic: loss as the cloth's rest shape changed after the step: fibres that slid, creases; energy of the pull on
             stitches that hold since.
-        torn: what hinges over stitches that gave in the step had stored.
-        edited: what came between steps: another material where a run goes on with an edited scene, other pressures, a state
+        torn: energy stored in hinges over stitches that failed in the step.
+        edited: change between steps: another material as a run goes on with an edited scene, other pressures, a state
             that was set by hand.
-        braked: part of `method`: what was taken off velocities because the step would else have gained energy.
+        braked: part of `method`: energy taken off velocities because the step would else have gained it.
         unaccounted: change that none of these explains.
     """
 
@@ -81,7 +81,7 @@ class Ledger(Work):
 
     @property
     def change(self) -> float:
-        """Of kinetic and potential energy."""
+        """Change of kinetic and potential energy."""
         return self.kinetic + self.potential
 
     @property
@@ -96,7 +96,7 @@ class Ledger(Work):
 
 
 def with_attachments(ledger: Ledger, work: float) -> Ledger:
-    """Of a step whose start was taken with what leads attachments where that is at its end, which took so much work [J]."""
+    """Ledger of a step whose start has attachments' targets at their places of the step's end, moved there by `work` [J]."""
     return replace(ledger, attachments=work, potential=ledger.potential + work) if work else ledger
 
 
@@ -104,10 +104,10 @@ STILL = 1e-4  # part of its energies that counts as moved in any case: below, al
 
 
 def moved(ledger: dict[str, float]) -> float:
-    """Energy [J] that moved in a step: what left one account and came to another, each joule once.
+    """Energy [J] that moved in a step from one account to another, each joule counted once.
 
-    Accounts are kinetic and potential energy, works, losses, and what is unaccounted for; all of them add up to nothing, so
-    that half the sum of their sizes is what moved.
+    Accounts are kinetic and potential energy, works, losses, and the change unaccounted for. All of them add up to zero,
+    so half the sum of their sizes has moved.
     """
     return sum(abs(ledger.get(name, 0.0)) for name in TERMS if name != "braked") / 2
 
@@ -116,12 +116,12 @@ TERMS = (*(f.name for f in fields(Ledger)), "unaccounted")
 
 
 def gained(start: Measures, end: Measures, work: Work) -> float:
-    """By how much [J] the energy grew beyond what may be put in, wind apart."""
+    """Growth of the energy [J] beyond the work that may be put in, wind apart."""
     return end.total - start.total - work.total + max(0.0, work.lowered)
 
 
 def one_stage(h: float, start: Measures, end: Measures, work: Work) -> Ledger:
-    """Of a backward Euler step of h [s]; `end` as the solve left it."""
+    """Ledger of a backward Euler step of h [s]; `end` as the solve left it."""
     stored = end.energies.get("contact", 0.0) - start.energies.get("contact", 0.0)
     potential = end.potential - start.potential
     method = end.change + h * end.rate + work.lifted + work.lowered - (potential - stored)
@@ -131,7 +131,7 @@ def one_stage(h: float, start: Measures, end: Measures, work: Work) -> Ledger:
 
 def three_stages(weights: tuple[float, float, float], stages: tuple[Measures, Measures, Measures], work: Work,
                  lag: float) -> Ledger:
-    """Of a step with the weights [s] of its beginning, middle and end.
+    """Ledger of a step with the weights [s] of its beginning, middle and end.
 
     Args:
         lag: the first part of the method's own, sum_i w_i F_i . (v_i - u) [J].
@@ -144,8 +144,10 @@ def three_stages(weights: tuple[float, float, float], stages: tuple[Measures, Me
 
 
 def many_steps(start: Measures, end: Measures, work: Work) -> Ledger:
-    """Of many explicit steps in one: what the energy falls by beyond the work of pins is damping's, the air's and the
-    method's, which only the ends of the step are known of; what it grows by is unaccounted for."""
+    """Ledger of many explicit steps in one, of which only the start and end are known.
+
+    A fall of the energy beyond the work of pins is the loss by damping, air and method. A rise is unaccounted for.
+    """
     grown = gained(start, end, work)
     return Ledger(**asdict(work), kinetic=end.energies["kinetic"] - start.energies["kinetic"],
                   potential=end.potential - start.potential, method=max(0.0, -grown))

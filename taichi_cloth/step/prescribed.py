@@ -1,4 +1,4 @@
-"""What a script prescribes at a time: which particles are held and where, the wind, and where solids are."""
+"""Boundary conditions of a script at a time: held particles and their targets, the wind, and places of solids."""
 
 from collections.abc import Sequence
 
@@ -52,13 +52,13 @@ class Prescribed(Checkpointed):
         return self.attachments.at(self.script.attachments, t)
 
     def pulled(self, t: float) -> Pulled:
-        """What is attached softly, as it is at t [s]."""
+        """The soft attachments at t [s]."""
         self.attachments.update(self.script.attachments, lambda: self.model.read()[0])
         soft = self.attachments.soft(self.script.attachments, t)
         return NOTHING if soft is None else Pulled(*soft)
 
     def set_time(self, t: float) -> None:
-        """What changes with time by itself, such as the wind, is set to what it is at t [s]."""
+        """Sets forces that change with time by themselves, such as the wind, to their values at t [s]."""
         for force in self._driven:
             force.set_time(t)
 
@@ -68,7 +68,7 @@ class Prescribed(Checkpointed):
 
     @property
     def changed(self) -> np.ndarray:
-        """`changes`. Functions of time cannot be kept: what goes on has to be told of the same changes before."""
+        """`changes`. Functions of time cannot be kept: a resumed run has to be told of the same changes before."""
         return np.array(self.changes)
 
     @changed.setter
@@ -80,7 +80,7 @@ class Prescribed(Checkpointed):
 
     @property
     def anchors(self) -> dict[str, np.ndarray]:
-        """Where cloths were when attachments began, by the attachments' keys."""
+        """Positions of cloths when attachments began, by the attachments' keys."""
         return {str(key): x for key, x in self.attachments.anchors.items()}
 
     @anchors.setter

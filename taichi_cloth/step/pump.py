@@ -1,7 +1,7 @@
-"""Work of what changes a force's energy by itself, as a pump that raises a pressure: the part of dE/dt that is no motion's.
+"""Explicit work of time on a force's energy, as by a pump that raises a pressure: the part of dE/dt at fixed positions.
 
-Of a step of one stage, whose forces are those of its end, E(x_0, t_1) - E(x_0, t_0) exactly; of others the mean of that and
-E(x_1, t_1) - E(x_1, t_0), of second order.
+A step of one stage has the forces of its end: the work is E(x_0, t_1) - E(x_0, t_0) exactly. For others it is the mean of
+that and E(x_1, t_1) - E(x_1, t_0), of second order.
 """
 
 from collections.abc import Callable

@@ -38,7 +38,7 @@ class Control:
 
     Attributes:
         h_max, h_min: bounds [s].
-        adaptive: False does exactly the steps asked for and reports what went wrong in them.
+        adaptive: False does exactly the steps asked for and reports their failures.
         stretch_limit: largest change of any triangle's stretch |w|/b in a step.
         quiet_steps: accepted steps after which h doubles again.
 
@@ -75,26 +75,26 @@ class StepRecord:
         rejections: name -> count, of the attempts before it.
         energies: J by term at its end.
         stretch: largest |w|/b.
-        seconds: wall time by part: EVAL, CG, C-C, C-S, and total, rejected attempts included; compiling: what of all this
-            were first launches of kernels.
+        seconds: wall time by part: EVAL, CG, C-C, C-S, and total, rejected attempts included; compiling: the part of it
+            in first launches of kernels.
         contacts: number of contacts with solids at its end.
         unsettled: how many of them had not agreed on sticking, sliding or releasing when it was accepted, and how
             many pairs of cloth not on their forces.
         contact_error: impulses that contacts with solids miss by Coulomb's law, as a part of all that act: weight, contact,
             pins, changes of momentum.
         crossings: pairs of triangles of cloth and of solids with edges or corners that pass through each other.
-        layers: pairs of cloth in contact with cloth; least: the smallest distance of any over what it should keep.
+        layers: pairs of cloth in contact with cloth; least: the smallest distance of any over the distance to keep.
         tangled: pairs of an edge and a triangle of cloth that are known to pass through each other; they rest, but
             for those beside a seam that is still apart.
-        pinched: particles to which solids leave no room: layers that were let go, and what steps no longer get smaller for.
+        pinched: particles to which solids leave no room: layers that were let go, and those that no step gets smaller for.
         intersections: pairs of an edge and a triangle of cloth that pass through each other at its end, counted exactly; None
             where that was not asked for.
         evaluations: of the forces, by an explicit method.
-        error: estimated, over what the tolerance allows in this step; 0 where none is asked for.
+        error: estimated, over the error that the tolerance allows in this step; 0 without a tolerance.
         fell_back: why the default method redid the step by backward Euler; "" where it did not.
         opened: stitches of seams that are open at its end, of all.
-        gas: (volume [m^3], pressure over that outside [Pa]) of what is inflated, by name.
-        ledger: J by name, what put energy in and what took it in this step: see `ledger.Ledger`.
+        gas: (volume [m^3], pressure over that outside [Pa]) of each gas, by name.
+        ledger: J by name, works and losses of this step: see `ledger.Ledger`.
         troubles: where attempts before it were rejected, and where it was itself slow to solve: see `trouble.Trouble`.
     """
 
@@ -150,7 +150,7 @@ class Stepper(Checkpointed):
             self.forget()
 
     def forget(self, contacts: bool = True) -> None:
-        """The state, or what acts on it, was changed between steps: what comes next begins with energies as they now are.
+        """The state, or a force on it, was changed between steps: the next step begins with energies as they now are.
 
         Args:
             contacts: whether those of the last step still are.
@@ -190,7 +190,7 @@ class Stepper(Checkpointed):
             passes = rejection is None or (not control.adaptive and attempt.measures is not None
                                            and attempt.measures.finite)
             if passes and self.giving is not None and self.giving.gives():
-                self.start = self._measured(t)  # from the start of the step again, with what gave open
+                self.start = self._measured(t)  # again from the start of the step, with failed stitches open
                 continue
             if passes:
                 seconds |= {"total": time.perf_counter() - began, "compiling": compiling.seconds - compiled}
@@ -207,7 +207,7 @@ class Stepper(Checkpointed):
             self.quiet = 0
 
     def _begin(self, t: float) -> None:
-        """Measures the state that was changed between steps, or is a run's first; what that took or gave is not the step's."""
+        """Measures a state that was changed between steps, or is a run's first; that change of energy is not the step's."""
         now, before = self._measured(t), self.ended
         if before is not None:
             kinetic = now.energies["kinetic"] - before.energies["kinetic"]
@@ -215,7 +215,7 @@ class Stepper(Checkpointed):
         self.start, self.dropped = now, 0.0
 
     def _measured(self, t: float) -> Measures:
-        """Of the state at the start of a step, at t [s]; between layers is stored what was before.
+        """Measures of the state at the start of a step, at t [s]; the energy between layers is kept.
 
         Raises:
             SimulationError: it is not finite.
@@ -248,14 +248,14 @@ class Stepper(Checkpointed):
         self.ended = _understood(text)
 
     def judge(self, attempt: Attempt) -> str | None:
-        """The name of what is wrong with an attempt, or None."""
+        """The name of the reason to reject an attempt, or None."""
         if attempt.rejection is not None:
             return attempt.rejection
         limit = self.control.stretch_limit
         if attempt.measures is None or attempt.measures.stretch_change <= limit:
             return None
         if attempt.led is not None and self.meter.change_beside(attempt.led) <= limit:
-            return None  # what surfaces that close on each other lead, no smaller step stretches less
+            return None  # led by surfaces that close on each other: no smaller step stretches less
         return STRETCH
 
     def _accept(self, t: float, h: float, attempt: Attempt, rejection: str | None, rejections: dict[str, int],
@@ -318,6 +318,6 @@ def _understood(text: str) -> Measures | None:
 
 
 def _factor(attempt: Attempt, least: float, most: float) -> float:
-    """By how much the next step may differ from this one so that its error is what is allowed."""
+    """Ratio of the next step to this one at which its error is the error allowed."""
     error = attempt.error if attempt.error is not None else 0.0
     return min(most, max(least, CAREFUL * max(error, 1e-30) ** (-1 / attempt.order)))

@@ -1,4 +1,4 @@
-"""What the steps of a run add up to, counted as they are made: the log may be shorter than the run."""
+"""Sums over the steps of a run, counted as they are made: the log may be shorter than the run."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .ledger import STILL, moved, totals
 from .stepper import StepRecord
 
 OFF = 0.01  # part of all forces by which contacts with solids may be off Coulomb's law without a word
-DOUBTFUL = 0.1  # part of the energy that moved from which on what is unaccounted for is told of
+DOUBTFUL = 0.1  # part of the energy that moved: a larger part unaccounted for is reported
 ADVICE = "a smaller h (--h), a tolerance (--tolerance) or the integrator newton_euler accounts for more of it"
 
 
@@ -22,7 +22,7 @@ class Tally:
         rejections: number of attempts by name; fell_back: of steps by why another method redid them.
         seconds: [s] by part.
         ledger: J by name, in all.
-        moved: energy [J] that moved, see `ledger.moved`; astray: sizes of what each step has unaccounted for [J].
+        moved: energy [J] that moved, see `ledger.moved`; astray: sizes of the energy unaccounted for in each step [J].
         worst: largest of these.
         size: largest sum of the sizes of energies [J] at the end of a step.
         smallest_h, largest_h: [s]; residual, stretch, contacts, contact_error, crossings, layers, least, tangled, pinched,
@@ -47,7 +47,7 @@ class Tally:
 
     @classmethod
     def of(cls, records: Iterable[StepRecord]) -> Tally:
-        """Of steps that were made before."""
+        """The tally of steps that were made before."""
         out = cls()
         for record in records:
             out.add(record)
@@ -80,7 +80,7 @@ class Tally:
         return self.astray / (self.moved + STILL * self.size) if self.astray else 0.0
 
     def doubt(self) -> str:
-        """What is to be said, and done, where too much is unaccounted for; "" where it is not."""
+        """The warning, with its advice, if too much is unaccounted for; else ""."""
         if self.share <= DOUBTFUL:
             return ""
         return (f"{self.share:.0%} of the energy that moved is unaccounted for: {self.astray:.2g} of {self.moved:.2g} J, "

@@ -1,11 +1,11 @@
-"""Where cloth tears: the stress ahead of a tip, averaged over a length, against its strength.
+"""Criterion of tearing: the stress ahead of a tip, averaged over a length, against its strength.
 
 At a vertex the stress T is averaged over the material within the length l, weighted by (1 - r^2/l^2)^2; across its
 largest principal direction runs the line along which cloth would part. Over the half disc ahead on that line it is
 averaged again: where the principal value there is beyond the strength, the edge nearest to the line opens. At a stress
 K / sqrt(2 pi r) round a tip the average goes as K / sqrt(l), whatever the mesh.
 
-Tears go on from borders, tip by tip. Where there is none within the length, cloth opens in both directions at once.
+Tears go on from borders, tip by tip. If no tip is within the length, cloth opens in both directions at once.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ CHUNK = 1 << 21  # pairs of vertices and points that are looked at together
 
 
 class ClothTear:
-    """Of one cloth.
+    """The tears of one cloth.
 
     Args:
         rows: numbers of its stitches among all.
@@ -170,7 +170,7 @@ class Tears:
                 self._rows.append(slice(self._first[k], self._first[k + 1]))
 
     def giving(self, held: Held | None) -> np.ndarray:
-        """Numbers of the stitches that open where the model is; what is held does not tear."""
+        """Numbers of the stitches that open in the model's state; held particles do not tear."""
         T = self.stress.now()
         return np.concatenate([cloth.giving(T[rows], held) for cloth, rows in zip(self.cloths, self._rows)])
 

@@ -1,4 +1,4 @@
-"""Which part of a scene a rejected or slow step is about: the cloth, its vertex, where that is, and what it is against."""
+"""The place of a rejected or slow step in its scene: the cloth, its vertex, its position, and the surface in contact."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,17 +16,17 @@ SQUEEZED = "held hard where it is pressed: unpin it, or attach it with a stiffne
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """Where an attempt at a step went worst.
+    """The worst place of an attempt at a step.
 
     Attributes:
         name: of the rejection; "" for a step that was accepted.
         h: step that was tried [s].
         detail: more about the rejection.
-        cloth, vertex: which, by the cloth's own numbers.
+        cloth, vertex: by the cloth's own numbers.
         at: (3,) where it was then [m]; speed: how fast it went [m/s].
         against: name of the solid or cloth that it is in contact with, or "".
         held: whether a pin, motion or attachment holds it in all directions.
-        gap: what is left there of the distance to keep, 1 is all of it; below 0 it has passed the surface.
+        gap: part left there of the distance to keep, 1 is all of it; below 0 it has passed the surface.
     """
 
     name: str

@@ -3,13 +3,13 @@
 An integrator is built once for a model and has
 
 - `attempt(h, held_at, start) -> Attempt`: one step of size h [s] from the model's saved state, which the model's
-  current state equals on entry; `held_at(s)` gives the constraints s seconds into it, and sets the wind there; `start`
+  current state equals on entry; `held_at(s)` gives the constraints s seconds into it, and sets the wind there. `start`
   are the measures at its beginning. The model ends in the proposed state, also where the attempt names a rejection:
   rolling back is the stepper's.
-- `commit()`: the last attempt was accepted. `reset()`: the state was changed by hand. `loosen()`: something that was sewn
-  together has opened; only methods that know seams.
-- `checkpoint()`, `resume(state)`: what it remembers from step to step, as arrays by name.
-- `system`: what it solves with, or None.
+- `commit()`: the last attempt was accepted. `reset()`: the state was changed by hand. `loosen()`: seams
+  have opened; only methods that know seams.
+- `checkpoint()`, `resume(state)`: its state kept from step to step, as arrays by name.
+- `system`: the linear system that it solves, or None.
 - `stable_step`: the largest step [s] that is stable near rest; infinite for implicit methods.
 
 Methods with stages solved by Newton use the operator with their own c in M - c D - c^2 K.
@@ -26,7 +26,7 @@ from ...system.state import ParticleState
 
 def build(name: str, fields: Fields, model: ParticleState, forces: list, meter: Assembler, options: Options, runtime: Runtime,
           scene: Scene, contacts=None):
-    """The integrator of a name in `INTEGRATORS`; only what it needs is imported.
+    """The integrator of a name in `INTEGRATORS`; only its own modules are imported.
 
     Args:
         meter: with an operator, unless the method is explicit.

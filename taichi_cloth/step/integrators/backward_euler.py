@@ -1,9 +1,11 @@
 """Backward Euler: the paper's single linear solve (18), and more of them where the first does not hold.
 
 The step is the minimum of
+
     Phi(v) = 1/2 (v - v_0)^T M (v - v_0) + E(x_0 + h v + y) + h R(v),
-R half the dissipated power; `nonlinear.euler` says how far it is gone after, `nonlinear.solid_contact` and
-`nonlinear.layer_contact` what contact adds.
+
+R half the dissipated power. `nonlinear.euler` decides how closely it is approached. `nonlinear.solid_contact` and
+`nonlinear.layer_contact` add the terms of contact.
 """
 
 import math
@@ -44,7 +46,7 @@ class BackwardEuler(Checkpointed):
             self.policy.solved = SolvedStep  # type: ignore[attr-defined]
 
     def _policy(self) -> EulerPolicy:
-        """What problems a step is made of."""
+        """The policy that makes the problems of a step."""
         contacts, with_what = self.contacts, (self.system, self.energy, self.effort)
         if contacts is None:
             return EulerPolicy(*with_what)
@@ -64,7 +66,7 @@ class BackwardEuler(Checkpointed):
         """The state was changed by hand: nothing is remembered."""
 
     def loosen(self) -> None:
-        """What was sewn together has opened where the model is."""
+        """Seams have opened in the model's state."""
         self.system.loosen()
 
     def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
@@ -85,8 +87,10 @@ class BackwardEuler(Checkpointed):
                        **({} if contacts is None else contacts.counts()))
 
     def expected(self) -> tuple[np.ndarray, float, int]:
-        """Of the last attempt: ((n, 3) velocities [m/s] that its end would have if the motion went on, the part of h times
-        what these are off by that is its error of positions, its order)."""
+        """(velocities (n, 3) [m/s] extrapolated to the end of the last attempt, error factor, order of the method).
+
+        The factor times h, times the error of these velocities, is the error of positions.
+        """
         return self.system.model.read_saved()[1], 0.5, 1
 
     def follow(self, h: float, power: float) -> None:
@@ -96,10 +100,10 @@ class BackwardEuler(Checkpointed):
         """The next attempt does not go on from the step before."""
 
     def _span(self, h: float) -> float:
-        """What the method multiplies forces by [s]."""
+        """The method's factor of forces [s]."""
         return h
 
     def commit(self, taken: float = 0.0) -> None:
-        """The last attempt was accepted; what remembers took so much [J] after it."""
+        """The last attempt was accepted; forces with memory took the energy `taken` [J] after it."""
         if self.contacts is not None:
             self.contacts.commit()

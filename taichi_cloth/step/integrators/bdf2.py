@@ -6,16 +6,16 @@ With w = h/h_0, the step over the one before, and k = w^2/(1 + 2 w),
     (x_b, v_b) = (x_0, v_0) + k (x_0 - x', v_0 - v'),
 
 with (x', v') the state before: a step of backward Euler from another base, so that contact is in its solve as it is there.
-What is held is at its target with its mean velocity of the step, (target - x_0)/h, and an alteration y makes up for the rest:
-nothing bounces. The first solve is linearized where the motion would lead, v = v_0 + w (v_0 - v'), and Newton's method goes on
-as in a stage of TR-BDF2.
+Held particles are at their targets with their mean velocity of the step, (target - x_0)/h. An alteration y makes up for the
+rest, so nothing bounces. The first solve is linearized at the extrapolated motion, v = v_0 + w (v_0 - v'). Newton's method
+goes on as in a stage of TR-BDF2.
 
 Impacts are no part of a motion that goes on. Before the next step they are taken out of (x', v'):
 - of directions that contact has just begun to hold, the whole change of velocity;
-- of friction that has just begun, and of forces of pairs as far as they are larger than in the step before, what of their
-  impulse shows in the particle's change of velocity: nothing of what other forces made up for.
+- of friction that has just begun, and of the growth of pairs' forces since the step before, the part of their impulse
+  that shows in the particle's change of velocity. The part that other forces balanced stays.
 
-Source: Curtiss, Hirschfelder 1952; what is done about contact is ours. A step that it cannot take is redone by backward Euler,
+Source: Curtiss, Hirschfelder 1952; the treatment of contact is ours. A step that it cannot take is redone by backward Euler,
 and so are the first one, those of sewn cloth, and those in which something is pinched or tangled.
 """
 
@@ -33,7 +33,7 @@ from ..nonlinear.history import HistoryEnergy
 from ..nonlinear.system import System
 from .backward_euler import BackwardEuler
 
-FIRST = 0.01  # relative residual of a first solve, which says what contacts bear
+FIRST = 0.01  # relative residual of a first solve, which gives the contact forces
 RATIO = 2.0  # largest step over the one before; BDF2 is stable up to 1 + sqrt 2
 
 
@@ -93,7 +93,7 @@ class BDF2(BackwardEuler):
         self.energy.follow(power)
 
     def _base(self, h: float) -> Base:
-        """Of a step of h [s] from the saved state."""
+        """The base of a step of h [s] from the saved state."""
         x, v = self.model.read_saved()
         w = h / self.h_0
         k, moved, faster = w**2 / (1 + 2 * w), x - self.x_0, v - self.v_0
@@ -103,7 +103,7 @@ class BDF2(BackwardEuler):
         return h if self.system.base is None else self.system.base.c
 
     def commit(self, taken: float = 0.0) -> None:
-        """The last attempt was accepted; what remembers took so much [J] after it."""
+        """The last attempt was accepted; forces with memory took the energy `taken` [J] after it."""
         x, v = self.model.read_particles()
         x_0, v_0 = self.model.read_saved()
         self.x_0, self.v_0, self.h_0 = x_0.copy(), v_0.copy(), self.h_1
@@ -136,6 +136,6 @@ class BDF2(BackwardEuler):
 
 
 def _share(change: np.ndarray, impulse: np.ndarray) -> np.ndarray:
-    """What of impulses (k, 3) per mass [m/s] shows in changes of velocity (k, 3): nothing of what other forces made up for."""
+    """Parts of impulses (k, 3) per mass [m/s] that show in changes of velocity (k, 3), not balanced by other forces."""
     size = np.maximum(np.sum(impulse**2, axis=-1, keepdims=True), 1e-300)
     return np.clip(np.sum(change * impulse, axis=-1, keepdims=True) / size, 0, 1) * impulse

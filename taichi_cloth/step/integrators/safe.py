@@ -1,7 +1,7 @@
 """The default: TR-BDF2, and backward Euler for the steps that it cannot take.
 
-A step that gains energy or whose Newton iteration fails is redone by backward Euler with its energy test, which loses
-accuracy but not the run; without solids, and limits of strain, it is first tried smaller, twice. Steps in which
+A step that gains energy or whose Newton iteration fails is redone by backward Euler with its energy test. This loses
+accuracy but not the run. Without solids and limits of strain, the step is first tried smaller, twice. Steps in which
 cloth touches solids are backward Euler's too (BDF2's where asked for): contact is settled in its solve. And so are those in
 which something tears, and recoils.
 """
@@ -31,7 +31,7 @@ class Safe(Checkpointed):
     """TR-BDF2 with backward Euler to fall back on.
 
     Args:
-        only_contact: falls back for contact alone; what else goes wrong rejects the step.
+        only_contact: falls back for contact alone; any other failure rejects the step.
     """
 
     stable_step = math.inf
@@ -74,7 +74,7 @@ class Safe(Checkpointed):
         return redone.instead_of(made, reason)
 
     def commit(self, taken: float = 0.0) -> None:
-        """The last attempt was accepted; what remembers took so much [J] after it."""
+        """The last attempt was accepted; forces with memory took the energy `taken` [J] after it."""
         self.last.commit(taken)
         if self.last is self.robust:
             self.mean = self.mean_1
@@ -101,11 +101,11 @@ class Safe(Checkpointed):
         return self.contacts.meets(h, held, x, v)
 
     def _judged(self, h: float, made: Attempt, held_at: Callable[[float], Held | None]) -> Attempt:
-        """With an estimate of the step's error, where one is asked for: h (v_1 - v_0) / 2 for backward Euler's, for BDF2's
-        h (h + h_0) / (3 (2 h + h_0)) (v_1 - v), v what v_0 and the step before lead to.
+        """The attempt with an estimate of its error, if one is asked for.
 
-        Over the steps these telescope: what swings to and fro, as cloth does after an impact, cancels out. So the
-        acceleration counts that it has on an average over a while. What is led goes as it is told: it has no error.
+        It is h (v_1 - v_0) / 2 for backward Euler, and h (h + h_0) / (3 (2 h + h_0)) (v_1 - v) for BDF2. v is the
+        velocity extrapolated from v_0 and the step before. Over the steps these telescope: oscillations, as of cloth
+        after an impact, cancel out. Therefore the mean acceleration over a while counts. Led particles have no error.
         """
         if self.tolerance is None or made.rejection is not None:
             return made

@@ -6,13 +6,13 @@ t + h by BDF2:
     M (v_g - v_0) = c (F_0 + f(x_g, v_g)),  x_g = x_0 + c (v_0 + v_g)
     M (v_1 - v_p) = c f(x_1, v_1),          x_1 = x_p + c v_1,   (x_p, v_p) = a (x_g, v_g) - b (x_0, v_0)
 
-F_0 is the force that the last stage of the step before implies, M (v_1 - v_p) / c, and not f(x_0, v_0): evaluated, its
-high frequencies would be as wrong as Newton's tolerance allows, times their stiffness. Both stages have the matrix
+F_0 is the force that the last stage of the step before implies, M (v_1 - v_p) / c, and not f(x_0, v_0). An evaluated force
+would have an error at high frequencies: Newton's tolerance, times their stiffness. Both stages have the matrix
 M - c D - c^2 K. The embedded error estimate is that of the third-order formula on the same stages, filtered by the
 same matrix [Hosea & Shampine 1996].
 
 A step that gains energy beyond the work put in (`ledger`) is rejected by name, but for a hundredth of the motion's: a
-method of second order loses and gains in turn. What it gained before and has not lost again counts.
+method of second order loses and gains in turn. Energy gained before and not lost again counts.
 """
 
 import math
@@ -47,8 +47,8 @@ WEIGHT = math.sqrt(2) / 4  # of the beginning and of the first stage in a step; 
 WORK = 0.05  # part of the constraints' work in a step by which the quadrature may be off
 SHARE = 0.1  # of the error allowed in a step that Newton's method may leave
 HORIZON = 0.5  # s: time in which a run may gather the error asked for
-LEFT = 0.01  # part of the motion's energy that what solves leave undone may put into a step, or take from it
-CLOSER, FURTHER = 0.01, 0.1  # where it did more: times residuals of solves, and times what Newton's method may leave
+LEFT = 0.01  # part of the motion's energy that residuals of solves may put into a step, or take from it
+CLOSER, FURTHER = 0.01, 0.1  # beyond that: factors of residuals of solves, and of the change that Newton's method may leave
 FILTER = 0.01  # relative residual of the solve that filters the error estimate
 
 NO_PINS: tuple[np.ndarray, ...] = np.zeros(0, dtype=np.int32), np.zeros((0, 3, 3)), np.zeros((0, 3))
@@ -69,7 +69,7 @@ class TRBDF2(Checkpointed):
         self.c = 0.0  # of the last step [s], while a_0 is still to be taken from it: (v_1 - v_p)/c
         self.tried = 0.0  # of the last attempt
         self.rate: float | None = None  # at which energies grow at the saved state [W], where a_0 is taken there
-        self.pins = NO_PINS  # particles and projectors, and what is attached softly
+        self.pins = NO_PINS  # particles and projectors, and soft attachments
         self.power = 0.0  # of the constraints [W] at the end of the last step
         self.power_1 = 0.0
         self.debt = self.debt_1 = 0.0  # energy [J] that steps gained and have not lost again; after the attempt
@@ -78,8 +78,8 @@ class TRBDF2(Checkpointed):
         self.weight = float(np.linalg.norm(gravity) * self.model.mass.sum())  # [N]
 
     def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
-        """One step; see the package. Where what its solves left undone puts energy in or takes it, they are done again, more
-        exactly. Where stiffness is abrupt only what it takes counts, and Newton's method goes no further."""
+        """One step; see the package. If residuals of its solves put energy in or take it, the solves are done again, more
+        exactly. If stiffness is abrupt only energy taken counts, and Newton's method goes no further."""
         effort = self._effort(h)
         made = self._attempt(h, held_at, start, effort)
         ledger, measures = made.ledger, made.measures
@@ -103,7 +103,7 @@ class TRBDF2(Checkpointed):
         pins = held_at(0.0)
         fresh = self._remember(pins, c, clock)
         if self.rate is not None:
-            start = replace(start, rate=self.rate)  # what is attached may be another
+            start = replace(start, rate=self.rate)  # attachments may have changed
         middle = held_at(GAMMA * h)
         with clock.part("EVAL"):
             self._base(0, c, self.c, int(fresh))
@@ -122,7 +122,7 @@ class TRBDF2(Checkpointed):
             power_1, extra_1 = self._reaction_power(held, c, pins, h)
             self.power_1 = power_1 + extra_1
             weights = (WEIGHT * h, WEIGHT * h, c)
-            before = 0.0 if self.rate is not None else self.power  # what a_0 implies; where it is f(x_0, v_0)/M nothing holds
+            before = 0.0 if self.rate is not None else self.power  # as a_0 implies; with f(x_0, v_0)/M nothing holds
             start, led = self.system.meter.led(start, 0.5)
             work = Work(pins=sum(w * p for w, p in zip(weights, (before, power, power_1))),
                         gas=self.pump.mean(held_at, h, stage.measures, pumped))
@@ -148,7 +148,7 @@ class TRBDF2(Checkpointed):
         return Attempt(None, "", measures, tuple(solutions), clock.seconds, error=error, order=2, ledger=ledger)
 
     def commit(self, taken: float = 0.0) -> None:
-        """The last attempt was accepted; what remembers took so much [J] after it."""
+        """The last attempt was accepted; forces with memory took the energy `taken` [J] after it."""
         self.known, self.power, self.c, self.motion, self.rate = True, self.power_1, self.tried, self.motion_1, None
         self.debt = max(0.0, self.debt_1 - taken)
 
@@ -157,7 +157,7 @@ class TRBDF2(Checkpointed):
         self.known, self.power, self.c, self.debt, self.motion, self.rate = False, 0.0, 0.0, debt, 0.0, None
 
     def loosen(self) -> None:
-        """What was sewn together has opened where the model is: forces of the last step do no more."""
+        """Seams have opened in the model's state: forces of the last step are invalid."""
         self.known = False
         self.system.loosen()
 
@@ -171,7 +171,7 @@ class TRBDF2(Checkpointed):
         return self.motion_1 + self.weight * FALL * h
 
     def _effort(self, h: float) -> Effort:
-        """What a stage is worth: no digit that neither the step nor the error asked for needs."""
+        """Tolerances of a stage: no digit beyond those that the step or the tolerance asked for needs."""
         options = self.options
         moved, part, cg_tol = options.newton_tol, 0.0, options.cg_tol
         if options.tolerance is not None:
@@ -197,9 +197,9 @@ class TRBDF2(Checkpointed):
         return Attempt(stage.rejection, f"{which}: {stage.detail}", stage.measures, tuple(solutions), clock.seconds)
 
     def _reaction_power(self, held: Held | None, c: float, before: Held | None, t: float) -> tuple[float, float]:
-        """(power [W] of the constraints at the end of a stage, t [s] after the step's start; what the stage's velocities make
-        of it beyond). What begins to be held as it moves is thrown back in the first stage: a constraint's own velocity is
-        that of its targets, `before` at the start."""
+        """(power [W] of the constraints at the end of a stage, t [s] after the step's start; its excess by the stage's
+        velocities). A moving particle that begins to be held is thrown back in the first stage. A constraint's own
+        velocity is that of its targets, `before` at the start."""
         if held is None or not (held.moving or self.rate is not None):
             return 0.0, 0.0
         v, R = self.model.read_particles()[1][held.index], self.system.reaction_rows()
@@ -252,7 +252,7 @@ class TRBDF2(Checkpointed):
 
     @ti.kernel
     def _lag(self, c: float) -> float:
-        """sum_i w_i/h F_i . (v_i - u), u = (v_0 + v_1)/2: what the method's velocities take [W], see `ledger`."""
+        """sum_i w_i/h F_i . (v_i - u), u = (v_0 + v_1)/2: power [W] lost by the method's velocities, see `ledger`."""
         total = ti.cast(0, self.system.solver.sum_type)
         ti.loop_config(serialize=True)
         for _ in range(1):

@@ -1,6 +1,6 @@
 """Velocity Verlet: explicit, second order, no solver; many substeps at its stable step in one step.
 
-Bending is so much softer than the membrane that it need not be evaluated as often: its force acts every few substeps
+Bending is much softer than the membrane and need not be evaluated as often. Its force acts every few substeps
 with as many times its weight (an impulse method [Tuckerman, Berne, Martyna 1992]), which keeps the order.
 On the CPU all substeps of a step are one launch, by a phase scheduler.
 """
@@ -62,7 +62,7 @@ class Verlet(Checkpointed):
         self.soft: Any = next((f for f in forces if isinstance(f, Pulls)), None)
         self.tows = self.soft is not None
         self.towed = fields.real(1, dtype=ti.f32 if runtime.sums == "f32" else ti.f64)  # the same of places that pull softly
-        self.pulled = fields.real(1, dtype=ti.f32 if runtime.sums == "f32" else ti.f64)  # work of what is led [J]
+        self.pulled = fields.real(1, dtype=ti.f32 if runtime.sums == "f32" else ti.f64)  # work of led particles [J]
         self.drag = next((f for f in forces if f.uniform), None)
         self.ramps, self.gusty = self.drag is not None, any(f.gusty for f in forces)
         self.stable_step, bending = (stable_step(sum(f.rates[0] for f in of), sum(f.rates[1] for f in of))
@@ -140,8 +140,8 @@ class Verlet(Checkpointed):
                        ledger=with_attachments(many_steps(start, measures, work), led))
 
     def _ways(self, before: Pulled, steps: int) -> tuple[tuple[np.ndarray, np.ndarray], float]:
-        """((particles (k,), ways (k, 3) [m] that their places go), work [J] of the first half substep, or of what begins to
-        pull or lets go): places, which are at the end of some substeps, go back to where they were `before` these."""
+        """((particles (k,), ways (k, 3) [m] that their places go), work [J] of the first half substep, or of attachments
+        that begin or let go). Places at the end of some substeps go back to their positions `before` these."""
         now, x = self.soft.now, self.model.read_particles()[0]
         if np.array_equal(before.index, now.index) and np.array_equal(before.law, now.law):
             self.soft.put(before)
@@ -151,7 +151,7 @@ class Verlet(Checkpointed):
         return (self.free[0], self.free[2]), now.energy(x) - before.energy(x)
 
     def commit(self, taken: float = 0.0) -> None:
-        """The attempt was accepted; what remembers took so much [J] after it."""
+        """The attempt was accepted; forces with memory took the energy `taken` [J] after it."""
         self.waiting = False
 
     def reset(self) -> None:
@@ -159,13 +159,16 @@ class Verlet(Checkpointed):
         self.waiting = False
 
     def _wind(self) -> np.ndarray:
-        """Of the time that constraints were last asked for [m/s]."""
+        """Wind at the time of the last constraints [m/s]."""
         return np.zeros(3) if self.drag is None else self.drag.now
 
     def _go(self, h: float, steps: int, every: int, held: Held | None, wind: np.ndarray,
             ways: tuple[np.ndarray, np.ndarray]) -> None:
-        """Substeps, in which held particles go along lines to their targets and arrive with the lines' velocity, places that
-        pull softly go their ways, and the wind changes evenly from what it was."""
+        """Substeps in which the wind changes evenly.
+
+        Held particles go along lines to their targets and arrive with the lines' velocity. Places of soft attachments
+        go their ways.
+        """
         pins, gust = self.free, (self._wind() - wind) / steps
         if held is not None:
             x = self.model.read_particles()[0][held.index].astype(self.exchange) if held.moving else held.target

@@ -1,8 +1,8 @@
-"""Takes from velocities what a step would else have gained in energy.
+"""Takes off velocities the energy that a step would else have gained.
 
 A backward Euler step may gain a little where the energy is not convex, of second order in h, so that no smaller step
-is free of it. What deforms the cloth is slowed down until the sum is right; how each cloth moves and turns as a whole,
-and what is held, stay as they are, and so do the momenta of cloth that is free.
+is free of it. Velocities of deformation are reduced until the sum is right. The rigid motion of each cloth stays as it is,
+and so do held directions, and the momenta of cloth that is free.
 """
 
 import math

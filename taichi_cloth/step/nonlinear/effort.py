@@ -10,13 +10,13 @@ CALM = 1e-4  # m/s: a correction of velocities that is too small for another ite
 PART = 0.5  # part of the first correction that may be left to do
 FIRST, OTHERS = 0.03, 0.1  # relative residuals of a stage's solves: they need not be more exact than the linearization
 PRELIMINARY, FURTHER = 0.01, 0.03  # of backward Euler's where others follow: of the first, which halves in each; of others
-LEAVES = 0.01  # part of the largest imbalance of forces that such a step's last solve may leave, or of what it may move
-SURE = 0.9  # times the square of what the imbalance of forces fell by: a solve need be no more exact [Eisenstat, Walker 1996]
+LEAVES = 0.01  # part of the largest imbalance of forces that such a step's last solve may leave; or of `Effort.moved`
+SURE = 0.9  # times the square of the ratio of imbalances of forces: a solve need be no more exact [Eisenstat, Walker 1996]
 
 
 @dataclass(frozen=True)
 class Effort:
-    """What a step is worth.
+    """Tolerances of a step.
 
     Attributes:
         moved: RMS of the last change of position [m] that is small enough.
@@ -40,7 +40,7 @@ class Forcing:
         first: of (18); preliminary: of one that others are to follow.
         further, last: of those that follow, at most and at least.
         mending: of those that only mend energy, where contact or a limit made it grow.
-        imbalance, most: of forces before the last solve, and the largest so far; left: what that solve may have left of it.
+        imbalance, most: of forces before the last solve, and the largest so far; left: bound of it after that solve.
     """
 
     first: float
@@ -75,7 +75,7 @@ class Forcing:
         return tolerance
 
     def enough(self, moved: float) -> bool:
-        """Whether the last solve was exact enough to be a step's last, which moved the cloth by this part of what counts."""
+        """Whether the last solve was exact enough to be a step's last. It moved the cloth by this part of `Effort.moved`."""
         return self.left <= LEAVES * self.most or moved <= LEAVES
 
 

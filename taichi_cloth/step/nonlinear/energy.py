@@ -1,8 +1,8 @@
-"""The test of energy that a backward Euler step has to pass, and what is done about the little that it may be over.
+"""The test of energy that a backward Euler step has to pass, and the correction of a small excess.
 
 Kinetic and potential energy must not grow by more than the work put in (`ledger`). Phi does not bound kinetic energy, and
-where E is not convex even its minimum may gain some: what is over in the end, or is so little that no further solve is
-worth it, is taken off the velocities (`brake`). Where all of the cloth is led there is nothing that a step could do better.
+if E is not convex even its minimum may gain some. An excess that is left at the end, or is too small to be worth a
+further solve, is taken off the velocities (`brake`). If all of the cloth is led, no step could do better.
 """
 
 import math
@@ -33,12 +33,13 @@ class EnergyTest:
     def conclude(self, h: float, held: Held | None, start: Measures, measures: Measures, most: float,
                  stiffened: float | None = None, fits: Callable[[Measures, Ledger], bool] | None = None,
                  slack: float = 0.0) -> tuple[Measures, Ledger] | None:
-        """(measures, ledger) of the step as it is, if its energy has not grown beyond work and rounding, or after what it has
-        grown by was taken off velocities; None where that is too much.
+        """(measures, ledger) of the step, if its energy has not grown beyond work and rounding.
+
+        Else they are those after the excess was taken off velocities; None if that is too much.
 
         Args:
             most: part of the velocities that may be taken off.
-            stiffened: energy [J] that layers of cloth may have been given; None: what they were.
+            stiffened: energy [J] that layers of cloth may have been given; None: the energy they were given.
             slack: part of all that a step's energy goes through by which works may be off.
             fits: whether a step that has to be slowed down is good enough otherwise; it is left alone if not. None: all are.
         """
@@ -69,7 +70,7 @@ class EnergyTest:
         return held is not None and len(held.index) == self.model.n and bool((held.projector == np.eye(3)).all())
 
     def work(self, h: float, held: Held | None, start: Measures, measures: Measures) -> Work:
-        """What was put in by what holds, touches and alters positions, as the last solve took it."""
+        """Work put in by constraints, contacts and alterations of positions, by the forces of the last solve."""
         x, v = self.model.read_particles()
         by_pins = by_solids = lifted = lowered = friction = edges = layers = 0.0
         between = self.contacts.between_layers(x) if self.contacts is not None else np.zeros_like(x)
@@ -87,7 +88,7 @@ class EnergyTest:
         if self.model.sewn is not None and self.model.sewn.led:
             by_pins += float(np.sum(self.system.tension() * v))
         if self.contacts is not None:
-            if self.contacts.start.small:  # what no smaller step can do better is let be
+            if self.contacts.start.small:  # no smaller step can do better: not paid for
                 lifted, lowered = lifted + lowered, 0.0
             friction, edges = self.contacts.works(x, v)
             stored = measures.energies.get("contact", 0.0) - start.energies.get("contact", 0.0)
@@ -95,8 +96,9 @@ class EnergyTest:
         return Work(pins=by_pins, solids=by_solids + edges, lifted=lifted, lowered=lowered, friction=friction, layers=layers)
 
     def _altering(self, x: np.ndarray, index: np.ndarray, y: np.ndarray, between: np.ndarray) -> tuple[float, float]:
-        """(what it takes to alter positions x (n, 3) of particles index (k,) by y (k, 3), the part of it that is stored
-        between layers) [J]: dE . y, with the cloth's energy here and layers' forces between (n, 3) in the last solve.
+        """(work to alter positions x (n, 3) of particles index (k,) by y (k, 3), the part of it stored between layers) [J].
+
+        The work is dE . y, with the cloth's energy here and layers' forces between (n, 3) in the last solve.
 
         The model is left with y as its velocities.
         """

@@ -6,10 +6,10 @@ work put in: the paper's cheap case. Else it is shortened until Phi is no more t
 on from there, until a full Newton step is taken and the energy is right. With `converge` it always goes on, until a
 Newton step moves the cloth by less than `newton_tol`: nonlinear backward Euler.
 
-Further steps take damping as an energy of the step, and all of its second derivative and of the membrane's where the matrix is
-positive definite: forces and Phi belong together, and Newton's method converges from far away.
+Further steps take damping as an energy of the step, and with all of its second derivative and of the membrane's where the
+matrix is positive definite. Forces and Phi then agree, and Newton's method converges from far away.
 
-Differs from [BW98]: the test and what follows it; the paper accepts every solve.
+Differs from [BW98]: the test and the further solves; the paper accepts every solve.
 """
 
 from collections.abc import Callable
@@ -32,7 +32,7 @@ from .system import System
 PATIENCE = 5  # of them without one that goes all of its way
 BEARABLE = 0.2  # part unaccounted for with which a step is better than a smaller one
 EARTH = 9.81  # m/s^2: what a step leaves is compared with its gain in a fall there, also where gravity is less
-LOOSE = 0.1  # part of what a step's energy went through that may be unaccounted for where something may rip, or gas works,
+LOOSE = 0.1  # part of a step's exchanged energy that may be unaccounted for where something may rip, or gas works,
 ACCOUNTED = 0.02  # and where cloth is beyond a limit, or in which something does
 
 
@@ -71,7 +71,7 @@ class EulerStep(StepProblem):
         return self.unsolved()
 
     def solve_linear(self, tolerance: float | None = None) -> None:
-        """(18) with what is held; the model ends in what it says. A solve of a `tolerance` of its own is preliminary."""
+        """(18) with the constraints; the model ends in its solution. A solve of a `tolerance` of its own is preliminary."""
         system, h, held = self.system, self.c, self.held
         with self.clock.part("EVAL"):
             self.before = system.linearize_first(h, held)
@@ -80,7 +80,7 @@ class EulerStep(StepProblem):
         self.solve_linearized(tolerance)
 
     def solve_linearized(self, tolerance: float | None = None, fresh: bool = True) -> None:
-        """As `solve_linear`, of the system as it is linearized. Not `fresh`, its last solve goes on."""
+        """Solves the system as it is linearized, as `solve_linear` does. Not `fresh`, its last solve goes on."""
         system, h, held = self.system, self.c, self.held
         with self.clock.part("CG"):
             warm = not fresh or len(self.solutions) > 0
@@ -96,7 +96,7 @@ class EulerStep(StepProblem):
             system.settle(held)
 
     def further(self) -> Outcome | None:
-        """A Newton step from where the model is; what is held is where it must be."""
+        """A Newton step from the model's state; constrained particles are at their targets."""
         self.over = self.c if self.system.base is None and not self.touches else 0.0
         with self.clock.part("EVAL"):
             here = self.system.linearize(self.c, over=self.over)
@@ -106,7 +106,7 @@ class EulerStep(StepProblem):
             tolerance = self.forcing.mending if self.touches or self.before.used > 1 else self.forcing.further
             if self.forcing.follows:
                 tolerance = self.forcing.next(self.system.imbalance(self.held))
-            fresh = self.system.base is None  # else a little further: what was made for the first solve will do
+            fresh = self.system.base is None  # else close by: the first solve's preconditioner will do
             self.solutions.append(self.system.solve(tolerance, self.held, fresh=fresh, lasting=True, again=True))
         self.level = self.potential(self.before)
         return self.unsolved()
@@ -145,12 +145,12 @@ class EulerStep(StepProblem):
                     if ended is not None and self.ended is None and self.doubt(*ended) < BEARABLE:
                         self.resort = self.return_to(ended)
             self.level = self.start.total + self.system.rounding(self.c, self.start, measures)
-        # a shorter first step would leave behind what is led, and a guess that is better than standing still
+        # a shorter first step would leave led particles behind, and a guess that is better than standing still
         whole = self.ended is not None or self.system.leads or self.system.base is not None
         return whole or phi(measures, self.c) <= self.level
 
     def lags(self, measures: Measures) -> float:
-        """What Phi may grow by [J] where the air's R changes with x, which its force rightly knows nothing of."""
+        """Growth [J] allowed to Phi as the air's R changes with x; its force rightly ignores that change."""
         return self.c * abs(measures.air - self.before.air) if self.over > 0 else 0.0
 
     def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
@@ -176,7 +176,7 @@ class EulerStep(StepProblem):
         return self.finish(*ended)
 
     def accounted(self, ended: tuple[Measures, Ledger] | None) -> tuple[Measures, Ledger] | None:
-        """The end of a step, or None where it does not fit; what was slowed down did, before that."""
+        """The end of a step, or None if it does not fit; a step that was slowed down passed that test before."""
         return ended if ended is None or ended[1].braked or self.fits(*ended) else None
 
     def fits(self, measures: Measures, ledger: Ledger) -> bool:
@@ -199,7 +199,7 @@ class EulerStep(StepProblem):
 
     @property
     def exacting(self) -> bool:
-        """Whether cloth is beyond a limit, may tear, or gas works on it: then what solves leave undone counts."""
+        """Whether cloth is beyond a limit, may tear, or gas works on it: then the residuals of solves count."""
         return self.start.used > 1 or self.system.fragile
 
     @staticmethod
@@ -209,7 +209,7 @@ class EulerStep(StepProblem):
         return abs(ledger.unaccounted) / max(through, 1e-300)
 
     def return_to(self, ended: tuple[Measures, Ledger]) -> Callable[[], Outcome]:
-        """What puts the model, and what holds it, back to where they are, and ends the step there."""
+        """A function that puts the model and its reactions back to their present state, and ends the step there."""
         system = self.system
         particles, rows = system.model.read_particles(), system.reaction_rows()
         tension = None if system.model.sewn is None else system.tension()
@@ -222,7 +222,7 @@ class EulerStep(StepProblem):
         return back
 
     def finish(self, measures: Measures, ledger: Ledger) -> Outcome:
-        """Of a step that took more than (18). What comes after it asks for powers at its end."""
+        """Outcome of a step that took more than (18). The next step asks for powers at its end."""
         return Outcome(None, "", self.at_end(measures), ledger)
 
     def at_end(self, measures: Measures) -> Measures:
@@ -241,7 +241,7 @@ class EulerStep(StepProblem):
 
 
 class EulerPolicy:
-    """What problems a step is made of: here one `EulerStep`, by the single solve (18) and `newton_max` more where needed."""
+    """The problems of a step: here one `EulerStep`, by the single solve (18) and up to `newton_max` more."""
 
     step = EulerStep
 

@@ -18,7 +18,7 @@ from ..ledger import Ledger, Work, gained
 from .energy import EnergyTest
 from .system import System
 
-GAIN, DEBT = 0.01, 0.03  # of the motion's energy: what a step may gain, and steps before they have lost as much again
+GAIN, DEBT = 0.01, 0.03  # of the motion's energy: gain allowed in a step, and in steps before they have lost as much again
 LAPSE = 0.1  # s, over which the motion's scale forgets
 FALL = 0.1  # m/s: and the work of gravity at this speed counts
 WORK = 0.01  # part of all works by which their quadrature may be off
@@ -87,7 +87,7 @@ class HistoryEnergy(EnergyTest, Checkpointed):
         return measures, ledger
 
     def _undone(self, c: float, measures: Measures, end: Work, stored: float) -> float:
-        """Work [J] of what the solve left undone: v . (M (v - v_base) - c F)."""
+        """Work [J] of the solve's residual: v . (M (v - v_base) - c F)."""
         assert self.base is not None
         kinetic = 0.5 * float(np.sum(self.model.mass[:, None] * self.base.v**2))
         done = end.total - end.lifted - end.lowered - stored - c * measures.rate + c * measures.wind - 2 * c * measures.damped

@@ -2,10 +2,10 @@
 
 The first Newton step is (18), with the contacts that the last motion leads to; each further one takes contacts, of layers
 and of solids, as they are where it begins. None goes further than its collision-free step size. The step is made when a
-Newton step could be taken whole, its forces are what contacts then have, and its energy has not grown beyond the work put
+Newton step could be taken whole, contacts have the forces of its solve, and its energy has not grown beyond the work put
 in. Intersections that are pulled apart are given energy.
 
-Where in two steps running a Newton step was cut short, or changed many contacts with solids, the next step's first one is not
+If a Newton step was cut short, or changed many contacts with solids, in two steps running, the next step's first one is not
 likely to be its last. Its solve then need only say which pairs meet, and so need the second if the first was cut short; all
 others of that step may leave LOOSER times `cg_tol`. None of this where something is pinched or passes through itself.
 """
@@ -48,7 +48,7 @@ class LayerStep(EulerStep):
     Attributes:
         rough: whether the first Newton step is unlikely to be the last; preliminary: whether the next one is, and its solve
             may be rough.
-        reference: residual norm with which the step began: what further solves leave undone is held against no less.
+        reference: residual norm at the start of the step: tolerances of further solves are relative to no less.
         released: whether pairs that leave no room were released, so that the step is worth another attempt.
     """
 
@@ -106,7 +106,7 @@ class LayerStep(EulerStep):
         with self.clock.part("CG"):
             z = system.to_go(held, h) if k else None
             tolerance, least = self.cg_tol * (LOOSER if self.rough and k else 1.0), self.reference
-            if self.agreed:  # all but the energy is right: what solves have left undone has made it grow
+            if self.agreed:  # all but the energy is right: residuals of solves have made it grow
                 tolerance, least = self.cg_tol, 0.0
             if self.preliminary and tolerance < ROUGH:
                 tolerance, least = ROUGH, least * tolerance / ROUGH
@@ -150,7 +150,7 @@ class LayerStep(EulerStep):
         return self.potential(measures) <= self.level + slack
 
     def potential(self, measures: Measures) -> float:
-        """Phi [J] with what friction, pairs and layers add to it."""
+        """Phi [J] with the terms of friction, pairs and layers."""
         return phi(measures, self.c) + self.contacts.lagged(self.c)
 
     def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:
@@ -174,8 +174,8 @@ class LayerStep(EulerStep):
         return None if ended is None else self.finish(*ended)
 
     def conclude(self, measures: Measures, early: bool = False) -> tuple[Measures, Ledger] | None:
-        """As `EnergyTest.conclude`; what is pulled apart may be given energy. Early, a step has to fit before it is slowed
-        down."""
+        """Calls `EnergyTest.conclude`; intersections that are pulled apart may be given energy. Early, a step has to fit
+        before it is slowed down."""
         given = math.inf if self.layers.intersections.active else self.stiffened + self.layers.stiffened
         return self.energy.conclude(self.c, self.held, self.start, measures, MOST, given,
                                     self.fits if early else None)
@@ -191,7 +191,7 @@ class LayerStep(EulerStep):
         return Outcome(None, "", self.at_end(measures), ledger)
 
     def give_up(self, measures: Measures) -> Outcome:
-        """See `StepProblem`. The smallest of steps are taken as they are; what leaves no room in them is released."""
+        """See `StepProblem`. The smallest of steps are taken as they are; pairs that leave no room in them are released."""
         layers, start, held = self.layers, self.contacts.start, self.held
         ended = self.conclude(measures) if self.part == 1 and start.small else None
         if ended is not None:

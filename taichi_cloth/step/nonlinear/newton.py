@@ -1,10 +1,10 @@
-"""Newton's method with line search, and what a step or stage minimizes, as it sees it.
+"""Newton's method with line search, and its view of the problem that a step or stage minimizes.
 
-    Phi(v) = 1/2 (v - v_base)^T M (v - v_base) + E(x_base + c v) + c R(v) + what contact adds,
+    Phi(v) = 1/2 (v - v_base)^T M (v - v_base) + E(x_base + c v) + c R(v) + terms of contact,
 
 R half the dissipated power; in further solves of backward Euler without contact, c R has damping as an energy of the step,
-see `Force.damp_over`. Its gradient is 0 where M (v - v_base) = c f(x_base + c v, v); with a positive semidefinite K
-each Newton step dv, (M - c D - c^2 K) dv = M (v_base - v) + c f, goes downhill on it.
+see `Force.damp_over`. The gradient of Phi is 0 where M (v - v_base) = c f(x_base + c v, v). A Newton step dv solves
+(M - c D - c^2 K) dv = M (v_base - v) + c f. With a positive semidefinite K it goes downhill on Phi.
 """
 
 from abc import ABC, abstractmethod
@@ -28,7 +28,7 @@ class Outcome:
     """How the solution of a problem ended.
 
     Attributes:
-        rejection: None, or the name of what is wrong; detail: more about it, for people.
+        rejection: None, or the name of its reason; detail: more about it, for people.
         measures: of the state that was reached.
         ledger: of the step's energy, where it was finished.
     """
@@ -44,7 +44,7 @@ class StepProblem(ABC):
     `solve`, `advance`, then `measure` and `acceptable` (after `shift` where the step had to be shortened), `judge`.
 
     Attributes:
-        c: step [s], or what a stage multiplies forces by.
+        c: step [s], or a stage's factor of forces [s].
         held: constraints at its end, of the last solve.
         before, level: measures of the state that a Newton step starts from, and Phi there [J].
         clock, solutions: wall time by part, and linear solves; both go on from problem to problem of a step.
@@ -69,11 +69,11 @@ class StepProblem(ABC):
 
     @abstractmethod
     def measure(self, k: int) -> Measures:
-        """Of the state that the model is in."""
+        """Measures of the model's state."""
 
     @abstractmethod
     def acceptable(self, k: int, part: float, measures: Measures) -> bool:
-        """Whether a Newton step may be taken that far: sufficient decrease, or what else the problem asks for."""
+        """Whether a Newton step may be taken that far: sufficient decrease, or another condition of the problem."""
 
     @abstractmethod
     def judge(self, k: int, part: float, measures: Measures) -> Outcome | None:

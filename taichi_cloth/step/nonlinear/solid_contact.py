@@ -2,7 +2,7 @@
 
 The first Newton step is (18): solves of the same linearization, from the saved state, go on until contacts agree with the
 answer by Coulomb's law (`contact.solid.balance`). Further Newton steps hold the same contacts, with friction and pairs taken
-anew from where they begin; what they add to Phi counts.
+anew from where they begin; their terms of Phi count.
 """
 
 from collections.abc import Callable
@@ -21,7 +21,7 @@ from .euler import EulerPolicy, EulerStep
 from .newton import Outcome, StepProblem, minimize
 from .system import System
 
-ROUNDS = 13  # solves of (18), after which a step goes on with what contacts were last taken to be
+ROUNDS = 13  # solves of (18), after which a step goes on with the last states of contacts
 FINEST = 8  # times smaller than the usual, a step that is not solved is no longer tried smaller. A sheet on a ball, .7 s: with
 # 4, 8, 16 581, 641, 656 solves and .065, .0035, .0016 J unaccounted for; with 64 a rope of next to no weight takes minutes
 
@@ -46,8 +46,9 @@ def predict(system: System, c: float, pins, together: bool) -> None:
 
 
 def forces_at_end(system: System, c: float, held: Held | None, over: float) -> tuple[Measures, np.ndarray, np.ndarray]:
-    """Of the end where the model is, which is linearized there: (measures, impulses (n, 3) [N s] that the step lacks, without
-    friction of what slides on solids, those (k, 3) that balance them on what is held).
+    """Linearizes at the model's state, the step's end, without friction of contacts that slide on solids.
+
+    Returns (measures, impulses (n, 3) [N s] that the step lacks, those (k, 3) that balance them on held particles).
 
     Args:
         over: span [s] over which damping is an energy, or 0.
@@ -62,7 +63,7 @@ def forces_at_end(system: System, c: float, held: Held | None, over: float) -> t
 
 
 class SolidStep(EulerStep):
-    """As `EulerStep`; `held` are the pins at first, then what the last solve held."""
+    """An `EulerStep` in which `held` are the pins at first, then the constraints of the last solve."""
 
     touches = True
 
@@ -110,7 +111,7 @@ class SolidStep(EulerStep):
         return self.unsolved()
 
     def balances(self) -> bool:
-        """Whether contacts agree with the forces where the solve led, as these are there; if so, they bear what balances
+        """Whether contacts agree with the forces at the end of the solve, evaluated there. If so, contact forces balance
         them."""
         system, contacts = self.system, self.system.contacts
         solids, balance = contacts.solids, contacts.balance
@@ -126,7 +127,7 @@ class SolidStep(EulerStep):
         return agrees
 
     def solve_held(self, tolerance: float | None) -> Outcome | None:
-        """(18) with what contacts now hold."""
+        """(18) with the constraints that contacts now set."""
         system, contacts = self.system, self.system.contacts
         with self.clock.part("C-S"):
             self.held, closing = contacts.hold()
@@ -149,13 +150,13 @@ class SolidStep(EulerStep):
         return Outcome(name, detail, self.system.meter.measure())
 
     def further(self) -> Outcome | None:
-        """See `EulerStep`; what contacts held stays held."""
+        """See `EulerStep`; the constraints of contacts stay."""
         with self.clock.part("C-S"):
             self.system.contacts.rebase()
         return super().further()
 
     def potential(self, measures: Measures) -> float:
-        """Phi [J] with what friction and pairs add to it."""
+        """Phi [J] with the terms of friction and pairs."""
         return super().potential(measures) + self.system.contacts.lagged(self.c)
 
     def finish(self, measures: Measures, ledger: Ledger) -> Outcome:

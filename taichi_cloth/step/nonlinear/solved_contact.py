@@ -1,15 +1,18 @@
 """The problem of a backward Euler step in contact with solids, solved to `contact_tol`.
 
-Newton's method on all of it: the cloth's forces, and by one rule what contacts bear, stick and slide
+Newton's method on all of it: the cloth's forces, and by one rule the forces, sticking and sliding of contacts
 (`contact.solid.balance`). The first solve is (18) [BW98 §5, §6] with the contacts that the step before ended with, and those
 that are predicted. It ends the step where that leaves forces and contacts in balance, within `contact_tol` of all that acts.
 Else Newton's method goes on, each solve from where the last one ended. A step that is not solved by then is tried smaller.
 
-Against `solid_contact`: states of contacts follow from one rule in each solve, and none waits for the next step; the balance
-is that of the step's end, not of its linearization; energy is a last guard only. Tried and left out: a line search on the
-potential with friction and depths (as many solves, more evaluations), the prediction as the first linearization's place (as
-many), friction by secants to the end (three times as many steps: it converges by .9 a solve), states by what balance needs
-instead of what the last solve took (they never settle).
+Differs from `solid_contact`: states of contacts follow from one rule in each solve, and none waits for the next step. The
+balance is that of the step's end, not of its linearization. Energy is a last guard only.
+
+Tried and left out:
+- a line search on the potential with friction and depths (as many solves, more evaluations);
+- the prediction as the first linearization's place (as many);
+- friction by secants to the end (three times as many steps: it converges by .9 a solve);
+- states by the forces that balance needs instead of those of the last solve (they never settle).
 """
 
 from dataclasses import replace
@@ -30,12 +33,12 @@ FIRST, OTHERS = 1e-3, 1e-2  # relative residuals of solves: of (18), and of thos
 
 
 class SolvedStep(StepProblem):
-    """`held` are the pins at first, then what the last solve held.
+    """`held` are the pins at first, then the constraints of the last solve.
 
     Attributes:
-        balance: of forces and contacts; found: what it says of the state; residual: as last judged, out of balance by no more
-            than `enough` where the step is solved.
-        lacks: (n, 3) impulses [N s] that the state lacks; taken: what contacts bore in the last solve.
+        balance: of forces and contacts; found: its assessment of the state; residual: as last judged, out of balance by no
+            more than `enough` where the step is solved.
+        lacks: (n, 3) impulses [N s] that the state lacks; taken: contact forces of the last solve.
         over: span [s] over which damping is an energy; 0 where the step starts from a base.
         pairs: of edges that want another solve.
     """
@@ -113,7 +116,7 @@ class SolvedStep(StepProblem):
         """See `StepProblem`: never."""
 
     def measure(self, k: int) -> Measures:
-        """See `StepProblem`; the model is linearized there too, without friction of what slides."""
+        """See `StepProblem`; the model is linearized there too, without friction of sliding contacts."""
         contacts, system = self.contacts, self.system
         solids = contacts.solids
         with self.clock.part("C-S"):
@@ -142,7 +145,7 @@ class SolvedStep(StepProblem):
         return self.finish(measures) if solved else None
 
     def give_up(self, measures: Measures) -> Outcome:
-        """See `StepProblem`. That pairs of edges could be further apart does not keep a step from being taken."""
+        """See `StepProblem`. A step is taken even if pairs of edges could be further apart."""
         if self.pairs and self.residual.off <= self.enough:
             return self.finish(measures)
         r = self.residual

@@ -32,7 +32,7 @@ class Stage(StepProblem):
 
     def leads(self) -> bool:
         """Whether the first iteration has to bring held directions to their targets: these move, or the guess left them, as
-        where a pin holds what had a velocity."""
+        where a pin holds a particle that had a velocity."""
         to_go = self.system.to_go(self.held, self.c)
         if to_go is None or self.held is None:
             return False

@@ -35,10 +35,10 @@ class System:
         gave: whether stitches gave in this step, which is tried again without them.
         pulled: whether something may be attached softly.
         fragile: whether single solves can be far off: something may rip or tear, or is blown up.
-        resolution: what positions are rounded to [m].
+        resolution: rounding of positions [m].
         floor: energy [J] that this rounding amounts to.
-        base: what the step starts from, where that is not the saved state.
-        notes: what could not be made as asked for, and what was instead.
+        base: the start of the step, if not the saved state.
+        notes: requests that could not be met, and their substitutes.
     """
 
     def __init__(self, fields: Fields, model: ParticleState, operator: Operator, forces: list, meter: Assembler,
@@ -88,8 +88,8 @@ class System:
                 self.model.v[i][c] = guess[i, c]
 
     def linearize_first(self, c: float, held: Held | None) -> Measures:
-        """The system of a step's first solve, with the alterations of what is held: (18), from the saved state; from the guess
-        of a base, x = x_base + c v + y, where there is one."""
+        """The system of a step's first solve, with the alterations of held particles: (18), from the saved state. With a
+        base it is linearized at the base's guess, x = x_base + c v + y."""
         self.operator.set_motion(c)
         if self.contacts is not None and held is not None:
             self.operator.alter_motion(held.index, held.y)
@@ -132,7 +132,7 @@ class System:
         return np.maximum((P[:, 0] + P[:, 3] + P[:, 5]) / 3, self.model.mass)
 
     def _leave_out(self, part: bool) -> None:
-        """Whether what of forces may not be semidefinite is left out of the next linearization."""
+        """Sets whether terms of forces that may be indefinite are left out of the next linearization."""
         for force in self._indefinite if part != self._definite else ():
             force.leave_out(part)
         self._definite = part
@@ -140,7 +140,7 @@ class System:
     def solve(self, tolerance: float, held: Held | None, h: float = 0.0, z: np.ndarray | None = None,
               warm: bool = False, fresh: bool = True, lead: float = 0.0, lasting: bool = False,
               again: bool = False, least: float = 0.0, counts: bool = True) -> Solution:
-        """Solves the system as linearized; without what of forces may not be semidefinite where it turns out not to be.
+        """Solves the system as linearized; if it turns out indefinite, without the terms of forces that may be.
 
         Args:
             tolerance: relative residual.
@@ -191,7 +191,7 @@ class System:
         return force
 
     def hold(self, held: Held | None, impulse: np.ndarray) -> None:
-        """What is held at the end of a step, and the impulses (n, 3) [N s] that balance it, stand for the last solve's."""
+        """Constraints of a step's end, and the impulses (n, 3) [N s] that balance it, replace those of the last solve."""
         self.held, self._kept, self._kept_tension = held, None, None
         if self.model.sewn is not None:
             self._kept_tension = self.model.sewn.tension(impulse)
@@ -199,7 +199,7 @@ class System:
             self._kept = self.on_held(held, impulse[held.index])
 
     def on_held(self, held: Held, impulse: np.ndarray) -> np.ndarray:
-        """(k, 3) the part of impulses (k, 3) on held particles that is along what is held; what is sewn together shares it."""
+        """(k, 3) the part of impulses (k, 3) on held particles along held directions; particles sewn together share it."""
         if self.model.sewn is not None:
             impulse = self.model.sewn.shared(held.index, impulse)
         return np.einsum("kij,kj->ki", held.projector.astype(np.float64), impulse)
@@ -222,13 +222,13 @@ class System:
         return float(np.linalg.norm(read(self.solver.r)))
 
     def tension(self) -> np.ndarray:
-        """(n, 3) impulse [N s] that seams put on particles in the last solve; none in all on what is sewn together."""
+        """(n, 3) impulse [N s] that seams put on particles in the last solve; over particles sewn together it sums to zero."""
         if self._kept_tension is not None:
             return self._kept_tension
         return self.model.sewn.tension(read(self.solver.As).astype(np.float64) - read(self.operator.b))
 
     def loosen(self) -> None:
-        """Something that was sewn together has opened: what was made for the system before does no more."""
+        """Seams have opened: the preconditioner of the system before is invalid."""
         self.preconditioner.forget()
 
     def forget(self) -> None:
@@ -254,7 +254,7 @@ class System:
         return (held.target - self._of(self.model.x, held)) / c
 
     def settle(self, held: Held | None) -> None:
-        """Held directions exactly at their targets, what has been sewn together in one place."""
+        """Puts held directions exactly at their targets, and particles sewn together in one place."""
         if held is not None:
             self.filter.lead(held.index, held.projector, held.target, 0.0)
         if self.model.sewn is not None:
