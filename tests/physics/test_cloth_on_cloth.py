@@ -246,9 +246,9 @@ def test_a_strip_between_plates_slips_at_the_force_of_both(mu):
 @pytest.mark.slow
 def test_a_sheet_is_drawn_along_by_no_more_than_friction(cells):
     """A cloth is jerked from under another (`scenes/tablecloth_pull.py`): by its velocities the upper one gains mu g a second
-    while it slips, within 20 % on the mean and 80 % in all frames but one; then both go on as one, in whole steps but for two at most. Of ten
-    starts that differ by a rounding one has 1.15 times as much on the mean and 4.4 times in a frame, the other nine
-    within a tenth on the mean. `contact_laws.py` asks for 2 %."""
+    while it slips, within 20 % on the mean and 80 % in all frames but one; then both go on as one, in whole steps but for two
+    at most. Of ten starts that differ by a rounding one has 1.15 times as much on the mean and 4.4 times in a frame, the other
+    nine within a tenth on the mean. `contact_laws.py` asks for 2 %."""
     pull = scenefile.read(str(pathlib.Path(__file__).parents[2] / "scenes" / "tablecloth_pull.py"))
     scene = pull.make({"cells": cells})
     sim = tc.Simulation(scene, h=1 / 60, cg_tol=1e-3, integrator="backward_euler")
