@@ -312,5 +312,7 @@ MUTATIONS = (
     (CONTACT + "contacts.py", "self.layers.count > 0 or self.layers.intersections.active", "self.layers.count > 0",
      "tangled cloth without contact steps as if free",
      UNIT + "test_a_step_in_which_layers_turn_out_to_meet_begins_anew"),
+    (LAYER_STEP, "contacts.stop_short()", "contacts.solids.stop_short()", "contacts are held that a short step has not met",
+     "tests/physics/test_cloth_on_cloth.py::test_what_rests_lies_as_near_whatever_the_step"),
     (LAYER_STEP, "(self.agrees or later)", "self.agrees", "contacts with solids change for ever", LATER),
 )

@@ -46,7 +46,7 @@ def test_it_comes_together_and_is_as_before(contact):
             assert contact is None or cloth_crossings(sim) == 0
         assert widest > 0.02 and (gap == 0).all() and sim.log[-1].opened == 0
         assert [s for s, t in zip(states, ["", *states]) if s != t] == ["closed", "open", "closing", "closed"]
-        assert np.abs(x - x_0).max() < 4e-3 and np.abs(sim.velocities()).max() < 0.02
+        assert np.abs(x - x_0).max() < 2e-3 and np.abs(sim.velocities()).max() < 0.02
         assert contact is None or sim.log[-1].layers == 0
 
 

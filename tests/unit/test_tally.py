@@ -1,6 +1,7 @@
 """What steps add up to, and logs that are shorter than a run. Most of it without a simulation."""
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -39,6 +40,12 @@ def test_more_than_a_tenth_of_it_unaccounted_for_is_said_with_what_helps(lost, t
         assert f"{share:.0%} of the energy that moved is unaccounted for" in tally.doubt()
         assert all(way in tally.doubt() for way in ("smaller h", "--tolerance", "newton_euler"))
     assert ("of the energy that moved" in _energy(tally)) == told
+
+
+def test_steps_whose_contacts_are_off_their_law_are_counted():
+    """Those that are off by more than a hundredth, and by how much the worst is."""
+    tally = Tally.of([replace(step(), contact_error=error) for error in (0.0, 0.009, 0.02, 0.3)])
+    assert tally.unsolved == 2 and tally.contact_error == 0.3
 
 
 def test_cloth_that_lies_still_is_not_doubted():

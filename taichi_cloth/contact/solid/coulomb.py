@@ -8,7 +8,7 @@ the law where, with any positive m and r [kg],
 then no contact pulls, none is inside, and one that is apart bears nothing. A contact that bears less than mu p_n across
 sticks; one that slides bears as much against its slip [Alart and Curnier 1991]. With the p of a linear solve on the right, the
 left side gives the states in the next one: apart, sticking or sliding. A pure active set lets one row of a cloth slip at a
-time: where contacts begin to slide or stick in the first solve, Coulomb's law is taken smooth in the second (`SMOOTH`).
+time: where more contacts begin to slide than to stick in the first solve, the law is taken smooth in the second (`SMOOTH`).
 
 Solutions are the same with any r, but not the way to them. With the particle's own mass a taut rope round a bar never settles;
 r is by how much a particle resists among its neighbours, `System.inertia`.

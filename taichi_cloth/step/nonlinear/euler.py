@@ -31,7 +31,6 @@ from .system import System
 
 PATIENCE = 5  # of them without one that goes all of its way
 BEARABLE = 0.2  # part unaccounted for with which a step is better than a smaller one
-EARTH = 9.81  # m/s^2: what a step leaves is compared with its gain in a fall there, also where gravity is less
 LOOSE = 0.1  # part of a step's exchanged energy that may be unaccounted for where something may rip, or gas works,
 ACCOUNTED = 0.02  # and where cloth is beyond a limit, or in which something does
 
@@ -44,10 +43,11 @@ class EulerStep(StepProblem):
         effort: how far Newton's method goes on; None: no further than the first solve's energy asks for.
 
     Attributes:
-        touches: whether contact is part of it.
+        touches: whether contact is part of it; least_gravity: [m/s^2] in the fall that its lost energy is compared with.
     """
 
     touches = False
+    least_gravity = 0.0
     over = 0.0
 
     def __init__(self, system: System, energy: EnergyTest, effort: Effort | None, h: float, held: Held | None, start: Measures,
@@ -186,15 +186,15 @@ class EulerStep(StepProblem):
         if self.exacting or measures.used > 1:
             most = ACCOUNTED if self.system.gave or not self.system.fragile else LOOSE
             return doubt <= most
-        if not self.touches or doubt <= BEARABLE or self.squeezed:
+        if not self.touches or doubt <= BEARABLE or self.excused:
             return True
-        g = max(float(np.linalg.norm(self.system.scene.gravity)), EARTH)
+        g = max(float(np.linalg.norm(self.system.scene.gravity)), self.least_gravity)
         fall = 0.5 * self.system.model.mass.sum() * (g * self.c) ** 2
         return abs(ledger.unaccounted) <= BEARABLE * fall
 
     @property
-    def squeezed(self) -> bool:
-        """Whether solids leave cloth no room, or cross it: no solve accounts for what moves it then."""
+    def excused(self) -> bool:
+        """Whether the step touches nothing after all, or solids leave cloth no room: no solve accounts for its motion then."""
         return False
 
     @property

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...backend.rows import read
 from ...backend.timing import Clock
+from ...contact.solid.balance import EARTH
 from ...solver.pcg import Solution
 from ...system.assembler import Measures
 from ...system.held import Held
@@ -66,6 +67,7 @@ class SolidStep(EulerStep):
     """An `EulerStep` in which `held` are the pins at first, then the constraints of the last solve."""
 
     touches = True
+    least_gravity = EARTH
 
     def first(self) -> Outcome | None:
         """(18) with the contacts that agree with it, by solves of which each is twice as exact as the one before."""
@@ -141,9 +143,10 @@ class SolidStep(EulerStep):
         return self.unsolved()
 
     @property
-    def squeezed(self) -> bool:
+    def excused(self) -> bool:
         """See `EulerStep`."""
-        return self.system.contacts.hindered
+        contacts = self.system.contacts
+        return contacts.hindered or not (contacts.count or contacts.solids.near.any_pairs)
 
     def refuse(self, name: str, detail: str) -> Outcome:
         """The end of a step that contact does not allow."""
