@@ -8,6 +8,7 @@ from ..backend.fields import Fields
 from ..scene.scene import Scene
 from ..system.base import Base
 from ..system.checkpoint import Checkpointed
+from ..system.cones import Cones
 from ..system.held import Held
 from ..system.place import Place
 from ..system.state import ParticleState
@@ -34,7 +35,7 @@ class Contacts(Checkpointed):
         force: the terms of contacts in the system of a solve.
         start: of the attempt; base: positions and velocities (n, 3) with which its last solve began.
         balance: the contacts with solids from solve to solve of the attempt; found: by the last of `rounds`.
-        between: points of layers in that solve.
+        between: points of layers in that solve; others: besides these and friction of sliding contacts.
         foresight: whether a step's first solves will be followed by others.
         warm: whether the last step ended in contact, so that its last solve predicts the next.
         crowded: whether there are more points than there is room for.
@@ -59,7 +60,7 @@ class Contacts(Checkpointed):
         self.balance = Balance(self.solids, nowhere)
         self.found: Found | None = None
         self.rounds = 0
-        self.between, self.foresight = Points.none(), Foresight()
+        self.between, self.others, self.foresight = Points.none(), Points.none(), Foresight()
         self.warm = self.crowded = False
 
     @property
@@ -80,15 +81,20 @@ class Contacts(Checkpointed):
             self.layers.waive(self.solids.pinches.where, self.solids.pinches.accepted.index)
             self.layers.begin(self.start, together)
 
-    def hold(self) -> tuple[Held | None, float]:
-        """(particles that the next solve from the saved state holds, pins included; the largest closing distance [m])"""
+    def hold(self, smooth: bool = True) -> tuple[Held | None, float]:
+        """(particles that the next solve from the saved state holds, pins included; the largest closing distance [m])
+
+        Args:
+            smooth: whether friction may be smooth in it, see `Balance.go_on`.
+        """
         balance, closing = self.balance, 0.0
         if self.found is None:
             balance.begin()
             closing = balance.closing
         else:
             balance.take(self.found)
-            balance.go_on(self.found.residual.off <= NEAR)
+            if smooth:
+                balance.go_on(self.found.residual.off <= NEAR)
             balance.hold()
         self.base = self.start.begins
         if balance.held is not None:
@@ -111,7 +117,8 @@ class Contacts(Checkpointed):
         Args:
             led: whether pairs are taken where held particles lead them, not where they are.
         """
-        points = self.solids.take_others(self.base, led) + ([] if rubs is None else [rubs])
+        self.others = Points.join(self.solids.take_others(self.base, led))
+        points = [self.others] + ([] if rubs is None else [rubs])
         if self.layered and self.layers is not None:
             self.between = self.layers.points(self.base[0])
             points = [self.between, *points]
@@ -139,6 +146,14 @@ class Contacts(Checkpointed):
         solids.unsettled = 0 if agrees else max(r.changed, 1)
         solids.trial = balance.next_states(self.found)
         return agrees
+
+    def cones(self) -> Cones | None:
+        """The cones of friction of the contacts found, or None. The system's product is without the last solve's friction on
+        solids then."""
+        cones = None if self.found is None else self.balance.cones(self.found)
+        if cones is not None:
+            self.force.set(self.others)
+        return cones
 
     def stop_short(self) -> None:
         """The model went a part of its way only, after `judge`: contacts that it has not come to are none."""

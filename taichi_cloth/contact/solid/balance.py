@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...system.cones import Cones
 from ..points import Points, length, rows_of, sym_times, tangential
 from .active_set import ActiveSet, States, hold_together
 from .coulomb import SMOOTH, Rows, follow, smoothed
@@ -152,7 +153,7 @@ class Balance:
         if fixed:
             f, slip = self._where_met(f, slip)
         r, rows, p, bears = self._by(needed, f, slip, b, v)
-        if r.off > enough:
+        if r.off > enough and taken is not needed:
             r, rows, p, bears = self._by(taken, f, slip, b, v)
         known, was = self.rows.of(f.key)
         other = ~known[bears] | (was.stick[bears] != rows.stick[bears])
@@ -161,6 +162,48 @@ class Balance:
         rubbed = bool(change.sum() > 0)
         goal = _rows(self.rows.key, self.goal, f.key)[bears]
         return Found(r, f.take(bears), rows.take(bears), slip[bears], goal, p[bears], rubbed)
+
+    def cones(self, found: Found) -> Cones | None:
+        """The friction of contacts found on particles with a single one, from where they were found; None without any. A
+        particle with several, or that is pinned or sewn, stays."""
+        f, start, n = found.f, self.start, len(self.mass)
+        single = self._single(f)
+        size = (f.friction * found.rows.normal)[single]
+        if not size.any():
+            return None
+        mine, stays = f.take(single), np.zeros(n, dtype=bool)
+        stays[f.index[~single]] = True
+        if start.pins is not None:
+            stays[start.pins.index] = True
+        if self.solids.model.sewn is not None:
+            stays[self.solids.model.sewn.member] = True
+        opens = (mine.gap - found.goal[single]) / start.c
+        way = -found.slip[single] * start.h / start.c - opens[:, None] * mine.normal
+        points, block, push = self.solids.sliding.points, np.zeros((n, 6)), np.zeros((n, 3))
+        points.spread(points.rhs, push)
+        np.add.at(block, points.vertices[:, 0], points.block)
+        return Cones(mine.index, mine.normal, size, way, stays, block, push)
+
+    def _single(self, f: VertexContacts) -> np.ndarray:
+        """(k,) which contacts are the only constraint of their particles."""
+        out = np.bincount(f.index, minlength=len(self.mass))[f.index] == 1
+        if self.start.pins is not None:
+            out &= ~np.isin(f.index, self.start.pins.index)
+        sewn = self.solids.model.sewn
+        return out if sewn is None else out & ~np.isin(f.index, sewn.member)
+
+    def relaxed(self, found: Found, slip: np.ndarray) -> Found:
+        """`found` with the states that follow from slips (k, 3) of its `cones`, as parts of dv [m/s]."""
+        single, rows = self._single(found.f), found.rows
+        slip = slip * self.start.c / self.start.h
+        speed, cone = length(slip), (found.f.friction * rows.normal)[single]
+        slides = (speed > 0) & (cone > 0)
+        stick, push, drag, slips = rows.stick.copy(), rows.push.copy(), rows.drag.copy(), found.slip.copy()
+        stick[single] = ~slides & (cone > 0)
+        push[single] = np.where(slides[:, None], -slip / np.maximum(speed, 1e-300)[:, None], 0.0)
+        drag[single] = np.where(slides, cone / np.maximum(speed, 1e-300), 0.0)
+        slips[single] = slip
+        return replace(found, rows=replace(rows, stick=stick, push=push, drag=drag), slip=slips)
 
     def reached(self, found: Found, short: np.ndarray) -> Found:
         """`found` without new contacts that are not met where the cloth stopped, by (n, 3) [m] away from there."""

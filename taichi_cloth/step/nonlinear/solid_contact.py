@@ -81,8 +81,9 @@ class SolidStep(EulerStep):
             tolerance /= 2
             if self.agrees() or contacts.rounds == ROUNDS:
                 break
-            if self.balances():
+            if contacts.rounds == 1 and self.balances():
                 return self.went_wrong()
+            self.relax()
         return self.finish_solve() or self.went_wrong()
 
     def went_wrong(self) -> Outcome | None:
@@ -128,11 +129,23 @@ class SolidStep(EulerStep):
             system.hold(self.held, -lacks)
         return agrees
 
+    def relax(self) -> None:
+        """States of contacts for the next solve, by the proximal gradient method."""
+        contacts = self.system.contacts
+        with self.clock.part("C-S"):
+            cones = contacts.cones()
+        if cones is None:
+            return
+        with self.clock.part("CG"):
+            slips = self.system.relax(cones, contacts.rounds > 1)
+        with self.clock.part("C-S"):
+            contacts.found = contacts.balance.relaxed(contacts.found, slips)
+
     def solve_held(self, tolerance: float | None) -> Outcome | None:
         """(18) with the constraints that contacts now set."""
         system, contacts = self.system, self.system.contacts
         with self.clock.part("C-S"):
-            self.held, closing = contacts.hold()
+            self.held, closing = contacts.hold(smooth=False)
             contacts.set_points()
             system.start_over()
         if contacts.crowded:

@@ -13,8 +13,10 @@ from ...options import Options
 from ...scene.scene import Scene
 from ...solver.pcg import BREAKDOWN, NOT_FINITE, PCG, Solution
 from ...solver.preconditioner import build_preconditioner
+from ...solver.proximal import ProximalGradient
 from ...system.assembler import Assembler, Measures
 from ...system.base import Base
+from ...system.cones import Cones
 from ...system.constraints import Filter
 from ...system.held import Held, kernel_array
 from ...system.operator import Operator
@@ -44,7 +46,8 @@ class System:
     def __init__(self, fields: Fields, model: ParticleState, operator: Operator, forces: list, meter: Assembler,
                  options: Options, runtime: Runtime, scene: Scene, contacts=None) -> None:
         self.model, self.operator, self.meter, self.options, self.contacts = model, operator, meter, options, contacts
-        self.scene = scene
+        self.scene, self._fields = scene, fields
+        self._proximal: ProximalGradient | None = None
         self.notes: list[str] = []
         self.preconditioner = build_preconditioner(options.preconditioner, fields, self.operator, scene, self.tell)
         self.pulled = any(force.attached is not None for force in forces)
@@ -124,6 +127,23 @@ class System:
         if held is not None:
             b[held.index] -= np.einsum("kij,kj->ki", held.projector, b[held.index])
         return float(np.sqrt(np.sum(b**2 / self.model.mass[:, None])))
+
+    def relax(self, cones: Cones, again: bool) -> np.ndarray:
+        """Slips (k, 3) [m/s] of contacts by the proximal gradient method from the last solve's dv, of its system.
+
+        Args:
+            again: whether it was called for this system before.
+        """
+        if self._proximal is None:
+            self._proximal = ProximalGradient(self._fields, self.solver)
+        if not again:
+            self._proximal.ended = None
+        if self.base is not None:
+            self.add_guess(-1.0)
+        slips = self._proximal.run(cones)
+        if self.base is not None:
+            self.add_guess(1.0)
+        return slips
 
     def inertia(self) -> np.ndarray:
         """(n,) a third of the trace of each particle's block of A as linearized [kg]: its mass and h^2 times the stiffness

@@ -1,0 +1,207 @@
+"""The accelerated proximal gradient method, for friction of contacts in the linear system of a step.
+
+With the friction cones of contacts fixed, a step's impulses balance where
+
+    1/2 dv^T A dv - b^T dv + sum_k cone_k |u_k|
+
+is least over all dv that keep contacts closed; u_k is the slip of contact k. An iteration goes down the first two terms by
+A dv - b over the norm of each particle's block of A. Then each contact goes towards no slip by its cone over that norm: the
+proximal point of cone |u|, where a contact that sticks has no slip at all [Beck and Teboulle 2009]. An iteration costs a
+product. A few tell which contacts stick, and which way the others slip. The rest of dv is smooth, and for conjugate gradients:
+a linear solve with these states follows, and where it went too far, the next iterations begin from the least value on its way.
+That is Newton's method on the sum above, with a nonlinear smoother [Graeser and Kornhuber 2009].
+"""
+
+import numpy as np
+
+from ..backend.fields import Fields
+from ..backend.language import ti
+from ..backend.phases import END, TASK
+from ..backend.rows import read, write
+from ..system.cones import Cones
+from .pcg import DID, MULTIPLY, PCG, SUM_UP, UPDATE
+
+ITERATIONS = 20
+MOMENTUM = 0.85
+STEP = 0.7  # over the Frobenius norm of a particle's block: A has eigenvalues up to 1.6 by these norms on drapes
+HALVINGS = 12  # of the way of a linear solve
+FREE, TOUCHES, STAYS = range(3)  # kinds of particles
+
+
+@ti.data_oriented
+class ProximalGradient:
+    """Iterations from a solver's dv, with a system whose product is without the cones' friction.
+
+    Attributes:
+        kind, normal, cone, rest: of each particle; rest is the dv with which its contact neither slips nor opens.
+        ended: (n, 3) dv where the last iterations of this system ended, or None.
+    """
+
+    def __init__(self, fields: Fields, solver: PCG) -> None:
+        self.solver, self.operator, self.blocks = solver, solver.operator, solver.blocks
+        self.phases, self.count = solver.phases, solver.count
+        more, n = fields.more(), solver.operator.model.n
+        self.kind = more.integer(n)
+        self.normal, self.rest, self.cone = more.real(n, 3), more.real(n, 3), more.real(n)
+        more.allocate()
+        self.ended: np.ndarray | None = None
+
+    def run(self, cones: Cones) -> np.ndarray:
+        """Iterates; dv is left where that ends. Returns the slips there (k, 3), as parts of dv [m/s]."""
+        dv = read(self.solver.dv).astype(float)
+        rest = dv[cones.index] + cones.way
+        self._take(cones, rest)
+        if self.ended is not None:
+            self._shorten(cones, rest, dv)
+        self._begin()
+        if self.solver.together:
+            self._together(ITERATIONS)
+        else:
+            for _ in range(ITERATIONS):
+                self._iterate()
+        self.ended = read(self.solver.dv).astype(float)
+        return self.ended[cones.index] - rest
+
+    def _take(self, cones: Cones, rest: np.ndarray) -> None:
+        """Sets what iterations read; b and P lose the friction that is in them."""
+        operator = self.operator
+        n, exchange = operator.model.n, operator.model.exchange
+        kind = np.where(cones.stays, STAYS, FREE).astype(np.int32)
+        kind[cones.index] = TOUCHES
+        write(self.kind, kind)
+        for field, rows in ((self.normal, cones.normal), (self.rest, rest), (self.cone, cones.size)):
+            values = np.zeros((n, *rows.shape[1:]), dtype=exchange)
+            values[cones.index] = rows
+            write(field, values)
+        for field, part in ((operator.b, cones.push), (operator.P, cones.block)):
+            write(field, (read(field) - part).astype(exchange))
+
+    def _shorten(self, cones: Cones, rest: np.ndarray, dv: np.ndarray) -> None:
+        """Goes back from dv towards where the last iterations ended, to the least value on the way."""
+        before, i, n = self.ended, cones.index, cones.normal
+        way = dv - before
+        uphill = np.sum(way * (self._product(dv) - read(self.operator.b)), axis=1)
+        curved = float(np.sum(way * self._product(way)))
+        end = float(uphill[~cones.stays].sum())
+        there, along = (a - np.einsum("ki,ki->k", a, n)[:, None] * n for a in (dv[i] - rest, way[i]))
+
+        def slope(back: float) -> float:
+            w = there - back * along
+            speed = np.maximum(np.sqrt(np.einsum("ki,ki->k", w, w)), 1e-300)
+            return end - back * curved + float(np.sum(cones.size * np.einsum("ki,ki->k", w, along) / speed))
+
+        least, most = 0.0, 1.0
+        if slope(0.0) > 0:
+            for _ in range(HALVINGS):
+                middle = (least + most) / 2
+                least, most = (middle, most) if slope(middle) > 0 else (least, middle)
+            dv = dv - most * way
+        write(self.solver.dv, dv.astype(self.operator.model.exchange))
+
+    def _product(self, rows: np.ndarray) -> np.ndarray:
+        """(n, 3) A times rows (n, 3)."""
+        write(self.solver.s, rows.astype(self.operator.model.exchange))
+        self._multiply()
+        return read(self.solver.As).astype(float)
+
+    @ti.kernel
+    def _multiply(self):
+        """As = A s"""
+        if ti.static(self.operator.has_low_rank):
+            for t in range(self.blocks.count * self.blocks.grain):
+                if t % self.blocks.grain == 0:
+                    self.operator.sum_up(t // self.blocks.grain, self.solver.s)
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                self.operator.product(t // self.blocks.grain, self.solver.s, self.solver.As)
+
+    @ti.kernel
+    def _begin(self):
+        """dv is brought into contact; s = dv"""
+        for i in range(self.operator.model.rows()):
+            dv = self.solver.dv[i]
+            if self.kind[i] == TOUCHES:
+                dv += (self.rest[i] - dv).dot(self.normal[i]) * self.normal[i]
+                self.solver.dv[i] = dv
+            self.solver.s[i] = dv
+
+    @ti.kernel
+    def _iterate(self):
+        """One iteration, on all threads."""
+        if ti.static(self.operator.has_low_rank):
+            for t in range(self.blocks.count * self.blocks.grain):
+                if t % self.blocks.grain == 0:
+                    self.operator.sum_up(t // self.blocks.grain, self.solver.s)
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                self.operator.product(t // self.blocks.grain, self.solver.s, self.solver.As)
+        for t in range(self.blocks.count * self.blocks.grain):
+            if t % self.blocks.grain == 0:
+                self.go_down(t // self.blocks.grain)
+
+    @ti.kernel
+    def _together(self, most: int):
+        """Iterations in one launch, by the solver's phase scheduler."""
+        self.phases.start(self.before_product())
+        self.count[DID] = 0
+        for t in range(self.phases.tasks):
+            if t % TASK == 0:
+                phase, kind, block, waited = 0, MULTIPLY, 0, 0
+                while kind != END:
+                    phase, kind = self.phases.phase(), self.phases.kind(waited)
+                    if kind != END:
+                        block, waited = self.phases.claim(t // TASK, phase, waited)
+                        if block >= 0:
+                            self.work(kind, block)
+                            if self.phases.last(phase):
+                                self.phases.turn(self.after(kind, most))
+
+    @ti.func
+    def work(self, kind, block):
+        """A block's part of a phase."""
+        if kind == MULTIPLY:
+            self.operator.product(block, self.solver.s, self.solver.As)
+        elif kind == UPDATE:
+            self.go_down(block)
+        if ti.static(self.operator.has_low_rank):
+            if kind == SUM_UP:
+                self.operator.sum_up(block, self.solver.s)
+
+    @ti.func
+    def after(self, kind, most):
+        """The kind of phase that follows."""
+        following = MULTIPLY
+        if kind == MULTIPLY:
+            following = UPDATE
+        elif kind == UPDATE:
+            following = self.before_product()
+            self.count[DID] += 1
+            if self.count[DID] >= most:
+                following = END
+        return following
+
+    @ti.func
+    def before_product(self):
+        """The kind of the phase that an iteration begins with."""
+        kind = MULTIPLY
+        if ti.static(self.operator.has_low_rank):
+            kind = SUM_UP
+        return kind
+
+    @ti.func
+    def go_down(self, block):
+        """dv = the proximal point from s, s = dv + momentum times its change, on the rows of a block"""
+        for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
+            if self.kind[i] != STAYS:
+                P, before = self.operator.P[i], self.solver.dv[i]
+                norm = ti.sqrt(P[0] ** 2 + P[3] ** 2 + P[5] ** 2 + 2 * (P[1] ** 2 + P[2] ** 2 + P[4] ** 2)) / STEP
+                dv = self.solver.s[i] - (self.solver.As[i] - self.operator.b[i]) / norm
+                if self.kind[i] == TOUCHES:
+                    n, slip = self.normal[i], dv - self.rest[i]
+                    slip -= slip.dot(n) * n
+                    size = slip.norm() * norm
+                    dv = self.rest[i]
+                    if size > self.cone[i]:
+                        dv += (1 - self.cone[i] / size) * slip
+                self.solver.dv[i] = dv
+                self.solver.s[i] = dv + MOMENTUM * (dv - before)
