@@ -126,8 +126,8 @@ def traced(scene: str, cells: int, until: float, h: float) -> Traced:
         sim.step()
     made = sim.log[steps:]
     return Traced(trace, sum(record.solves for record in made), f"{scene}, {cells} cells, {sim.vertex_count} vertices, "
-                  f"t = {sim.time:.3f} s: {len(made)} steps, {made[-1].contacts} contacts with solids, {made[-1].layers} pairs "
-                  "of cloth")
+                  f"t = {sim.time:.3f} s: {len(made)} steps, {made[-1].contacts} contacts with solids, "
+                  f"{made[-1].layers} pairs of cloth")
 
 
 def main() -> int:
