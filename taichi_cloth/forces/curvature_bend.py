@@ -47,7 +47,7 @@ class CurvatureBend(CurvatureLaw):
         k, k_d = np.split(np.concatenate(factors), 2, axis=1)
         law = joined(parts)
         self.host_faces, self.host_factor, self.host_own = np.concatenate(faces), k, np.concatenate(own)
-        self.remembers = self.gusty = bool(law.mean.any())  # explicit steps must be as short as its changes
+        self.remembers = self.time_dependent = bool(law.mean.any())  # explicit steps must be as short as its changes
         left = k * self.host_own[:, None]
         self._begin(fields, patches, left + law.k.sum(axis=1), k_d)  # before sliders give
         self.k = fields.real(self.elements.count, 3, self.elements.per_entry(left))

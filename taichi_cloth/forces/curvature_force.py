@@ -29,7 +29,7 @@ class CurvatureForce(ElementForce):
         A: (m, 3) factors of -c D - c^2 K; way: (m, 9) directions of damping, times the roots of their factors.
     """
 
-    energies, slow = ("bend",), True
+    energies, multirate = ("bend",), True
     model: ParticleState
     remembers: bool = False
     hysteresis: Any = None

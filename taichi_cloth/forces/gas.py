@@ -97,14 +97,14 @@ class Gas(Force, Checkpointed):
         write(self.left_out, np.array([part], dtype=np.int32))
 
     @property
-    def driven(self) -> bool:  # type: ignore[override]
+    def time_dependent_energy(self) -> bool:  # type: ignore[override]
         """Whether any gas is a function of time, or goes out where seams opened."""
-        return any(inflation.driven for inflation in self.script.inflations) or bool(self._open().any())
+        return any(inflation.time_dependent for inflation in self.script.inflations) or bool(self._open().any())
 
     @property
-    def gusty(self) -> bool:  # type: ignore[override]
+    def time_dependent(self) -> bool:  # type: ignore[override]
         """Whether any gas is a function of time."""
-        return any(inflation.driven for inflation in self.script.inflations)
+        return any(inflation.time_dependent for inflation in self.script.inflations)
 
     def _open(self) -> np.ndarray:
         """(rooms,) whether anything that is a corner of a room is sewn to less than it was."""
