@@ -44,7 +44,7 @@ def old_names(cls: C) -> C:
 
 
 def take_over(cls: type, base: str) -> None:
-    """What a subclass of `base` declares by old names it has by the new ones from here on."""
+    """A subclass of `base` that declares old names has them by the new ones from here on."""
     for old, new in RENAMED[base].items():
         if old in vars(cls):
             _warn(cls, old, new, 5)  # the class statement, behind this, `__init_subclass__` and `abc`
