@@ -77,8 +77,7 @@ def pages() -> list[str]:
 
 def tracked() -> list[str]:
     """Files of the package and of scenes/ that are under version control."""
-    done = subprocess.run(["git", "ls-files", "-z", PACKAGE, SCENES], cwd=ROOT, capture_output=True, text=True, check=True)
-    return [name for name in done.stdout.split("\0") if name]
+    return [name for name in _run("git", "ls-files", "-z", PACKAGE, SCENES).split("\0") if name]
 
 
 def faults_of_wheel(wheel: pathlib.Path, files: Iterable[str]) -> list[str]:
