@@ -93,7 +93,7 @@ class Gas(Force, Checkpointed):
         self.sums = self._fields.real(self.model.blocks.count * len(self.rooms), dtype=self.sum_type)
 
     def leave_out(self, part: bool) -> None:
-        """p ddV."""
+        """Leaves p ddV out of the matrix, or not."""
         write(self.left_out, np.array([part], dtype=np.int32))
 
     @property
@@ -107,7 +107,7 @@ class Gas(Force, Checkpointed):
         return any(inflation.time_dependent for inflation in self.script.inflations)
 
     def _open(self) -> np.ndarray:
-        """(rooms,) whether anything that is a corner of a room is sewn to less than it was."""
+        """(rooms,) whether any corner of a room has lost a particle that was sewn to it."""
         out: np.ndarray = np.zeros(len(self.rooms), dtype=bool)
         if self.sews:
             now = self.model.sewn.knot
@@ -146,7 +146,7 @@ class Gas(Force, Checkpointed):
         return [ISOTHERMAL, amount, now.ambient, volume]
 
     def _found(self, k: int, room: Enclosure, now: Inflation) -> tuple[float, float]:
-        """(V_0, p_0) of an inflation that has none of its own: those when it began."""
+        """(V_0, p_0) of an inflation that gives neither: those when it began."""
         key = f"{now.key}_{k}"
         if key not in self.known:
             self.prepare()

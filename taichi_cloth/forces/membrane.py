@@ -165,7 +165,7 @@ class Membrane(MembraneLanes):
 
     @ti.func
     def used(self, e, w_u, w_v):
-        """Largest part of the ways from rest to a limit."""
+        """Largest strain over its limit, both from rest on: 1 at a limit."""
         m, k = self.material[e], self.table[self.material[e]]
         warp, weft = self.stiffening.used(m, WARP, w_u.norm(), k[B_U]), self.stiffening.used(m, WEFT, w_v.norm(), k[B_V])
         return ti.max(warp, weft, self.stiffening.used(m, SHEAR, ti.abs(w_u.dot(w_v)), 0.0))

@@ -28,7 +28,7 @@ class TriangleLaw(TriangleForce):
         area: (m,) of triangles in the pattern [m^2].
         damps: whether any triangle is damped.
         simd_width: elements whose forces a CPU thread takes together; above 1 there is add_forces(block, e, f) for so many.
-        used: (e, w_u, w_v) gives the largest part of the ways from rest to a limit, where the law is `stiffens_sharply`.
+        used: (e, w_u, w_v) gives the largest strain over its limit, 1 at a limit, where the law `stiffens_sharply`.
         mode: K of the conditions.
     """
 
