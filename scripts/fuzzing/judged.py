@@ -15,7 +15,7 @@ import taichi_cloth as tc  # noqa: E402
 
 NEAREST = 0.15  # of the thickness that cloth keeps from a solid where there is room
 DUST = 1e-3  # of the thickness: the search for the nearest place may be off by so much
-WORKS = ("pins", "solids", "lifted", "lowered", "friction", "layers", "wind")
+WORKS = ("pins", "solids", "pushed_out", "pulled_down", "friction", "layers", "wind")
 FALL = 0.1  # m/s
 GAINED = 0.03  # of the largest kinetic energy, all work, and gravity's in a step at FALL: what TR-BDF2 may gain and lose again
 PINCHED = 0.1  # of all work: the same of backward Euler, in steps too small to be tried smaller

@@ -305,6 +305,7 @@ MUTATIONS = (
      "part * (self.operator.motion[i] + self.solver.dv[i])", "a step's positions", STEP),
     ("taichi_cloth/renamed.py", "setattr(cls, new, vars(cls)[old])", "pass", "names of the last release are not read",
      "tests/unit/test_own_force.py::test_names_of_the_last_release_are_read_with_a_warning"),
-    ("taichi_cloth/renamed.py", "{names.get(name, name): value", "{name: value", "records of the last release are not read",
+    ("taichi_cloth/renamed.py", "cls({RENAMED[cls.of].get(name, name): value", "cls({name: value",
+     "records of the last release are not read",
      "tests/unit/test_renamed.py::test_an_old_recording_is_read"),
 )

@@ -11,6 +11,7 @@ from taichi_cloth.backend.language import ti
 from taichi_cloth.forces.force import Force
 from taichi_cloth.output.folder import RunFolder
 from taichi_cloth.renamed import RENAMED, UNTIL
+from taichi_cloth.step.ledger import Ledger
 from taichi_cloth.step.stepper import StepRecord
 from taichi_cloth.step.tally import Tally
 from taichi_cloth.studies.study import Row
@@ -19,7 +20,7 @@ PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
 OLD = {"t": 0.5, "h": 0.25, "iterations": 9, "solves": 2, "residual": 1e-4, "status": "CONVERGED",  # a step of version 0.1
        "rejections": {"CONTACT": 1}, "energies": {"kinetic": 2.0}, "stretch": 1.5, "seconds": {"total": 0.1}, "contacts": 7,
        "unsettled": 3, "crossings": 4, "evaluations": 0, "error": 0.0, "fell_back": "TOUCH", "layers": 6, "least": 0.25,
-       "tangled": 5, "pinched": 2}
+       "tangled": 5, "pinched": 2, "ledger": {"pins": 1.0, "lifted": 0.25, "lowered": -0.5, "braked": 0.125}}
 
 
 def told(caught) -> list[str]:
@@ -27,10 +28,10 @@ def told(caught) -> list[str]:
 
 
 def test_every_new_name_is_there():
-    for cls in (Force, StepRecord, Tally, Row):
+    for cls in (Force, StepRecord, Ledger, Tally, Row):
         there = {*dir(cls), *(vars(cls()) if cls is Tally else ())}
         assert set(RENAMED[cls.__name__].values()) <= there, cls
-    assert set(RENAMED) == {"Force", "StepRecord", "Tally", "Row"}
+    assert set(RENAMED) == {"Force", "StepRecord", "Ledger", "Tally", "Row"}
 
 
 def test_a_force_with_old_flags_keeps_them():
@@ -86,10 +87,17 @@ def test_an_old_recording_is_read(tmp_path):
     records = tc.Recording(tmp_path / "run").telemetry()
     assert (records[0]["unconverged_contacts"], records[0]["solid_intersections"], records[0]["min_gap_ratio"],
             records[0]["known_intersections"], records[0]["fallback_reason"]) == (3, 4, 0.25, 5, "TOUCH")
-    assert list(records[0].values()) == list(OLD.values())  # and nothing else
+    assert records[0]["ledger"] == {"pins": 1.0, "pushed_out": 0.25, "pulled_down": -0.5, "kinetic_correction": 0.125}
+    assert [v for k, v in records[0].items() if k != "ledger"] == [v for k, v in OLD.items() if k != "ledger"]
     tally = Tally.of(StepRecord(**record) for record in records)
     assert tally.min_gap_ratio == 0.25 and tally.solid_intersections == 4 and tally.known_intersections == 5
-    assert tally.fallbacks == {"TOUCH": 1}
+    assert tally.fallbacks == {"TOUCH": 1} and tally.ledger["kinetic_correction"] == 0.25
+    assert "least" not in records[0] and "nothing" not in records[0] and records[0].get("nothing") is None
+    for asked in (lambda: records[0]["least"], lambda: records[0].get("least", 9.0), lambda: records[0]["ledger"]["lifted"]):
+        with pytest.warns(DeprecationWarning, match="is called `(min_gap_ratio|pushed_out)` now") as caught:
+            assert asked() == 0.25 and caught[0].filename == __file__
+    with pytest.raises(KeyError, match="nothing"):
+        records[0]["nothing"]
 
 
 def test_all_warnings_of_old_names_come_from_one_list():

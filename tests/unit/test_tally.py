@@ -22,11 +22,11 @@ def step(unaccounted: float = 0.0, **ledger: float) -> StepRecord:
 
 
 def test_what_moved_is_what_left_one_account_for_another():
-    """Each joule once, whichever way it went; `braked` is part of `method`, and no account of its own."""
+    """Each joule once, whichever way it went; `kinetic_correction` is part of `method`, and no account of its own."""
     assert Tally.of([step()]).moved == pytest.approx(2.0)
     assert Tally.of([step(), step()]).moved == pytest.approx(4.0)
     assert Tally.of([step(pins=1.0, potential=-1.0)]).moved == pytest.approx(2.0)
-    assert Tally.of([step(potential=-1.5, braked=0.5, damping=0.0)]).moved == pytest.approx(1.5)
+    assert Tally.of([step(potential=-1.5, kinetic_correction=0.5, damping=0.0)]).moved == pytest.approx(1.5)
     assert Tally.of([step(0.5)]).moved == pytest.approx(2.5)  # 2 J that fell, and .5 from nowhere
 
 

@@ -79,7 +79,7 @@ class TRBDF2(Checkpointed):
 
     def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
         """One step; see the package. If residuals of its solves put energy in or take it, the solves are done again, more
-        exactly. If stiffness is abrupt only energy taken counts, and Newton's method goes no further."""
+        exactly. If stiffness grows sharply only energy taken counts, and Newton's method goes no further."""
         effort = self._effort(h)
         made = self._attempt(h, held_at, start, effort)
         ledger, measures = made.ledger, made.measures
