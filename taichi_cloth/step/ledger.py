@@ -110,7 +110,7 @@ def moved(ledger: dict[str, float]) -> float:
     Accounts are kinetic and potential energy, works, losses, and the change unaccounted for. All of them add up to zero,
     so half the sum of their sizes has moved.
     """
-    return sum(abs(ledger.get(name, 0.0)) for name in TERMS if name != "kinetic_correction") / 2
+    return sum(abs(ledger[name]) for name in TERMS if name in ledger and name != "kinetic_correction") / 2
 
 
 TERMS = (*(f.name for f in fields(Ledger)), "unaccounted")
@@ -156,4 +156,4 @@ def many_steps(start: Measures, end: Measures, work: Work) -> Ledger:
 
 def totals(ledgers: list[dict[str, float]]) -> dict[str, float]:
     """Sums over steps, by name; those of steps that were recorded without are 0."""
-    return LedgerTerms({name: sum(ledger.get(name, 0.0) for ledger in ledgers) for name in TERMS})
+    return LedgerTerms({name: sum((ledger[name] for ledger in ledgers if name in ledger), 0.0) for name in TERMS})

@@ -66,7 +66,7 @@ class Tally:
         self.fallbacks.update([r.fallback_reason] if r.fallback_reason else [])
         self.seconds.update(r.seconds)
         self.ledger = totals([self.ledger, r.ledger])
-        lost = abs(r.ledger.get("unaccounted", 0.0))
+        lost = abs(r.ledger["unaccounted"]) if "unaccounted" in r.ledger else 0.0
         self.moved, self.astray, self.worst = self.moved + moved(r.ledger), self.astray + lost, max(self.worst, lost)
         self.size = max(self.size, sum(abs(e) for e in r.energies.values()))
         for name in ("residual", "stretch", "contacts", "contact_error", "solid_intersections", "layers",
