@@ -52,7 +52,7 @@ def check(sim: tc.Simulation):
     x = sim.positions()
     size = np.ptp(x, axis=0)
     yield f"folded: {size[0]:.2f} m x {size[2]:.2f} m", size[0] < 0.9 * SIDE
-    nearest = min(r.least for r in sim.log)
+    nearest = min(r.min_gap_ratio for r in sim.log)
     yield f"the smallest gap was {nearest:.2f} thicknesses", nearest > 0.02
 
 

@@ -39,7 +39,7 @@ def check(sim: tc.Simulation):
     yield f"the sheets lie on each other: gaps at the top {np.round(gaps, 2).tolist()} thicknesses", bool((gaps > 0.2).all())
     crossed = sim.intersections()
     yield f"{crossed} intersections", crossed == 0
-    nearest = min(r.least for r in sim.log)
+    nearest = min(r.min_gap_ratio for r in sim.log)
     yield f"the smallest gap was {nearest:.2f} thicknesses", nearest > 0.02
 
 

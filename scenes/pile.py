@@ -40,7 +40,7 @@ def check(sim: tc.Simulation):
     n = sim.scene.cloths[0].mesh.vertex_count
     heights = sim.positions()[:, 1].reshape(-1, n).mean(axis=1)
     yield f"they lie in order, at {np.round(1e3 * heights, 1).tolist()} mm", bool((np.diff(heights) > 0).all())
-    nearest = min(r.least for r in sim.log)
+    nearest = min(r.min_gap_ratio for r in sim.log)
     yield f"the smallest gap was {nearest:.2f} thicknesses", nearest > 0.02
 
 

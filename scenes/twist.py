@@ -46,7 +46,7 @@ def check(sim: tc.Simulation):
     middle = np.abs(x[:, 1] - LENGTH / 2) < 0.03
     waist = np.linalg.norm(x[middle][:, [0, 2]], axis=1).mean()  # where a single fold stands out is chance
     yield f"its waist is {waist / RADIUS:.2f} of its radius", waist < 0.7 * RADIUS
-    nearest = min(r.least for r in sim.log)
+    nearest = min(r.min_gap_ratio for r in sim.log)
     yield f"the smallest gap was {nearest:.2f} thicknesses", nearest > 0.02
 
 

@@ -175,7 +175,8 @@ def frame_of(sim: tc.Simulation, k: int, counts: bool) -> dict:
     row = {"frame": k, "wall": wall, "cpu": cpu, "steps": len(log), "smallest_h": min((r.h for r in log), default=0.0),
            "solves": sum(r.solves for r in log), "iterations": sum(r.iterations for r in log),
            "rejected": dict(rejected), "problem": problem, "pinched": max((r.pinched for r in log), default=0),
-           "least_gap": min((r.least for r in log), default=1.0), "stretch": max((r.stretch for r in log), default=0.0),
+           "least_gap": min((r.min_gap_ratio for r in log), default=1.0),
+           "stretch": max((r.stretch for r in log), default=0.0),
            "seams": float(sim.seam_gaps().max(initial=0.0)) if sim.scene.seams else 0.0,
            **{name: sum(r.seconds.get(part, 0.0) for r in log) for part, name in PARTS.items()}}
     return row | (crossings(sim) if counts else {})

@@ -70,7 +70,7 @@ def table(log: list) -> list[dict]:
     """Rows by smallest gap."""
     rows = []
     for low, high in zip(CLASSES, (np.inf, *CLASSES)):
-        steps = [r for r in log if low <= r.least < high]
+        steps = [r for r in log if low <= r.min_gap_ratio < high]
         if steps:
             rows.append({"gap from": low, "steps": len(steps), "mean h, ms": 1e3 * float(np.mean([r.h for r in steps])),
                          "solves": float(np.mean([r.solves for r in steps])),
@@ -112,7 +112,7 @@ def main() -> None:
             why = Counter(f"{t.name}: {t.detail[:130]}" for r in new for t in r.troubles if t.name)
             rejected = sum(sum(r.rejections.values()) for r in new)
             print(f"{sim.time:.3f} s: {len(new)} steps, {sum(r.solves for r in new)} solves, rejected {rejected}, least "
-                  f"{min(r.least for r in new):.3f}, crossed {with_body}, itself {with_itself}, {frames[-1]:.2f} s")
+                  f"{min(r.min_gap_ratio for r in new):.3f}, crossed {with_body}, itself {with_itself}, {frames[-1]:.2f} s")
             for text, count in why.most_common(4):
                 print(f"      {count} x {text}")
         if time.perf_counter() - began > args.limit:

@@ -28,7 +28,7 @@ def of_scene(name: str, settings: dict, until: float | None) -> dict:
            "solves_a_step": float(np.mean([r.solves for r in steps])),
            "seconds_per_second": total / (sim.time - sim.log[0].h), "intersections": sim.intersections(),
            "cloth_cloth_share": sum(r.seconds.get("C-C", 0.0) for r in steps) / total,
-           "least_gap": min(r.least for r in sim.log), "pairs": max(r.layers for r in sim.log)}
+           "least_gap": min(r.min_gap_ratio for r in sim.log), "pairs": max(r.layers for r in sim.log)}
     sim.close()
     return row
 

@@ -77,7 +77,8 @@ def run(scene: str, settings: dict, until: float | None, **options: object) -> d
         ledgers = [r.ledger for r in log if r.ledger]
         return {"scene": scene, "time": sim.time, "steps": len(log), "solves": sum(r.solves for r in log),
                 "most": max((r.solves for r in log), default=0), "iterations": sum(r.iterations for r in log),
-                "rejected": sum(sum(r.rejections.values()) for r in log), "unsettled": sum(r.unsettled for r in log),
+                "rejected": sum(sum(r.rejections.values()) for r in log),
+                "unsettled": sum(r.unconverged_contacts for r in log),
                 "unaccounted": sum(abs(ledger["unaccounted"]) for ledger in ledgers),
                 "through": sum(abs(value) for ledger in ledgers for value in ledger.values()) / 2,
                 "wall": used, "crossings": sim.intersections(), "gave_up": gave_up, "x": np.array(sim.positions())}

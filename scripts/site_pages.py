@@ -3,7 +3,7 @@
     python scripts/site_pages.py --write           # puts the tables of today's code into the pages
     python scripts/site_pages.py options           # prints a table
 
-A table stands in its page between the lines `<!-- table: options -->` (or commands, scenes, record, names) and
+A table stands in its page between the lines `<!-- table: options -->` (or another name of `TABLES`) and
 `<!-- end of table -->`, so that it can be read in a plain file. tests/docs/test_site.py checks that all are up to date. As a
 hook of mkdocs it also turns formulas into MathML, which browsers draw by themselves: no script and no font is loaded.
 """
@@ -96,7 +96,17 @@ def names() -> str:
     return _table(("name", "meaning"), [[f"`tc.{name}`", _first_line(where, name)] for name, where in _WHERE.items()])
 
 
-TABLES = {"options": options, "commands": commands, "scenes": scenes, "record": record, "names": names}
+def deprecations() -> str:
+    """A row for each old name that is still read: whose it is, and its new name."""
+    _import_from_here()
+    from taichi_cloth.renamed import RENAMED
+
+    rows = [[f"`{owner}`", f"`{old}`", f"`{new}`"] for owner, pairs in RENAMED.items() for old, new in pairs.items()]
+    return _table(("class", "old name", "new name"), rows)
+
+
+TABLES = {"options": options, "commands": commands, "scenes": scenes, "record": record, "names": names,
+          "deprecations": deprecations}
 
 
 def _class(module: str, name: str) -> ast.ClassDef:

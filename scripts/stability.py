@@ -175,7 +175,7 @@ def run(case: Case, integrator: str, precision: str = "f64", **more) -> dict:
         scale = 0.2 * G * 1.0 + sum(abs(e) for e in first.values())
         sim.run(case.t, 1 / min(case.t, 0.1))
         row |= {"steps": len(sim.log), "rejections": sum(sum(r.rejections.values()) for r in sim.log),
-                "fell_back": sum(bool(r.fell_back) for r in sim.log)}
+                "fell_back": sum(bool(r.fallback_reason) for r in sim.log)}
         faults = _faults(case, sim, first, x_0, scale, precision)
         if case.rest and not faults:
             small = tc.Simulation(case.make()[0], h=case.h / 10, precision=precision)

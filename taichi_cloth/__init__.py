@@ -14,7 +14,7 @@ if os.name == "posix" and "HOME" not in os.environ:  # Taichi ends the process t
     os.environ["HOME"] = home if os.path.isabs(home) else os.sep
     del home
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _NAMES = {
     "scene.mesh": "TriMesh",

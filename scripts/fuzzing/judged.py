@@ -15,7 +15,7 @@ import taichi_cloth as tc  # noqa: E402
 
 NEAREST = 0.15  # of the thickness that cloth keeps from a solid where there is room
 DUST = 1e-3  # of the thickness: the search for the nearest place may be off by so much
-WORKS = ("pins", "solids", "lifted", "lowered", "friction", "layers", "wind")
+WORKS = ("pins", "solids", "pushed_out", "pulled_down", "friction", "layers", "wind")
 FALL = 0.1  # m/s
 GAINED = 0.03  # of the largest kinetic energy, all work, and gravity's in a step at FALL: what TR-BDF2 may gain and lose again
 PINCHED = 0.1  # of all work: the same of backward Euler, in steps too small to be tried smaller
@@ -52,7 +52,7 @@ class Balance:
         grown = change - put_in
         self.grown += grown
         self.lowest = min(self.lowest, self.grown)
-        robust = all(r.fell_back not in ("", "TOUCH") for r in new)
+        robust = all(r.fallback_reason not in ("", "TOUCH") for r in new)
         small = min(r.h for r in new) <= min(self.sim.control.h_max, 1 / 60) / 64
         if robust and grown > rounding + PINCHED * works * small:
             return f"energy grew by {grown:.3g} J beyond the work put in, kinetic {kinetic:.3g} J"
@@ -110,8 +110,9 @@ def _judge(sim, start: np.ndarray, fixed: np.ndarray) -> str:
     for name, (least, crossed) in against_solids(sim).items():
         if crossed or least < NEAREST - DUST:
             last = sim.log[-1]
-            return (f"{name}: {crossed} crossings, nearest {least:.3g} thicknesses; the log has {last.crossings} crossings, "
+            return (f"{name}: {crossed} crossings, nearest {least:.3g} thicknesses; the log has "
+                    f"{last.solid_intersections} crossings, "
                     f"{last.pinched} pinched, a step of {last.h:.2g} s")
     if any(c.contact is not None for c in sim.scene.cloths) and (crossed := cloth_crossings(sim)):
-        return f"{crossed} crossings of cloth with cloth; the log has {sim.log[-1].tangled} tangled"
+        return f"{crossed} crossings of cloth with cloth; the log has {sim.log[-1].known_intersections} tangled"
     return ""

@@ -22,7 +22,8 @@ TRIANGLE, LOOPS = "taichi_cloth/forces/triangle_force.py", "taichi_cloth/forces/
 LANES, OWN_LAW = "taichi_cloth/forces/membrane_lanes.py", "taichi_cloth/forces/membrane_law.py"
 OWN_TESTS, OWN_BENDS = "tests/unit/test_own_law.py", "tests/unit/test_own_bend_law.py"
 OWN_BEND = "taichi_cloth/forces/bend_law.py"
-CURVATURE, FIT = "taichi_cloth/forces/curvature_bend.py", "taichi_cloth/forces/curvature_fit.py"
+CURVATURE, FIT = "taichi_cloth/forces/curvature_law.py", "taichi_cloth/forces/curvature_fit.py"
+CURVED, PATCHES = "taichi_cloth/forces/curvature_bend.py", "taichi_cloth/forces/curvature_force.py"
 EXTERNAL, ELEMENTS = "taichi_cloth/forces/external.py", "taichi_cloth/system/elements.py"
 OPERATOR, MEASURE = "taichi_cloth/system/operator.py", "taichi_cloth/system/assembler.py"
 MODEL = "taichi_cloth/system/state.py"
@@ -78,7 +79,7 @@ MUTATIONS = (
     ("taichi_cloth/step/nonlinear/system.py", "scene.air is None and not self.pulled", "scene.air is None",
      "springs to a prop hold nothing",
      "tests/unit/test_soft_attach.py::test_what_hangs_by_springs_alone_takes_no_more_iterations"),
-    ("taichi_cloth/step/nonlinear/system.py", "False, any(force.driven for force in forces)", "False, False",
+    ("taichi_cloth/step/nonlinear/system.py", "False, any(force.time_dependent_energy for force in forces)", "False, False",
      "what blows up ends with its first solve", BLOWN),
     # stretch and shear
     (CONDITIONS, "transverse = k * (1 - b / length)", "transverse = k * (1 - length / b)",
@@ -218,16 +219,15 @@ MUTATIONS = (
      "own[r, s] = self.hessian[e][9 * (3 * i + r) + 3 * i + r]",
      "exact diagonal of hinges", PAPER),
     # curvatures
-    ("taichi_cloth/forces/curvature_law.py", "return [u, 2 * np.sqrt(u * v), v]", "return [u, np.sqrt(u * v), v]",
+    ("taichi_cloth/forces/curvature_sliders.py", "return [u, 2 * np.sqrt(u * v), v]", "return [u, np.sqrt(u * v), v]",
      "twist counts once"),
-    (CURVATURE, "out[m, c] += self.factor[e][3 + m] * u[m, c]", "out[m, c] += self.factor[e][m] * u[m, c]",
-     "curvatures are damped by their stiffness"),
-    (CURVATURE, "sums[1] += 0.5 * self.factor[e][3 + m] * u[m, d] ** 2", "sums[1] += self.factor[e][3 + m] * u[m, d] ** 2",
+    (CURVATURE, "out[m, c] += self.k_d[e][m] * u[m, c]", "out[m, c] += u[m, c]", "curvatures are damped alike, whatever k_d"),
+    (CURVATURE, "sums[1] += 0.5 * self.k_d[e][m] * u[m, d] ** 2", "sums[1] += self.k_d[e][m] * u[m, d] ** 2",
      "the curvatures' dissipation is doubled"),
-    (CURVATURE, "self.A[e][m] = c * c * self.factor[e][m]", "self.A[e][m] = c * self.factor[e][m]",
-     "curvatures' K with c once"),
-    (CURVATURE, "r[m, d] += self.factor[e][m] * moved[m, d]", "r[m, d] += moved[m, d]", "K times motion without a stiffness"),
-    (CURVATURE, "own += square * sym_outer(self.direction(e, m))", "own += sym_outer(self.direction(e, m))",
+    (CURVATURE, "self.A[e][m] = c * c * k[m]", "self.A[e][m] = c * k[m]", "curvatures' K with c once"),
+    (CURVATURE, "r[m, d] += k[m] * moved[m, d]", "r[m, d] += moved[m, d]", "K times motion without a stiffness"),
+    (CURVED, "sums[0] += 0.5 * self.k[e][m]", "sums[0] += self.k[e][m]", "energy of curvatures is doubled"),
+    (PATCHES, "own += square * sym_outer(self.direction(e, m))", "own += sym_outer(self.direction(e, m))",
      "diagonal of the curvatures' damping"),
     (FIT, "gradients[row] * np.where(two, 0.5, 1.0)", "gradients[row] * np.where(two, 1.0, 0.5)",
      "an edge's gradient is not the mean",
@@ -303,6 +303,9 @@ MUTATIONS = (
     (MODEL, "mass[vertices + cloth.start] += extra", "mass[vertices] += extra", "point masses land on the first cloth"),
     ("taichi_cloth/step/nonlinear/system.py", "part * (self.operator.motion[i] + h * self.solver.dv[i])",
      "part * (self.operator.motion[i] + self.solver.dv[i])", "a step's positions", STEP),
-    ("taichi_cloth/forces/force.py", "setattr(cls, new, vars(cls)[old])", "pass", "names of the last release are not read",
+    ("taichi_cloth/renamed.py", "setattr(cls, new, vars(cls)[old])", "pass", "names of the last release are not read",
      "tests/unit/test_own_force.py::test_names_of_the_last_release_are_read_with_a_warning"),
+    ("taichi_cloth/renamed.py", "cls({RENAMED[cls.of].get(name, name): value", "cls({name: value",
+     "records of the last release are not read",
+     "tests/unit/test_renamed.py::test_an_old_recording_is_read"),
 )

@@ -15,7 +15,7 @@ import time
 import bpy
 from bpy.props import EnumProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 
-bl_info = {"name": "taichi_cloth", "author": "the taichi_cloth authors", "version": (0, 1, 0), "blender": (4, 2, 0),
+bl_info = {"name": "taichi_cloth", "author": "the taichi_cloth authors", "version": (0, 2, 0), "blender": (4, 2, 0),
            "category": "Physics", "location": "Properties > Physics", "description": "Implicit cloth simulation"}
 OWN = "taichi_cloth"  # name of the modifier
 known_fabrics: list[str] = []  # asked for once

@@ -19,9 +19,10 @@ def summary(sim: Simulation) -> dict:
     t = sim.tally
     return {"steps": t.steps, "rejections": dict(t.rejections), "smallest_h": t.smallest_h, "worst_residual": t.residual,
             "not_converged": t.not_converged, "cg_iterations": t.iterations, "solves": t.solves,
-            "fell_back": t.fell_back.total(), "contacts": t.contacts, "unsolved_contact": t.unsolved,
-            "contact_error": t.contact_error, "crossings": t.crossings, "layers": t.layers,
-            "least_gap": t.least, "tangled": t.tangled, "pinched": t.pinched, "intersections": t.intersections,
+            "fallbacks": t.fallbacks.total(), "contacts": t.contacts, "unsolved_contact": t.unsolved,
+            "contact_error": t.contact_error, "solid_intersections": t.solid_intersections, "layers": t.layers,
+            "min_gap_ratio": t.min_gap_ratio, "known_intersections": t.known_intersections, "pinched": t.pinched,
+            "intersections": t.intersections,
             "largest_stretch": t.stretch, "energy": {**t.ledger, "moved": t.moved, "astray": t.astray},
             "seconds": {k: round(v, 4) for k, v in t.seconds.items()}}
 
@@ -57,7 +58,7 @@ def _tears(sim: Simulation) -> str:
 
 def _damps(sim: Simulation) -> str:
     """A line on free steps that were to be of second order and are not."""
-    count, steps = sim.tally.fell_back.total() - sim.tally.fell_back[TOUCH], sim.tally.steps
+    count, steps = sim.tally.fallbacks.total() - sim.tally.fallbacks[TOUCH], sim.tally.steps
     if count <= FELL_BACK * steps:
         return ""
     return (f"note: {count} of {steps} steps were too large for their motion, and taken by backward Euler, which "
@@ -87,14 +88,15 @@ def describe(sim: Simulation, wall: float, start: float = 0.0) -> str:
         counted = "not counted" if s["intersections"] is None else f"at most {s['intersections']}"
         if sim.log and sim.log[-1].intersections is not None:
             counted += f", {sim.log[-1].intersections} at the end"
-        layers = (f"layers: at most {s['layers']} pairs of cloth in contact, smallest gap {s['least_gap']:.2f} thicknesses; "
-                  f"cloth through cloth {counted}, tangled at most {s['tangled']}, pinched {s['pinched']}\n")
+        layers = (f"layers: at most {s['layers']} pairs of cloth in contact, smallest gap {s['min_gap_ratio']:.2f} "
+                  f"thicknesses; cloth through cloth {counted} (contact knows of at most {s['known_intersections']}), "
+                  f"pinched {s['pinched']}\n")
     unsolved = (f"contacts with solids more than 1 % off Coulomb's law in {s['unsolved_contact']} steps, at most "
                 f"{s['contact_error']:.2g} of all forces; " if s["unsolved_contact"] else "")
     return (f"model: {model}\n{layers}{_seams(sim)}{_tears(sim)}"
-            f"trouble: rejected steps: {bad}; taken by backward Euler instead: {s['fell_back']}; smallest h "
+            f"trouble: rejected steps: {bad}; taken by backward Euler instead: {s['fallbacks']}; smallest h "
             f"{s['smallest_h'] * 1e3:.3g} ms, worst residual {s['worst_residual']:.1g}, "
-            f"{unsolved}cloth through solids {s['crossings']}, largest stretch {s['largest_stretch']:.3f}\n"
+            f"{unsolved}cloth through solids {s['solid_intersections']}, largest stretch {s['largest_stretch']:.3f}\n"
             f"energy: {_energy(s['energy'])}\n"
             f"{_doubt(sim)}{_damps(sim)}"
             f"cost: {sim.time - start:.4g} s simulated in {wall:.1f} s on {sim.runtime.arch} {sim.runtime.precision}{since}: "

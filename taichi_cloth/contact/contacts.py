@@ -263,14 +263,14 @@ class Contacts(Checkpointed):
         """The counts of contact in a step's record, by the names of `Attempt`."""
         pinched = int(np.sum(self.solids.penetration.spared > 0))
         led = self.solids.pinches.where
-        out = {"contacts": self.count, "unsettled": self.solids.unsettled, "crossings": self.crossings, "pinched": pinched,
-               "place": self.place(), "led": led if led.any() else None,
+        out = {"contacts": self.count, "unconverged_contacts": self.solids.unsettled, "pinched": pinched,
+               "solid_intersections": self.crossings, "place": self.place(), "led": led if led.any() else None,
                "contact_error": self.found.residual.off if self.found is not None and self.count else 0.0}
         if self.layers is None:
             return out
         layers, tangles = self.layers, self.layers.intersections
-        return out | {"unsettled": self.solids.unsettled + layers.off, "pinched": pinched + tangles.pinched,
-                      "layers": layers.count, "least": layers.least, "tangled": tangles.count}
+        return out | {"unconverged_contacts": self.solids.unsettled + layers.off, "pinched": pinched + tangles.pinched,
+                      "layers": layers.count, "min_gap_ratio": layers.least, "known_intersections": tangles.count}
 
     def place(self) -> Place | None:
         """The place of the smallest distance in contact, over the distance that should be kept there."""

@@ -47,7 +47,7 @@ class Bend(HingeLaw):
             rest = np.column_stack([law.own * rest[:, 0], rest[:, 1:]])
         self._begin(fields, [h for _, h in parts], vertices, rest, stiff)
         self.has_extra_torque = self.has_crease_side = law is not None
-        self.gusty = law is not None  # explicit steps must be as short as its changes
+        self.time_dependent = law is not None  # explicit steps must be as short as its changes
         self.hysteresis: Any = None
         if law is not None:
             self.hysteresis = Hysteresis(fields, model, self.elements, law)

@@ -25,7 +25,7 @@ from ..backend.language import ti
 from ..backend.rows import read
 from ..system.state import Elements, ParticleState
 from .conditions import TINY, unit
-from .curvature_law import CurvatureLaw
+from .curvature_sliders import CurvatureSliders
 
 SYM = ((0, 0, 0), (1, 0, 1), (2, 0, 2), (3, 1, 1), (4, 1, 2), (5, 2, 2))  # numbers of a symmetric matrix: place, row, column
 
@@ -38,7 +38,8 @@ class CurvatureHysteresis:
         faces: (m, 3) particles at the triangles' corners.
     """
 
-    def __init__(self, made: Fields, model: ParticleState, elements: Elements, faces: np.ndarray, law: CurvatureLaw) -> None:
+    def __init__(self, made: Fields, model: ParticleState, elements: Elements, faces: np.ndarray,
+                 law: CurvatureSliders) -> None:
         self.model, self.elements, per = model, elements, elements.per_entry
         there = np.flatnonzero(law.mean.any(axis=0))
         count, self.kinds = len(faces), len(there)

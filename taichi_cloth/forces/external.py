@@ -16,7 +16,7 @@ from .force import Force
 class DeadLoad(Force):
     """A force without a derivative, neither by position nor by velocity: it is in b alone."""
 
-    dead = True
+    dead_load = True
 
     def build_stiffness(self) -> None:
         """Nothing but to be asked for."""
@@ -94,7 +94,7 @@ class Drag(Force):
         self.drag = fields.real(2, data=np.array([air.normal, air.tangential]))  # c_n, c_t: other ones compile nothing anew
         density = min(f.density for c in scene.cloths for f in c.fabrics)
         self.rates = (0.0, max(float(air.normal), float(air.tangential)) / density)
-        self.gusty = self.uniform = callable(air.wind)
+        self.time_dependent = self.interpolated_wind = callable(air.wind)
         if not air.varies_in_space:
             self.now = air.wind_at(0.0)
         self.wind = fields.real(1, 3, self.now)
@@ -119,7 +119,7 @@ class Drag(Force):
 
     def set_time(self, t: float) -> None:
         """The wind at t [s], where it changes."""
-        if self.gusty or self.script.air is not None:
+        if self.time_dependent or self.script.air is not None:
             self.set_wind(self.air.wind_at(t))
 
     def set_wind(self, now: np.ndarray) -> None:

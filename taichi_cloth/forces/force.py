@@ -1,6 +1,5 @@
 """The contract of a force: energy, force, linearization and products, as a class."""
 
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
@@ -8,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from ..backend.language import ti
+from ..renamed import old_names, take_over
 from ..scene.attachment import Script
 
-RENAMED = {"coupled": "low_rank", "add_coupled": "add_low_rank"}  # names of the last release
 
-
+@old_names
 class Force(ABC):
     """A force on a model's particles: its energy, its part of eq. (18), and the traits that other parts of a step rely on.
 
@@ -26,16 +25,16 @@ class Force(ABC):
             part of a limit of strain).
         stiff: whether `build_stiffness` was called.
         rates: bounds at rest on the squared frequency [1/s^2] and the damping rate [1/s] of any mode, for explicit steps.
-        slow: whether explicit methods may evaluate it once in several substeps.
-        gusty: whether it changes with time by itself.
-        uniform: whether all that changes is its `wind`, which explicit methods lead evenly through a step.
-        abrupt: whether its stiffness can grow many times over within a step.
+        multirate: whether explicit methods may evaluate it once in several substeps.
+        time_dependent: whether it changes with time by itself.
+        interpolated_wind: whether only its `wind` changes, which explicit methods interpolate linearly over a step.
+        stiffens_sharply: whether its stiffness can grow many times over within a step, as at a limit of strain.
         of_contact: whether its elements come and go with contact.
         attached: (k, 3) particle, stiffness [N/m] and largest force [N] of its soft attachments; None if it never has any.
         low_rank: whether its matrix has a part of low rank, whose product takes sums over all of the cloth: `sum_up`,
             `add_low_rank`.
-        dead: whether it has no derivative, and so is in b alone: no product and no level takes it.
-        driven: whether its energy changes with time by itself.
+        dead_load: whether it has no derivative, and so is in b alone: no product and no level takes it.
+        time_dependent_energy: whether its energy changes with time by itself.
         indefinite: whether the matrix has a part of it that may not be semidefinite, see `leave_out`.
         notes: sentences for the user, found when it was made.
     """
@@ -44,24 +43,20 @@ class Force(ABC):
     extremes: int = 0
     stiff: bool = False
     rates: tuple[float, ...] = (0.0, 0.0)
-    slow: bool = False
-    gusty: bool = False
-    uniform: bool = False
-    abrupt: bool = False
+    multirate: bool = False
+    time_dependent: bool = False
+    interpolated_wind: bool = False
+    stiffens_sharply: bool = False
     of_contact: bool = False
     attached: np.ndarray | None = None
     low_rank: bool = False
-    dead: bool = False
-    driven: bool = False
+    dead_load: bool = False
+    time_dependent_energy: bool = False
     indefinite: bool = False
     notes: Sequence[str] = ()
 
     def __init_subclass__(cls) -> None:
-        for old, new in RENAMED.items():
-            if old in vars(cls):
-                warnings.warn(f"{cls.__name__}: `{old}` is called `{new}` now, and no longer read from the next release on",
-                              DeprecationWarning, stacklevel=2)
-                setattr(cls, new, vars(cls)[old])
+        take_over(cls, "Force")
 
     @classmethod
     def does(cls, method: str) -> bool:

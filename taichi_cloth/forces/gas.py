@@ -93,21 +93,21 @@ class Gas(Force, Checkpointed):
         self.sums = self._fields.real(self.model.blocks.count * len(self.rooms), dtype=self.sum_type)
 
     def leave_out(self, part: bool) -> None:
-        """p ddV."""
+        """Leaves p ddV out of the matrix, or not."""
         write(self.left_out, np.array([part], dtype=np.int32))
 
     @property
-    def driven(self) -> bool:  # type: ignore[override]
+    def time_dependent_energy(self) -> bool:  # type: ignore[override]
         """Whether any gas is a function of time, or goes out where seams opened."""
-        return any(inflation.driven for inflation in self.script.inflations) or bool(self._open().any())
+        return any(inflation.time_dependent for inflation in self.script.inflations) or bool(self._open().any())
 
     @property
-    def gusty(self) -> bool:  # type: ignore[override]
+    def time_dependent(self) -> bool:  # type: ignore[override]
         """Whether any gas is a function of time."""
-        return any(inflation.driven for inflation in self.script.inflations)
+        return any(inflation.time_dependent for inflation in self.script.inflations)
 
     def _open(self) -> np.ndarray:
-        """(rooms,) whether anything that is a corner of a room is sewn to less than it was."""
+        """(rooms,) whether any corner of a room has lost a particle that was sewn to it."""
         out: np.ndarray = np.zeros(len(self.rooms), dtype=bool)
         if self.sews:
             now = self.model.sewn.knot
@@ -146,7 +146,7 @@ class Gas(Force, Checkpointed):
         return [ISOTHERMAL, amount, now.ambient, volume]
 
     def _found(self, k: int, room: Enclosure, now: Inflation) -> tuple[float, float]:
-        """(V_0, p_0) of an inflation that has none of its own: those when it began."""
+        """(V_0, p_0) of an inflation that gives neither: those when it began."""
         key = f"{now.key}_{k}"
         if key not in self.known:
             self.prepare()

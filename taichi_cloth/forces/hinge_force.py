@@ -26,7 +26,7 @@ class HingeForce(Force):
         damps: whether any hinge is damped; exact: whether K is.
     """
 
-    energies, slow = ("bend",), True
+    energies, multirate = ("bend",), True
     model: ParticleState
     exact: bool
     g: Any

@@ -15,7 +15,7 @@ from .external import DeadLoad
 class Loads(DeadLoad):
     """The sum of all loads on every particle."""
 
-    gusty = True
+    time_dependent = True
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
         self.model, self.script = model, scene.script

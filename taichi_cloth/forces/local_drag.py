@@ -27,7 +27,7 @@ class LocalDrag(Drag):
 
     def __init__(self, fields: Fields, model: ParticleState, scene: Scene, mode: str) -> None:
         super().__init__(fields, model, scene, mode)
-        self.gusty, self.uniform = True, False
+        self.time_dependent, self.interpolated_wind = True, False
         plate = 0.5 * self.built.density * np.array([self.built.drag, self.built.lift])
         self.plate = fields.real(2, data=plate)
         density = min(f.density for c in scene.cloths for f in c.fabrics)

@@ -55,8 +55,8 @@ class Membrane(MembraneLanes):
         fabrics = [f for c in cloths for f in c.fabrics]
         self.stiffening: Any = Stiffening(fields, fabrics) if any(map(stiffens, fabrics)) else None
         self.stiffer = self.stiffening is not None
-        self.abrupt = self.stiffening is not None and self.stiffening.limits
-        if self.abrupt:
+        self.stiffens_sharply = self.stiffening is not None and self.stiffening.limits
+        if self.stiffens_sharply:
             self.host_limit = np.array([limits_of(f) for c in scene.cloths for f in c.fabrics])[materials_of(scene.cloths)]
             self.extremes = 3
         stiffest = table.copy()
@@ -89,7 +89,7 @@ class Membrane(MembraneLanes):
 
     def geometry(self) -> dict[str, np.ndarray]:
         """Limits of triangles, in the order of their cloths, if there are any: b_u, b_v, L_u, L_v and L of shear."""
-        return {"face_limit": self.host_limit} if self.abrupt else {}
+        return {"face_limit": self.host_limit} if self.stiffens_sharply else {}
 
     @ti.func
     def rest(self, e):
@@ -165,7 +165,7 @@ class Membrane(MembraneLanes):
 
     @ti.func
     def used(self, e, w_u, w_v):
-        """Largest part of the ways from rest to a limit."""
+        """Largest strain over its limit, both from rest on: 1 at a limit."""
         m, k = self.material[e], self.table[self.material[e]]
         warp, weft = self.stiffening.used(m, WARP, w_u.norm(), k[B_U]), self.stiffening.used(m, WEFT, w_v.norm(), k[B_V])
         return ti.max(warp, weft, self.stiffening.used(m, SHEAR, ti.abs(w_u.dot(w_v)), 0.0))

@@ -63,7 +63,7 @@ class Stiffening:
 
     @ti.func
     def used(self, material, axis: ti.template(), s, rest):
-        """Part of the way from rest to the limit that the size s is."""
+        """Strain over its limit at the size s, both from rest on: 1 at the limit."""
         return (s - rest) / (self.table[3 * material + axis][0] - rest)
 
     @ti.func

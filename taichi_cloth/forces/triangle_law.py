@@ -28,7 +28,7 @@ class TriangleLaw(TriangleForce):
         area: (m,) of triangles in the pattern [m^2].
         damps: whether any triangle is damped.
         simd_width: elements whose forces a CPU thread takes together; above 1 there is add_forces(block, e, f) for so many.
-        used: (e, w_u, w_v) gives the largest part of the ways from rest to a limit, where the law is `abrupt`.
+        used: (e, w_u, w_v) gives the largest strain over its limit, 1 at a limit, where the law `stiffens_sharply`.
         mode: K of the conditions.
     """
 
@@ -166,7 +166,7 @@ class TriangleLaw(TriangleForce):
                     r_u, r_v, r_s = (u - u_0) / over, (v - v_0) / over, (w_u.dot(w_v) - o_u.dot(o_v)) / over
             largest = ti.max(largest, ti.max(u / b_u, v / b_v))
             change = ti.max(change, ti.max(strayed(u_0, u, b_u), strayed(v_0, v, b_v)))
-            if ti.static(self.abrupt):
+            if ti.static(self.stiffens_sharply):
                 used = ti.max(used, self.used(e, w_u, w_v))
             if self.elements.primary[e] == 1:
                 area = self.area[e]
@@ -183,7 +183,7 @@ class TriangleLaw(TriangleForce):
             report[block, base + i] = sums[i]
         report[block, base + n + 2] = largest
         report[block, base + n + 3] = change
-        if ti.static(self.abrupt):
+        if ti.static(self.stiffens_sharply):
             report[block, base + n + 4] = used
 
     @ti.func

@@ -29,8 +29,8 @@ def last_step(record: StepRecord) -> str:
     if record.contacts or record.layers:
         said.append(f"Cloth touches solids in {_many(record.contacts, 'place')}, and cloth in "
                     f"{_many(record.layers, 'place')}.")
-    if record.fell_back:
-        said.append(f"It was taken by backward Euler instead: {record.fell_back}.")
+    if record.fallback_reason:
+        said.append(f"It was taken by backward Euler instead: {record.fallback_reason}.")
     if compiling := record.seconds.get("compiling", 0.0):
         said.append(f"Of its time {1e3 * compiling:.3g} ms went into loading or compiling kernels.")
     for name, count in record.rejections.items():

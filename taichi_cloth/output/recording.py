@@ -9,6 +9,7 @@ from .. import checks
 from ..errors import OutputError, near
 from ..io import npz
 from ..io.jsonfile import parse_json
+from ..renamed import StepNumbers
 from .folder import CHECKPOINTS, FORMAT, FRAMES, GEOMETRY, MANIFEST, TELEMETRY, manifest_sum, numbered, read_line
 
 
@@ -110,7 +111,7 @@ class Recording:
                 record, total = read_line(line, total)
             except ValueError as error:
                 return out, f"{file} is damaged in line {len(out) + 1}: {error}"
-            out.append(record)
+            out.append(StepNumbers.of_any_version(record))
         if rest:
             self.notes.append(f"{file}: line {len(out) + 1} is not whole and was left out")
         return out, ""

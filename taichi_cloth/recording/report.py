@@ -78,9 +78,9 @@ def _trouble(t: Tally) -> str:
     rows = [("steps", f"{t.steps:,}"), ("rejected", rejected),
             ("smallest and largest h", f"{1e3 * (t.smallest_h or 0.0):.3g} ms, {1e3 * (t.largest_h or 0.0):.3g} ms"),
             ("worst residual of a solve", f"{t.residual:.2g}"), ("solves not converged", str(t.not_converged)),
-            ("crossings with solids, most in a step", str(t.crossings)),
+            ("crossings with solids, most in a step", str(t.solid_intersections)),
             ("pairs of cloth in contact, most in a step", str(t.layers)),
-            ("smallest gap between layers [thicknesses]", f"{t.least:.2f}"), ("largest stretch", f"{t.stretch:.4f}")]
+            ("smallest gap between layers [thicknesses]", f"{t.min_gap_ratio:.2f}"), ("largest stretch", f"{t.stretch:.4f}")]
     return "<h2>How often did it go wrong?</h2>" + _table([("step control", ""), *rows])
 
 
@@ -124,7 +124,7 @@ def _plots(log: list[dict]) -> str:
                "energy unaccounted for, in all [J]": line_plot({"unaccounted": (t, np.cumsum(
                    [r.get("ledger", {}).get("unaccounted", 0.0) for r in log]))}, "t [s]"),
                "largest stretch |w|/b": line_plot({"stretch": (t, of("stretch"))}, "t [s]"),
-               "contacts with solids": line_plot({k: (t, of(k)) for k in ("contacts", "unsettled")}, "t [s]")}
+               "contacts with solids": line_plot({k: (t, of(k)) for k in ("contacts", "unconverged_contacts")}, "t [s]")}
     parts = [f"<figure>{svg}<figcaption>{html.escape(name)}</figcaption></figure>" for name, svg in figures.items()]
     return '<h2>How did it go?</h2><div class="plots">' + "".join(parts) + "</div>"
 

@@ -44,7 +44,7 @@ class Inflation:
         return f"<Inflation of {self.name!r}, gas {self.gas!r}>"
 
     @property
-    def driven(self) -> bool:
+    def time_dependent(self) -> bool:
         """Whether it changes with time by itself."""
         return callable(self.pressure) or callable(self.volume)
 

@@ -71,7 +71,7 @@ class Parts:
             raise
         if self.integrator.system is None:
             self.integrator.subcycles = asked.adaptive
-            if asked.adaptive and not bound and not self.integrator.gusty:
+            if asked.adaptive and not bound and not self.integrator.time_dependent:
                 self.control = replace(self.control, h_max=H_EXPLICIT)
         self.notes += [f"{c.name}: {note}" for c in scene.cloths for note in notes_of(c, scene.seams)]
         if self.runtime.precision == "f32":

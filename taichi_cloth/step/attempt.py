@@ -23,15 +23,17 @@ class Attempt:
         measures: of the proposed state; None where it was not reached.
         solutions: of its linear solves, in order.
         seconds: wall time by part, EVAL, CG and C-S.
-        contacts: number of contacts with solids; unsettled: how many of them, and of pairs of cloth, had not settled.
+        contacts: number of contacts with solids.
+        unconverged_contacts: how many of them, and of pairs of cloth, had not agreed.
         contact_error: how far contacts with solids are from Coulomb's law, over all that acts.
-        crossings: triangles of cloth and solids that pass through each other.
-        layers: pairs of cloth in contact with cloth; least: their smallest distance over the distance to keep.
-        tangled: pairs of an edge and a triangle of cloth that pass through each other; pinched: particles that were let go.
+        solid_intersections: triangles of cloth and solids that pass through each other.
+        layers: pairs of cloth in contact with cloth; min_gap_ratio: their smallest distance over the distance to keep.
+        known_intersections: pairs of an edge and a triangle of cloth that pass through each other.
+        pinched: particles that were let go.
         evaluations: of the forces, by explicit methods.
         error: estimated, over the error that the tolerance allows in this step; None if not estimated.
         order: of the method, which says how the error goes with the step.
-        fell_back: why the step was redone by a more robust method, or "".
+        fallback_reason: why the step was redone by a more robust method, or "".
         ledger: of its energy; None where the step was not finished.
         place: where contact is nearest; None without any.
         led: (n,) whether solids that leave a particle no room lead it; None where they lead none.
@@ -43,17 +45,17 @@ class Attempt:
     solutions: tuple[Solution, ...]
     seconds: dict[str, float]
     contacts: int = 0
-    unsettled: int = 0
+    unconverged_contacts: int = 0
     contact_error: float = 0.0
-    crossings: int = 0
+    solid_intersections: int = 0
     layers: int = 0
-    least: float = 1.0
-    tangled: int = 0
+    min_gap_ratio: float = 1.0
+    known_intersections: int = 0
     pinched: int = 0
     evaluations: int = 0
     error: float | None = None
     order: int = 1
-    fell_back: str = ""
+    fallback_reason: str = ""
     ledger: Ledger | None = None
     place: Place | None = None
     led: np.ndarray | None = None
@@ -61,4 +63,5 @@ class Attempt:
     def instead_of(self, other: "Attempt", why: str) -> "Attempt":
         """This one, made where another one failed, with the cost of both."""
         seconds = {k: other.seconds.get(k, 0.0) + self.seconds.get(k, 0.0) for k in other.seconds | self.seconds}
-        return replace(self, solutions=other.solutions + self.solutions, seconds=seconds, fell_back=self.fell_back or why)
+        return replace(self, solutions=other.solutions + self.solutions, seconds=seconds,
+                       fallback_reason=self.fallback_reason or why)

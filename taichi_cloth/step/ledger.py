@@ -17,6 +17,7 @@ is negative where V is convex. If damping is an energy of the step, its force k_
 
 from dataclasses import asdict, dataclass, fields, replace
 
+from ..renamed import LedgerTerms
 from ..system.assembler import Measures
 
 
@@ -28,8 +29,8 @@ class Work:
         attachments: of places on solids on particles attached softly to them, letting go included.
         pins: of pins and motions of a script, and of seams while they close.
         solids: of solids: by the particles they hold, static friction, and their edges and corners.
-        lifted: of alterations of position (y) that push particles out of solids.
-        lowered: of those that pull particles down to a solid that they would pass: their motion has to pay for this work.
+        pushed_out: of alterations of position (y) that push particles out of solids.
+        pulled_down: of those that pull particles down to a solid that they would pass: their motion has to pay for this work.
         friction: of friction of cloth that slides on solids.
         layers: of cloth on cloth, besides stored repulsion; it includes energy stored anew as repulsion stiffens.
         gas: of pumps, which change a pressure; see `pump`.
@@ -38,8 +39,8 @@ class Work:
     attachments: float = 0.0
     pins: float = 0.0
     solids: float = 0.0
-    lifted: float = 0.0
-    lowered: float = 0.0
+    pushed_out: float = 0.0
+    pulled_down: float = 0.0
     friction: float = 0.0
     layers: float = 0.0
     gas: float = 0.0
@@ -48,7 +49,7 @@ class Work:
     def total(self) -> float:
         """All of it [J]."""
         held = self.attachments + self.pins + self.solids
-        return held + self.lifted + self.lowered + self.friction + self.layers + self.gas
+        return held + self.pushed_out + self.pulled_down + self.friction + self.layers + self.gas
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class Ledger(Work):
         torn: energy stored in hinges over stitches that failed in the step.
         edited: change between steps: another material as a run goes on with an edited scene, other pressures, a state
             that was set by hand.
-        braked: part of `method`: energy taken off velocities because the step would else have gained it.
+        kinetic_correction: part of `method`: energy taken off velocities because the step would else have gained it.
         unaccounted: change that none of these explains.
     """
 
@@ -77,7 +78,7 @@ class Ledger(Work):
     plastic: float = 0.0
     torn: float = 0.0
     edited: float = 0.0
-    braked: float = 0.0
+    kinetic_correction: float = 0.0
 
     @property
     def change(self) -> float:
@@ -92,7 +93,7 @@ class Ledger(Work):
 
     def record(self) -> dict[str, float]:
         """By name, as telemetry has it."""
-        return {**asdict(self), "unaccounted": self.unaccounted}
+        return LedgerTerms({**asdict(self), "unaccounted": self.unaccounted})
 
 
 def with_attachments(ledger: Ledger, work: float) -> Ledger:
@@ -109,7 +110,7 @@ def moved(ledger: dict[str, float]) -> float:
     Accounts are kinetic and potential energy, works, losses, and the change unaccounted for. All of them add up to zero,
     so half the sum of their sizes has moved.
     """
-    return sum(abs(ledger.get(name, 0.0)) for name in TERMS if name != "braked") / 2
+    return sum(abs(ledger[name]) for name in TERMS if name in ledger and name != "kinetic_correction") / 2
 
 
 TERMS = (*(f.name for f in fields(Ledger)), "unaccounted")
@@ -117,14 +118,14 @@ TERMS = (*(f.name for f in fields(Ledger)), "unaccounted")
 
 def gained(start: Measures, end: Measures, work: Work) -> float:
     """Growth of the energy [J] beyond the work that may be put in, wind apart."""
-    return end.total - start.total - work.total + max(0.0, work.lowered)
+    return end.total - start.total - work.total + max(0.0, work.pulled_down)
 
 
 def one_stage(h: float, start: Measures, end: Measures, work: Work) -> Ledger:
     """Ledger of a backward Euler step of h [s]; `end` as the solve left it."""
     stored = end.energies.get("contact", 0.0) - start.energies.get("contact", 0.0)
     potential = end.potential - start.potential
-    method = end.change + h * end.rate + work.lifted + work.lowered - (potential - stored)
+    method = end.change + h * end.rate + work.pushed_out + work.pulled_down - (potential - stored)
     return Ledger(**asdict(work), kinetic=end.energies["kinetic"] - start.energies["kinetic"], potential=potential,
                   wind=h * end.wind, damping=2 * h * end.damped, method=method)
 
@@ -155,4 +156,4 @@ def many_steps(start: Measures, end: Measures, work: Work) -> Ledger:
 
 def totals(ledgers: list[dict[str, float]]) -> dict[str, float]:
     """Sums over steps, by name; those of steps that were recorded without are 0."""
-    return {name: sum(ledger.get(name, 0.0) for ledger in ledgers) for name in TERMS}
+    return LedgerTerms({name: sum((ledger[name] for ledger in ledgers if name in ledger), 0.0) for name in TERMS})

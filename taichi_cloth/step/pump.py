@@ -12,7 +12,7 @@ from ..system.held import Held
 
 
 class Pump:
-    """On the forces of a meter that are driven; does nothing, at no cost, where none is."""
+    """On the forces of a meter whose energy depends on time; does nothing, at no cost, where there are none."""
 
     def __init__(self, meter: Assembler) -> None:
         self.meter = meter
@@ -20,7 +20,7 @@ class Pump:
     @property
     def runs(self) -> bool:
         """Whether anything changes by itself."""
-        return any(force.driven for force in self.meter.forces)
+        return any(force.time_dependent_energy for force in self.meter.forces)
 
     def at_end(self, start: Measures) -> tuple[Measures, float]:
         """(measures of a step's start, where the model is, as if its end's time were come; the work of that [J])."""
@@ -58,4 +58,4 @@ class Pump:
 
     def _stored(self) -> dict[str, float]:
         energies = self.meter.measure().energies
-        return {name: energies[name] for force in self.meter.forces if force.driven for name in force.energies}
+        return {name: energies[name] for force in self.meter.forces if force.time_dependent_energy for name in force.energies}

@@ -9,6 +9,7 @@ from .. import checks
 from ..backend.timing import compiling
 from ..errors import SceneError, SimulationError
 from ..options import LONGEST, SHORTEST
+from ..renamed import old_names
 from ..system.assembler import Assembler, Measures
 from ..system.checkpoint import Checkpointed
 from ..system.state import ParticleState
@@ -61,6 +62,7 @@ class Control:
         checks.flag("adaptive", self.adaptive)
 
 
+@old_names
 @dataclass(slots=True)
 class StepRecord:
     """One accepted step, for the log and for telemetry.
@@ -78,20 +80,20 @@ class StepRecord:
         seconds: wall time by part: EVAL, CG, C-C, C-S, and total, rejected attempts included; compiling: the part of it
             in first launches of kernels.
         contacts: number of contacts with solids at its end.
-        unsettled: how many of them had not agreed on sticking, sliding or releasing when it was accepted, and how
+        unconverged_contacts: how many of them had not agreed on sticking, sliding or releasing when it was accepted, and how
             many pairs of cloth not on their forces.
         contact_error: impulses that contacts with solids miss by Coulomb's law, as a part of all that act: weight, contact,
             pins, changes of momentum.
-        crossings: pairs of triangles of cloth and of solids with edges or corners that pass through each other.
-        layers: pairs of cloth in contact with cloth; least: the smallest distance of any over the distance to keep.
-        tangled: pairs of an edge and a triangle of cloth that are known to pass through each other; they rest, but
+        solid_intersections: pairs of triangles of cloth and of solids with edges or corners that pass through each other.
+        layers: pairs of cloth in contact with cloth; min_gap_ratio: the smallest distance of any over the distance to keep.
+        known_intersections: pairs of an edge and a triangle of cloth that are known to pass through each other; they rest, but
             for those beside a seam that is still apart.
         pinched: particles to which solids leave no room: layers that were let go, and those that no step gets smaller for.
         intersections: pairs of an edge and a triangle of cloth that pass through each other at its end, counted exactly; None
             where that was not asked for.
         evaluations: of the forces, by an explicit method.
         error: estimated, over the error that the tolerance allows in this step; 0 without a tolerance.
-        fell_back: why the default method redid the step by backward Euler; "" where it did not.
+        fallback_reason: why the default method redid the step by backward Euler; "" where it did not.
         opened: stitches of seams that are open at its end, of all.
         gas: (volume [m^3], pressure over that outside [Pa]) of each gas, by name.
         ledger: J by name, works and losses of this step: see `ledger.Ledger`.
@@ -109,14 +111,14 @@ class StepRecord:
     stretch: float
     seconds: dict[str, float] = field(default_factory=dict)
     contacts: int = 0
-    unsettled: int = 0
-    crossings: int = 0
+    unconverged_contacts: int = 0
+    solid_intersections: int = 0
     evaluations: int = 0
     error: float = 0.0
-    fell_back: str = ""
+    fallback_reason: str = ""
     layers: int = 0
-    least: float = 1.0
-    tangled: int = 0
+    min_gap_ratio: float = 1.0
+    known_intersections: int = 0
     pinched: int = 0
     intersections: int | None = None
     opened: int = 0
@@ -263,7 +265,7 @@ class Stepper(Checkpointed):
         measures = attempt.measures
         assert measures is not None
         ledger, taken = attempt.ledger, 0.0
-        torn, opened, tangled = (0.0, 0, attempt.tangled) if self.giving is None else self.giving.commit()
+        torn, opened, intersections = (0.0, 0, attempt.known_intersections) if self.giving is None else self.giving.commit()
         if torn and ledger is not None:
             ledger = replace(ledger, potential=ledger.potential - torn, torn=torn)
         changed = [force.accept(h) for force in self._accepting]  # each is asked
@@ -291,9 +293,10 @@ class Stepper(Checkpointed):
             status = attempt.detail
         return StepRecord(t + h, h, sum(s.iterations for s in attempt.solutions), len(attempt.solutions),
                           worst.residual if worst else 0.0, status, rejections, measures.energies, measures.stretch,
-                          seconds, attempt.contacts, attempt.unsettled, attempt.crossings, attempt.evaluations,
-                          attempt.error or 0.0, attempt.fell_back, attempt.layers, attempt.least, tangled,
-                          attempt.pinched, opened=opened, ledger={} if ledger is None else ledger.record(),
+                          seconds, attempt.contacts, attempt.unconverged_contacts, attempt.solid_intersections,
+                          attempt.evaluations, attempt.error or 0.0, attempt.fallback_reason, attempt.layers,
+                          attempt.min_gap_ratio, intersections, attempt.pinched, opened=opened,
+                          ledger={} if ledger is None else ledger.record(),
                           gas={k: v for force in self._recording for k, v in force.record().items()},
                           troubles=tuple(troubles), contact_error=attempt.contact_error)
 

@@ -19,6 +19,7 @@ import numpy as np
 from .. import checks
 from ..errors import ClothError, SceneError
 from ..options import EXPLICIT, INTEGRATORS
+from ..renamed import old_names
 from ..scene.scene import Scene
 from ..simulation import Simulation
 from ..step.choice import SAFETY
@@ -67,6 +68,7 @@ class Case:
         return " ".join([step, *more])
 
 
+@old_names
 @dataclass
 class Row:
     """Result of a case.
@@ -88,7 +90,7 @@ class Row:
     stretch_error: float | None = None
     steps: int = 0
     rejections: dict[str, int] = field(default_factory=dict)
-    fell_back: int = 0
+    fallbacks: int = 0
     iterations: int = 0
     evaluations: int = 0
     note: str = ""
@@ -171,7 +173,7 @@ def judge(row: Row, track: Track, fine: Track, last: int, doubt: float) -> None:
     row.stretch_error = float(np.abs(track.stretch - fine.stretch)[1:].max())
     row.converged = doubt <= CONVERGED * row.error
     notes = [] if row.converged else ["reference not converged"]
-    notes += [f"{row.fell_back} steps by backward Euler"] if row.fell_back else []
+    notes += [f"{row.fallbacks} steps by backward Euler"] if row.fallbacks else []
     row.note = ", ".join(notes + [f"{k} {v}" for k, v in row.rejections.items()])
 
 
@@ -300,7 +302,7 @@ def _run(case: Case, make: Callable[[], Scene], samples: int) -> tuple[Row, Trac
         walls.append(time.perf_counter() - started)
     row.wall, row.steps = walls[-1], len(sim.log)
     row.iterations, row.evaluations = (sum(getattr(r, name) for r in sim.log) for name in ("iterations", "evaluations"))
-    row.fell_back = sum(bool(r.fell_back) for r in sim.log)
+    row.fallbacks = sum(bool(r.fallback_reason) for r in sim.log)
     rejections: Counter[str] = Counter()
     for record in sim.log:
         rejections.update(record.rejections)

@@ -123,7 +123,7 @@ def outcome(sim: Simulation) -> dict[str, Any]:
     energies = sim.last.energies if sim.last is not None else sim.energy()
     kinetic = energies.get("kinetic", 0.0)
     return {"time_s": sim.time, "steps": t.steps, "solves": t.solves, "iterations": t.iterations, "evaluations": t.evaluations,
-            "rejected": t.rejections.total(), "fell_back": t.fell_back.total(), "contacts": t.contacts,
+            "rejected": t.rejections.total(), "fallbacks": t.fallbacks.total(), "contacts": t.contacts,
             "largest_stretch": t.stretch, "kinetic_J": kinetic, "potential_J": sum(energies.values()) - kinetic,
             "unaccounted_J": t.ledger["unaccounted"], "lowest_m": float(x[:, 1].min()),
             "digest": hashlib.sha256(x.tobytes() + v.tobytes()).hexdigest()[:16]}

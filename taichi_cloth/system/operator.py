@@ -24,7 +24,7 @@ class Operator:
 
     def __init__(self, fields: Fields, model: ParticleState, forces: list) -> None:
         self.model, self.blocks = model, model.blocks
-        self.forces = [force for force in forces if not force.dead]
+        self.forces = [force for force in forces if not force.dead_load]
         self.low_rank = [force for force in forces if force.low_rank]
         self.has_low_rank = len(self.low_rank) > 0
         for force in forces:

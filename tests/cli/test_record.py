@@ -121,7 +121,7 @@ def test_the_manifest_sums_it_up(run):
     assert s["worst_residual"] == max(r["residual"] for r in log)
     assert s["cg_iterations"] == sum(r["iterations"] for r in log) > 0 and s["solves"] == sum(r["solves"] for r in log)
     assert s["contacts"] == max(r["contacts"] for r in log) and s["largest_stretch"] == max(r["stretch"] for r in log)
-    assert s["crossings"] == max(r["crossings"] for r in log) and s["not_converged"] == 0
+    assert s["solid_intersections"] == max(r["solid_intersections"] for r in log) and s["not_converged"] == 0
     rejected = {}
     for r in log:
         for name, count in r["rejections"].items():

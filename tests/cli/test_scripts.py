@@ -8,6 +8,7 @@ from inside import ROOT, call_script
 
 import taichi_cloth as tc
 from taichi_cloth.scene.intersections import count_crossings, count_self_crossings
+from taichi_cloth.system import assembler
 
 pytestmark = pytest.mark.slow
 
@@ -181,3 +182,25 @@ def test_damping_as_an_energy_and_a_matrix_by_state_converge_from_anywhere():
     rows = [line.split("|")[2:-1] for line in done.stdout.splitlines() if line.startswith("| ")][1:]
     missed = [sum(row[k].split(",")[1].strip() == "-" for row in rows) for k in range(5)]
     assert len(rows) == 6 and missed[4] == 0 and min(missed[:4]) > 0 and missed[0] >= 2
+
+
+def test_a_step_goes_through_no_more_than_the_page_on_architecture_states(monkeypatch):
+    """No more files; functions and calls a solve, which rounding can change by a contact, within 2 % and a tenth."""
+    monkeypatch.setattr(assembler, "FUSED", True)  # as outside of tests
+    done = call_script(ROOT / "scripts" / "trace_step.py", "--calls")
+    assert done.returncode == 0, done.stderr
+    for wrapper in ("taichi_patches.py: call", "launches.py: launch", "timing.py: part"):
+        assert done.stdout.count(f"-> backend/{wrapper}") >= 3, f"{wrapper} is part of a step"
+    now, stated = (rows_of_steps(text) for text in (done.stdout, (ROOT / "docs" / "architecture.md").read_text()))
+    assert "upward" not in done.stdout and len(now) == 3 and now.keys() == stated.keys()
+    for name, (solves, files, calls, functions) in now.items():
+        at_most = stated[name]
+        assert files <= at_most[1] and functions <= 1.02 * at_most[3], f"{name}: update docs/architecture.md, or call less"
+        assert calls / solves <= 1.1 * at_most[2] / at_most[0], name
+
+
+def rows_of_steps(text: str) -> dict[str, list[int]]:
+    """Rows of the table of steps: solves, files, calls and functions by name."""
+    table = text[text.index("| one step |"):].split("\n\n")[0].splitlines()[2:]
+    cells = [line.strip("| ").split(" | ") for line in table if line.startswith("|")]
+    return {name: [int(number) for number in numbers] for name, *numbers in cells}

@@ -90,17 +90,13 @@ def test_docstrings_and_comments_are_counted_as_by_hand(prose, tmp_path):
     assert list(prose.faults(tmp_path / "springs.py")) == ["Pulls what there is.", "Of two lines, with what they share."]
 
 
-BEING_REWRITTEN = ("contact/", "step/")
-
-
 def test_code_is_plain(prose):
     """In docstrings and comments "what" is an argument's name, and sentences are short and begin with their subject.
 
     `python scripts/prose.py --code --list` prints the sentences that count.
     """
     found = {package: sum(map(prose.code, paths), prose.Measured()) for package, paths in prose.by_package().items()}
-    for package in found.keys() - BEING_REWRITTEN:
-        m = found[package]
+    for package, m in found.items():
         assert m.whats <= 2 + m.words / 1000, f"{package}: {m.whats} times 'what' as a pronoun: name the thing"
         assert m.openings <= 2 + m.sentences / 100, f"{package}: {m.openings} sentences without a subject in front"
         assert m.mean <= 14, f"{package}: {m.mean:.1f} words a sentence"
@@ -109,7 +105,7 @@ def test_code_is_plain(prose):
 
 
 def test_the_changelog_is_by_release_and_short():
-    """Dated releases with Added, Changed and Fixed in this order; lines of 20 words on average."""
+    """Dated releases with Added, Changed and Fixed in this order; at most 40 changes, of 20 words on average."""
     releases = re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(), flags=re.MULTILINE)[1:]
     assert len(releases) > 1
     for text in releases:
@@ -118,4 +114,4 @@ def test_the_changelog_is_by_release_and_short():
         kinds = re.findall(r"^### (.*)$", text, re.MULTILINE)
         assert kinds == [kind for kind in ("Added", "Changed", "Fixed") if kind in kinds] != [], f"{title}: {kinds}"
         lines = re.findall(r"^- (.*(?:\n  .*)*)", text, re.MULTILINE)
-        assert sum(len(line.split()) for line in lines) <= 20 * len(lines), title
+        assert sum(len(line.split()) for line in lines) <= 20 * len(lines) and len(lines) <= 40, f"{title}: {len(lines)}"

@@ -57,7 +57,8 @@ def test_tables_on_disk_are_those_of_the_code(page):
 
 
 def test_the_pages_with_tables_are_found():
-    assert {page.stem for page in site_pages.with_tables()} == {"api", "command-line", "options", "scenes", "output"}
+    assert {page.stem for page in site_pages.with_tables()} == {"api", "command-line", "options", "scenes", "output",
+                                                                  "deprecations"}
 
 
 def test_every_public_name_has_its_line():

@@ -75,7 +75,7 @@ def test_a_ball_against_cloth_that_is_led():
     for _ in range(2):
         sim.step()
         (nearest, crossed), = against_solids(sim).values()
-        assert not crossed and nearest > 0.149 and sim.log[-1].crossings == 0
+        assert not crossed and nearest > 0.149 and sim.log[-1].solid_intersections == 0
     inside = cloth.positions * [1, 1, 0] + sim.scene.solids[0].position(sim.time)
     sim.set_state(inside, np.zeros_like(inside))
     assert sim.contacts.crossings > 0 and list(against_solids(sim).values())[0][1] > 0

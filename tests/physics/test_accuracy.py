@@ -82,7 +82,7 @@ def test_energy_never_grows_by_much_and_the_step_says_why_it_fell_back():
     sim.run(1.0, 30)
     total = np.array([start, *(sum(r.energies.values()) for r in sim.log)])
     assert np.diff(total).max() < 0.01 * 0.2 * 9.81
-    assert {r.fell_back for r in sim.log} <= {"", "ENERGY", "NEWTON", "SOLVER"}
+    assert {r.fallback_reason for r in sim.log} <= {"", "ENERGY", "NEWTON", "SOLVER"}
 
 
 @pytest.mark.parametrize("settings, tolerance, wanted", [

@@ -125,7 +125,7 @@ def test_no_step_of_layers_leaves_much_of_its_energy_unaccounted_for(h):
         while sim.time < 0.8 - 1e-9:
             r = sim.step()
             through = sum(abs(value) for name, value in r.ledger.items() if name != "unaccounted")
-            if r.layers and r.solves < 6 and not r.ledger["braked"]:
+            if r.layers and r.solves < 6 and not r.ledger["kinetic_correction"]:
                 left.append(abs(r.ledger["unaccounted"]) / max(through, 0.5 * 0.6 * (9.81 * r.h) ** 2))
     assert len(left) > 5 and max(left) < 0.2, (len(left), max(left))
 

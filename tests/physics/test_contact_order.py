@@ -56,7 +56,7 @@ def test_an_error_asked_for_is_kept_on_a_ball_in_few_steps():
     fine = ended(ball(), 0.2, h=1 / 2400, integrator="backward_euler")[0]
     x, log = ended(ball(), 0.2, tolerance=1e-3)
     assert rms(x, fine) < 1e-3 and len(log) < 120, (rms(x, fine), len(log))
-    assert sum(r.fell_back == "TOUCH" for r in log) > 20
+    assert sum(r.fallback_reason == "TOUCH" for r in log) > 20
 
 
 @pytest.mark.parametrize("integrator", ["bdf2", "backward_euler"])
@@ -72,7 +72,7 @@ def test_what_falls_flat_stays_where_it_fell(integrator):
             sim.step()
             heights.append(sim.positions()[:, 1].copy())
             slips.append(np.abs(sim.velocities()).max())
-    assert integrator != "bdf2" or all(r.fell_back in ("", "TOUCH") for r in sim.log)  # none was redone
+    assert integrator != "bdf2" or all(r.fallback_reason in ("", "TOUCH") for r in sim.log)  # none was redone
     down = next(k for k, y in enumerate(heights) if y.min() < 0.0051)
     assert np.abs(np.array(heights[down:]) - 0.005).max() < 1e-9
     assert max(slips[down:]) <= 0.5 + 1e-9 and slips[-1] < 1e-3  # mu 2 m/s stop it at once
@@ -83,7 +83,7 @@ def test_its_energy_is_accounted_for():
     exact = {"cg_tol": 1e-9, "newton_tol": 1e-8, "newton_max": 40}
     with tc.Simulation(slope(0.0), h=1 / 120, integrator="bdf2", threads=1, **exact) as sim:
         sim.run(0.2, 10)
-        went_on = [r for r in sim.log if r.fell_back == "TOUCH"][1:]
+        went_on = [r for r in sim.log if r.fallback_reason == "TOUCH"][1:]
         assert len(went_on) > 2
         for r in went_on:
             assert abs(r.ledger["unaccounted"]) < 1e-6 * (abs(r.ledger["kinetic"]) + abs(r.ledger["potential"])), r

@@ -154,7 +154,7 @@ def test_sides_keep_what_they_have_come_apart_by():
             met = max(met, sim.log[-1].layers)
             assert met == 0 or sim.time > 0.076, "nothing pushes them apart"
             x = sim.positions()
-            assert cloth_crossings(sim) == 0 and sim.log[-1].tangled == 0
+            assert cloth_crossings(sim) == 0 and sim.log[-1].known_intersections == 0
             if sim.time > 0.08:
                 least = min(least, np.linalg.norm(x[seam.a] - x[seam.b], axis=1).min())
         assert met > 10 and 0.0005 < least < 0.0025
@@ -177,7 +177,7 @@ def test_sides_that_pass_through_each_other_are_counted():
         counts = []
         for _ in range(8):
             sim.step()
-            counts.append((sim.log[-1].tangled, cloth_crossings(sim)))
+            counts.append((sim.log[-1].known_intersections, cloth_crossings(sim)))
     assert all(said == exact for said, exact in counts) and counts[0][1] > 0 and counts[-1][1] == 0, counts
 
 
@@ -197,7 +197,7 @@ def test_what_slips_through_beside_a_seam_that_closes_is_counted(pull):
         counts = []
         for _ in range(8):
             sim.step()
-            counts.append((sim.log[-1].tangled, cloth_crossings(sim)))
+            counts.append((sim.log[-1].known_intersections, cloth_crossings(sim)))
         assert sim.seam_gaps()[0] == 0
     assert all(said == exact for said, exact in counts) and counts[0][1] > 0 and counts[-1][1] == 0, counts
 

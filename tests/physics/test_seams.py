@@ -196,7 +196,7 @@ def test_what_is_apart_is_led_together_and_stays_so():
             if gaps[-2] == 0:
                 assert (sim.velocities()[a] == sim.velocities()[b]).all()
         assert gaps[5] < gaps[0] and gaps[-1] == 0.0 and (sim.velocities()[a] == sim.velocities()[b]).all()
-        assert (now[0] == x[0]).all() and (integrator == "backward_euler" or sim.log[-1].fell_back != "TOUCH")
+        assert (now[0] == x[0]).all() and (integrator == "backward_euler" or sim.log[-1].fallback_reason != "TOUCH")
         sim.close()
 
 

@@ -128,7 +128,7 @@ def test_each_solve_of_a_step_is_twice_as_exact_as_the_one_before():
         rough = [s.tolerance for s in solutions if s.preliminary]
         assert rough == pytest.approx([0.01 / 2**k for k in range(len(rough))])
     assert sum(not s[-1].preliminary for s in touching) > len(several) and min(len(s) for s in touching[-10:]) < 4
-    assert max(r.residual for r in sim.log if not r.unsettled and r.solves == 1) < 2e-5
+    assert max(r.residual for r in sim.log if not r.unconverged_contacts and r.solves == 1) < 2e-5
 
 
 def test_friction_in_every_step_is_coulombs():

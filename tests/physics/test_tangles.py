@@ -120,7 +120,7 @@ def test_what_rests_no_more_but_starts_too_near_does_not_stop_the_rest(gap, stuc
             sim.step()
         assert len(sim.log) == 4 and not any(r.rejections for r in sim.log)
         assert (sim.log[1].pinched > len(x) / 2) == stuck
-        assert stuck or sim.log[-1].least > 0.9
+        assert stuck or sim.log[-1].min_gap_ratio > 0.9
 
 
 def test_crossings_are_known_after_every_step():
@@ -130,8 +130,8 @@ def test_crossings_are_known_after_every_step():
         for _ in range(12):
             sim.step()
             faces = np.concatenate([c.mesh.faces + c.start for c in sim.scene.cloths])
-            assert sim.log[-1].tangled == count_self_crossings(sim.positions(), faces)
-            seen.append(sim.log[-1].tangled)
+            assert sim.log[-1].known_intersections == count_self_crossings(sim.positions(), faces)
+            seen.append(sim.log[-1].known_intersections)
             tangles, there = sim.contacts.layers.intersections, sim.model.read_particles()[0]
             i, j = edges_through(there, tangles.edges, there, tangles.faces[tangles.rows])
             assert set(range(seen[-1])) <= set(i[i == j])  # and which they are

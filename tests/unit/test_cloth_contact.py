@@ -489,7 +489,7 @@ def test_what_starts_crossed_is_counted_named_and_pulled_apart():
         sim.step()
         speeds.append(np.abs(sim.velocities()).max())
     assert sim.intersections() == 0 and max(speeds) < 2
-    assert [r.tangled for r in sim.log] == [r.intersections for r in sim.log]  # what is there, and not a step before
+    assert [r.known_intersections for r in sim.log] == [r.intersections for r in sim.log]  # not a step late
     sim.close()
 
 
@@ -628,7 +628,7 @@ def test_a_run_resumed_in_contact_goes_on_bit_for_bit(rng):
         sim.step()
         states.append(sim.checkpoint())
         assert k > 1 or min(sim.log[-1].layers, sim.log[-1].pinched, len(states[k]["contacts.layers.kept.force"])) >= 10
-    assert sim.log[1].tangled >= 10
+    assert sim.log[1].known_intersections >= 10
     sim.step()
     rested = np.maximum(states[-1]["contacts.layers.intersections.until"] - (sim.time - float(states[-1]["time"])), 0)
     assert np.allclose(layers.intersections.until, rested, atol=1e-12) and rested.max() > 0.01

@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from test_forces import irregular, ladder, products
 
 import taichi_cloth as tc
+from taichi_cloth.backend.language import ti
+from taichi_cloth.forces import curvature_bend
 from taichi_cloth.forces.curvature_fit import curvatures, edge_gradients
 
 
@@ -99,3 +102,68 @@ def test_a_pattern_far_from_its_origin_bends_alike():
     far = tc.TriMesh(mesh.x, mesh.faces, mesh.uv + 2.0**40)
     for near, there in zip(edge_gradients(mesh), edge_gradients(far)):
         assert there == pytest.approx(near, abs=1e-12)
+
+
+D, STIFFER = 2e-2, 10.0  # N m, 1/J
+
+
+@ti.data_oriented
+class Stiffening(curvature_bend.CurvatureBend):
+    """E = area D/2 s + STIFFER/4 s^2 a triangle, s = |x_uu|^2 + 2 |x_uv|^2 + |x_vv|^2 by the weights of D."""
+
+    @ti.func
+    def square(self, e, q):
+        """area D s"""
+        total = 0.0
+        for m, c in ti.static(ti.ndrange(3, 3)):
+            total += self.k[e][m] * q[m, c] ** 2
+        return total
+
+    @ti.func
+    def add_energy(self, e, q, moved, sums: ti.template()):
+        """Both terms, and their rates."""
+        s, M = self.square(e, q), self.moment(e, q)
+        sums[0] += 0.5 * s + 0.25 * STIFFER * s * s
+        for m, c in ti.static(ti.ndrange(3, 3)):
+            sums[2] += M[m, c] * moved[m, c]
+
+    @ti.func
+    def moment(self, e, q):
+        """Their derivative."""
+        out, factor = q, 1 + STIFFER * self.square(e, q)
+        for m, c in ti.static(ti.ndrange(3, 3)):
+            out[m, c] = factor * self.k[e][m] * q[m, c]
+        return out
+
+    @ti.func
+    def stiffness(self, e, q):
+        """Moment over curvature."""
+        return (1 + STIFFER * self.square(e, q)) * ti.Vector([self.k[e][0], self.k[e][1], self.k[e][2]])
+
+
+@pytest.mark.slow
+def test_another_law_over_the_same_loops(rng, monkeypatch):
+    """Three functions are all of it: force by differences of energy, and the product by dense matrices."""
+    monkeypatch.setattr(curvature_bend, "CurvatureBend", Stiffening)
+    mesh, x, v = irregular(rng)
+    scene = tc.Scene(gravity=None)
+    scene.add_cloth(mesh, tc.Fabric(0.2, bend=tc.Bend(D, model="curvature")), x, 0 * v)
+    p = rng.normal(size=x.shape)
+    with tc.Simulation(scene) as sim:
+        def energy(eps):
+            sim.set_state(x + eps * p, 0 * x)
+            return sim.energy()["bend"]
+
+        power, here = np.sum(sim.forces() * p), sim.energy()["bend"]
+        assert ladder(-power, energy, abs(power)) < 1e-7
+        energy(0.0)
+        K_p = products(sim, p)[0]
+    vertices, B, area = curvatures(mesh)
+    q = np.einsum("kma,kac->kmc", B, x[vertices])
+    k = D * area[:, None] * [1, 2, 1]
+    s = np.einsum("km,kmc->k", k, q**2)
+    assert here == pytest.approx(np.sum(s / 2 + STIFFER * s**2 / 4), rel=1e-12) and STIFFER * s.max() > 0.1
+    wanted = np.zeros_like(x)
+    moment = ((1 + STIFFER * s)[:, None] * k)[:, :, None] * np.einsum("kma,kac->kmc", B, p[vertices])
+    np.add.at(wanted, vertices, -np.einsum("kma,kmc->kac", B, moment))
+    assert K_p == pytest.approx(wanted, abs=1e-9 * np.abs(wanted).max())

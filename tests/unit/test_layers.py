@@ -6,10 +6,10 @@ import pathlib
 ROOT = pathlib.Path(__file__).parents[2]
 PACKAGE = ROOT / "taichi_cloth"
 
-ROOMS = ("colornames", "errors", "checks", "options", "scene", "io", "backend", "system", "forces", "contact", "solver",
-         "step", "simulation", "garment", "output", "recording", "studies", "sweeps", "fitting", "live", "app", "__main__",
-         "__init__")
-NUMPY_ONLY = {"colornames", "errors", "checks", "options", "scene", "io", "backend.ordering", "backend.timing",
+ROOMS = ("colornames", "renamed", "errors", "checks", "options", "scene", "io", "backend", "system", "forces", "contact",
+         "solver", "step", "simulation", "garment", "output", "recording", "studies", "sweeps", "fitting", "live", "app",
+         "__main__", "__init__")
+NUMPY_ONLY = {"colornames", "renamed", "errors", "checks", "options", "scene", "io", "backend.ordering", "backend.timing",
               "backend.placement", "backend.quota", "backend.compiler", "system.elements", "system.quantities", "step.ledger",
               "app.scenefile", "app.recorded",
               "app.studies", "app.flags", "app.look_flags", "app.cli", "app.dressing", "app.fitting", "app.looking",
@@ -20,9 +20,10 @@ NUMPY_ONLY = {"colornames", "errors", "checks", "options", "scene", "io", "backe
               "garment.freesewing", "garment.stitch", "garment.worn", "garment.chains", "garment.cutpiece", "garment.dxf",
               "garment.dxffile", "garment.sheet", "garment.sidefile", "garment.figure", "app.patterns"}
 LANGUAGE = {"backend.language", "backend.taichi_patches"}  # importing them imports the compiler
-OUTPUT_MAY = {"colornames", "errors", "checks", "io.blender", "io.blendfile", "io.npz", "io.jsonfile", "io.sequence",
-              "scene.mesh", "scene.view", "scene.appearance", "backend.runtime", "backend.bvh", "backend.placement",
-              "backend.fields", "backend.language", "backend.rows", "backend.ordering", "system.quantities"}
+OUTPUT_MAY = {"colornames", "renamed", "errors", "checks", "io.blender", "io.blendfile", "io.npz", "io.jsonfile",
+              "io.sequence", "scene.mesh", "scene.view", "scene.appearance", "backend.runtime", "backend.bvh",
+              "backend.placement", "backend.fields", "backend.language", "backend.rows", "backend.ordering",
+              "system.quantities"}
 
 
 def name_of(path: pathlib.Path) -> str:

@@ -140,7 +140,7 @@ def test_what_alters_positions_works_against_elastic_forces_alone(rng):
     sim.close()
     taken = (sides[0] - sides[1]) / 2e-3
     row = record.ledger
-    assert row["lifted"] + row["lowered"] == pytest.approx(taken, rel=1e-5) and abs(taken) > 1e-3
+    assert row["pushed_out"] + row["pulled_down"] == pytest.approx(taken, rel=1e-5) and abs(taken) > 1e-3
     assert row["damping"] > 0.1 * taken and row["method"] > 0
 
 
@@ -165,7 +165,7 @@ def test_what_alters_positions_works_against_layers_too(rng):
     sim.close()
     against, row = -float(np.sum(pairs * y)), record.ledger
     assert record.h == h and against > 1e-6
-    assert row["lifted"] + row["lowered"] - (sides[0] - sides[1]) / 2e-3 == pytest.approx(against, rel=1e-2)
+    assert row["pushed_out"] + row["pulled_down"] - (sides[0] - sides[1]) / 2e-3 == pytest.approx(against, rel=1e-2)
 
 
 def twisted(turn: float) -> tc.Scene:
@@ -225,11 +225,12 @@ def test_a_step_is_slowed_down_only_if_it_fits_otherwise(rng):
         now, seen = test.meter.measure(), []
 
         def fits(good: bool):
-            return test.conclude(1 / 60, None, start, now, 0.5, fits=lambda _, ledger: seen.append(ledger.braked) or good)
+            return test.conclude(1 / 60, None, start, now, 0.5,
+                                 fits=lambda _, ledger: seen.append(ledger.kinetic_correction) or good)
 
         assert fits(False) is None and (sim.velocities() == fast).all()
         measures, ledger = fits(True)
-        assert seen == [0, 0] and ledger.braked > 0 and measures.total == pytest.approx(start.total, rel=1e-9)
+        assert seen == [0, 0] and ledger.kinetic_correction > 0 and measures.total == pytest.approx(start.total, rel=1e-9)
         assert np.abs(sim.velocities()).max() < np.abs(fast).max()
 
 

@@ -203,7 +203,7 @@ def test_torn_cloth_has_its_new_triangles():
 
 def test_a_step_is_told_in_sentences():
     step = StepRecord(0.5, 1 / 60, 23, 1, 1e-4, "CONVERGED", {"STRETCH": 2}, {}, 1.25, {"total": 0.0123}, contacts=3,
-                      fell_back="")
+                      fallback_reason="")
     said = last_step(step)
     assert "1 solve, 23 iterations" in said and "took 12.3 ms" in said and "1.250" in said and "3 places" in said
     assert "2 longer attempts failed in STRETCH: some triangle stretches too much" in said

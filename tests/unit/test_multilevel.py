@@ -285,7 +285,7 @@ def test_levels_have_the_diagonal_of_what_is_free():
     multilevel, jacobi = method.preconditioner, method.preconditioner.jacobi
     probe = sim._later(Probe, method.operator)
     A = np.array([probe.product(e.reshape(n, 3)).ravel() for e in np.eye(3 * n)])
-    next(f for f in multilevel.forces if f.slow).g.fill(0)
+    next(f for f in multilevel.forces if f.multirate).g.fill(0)
     bend = A - np.array([probe.product(e.reshape(n, 3)).ravel() for e in np.eye(3 * n)])
     assert np.abs(bend).max() > 1e-3 * np.abs(A).max()
     held, packed = read(jacobi.is_held)[:n], read(jacobi.S)[:n]
@@ -297,7 +297,7 @@ def test_levels_have_the_diagonal_of_what_is_free():
     assert any(1.5 < t < 2.5 for t in traces) and any(t < 0.5 for t in traces)
     inverse, rows, first = read(multilevel.inverse_l), read(multilevel.hats.row), multilevel.hats.start
     nodes, weights = read(multilevel.hats.node), read(multilevel.hats.weight)
-    bent = read(next(f for f in multilevel.forces if f.slow).bent)
+    bent = read(next(f for f in multilevel.forces if f.multirate).bent)
     for level, (start, end) in enumerate(zip(first, first[1:])):
         assert (rows[start:end] == level * n).all()
         here = slice(level * n, (level + 1) * n)
@@ -343,11 +343,11 @@ def test_levels_have_the_trace_of_hinges_in_flat_cloth(rng):
         sim = tc.Simulation(scene, h=h, preconditioner="multilevel")
         method, n = sim._linearized(h), sim.model.n
         levels_, hats = method.preconditioner, method.preconditioner.hats
-        built.append(read(next(f for f in levels_.forces if f.slow).bent)[:hats.start[-1]])
+        built.append(read(next(f for f in levels_.forces if f.multirate).bent)[:hats.start[-1]])
         if x is flat:
             probe = sim._later(Probe, method.operator)
             A = np.array([probe.product(e.reshape(n, 3)).ravel() for e in np.eye(3 * n)])
-            next(f for f in levels_.forces if f.slow).g.fill(0)
+            next(f for f in levels_.forces if f.multirate).g.fill(0)
             bend = A - np.array([probe.product(e.reshape(n, 3)).ravel() for e in np.eye(3 * n)])
             nodes, weights, width = read(hats.node), read(hats.weight), hats.width
             for level in range(len(hats.start) - 1):

@@ -74,7 +74,7 @@ def tracks() -> tuple[Track, Track]:
 
 def test_a_row_is_judged_at_the_last_predictable_sample():
     track, fine = tracks()
-    row = Row(Case("safe", 0.1), fell_back=2, rejections={"ENERGY": 3})
+    row = Row(Case("safe", 0.1), fallbacks=2, rejections={"ENERGY": 3})
     judge(row, track, fine, 2, 0.1)
     assert row.error == pytest.approx(np.sqrt((9 + 16) / 2))  # RMS of two vertices, not of six numbers
     assert row.energy_error == 1.0 and row.stretch_error == pytest.approx(0.5)  # energies up to there, stretch all along

@@ -18,15 +18,15 @@ def step(unaccounted: float = 0.0, **ledger: float) -> StepRecord:
     """One in which 2 J fell, 1.5 of them became motion and .5 were damped, but for what nobody knows of."""
     made = Ledger(**{"kinetic": 1.5 + unaccounted, "potential": -2.0, "damping": 0.5, **ledger})
     return StepRecord(0.1, 0.1, 7, 2, 1e-5, "CONVERGED", {"ENERGY": 1}, {"gravity": -2.0, "kinetic": 1.5}, 1.01, {"CG": 0.5},
-                      contacts=3, least=0.8, fell_back="TOUCH", ledger=made.record())
+                      contacts=3, min_gap_ratio=0.8, fallback_reason="TOUCH", ledger=made.record())
 
 
 def test_what_moved_is_what_left_one_account_for_another():
-    """Each joule once, whichever way it went; `braked` is part of `method`, and no account of its own."""
+    """Each joule once, whichever way it went; `kinetic_correction` is part of `method`, and no account of its own."""
     assert Tally.of([step()]).moved == pytest.approx(2.0)
     assert Tally.of([step(), step()]).moved == pytest.approx(4.0)
     assert Tally.of([step(pins=1.0, potential=-1.0)]).moved == pytest.approx(2.0)
-    assert Tally.of([step(potential=-1.5, braked=0.5, damping=0.0)]).moved == pytest.approx(1.5)
+    assert Tally.of([step(potential=-1.5, kinetic_correction=0.5, damping=0.0)]).moved == pytest.approx(1.5)
     assert Tally.of([step(0.5)]).moved == pytest.approx(2.5)  # 2 J that fell, and .5 from nowhere
 
 
@@ -78,7 +78,7 @@ def test_a_log_is_as_long_as_was_asked_for_and_sums_are_of_all(simulations, tmp_
     assert apart[0] == apart[1] == apart[2] and apart[0] == json.loads(json.dumps(apart[0]))
     assert [len(run.telemetry()) for run in runs] == [every.tally.steps] * 3
     said = [describe(sim, 1.0).split("cost:")[0] for sim in simulations]
-    assert said[0] == said[1] == said[2] and f"cloth through solids {every.tally.crossings}, " in said[0]
+    assert said[0] == said[1] == said[2] and f"cloth through solids {every.tally.solid_intersections}, " in said[0]
     assert "crossings" not in said[0] and "intersections" not in said[0]
     assert [sim.checkpoint()["records"] for sim in simulations] == [every.tally.steps] * 3
     assert f"{every.tally.steps} steps" in repr(none)

@@ -56,7 +56,7 @@ def test_nearest_contact_is_the_nearest(pressed):
     assert ball[vertex] == pytest.approx(ball.min(), abs=1e-9)
     assert place.gap == pytest.approx(ball.min() / T, abs=1e-6)
     layers = sim.contacts.layers.nearest()
-    assert layers.solid == -1 and layers.gap == pytest.approx(sim.log[-1].least)
+    assert layers.solid == -1 and layers.gap == pytest.approx(sim.log[-1].min_gap_ratio)
     trouble = sim.stepper.locator.find("CONTACT", 0.1, "", layers)
     names = {trouble.cloth, trouble.against}
     assert names == {"under", "over"} and np.allclose(trouble.at, x[sim.scene.cloths[trouble.cloth == "over"].start

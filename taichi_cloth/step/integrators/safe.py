@@ -40,7 +40,7 @@ class Safe(Checkpointed):
     def __init__(self, system: System, accurate: TRBDF2, robust: BackwardEuler, only_contact: bool = False) -> None:
         self.system, self.accurate, self.robust, self.only_contact = system, accurate, robust, only_contact
         self.model, self.contacts, self.tolerance = system.model, system.contacts, system.options.tolerance
-        self.abrupt = any(force.abrupt for force in system.meter.forces)
+        self.stiffens_sharply = any(force.stiffens_sharply for force in system.meter.forces)
         self.touching, self.gained = False, 0.0  # whether cloth is in contact; energy [J] of the last attempt by `robust`
         self.last: TRBDF2 | BackwardEuler = accurate
         self.largest = self.tried = 0.0  # steps [s]: of all, of the last attempt
@@ -58,7 +58,7 @@ class Safe(Checkpointed):
             if self.contacts is not None and (made.rejection is None or made.rejection == ACCURACY) and self._touches(
                     h, held_at(h)):
                 reason = TOUCH
-            slow = SLOW if reason in (NEWTON, ENERGY) and self.contacts is None and not self.abrupt else 1
+            slow = SLOW if reason in (NEWTON, ENERGY) and self.contacts is None and not self.stiffens_sharply else 1
             stubborn = STUBBORN if self.tolerance is not None else slow
             patient = self.only_contact or (self.system.options.adaptive and h > self.largest / stubborn)
             if reason != TOUCH and (reason not in REDONE or patient):
@@ -70,7 +70,7 @@ class Safe(Checkpointed):
         redone = self._judged(h, self.robust.attempt(h, held_at, start), held_at)
         self.gained = 0.0 if redone.ledger is None else redone.ledger.change - redone.ledger.total
         if made is None:
-            return replace(redone, fell_back=redone.fell_back or reason)
+            return replace(redone, fallback_reason=redone.fallback_reason or reason)
         return redone.instead_of(made, reason)
 
     def commit(self, taken: float = 0.0) -> None:

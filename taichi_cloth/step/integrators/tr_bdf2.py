@@ -74,23 +74,23 @@ class TRBDF2(Checkpointed):
         self.power_1 = 0.0
         self.debt = self.debt_1 = 0.0  # energy [J] that steps gained and have not lost again; after the attempt
         self.motion = self.motion_1 = 0.0  # largest kinetic energy [J] of late; after the attempt
-        self.abrupt = any(force.abrupt for force in system.meter.forces)
+        self.stiffens_sharply = any(force.stiffens_sharply for force in system.meter.forces)
         self.weight = float(np.linalg.norm(gravity) * self.model.mass.sum())  # [N]
 
     def attempt(self, h: float, held_at: Callable[[float], Held | None], start: Measures) -> Attempt:
         """One step; see the package. If residuals of its solves put energy in or take it, the solves are done again, more
-        exactly. If stiffness is abrupt only energy taken counts, and Newton's method goes no further."""
+        exactly. If stiffness grows sharply only energy taken counts, and Newton's method goes no further."""
         effort = self._effort(h)
         made = self._attempt(h, held_at, start, effort)
         ledger, measures = made.ledger, made.measures
         if ledger is None or measures is None or made.rejection not in (None, ENERGY) or self.options.cg_tol is not None:
             return made
         spare = WORK * (abs(ledger.pins) + abs(ledger.wind)) + self.system.rounding(h, start, measures)
-        gives = not self.abrupt and ledger.unaccounted > LEFT * self._counting(h) + spare
+        gives = not self.stiffens_sharply and ledger.unaccounted > LEFT * self._counting(h) + spare
         if not (gives or (made.rejection is None and -ledger.unaccounted > LEFT * self.motion_1 + spare)):
             return made
         self.model.restore()
-        part = effort.part if self.abrupt else FURTHER * effort.part
+        part = effort.part if self.stiffens_sharply else FURTHER * effort.part
         closer = replace(effort, first=CLOSER * effort.first, others=CLOSER * effort.others, part=part)
         return self._attempt(h, held_at, start, closer).instead_of(made, "")
 

@@ -55,16 +55,16 @@ class Verlet(Checkpointed):
     def __init__(self, fields: Fields, model: ParticleState, forces: list, meter: Assembler, substep: float | None,
                  runtime: Runtime, scene: Scene) -> None:
         self.model, self.meter, self.blocks, self.pump = model, meter, model.blocks, Pump(meter)
-        self.fast = [f for f in forces if not f.slow]
-        self.slow = [f for f in forces if f.slow]
+        self.fast = [f for f in forces if not f.multirate]
+        self.slow = [f for f in forces if f.multirate]
         self.f, self.f_slow = fields.real(model.n, 3), fields.real(model.n if self.slow else 1, 3)
         self.u = fields.real(model.n, 3)  # velocity half a substep ahead or behind
         self.soft: Any = next((f for f in forces if isinstance(f, Pulls)), None)
         self.tows = self.soft is not None
         self.towed = fields.real(1, dtype=ti.f32 if runtime.sums == "f32" else ti.f64)  # the same of places that pull softly
         self.pulled = fields.real(1, dtype=ti.f32 if runtime.sums == "f32" else ti.f64)  # work of led particles [J]
-        self.drag = next((f for f in forces if f.uniform), None)
-        self.ramps, self.gusty = self.drag is not None, any(f.gusty for f in forces)
+        self.drag = next((f for f in forces if f.interpolated_wind), None)
+        self.ramps, self.time_dependent = self.drag is not None, any(f.time_dependent for f in forces)
         self.stable_step, bending = (stable_step(sum(f.rates[0] for f in of), sum(f.rates[1] for f in of))
                                      for of in (self.fast, self.slow))
         if self.stable_step == math.inf:

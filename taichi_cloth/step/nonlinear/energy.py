@@ -52,7 +52,7 @@ class EnergyTest:
         over -= SLIGHT * measures.energies.get("contact", 0.0)
         if self.contacts is not None and self.contacts.start.small:  # nothing smaller does better where cloth is pinched: how
             # it is moved out need not be paid for, and works are off by as much as forces may be
-            over += min(work.lifted, 0.0) - PINCHED * sum(abs(value) for value in asdict(work).values())
+            over += min(work.pushed_out, 0.0) - PINCHED * sum(abs(value) for value in asdict(work).values())
             over -= PRESSED * measures.energies.get("contact", 0.0)
         if not over > 0 or (math.isfinite(over) and self._leads_all(held)):
             return measures, ledger
@@ -63,7 +63,7 @@ class EnergyTest:
         energies = {**measures.energies, **slower.energies}
         lost = measures.energies["kinetic"] - slower.energies["kinetic"]
         return (replace(slower, energies=energies),
-                replace(ledger, kinetic=ledger.kinetic - lost, method=ledger.method + lost, braked=lost))
+                replace(ledger, kinetic=ledger.kinetic - lost, method=ledger.method + lost, kinetic_correction=lost))
 
     def _leads_all(self, held: Held | None) -> bool:
         """Whether everything is where it is led, in steps of any size."""
@@ -93,7 +93,8 @@ class EnergyTest:
             friction, edges = self.contacts.works(x, v)
             stored = measures.energies.get("contact", 0.0) - start.energies.get("contact", 0.0)
             layers += stored + self.contacts.start.c * float(np.sum(between * v))
-        return Work(pins=by_pins, solids=by_solids + edges, lifted=lifted, lowered=lowered, friction=friction, layers=layers)
+        return Work(pins=by_pins, solids=by_solids + edges, pushed_out=lifted, pulled_down=lowered, friction=friction,
+                    layers=layers)
 
     def _altering(self, x: np.ndarray, index: np.ndarray, y: np.ndarray, between: np.ndarray) -> tuple[float, float]:
         """(work to alter positions x (n, 3) of particles index (k,) by y (k, 3), the part of it stored between layers) [J].

@@ -177,7 +177,7 @@ class EulerStep(StepProblem):
 
     def accounted(self, ended: tuple[Measures, Ledger] | None) -> tuple[Measures, Ledger] | None:
         """The end of a step, or None if it does not fit; a step that was slowed down passed that test before."""
-        return ended if ended is None or ended[1].braked or self.fits(*ended) else None
+        return ended if ended is None or ended[1].kinetic_correction or self.fits(*ended) else None
 
     def fits(self, measures: Measures, ledger: Ledger) -> bool:
         """False if a solve left too much of the step's energy unaccounted for, and cloth runs into a limit or tears, or gas

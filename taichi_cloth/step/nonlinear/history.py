@@ -90,5 +90,6 @@ class HistoryEnergy(EnergyTest, Checkpointed):
         """Work [J] of the solve's residual: v . (M (v - v_base) - c F)."""
         assert self.base is not None
         kinetic = 0.5 * float(np.sum(self.model.mass[:, None] * self.base.v**2))
-        done = end.total - end.lifted - end.lowered - stored - c * measures.rate + c * measures.wind - 2 * c * measures.damped
+        free = end.total - end.pushed_out - end.pulled_down - stored
+        done = free - c * measures.rate + c * measures.wind - 2 * c * measures.damped
         return measures.energies["kinetic"] + measures.change - kinetic - done

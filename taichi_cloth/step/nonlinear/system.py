@@ -57,7 +57,7 @@ class System:
         self.held: Held | None = None
         self.base: Base | None = None
         self.span, self.leads = 0.0, False
-        self.gave, self.fragile = False, any(force.driven for force in forces)
+        self.gave, self.fragile = False, any(force.time_dependent_energy for force in forces)
         self._kept: np.ndarray | None = None
         self._kept_tension: np.ndarray | None = None
         self.epsilon = runtime.epsilon
