@@ -34,6 +34,7 @@ class ProximalGradient:
 
     Attributes:
         kind, normal, cone, rest: of each particle; rest is the dv with which its contact neither slips nor opens.
+        press: impulse along the normal that keeps it closed [N s].
         ended: (n, 3) dv where the last iterations of this system ended, or None.
     """
 
@@ -42,12 +43,13 @@ class ProximalGradient:
         self.phases, self.count = solver.phases, solver.count
         more, n = fields.more(), solver.operator.model.n
         self.kind = more.integer(n)
-        self.normal, self.rest, self.cone = more.real(n, 3), more.real(n, 3), more.real(n)
+        self.normal, self.rest, self.cone, self.press = more.real(n, 3), more.real(n, 3), more.real(n), more.real(n)
         more.allocate()
         self.ended: np.ndarray | None = None
 
-    def run(self, cones: Cones) -> np.ndarray:
-        """Iterates; dv is left where that ends. Returns the slips there (k, 3), as parts of dv [m/s]."""
+    def run(self, cones: Cones) -> tuple[np.ndarray, np.ndarray]:
+        """Iterates; dv is left where that ends. Returns (slips there (k, 3), as parts of dv [m/s], impulses along the normals
+        (k,) [N s])."""
         dv = read(self.solver.dv).astype(float)
         rest = dv[cones.index] + cones.way
         self._take(cones, rest)
@@ -60,7 +62,7 @@ class ProximalGradient:
             for _ in range(ITERATIONS):
                 self._iterate()
         self.ended = read(self.solver.dv).astype(float)
-        return self.ended[cones.index] - rest
+        return self.ended[cones.index] - rest, read(self.press, cones.index).astype(float)
 
     def _take(self, cones: Cones, rest: np.ndarray) -> None:
         """Sets what iterations read; b and P lose the friction that is in them."""
@@ -121,7 +123,7 @@ class ProximalGradient:
         for i in range(self.operator.model.rows()):
             dv = self.solver.dv[i]
             if self.kind[i] == TOUCHES:
-                dv += (self.rest[i] - dv).dot(self.normal[i]) * self.normal[i]
+                dv += ti.max((self.rest[i] - dv).dot(self.normal[i]), 0) * self.normal[i]
                 self.solver.dv[i] = dv
             self.solver.s[i] = dv
 
@@ -198,10 +200,13 @@ class ProximalGradient:
                 dv = self.solver.s[i] - (self.solver.As[i] - self.operator.b[i]) / norm
                 if self.kind[i] == TOUCHES:
                     n, slip = self.normal[i], dv - self.rest[i]
-                    slip -= slip.dot(n) * n
-                    size = slip.norm() * norm
-                    dv = self.rest[i]
-                    if size > self.cone[i]:
-                        dv += (1 - self.cone[i] / size) * slip
+                    opens = slip.dot(n)
+                    self.press[i] = ti.max(-opens * norm, 0)
+                    if opens < 0:
+                        slip -= opens * n
+                        size = slip.norm() * norm
+                        dv = self.rest[i]
+                        if size > self.cone[i]:
+                            dv += (1 - self.cone[i] / size) * slip
                 self.solver.dv[i] = dv
                 self.solver.s[i] = dv + MOMENTUM * (dv - before)

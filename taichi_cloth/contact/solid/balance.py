@@ -50,6 +50,7 @@ class Found:
 
     Attributes:
         rubbed: whether more contacts begin to slide than to stick.
+        near: contacts, those that bear nothing too: (them, their rows, slips (k, 3), goals (k,)).
     """
 
     residual: Residual
@@ -59,6 +60,7 @@ class Found:
     goal: np.ndarray
     on: np.ndarray
     rubbed: bool
+    near: tuple[VertexContacts, Rows, np.ndarray, np.ndarray]
 
 
 class Balance:
@@ -160,25 +162,25 @@ class Balance:
         r = replace(r, changed=int(np.sum(other)) + int(np.sum(known & ~bears)))
         change = (known & (f.friction > 0))[bears] * (was.stick[bears].astype(int) - rows.stick[bears])
         rubbed = bool(change.sum() > 0)
-        goal = _rows(self.rows.key, self.goal, f.key)[bears]
-        return Found(r, f.take(bears), rows.take(bears), slip[bears], goal, p[bears], rubbed)
+        goal = _rows(self.rows.key, self.goal, f.key)
+        return Found(r, f.take(bears), rows.take(bears), slip[bears], goal[bears], p[bears], rubbed, (f, rows, slip, goal))
 
     def cones(self, found: Found) -> Cones | None:
-        """The friction of contacts found on particles with a single one, from where they were found; None without any. A
-        particle with several, or that is pinned or sewn, stays."""
-        f, start, n = found.f, self.start, len(self.mass)
-        single = self._single(f)
-        size = (f.friction * found.rows.normal)[single]
+        """The contacts near by of particles with a single one, from where they were found; None without any that rubs. A
+        particle that has several and is held, or is pinned or sewn, stays."""
+        (f, rows, slip, goal), start, n = found.near, self.start, len(self.mass)
+        single, normal = self._single(f), rows.normal
+        size = (f.friction * normal)[single]
         if not size.any():
             return None
         mine, stays = f.take(single), np.zeros(n, dtype=bool)
-        stays[f.index[~single]] = True
+        stays[f.index[~single & (normal > 0)]] = True
         if start.pins is not None:
             stays[start.pins.index] = True
         if self.solids.model.sewn is not None:
             stays[self.solids.model.sewn.member] = True
-        opens = (mine.gap - found.goal[single]) / start.c
-        way = -found.slip[single] * start.h / start.c - opens[:, None] * mine.normal
+        opens = (mine.gap - goal[single]) / start.c
+        way = -slip[single] * start.h / start.c - opens[:, None] * mine.normal
         points, block, push = self.solids.sliding.points, np.zeros((n, 6)), np.zeros((n, 3))
         points.spread(points.rhs, push)
         np.add.at(block, points.vertices[:, 0], points.block)
@@ -192,18 +194,23 @@ class Balance:
         sewn = self.solids.model.sewn
         return out if sewn is None else out & ~np.isin(f.index, sewn.member)
 
-    def relaxed(self, found: Found, slip: np.ndarray) -> Found:
-        """`found` with the states that follow from slips (k, 3) of its `cones`, as parts of dv [m/s]."""
-        single, rows = self._single(found.f), found.rows
+    def relaxed(self, found: Found, slip: np.ndarray, pressed: np.ndarray) -> Found:
+        """`found` with the states that follow from slips (k, 3) [m/s] of its `cones`, as parts of dv, and impulses (k,) [N s]
+        along their normals. Contacts go on by the impulses that they bore, new ones by these."""
+        (f, rows, slips, goal), single = found.near, self._single(found.near[0])
         slip = slip * self.start.c / self.start.h
-        speed, cone = length(slip), (found.f.friction * rows.normal)[single]
+        normal, bears = rows.normal.copy(), rows.normal > 0
+        bears[single] |= pressed > 0
+        normal[single] = np.where(normal[single] > 0, normal[single], pressed)
+        speed, cone = length(slip), (f.friction * normal)[single]
         slides = (speed > 0) & (cone > 0)
-        stick, push, drag, slips = rows.stick.copy(), rows.push.copy(), rows.drag.copy(), found.slip.copy()
+        stick, push, drag, slips = rows.stick.copy(), rows.push.copy(), rows.drag.copy(), slips.copy()
         stick[single] = ~slides & (cone > 0)
         push[single] = np.where(slides[:, None], -slip / np.maximum(speed, 1e-300)[:, None], 0.0)
         drag[single] = np.where(slides, cone / np.maximum(speed, 1e-300), 0.0)
         slips[single] = slip
-        return replace(found, rows=replace(rows, stick=stick, push=push, drag=drag), slip=slips)
+        rows = Rows(rows.key, stick, normal, push, drag)
+        return replace(found, f=f.take(bears), rows=rows.take(bears), slip=slips[bears], goal=goal[bears])
 
     def reached(self, found: Found, short: np.ndarray) -> Found:
         """`found` without new contacts that are not met where the cloth stopped, by (n, 3) [m] away from there."""

@@ -137,9 +137,9 @@ class SolidStep(EulerStep):
         if cones is None:
             return
         with self.clock.part("CG"):
-            slips = self.system.relax(cones, contacts.rounds > 1)
+            slips, pressed = self.system.relax(cones, contacts.rounds > 1)
         with self.clock.part("C-S"):
-            contacts.found = contacts.balance.relaxed(contacts.found, slips)
+            contacts.found = contacts.balance.relaxed(contacts.found, slips, pressed)
 
     def solve_held(self, tolerance: float | None) -> Outcome | None:
         """(18) with the constraints that contacts now set."""

@@ -128,8 +128,9 @@ class System:
             b[held.index] -= np.einsum("kij,kj->ki", held.projector, b[held.index])
         return float(np.sqrt(np.sum(b**2 / self.model.mass[:, None])))
 
-    def relax(self, cones: Cones, again: bool) -> np.ndarray:
-        """Slips (k, 3) [m/s] of contacts by the proximal gradient method from the last solve's dv, of its system.
+    def relax(self, cones: Cones, again: bool) -> tuple[np.ndarray, np.ndarray]:
+        """(slips (k, 3) [m/s], impulses along the normals (k,) [N s]) of contacts by the proximal gradient method from the last
+        solve's dv, of its system.
 
         Args:
             again: whether it was called for this system before.
@@ -140,10 +141,10 @@ class System:
             self._proximal.ended = None
         if self.base is not None:
             self.add_guess(-1.0)
-        slips = self._proximal.run(cones)
+        found = self._proximal.run(cones)
         if self.base is not None:
             self.add_guess(1.0)
-        return slips
+        return found
 
     def inertia(self) -> np.ndarray:
         """(n,) a third of the trace of each particle's block of A as linearized [kg]: its mass and h^2 times the stiffness
