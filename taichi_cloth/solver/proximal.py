@@ -81,6 +81,7 @@ class ProximalGradient:
     def _shorten(self, cones: Cones, rest: np.ndarray, dv: np.ndarray) -> None:
         """Goes back from dv towards where the last iterations ended, to the least value on the way."""
         before, i, n = self.ended, cones.index, cones.normal
+        dv[i] += np.maximum(np.einsum("ki,ki->k", rest - dv[i], n), 0)[:, None] * n
         way = dv - before
         uphill = np.sum(way * (self._product(dv) - read(self.operator.b)), axis=1)
         curved = float(np.sum(way * self._product(way)))

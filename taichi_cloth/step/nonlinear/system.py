@@ -139,7 +139,8 @@ class System:
             self._proximal = ProximalGradient(self._fields, self.solver)
         if not again:
             self._proximal.ended = None
-        if self.base is not None:
+        if self.base is not None:  # dv is from it, the system's is from the guess
+            self.start_over()
             self.add_guess(-1.0)
         found = self._proximal.run(cones)
         if self.base is not None:
