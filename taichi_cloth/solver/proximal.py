@@ -82,6 +82,9 @@ class ProximalGradient:
         """Goes back from dv towards where the last iterations ended, to the least value on the way."""
         before, i, n = self.ended, cones.index, cones.normal
         dv[i] += np.maximum(np.einsum("ki,ki->k", rest - dv[i], n), 0)[:, None] * n
+        slip, slid = (a - np.einsum("ki,ki->k", a, n)[:, None] * n for a in (dv[i] - rest, before[i] - rest))
+        turned = np.einsum("ki,ki->k", slip, slid) < 0
+        dv[i[turned]] -= slip[turned]
         way = dv - before
         uphill = np.sum(way * (self._product(dv) - read(self.operator.b)), axis=1)
         curved = float(np.sum(way * self._product(way)))

@@ -16,7 +16,7 @@ import numpy as np
 from ...system.cones import Cones
 from ..points import Points, length, rows_of, sym_times, tangential
 from .active_set import ActiveSet, States, hold_together
-from .coulomb import SMOOTH, Rows, follow, smoothed
+from .coulomb import MOST, SMOOTH, Rows, follow, smoothed
 from .sliding import Sliding
 from .solid_contacts import Forces, SolidContacts
 from .vertices import VertexContacts
@@ -207,7 +207,8 @@ class Balance:
         stick, push, drag, slips = rows.stick.copy(), rows.push.copy(), rows.drag.copy(), slips.copy()
         stick[single] = ~slides & (cone > 0)
         push[single] = np.where(slides[:, None], -slip / np.maximum(speed, 1e-300)[:, None], 0.0)
-        drag[single] = np.where(slides, cone / np.maximum(speed, 1e-300), 0.0)
+        most = self.inertia[f.index[single]] * MOST / (1 - MOST)
+        drag[single] = np.where(slides, np.minimum(cone, most * speed) / np.maximum(speed, 1e-300), 0.0)
         slips[single] = slip
         rows = Rows(rows.key, stick, normal, push, drag)
         return replace(found, f=f.take(bears), rows=rows.take(bears), slip=slips[bears], goal=goal[bears])

@@ -129,8 +129,8 @@ class System:
         return float(np.sqrt(np.sum(b**2 / self.model.mass[:, None])))
 
     def relax(self, cones: Cones, again: bool) -> tuple[np.ndarray, np.ndarray]:
-        """(slips (k, 3) [m/s], impulses along the normals (k,) [N s]) of contacts by the proximal gradient method from the last
-        solve's dv, of its system.
+        """(slips (k, 3) [m/s], impulses along the normals (k,) [N s]) of contacts in the last solve's system, by the proximal
+        gradient method from its dv.
 
         Args:
             again: whether it was called for this system before.
