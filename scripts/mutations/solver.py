@@ -9,6 +9,7 @@ DIAGONAL = f"{LEVELS}::test_levels_have_the_diagonal_of_what_is_free"
 AGE = f"{LEVELS}::test_levels_that_last_are_made_anew_when_they_have_aged"
 DRIFT = f"{LEVELS}::test_a_lasting_rise_of_iterations_is_told_from_what_comes_and_goes"
 SLABS = "tests/unit/test_ordering.py::test_what_lies_on_each_other_is_in_one_block"
+PROXIMAL = "tests/unit/test_proximal.py"
 TESTS = (SOLVE, LEVELS)
 
 PCG, MULTI, AGES = "taichi_cloth/solver/pcg.py", "taichi_cloth/solver/multilevel.py", "taichi_cloth/solver/age.py"
@@ -106,4 +107,12 @@ MUTATIONS = (
      f"{LEVELS}::test_a_run_goes_on_with_the_levels_that_it_had"),
     (PCG, "ROUNDING * self.epsilon * math.sqrt(max(size, 0.0)) / first", "1.0", "any residual is rounding",
      f"{SOLVE} {DENSE}"),
+    # friction by proximal gradients
+    ("taichi_cloth/solver/proximal.py", "if size > self.cone[i]:", "if True:", "contacts that should stick slide backwards",
+     PROXIMAL),
+    ("taichi_cloth/solver/proximal.py", "if opens < 0:", "if True:", "contacts pull", PROXIMAL),
+    ("taichi_cloth/solver/proximal.py", "if slope(0.0) > 0:", "if False:", "a solve that went too far is gone on from", PROXIMAL),
+    ("taichi_cloth/solver/proximal.py", "(read(field) - part)", "(read(field))", "friction counts twice", PROXIMAL),
+    ("taichi_cloth/solver/proximal.py", "if self.count[DID] >= most:", "if self.count[DID] > most:", "one iteration too many",
+     PROXIMAL),
 )

@@ -22,8 +22,8 @@ from .step_start import StepStart
 
 AGREED = 0.001  # part of all that acts by which contacts may be off Coulomb's law in a step. With .002, this and .0005
 # `sphere_drape` takes 470, 495 and 498 solves for 1 s
-NEAR = 0.03  # the same, beyond which states of contacts come from the proximal gradient method, or, in steps of layers, friction
-# is smooth in one solve. With 0, .01, this and .1 `sphere_drape` takes 372, 370, 381, 397 solves, `table` 330, 332, 320, 383
+NEAR = 0.03  # the same, beyond which states of contacts come from the proximal gradient method, or, with layers, friction is
+# smooth in one solve. With 0, .01, this and .1 `sphere_drape` takes 372, 370, 381, 397 solves, `table` 330, 332, 320, 383
 STRICT = 3  # solves of a step with which they may; in each further one by twice as much. With 2 and 7 470 and 539 solves
 
 

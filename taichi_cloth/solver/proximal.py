@@ -54,15 +54,15 @@ class ProximalGradient:
         rest = dv[cones.index] + cones.way
         self._take(cones, rest)
         if self.ended is not None:
-            self._shorten(cones, rest, dv)
+            self._shorten(cones, rest, dv, self.ended)
         self._begin()
         if self.solver.together:
             self._together(ITERATIONS)
         else:
             for _ in range(ITERATIONS):
                 self._iterate()
-        self.ended = read(self.solver.dv).astype(float)
-        return self.ended[cones.index] - rest, read(self.press, cones.index).astype(float)
+        self.ended = dv = read(self.solver.dv).astype(float)
+        return dv[cones.index] - rest, read(self.press, cones.index).astype(float)
 
     def _take(self, cones: Cones, rest: np.ndarray) -> None:
         """Sets what iterations read; b and P lose the friction that is in them."""
@@ -78,9 +78,10 @@ class ProximalGradient:
         for field, part in ((operator.b, cones.push), (operator.P, cones.block)):
             write(field, (read(field) - part).astype(exchange))
 
-    def _shorten(self, cones: Cones, rest: np.ndarray, dv: np.ndarray) -> None:
-        """Goes back from dv towards where the last iterations ended, to the least value on the way."""
-        before, i, n = self.ended, cones.index, cones.normal
+    def _shorten(self, cones: Cones, rest: np.ndarray, dv: np.ndarray, before: np.ndarray) -> None:
+        """Goes back from dv (n, 3) towards `before`, where the last iterations ended, to the least value on the way. Contacts
+        that a linear solve led into solids, or whose slip it turned round, first stop there."""
+        i, n = cones.index, cones.normal
         dv[i] += np.maximum(np.einsum("ki,ki->k", rest - dv[i], n), 0)[:, None] * n
         slip, slid = (a - np.einsum("ki,ki->k", a, n)[:, None] * n for a in (dv[i] - rest, before[i] - rest))
         turned = np.einsum("ki,ki->k", slip, slid) < 0
