@@ -67,7 +67,7 @@ def build(pattern: str = "", body: str = "", spacing: float = 0.03, friction: fl
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after a second."""
     cloth, gaps = sim.scene.cloths[0], sim.seam_gaps()
     yield f"all {len(gaps)} seams are closed: widest gap {gaps.max():.3g} m", gaps.max() == 0

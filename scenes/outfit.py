@@ -158,7 +158,7 @@ def build(spacing: float = 0.03, friction: float = 0.4, walk: bool = False) -> t
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after the jacket was let go."""
     dress, coat = sim.scene.cloths
     gaps, x = sim.seam_gaps(), sim.positions()

@@ -30,7 +30,7 @@ MUTATIONS = (
      "textures upside down", PICTURES),
     (OUT + "finish.py", "once = objects[o, TEXTURE] > 1.5", "once = objects[o, TEXTURE] > 2.5",
      "textures always repeat", PICTURES),
-    (OUT + "finish.py", "row[BOTH] = look.back is None", "row[BOTH] = True", "textures on coloured backs", PICTURES),
+    (OUT + "objects.py", "row[BOTH] = look.back is None", "row[BOTH] = True", "textures on coloured backs", PICTURES),
     (OUT + "finish.py", "ti.max(ti.log(ti.max(footprint / texel, 1e-6)) * 1.442695, 0.0)",
      "0.0 * footprint", "no means of far textures", PICTURES),
     (OUT + "finish.py", "warp = 2 * x - 1, 2 * y - 1, (i + j) & 1", "warp = 2 * x - 1, 2 * y - 1, i & 0",

@@ -4,9 +4,8 @@ import argparse
 import warnings
 
 from .flags import number_of
+from .lists import SHOWN, some
 from .recorded import size_of
-
-SHOWN = 15  # lines on clips, on groups and on panels that are printed, of each
 
 
 def add_parser(commands) -> None:
@@ -59,12 +58,6 @@ def run(args: argparse.Namespace) -> int:
         lines.append(f"written to {to}")
     print("\n".join(lines))
     return 0
-
-
-def some(lines: list[str], most: int | None, kind: str) -> list[str]:
-    """The first lines, and one that counts those that are left out; all of them where `most` is None."""
-    more = 0 if most is None else len(lines) - most
-    return lines if more < 2 else [*lines[:most], f"        and {more} {kind} more; --all lists them"]
 
 
 def told(shape, motion, most: int | None = None) -> list[str]:

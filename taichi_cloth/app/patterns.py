@@ -19,7 +19,7 @@ def look_at(args: argparse.Namespace) -> int:
     from ..garment.pattern import Pattern
     from ..garment.sheet import described, drawing
     from ..output.folder import write_whole
-    from .looking import SHOWN, some
+    from .lists import SHOWN, some
 
     for flag in ("clip", "only", "apart", "fps", "mesh", "weld"):
         if getattr(args, flag):

@@ -38,18 +38,8 @@ def progress(frames: int) -> Iterator[Show]:
             if bar.tasks[0].fields["state"] != BUILDING:
                 bar.update(task, state=BUILDING, refresh=True)
 
-        with _told_of_kernels(building):
+        with compiling.told(building):
             yield lambda sim, frame: bar.update(task, completed=frame, state=_state(sim, left(frame), room))
-
-
-@contextlib.contextmanager
-def _told_of_kernels(building: Callable[[], None]) -> Iterator[None]:
-    """Calls a function whenever a kernel is launched for the first time, which may have to be compiled before."""
-    compiling.tell = building
-    try:
-        yield
-    finally:
-        compiling.tell = None
 
 
 class Left:

@@ -11,7 +11,7 @@ from taichi_cloth import colornames
 from taichi_cloth.backend import runtime
 from taichi_cloth.backend.fields import Fields
 from taichi_cloth.backend.language import ti
-from taichi_cloth.output import finish
+from taichi_cloth.output import objects
 from taichi_cloth.output.camera import frame
 from taichi_cloth.output.described import appearances_of, of_appearances, of_view, view_of
 from taichi_cloth.output.exr import encode_exr
@@ -271,8 +271,8 @@ def test_images_go_by_texture_coordinates_of_a_meshs_own():
     drawn, metres = surfaces(record.as_built(scene), Look(), None), np.sqrt(1.5)  # of area 1.5 m^2, 1 in the texture
     assert (drawn.corner_uv[:8] == scene.cloths[0].mesh.corner_uv.astype(np.float32)).all()
     assert drawn.corner_uv[8:] == pytest.approx(own * metres, rel=1e-6)
-    assert drawn.objects[1, finish.ORIGIN: finish.ORIGIN + 2].tolist() == [0, 0]
-    assert drawn.objects[1, finish.SIZE: finish.SIZE + 2] == pytest.approx([metres, metres])
+    assert drawn.objects[1, objects.ORIGIN: objects.ORIGIN + 2].tolist() == [0, 0]
+    assert drawn.objects[1, objects.SIZE: objects.SIZE + 2] == pytest.approx([metres, metres])
 
 
 def test_small_textures_in_the_distance_are_their_mean(sim):
