@@ -195,6 +195,7 @@ def in_one(parts: dict[str, tc.Scene]) -> tc.Scene:
     return body
 
 
+@pytest.mark.slow
 def test_advice_names_ways_that_are_open():
     """Of a figure in a barrel the part that is a person; of one part alone no parts; a scale that makes it as wide."""
     barrel = tc.Scene()
