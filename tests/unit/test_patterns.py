@@ -119,7 +119,7 @@ def test_patterns_are_put_on_with_nobodys_hand_on_them(name, seams, places, monk
     import dress_up
 
     # at .0588 and .06 m the dress slides off a shoulder while it is sewn; at .054, .0612 and .066 m it does not
-    garment = tc.load_pattern(SCENES / "patterns" / f"{name}.json").mesh({"dress": 0.066, "jacket": 0.08}.get(name, 0.06))
+    garment = tc.load_pattern(SCENES / "patterns" / f"{name}.json").mesh(0.066 if name == "dress" else 0.06)
     body = tc.Scene(air=tc.Air(0.5, 0.1))
     dress_up.figure(body, 0.4)
     fabric = tc.Fabric(0.19, tc.Stretch(400, 0.4), tc.Shear(50, 0.05), tc.Bend(2e-5, 2e-7))
