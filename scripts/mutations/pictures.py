@@ -24,6 +24,8 @@ MUTATIONS = (
      PICTURES),
     (OUT + "raster.py", "BANDS * -(-height // BANDS) * self.grain", "height // BANDS * BANDS * self.grain",
      "the last rows are left out", f"{PICTURES}::test_every_row_has_one_turn"),
+    (OUT + "traced_light.py", "self._around(self.lit, 1, 1, REACH,", "self._around(self.lit, 0, 0, REACH,",
+     "soft shadows have streaks", PICTURES),
     (OUT + "shade.py", "            alpha = 0.0\n", "            alpha = 1.0\n",
      "a transparent background is black", PICTURES),
     (OUT + "finish.py", "y = s[0] * w - 0.5, (1 - s[1]) * h - 0.5", "y = s[0] * w - 0.5, s[1] * h - 0.5",
