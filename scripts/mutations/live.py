@@ -24,7 +24,7 @@ MUTATIONS = (
     (LIVE + "controls.py", '                    self._tell(f"{said} ...")\n', "                    pass\n",
      "a change is told when it is made",
      PARTS + "a_change_is_told_before_the_session_answers"),
-    (LIVE + "counting.py", "not over.is_set()", "True", "seconds count on over the next state",
+    (LIVE + "counting.py", "            self._over.set()\n            self._show", "            self._show", "seconds count on over a state",
      PARTS + "seconds_count_while_kernels_are_built"),
     (LIVE + "teller.py", "if self._busy and", "if False and", "a page is told faster than it shows",
      RUNS + "a_page_is_told_no_faster_than_it_shows"),
