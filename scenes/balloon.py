@@ -35,7 +35,7 @@ def build(rings: int = 14, pressure: float = 150.0) -> tc.Scene:
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """Its rim is drawn in and it is plump, as a Mylar balloon; what was shut in is still there, and the seam is closed."""
     log, shut = sim.log, [r for r in sim.log if r.t > SHUT + 0.05]
     V = log[-1].gas["balloon"][0] / RADIUS**3

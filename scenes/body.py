@@ -53,7 +53,7 @@ def build(cells: int = 50, data: str = "", friction: float = 0.4, size: float = 
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold at any time."""
     from taichi_cloth.scene.intersections import count_crossings
 

@@ -57,7 +57,7 @@ def angles(x: np.ndarray, mesh: tc.TriMesh) -> np.ndarray:
     return np.arccos(np.clip(cosine, -1, 1))
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after a whole run."""
     crossed = sim.intersections()
     yield f"{crossed} intersections", crossed == 0

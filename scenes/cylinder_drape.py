@@ -28,7 +28,7 @@ def build(cells: int = 50, friction: float = 0.3, stretch: float = 1000.0) -> tc
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after any run of at least a second."""
     x = sim.positions()
     over = np.abs(x[:, 2]) < LENGTH / 2

@@ -35,7 +35,7 @@ def build(pattern: str = "", body: str = "", spacing: float = 0.03, friction: fl
     """Hangs the panels, to be sewn.
 
     Args:
-        pattern: file with panels and stitches, as `dress` takes it; patterns/ has four (empty: a skirt with darts).
+        pattern: file with panels and stitches, as `dress` takes it; patterns/ has five (empty: a skirt with darts).
         body: file with a mesh or a character, as tc.load_solid takes it (empty: a figure made of capsules).
         spacing: length of the triangles' edges [m].
         friction: of cloth on the body and on itself.
@@ -67,7 +67,7 @@ def build(pattern: str = "", body: str = "", spacing: float = 0.03, friction: fl
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after a second."""
     cloth, gaps = sim.scene.cloths[0], sim.seam_gaps()
     yield f"all {len(gaps)} seams are closed: widest gap {gaps.max():.3g} m", gaps.max() == 0

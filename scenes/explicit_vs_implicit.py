@@ -25,7 +25,7 @@ def build(cells: int = 20, stretch: float = 20000.0) -> tc.Scene:
     return scene
 
 
-def explicit(sim: tc.Simulation, h: float) -> tuple[tc.Simulation, float]:
+def explicit(sim: "tc.Simulation", h: float) -> "tuple[tc.Simulation, float]":
     """The same scene, explicit at a fixed step, and its wall time [s] without compiling."""
     other = tc.Simulation(sim.scene, h=h, arch=sim.runtime.arch, precision=sim.runtime.precision,
                           threads=sim.runtime.threads, integrator="verlet", adaptive=False)
@@ -35,7 +35,7 @@ def explicit(sim: tc.Simulation, h: float) -> tuple[tc.Simulation, float]:
     return other, time.perf_counter() - start
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """Below its limit the explicit run follows the same motion; above it, it blows up, and says so."""
     h = tc.Simulation(sim.scene, precision=sim.runtime.precision, threads=sim.runtime.threads, arch=sim.runtime.arch,
                       integrator="verlet").integrator.stable_step

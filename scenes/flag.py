@@ -31,7 +31,7 @@ def build(cells: int = 40, speed: float = 6.0) -> tc.Scene:
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """The wind carries the flag: it flies downwind, be it in a gust or a turn of the wind, and has waves."""
     mesh, x = sim.scene.cloths[0].mesh, sim.positions()
     free = x[mesh.select("right")]

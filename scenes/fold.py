@@ -45,7 +45,7 @@ def hand(scene: tc.Scene, cloth: tc.Cloth, vertices: np.ndarray, way: np.ndarray
     scene.move(cloth, vertices, path, relative=True)
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after a whole run."""
     crossed = sim.intersections()
     yield f"{crossed} intersections", crossed == 0

@@ -42,7 +42,7 @@ def build(cells: int = 50, depth: float = 0.28, friction: float = 0.15) -> tc.Sc
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after a whole run."""
     x = sim.positions()
     crossed = sim.intersections()

@@ -30,7 +30,7 @@ def build(cells: int = 50, size: float = 1.0, stretch: float = 1000.0, density: 
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """It hangs below its pins, at its own length, and the pins have not moved."""
     mesh, x = sim.scene.cloths[0].mesh, sim.positions()
     pins = mesh.select("top_left").tolist() + mesh.select("top_right").tolist()

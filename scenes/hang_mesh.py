@@ -58,7 +58,7 @@ def highest(x: np.ndarray, piece: np.ndarray, pins: int) -> np.ndarray:
     return held
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """It hangs from its pins, settled enough, and no triangle is torn out of shape."""
     held = np.unique(np.concatenate([a.vertices for a in sim.scene.script.attachments]))
     x, start = sim.positions(), sim.scene.cloths[0].positions

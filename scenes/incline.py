@@ -32,7 +32,7 @@ def build(cells: int = 10) -> tc.Scene:
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """Slides are g t^2/2 (sin - mu cos), and what the backward Euler steps add; to 1 %, or a step late: a step may be off
     Coulomb's law by .1 % of all forces."""
     x, t = sim.positions(), sim.time

@@ -28,7 +28,7 @@ def build(cells: int = 20, load: float = 10.0) -> tc.Scene:
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """Each hangs as far as its law says: tension over strain from the weights, within 3 % of a sheet's length."""
     hem = sim.scene.cloths[0].mesh.select("bottom")
     x, load = sim.positions(), 10.0 + 0.2 * 9.81 * 0.2  # in the middle of the sheet

@@ -53,7 +53,7 @@ def build(along: int = 400, across: int = 5, pull: float = 0.43, friction: float
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after a whole run."""
     crossed = sim.intersections()
     yield f"{crossed} intersections", crossed == 0

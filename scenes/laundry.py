@@ -27,7 +27,7 @@ def build(cells: int = 36, speed: float = 2.0, gusts: float = 1.0, seed: int = 1
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """The wind blows the sheet out, here more than there, and its pegs hold."""
     mesh, x = sim.scene.cloths[0].mesh, sim.positions()
     hem = x[mesh.select("bottom")]

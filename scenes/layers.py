@@ -29,7 +29,7 @@ def build(cells: int = 50, sheets: int = 3, friction: float = 0.3) -> tc.Scene:
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after any run of at least a second."""
     x, cloths = sim.positions(), sim.scene.cloths
     n = cloths[0].mesh.vertex_count

@@ -41,7 +41,7 @@ def build(cells: int = 30, side: int = 4, friction: float = 0.3) -> tc.Scene:
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold at any time."""
     from taichi_cloth.scene.intersections import count_crossings
 

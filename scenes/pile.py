@@ -33,7 +33,7 @@ def build(cells: int = 50, sheets: int = 5, friction: float = 0.3) -> tc.Scene:
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after a whole run."""
     crossed = sim.intersections()
     yield f"{crossed} intersections", crossed == 0

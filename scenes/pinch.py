@@ -40,7 +40,7 @@ def height(t: float, gap: float) -> float:
     return 0.05 + (gap / 2 - 0.05) * s
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after a whole run."""
     x, v = sim.positions(), sim.velocities()
     yield "everything stays near", bool(np.isfinite(x).all() and np.abs(x).max() < 1.0)

@@ -44,7 +44,7 @@ def build(n: int = 12, strength: float = STRENGTH, reach: float = 0.25) -> tc.Sc
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold at the end."""
     seam, bar = sim.scene.seams
     x, (ripped, undone) = sim.positions(), sim.stitches_open()

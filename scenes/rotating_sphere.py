@@ -32,7 +32,7 @@ def build(cells: int = 40, friction: float = 0.5, turns: float = 0.25) -> tc.Sce
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after any run that goes on beyond the first second."""
     x, v = sim.positions(), sim.velocities()
     gap = np.linalg.norm(x, axis=1).min() - RADIUS

@@ -79,7 +79,7 @@ def build(spacing: float = 0.03, friction: float = 0.3, stretch: float = 300.0) 
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after a second."""
     x, seams = sim.positions(), sim.scene.seams
     gap = max(float(np.abs(x[s.a] - x[s.b]).max()) for s in seams)

@@ -73,7 +73,7 @@ def build(cells: int = 40, stays: float = 0.9) -> tc.Scene:
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after a whole run."""
     mesh, x = sim.scene.cloths[0].mesh, sim.positions()
     u, v = mesh.uv.T

@@ -58,7 +58,7 @@ def build(pleats: int = 15, cells: int = 2, friction: float = 0.3, ironed: float
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after a second."""
     x, cloth = sim.positions(), sim.scene.cloths[0]
     seam, uv = sim.scene.seams[0], cloth.mesh.uv

@@ -29,7 +29,7 @@ def build(cells: int = 50, friction: float = 0.4, stretch: float = 1000.0, heigh
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after any run of at least a second."""
     x = sim.positions()
     gap = np.linalg.norm(x, axis=1).min() - RADIUS

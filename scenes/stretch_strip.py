@@ -22,7 +22,7 @@ def build(cells: int = 20, stretch: float = 500.0) -> tc.Scene:
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """Elongation within 1e-3 of the closed form."""
     cloth = sim.scene.cloths[0]
     k = cloth.fabric.stretch.k

@@ -23,7 +23,7 @@ def build(cells: int = 25, stretch: float = 1000.0) -> tc.Scene:
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """Mechanical energy never grows, and the sheet has swung through."""
     total = np.array([sum(r.energies.values()) for r in sim.log])
     scale = 0.2 * 9.81  # m g times the sheet's size [J]

@@ -29,7 +29,7 @@ def build(cells: int = 40, friction: float = 0.4, mesh: bool = False) -> tc.Scen
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after any run of at least a second."""
     x = sim.positions()
     half = np.array(TOP) / 2

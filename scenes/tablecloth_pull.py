@@ -35,7 +35,7 @@ def build(cells: int = 50, friction: float = 0.25, acceleration: float = 8.0) ->
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after a whole run."""
     x, lower = sim.positions(), sim.scene.cloths[0].mesh.vertex_count
     crossed = sim.intersections()

@@ -28,7 +28,7 @@ def build(cells: int = 20, strength: float = 300.0, speed: float = 0.12) -> tc.S
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold at the end."""
     cloth = sim.scene.cloths[0]
     faces = sim.faces()

@@ -39,7 +39,7 @@ def build(cells: int = 28, speed: float = 9.0, gusts: float = 2.5, seed: int = 3
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """It stands, pressed in where the wind comes from and blown out behind; the pegs hold what the wind pulls."""
     mesh, x = sim.scene.cloths[0].mesh, sim.positions()
     flat = np.array([[0, HALF, HEIGHT], [0, HALF, -HEIGHT]]) / np.hypot(HEIGHT, HALF)  # outward, of lee and windward side

@@ -30,7 +30,7 @@ def build(rings: int = 24, stretch: float = 3000.0) -> tc.Scene:
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """The centre was down, came up past the rim, and the rim held."""
     mesh, x = sim.scene.cloths[0].mesh, sim.positions()
     rim = mesh.select("rim")

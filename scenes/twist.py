@@ -38,7 +38,7 @@ def build(around: int = 64, along: int = 50, turns: float = 2.0, friction: float
     return scene
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """What must hold after a whole run."""
     crossed = sim.intersections()
     yield f"{crossed} intersections", crossed == 0

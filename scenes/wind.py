@@ -28,14 +28,14 @@ def build(cells: int = 16, wind: str = "breeze", fabric: str = "denim") -> tc.Sc
     return scene
 
 
-def angle(sim: tc.Simulation) -> float:
+def angle(sim: "tc.Simulation") -> float:
     """From the vertical [degrees], of the line from the upper edge to the hem."""
     mesh, x = sim.scene.cloths[0].mesh, sim.positions()
     way = x[mesh.select("bottom")].mean(axis=0) - x[mesh.select("top")].mean(axis=0)
     return float(np.degrees(np.arctan2(way[0], -way[1])))
 
 
-def check(sim: tc.Simulation):
+def check(sim: "tc.Simulation"):
     """It hangs as the weight of its fabric and the force of the air let it."""
     scene, measured = sim.scene, angle(sim)
     speed = float(np.linalg.norm(scene.air.wind_at(sim.time)))
@@ -43,7 +43,7 @@ def check(sim: tc.Simulation):
     yield f"{speed:g} m/s lift it by {measured:.1f} degrees, {expected:.1f} are expected", abs(measured - expected) < 3
 
 
-def metrics(sim: tc.Simulation) -> dict[str, float]:
+def metrics(sim: "tc.Simulation") -> dict[str, float]:
     """For a table by wind and fabric."""
     return {"angle": angle(sim)}
 

@@ -213,6 +213,8 @@ MUTATIONS = (
     (PACKAGE + "app/takes.py", "a + share * (b - a) for name, b", "b for name, b", "options jump at once", TAKES),
     (PACKAGE + "app/takes.py", "new.count_on(sim)", "pass", "a take's steps are counted from its blend on", TAKES),
     (PACKAGE + "scene/blending.py", "np.where(strains > g,", "np.where(strains < 0,", "a curve ends at its last point", WORDS),
+    (PACKAGE + "scene/air.py", "Gusts(mean, GUSTY * float(np.linalg.norm(mean)))", "Gusts(mean, GUSTY)",
+     "gusts are as strong in any wind", WORDS),
     (PACKAGE + "scene/winds.py", "(-1.0 if axis and axis[1] == \"-\" else 1.0)", "1.0", "a wind blows one way only", WORDS),
     (PACKAGE + "app/recorder.py", "duration, fps = sim.checked_run(duration, fps)", "pass",
      "a wrong duration is found when another run's files are gone", RECORDER),

@@ -8,7 +8,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import Field
+from dataclasses import Field, replace
 
 from ..options import ARCHS, BY_NAME, MOST_FRAMES
 from . import dressing, fitting, looking, sweeping, taking, viewing
@@ -132,7 +132,8 @@ def _run(args: argparse.Namespace, scene) -> int:
     from .summary import describe
 
     started = time.perf_counter()
-    options = _options(args, scene)
+    quicker = f"--small takes the scene's quick options, {' '.join(_settings(scene.small))}"
+    options = replace(_options(_small(args, scene), scene), quicker=quicker if scene.small and not args.small else "")
     sim, start = simulate(scene, options)
     print(describe(sim, time.perf_counter() - started, start))
     if options.out:
@@ -144,14 +145,21 @@ def _check(args: argparse.Namespace, scene) -> int:
     from .runner import simulate
     from .scenefile import run_check
 
-    if args.small:
-        args.set = [f"{k}={v}" for k, v in scene.small.items()] + args.set
-    options = _options(args, scene)
-    sim, passed = simulate(scene, options)[0], True
+    sim, passed = simulate(scene, _options(_small(args, scene), scene))[0], True
     for sentence, good in run_check(scene, sim):
         print(f"{'ok    ' if good else 'FAILED'} {sentence}")
         passed &= bool(good)
     return OK if passed else FAILED
+
+
+def _small(args: argparse.Namespace, scene) -> argparse.Namespace:
+    """The flags with the scene's quick options where these are asked for, before those that are set."""
+    return argparse.Namespace(**{**vars(args), "set": [*(_settings(scene.small) if args.small else ()), *args.set]})
+
+
+def _settings(options: dict) -> list[str]:
+    """As `--set` takes them."""
+    return [f"{name}={value}" for name, value in options.items()]
 
 
 def _sweep(args: argparse.Namespace) -> int:
@@ -220,8 +228,6 @@ def _winds(args: argparse.Namespace) -> int:
 
 
 def _options(args: argparse.Namespace, scene):
-    from dataclasses import replace
-
     from .. import checks
     from ..errors import SceneError, did_you_mean
     from .runoptions import RunOptions
@@ -269,7 +275,7 @@ def _parser() -> argparse.ArgumentParser:
     _run_flags(run_parser)
     check = commands.add_parser("check", help="simulate a scene and run its check")
     check.add_argument("scene", help="a scene file or name")
-    check.add_argument("--small", action="store_true", help="with the scene's quick options")
+    _small_flag(check)
     _simulation_flags(check)
     cli_recorded.add_parsers(commands)
     cli_study.add_parsers(commands)
@@ -301,7 +307,12 @@ def _run_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="go on though parameters have changed")
     look_flags(parser)
     frame_flags(parser)
+    _small_flag(parser)
     _simulation_flags(parser)
+
+
+def _small_flag(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--small", action="store_true", help="with the scene's quick options")
 
 
 def _simulation_flags(parser: argparse.ArgumentParser) -> None:

@@ -46,8 +46,9 @@ def run(args: argparse.Namespace) -> int:
     from ..garment.dressing import dress
     from ..garment.fitted import fitted
     from ..garment.worn import Worn, worn_under
+    from ..io.animation.motion import wanted
     from ..io.garment import load_garment
-    from ..io.solid import load_solid
+    from ..io.solid import loaded
     from ..scene.fabric import ClothContact
     from ..scene.fabrics import fabrics
     from ..scene.scene import Scene
@@ -65,10 +66,12 @@ def run(args: argparse.Namespace) -> int:
         print(f"note: {note}", file=sys.stderr)
     body = Scene()
     with waiting(f"loading {args.body}"):
-        solid = load_solid(args.body, args.scale, up=args.up, clip=args.clip, only=args.only)
+        solid, read = loaded(args.body, args.scale, None, args.up, None, wanted(args.clip, None, args.only),
+                             True, None)
     body.add_solid(solid, friction=args.friction, thickness=args.thickness, name="body")
     if args.fit:
-        garment, done = fitted(garment, body, args.thickness, args.turn)
+        parts = [part.name for part in read.motion.parts] if read.motion else []
+        garment, done = fitted(garment, body, args.thickness, args.turn, parts)
         for note in done:
             print(f"note: {note}", file=sys.stderr)
     garment = garment.placed(0.0 if args.fit else args.turn or 0.0, args.shift)

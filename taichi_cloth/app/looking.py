@@ -4,6 +4,7 @@ import argparse
 import warnings
 
 from .flags import number_of
+from .lists import SHOWN, some
 from .recorded import size_of
 
 
@@ -17,6 +18,7 @@ def add_parser(commands) -> None:
     add("--size", type=size_of, default=(480, 480), metavar="WxH", help="of each moment's picture (480x480)")
     add("--clip", action="append", metavar="NAME", help="of a file with several animations, by name or number; may come again")
     add("--only", action="append", metavar="PART", help="of a file with several parts; may come again")
+    add("--all", action="store_true", help=f"list every clip, group and panel, not the first {SHOWN} of each")
     add("--apart", action="store_true", help="parts are not joined where they touch")
     add("--scale", type=number_of, default=1.0, metavar="M", help="metres per unit of the file, times its own (1)")
     add("--up", choices=("y", "z"), help="axis of the file that points up (its own, or y)")
@@ -45,21 +47,21 @@ def run(args: argparse.Namespace) -> int:
         choice = wanted(clips, args.fps, args.only)
         shape, read = loaded(args.file, args.scale, args.mesh, args.up, None, choice, not args.apart, args.weld)
     parts = [part.name for part in read.motion.parts] if read.motion else []
-    print(f"{args.file}: {f'{len(parts)} parts, together ' if len(parts) > 1 else ''}{shape!r}")
-    for line in told(shape, read.motion):
-        print(line)
-    for note in [*map(str, (w.message for w in warned)), *shape.notes, *doubts(shape)]:
-        print(f"note: {note}")
-    if to is not None:
+    notes = [f"note: {note}" for note in [*map(str, (w.message for w in warned)), *shape.notes, *doubts(shape)]]
+    lines = [f"{args.file}: {f'{len(parts)} parts, together ' if len(parts) > 1 else ''}{shape!r}",
+             *told(shape, read.motion, None if args.all else SHOWN), *notes]
+    if to is not None:  # before anything is printed: a reader such as `head` may go before the end
         from ..recording.looked import draw
 
-        draw(shape, to, args.size, parts)
-        print(f"written to {to}")
+        with waiting(f"drawing {to}"):
+            draw(shape, to, args.size, parts)
+        lines.append(f"written to {to}")
+    print("\n".join(lines))
     return 0
 
 
-def told(shape, motion) -> list[str]:
-    """Lines on a solid, and on the scene that it is of."""
+def told(shape, motion, most: int | None = None) -> list[str]:
+    """Lines on a solid, and on the scene that it is of; at most so many on clips, and on groups."""
     import numpy as np
 
     from ..scene.mesh import distinct, face_edges
@@ -74,16 +76,16 @@ def told(shape, motion) -> list[str]:
                    f"vertex goes {moved:.3g} m from where it starts")
     else:
         out.append("moves   no animation")
-    for k, clip in enumerate(motion.clips if motion else ()):
-        out.append(f"clip    {k} {clip.name!r}, {clip.frames:,} frames, {clip.seconds:.4g} s"
-                   f"{', read' if k in motion.taken else ''}")
+    clips = [f"clip    {k} {clip.name!r}, {clip.frames:,} frames, {clip.seconds:.4g} s{', read' if k in motion.taken else ''}"
+             for k, clip in enumerate(motion.clips if motion else ())]
+    groups = []
     for name, index in shape.groups.items():
         faces = shape.faces[np.isin(shape.faces, index).all(axis=1)]
         border = int((distinct(face_edges(faces))[1] == 1).sum())
-        out.append(f"group   {name!r}, {len(index):,} vertices, {len(faces):,} triangles, "
-                   f"{f'{border:,} border edges' if border else 'closed'}, {size(shape.x[0, index])}, "
-                   f"the lowest point at {shape.x[0, index, 1].min():.4g} m")
-    return out
+        groups.append(f"group   {name!r}, {len(index):,} vertices, {len(faces):,} triangles, "
+                      f"{f'{border:,} border edges' if border else 'closed'}, {size(shape.x[0, index])}, "
+                      f"the lowest point at {shape.x[0, index, 1].min():.4g} m")
+    return [*out, *some(clips, most, "clips"), *some(groups, most, "groups")]
 
 
 def doubts(shape) -> list[str]:

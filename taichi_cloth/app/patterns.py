@@ -19,6 +19,7 @@ def look_at(args: argparse.Namespace) -> int:
     from ..garment.pattern import Pattern
     from ..garment.sheet import described, drawing
     from ..output.folder import write_whole
+    from .lists import SHOWN, some
 
     for flag in ("clip", "only", "apart", "fps", "mesh", "weld"):
         if getattr(args, flag):
@@ -28,10 +29,10 @@ def look_at(args: argparse.Namespace) -> int:
         raise OutputError(f"--to = {str(to)!r}: must end with .svg: a sewing pattern is drawn as SVG")
     pattern = load_pattern(args.file, scale=args.scale, up=args.up or "y", size=args.pattern_size)
     assert isinstance(pattern, Pattern)  # only an OBJ is another
-    print(f"{args.file}: {pattern!r}")
-    for line in [*described(pattern), *(f"note: {note}" for note in pattern.notes)]:
-        print(line)
+    lines = [f"{args.file}: {pattern!r}", *some(described(pattern), None if args.all else SHOWN, "panels"),
+             *(f"note: {note}" for note in pattern.notes)]
     if to is not None:
         write_whole(to, drawing(pattern).encode())
-        print(f"written to {to}")
+        lines.append(f"written to {to}")
+    print("\n".join(lines))
     return 0

@@ -11,16 +11,22 @@ from ..simulation import Simulation
 
 Show = Callable[[Simulation, int], None]
 BAR = 10  # letters wide
-BUILDING = "building kernels"
+BUILDING, UNKNOWN = "building kernels", "no estimate yet"
+FEW = 3  # frames that an estimate is made from, at least
+LONG = 300.0  # s that a run is to take for a note on a quicker one
 PAUSE = 0.1  # s from one picture of a bar to the next, at least
 
 
 @contextlib.contextmanager
-def progress(frames: int) -> Iterator[Show]:
-    """A function (simulation, frame) that shows how far a run of so many frames is."""
+def progress(frames: int, quicker: str = "") -> Iterator[Show]:
+    """A function (simulation, frame) that shows how far a run of so many frames is.
+
+    Args:
+        quicker: how to make it quicker, which is said where it takes long.
+    """
     from rich.console import Console
 
-    console, left = Console(stderr=True), Left(frames)
+    console, left = Console(stderr=True), Left(frames, quicker)
     if console.is_jupyter:
         yield _in_notebook(frames, left)
         return
@@ -38,46 +44,41 @@ def progress(frames: int) -> Iterator[Show]:
             if bar.tasks[0].fields["state"] != BUILDING:
                 bar.update(task, state=BUILDING, refresh=True)
 
-        with _told_of_kernels(building):
+        with compiling.told(building):
             yield lambda sim, frame: bar.update(task, completed=frame, state=_state(sim, left(frame), room))
-
-
-@contextlib.contextmanager
-def _told_of_kernels(building: Callable[[], None]) -> Iterator[None]:
-    """Calls a function whenever a kernel is launched for the first time, which may have to be compiled before."""
-    compiling.tell = building
-    try:
-        yield
-    finally:
-        compiling.tell = None
 
 
 class Left:
     """Estimate of a run's remaining time, from its frames so far.
 
     The first frame does not count, nor does the time of first launches of kernels. A frame that spent most of its time on
-    these is reported as `BUILDING` instead.
+    these is reported as `BUILDING` instead. The first estimate of a long run comes with a note on how it is quicker.
     """
 
-    def __init__(self, frames: int) -> None:
-        self.frames = frames
+    def __init__(self, frames: int, quicker: str = "") -> None:
+        self.frames, self.quicker = frames, quicker
         self.first: tuple[int, float] | None = None  # frame, time [s], where counting began
         self.seen, self.last, self.built = 0, 0.0, 0.0  # calls; time, and time spent on kernels, at the last of them [s]
 
     def __call__(self, frame: int) -> str:
-        """In words, at the end of a frame; "" where nothing is known."""
+        """In words, at the end of a frame; "" at the end of the last."""
         now, built = time.perf_counter(), compiling.seconds
         took, building = now - self.last, built - self.built
         self.last, self.built = now, built
         self.seen += 1
         if self.seen == 2:
             self.first = frame, now - built
-        if self.first is None or frame <= self.first[0] or frame >= self.frames:
+        if frame >= self.frames:
             return ""
-        if building > took / 2:
+        if self.first is not None and building > took / 2:
             return BUILDING
-        each = (now - built - self.first[1]) / (frame - self.first[0])
-        return f"about {in_words(each * (self.frames - frame))} left"
+        if self.first is None or frame < self.first[0] + FEW:
+            return UNKNOWN
+        seconds = (now - built - self.first[1]) / (frame - self.first[0]) * (self.frames - frame)
+        if self.quicker and seconds > LONG:
+            print(f"note: this run takes about {in_words(seconds)} more; {self.quicker}", file=sys.stderr, flush=True)
+        self.quicker = ""
+        return f"about {in_words(seconds)} left"
 
 
 def in_words(seconds: float) -> str:
@@ -127,7 +128,7 @@ def _state(sim: Simulation, left: str, room: int = 1000) -> str:
     """Simulated time, remaining time, repeated steps, size and CG iterations of the last step; as many as there is room
     for."""
     if not sim.last:
-        return BUILDING
+        return f"{BUILDING}, {UNKNOWN}"
     last, rejected = sim.last, sim.tally.rejections.total()
     parts = [f"{sim.time:.3f} s simulated", left, f"{rejected} steps tried again" if rejected else "",
              f"step {last.h * 1e3:.3g} ms", f"{last.iterations} iterations"]

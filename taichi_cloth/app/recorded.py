@@ -110,14 +110,13 @@ def _compare(args: argparse.Namespace) -> int:
     pair = Pair(a, b, args.common)
     sides, files = Sides(pair, args.size, _look(args, pair.a)), [file]
     draw(pair, sides, file, args.frames)
-    print("\n".join(pair.said()))
     if pair.apart is not None:
         files.append(file.with_suffix(".csv"))
         pair.written(files[-1])
     if movie:
         film(pair, sides, movie, args.size)
         files.append(movie)
-    print(f"written to {', '.join(map(str, files))}")
+    print("\n".join([*pair.said(), f"written to {', '.join(map(str, files))}"]))
     return 0
 
 

@@ -43,7 +43,7 @@ def run(sim: Simulation, options: RunOptions, folder: RunFolder | None, manifest
     frames = max(1, round(options.duration * options.fps))
     began, before = time.perf_counter() if began is None else began, sim.log if before is None else before
     with (_kept(sim, options, folder, manifest, resumed, first, began, said or _said, before) as writer,
-          progress(frames) as show, after_this_frame() as interrupted):
+          progress(frames, options.quicker) as show, after_this_frame() as interrupted):
         def each(sim: Simulation, frame: int) -> None:
             if on_frame is not None:
                 on_frame(sim, frame)

@@ -20,6 +20,7 @@ class RunOptions:
         frames: whether positions are kept, for rendering again and for export.
         resume: goes on with the run in `out`; from its last whole checkpoint, or from that of frame `from_frame` or the
             last one before it.
+        quicker: sentence on how the command would take less time; "" if none is known.
         force: goes on though the scene or its parameters have changed.
     """
 
@@ -38,6 +39,7 @@ class RunOptions:
     resume: bool = False
     from_frame: int | None = None
     force: bool = False
+    quicker: str = ""
 
     @functools.cached_property
     def drawn(self) -> set[int]:

@@ -64,12 +64,11 @@ def _study(args: argparse.Namespace) -> int:
         except OSError as error:
             raise OutputError(f"cannot write to {folder}: {error.strerror or error}") from None
     made = study(scene.name, lambda: scene.make(settings), cases, args.duration, args.reference_h, say=_say)
-    print(table(made))
     if folder:
         plot = as_file(line_plot(curves(made), "wall time [s]; up: RMS error [m]", log=True, log_x=True, marks=True))
         for name, text in (("study.json", as_json(made)), ("study.csv", as_csv(made)), ("study.svg", plot)):
             write_whole(folder / name, text.encode())
-        print(f"written to {folder}/")
+    print(table(made), *([f"written to {folder}/"] if folder else []), sep="\n")
     return 0
 
 

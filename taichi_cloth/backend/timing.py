@@ -39,6 +39,15 @@ class Stopwatch:
             self.tell()
         return time.perf_counter()
 
+    @contextlib.contextmanager
+    def told(self, tell: Callable[[], None]) -> Iterator[None]:
+        """Within it a function is called whenever it starts."""
+        self.tell = tell
+        try:
+            yield
+        finally:
+            self.tell = None
+
 
 compiling = Stopwatch()  # first launches of kernels: they compile, or read kernels that were compiled before
 

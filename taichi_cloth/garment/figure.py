@@ -21,9 +21,7 @@ NARROW = 0.6  # of the trunk's median girth: less is the neck, and of its area: 
 ANKLE, SOLE = 0.09, 0.025  # of the height, at which feet are cut
 ASIDE = np.sqrt(0.5)  # cosine between toes and the way across the arms beyond which a trunk is round, and has no arms
 STANDS_OUT = 0.01  # of the height by which toes are before ankles, or else the body has no feet
-BY_HAND = ("read the trunk and the legs alone (--only PART; `look` lists parts), or leave out --fit and bring the garment "
-           "there by Garment.placed (--turn, --shift), with --scale for a body of another size")
-NO = f"fitted: the body has no {{}} that its surface shows: {BY_HAND}"
+NO = "fitted: the body has no {} that its surface shows"
 AT = np.linspace(0.2, 0.7, 6)  # parts of the way from the crotch to the neck, at which girths are taken
 
 
@@ -51,13 +49,12 @@ class Figure:
         return float(np.degrees(np.arctan2(*self.forward)))
 
 
-def measured(body: Scene) -> Figure:
-    """The measures of a scene's solids together, as they are at time 0.
+def measured(x: np.ndarray, faces: np.ndarray) -> Figure:
+    """The measures of a body with vertices x (n, 3) [m] and triangles (m, 3).
 
     Raises:
         SceneError: nothing that stands up on legs, with a trunk and a neck.
     """
-    x, faces = surface_of(body)
     floor, top = float(x[:, 1].min()), float(x[:, 1].max())
     heights = floor + (top - floor) * (np.arange(LEVELS) + 0.5) / LEVELS
     start = int(MIDDLE * LEVELS)
@@ -170,7 +167,7 @@ def _over_feet(parts: list[np.ndarray], x: np.ndarray, faces: np.ndarray, floor:
         aside = max(parts, key=area)
         at = place(centre(feet)) if len(feet) > 2 else "nowhere"
         raise SceneError(f"fitted: the body has no trunk over its feet, whose middle is {at}: half way up, its largest part "
-                         f"is {girth(aside):.3g} m round, at {place(centre(aside))}, and none is over them: {BY_HAND}")
+                         f"is {girth(aside):.3g} m round, at {place(centre(aside))}, and none is over them")
     return max(over, key=area)
 
 

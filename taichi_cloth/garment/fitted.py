@@ -6,6 +6,7 @@ body is, where the garment is, and as much longer as the body's trunk is. Each p
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,9 +18,10 @@ from ..scene.garment import Garment
 from ..scene.mesh import TriMesh, face_edges
 from ..scene.scene import Scene
 from .clear import hung_clear
-from .figure import AT, BY_HAND, Figure, measured, place, surface_of
+from .figure import AT, Figure, measured, place, surface_of
 from .limbs import round_limbs
 from .outside import tube_of
+from .ways import ways
 
 DRAWN_FOR = Figure(0.835, 1.455, np.zeros(2), np.array([0.0, 1.0]), True,
                    np.array([0.963, 0.819, 0.815, 0.815, 0.815, 0.815]))
@@ -27,13 +29,15 @@ UPRIGHT = 0.3  # of its length: the least rise of a panel's pattern for which it
 UNEVEN = 1.8  # times as wide as long, or as long as wide, as the figure drawn for: beyond it, a trunk is no person's
 
 
-def fitted(garment: Garment, body: Scene, thickness: float, turn: float | None = None) -> tuple[Garment, tuple[str, ...]]:
+def fitted(garment: Garment, body: Scene, thickness: float, turn: float | None = None, parts: Sequence[str] = ()
+           ) -> tuple[Garment, tuple[str, ...]]:
     """Fits a shipped garment to a body: as large as it, round it as round the figure of the pattern, and clear of it.
 
     Args:
         body: the scene whose solids wear it, as they are at time 0.
         thickness: of the cloth [m]; panels that would start within the body go that and the solids' thickness out of it.
         turn: the way the body faces [degrees], from z towards x; None finds it.
+        parts: of the body's file, by name, for the advice where it fits no pattern.
 
     Returns:
         (the garment, sentences on the changes).
@@ -47,9 +51,7 @@ def fitted(garment: Garment, body: Scene, thickness: float, turn: float | None =
         raise SceneError("fitted: the body is a scene without solids")
     thickness = checks.number("fitted: thickness", thickness, "m", positive=True)
     turn = checks.maybe(turn, checks.number, "fitted: turn", "degrees")
-    figure = measured(body)
-    across, along = _sizes(garment, figure)
-    _refuse_uneven(figure, across, along)
+    figure, across, along = _measured(garment, body, parts)
     heading = figure.turn if turn is None else turn
     made = round_limbs(_sized(garment, across, along, figure, heading), *surface_of(body))
     notes = [f"the garment is made {across:.3g} times as wide and {along:.3g} times as long, and turned by {round(heading)} "
@@ -58,6 +60,24 @@ def fitted(garment: Garment, body: Scene, thickness: float, turn: float | None =
         notes.append("the body has no feet that say which way it faces: if it is turned round, give the turn yourself")
     hung, moved = hung_clear(made, body, thickness)
     return hung, (*notes, *moved)
+
+
+def _measured(garment: Garment, body: Scene, parts: Sequence[str]) -> tuple[Figure, float, float]:
+    """(measures of a body, times as wide and as long as it is drawn that a garment has to be for it)."""
+    wide: float | None = None
+
+    def person(x: np.ndarray, faces: np.ndarray) -> tuple[Figure, float, float]:
+        nonlocal wide
+        figure = measured(x, faces)
+        across, along = _sizes(garment, figure)
+        wide = across if wide is None else wide  # of the whole body, which comes first
+        _refuse_uneven(figure, across, along)
+        return figure, across, along
+
+    try:
+        return person(*surface_of(body))
+    except SceneError as error:
+        raise SceneError(f"{error}; {ways(body, parts, person, wide)}") from None
 
 
 def _sizes(garment: Garment, figure: Figure) -> tuple[float, float]:
@@ -77,8 +97,7 @@ def _refuse_uneven(figure: Figure, across: float, along: float) -> None:
     girths = ", ".join(f"{g:.3g}" for g in figure.girths)
     raise SceneError(f"fitted: the body's trunk would be from {figure.crotch:.3g} m (crotch) to {figure.neck:.3g} m (neck), "
                      f"round {place(figure.centre)}, with girths of {girths} m from below: {across:.3g} times as wide and "
-                     f"{along:.3g} times as long as that of the figure that patterns are drawn for, as no person is. Bring "
-                     f"its arms away from it, leave out things that it carries, or {BY_HAND}")
+                     f"{along:.3g} times as long as that of the figure that patterns are drawn for, as no person is")
 
 
 def _sized(garment: Garment, across: float, along: float, figure: Figure, turn: float) -> Garment:

@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from .counting import Counting
+from .orders import named
 from .parameters import Parameter
 from .seen import Opening, Seen
 
+BUILDING, SHORT = "building kernels", 0.3  # a state; s that are not worth telling of it
 LOOK = "the look"  # in place of a heat map
 GALE = 20.0  # m/s: the most that a slider adds to the wind
 
@@ -24,7 +27,8 @@ class Controls:
 
     def __init__(self, gui: Any, opened: Opening, ask: Callable[[str, tuple, str], object]) -> None:
         self.gui, self.ask, self.running = gui, ask, False
-        self.state = gui.add_markdown("")
+        said, self.change = gui.add_markdown(""), gui.add_markdown("", visible=False)
+        self.state, self.changes = Counting(lambda text: setattr(said, "content", text)), 0
         self._run(opened.again)
         if opened.parameters:
             with gui.add_folder("Parameters"):
@@ -50,7 +54,14 @@ class Controls:
     def show(self, seen: Seen) -> None:
         """Shows the state of the session in words, and the colours' scale."""
         self.running = seen.running
-        self.state.content, self.plays.label = seen.state, "Pause" if seen.running else "Play"
+        self.plays.label = "Pause" if seen.running else "Play"
+        if seen.building:
+            self.state.count(BUILDING)
+        else:
+            self.state.show(seen.state)
+        if seen.changes != self.changes:
+            self.changes = seen.changes
+            self._tell(seen.change)
         if seen.heats is not None:
             self._offer((LOOK, *seen.heats))
         self.bar.visible = self.ends.visible = seen.heat is not None
@@ -89,9 +100,15 @@ class Controls:
         async def changed(event: Any) -> None:  # in the server's own thread, where events keep their order
             if event.client is not None:
                 name, *values = wish()
+                if said := named(name, tuple(values)):
+                    self._tell(f"{said} ...")
                 self.ask(name, tuple(values), key)
 
         register(changed)
+
+    def _tell(self, change: str) -> None:
+        """Shows a change in words: at once as it is asked for, then from when on it holds."""
+        self.change.content, self.change.visible = change, True
 
     def _offer(self, options: tuple[str, ...]) -> None:
         """The heat maps that there are."""

@@ -6,6 +6,13 @@ import threading
 from collections.abc import Callable
 
 
+def named(order: str, values: tuple) -> str:
+    """A change in words, such as "fabric: silk"; "" of an order that changes nothing of the scene."""
+    if order == "set":
+        return f"{values[0]}: {values[1]:.6g}" if isinstance(values[1], float) else f"{values[0]}: {values[1]}"
+    return f"wind added: {', '.join(f'{v:.3g}' for v in values[0])} m/s" if order == "blow" else ""
+
+
 class Orders:
     """Calls that wait to be made, in order. Only the last call with a key is made, such as that of a slider or a mouse."""
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .controls import Controls
+from .controls import BUILDING, SHORT, Controls
 from .seen import Opening, Seen
 
 TILES = 40  # of the ground, along a side
@@ -49,6 +49,10 @@ class Page:
             self._draw(seen.x, fresh=seen.pieces is not None)
             self._pull(seen.hand)
         self.controls.show(seen)
+
+    def building(self) -> None:
+        """Says that kernels are built, until the next picture."""
+        self.controls.state.count(BUILDING, SHORT)
 
     def _draw(self, x: np.ndarray, fresh: bool) -> None:
         """Meshes are changed in place, and hidden where they have no triangles: one that goes ends a drag of it."""

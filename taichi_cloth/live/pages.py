@@ -13,7 +13,7 @@ import threading
 from typing import Any, BinaryIO
 
 from .page import Page
-from .seen import Opening
+from .seen import Building, Opening
 from .server import started, stop
 
 
@@ -33,7 +33,11 @@ def main(host: str, port: int) -> None:
     while (message := read(sys.stdin.buffer)) is not None:
         if isinstance(message, Opening):
             page = Page(server, message, lambda name, values, key: tell("ask", name, values, key))
-        elif page is not None:
+        elif page is None:
+            continue
+        elif isinstance(message, Building):
+            page.building()
+        else:
             page.show(message)
             tell("shown")
     stop(server)

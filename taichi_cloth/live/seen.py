@@ -1,4 +1,4 @@
-"""Messages from a session to its page, in another process: an `Opening`, then a `Seen` for every picture. numpy only."""
+"""Messages from a session to its page, in another process: an `Opening`, a `Seen` a picture, `Building`. numpy only."""
 
 from __future__ import annotations
 
@@ -62,7 +62,8 @@ class Seen:
     Attributes:
         number: of the scene; another one has other pieces.
         x: (n, 3) f32 vertices [m]; pieces: those drawn, by name; None if they are those of the picture before.
-        state: one line; running: whether step follows step.
+        state: one line; running: whether step follows step; building: whether kernels are built for the next picture.
+        changes: how many changes the session has dealt with; change: the last of them in words, and from when on it holds.
         heats: that there are; None before they are known. heat: that the cloth is coloured by, or None.
         hand: (2, 3) where the cloth is held, and the hand; None while it does not pull.
         last, costly: text on the last step and on the costliest ones; None if it is as before.
@@ -73,8 +74,16 @@ class Seen:
     pieces: dict[str, Piece] | None
     state: str
     running: bool
+    building: bool
+    changes: int
+    change: str
     heats: tuple[str, ...] | None
     heat: Scale | None
     hand: np.ndarray | None
     last: str | None
     costly: str | None
+
+
+@dataclass(frozen=True)
+class Building:
+    """Kernels are loaded or compiled, from now until the next picture."""

@@ -5,9 +5,10 @@ A page, or whatever shows it, asks from any thread, or puts calls into `orders`;
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Callable
-from typing import Protocol
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -16,11 +17,13 @@ from ..errors import ClothError, SimulationError
 from ..recording import record
 from ..scene.air import Air, Wind
 from ..scene.scene import Scene
-from ..simulation import Simulation
 from ..system.quantities import MARKS, QUANTITIES
-from .hand import Hand
-from .orders import Orders
+from .orders import Orders, named
 from .parameters import Parameter
+
+if TYPE_CHECKING:  # a page shows a scene as it was built before Taichi is imported
+    from ..simulation import Simulation
+    from .hand import Hand
 
 IDLE = 0.5  # s that a paused session waits at a time: a wait without end would keep Ctrl-C from some systems
 PICTURE = 1 / 30  # s from picture to picture of a cloth that moves, at least
@@ -56,6 +59,7 @@ class Session:
     Attributes:
         running: whether step follows step; over: whether it is to end.
         trouble: the last error, in a line; "" if there is none.
+        changes: of parameters and wind, how many were asked for and dealt with; change: the last in words, "" before.
         geometry, arrays: the view, as `record` has it; preview: whether it is the scene as built, before there is a
             simulation, and so without heat maps.
         heat: the quantity that colours the cloth, or "".
@@ -66,7 +70,8 @@ class Session:
         self.source, self.show, self.orders = source, show, Orders()
         self.settings: dict[str, object] = {p.name: p.value for p in source.parameters}
         self.running, self.over, self.preview = False, False, True
-        self.trouble = self.heat = ""
+        self.trouble = self.heat = self.change = ""
+        self.changes = 0
         self.sim: Simulation | None = None
         self.hand: Hand | None = None
         self.breeze = np.zeros(3)
@@ -105,7 +110,8 @@ class Session:
         def do() -> None:
             if name not in ASIDE:
                 self.trouble = ""
-            getattr(self, name)(*values)
+            with self._telling(named(name, values)):
+                getattr(self, name)(*values)
 
         self.orders.put(do, key)
 
@@ -148,6 +154,8 @@ class Session:
 
     def grab(self, point: np.ndarray) -> None:
         """Takes hold of the cloth near a point (3,) [m]."""
+        from .hand import Hand
+
         self.drop()
         self.hand = Hand(self._live, point)
 
@@ -175,6 +183,20 @@ class Session:
     def _live(self) -> Simulation:
         assert self.sim is not None, "begin() comes first"
         return self.sim
+
+    @contextlib.contextmanager
+    def _telling(self, change: str) -> Iterator[None]:
+        """Keeps in words how a change ends, which is made within it."""
+        try:
+            yield
+        except Exception:
+            change = change and f"{change}: not possible"
+            raise
+        else:
+            change = change and f"{change}, from t = {self._live.time:.3f} s"
+        finally:
+            if change:
+                self.changes, self.change = self.changes + 1, change
 
     def _ahead(self) -> float:
         """s that simulated time is ahead of the clock."""

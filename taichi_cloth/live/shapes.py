@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..output.colors import heat_colors, to_srgb
+from ..output.drawn import surfaces
 from ..output.look import Heat, Look
-from ..output.picture import surfaces
 from .seen import Piece
 
 BANDS = 16  # colours of a heat map: a piece has one

@@ -1,4 +1,4 @@
-"""A session with its page, until it is ended. The page starts first, and Taichi is imported meanwhile."""
+"""A session with its page, until it is ended. The page starts first, then shows the scene, then Taichi is imported."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from .. import checks
+from ..backend.timing import compiling
 from ..errors import SceneError, shown
 from ..options import Options
 from .link import Link
@@ -120,7 +121,7 @@ def serve(make: Callable[[], Source], title: str, host: str, port: int | None, o
         from .session import Session
         from .teller import Teller
 
-        teller = Teller(title, link.tell)
+        teller = Teller(title, link.tell, tells)
         session = Session(make(), teller)
         address = link.wait()
         teller(session)
@@ -128,7 +129,8 @@ def serve(make: Callable[[], Source], title: str, host: str, port: int | None, o
         tells(f"{title} is shown at {address} (End there, or Ctrl-C here, ends it)")
         if opens:
             _open(address)
-        with _ended(session), contextlib.suppress(KeyboardInterrupt):  # the usual end
+        tells("building kernels ...")
+        with _ended(session), compiling.told(teller.building), contextlib.suppress(KeyboardInterrupt):  # the usual end
             session.begin(plays)
             while not session.over:
                 session.turn()

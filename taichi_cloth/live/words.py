@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
-from ..recording.why import costliest_of
-from ..step.stepper import ADVICE, StepRecord
-from .session import Session
+if TYPE_CHECKING:  # a page starts before Taichi is imported
+    from ..step.stepper import StepRecord
+    from .session import Session
 
 COSTLY = 3  # steps that are named
 
@@ -14,7 +15,7 @@ COSTLY = 3  # steps that are named
 def state(session: Session) -> str:
     """One line: whether it runs, its time [s], and the last error."""
     if session.sim is None:
-        return "loading compiled kernels"
+        return "building kernels"
     mode = "runs" if session.running else "paused"
     pulled = ", pulled" if session.hand is not None else ""
     t = float(session.arrays["t"])
@@ -23,6 +24,8 @@ def state(session: Session) -> str:
 
 def last_step(record: StepRecord) -> str:
     """Size, cost, contacts and rejections of a step, in sentences."""
+    from ..step.stepper import ADVICE
+
     said = [f"A step of {1e3 * record.h:.3g} ms to t = {record.t:.4g} s took {1e3 * record.seconds.get('total', 0.0):.3g} ms: "
             f"{_many(record.solves, 'solve')}, {_many(record.iterations, 'iteration')}; "
             f"the largest stretch is {record.stretch:.3f}."]
@@ -41,6 +44,8 @@ def last_step(record: StepRecord) -> str:
 
 def costly(session: Session) -> str:
     """The steps of the log that took longest, where cloth was in trouble, and advice; "" before the first."""
+    from ..recording.why import costliest_of
+
     if session.sim is None or not session.sim.log:
         return ""
     return costliest_of([asdict(r) for r in session.sim.log], COSTLY)

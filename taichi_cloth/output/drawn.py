@@ -5,9 +5,9 @@ import numpy as np
 from ..scene.appearance import Appearance
 from .colors import PALETTE, STONE
 from .described import appearances_of, image_uv
-from .finish import COLUMNS, HEM, Textures, object_row
 from .hems import borders
 from .look import Look
+from .objects import COLUMNS, HEM, Textures, object_row
 from .shell import Shell
 from .smooth import Smooth
 from .surfaces import Surfaces, back_of

@@ -2,7 +2,7 @@
 
 from ..backend.language import ti
 from .coverage import corner
-from .finish import SHARPNESS, SHEEN, SPECULAR
+from .objects import SHARPNESS, SHEEN, SPECULAR
 from .surroundings import ambient
 from .uniforms import FILL, LIGHT, POWER, RIM
 

@@ -9,7 +9,7 @@ from .. import checks
 from ..errors import SceneError, did_you_mean, shown
 from ..scene.appearance import Appearance
 from ..scene.view import FLOORS, AnyCamera, Camera, Color, View, any_camera, color_or, light_or
-from .renderer import QUALITY
+from .quality import QUALITY
 from .smooth import MOST
 
 BITS = (8, 16)
@@ -38,7 +38,7 @@ class Look:
     """How to draw. Values of None are the scene's.
 
     Attributes:
-        quality: one of `renderer.QUALITY`.
+        quality: one of `quality.QUALITY`.
         camera: one, or cameras by time [s]; None takes the scene's, or fits one.
         orbit: degrees that the camera goes round its target in a second.
         follow: whether the camera moves with the cloth's centre.

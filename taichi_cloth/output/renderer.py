@@ -16,6 +16,7 @@ from ..scene.view import Camera, Color, View
 from ..system.quantities import vertex_normals
 from .camera import frame, ground_height
 from .colors import to_srgb
+from .quality import EXPOSED, QUALITY
 from .raster import Raster
 from .rig import Rig, rig_of
 from .shade import Around, Shader
@@ -25,8 +26,6 @@ from .traced_light import TracedLight
 from .uniforms import uniforms
 
 LARGE = 0.1  # size of a light whose wide shadows take twice the rays
-QUALITY = {"fast": (2, 0, 0), "standard": (2, 1, 2), "high": (3, 4, 8)}  # samples an axis, shadow and ambient rays each
-EXPOSED = {"fast": (1, 0, 0), "standard": (1, 1, 1), "high": (1, 1, 2)}  # in one of many exposures
 
 
 class Renderer:

@@ -10,6 +10,7 @@ from . import finish
 from .coverage import corner, edge, spot, weights, wire
 from .ground import FADE, ground_at
 from .lit import lit
+from .objects import BOTH, HEM, TEXTURE, WEAVE
 from .raster import Raster
 from .surroundings import sky, soft_checker
 from .uniforms import BACKGROUND, CLOTH, EYE, FLOOR, LIGHT, PLACE, POWER, SCENE, UP
@@ -118,15 +119,15 @@ class Shader:
             of_sample, o = footprint(f, corner_uv, area), owner[f]
             base = finish.squared(base, uv, of_sample * wide, rows[CLOTH, 0], objects, o)
             if ti.static(self.textured):
-                if objects[o, finish.TEXTURE] > 0 and (front == 1 or objects[o, finish.BOTH] > 0):
+                if objects[o, TEXTURE] > 0 and (front == 1 or objects[o, BOTH] > 0):
                     base = finish.printed(base, uv, of_sample * wide, objects, o, texels, levels, decode)
             if ti.static(self.woven):
-                if objects[o, finish.WEAVE] > 0:
+                if objects[o, WEAVE] > 0:
                     u, v, shade = finish.threads(uv, of_sample * self.raster.samples, objects, o)
                     base *= shade
                     tilt += ti.Vector([u, v])
             if ti.static(self.hemmed):
-                if objects[o, finish.HEM] > 0:
+                if objects[o, HEM] > 0:
                     u, v, shade = finish.hemmed(uv, of_sample * self.raster.samples, borders, f, objects, o)
                     base *= shade
                     tilt += ti.Vector([u, v])

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..scene.appearance import Appearance
-from .finish import BOTH, FIRST, HEM, LEVELS, TEXTURE, WEAVE, Textures, object_row
+from .objects import BOTH, FIRST, HEM, LEVELS, TEXTURE, WEAVE, Textures, object_row
 
 
 @dataclass(frozen=True)
@@ -15,7 +15,7 @@ class Surfaces:
     Attributes:
         faces: (m, 3) vertices; corner_uv: (m, 3, 2) [m].
         colors, backs: (m, 3) linear RGB of the two sides.
-        owner: (m,) the object that a face belongs to; objects: (k, COLUMNS) `finish.object_row` of each.
+        owner: (m,) the object that a face belongs to; objects: (k, COLUMNS) `objects.object_row` of each.
         cloth_faces: how many of the faces, the first ones, are cloth.
         textures: images that the objects name.
         borders: (m, 8) as `hems.borders` gives them; (1, 8) where nothing has a hem.

@@ -1,5 +1,9 @@
-"""Light by rays: to a round light for soft shadows, over the hemisphere for ambient occlusion. Traced once a pixel; samples
-take the findings of pixels around that see the same surface."""
+"""Light by rays: to a round light for soft shadows, over the hemisphere for ambient occlusion. Traced once a pixel.
+
+Pixels share the findings of those around that see the same surface. Each of them then has all rays of the sequence, but every
+edge of a shadow has steps of `ACROSS` pixels, since each ray goes from one pixel of so many. So samples take the mean of what
+pixels around share.
+"""
 
 import numpy as np
 
@@ -34,7 +38,8 @@ class TracedLight:
         self.shadow_rays, self.ambient_rays = rays
         self.tree = RayTree(fields, triangles)
         # by pixel: the light that reaches it, where it is, which way it faces
-        self.lit, self.place, self.facing = (fields.real(self.width * self.height, k, dtype=ti.f32) for k in (2, 3, 3))
+        self.lit, self.shared, self.place, self.facing = (fields.real(self.width * self.height, k, dtype=ti.f32)
+                                                          for k in (2, 2, 3, 3))
 
     def prepare(self, x: np.ndarray, faces: np.ndarray, light: np.ndarray) -> np.ndarray:
         """Takes points (n, 3)."""
@@ -44,6 +49,8 @@ class TracedLight:
     def trace(self, screen: np.ndarray, x: np.ndarray, faces: np.ndarray, rows: np.ndarray) -> None:
         """Traces the pixels of a picture that the raster has seen."""
         self._trace(screen, x, faces, rows)
+        self._share(self.lit, self.shared, 0, rows)
+        self._share(self.shared, self.lit, 1, rows)
 
     @ti.kernel
     def _trace(self, p: ti.types.ndarray(), x: ti.types.ndarray(), faces: ti.types.ndarray(), rows: ti.types.ndarray()):
@@ -116,23 +123,40 @@ class TracedLight:
             first = 0
         return first, last
 
+    @ti.kernel
+    def _share(self, light: ti.template(), out: ti.template(), down: ti.template(), rows: ti.types.ndarray()):
+        """The findings of each pixel and those beside it, or above and below it."""
+        for t in range(self.turns):
+            row = self.raster.row(t, self.turns, self.height)
+            for column in range(ti.select(row < self.height, self.width, 0)):
+                pixel = row * self.width + column
+                out[pixel] = self._around(light, REACH * down, REACH * (1 - down), 1, self.place[pixel], self.facing[pixel],
+                                          row, column, rows)
+
     @ti.func
     def at(self, position, bulge, flat, row, column, rows: ti.template()):
         """(share of the light, share of the sky) in a pixel: of pixels around that see the same surface."""
+        light = self._around(self.lit, 1, 1, REACH, position, flat, row, column, rows)
+        return light[0], light[1]
+
+    @ti.func
+    def _around(self, light: ti.template(), down: ti.template(), beside: ti.template(), stride: ti.template(), position, flat,
+                row, column, rows: ti.template()):
+        """(2,) the mean of pixels around that see the same surface: so many to each side, so far apart."""
         eye = corner(rows, EYE)
         width = (position - eye).norm() / (rows[PLACE, 0] * self.height)  # of a pixel there
         total, weight = ti.Vector([0.0, 0.0]), 1e-12
-        for dy in range(-REACH, REACH + 1):
-            for dx in range(-REACH, REACH + 1):
-                y, z = row + dy, column + dx
+        for dy in range(-down, down + 1):
+            for dx in range(-beside, beside + 1):
+                y, z = row + stride * dy, column + stride * dx
                 if 0 <= y and y < self.height and 0 <= z and z < self.width:
                     pixel = y * self.width + z
                     away = ti.abs((self.place[pixel] - position).dot(flat)) / (2 * width)
                     alike = ti.max(self.facing[pixel].dot(flat), 0.0)
                     w = ti.exp(-away * away) * alike * alike + 1e-9
-                    total += w * self.lit[pixel]
+                    total += w * light[pixel]
                     weight += w
-        return total[0] / weight, total[1] / weight
+        return total / weight
 
 
 @ti.func

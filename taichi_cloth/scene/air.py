@@ -12,6 +12,7 @@ from .. import checks
 from ..errors import SceneError
 from .winds import velocity
 
+GUSTY = 0.3  # root mean square of gusts, of the mean wind: some .2 along it, as in open country, and less across
 Wind = str | ArrayLike | Callable[[float], ArrayLike] | Callable[[np.ndarray, float], ArrayLike]
 
 
@@ -26,7 +27,7 @@ class Air:
         normal, tangential: viscous coefficients [N s/m^3].
         wind: velocity of the air [m/s]: (3,), or a function of time [s] that returns it. Or a function of positions (n, 3) [m]
             and time that returns (n, 3), or (3,) for all of them. In words, "breeze" blows along x and "gale -z" along -z;
-            `taichi-cloth winds` lists them.
+            "gusty breeze" blows in gusts. `taichi-cloth winds` lists them.
         drag, lift: coefficients C_D and C_L of a plate; lift at most drag.
         density: of the air [kg/m^3].
     """
@@ -43,7 +44,7 @@ class Air:
             object.__setattr__(self, name, checks.number(f"air {name}", getattr(self, name), unit, least=0.0))
         object.__setattr__(self, "density", checks.number("air density", self.density, "kg/m^3", positive=True))
         if isinstance(self.wind, str):
-            object.__setattr__(self, "wind", velocity("air wind", self.wind))
+            object.__setattr__(self, "wind", _in_words(self.wind))
         elif not callable(self.wind):
             object.__setattr__(self, "wind", checks.vector("air wind", self.wind))
         elif checks.takes(self.wind, 1) is False and checks.takes(self.wind, 2) is False:
@@ -82,6 +83,17 @@ class Air:
         if np.shape(blows) == (3,):
             return np.broadcast_to(checks.vector(what, blows, "m/s"), at.shape)
         return checks.array(what, blows, at.shape, row="position")
+
+
+def _in_words(text: str) -> Wind:
+    """The wind of a name and an axis, in gusts where "gusty" comes first."""
+    first, _, rest = text.strip().partition(" ")
+    if first.lower() != "gusty":
+        return velocity("air wind", text)
+    mean = velocity("air wind", rest)
+    if not mean.any():
+        raise SceneError(f"air wind = {checks.shown(text)}: calm air has no gusts; draught is the weakest wind that has")
+    return Gusts(mean, GUSTY * float(np.linalg.norm(mean)))
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from ..errors import SceneError, did_you_mean, shown
 
 GRAVITY, AIR = 9.81, 1.2  # m/s^2, kg/m^3
 DRAG, LIFT = 1.2, 0.8  # of a thin plate that air meets broadside, for a scene that says nothing of its air
+FLAT = 80.0  # degrees from the vertical beyond which hanging cloth is said to fly flat
 AXIS = re.compile(r"([+-]?)([xyz])")
 
 
@@ -75,6 +76,12 @@ def lifted(speed: float, density: float, drag: float = DRAG, lift: float = LIFT,
     return float(np.degrees(low))
 
 
+def flat_from(density: float) -> float:
+    """Speed [m/s] of the wind in which cloth of a density [kg/m^2] flies flat, by the balance of `lifted` in usual air."""
+    s, c = np.sin(np.radians(FLAT)), np.cos(np.radians(FLAT))
+    return float(np.sqrt(2 * density * GRAVITY * s / (AIR * c * (DRAG * c + LIFT * s**2))))
+
+
 def table(fabrics: dict[str, float]) -> str:
     """The winds, with how far each lifts fabrics of densities [kg/m^2], as lines of text."""
     names = "".join(f"{name:>18}" for name in fabrics)
@@ -83,4 +90,7 @@ def table(fabrics: dict[str, float]) -> str:
     for name, (speed, force, sign) in WINDS.items():
         angles = "".join(f"{lifted(speed, density):>16.0f} °" for density in fabrics.values())
         lines.append(f"{name:17}{speed:6.1f}{force:10}{angles}  {sign}")
-    return "\n".join([*lines, "", "Angles from the vertical, of cloth that hangs from its upper edge in a steady wind."])
+    flat = "".join(f"{flat_from(density):>14.1f} m/s" for density in fabrics.values())
+    return "\n".join([*lines, f"{f'flat ({FLAT:.0f} °) from':33}{flat}", "",
+                      "Angles from the vertical, of cloth that hangs from its upper edge in a steady wind.",
+                      "'gusty' before a name adds gusts: 'gusty breeze -z'."])

@@ -109,7 +109,7 @@ def test_another_runs_files_are_safe(out, tmp_path):
     (("run", "hnag"), "did you mean 'hang'"), (("rnu", "hang"), "did you mean 'run'"),
     (("run", str(pathlib.Path(__file__).with_name("test_cil.py"))), "test_cli.py'"),
     (("run", "hang", "--duratoin", "3"), "--duratoin: did you mean --duration"),
-    (("run", "swing", "--small"), "--small: run has no such flag; check, study, verify, view, sweep have it"),
+    (("report", "out", "--small"), "--small: report has no such flag; run, check, study, verify, view, sweep have it"),
     (("study", "swing", "--threads", "1"), "--threads: study has no such flag; run, check, view, sweep have it"),
     (("render", "out", "--duration", "1", "--evrey=2"), "--evrey: did you mean --every"),
     (("run", "hang", "--check"), "unrecognized arguments: --check"),  # no --checkpoint-every cut short

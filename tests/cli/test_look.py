@@ -1,11 +1,16 @@
 """`taichi-cloth look`: the content of a file, in words and in a picture; pictures of solids alone."""
 
+import contextlib
+import io
+
 import numpy as np
 import pytest
 from inside import ROOT, call
 from test_cli import read_png
 
 import taichi_cloth as tc
+from taichi_cloth.app import looking
+from taichi_cloth.app.cli import _parser
 from taichi_cloth.app.looking import told
 from taichi_cloth.io.animation.motion import Clip, Motion
 from taichi_cloth.recording import looked
@@ -71,6 +76,35 @@ def test_parts_have_colours_of_their_own(tmp_path):
     two, one = (read_png(tmp_path / f"{name}.png").astype(int) for name in ("two", "one"))
     hues = [image[..., 0] - image[..., 2] for image in (two, one)]  # red and blue against grey
     assert (hues[0] > 60).sum() > 100 and (hues[0] < -60).sum() > 100 and np.abs(hues[1]).max() < 60
+
+
+def test_long_lists_are_summed_up():
+    """Sixty groups and twenty clips: a line counts the rest; `--all` has them all; one left over is no line shorter."""
+    x, faces = tc.Box((0.4, 1.0, 0.4), 0.0).surface()
+    shape = SolidMesh(x, faces, groups={f"g{k}": np.arange(len(x)) for k in range(60)})
+    clips = Motion([], None, 1.0, "y", tuple(Clip(f"c{k}", 1.0, 24.0) for k in range(20)), (1,), ())
+    lines, every = told(shape, clips, 15), told(shape, clips)
+    assert len(every) == 2 + 20 + 60 and len(lines) < 40
+    assert lines[17].split() == "and 5 clips more; --all lists them".split()
+    assert lines[-1].split() == "and 45 groups more; --all lists them".split()
+    assert told(shape, clips, 59)[-60:] == every[-60:]
+
+
+@pytest.mark.parametrize("name, made", [("drum.npz", "a.png"), ("shirt.json", "a.svg")])
+def test_a_reader_that_goes_costs_no_picture(tmp_path, name, made):
+    """`look FILE --to PICTURE | head -1`: the pipe is closed before all is printed, and the picture is there."""
+    path = drum(tmp_path / name) if name == "drum.npz" else ROOT / "scenes" / "patterns" / name
+
+    class Closed(io.StringIO):
+        def write(self, text):
+            if text:
+                raise BrokenPipeError
+            return 0
+
+    args = _parser().parse_args(["look", str(path), "--to", str(tmp_path / made), "--size", "16x16"])
+    with contextlib.redirect_stdout(Closed()), pytest.raises(BrokenPipeError):
+        looking.run(args)
+    assert (tmp_path / made).stat().st_size > 100
 
 
 def test_look_refuses_before_it_draws(tmp_path):

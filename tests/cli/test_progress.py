@@ -7,6 +7,7 @@ import sys
 from types import SimpleNamespace
 
 import pytest
+from inside import call
 
 import taichi_cloth as tc
 from taichi_cloth.app import progress as progress_module
@@ -56,22 +57,48 @@ def test_elsewhere_there_are_lines(capsys, monkeypatch):
         for frame in range(41):
             show(sim, frame)
     lines = capsys.readouterr().err.splitlines()
-    left = ["", *(f", about {0.5 * (40 - k):.0f} s left" for k in range(4, 40, 4)), ""]
+    left = [", no estimate yet", *(f", about {0.5 * (40 - k):.0f} s left" for k in range(4, 40, 4)), ""]
     assert lines == [f"frame {k}/40  0.500 s simulated{more}, 2 steps tried again, step 10 ms, 3 iterations"
                      for k, more in zip(range(0, 41, 4), left)]
 
 
 def test_frames_whose_kernels_are_built_say_so_and_do_not_count(monkeypatch):
-    """Frames take .5 s; the fourth builds kernels for 20 s more, in the middle of the run."""
-    times, built = iter([0.0, 30.0, 30.5, 51.0, 51.5]), iter([0.0, 29.0, 29.0, 49.0, 49.0])
+    """Frames take .5 s; the fourth builds kernels for 20 s more, in the middle of the run. Three frames are an estimate."""
+    times, built = iter([0.0, 30.0, 30.5, 51.0, 51.5, 52.0, 72.5]), iter([0.0, 29.0, 29.0, 49.0, 49.0, 49.0, 69.0])
     monkeypatch.setattr(progress_module.time, "perf_counter", lambda: next(times))
     watch = SimpleNamespace()
     monkeypatch.setattr(progress_module, "compiling", watch)
     left, said = Left(100), []
-    for frame in range(5):
+    for frame in range(7):
         watch.seconds = next(built)
         said.append(left(frame))
-    assert said == ["", "", "about 49 s left", "building kernels", "about 48 s left"]
+    assert said == ["no estimate yet", "building kernels", "no estimate yet", "building kernels", "about 48 s left",
+                    "about 48 s left", "building kernels"]
+
+
+@pytest.mark.parametrize("each, quicker, told", [(4.0, "--small is", True), (2.0, "--small is", False), (4.0, "", False)])
+def test_a_long_run_is_told_once_how_it_is_quicker(monkeypatch, capsys, each, quicker, told):
+    clock = iter(each * k for k in range(100))
+    monkeypatch.setattr(progress_module.time, "perf_counter", lambda: next(clock))
+    left = Left(100, quicker)
+    for frame in range(8):
+        left(frame)
+    said = capsys.readouterr().err.splitlines()
+    assert said == ["note: this run takes about 6 min more; --small is"] * told
+
+
+def test_a_run_takes_the_quick_options_of_its_scene(tmp_path, monkeypatch):
+    """`run --small` as `check --small`; what is set comes after them; without the flag it is told of it."""
+    made = []
+
+    def simulate(scene, options):
+        made.append((scene.typed(options.settings), options.quicker))
+        raise tc.SceneError("enough")
+
+    monkeypatch.setattr("taichi_cloth.app.runner.simulate", simulate)
+    for words in (("--small",), ("--small", "--set", "cells=7"), ()):
+        assert call("run", "hang", *words).returncode == 2
+    assert made == [({"cells": 12}, ""), ({"cells": 7}, ""), ({}, "--small takes the scene's quick options, cells=12")]
 
 
 def test_a_bar_says_that_kernels_are_built_before_it_waits_for_them(monkeypatch):
@@ -105,7 +132,7 @@ def test_what_there_is_no_room_for_is_left_out(room, said):
 
 
 def test_a_run_that_is_gone_on_with_counts_from_where_it_goes_on(monkeypatch):
-    clock = iter([100.0, 104.0, 106.0])
+    clock = iter([100.0, 104.0, 106.0, 108.0, 110.0])
     monkeypatch.setattr(progress_module.time, "perf_counter", lambda: next(clock))
     left = Left(30)
-    assert [left(k) for k in (21, 22, 23)] == ["", "", "about 14 s left"]
+    assert [left(k) for k in (21, 22, 23, 24, 25)][-1] == "about 10 s left"

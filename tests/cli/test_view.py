@@ -168,11 +168,14 @@ def test_a_fabric_and_a_wind_are_typed_into_the_page(monkeypatch):
             before = session.scene
             box.fill(wrong)
             box.press("Enter")
+            tab.get_by_text(f"{name}: {wrong} ...").wait_for()  # before the session has even heard of it
             turns(session, 20, lambda meant=meant: tab.get_by_text(f"did you mean '{meant}'").count() > 0)
             assert tab.get_by_text(f"did you mean '{meant}'").is_visible() and session.scene is before
             box.fill(meant)
             box.press("Enter")
             turns(session, 20, lambda name=name, meant=meant: session.settings[name] == meant)
+            turns(session, 20, lambda name=name, meant=meant: tab.get_by_text(f"{name}: {meant}, from t = 0.0").count() > 0)
+            assert tab.get_by_text(f"{name}: {meant}, from t = 0.0").is_visible()
             turns(session, 20, lambda: tab.get_by_text("did you mean").count() == 0)
             assert tab.get_by_text("did you mean").count() == 0
         assert session.scene.cloths[0].fabric.density == tc.fabrics["denim"].density

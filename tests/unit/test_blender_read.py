@@ -124,6 +124,68 @@ def test_every_format_is_where_blender_has_it(figure, own_cache, suffix):
         assert (again.x == body.x).all() and list(own_cache.glob("*.npz")) == files
 
 
+# A ball with two shape keys beside a box with one, in two takes: the ball goes along x, or up. Keys are animated in both.
+TAKES = """
+import math, sys
+import bpy, numpy as np
+out = sys.argv[1]
+bpy.ops.wm.read_factory_settings(use_empty=True)
+scene = bpy.context.scene
+scene.render.fps, scene.frame_start, scene.frame_end = 24, 1, 20
+bpy.ops.mesh.primitive_uv_sphere_add(segments=12, ring_count=8, radius=0.3, location=(0.2, 0.1, 1))
+ball = bpy.context.object
+bpy.ops.mesh.primitive_cube_add(size=0.3, location=(0.8, 0.5, 0.2))
+box = bpy.context.object
+ball.name, box.name = "Ball", "Box"
+for item, names, factor in ((ball, ("Wide", "Tall"), 1.5), (box, ("Fat",), 2.0)):
+    item.shape_key_add(name="Basis")
+    for axis, name in enumerate(names):
+        key = item.shape_key_add(name=name)
+        for v in item.data.vertices:
+            co = v.co.copy()
+            co[2 * axis] *= factor
+            key.data[v.index].co = co
+        for frame in range(1, 21):
+            key.value = 0.5 - 0.5 * math.cos(frame / (3 + axis)) if item is ball else frame / 40
+            key.keyframe_insert("value", frame=frame)
+takes = {}
+for name, way in (("Along", (0.05, 0, 0)), ("Up", (0, 0, 0.03))):
+    ball.animation_data_create().action = bpy.data.actions.new(name)
+    for frame in range(1, 21):
+        ball.location = (0.2 + way[0] * frame, 0.1, 1 + way[2] * frame)
+        ball.keyframe_insert("location", frame=frame)
+    takes[name] = ball.animation_data.action, ball.animation_data.action_slot
+got = {}
+for name, (action, slot) in takes.items():
+    ball.animation_data.action, ball.animation_data.action_slot = action, slot
+    for frame in range(1, 21):
+        scene.frame_set(frame)
+        graph = bpy.context.evaluated_depsgraph_get()
+        for item in (ball, box):
+            evaluated = item.evaluated_get(graph)
+            at = np.array([v.co for v in evaluated.to_mesh().vertices], dtype=float)
+            world = np.array(evaluated.matrix_world)
+            got[f"{name} {item.name} {frame}"] = (at @ world[:3, :3].T + world[:3, 3])[:, [0, 2, 1]] * [1, 1, -1]
+np.savez(out + "/takes.npz", **got)
+ball.animation_data.action, ball.location = None, (0.2, 0.1, 1)  # the exporter leaves out what a take does not change
+bpy.ops.export_scene.fbx(filepath=out + "/takes.fbx", bake_anim_use_all_actions=True, bake_anim_use_nla_strips=False)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(importlib.util.find_spec("bpy") is None, reason=ABSENT)
+def test_takes_with_shape_keys_are_where_blender_has_them(tmp_path, own_cache):
+    subprocess.run([sys.executable, "-c", TAKES, str(tmp_path)], check=True, capture_output=True, timeout=300)
+    there = np.load(tmp_path / "takes.npz")
+    for k, take in enumerate(("Along", "Up")):
+        body = tc.load_solid(tmp_path / "takes.fbx", fps=24, clip=k, merge=False)
+        assert len(body.x) == 20
+        for frame in range(1, 21):
+            for part in ("Ball", "Box"):
+                away = farthest(body.x[frame - 1][body.groups[part]], there[f"{take} {part} {frame}"])
+                assert away < 1e-5, (take, part, frame)
+
+
 @pytest.mark.parametrize("suffix, words", [pytest.param(suffix, words, marks=with_blender) for suffix, words in (
     (".fbx", "clip = 'Walk': no such animation; .*known: "), (".abc", "clip = 'Walk': the file has no animation"))])
 def test_choices_that_a_file_has_not(figure, own_cache, suffix, words):

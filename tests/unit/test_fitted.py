@@ -1,6 +1,7 @@
 """A pattern is brought to a body of another size, that stands elsewhere and faces another way: measured afresh."""
 
 import pathlib
+import re
 import runpy
 from contextlib import nullcontext
 from dataclasses import replace
@@ -11,7 +12,7 @@ from reference.geometry import count_crossings, winding
 
 import taichi_cloth as tc
 from taichi_cloth.garment.clear import exit_from, hung_clear, pieces_of
-from taichi_cloth.garment.figure import AT, measured
+from taichi_cloth.garment.figure import AT, measured, surface_of
 from taichi_cloth.garment.fitted import DRAWN_FOR
 
 TORSO, HIPS = 2 * np.pi * 0.098 + 4 * 0.05, 2 * np.pi * 0.12 + 4 * 0.055  # m round two capsules side by side
@@ -51,7 +52,7 @@ def skirt() -> tc.Garment:
 
 def test_the_shipped_figure_has_the_measures_that_patterns_are_drawn_for():
     """By closed forms: girths of two capsules side by side, of hips and trunk; and it has what `DRAWN_FOR` says."""
-    found = measured(shipped())
+    found = measured(*surface_of(shipped()))
     assert found.girths[AT > 0.35] == pytest.approx(TORSO, rel=0.02) and found.girths[0] == pytest.approx(HIPS, rel=0.02)
     assert 0.80 < found.crotch < 0.86 and found.neck == pytest.approx(1.385 + 0.06, abs=0.02)
     assert found.crotch == pytest.approx(DRAWN_FOR.crotch, abs=2e-3) and found.neck == pytest.approx(DRAWN_FOR.neck, abs=2e-3)
@@ -63,7 +64,7 @@ def test_the_shipped_figure_has_the_measures_that_patterns_are_drawn_for():
 def test_a_skirt_goes_where_a_body_stands_and_faces(size, turn, at):
     """Its panels are where they are round the shipped figure, as the body is; what they are cut like is as large."""
     garment, body = skirt(), somebody(size, turn, at)
-    found = measured(body)
+    found = measured(*surface_of(body))
     assert found.faces and (found.turn - turn + 180) % 360 - 180 == pytest.approx(0, abs=2)
     made, notes = tc.fitted(garment, body, THICKNESS)
     c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
@@ -85,7 +86,7 @@ def test_a_round_body_without_arms_faces_where_its_toes_are(turn):
     for k, (a, b, r) in enumerate(ends):
         body.add_solid(tc.Capsule(a, b, r), friction=0.4, thickness=0.004, name=str(k), position=(2, 0, 1),
                        rotation=(0, np.radians(turn), 0))
-    found = measured(body)
+    found = measured(*surface_of(body))
     assert found.faces and (found.turn - turn + 180) % 360 - 180 == pytest.approx(0, abs=2)
     assert found.centre == pytest.approx([2, 1], abs=0.01)
 
@@ -161,7 +162,7 @@ def test_a_thick_arm_beside_a_body_is_not_its_trunk():
     body = somebody()
     for k, (a, b, r) in enumerate(forked(1.2)):
         body.add_solid(tc.Capsule(a, b, r), friction=0.4, thickness=0.004, name=f"arm {k}")
-    found, alone = measured(body), measured(somebody())
+    found, alone = measured(*surface_of(body)), measured(*surface_of(somebody()))
     assert found.centre == pytest.approx(alone.centre, abs=0.01) and found.girths == pytest.approx(alone.girths, rel=0.02)
 
 
@@ -170,16 +171,46 @@ def test_where_nothing_is_over_the_feet_there_is_no_trunk():
     feet = [((x, 0.1, 0), (x, 0.1, 0.1), 0.09) for x in (-0.15, 0.15)]
     for k, (a, b, r) in enumerate(feet + forked(1.2)):
         body.add_solid(tc.Capsule(a, b, r), friction=0.4, thickness=0.004, name=f"part {k}")
-    with pytest.raises(tc.SceneError, match=r"over its feet, whose middle is \(0, .* 1.26 m round, at \(1.2, .*--only PART"):
+    with pytest.raises(tc.SceneError, match=r"over its feet, whose middle is \(0, .* 1.26 m round, at \(1.2, .*out --fit"):
         tc.fitted(skirt(), body, THICKNESS)
 
 
 def test_a_trunk_as_wide_as_no_persons_is_refused_with_its_girths():
     """Capsules whose sections are 2.1 times as wide: the waist that is told is that of the figure, as many times."""
-    with pytest.raises(tc.SceneError, match="times as wide .*as no person is.*--only PART") as told:
+    with pytest.raises(tc.SceneError, match="times as wide .*as no person is.*leave out --fit") as told:
         tc.fitted(skirt(), somebody(wide=2.1), THICKNESS)
     girths = str(told.value).split("girths of ")[1].split(" m from below")[0].split(", ")
     assert float(girths[-1]) == pytest.approx(2.1 * TORSO, rel=0.05)  # rounder ends reach into it
+
+
+def in_one(parts: dict[str, tc.Scene]) -> tc.Scene:
+    """A body of one mesh, whose groups are these parts."""
+    surfaces = {name: surface_of(body) for name, body in parts.items()}
+    first = np.cumsum([0, *(len(x) for x, _ in surfaces.values())])
+    groups = {name: np.arange(a, b) for name, a, b in zip(parts, first, first[1:])}
+    mesh = tc.SolidMesh(np.concatenate([x for x, _ in surfaces.values()]),
+                        np.concatenate([f + a for (_, f), a in zip(surfaces.values(), first)]), groups=groups)
+    body = tc.Scene()
+    body.add_solid(mesh, friction=0.4, thickness=0.004)
+    return body
+
+
+@pytest.mark.slow
+def test_advice_names_ways_that_are_open():
+    """Of a figure in a barrel the part that is a person; of one part alone no parts; a scale that makes it as wide."""
+    barrel = tc.Scene()
+    barrel.add_solid(tc.Cylinder(0.5, 0.9), friction=0.4, thickness=0.004, position=(0, 1.1, 0))
+    parts = {"figure": somebody(), "barrel": barrel}
+    with pytest.raises(tc.SceneError, match="--only 'figure'$"):
+        tc.fitted(skirt(), in_one(parts), THICKNESS, parts=["figure", "barrel"])
+    wide = in_one({"figure": somebody(wide=2.1)})
+    with pytest.raises(tc.SceneError) as told:
+        tc.fitted(skirt(), wide, THICKNESS, parts=["figure"])
+    said = str(told.value)
+    assert "--only" not in said and "--clip" not in said
+    x, faces = surface_of(wide)
+    scaled = measured(float(re.search(r"--scale ([.\d]+) times", said)[1]) * x, faces)
+    assert (scaled.girths / DRAWN_FOR.girths).max() == pytest.approx(1.0, rel=0.02)
 
 
 @pytest.mark.parametrize("wide, long, right", [(0.5, 1.0, False), (0.6, 1.0, True), (1.7, 1.0, True), (2.0, 1.0, False),
@@ -187,7 +218,7 @@ def test_a_trunk_as_wide_as_no_persons_is_refused_with_its_girths():
 def test_width_and_length_of_a_trunk_belong_together(monkeypatch, wide, long, right):
     neck = DRAWN_FOR.crotch + long * (DRAWN_FOR.neck - DRAWN_FOR.crotch)
     figure = replace(DRAWN_FOR, neck=neck, girths=wide * DRAWN_FOR.girths)
-    monkeypatch.setattr("taichi_cloth.garment.fitted.measured", lambda body: figure)
+    monkeypatch.setattr("taichi_cloth.garment.fitted.measured", lambda x, faces: figure)
     with nullcontext() if right else pytest.raises(tc.SceneError, match="as no person is"):
         tc.fitted(skirt(), somebody(), THICKNESS)
 

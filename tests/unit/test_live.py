@@ -1,14 +1,18 @@
 """A session: played, paused, stepped, begun again, changed and pulled at, with a real simulation and no page."""
 
+import types
+
 import numpy as np
 import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.errors import SimulationError
 from taichi_cloth.live import session as module
+from taichi_cloth.live import teller as module_of_teller
 from taichi_cloth.live import view
 from taichi_cloth.live.hand import WEIGHTS
 from taichi_cloth.live.parameters import Parameter
+from taichi_cloth.live.seen import Building, Seen
 from taichi_cloth.live.session import Session
 from taichi_cloth.live.teller import Teller
 from taichi_cloth.live.view import Given, Made, serve
@@ -288,8 +292,42 @@ def test_a_page_is_served_until_it_is_ended(monkeypatch, end):
         serve(lambda: source, "title", "host", None, True, True, said.append)
     link = Told.made[-1]
     assert said[0].split()[:5] == ["title", "is", "shown", "at", "http://there:1"], "nothing clings to the address"
-    assert said[1:] == ["http://there:1"] and not link.open
+    assert said[1:3] == ["http://there:1", "building kernels ..."] and not link.open
     assert link.messages[0].title == "title" and link.messages[0].airy and link.messages[1].heats is None
+
+
+def test_a_change_is_told_with_the_time_from_which_on_it_holds(session):
+    session.begin(plays=False)
+    session.step()
+    for order, values, told in (("set", ("k", 400.0), "k: 400, from t = 0.017 s"), ("set", ("k", -1.0), "k: -1: not possible"),
+                                ("blow", (np.array([1.0, 0, 0]),), "wind added: 1, 0, 0 m/s, from t = 0.017 s"),
+                                ("set", ("cells", 5), "cells: 5, from t = 0.000 s")):
+        before = session.changes
+        session.ask(order, values)
+        session.turn()
+        assert (session.change, session.changes) == (told, before + 1)
+    session.ask("step")
+    session.turn()
+    assert session.changes == before + 1, "a step is no change"
+
+
+def test_building_is_told_once_and_how_long_it_took(session, monkeypatch):
+    told, said = [], []
+    teller = Teller("title", told.append, said.append)
+    monkeypatch.setattr(module_of_teller, "time", types.SimpleNamespace(monotonic=lambda: clock[0]))
+    clock = [10.0]
+    session.show = teller
+    ask(session, session.step)
+    teller.shown(session)
+    for _ in range(3):
+        teller.building()  # three kernels
+    assert [type(message) for message in told[2:]] == [Building]
+    clock[0] = 14.2
+    ask(session, session.step)
+    assert said == ["building kernels took 4 s"] and isinstance(told[-1], Seen) and not told[-1].building
+    teller.shown(session)
+    ask(session, session.step)
+    assert len(said) == 1
 
 
 def test_a_page_is_told_no_faster_than_it_shows(session):

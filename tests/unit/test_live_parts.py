@@ -2,10 +2,12 @@
 
 import inspect
 import io
+import itertools
 import socket
 import subprocess
 import sys
 import threading
+import time
 import types
 import unittest.mock
 
@@ -13,8 +15,8 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.live import pages, server
-from taichi_cloth.live.controls import LOOK, Controls
+from taichi_cloth.live import counting, pages, server
+from taichi_cloth.live.controls import BUILDING, LOOK, Controls
 from taichi_cloth.live.hand import pullable
 from taichi_cloth.live.orders import Orders
 from taichi_cloth.live.page import Page
@@ -217,7 +219,8 @@ class Gui:
 
     def __getattr__(self, kind):
         def add(label="", *args, **options):
-            control = types.SimpleNamespace(kind=kind, label=label, args=args, options=options, calls=[], content="")
+            control = types.SimpleNamespace(kind=kind, label=label, args=args, options=options, calls=[], content="",
+                                            visible=options.get("visible", True))
             control.value = args[-1] if args else options.get("initial_value")
             if kind == "add_dropdown":
                 control.options, control.value = args[0], options["initial_value"]
@@ -248,8 +251,9 @@ def opened(airy: bool) -> Opening:
 
 
 def seen(**changed) -> Seen:
-    usual = {"number": 1, "x": np.zeros((0, 3)), "pieces": {}, "state": "paused", "running": False,
-             "heats": ("stretch", "bend"), "heat": None, "hand": None, "last": None, "costly": None}
+    usual = {"number": 1, "x": np.zeros((0, 3)), "pieces": {}, "state": "paused", "running": False, "building": False,
+             "changes": 0, "change": "", "heats": ("stretch", "bend"), "heat": None, "hand": None, "last": None,
+             "costly": None}
     return Seen(**{**usual, **changed})
 
 
@@ -276,6 +280,68 @@ def test_every_control_asks_for_what_it_says():
     assert controls.last.content == "a step" and controls.costly.content == "one\n\ntwo" and controls.bar.visible
     controls.show(seen(heats=("speed",)))
     assert gui.made["by"].options == (LOOK, "speed") and controls.last.content == "a step" and not controls.bar.visible
+
+
+def test_a_change_is_told_before_the_session_answers():
+    """At once as it is asked for, then from when on it holds; pictures of before change nothing of it."""
+    gui = Gui()
+    controls = Controls(gui, opened(airy=True), lambda *wish: None)
+    controls.show(seen())
+    assert not controls.change.visible
+    gui.clicked("clip", "walk")
+    assert controls.change.visible and controls.change.content == "clip: walk ..."
+    controls.show(seen())
+    assert controls.change.content == "clip: walk ..."
+    controls.show(seen(changes=1, change="clip: walk, from t = 1.000 s"))
+    assert controls.change.content == "clip: walk, from t = 1.000 s"
+    gui.clicked("y", 2.5)
+    assert controls.change.content == "wind added: 0, 2.5, 0 m/s ..."
+    gui.clicked("edges", True)
+    assert controls.change.content == "wind added: 0, 2.5, 0 m/s ...", "a look is seen by itself"
+
+
+def test_seconds_count_while_kernels_are_built(monkeypatch):
+    """On the page, which has a process of its own, from one picture to the next."""
+    monkeypatch.setattr(counting, "EVERY", 0.01)
+    clock = itertools.count(100.0, 0.5)
+    monkeypatch.setattr(counting, "time", types.SimpleNamespace(monotonic=lambda: next(clock)))
+    said, enough = [], threading.Event()
+
+    def tell(text):
+        said.append(text)
+        if len(said) == 5:
+            enough.set()
+
+    state = counting.Counting(tell)
+    state.count("building kernels")
+    assert enough.wait(20)
+    state.show("runs at t = 0.017 s")
+    time.sleep(0.05)
+    assert said[:5] == [f"building kernels, {s} s" for s in (0, 1, 2, 2, 2)] and said[-1] == "runs at t = 0.017 s"
+    gui = Gui()
+    controls = Controls(gui, opened(airy=False), print)
+    monkeypatch.setattr(controls, "state", unittest.mock.Mock())
+    controls.show(seen(building=True))
+    assert controls.state.count.call_args.args == (BUILDING,) and not controls.state.show.called
+    controls.show(seen(state="paused"))
+    assert controls.state.show.call_args.args == ("paused",)
+
+
+def test_every_scene_is_shown_before_taichi_is_imported():
+    program = """if True:
+        import sys
+        from taichi_cloth.app import scenefile
+        from taichi_cloth.live.session import Session
+        from taichi_cloth.live.teller import Teller
+        from taichi_cloth.live.view import Made
+        from taichi_cloth.options import Options
+
+        for name in scenefile.available():
+            scene, told = scenefile.read(name), []
+            teller = Teller(name, told.append)
+            teller(Session(Made(lambda changed: scene.make(dict(scene.small)), Options()), teller))
+            assert len(told[1].x) and told[1].building and "taichi" not in sys.modules, name"""
+    subprocess.run([sys.executable, "-c", program], timeout=60, check=True)
 
 
 def test_without_air_there_is_no_wind_to_add():

@@ -7,7 +7,7 @@ import taichi_cloth as tc
 from taichi_cloth.app import cli
 from taichi_cloth.errors import did_you_mean
 from taichi_cloth.scene.blending import air_between, fabric_between
-from taichi_cloth.scene.winds import WINDS, lifted
+from taichi_cloth.scene.winds import WINDS, flat_from, lifted
 
 FULL = tc.Fabric(0.2, tc.Stretch((800, 600), (0.8, 0.6), limit=1.2), tc.Shear(200, 0.2),
                  tc.Bend((2e-4, 3e-4), 2e-6, friction=1e-3, yield_=50.0))
@@ -118,12 +118,32 @@ def test_winds_in_words():
     assert speeds == sorted(speeds) and [w.force for w in WINDS.values()] == sorted(w.force for w in WINDS.values())
 
 
+def test_a_gusty_wind_has_gusts_round_its_mean():
+    """By samples: the mean is the named wind's, the gusts' root mean square three tenths of it."""
+    wind = tc.Air(1.0, wind="gusty breeze -z").wind
+    x = np.random.default_rng(5).uniform(-50, 50, (4000, 3))
+    v = np.concatenate([wind(x, t) for t in (0.0, 3.0, 7.0)])
+    assert v.mean(axis=0) == pytest.approx([0, 0, -3], abs=0.05)
+    assert np.sqrt(((v - [0, 0, -3]) ** 2).sum(axis=1).mean()) == pytest.approx(0.9, rel=0.05)
+    assert tc.Air(1.0, wind="Gusty strong breeze").wind_at(0.0, x).mean(axis=0)[0] == pytest.approx(12.5, abs=0.4)
+    for wrong, said in (("gusty", "needs a wind's name"), ("gusty breze", "mean 'breeze'"), ("gusty calm", "no gusts")):
+        with pytest.raises(tc.SceneError, match=said):
+            tc.Air(1.0, wind=wrong)
+
+
+@pytest.mark.parametrize("density", [0.05, 0.324, 0.6])
+def test_the_wind_in_which_a_curtain_flies_flat(density):
+    """There it hangs 80 degrees from the vertical; the speed goes with the root of the weight."""
+    assert lifted(flat_from(density), density) == pytest.approx(80, abs=0.01)
+    assert flat_from(density) == pytest.approx(9.7 * density**0.5, rel=0.005)
+
+
 def test_the_command_lists_winds(capsys):
     assert cli.main(["winds", "--fabric", "denim", "--fabric", "0.1"]) == 0
     lines = capsys.readouterr().out.splitlines()
     breeze = next(line for line in lines if line.startswith("breeze ")).split()
     assert breeze[1:3] == ["3.0", "2"] and breeze[3] == f"{lifted(3.0, 0.324):.0f}" and breeze[5] == f"{lifted(3.0, 0.1):.0f}"
-    assert len(lines) == len(WINDS) + 4
+    assert len(lines) == len(WINDS) + 6
     for wrong, said in (("denin", "unknown fabric 'denin'; did you mean 'denim'"), ("-1", "--fabric = -1.0 kg/m^2: must be")):
         assert cli.main(["winds", "--fabric", wrong]) == 2 and said in capsys.readouterr().err
 
