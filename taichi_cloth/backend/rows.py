@@ -5,7 +5,7 @@ On the CPU arrays come straight from memory: a copy of 10,000 rows takes 5 us, w
 
 import numpy as np
 
-from . import field_pool, runtime
+from . import counting, field_pool, runtime
 from .language import ti
 
 SMALL, MIDDLE, LARGE = 1 << 10, 1 << 14, 1 << 18  # rows: two sizes, then twice as many each, then multiples
@@ -26,12 +26,19 @@ def in_reach() -> bool:
 
 def read(field, which: np.ndarray | None = None) -> np.ndarray:
     """A copy of the rows of a field that `Fields` made, or of those that `which` (k,) names."""
-    rows = field.share.memory if in_reach() else field.to_numpy()
+    if in_reach():
+        rows = field.share.memory
+    else:
+        rows = field.to_numpy()
+    if counting.now is not None:
+        counting.now.read(rows.nbytes)
     return rows[: field.rows].copy() if which is None else rows.take(which, axis=0)
 
 
 def write(field, data: np.ndarray) -> None:
     """Sets the first rows of a field, as many as there are in data."""
+    if counting.now is not None:
+        counting.now.write(data.nbytes)
     if in_reach():
         rows = field.share.memory[: len(data)]
         rows[...] = data.reshape(rows.shape)
