@@ -58,7 +58,6 @@ class Multilevel(Checkpointed):
         self.hats = Hierarchy(fields, made, model.n)
         self.dealer = Dealer(fields, model.blocks, self.hats.start[-1])
         self.blocks = model.blocks.count
-        self.level_by_level = model.blocks.grain == 1  # on a GPU, where one thread for all but the finest is slow
         self.inverse_l, self.summed = (fields.real(self.hats.start[-1], 6) for _ in range(2))
         self.age = Age()
         self.forces = operator.forces
@@ -251,29 +250,27 @@ class Multilevel(Checkpointed):
         return sym_unpack(out)
 
     @ti.func
-    def sweep(self, r: ti.template()):
-        """The levels' part for a filtered r: afterwards `correction(i)` has it for every particle."""
+    def sweep(self, r: ti.template(), going):
+        """The levels' part for a filtered r, level by level: afterwards `correction(i)` has it for every particle. Nothing if
+        not `going`."""
         for n in range(self.hats.size[0]):
-            self.hats.restrict(n, r)
-        if ti.static(self.level_by_level):
-            for level in ti.static(range(1, len(self.hats.start) - 1)):
-                for n in range(self.hats.start[level], self.hats.start[level + 1]):
+            if going == 1:
+                self.hats.restrict(n, r)
+        for level in ti.static(range(1, len(self.hats.start) - 1)):
+            for n in range(self.hats.start[level], self.hats.start[level + 1]):
+                if going == 1:
                     self.hats.restrict(n, self.hats.r)
-        else:
-            for _ in range(1):
-                self.restrict_rest()
         if ti.static(self.exact):
             for n in range(self.hats.size[1], self.hats.size[2]):
-                self.solve_exactly(n)
-        if ti.static(self.level_by_level):
-            for level in ti.static(range(len(self.hats.start) - 2, 0, -1)):
-                for n in range(self.hats.start[level], self.hats.start[level + 1]):
+                if going == 1:
+                    self.solve_exactly(n)
+        for level in ti.static(range(len(self.hats.start) - 2, 0, -1)):
+            for n in range(self.hats.start[level], self.hats.start[level + 1]):
+                if going == 1:
                     self.prolong(n)
-        else:
-            for _ in range(1):
-                self.prolong_rest()
         for n in range(self.hats.size[0]):
-            self.prolong(n)
+            if going == 1:
+                self.prolong(n)
 
     @ti.func
     def restrict_block(self, block, r: ti.template()):

@@ -27,7 +27,7 @@ class Blocks:
     """
 
     def __init__(self, fields: Fields, n: int, runtime: Runtime) -> None:
-        cpu = runtime.arch == "cpu"
+        cpu = not runtime.device
         rows = ROWS if cpu else int(np.clip(n // GPU_BLOCKS, *GPU_BLOCK))
         count = max(1, n // rows)
         self.bounds = block_bounds(n, min(runtime.threads, count) if cpu else count)
@@ -35,7 +35,13 @@ class Blocks:
         self.largest = int(np.diff(self.bounds).max())  # rows of a block
         self.grain = TASK if cpu else 1
         self.serial = cpu  # loops of little work a row: to wake another thread would take longer
+        self.pieces = 1 if cpu else self.count  # of such a loop over the rows that adds something up
         self.row = fields.integer(self.count + 1, data=self.bounds)
+
+    @ti.func
+    def first(self, piece):
+        """The first row of a piece."""
+        return self.row[piece * ti.static(self.count // self.pieces)]
 
     @ti.func
     def add(self, q: ti.template(), i, value, lo, hi):
@@ -111,7 +117,7 @@ class ParticleState:
         order = cuthill_mckee(len(used), local[faces])
         if any(c.split is not None for c in scene.cloths):
             order = _corners_together(scene, used)
-        if runtime.arch == "cpu" and len(scene.cloths) > 1 and any(c.contact is not None for c in scene.cloths):
+        if not runtime.device and len(scene.cloths) > 1 and any(c.contact is not None for c in scene.cloths):
             order = by_slabs(order, np.concatenate([c.positions for c in scene.cloths])[used])
         self.user = used[order]
         self.n = len(order)

@@ -13,6 +13,7 @@ from ...backend.dealing import Dealer, Lists
 from ...backend.fields import Fields
 from ...backend.language import ti
 from ...backend.rows import read, write
+from ...backend.sums import Sums
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.state import ParticleState
@@ -57,7 +58,9 @@ class Paths(Checkpointed):
         self.displaced_now, self.displaced, self.strayed = (fields.real(model.n) for _ in range(3))
         self.part, self.common = fields.real(1), fields.real(3, 3)
         self.moved = fields.integer(model.n)
-        self._count: np.ndarray = np.zeros(1, dtype=np.int32)
+        self.sums = Sums(fields, model.blocks.pieces, 2, not model.blocks.serial)
+        self._far = fields.integer(1)
+        self._told: np.ndarray = np.zeros((3, 3))  # in `common`
         self._samples = np.unique(np.linspace(0, model.n - 1, SAMPLES).astype(np.int64))
 
     @ti.kernel
@@ -85,9 +88,10 @@ class Paths(Checkpointed):
 
     def _measured(self, common: np.ndarray) -> int:
         """Measures with the translation in common; how many have strayed."""
-        write(self.common, common.astype(self.model.exchange))
-        self._measure(self._count)
-        return int(self._count[0])
+        if not np.array_equal(common, self._told):
+            write(self.common, common.astype(self.model.exchange))
+            self._told = common
+        return self._measure()
 
     def _most_common(self) -> np.ndarray:
         """`common`, by medians of some particles; 0 where no fewer of these have strayed by that."""
@@ -113,26 +117,34 @@ class Paths(Checkpointed):
         return self.left[i] + self.part[0] * (self.walked[i] - self.left[i])
 
     @ti.kernel
-    def _measure(self, count: ti.types.ndarray()):
-        """How far particles are, and begin, from where they were walked for, and from the rest of that path."""
-        ti.loop_config(serialize=True)
-        for _ in range(1):
+    def _measure(self) -> int:
+        """How far particles are, and begin, from where they were walked for, and from the rest of that path; how many have
+        strayed."""
+        ti.loop_config(serialize=self.model.blocks.serial)
+        for piece in range(self.model.blocks.pieces):
             along, length = 0.0, 0.0
-            for i in range(self.model.rows()):
+            for i in range(self.model.blocks.first(piece), self.model.blocks.first(piece + 1)):
                 way = self.walked[i] - self.left[i]
                 along += way.dot(self.start[i] - self.left[i])
                 length += way.norm_sqr()
-            self.part[0] = 1.0
-            if along < length:
-                self.part[0] = ti.max(along / length, 0.0)
+            self.sums.of_piece[piece] = ti.Vector([along, length])
+        self.sums.finish(1)
+        along, length = self.sums.all[0][0], self.sums.all[0][1]
+        self.part[0] = 1.0
+        if along < length:
+            self.part[0] = ti.max(along / length, 0.0)
+        self._far[0] = 0
+        ti.loop_config(serialize=self.model.blocks.serial)
+        for piece in range(self.model.blocks.pieces):
             far = 0
-            for i in range(self.model.rows()):
+            for i in range(self.model.blocks.first(piece), self.model.blocks.first(piece + 1)):
                 here = (self.model.x[i] - self.walked[i] - self.common[1]).norm()
                 there = (self.start[i] - self.walked[i] - self.common[2]).norm()
                 self.displaced_now[i], self.displaced[i] = here, ti.max(here, there)
                 self.strayed[i] = ti.max(here, (self.start[i] - self.begins(i) - self.common[0]).norm())
                 far += ti.cast(self.strayed[i] > self.skin[0], ti.i32)
-            count[0] = far
+            ti.atomic_add(self._far[0], far)  # integers: in any order
+        return self._far[0]
 
 
 @ti.data_oriented
@@ -154,9 +166,8 @@ class Candidates(Checkpointed):
         self.model, self.exchange = model, fields.exchange
         self.mesh = CollisionMesh(fields, model, scene)
         m = len(self.mesh.faces)
-        self.boxes = BVH(fields, m)
+        self.boxes = BVH(fields, m, marked=True)  # a box is marked if it has faces with displaced particles
         self.face_hull, self.edge_hull = fields.real(m, 12), fields.real(len(self.mesh.edges), 12)
-        self.changed = fields.integer(2 * self.boxes.first_leaf)  # whether a box has faces with displaced particles
         self.face_low, self.face_high = fields.real(m, 3), fields.real(m, 3)  # swept box, by half thickness and skin wider
         half = self.mesh.half_thickness
         skin = SKIN * min(float(half[half > 0].min()), self.mesh.spacing / 2)
@@ -270,15 +281,10 @@ class Candidates(Checkpointed):
                 low, high = ti.min(low, self.face_low[f]), ti.max(high, self.face_high[f])
                 v = self.mesh.face[f]
                 changed = ti.max(changed, self.paths.moved[v[0]], self.paths.moved[v[1]], self.paths.moved[v[2]])
-            self.changed[self.boxes.first_leaf + leaf] = changed
+            self.boxes.marks[self.boxes.first_leaf + leaf] = changed
             self.boxes.low[self.boxes.first_leaf + leaf] = low
             self.boxes.high[self.boxes.first_leaf + leaf] = high
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            self.boxes.merge()
-            for back in range(self.boxes.first_leaf - 1):
-                i = self.boxes.first_leaf - 1 - back
-                self.changed[i] = ti.max(self.changed[2 * i], self.changed[2 * i + 1])
+        self.boxes.merge()
 
     @ti.kernel
     def _walk(self, rows: ti.types.ndarray(), found: ti.types.ndarray()):
@@ -296,9 +302,9 @@ class Candidates(Checkpointed):
         count, leaves = 0, (self.mesh.size[0] + LEAF - 1) // LEAF
         for leaf in range(self.dealer.first(chunk, self.chunks, leaves), self.dealer.first(chunk + 1, self.chunks, leaves)):
             node = self.boxes.first_leaf + leaf  # leaves before it have met this one already
-            low, high, changed = self.boxes.low[node], self.boxes.high[node], self.changed[node]
+            low, high, changed = self.boxes.low[node], self.boxes.high[node], self.boxes.marks[node]
             while True:
-                if changed + self.changed[node] > 0 and self.boxes.meets(node, low, high):
+                if changed + self.boxes.marks[node] > 0 and self.boxes.meets(node, low, high):
                     if node < self.boxes.first_leaf:
                         node *= 2
                         continue
