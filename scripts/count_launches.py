@@ -17,7 +17,8 @@ import taichi_cloth as tc
 from taichi_cloth.app import scenefile
 from taichi_cloth.backend.counting import Counts, counted
 
-CASES = {"hang cells=50": 0.25, "sphere_drape cells=50 itself=1": 0.5, "layers cells=24": 0.45, "dress_up": 0.6}  # s to begin at
+CASES = {"hang cells=50": 0.25, "sphere_drape cells=50 itself=1": 0.5, "layers cells=24": 0.45,  # s to begin at
+         "dress_up spacing=0.03": 0.6}
 
 
 def simulation(text: str) -> tc.Simulation:
@@ -65,7 +66,7 @@ def main() -> None:
     for text in args.scenes:
         row, kernels = measured(text, CASES.get(text, 0.4) if args.begin is None else args.begin, args.steps)
         rows.append(row)
-        print(", ".join(f"{key} {value:.3g}" if isinstance(value, float) else f"{value}" for key, value in row.items()), flush=True)
+        print(", ".join(f"{key} {value:.4g}" for key, value in row.items() if key != "scene"), text, sep=": ", flush=True)
         for name, count in kernels.most_common(args.kernels):
             print(f"    {count / args.steps / row['solves']:6.2f} {name}")
     results.write(args.json, rows)

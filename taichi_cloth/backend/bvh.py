@@ -3,6 +3,8 @@
 Items are in an order that keeps neighbours together, LEAF of them a leaf. Boxes are refitted, never rebuilt.
 """
 
+from typing import Any
+
 import numpy as np
 
 from .fields import Fields
@@ -28,7 +30,7 @@ class BVH:
         self.first_leaf = 2 ** max(1, int(np.ceil(np.log2(max(leaves, 1)))))
         self.low, self.high = (fields.real(2 * self.first_leaf, 3, dtype=dtype) for _ in range(2))
         self.marked, self.level_by_level = marked, for_device()
-        self.marks = fields.integer(2 * self.first_leaf) if marked else None
+        self.marks: Any = fields.integer(2 * self.first_leaf) if marked else None
         self.sizes = [2**k for k in range(self.first_leaf.bit_length() - 1)][::-1]  # nodes of a level, upwards from the leaves
 
     @ti.func

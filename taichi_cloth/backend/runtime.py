@@ -94,7 +94,7 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     global _current, _generation
     checks.choice("arch", arch, ARCHS)
     checks.choice("precision", precision, PRECISIONS)
-    checks.choice(LAYOUT, os.environ.get(LAYOUT, "cpu"), ("cpu", "device"))
+    checks.choice(LAYOUT, os.environ.get(LAYOUT, "cpu"), ("cpu", "device"), BackendError)
     there = cores()
     threads = checks.maybe(threads, checks.integer, "threads", most=max(there, MOST_THREADS), error=BackendError)
     quiet, debug = checks.flag("quiet", quiet), checks.flag("debug", debug)

@@ -74,7 +74,7 @@ class Gas(Force, Checkpointed):
         self.weight = fields.real(len(of.part), data=of.weight)
         self.at, self.g = fields.real(len(of.knot), 3), fields.real(len(of.knot), 3)
         self.device = not model.blocks.serial
-        self.volume = Sums(fields, blocks, 3, self.device, len(self.rooms), self.sum_type)  # V, its rate, its change by the motion
+        self.volume = Sums(fields, blocks, 3, self.device, len(self.rooms), self.sum_type)  # V, its rate, its change as moved
         self.law = fields.real(len(self.rooms), 4, dtype=self.sum_type)  # kind and parameters, see `_row`
         self.state = fields.real(len(self.rooms), 6, dtype=self.sum_type)  # V, its rate, its change, p, -p', E
         self._law = np.zeros((len(self.rooms), 4))
