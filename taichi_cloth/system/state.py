@@ -7,7 +7,7 @@ import numpy as np
 from ..backend.fields import Fields
 from ..backend.language import ti
 from ..backend.ordering import Entries, block_bounds, by_slabs, cuthill_mckee, partition
-from ..backend.rows import read, write
+from ..backend.rows import by_kernels, read, write
 from ..backend.runtime import TASK, Runtime
 from ..errors import MeshError, SceneError
 from ..scene.scene import Scene
@@ -209,7 +209,18 @@ class ParticleState:
 
     def read_particles(self) -> tuple[np.ndarray, np.ndarray]:
         """(x [m] from the local origin, v [m/s]), each (n, 3) float64 in particle order."""
-        return _reals(self.x), _reals(self.v)
+        if not by_kernels():
+            return _reals(self.x), _reals(self.v)
+        both: np.ndarray = np.empty((2, self.n, 3), dtype=self.exchange)
+        self._hand_over(both)
+        return both[0].astype(np.float64), both[1].astype(np.float64)
+
+    @ti.kernel
+    def _hand_over(self, both: ti.types.ndarray()):
+        """x and v at once."""
+        for i in range(self.rows()):
+            for c in ti.static(range(3)):
+                both[0, i, c], both[1, i, c] = self.x[i][c], self.v[i][c]
 
     def read_saved(self) -> tuple[np.ndarray, np.ndarray]:
         """(x, v) of the saved state, as `read_particles` gives the current one."""

@@ -12,7 +12,7 @@ from ...backend.bvh import BVH, LEAF
 from ...backend.dealing import Dealer, Lists
 from ...backend.fields import Fields
 from ...backend.language import ti
-from ...backend.rows import read, write
+from ...backend.rows import write
 from ...backend.sums import Sums
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
@@ -61,7 +61,9 @@ class Paths(Checkpointed):
         self.sums = Sums(fields, model.blocks.pieces, 2, not model.blocks.serial)
         self._far = fields.integer(1)
         self._told: np.ndarray = np.zeros((3, 3))  # in `common`
-        self._samples = np.unique(np.linspace(0, model.n - 1, SAMPLES).astype(np.int64))
+        self._samples = np.unique(np.linspace(0, model.n - 1, SAMPLES).astype(np.int32))
+        self._taken: np.ndarray = np.zeros((4, len(self._samples), 3), dtype=model.exchange)
+        self._skin = float(model.exchange(skin))
 
     @ti.kernel
     def begin(self):
@@ -95,12 +97,22 @@ class Paths(Checkpointed):
 
     def _most_common(self) -> np.ndarray:
         """`common`, by medians of some particles; 0 where no fewer of these have strayed by that."""
-        x, start, left, walked = (read(field, self._samples).astype(np.float64)
-                                  for field in (self.model.x, self.start, self.left, self.walked))
-        ways = np.stack([start - left - float(self.part[0]) * (walked - left), x - walked, start - walked])
+        part = self._take(self._samples, self._taken)
+        x, start, left, walked = self._taken.astype(np.float64)
+        ways = np.stack([start - left - part * (walked - left), x - walked, start - walked])
         common = np.median(ways, axis=1)
-        strayed, still = (np.linalg.norm(w[:2], axis=2).max(axis=0) > self.skin[0] for w in (ways - common[:, None], ways))
+        strayed, still = (np.linalg.norm(w[:2], axis=2).max(axis=0) > self._skin for w in (ways - common[:, None], ways))
         return common if np.count_nonzero(strayed) < np.count_nonzero(still) else 0 * common
+
+    @ti.kernel
+    def _take(self, which: ti.types.ndarray(), out: ti.types.ndarray()) -> float:
+        """Where some particles are, start, and began and ended when walked for; returns `part`."""
+        for k in range(which.shape[0]):
+            i = which[k]
+            for c in ti.static(range(3)):
+                out[0, k, c], out[1, k, c] = self.model.x[i][c], self.start[i][c]
+                out[2, k, c], out[3, k, c] = self.left[i][c], self.walked[i][c]
+        return self.part[0]
 
     @ti.func
     def walk(self, i, everything):
