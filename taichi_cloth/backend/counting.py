@@ -19,8 +19,8 @@ class Counts:
     """What was asked for.
 
     Attributes:
-        launches: of kernels; with_arrays: those with numpy arrays as arguments; returned: those that give a number back.
-        arrays: numpy arrays that were arguments.
+        launches: of the package's kernels; with_arrays: those with numpy arrays as arguments; arrays: so many of these;
+            returned: launches that give a number back.
         reads, writes: whole fields that the host read or wrote; singles: single numbers of fields that it read or wrote.
         size: bytes of all these arrays and fields, counted once each.
         kernels: launches by a kernel's name.

@@ -346,10 +346,3 @@ class PCG(Recurrences):
                 following = END
             self.norm[FIRST], self.norm[LAST] = first, norm
         return following
-
-
-
-
-
-
-

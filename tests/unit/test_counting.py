@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import taichi_cloth as tc
-from taichi_cloth.backend import counting, runtime
+from taichi_cloth.backend import counting, launches, runtime
 from taichi_cloth.backend.counting import counted
 from taichi_cloth.backend.fields import Fields
 from taichi_cloth.backend.language import ti
@@ -68,14 +68,19 @@ def test_rows_are_handed_over_by_kernels_as_they_lie_in_memory(rng, monkeypatch)
 
 def test_launches_are_counted_where_somebody_asks():
     runtime.start("cpu", "f64", 1)
-    table, given = Table(5, 1, 1, False), np.ones((5, 1))
-    table.add_up(given)
+    table, given, kernel = Table(5, 1, 1, False), np.ones((5, 1)), Table.add_up._primal
+
+    def launch() -> None:
+        """As kernels of the package are launched."""
+        assert launches.of(kernel).launch((table, given), type(kernel).__call__) == 1
+
+    launch()
     assert counting.now is None
     with counted() as outer:
-        table.add_up(given)
+        launch()
         with counted() as counts:
             for _ in range(3):
-                table.add_up(given)
+                launch()
             write(table.reals, np.zeros(2))
             assert table.reals[3] == 1.0
     assert counting.now is None and outer.launches == 1

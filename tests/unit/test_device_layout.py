@@ -9,6 +9,7 @@ import pytest
 import taichi_cloth as tc
 from taichi_cloth.backend import runtime
 from taichi_cloth.errors import BackendError
+from taichi_cloth.system.report import HostReport, Report
 
 PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
 FABRIC = tc.Fabric(0.2, tc.Stretch(1000, 1.0), tc.Shear(100, 0.1), tc.Bend(5e-5))
@@ -59,6 +60,19 @@ def test_steps_are_the_same(monkeypatch, case):
     (x, v, told), (x_d, v_d, told_d) = out["cpu"], out["device"]
     assert told == told_d
     assert np.abs(x - x_d).max() < 1e-12 and np.abs(v - v_d).max() < 1e-10
+
+
+def test_a_report_of_many_blocks(rng):
+    """Sums and largest numbers, also of negative ones, by as many groups and by more than there are rows."""
+    run = runtime.start("cpu", "f64", 1)
+    for blocks in (1, 7, 700):
+        numbers = rng.normal(size=(blocks, 4)) - [0.0, 9.0, 0.0, 99.0]
+        host, device = HostReport(blocks, 4, run), Report(blocks, 4, run)
+        host.rows[:] = numbers
+        device.rows.from_numpy(numbers)
+        for one, other in zip(host.columns(), device.columns()):
+            assert np.abs(one - other).max() < 1e-10
+        assert (device.columns()[1] == numbers.max(axis=0)).all()
 
 
 def test_no_other_layout(monkeypatch):
