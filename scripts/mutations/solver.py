@@ -75,7 +75,7 @@ MUTATIONS = (
     (AGES, "if np.count_nonzero(wanted != self.made_for) > most:", "if False:", "levels last though others are held",
      f"{LEVELS}::test_levels_in_contact"),
     (AGES, "or wanted[-1] != self.made_for[-1]:", "or False:", "levels last though the step is another", AGE),
-    (MULTI, "elif not self.has_contact:", "else:", "levels that last know nothing of what now touches",
+    (MULTI, "if anew or self.has_contact:", "if anew:", "levels that last know nothing of what now touches",
      f"{LEVELS}::test_levels_in_contact"),
     (LATTICE, "(np.ptp(column) + 1) + column", "np.ptp(column) + column", "nodes of other places are one", NEST),
     (LATTICE, "owner, where, links = keys[:, 0], keys[:, 1:] / 2, _sharing(node, weight)",

@@ -84,12 +84,11 @@ class Multilevel(Checkpointed):
         if self.coarsest is not None:
             self.coarsest.make(span, self.T if self.has_contact else None)
         made_for = np.append(self._held_numbers(held), np.float32(span))  # without its last digits
-        if not (lasting and self.age.allows(made_for, self._others())):
-            self._sum_elements(span)
+        anew = not (lasting and self.age.allows(made_for, self._others()))
+        if anew:
             self.age.begin(made_for)
-        elif not self.has_contact:
-            return
-        self._invert()
+        if anew or self.has_contact:
+            self._make_levels(span, int(anew))
 
     def _others(self) -> float:
         """Number of particles that may have become held, or free, since the levels were made; levels still hold the latter."""
@@ -147,20 +146,22 @@ class Multilevel(Checkpointed):
                 self.contact.add_diagonal(t // self.operator.blocks.grain, self.T)
 
     @ti.kernel
-    def _sum_elements(self, c: float):
-        """The elements' part of the nodes' diagonal blocks, over free particles. If hats meet only seams, the cloth on the
-        other side counts by the particles' blocks."""
+    def _make_levels(self, c: float, anew: int):
+        """Inverts the nodes' diagonal blocks: elements, summed up `anew` or as they were, masses, and current contacts."""
         self.dealer.begin()
         for t in range(self.dealer.tasks):
             if t % self.dealer.grain == 0:
                 n = self.hats.size[2] - 1 - self.dealer.next()  # those of wide hats take longest: first
                 while n >= 0:
-                    self.summed[n] = self.element_block(n, c)
+                    if anew == 1:
+                        self.summed[n] = self.element_block(n, c)
+                    self.inverse_l[n] = self.inverse_block(n)
                     n = self.hats.size[2] - 1 - self.dealer.next()
 
     @ti.func
     def element_block(self, n, c):
-        """The elements' part of a node's block."""
+        """The elements' part of a node's block, over free particles. If hats meet only seams, the cloth on the other side
+        counts by the particles' blocks."""
         D = ti.Vector.zero(float, 6)
         if ti.static(self.jacobi.sews):
             for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
@@ -170,17 +171,6 @@ class Multilevel(Checkpointed):
         for k in ti.static(range(len(self.forces))):
             D = self.forces[k].add_level_block(n, c, D, self)
         return D
-
-    @ti.kernel
-    def _invert(self):
-        """Inverts the nodes' diagonal blocks: elements as they were summed up, masses, and current contacts."""
-        self.dealer.begin()
-        for t in range(self.dealer.tasks):
-            if t % self.dealer.grain == 0:
-                n = self.hats.size[2] - 1 - self.dealer.next()
-                while n >= 0:
-                    self.inverse_l[n] = self.inverse_block(n)
-                    n = self.hats.size[2] - 1 - self.dealer.next()
 
     @ti.func
     def inverse_block(self, n):

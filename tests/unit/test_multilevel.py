@@ -121,8 +121,8 @@ def test_levels_that_last_are_made_anew_when_they_have_aged(monkeypatch):
     monkeypatch.setattr(age, "WORTH", 500)
     sim = simulation(MESHES["sheet"], integrator="backward_euler")
     levels, made = sim.integrator.system.preconditioner, []
-    build = levels._sum_elements
-    levels._sum_elements = lambda span: (made.append(len(sim.log)), build(span))
+    build = levels._make_levels
+    levels._make_levels = lambda span, anew: (made.extend(anew * [len(sim.log)]), build(span, anew))
     h = 1 / 60
     for excess, step, anew in ((0, h, True), (0, h, False), (1000, h, True), (0, h, False), (0, h / 2, True)):
         levels.age.excess, levels.age.wait = excess, 0  # the last one has another matrix
@@ -184,9 +184,9 @@ def test_levels_in_contact():
     scene.add_solid(tc.Plane(), friction=0.1, thickness=0.005)
     sim = tc.Simulation(scene, h=1 / 60, preconditioner="multilevel", integrator="backward_euler")
     levels, summed, inverted = sim.integrator.system.preconditioner, [], []
-    add, invert = levels._sum_elements, levels._invert
-    levels._sum_elements = lambda span: (summed.append(len(sim.log)), add(span))
-    levels._invert = lambda: (inverted.append(len(sim.log)), invert())
+    make = levels._make_levels
+    levels._make_levels = lambda span, anew: (summed.extend(anew * [len(sim.log)]), inverted.append(len(sim.log)),
+                                              make(span, anew))
     while not sim.log or sim.log[-1].contacts < 64:
         sim.step()
     landed = len(sim.log)
@@ -205,8 +205,8 @@ def test_levels_do_not_last_where_much_of_what_was_held_comes_free():
     with tc.Simulation(scene, h=1 / 60, preconditioner="multilevel", integrator="backward_euler") as sim:
         sim.step()
         levels, summed = sim.integrator.system.preconditioner, []
-        add = levels._sum_elements
-        levels._sum_elements = lambda span: (summed.append(1), add(span))
+        make = levels._make_levels
+        levels._make_levels = lambda span, anew: (summed.extend(anew * [1]), make(span, anew))
 
         def anew(first: int, held: range) -> bool:
             """Whether levels made with the first few particles held are not used with others."""
@@ -279,8 +279,7 @@ def test_levels_have_the_diagonal_of_what_is_free():
     for _ in range(9):
         sim.step()
     method, n = sim.integrator.system, sim.model.n
-    method.preconditioner._sum_elements(1 / 60)
-    method.preconditioner._invert()
+    method.preconditioner._make_levels(1 / 60, 1)
     multilevel, jacobi = method.preconditioner, method.preconditioner.jacobi
     probe = sim._later(Probe, method.operator)
     A = np.array([probe.product(e.reshape(n, 3)).ravel() for e in np.eye(3 * n)])

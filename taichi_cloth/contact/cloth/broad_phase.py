@@ -128,10 +128,19 @@ class Paths(Checkpointed):
         """The place where the rest of the path begins on which a particle's pairs are known."""
         return self.left[i] + self.part[0] * (self.walked[i] - self.left[i])
 
+    def measured_alone(self) -> None:
+        """They were measured by a kernel of others, without a translation in common."""
+        self._told = np.zeros((3, 3))
+
     @ti.kernel
     def _measure(self) -> int:
+        self.measure()
+        return self._far[0]
+
+    @ti.func
+    def measure(self):
         """How far particles are, and begin, from where they were walked for, and from the rest of that path; how many have
-        strayed."""
+        strayed. At the top of a kernel."""
         ti.loop_config(serialize=self.model.blocks.serial)
         for piece in range(self.model.blocks.pieces):
             along, length = 0.0, 0.0
@@ -156,7 +165,6 @@ class Paths(Checkpointed):
                 self.strayed[i] = ti.max(here, (self.start[i] - self.begins(i) - self.common[0]).norm())
                 far += ti.cast(self.strayed[i] > self.skin[0], ti.i32)
             ti.atomic_add(self._far[0], far)  # integers: in any order
-        return self._far[0]
 
 
 @ti.data_oriented
@@ -211,7 +219,6 @@ class Candidates(Checkpointed):
             self._stays(self.candidates, stays)
             self._replace(stays.view(bool), found, apart, radii)
         self.fresh = True
-        self.paths.strayed_count()
 
     def _replace(self, stays: np.ndarray, found: np.ndarray, apart: np.ndarray, radii: np.ndarray) -> None:
         """Rows that were found, with their distances and radii, take the place of candidates that do not stay (k,)."""
@@ -227,6 +234,7 @@ class Candidates(Checkpointed):
     def _look_for(self, everything: bool) -> np.ndarray:
         """(k, 3) pairs of displaced particles, or all, that may come within reach, and twice the skin, on their paths."""
         self._refit(int(everything))
+        self.paths.measured_alone()
         while True:
             self._walk(*self.found.arrays, self.found.count)
             if not self.found.grow():
@@ -278,6 +286,9 @@ class Candidates(Checkpointed):
     def _refit(self, everything: int):
         for i in range(self.model.rows()):
             self.paths.walk(i, everything)
+        for k in ti.static(range(3)):
+            self.paths.common[k] = ti.Vector.zero(float, 3)
+        self.paths.measure()
         for f in range(self.mesh.size[0]):
             v = self.mesh.face[f]
             self.face_hull[f] = self.hull(v[0], v[1], v[2])
