@@ -21,12 +21,12 @@ CASES = {"hang cells=50": 0.25, "sphere_drape cells=50 itself=1": 0.5, "layers c
          "dress_up spacing=0.03": 0.6}
 
 
-def simulation(text: str) -> tc.Simulation:
-    """A scene by its name and settings, run as its file says."""
+def simulation(text: str, **options: object) -> tc.Simulation:
+    """A scene by its name and settings, run as its file says but for some options."""
     name, *settings = text.split()
     module = scenefile.read(f"scenes/{name}.py")
     plan = {key: value for key, value in module.run.items() if key not in ("duration", "fps")}
-    return tc.Simulation(module.make(dict(setting.split("=") for setting in settings)), **plan)
+    return tc.Simulation(module.make(dict(setting.split("=") for setting in settings)), **{**plan, **options})
 
 
 def measured(text: str, begin: float, steps: int) -> tuple[dict, Counter]:

@@ -36,7 +36,7 @@ class Sums:
 
     def __init__(self, fields: Fields, pieces: int, width: int, device: bool, most: int = 1, dtype=float) -> None:
         self.pieces, self.width, self.dtype = pieces, width, dtype
-        self.groups = min(GROUPS, pieces) if device else 1
+        self.groups, self.serial = min(GROUPS, pieces) if device else 1, not device
         self.of_piece = fields.real(most * pieces, width, dtype=dtype)
         self.of_group = fields.real(most * self.groups, width, dtype=dtype)
         self.all = fields.real(most, width, dtype=dtype)
@@ -44,12 +44,12 @@ class Sums:
     @ti.func
     def finish(self, count):
         """Adds up so many sums, at the top of a kernel."""
-        ti.loop_config(serialize=self.groups == 1)
+        ti.loop_config(serialize=self.serial)
         for at in range(count * self.groups):
             first, group = at // self.groups * self.pieces, at % self.groups
             self.of_group[at] = self.added(self.of_piece, first + self.pieces * group // self.groups,
                                            first + self.pieces * (group + 1) // self.groups)
-        ti.loop_config(serialize=self.groups == 1)
+        ti.loop_config(serialize=self.serial)
         for k in range(count):
             self.all[k] = self.added(self.of_group, k * self.groups, (k + 1) * self.groups)
 
