@@ -43,7 +43,7 @@ MUTATIONS = (
     (OPERATOR, "self.motion[i] = self.motion[i] + shift", "self.motion[i] = self.motion[i] - shift",
      "y goes the other way", f"{DENSE} {REFERENCE}"),
     # block Jacobi
-    (POINT, "P = sym_unpack(self.block(index[k]))", "P = ti.Matrix.identity(float, 3)",
+    (POINT, "P = sym_unpack(self.block(i))", "P = ti.Matrix.identity(float, 3)",
      "half-held particles are preconditioned by 1",
      f"{SOLVE}::test_what_two_pins_hold_in_one_direction_each_stays_in_both"),
     (POINT, "self.S[index[k]] = sym(S)", "self.S[index[k]] = sym(C)", "held and free directions change places",
