@@ -60,7 +60,7 @@ class Paths(Checkpointed):
         self.moved = fields.integer(model.n)
         self.sums = Sums(fields, model.blocks.pieces, 2, not model.blocks.serial)
         self._far = fields.integer(1)
-        self._told: np.ndarray = np.zeros((3, 3))  # in `common`
+        self.told: np.ndarray = np.zeros((3, 3))  # `common`, as it was written last
         self._samples = np.unique(np.linspace(0, model.n - 1, SAMPLES).astype(np.int32))
         self._taken: np.ndarray = np.zeros((4, len(self._samples), 3), dtype=model.exchange)
         self._skin = float(model.exchange(skin))
@@ -90,9 +90,9 @@ class Paths(Checkpointed):
 
     def _measured(self, common: np.ndarray) -> int:
         """Measures with the translation in common; how many have strayed."""
-        if not np.array_equal(common, self._told):
+        if not np.array_equal(common, self.told):
             write(self.common, common.astype(self.model.exchange))
-            self._told = common
+            self.told = common
         return self._measure()
 
     def _most_common(self) -> np.ndarray:
@@ -127,10 +127,6 @@ class Paths(Checkpointed):
     def begins(self, i):
         """The place where the rest of the path begins on which a particle's pairs are known."""
         return self.left[i] + self.part[0] * (self.walked[i] - self.left[i])
-
-    def measured_alone(self) -> None:
-        """They were measured by a kernel of others, without a translation in common."""
-        self._told = np.zeros((3, 3))
 
     @ti.kernel
     def _measure(self) -> int:
@@ -234,7 +230,7 @@ class Candidates(Checkpointed):
     def _look_for(self, everything: bool) -> np.ndarray:
         """(k, 3) pairs of displaced particles, or all, that may come within reach, and twice the skin, on their paths."""
         self._refit(int(everything))
-        self.paths.measured_alone()
+        self.paths.told = np.zeros((3, 3))  # it measures without a translation in common
         while True:
             self._walk(*self.found.arrays, self.found.count)
             if not self.found.grow():
