@@ -13,6 +13,9 @@ COMPILER = "taichi_cloth/backend/compiler.py"
 ENVIRONMENT, COMPILERS = "tests/unit/test_environment.py", "tests/unit/test_compiler.py"
 FILLED = f"{SECOND}::test_memory_is_filled_as_kernels_fill_it"
 
+SUMS, REPORT = "taichi_cloth/backend/sums.py", "taichi_cloth/system/report.py"
+COUNTED, LAYOUTS = "tests/unit/test_counting.py::test_", "tests/unit/test_device_layout.py::test_"
+
 MUTATIONS = (
     ("taichi_cloth/backend/quota.py", "for folder in (inside, *inside.parents):", "for folder in (inside,):",
      "what groups above are given does not count", "tests/unit/test_quota.py"),
@@ -38,8 +41,20 @@ MUTATIONS = (
      f"{SECOND}::test_fields_come_again_and_are_zero"),
     (POOL, "np.dtype(to_numpy_type(self.field.dtype))", "np.dtype(np.float32)", "integers are put into memory as reals",
      FILLED),
-    (ROWS, "return rows[: field.rows].copy() if", "return rows[: field.rows] if", "what is read is no copy", FILLED),
-    (ROWS, "rows.take(which, axis=0)", "rows[: len(which)]", "the first rows are read, not those named", FILLED),
+    (ROWS, "field.share.memory[: field.rows].copy()", "field.share.memory[: field.rows]", "what is read is no copy", FILLED),
+    (ROWS, "field.share.memory.take(which, axis=0)", "field.share.memory[: len(which)]",
+     "the first rows are read, not those named", FILLED),
+    (ROWS, "hand_over(field, width, which[j], out, j)", "hand_over(field, width, j, out, j)",
+     "a device hands over the first rows, not those named", COUNTED + "rows_are_handed_over_by_kernels_as_they_lie_in_memory"),
+    (SUMS, "self.pieces * (group + 1) // self.groups", "self.pieces * group // self.groups + 1",
+     "of a group the first piece alone is summed up", COUNTED + "sums_of_groups_are_those_of_all"),
+    ("taichi_cloth/backend/bvh.py", "for size in ti.static(self.sizes):", "for size in ti.static(self.sizes[1:]):",
+     "lowest boxes of a tree are left out on a device",
+     "tests/unit/test_contact_reference.py::test_all_pairs_in_reach_are_found_as_they_are"),
+    ("taichi_cloth/forces/gas.py", "self.change.finish(self.size[1])", "pass",
+     "sums over all of a gas are not made on a device", LAYOUTS + "steps_are_the_same"),
+    (REPORT, "most = ti.max(most, rows[row, column])", "most = rows[row, column]",
+     "the largest number of a report is the last", LAYOUTS + "a_report_of_many_blocks"),
     (ROWS, "field[j // width][j % width] = number", "field[j // width][0] = number",
      "a device gets first numbers alone", FILLED),
     (LAUNCHES, "out += arg.dtype, arg.ndim", "out += (arg.ndim,)", "arrays of another type are taken for it", LAUNCHED),

@@ -144,7 +144,7 @@ MUTATIONS = (
     (CONTACT + "pair_geometry.py", "(first + last - speed) / 2)", "first)", "what comes near on the way is left out", WAY),
     (CONTACT + "cloth/broad_phase.py", "range(ti.max(first, f + 1)", "range(ti.max(first, f + 2)",
      "neighbours in a leaf left out", FOUND),
-    (CONTACT + "cloth/broad_phase.py", "if changed + self.changed[node] > 0 and", "if self.changed[node] > 0 and",
+    (CONTACT + "cloth/broad_phase.py", "if changed + self.boxes.marks[node] > 0 and", "if self.boxes.marks[node] > 0 and",
      "only one of two that strayed is looked at", STRAYS),
     (CONTACT + "cloth/broad_phase.py", "ti.cast(1 - self.stirs(", "ti.cast(self.stirs(",
      "what strayed is kept, the rest forgotten", STRAYS),

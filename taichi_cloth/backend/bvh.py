@@ -3,10 +3,13 @@
 Items are in an order that keeps neighbours together, LEAF of them a leaf. Boxes are refitted, never rebuilt.
 """
 
+from typing import Any
+
 import numpy as np
 
 from .fields import Fields
 from .language import ti
+from .runtime import for_device
 
 LEAF = 4
 
@@ -18,21 +21,37 @@ class BVH:
     Attributes:
         low, high: (2 first_leaf, 3) corners of the nodes' boxes, of type `dtype`; (1e30, -1e30) where there is no item.
         size: (1,) items.
+        marks: (2 first_leaf,) integers, of an inner node the larger of its children's; None if not `marked`.
     """
 
-    def __init__(self, fields: Fields, count: int, dtype=float) -> None:
+    def __init__(self, fields: Fields, count: int, dtype=float, marked: bool = False) -> None:
         leaves = -(-fields.room(count) // LEAF)  # those beyond the items have boxes that meet nothing
         self.size = fields.integer(1, data=np.array([count]))  # items, as kernels read them
         self.first_leaf = 2 ** max(1, int(np.ceil(np.log2(max(leaves, 1)))))
         self.low, self.high = (fields.real(2 * self.first_leaf, 3, dtype=dtype) for _ in range(2))
+        self.marked, self.level_by_level = marked, for_device()
+        self.marks: Any = fields.integer(2 * self.first_leaf) if marked else None
+        self.sizes = [2**k for k in range(self.first_leaf.bit_length() - 1)][::-1]  # nodes of a level, upwards from the leaves
 
     @ti.func
     def merge(self):
-        """Boxes of inner nodes from those of the leaves, on one thread."""
-        for back in range(self.first_leaf - 1):
-            i = self.first_leaf - 1 - back
-            self.low[i] = ti.min(self.low[2 * i], self.low[2 * i + 1])
-            self.high[i] = ti.max(self.high[2 * i], self.high[2 * i + 1])
+        """Boxes and marks of inner nodes from those of the leaves, at the top of a kernel."""
+        if ti.static(self.level_by_level):
+            for size in ti.static(self.sizes):
+                for k in range(size):
+                    self.join(size + k)
+        else:
+            ti.loop_config(serialize=True)
+            for back in range(self.first_leaf - 1):
+                self.join(self.first_leaf - 1 - back)
+
+    @ti.func
+    def join(self, i):
+        """A node's box and mark from its children's."""
+        self.low[i] = ti.min(self.low[2 * i], self.low[2 * i + 1])
+        self.high[i] = ti.max(self.high[2 * i], self.high[2 * i + 1])
+        if ti.static(self.marked):
+            self.marks[i] = ti.max(self.marks[2 * i], self.marks[2 * i + 1])
 
     @ti.func
     def meets(self, node, low, high):

@@ -80,6 +80,10 @@ class Lists:
         return most > room
 
     def joined(self) -> list[np.ndarray]:
-        """The columns of all pieces, one after the other: arrays (rows,) or (rows, k)."""
+        """The columns of all pieces, one after the other: arrays (rows, width)."""
+        room = self.arrays[0].shape[1]
+        if len(self.count) > room:  # as on a device: a slice of each piece would take longer than a look at all rows
+            used = np.flatnonzero(np.arange(room) < self.count[:, None])
+            return [array.reshape(-1, array.shape[2]).take(used, axis=0) for array in self.arrays]
         count = self.count.tolist()
         return [np.concatenate([rows[:k] for rows, k in zip(array, count)]) for array in self.arrays]

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from . import compiler
+from . import compiler, counting
 from .timing import compiling
 
 impl, kernel_impl, ndarray_type, primitive_types = compiler.private(
@@ -48,6 +48,8 @@ class Launcher:
         kernel, runtime = self.kernel, self.kernel.runtime
         if len(args) != len(kernel.arguments):
             return slow(kernel, *args)  # which says so
+        if counting.now is not None:
+            counting.now.launch(kernel.func.__qualname__, args, kernel.return_type is not None)
         plain = self.plain and not runtime.target_tape and not runtime.fwd_mode_manager
         features = self._features(args) if plain else None
         if features is None:

@@ -1,13 +1,15 @@
 """Rows of fields: those that are used, and numpy arrays of them.
 
-On the CPU arrays come straight from memory: a copy of 10,000 rows takes 5 us, with a kernel's launch it took .15 ms.
+On the CPU arrays come straight from memory: a copy of 10,000 rows takes 5 us, with a kernel's launch it took .15 ms. On a
+device a kernel hands over the rows that are asked for, not all that a field has room for.
 """
 
 import numpy as np
 
-from . import field_pool, runtime
+from . import counting, field_pool, runtime
 from .language import ti
 
+KINDS = {"f32": np.float32, "f64": np.float64, "i32": np.int32}  # of fields
 SMALL, MIDDLE, LARGE = 1 << 10, 1 << 14, 1 << 18  # rows: two sizes, then twice as many each, then multiples
 
 
@@ -20,23 +22,70 @@ def capacity(n: int) -> int:
 
 
 def in_reach() -> bool:
-    """Whether numbers of fields are read and written where they lie: on the CPU, by a compiler that says where."""
+    """Whether numbers of fields can be read and written where they lie: on the CPU, by a compiler that says where."""
     return field_pool.SEEN and runtime.on_cpu()
+
+
+def by_kernels() -> bool:
+    """Whether they are handed over by kernels, as on a device."""
+    return runtime.for_device() or not in_reach()
 
 
 def read(field, which: np.ndarray | None = None) -> np.ndarray:
     """A copy of the rows of a field that `Fields` made, or of those that `which` (k,) names."""
-    rows = field.share.memory if in_reach() else field.to_numpy()
-    return rows[: field.rows].copy() if which is None else rows.take(which, axis=0)
+    if by_kernels():
+        out = _handed_over(field, which)
+    elif which is None:
+        out = field.share.memory[: field.rows].copy()
+    else:
+        out = field.share.memory.take(which, axis=0)
+    if counting.now is not None:
+        counting.now.read(out.nbytes)
+    return out
+
+
+def _handed_over(field, which: np.ndarray | None) -> np.ndarray:
+    """The same by a kernel: only rows that are asked for cross over."""
+    width, n = getattr(field, "n", 1), field.rows if which is None else len(which)
+    out: np.ndarray = np.empty((n, width), dtype=KINDS[str(field.dtype)])
+    if which is None:
+        _get(field, width, out)
+    else:
+        _pick(field, width, np.ascontiguousarray(which, dtype=np.int32), out)
+    return out if width > 1 else out[:, 0]
 
 
 def write(field, data: np.ndarray) -> None:
     """Sets the first rows of a field, as many as there are in data."""
-    if in_reach():
+    if counting.now is not None:
+        counting.now.write(data.nbytes)
+    if not by_kernels():
         rows = field.share.memory[: len(data)]
         rows[...] = data.reshape(rows.shape)
     else:
         _put(field, getattr(field, "n", 1), np.ascontiguousarray(data).reshape(-1))
+
+
+@ti.kernel
+def _get(field: ti.template(), width: ti.template(), out: ti.types.ndarray()):
+    for j in range(out.shape[0]):
+        hand_over(field, width, j, out, j)
+
+
+@ti.kernel
+def _pick(field: ti.template(), width: ti.template(), which: ti.types.ndarray(), out: ti.types.ndarray()):
+    for j in range(which.shape[0]):
+        hand_over(field, width, which[j], out, j)
+
+
+@ti.func
+def hand_over(field: ti.template(), width: ti.template(), row, out: ti.template(), j):
+    """A row of a field into row j of an array (k, width)."""
+    if ti.static(width == 1):
+        out[j, 0] = field[row]
+    else:
+        for c in ti.static(range(width)):
+            out[j, c] = field[row][c]
 
 
 @ti.kernel

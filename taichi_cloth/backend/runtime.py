@@ -22,6 +22,7 @@ TASK = 512  # iterations of a loop that Taichi gives to a CPU thread at once
 MOST_THREADS = 64  # that may be asked for where there are fewer cores: thousands take minutes to start
 VARIABLES = ("ARCH", "OFFLINE_CACHE_FILE_PATH")  # of the environment: to a compiler they come before what a program asks for
 SPARED = {"cfg_optimization": False, "simplify_after_lower_access": False}  # passes that LLVM makes again
+LAYOUT = "TAICHI_CLOTH_LAYOUT"  # of the environment: "cpu" or "device"
 NO_DOUBLE = ("vulkan", "metal")  # f64 there is absent, or lacks atan2
 
 
@@ -42,6 +43,12 @@ class Runtime:
     threads: int
     debug: bool
     taichi: str
+
+    @property
+    def device(self) -> bool:
+        """Whether data and loops are laid out for a GPU: on one, and on a CPU where `LAYOUT` in the environment says so, to
+        be compared."""
+        return self.arch != "cpu" or os.environ.get(LAYOUT, "cpu") == "device"
 
     @property
     def sums(self) -> str:
@@ -87,6 +94,7 @@ def start(arch: str = "cpu", precision: str = "f64", threads: int | None = None,
     global _current, _generation
     checks.choice("arch", arch, ARCHS)
     checks.choice("precision", precision, PRECISIONS)
+    checks.choice(LAYOUT, os.environ.get(LAYOUT, "cpu"), ("cpu", "device"), BackendError)
     there = cores()
     threads = checks.maybe(threads, checks.integer, "threads", most=max(there, MOST_THREADS), error=BackendError)
     quiet, debug = checks.flag("quiet", quiet), checks.flag("debug", debug)
@@ -146,6 +154,11 @@ def go_on() -> Runtime:
 def on_cpu() -> bool:
     """Whether Taichi runs on the CPU."""
     return _current is not None and _current.arch == "cpu"
+
+
+def for_device() -> bool:
+    """Whether data and loops are laid out for a GPU: see `Runtime.device`."""
+    return _current is not None and _current.device
 
 
 def hold(thing: object) -> None:

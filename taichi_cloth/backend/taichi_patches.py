@@ -14,7 +14,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from . import compiler, launches, shared_kernels
+from . import compiler, counting, launches, shared_kernels
 
 PACKAGE = __name__.split(".")[0]
 NAME = compiler.chosen().name
@@ -142,6 +142,8 @@ def _swapped_in(original):
     """A look at fields, or a change of them, from Python: the numbers of their simulations are in them."""
 
     def look(self, *args, **kwargs):
+        if counting.now is not None:
+            counting.now.singles += 1
         launches.swap_in(field.share for field in (self, *args) if hasattr(field, "share"))
         return original(self, *args, **kwargs)
 

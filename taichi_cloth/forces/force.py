@@ -108,6 +108,9 @@ class Force(ABC):
     def sum_up(self, block, p):  # noqa: B027
         """The block's parts of the sums over all of p that the product takes."""
 
+    def gather(self):  # noqa: B027
+        """After `sum_up` of all blocks, at the top of a kernel: adds these parts up where one thread would take long to."""
+
     def add_low_rank(self, block, q):  # noqa: B027
         """q += the part of these sums on the rows of a block, the part of low rank in (-c D - c^2 K) p."""
 

@@ -24,6 +24,7 @@ import numpy as np
 from ..backend.fields import Fields
 from ..backend.language import ti
 from ..backend.rows import read, write
+from ..backend.sums import Sums
 from ..errors import SceneError
 from ..scene.attachment import Script
 from ..scene.inflation import GASES, Inflation
@@ -72,7 +73,8 @@ class Gas(Force, Checkpointed):
         self.part = fields.integer(len(of.part), 2, of.part)
         self.weight = fields.real(len(of.part), data=of.weight)
         self.at, self.g = fields.real(len(of.knot), 3), fields.real(len(of.knot), 3)
-        self.partial = fields.real(blocks * len(self.rooms), 3, dtype=self.sum_type)  # V, its rate, its change by the motion
+        self.device = not model.blocks.serial
+        self.volume = Sums(fields, blocks, 3, self.device, len(self.rooms), self.sum_type)  # V, its rate, its change as moved
         self.law = fields.real(len(self.rooms), 4, dtype=self.sum_type)  # kind and parameters, see `_row`
         self.state = fields.real(len(self.rooms), 6, dtype=self.sum_type)  # V, its rate, its change, p, -p', E
         self._law = np.zeros((len(self.rooms), 4))
@@ -90,7 +92,7 @@ class Gas(Force, Checkpointed):
         self.x_l, self.g_l = self._fields.real(n, 3), self._fields.real(n, 3)
         self.taken = self._fields.real(len(self.rooms), 2)  # c^2 p, -c^2 p'
         self.left_out = self._fields.integer(1, data=np.zeros(1))
-        self.sums = self._fields.real(self.model.blocks.count * len(self.rooms), dtype=self.sum_type)
+        self.change = Sums(self._fields, self.model.blocks.count, 1, self.device, len(self.rooms), self.sum_type)  # dV . p
 
     def leave_out(self, part: bool) -> None:
         """Leaves p ddV out of the matrix, or not."""
@@ -181,14 +183,12 @@ class Gas(Force, Checkpointed):
         for t in range(self.model.blocks.count * self.model.blocks.grain):
             if t % self.model.blocks.grain == 0:
                 self.weigh(t // self.model.blocks.grain, moves, motion)
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            for k in range(self.size[1]):
-                total = ti.Vector.zero(self.sum_type, 3)
-                for block in range(self.model.blocks.count):
-                    total += self.partial[k * self.model.blocks.count + block]
-                p, s, energy = self.respond(k, total[0])
-                self.state[k] = ti.Vector([total[0], total[1], total[2], p, s, energy])
+        self.volume.finish(self.size[1])
+        ti.loop_config(serialize=self.model.blocks.serial)
+        for k in range(self.size[1]):
+            total = self.volume.all[k]
+            p, s, energy = self.respond(k, total[0])
+            self.state[k] = ti.Vector([total[0], total[1], total[2], p, s, energy])
 
     @ti.func
     def weigh(self, block, moves, motion: ti.template()):
@@ -203,7 +203,7 @@ class Gas(Force, Checkpointed):
                 total[1] += g.dot(self.place(j, self.model.v))
                 if moves == 1:
                     total[2] += g.dot(self.place(j, motion))
-            self.partial[row] = total
+            self.volume.of_piece[row] = total
 
     @ti.func
     def respond(self, k, V):
@@ -332,15 +332,30 @@ class Gas(Force, Checkpointed):
             if self.taken[k][1] > 0:
                 for j in range(self.share[row], self.share[row + 1]):
                     total += self.g_l[j].dot(self.place(j, p))
-            self.sums[row] = total
+            self.change.of_piece[row] = total
+
+    @ti.func
+    def gather(self):
+        """See `Force`."""
+        self.change.finish(self.size[1])
+
+    @ti.func
+    def change_of(self, k):
+        """dV . p of room k."""
+        total = ti.cast(0, self.sum_type)
+        if ti.static(self.device):
+            total = self.change.all[k]
+        else:
+            for block in range(self.model.blocks.count):
+                total += self.change.of_piece[k * self.model.blocks.count + block]
+        return total
 
     @ti.func
     def add_low_rank(self, block, q: ti.template()):
         """q += -c^2 p' dV (dV . p)"""
         for k in range(self.size[1]):
-            first, total = k * self.model.blocks.count, ti.cast(0, self.sum_type)
-            for other in range(self.model.blocks.count):
-                total += self.sums[first + other]
+            first = k * self.model.blocks.count
+            total = self.change_of(k)
             scale = self.taken[k][1] * ti.cast(total, float)
             if scale != 0:
                 for o in range(self.own[first + block], self.own[first + block + 1]):

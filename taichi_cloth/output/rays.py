@@ -38,8 +38,7 @@ class RayTree:
                 self.a[t], self.e[t], self.f[t] = p, q - p, r - p
                 low, high = ti.min(low, p, q, r), ti.max(high, p, q, r)
             self.boxes.low[self.boxes.first_leaf + leaf], self.boxes.high[self.boxes.first_leaf + leaf] = low, high
-        for _ in range(1):
-            self.boxes.merge()
+        self.boxes.merge()
 
     @ti.func
     def blocked(self, origin, way, reach):

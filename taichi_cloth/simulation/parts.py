@@ -114,7 +114,7 @@ class Parts:
             tolerance = self.options.tolerance
             self.integrator_name, why = choose(self.force_terms, scene, h, tolerance, self.control.adaptive)
             self.notes.append(f"integrator {self.integrator_name}: {why}")
-        self.contacts = _contacts(fields, self.model, scene, h, self.runtime.arch == "cpu", self.options)
+        self.contacts = _contacts(fields, self.model, scene, h, not self.runtime.device, self.options)
         operator, forces = None, list(self.force_terms)
         if self.integrator_name not in EXPLICIT:
             forces += [self.contacts.force] if self.contacts else []

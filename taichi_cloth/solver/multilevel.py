@@ -58,7 +58,6 @@ class Multilevel(Checkpointed):
         self.hats = Hierarchy(fields, made, model.n)
         self.dealer = Dealer(fields, model.blocks, self.hats.start[-1])
         self.blocks = model.blocks.count
-        self.level_by_level = model.blocks.grain == 1  # on a GPU, where one thread for all but the finest is slow
         self.inverse_l, self.summed = (fields.real(self.hats.start[-1], 6) for _ in range(2))
         self.age = Age()
         self.forces = operator.forces
@@ -85,12 +84,11 @@ class Multilevel(Checkpointed):
         if self.coarsest is not None:
             self.coarsest.make(span, self.T if self.has_contact else None)
         made_for = np.append(self._held_numbers(held), np.float32(span))  # without its last digits
-        if not (lasting and self.age.allows(made_for, self._others())):
-            self._sum_elements(span)
+        anew = not (lasting and self.age.allows(made_for, self._others()))
+        if anew:
             self.age.begin(made_for)
-        elif not self.has_contact:
-            return
-        self._invert()
+        if anew or self.has_contact:
+            self._make_levels(span, int(anew))
 
     def _others(self) -> float:
         """Number of particles that may have become held, or free, since the levels were made; levels still hold the latter."""
@@ -148,20 +146,22 @@ class Multilevel(Checkpointed):
                 self.contact.add_diagonal(t // self.operator.blocks.grain, self.T)
 
     @ti.kernel
-    def _sum_elements(self, c: float):
-        """The elements' part of the nodes' diagonal blocks, over free particles. If hats meet only seams, the cloth on the
-        other side counts by the particles' blocks."""
+    def _make_levels(self, c: float, anew: int):
+        """Inverts the nodes' diagonal blocks: elements, summed up `anew` or as they were, masses, and current contacts."""
         self.dealer.begin()
         for t in range(self.dealer.tasks):
             if t % self.dealer.grain == 0:
                 n = self.hats.size[2] - 1 - self.dealer.next()  # those of wide hats take longest: first
                 while n >= 0:
-                    self.summed[n] = self.element_block(n, c)
+                    if anew == 1:
+                        self.summed[n] = self.element_block(n, c)
+                    self.inverse_l[n] = self.inverse_block(n)
                     n = self.hats.size[2] - 1 - self.dealer.next()
 
     @ti.func
     def element_block(self, n, c):
-        """The elements' part of a node's block."""
+        """The elements' part of a node's block, over free particles. If hats meet only seams, the cloth on the other side
+        counts by the particles' blocks."""
         D = ti.Vector.zero(float, 6)
         if ti.static(self.jacobi.sews):
             for k in range(self.hats.particles.first[n], self.hats.particles.first[n + 1]):
@@ -171,17 +171,6 @@ class Multilevel(Checkpointed):
         for k in ti.static(range(len(self.forces))):
             D = self.forces[k].add_level_block(n, c, D, self)
         return D
-
-    @ti.kernel
-    def _invert(self):
-        """Inverts the nodes' diagonal blocks: elements as they were summed up, masses, and current contacts."""
-        self.dealer.begin()
-        for t in range(self.dealer.tasks):
-            if t % self.dealer.grain == 0:
-                n = self.hats.size[2] - 1 - self.dealer.next()
-                while n >= 0:
-                    self.inverse_l[n] = self.inverse_block(n)
-                    n = self.hats.size[2] - 1 - self.dealer.next()
 
     @ti.func
     def inverse_block(self, n):
@@ -251,29 +240,27 @@ class Multilevel(Checkpointed):
         return sym_unpack(out)
 
     @ti.func
-    def sweep(self, r: ti.template()):
-        """The levels' part for a filtered r: afterwards `correction(i)` has it for every particle."""
+    def sweep(self, r: ti.template(), going):
+        """The levels' part for a filtered r, level by level: afterwards `correction(i)` has it for every particle. Nothing if
+        not `going`."""
         for n in range(self.hats.size[0]):
-            self.hats.restrict(n, r)
-        if ti.static(self.level_by_level):
-            for level in ti.static(range(1, len(self.hats.start) - 1)):
-                for n in range(self.hats.start[level], self.hats.start[level + 1]):
+            if going == 1:
+                self.hats.restrict(n, r)
+        for level in ti.static(range(1, len(self.hats.start) - 1)):
+            for n in range(self.hats.start[level], self.hats.start[level + 1]):
+                if going == 1:
                     self.hats.restrict(n, self.hats.r)
-        else:
-            for _ in range(1):
-                self.restrict_rest()
         if ti.static(self.exact):
             for n in range(self.hats.size[1], self.hats.size[2]):
-                self.solve_exactly(n)
-        if ti.static(self.level_by_level):
-            for level in ti.static(range(len(self.hats.start) - 2, 0, -1)):
-                for n in range(self.hats.start[level], self.hats.start[level + 1]):
+                if going == 1:
+                    self.solve_exactly(n)
+        for level in ti.static(range(len(self.hats.start) - 2, 0, -1)):
+            for n in range(self.hats.start[level], self.hats.start[level + 1]):
+                if going == 1:
                     self.prolong(n)
-        else:
-            for _ in range(1):
-                self.prolong_rest()
         for n in range(self.hats.size[0]):
-            self.prolong(n)
+            if going == 1:
+                self.prolong(n)
 
     @ti.func
     def restrict_block(self, block, r: ti.template()):

@@ -18,7 +18,9 @@ import numpy as np
 from ..backend.fields import Fields
 from ..backend.language import ti
 from ..backend.phases import END, TASK, PhaseScheduler
+from ..backend.rows import read
 from ..backend.runtime import Runtime
+from ..backend.sums import Sums
 from ..system.operator import Operator
 from .recurrences import BAD, BROKEN, DONE, GO_ON, Recurrences
 
@@ -30,6 +32,7 @@ FIRST, LAST = range(2)  # residual norms that it keeps
 RESTARTS = 5
 FUTILE = 0.75  # of a residual that a restart must get below to be followed by another
 ROUNDING = 8.0  # roundings of A dv that a residual may have and no iteration takes away
+LOOK = 8  # iterations on a device that are launched before the host waits to hear how they went
 SLACK = 2.0  # a fresh residual within this factor of the tolerance counts as converged
 
 
@@ -67,8 +70,9 @@ class PCG(Recurrences):
                  max_iterations: int, balanced: bool) -> None:
         super().__init__(fields, operator, preconditioner, runtime, max_iterations)
         self.max_iterations, self.epsilon = max_iterations, runtime.epsilon
-        self.together = runtime.arch == "cpu"  # a phase scheduler, or a launch for each iteration
+        self.together = not runtime.device  # a phase scheduler, or a launch for each iteration
         self.phases = PhaseScheduler(fields, self.blocks.count if self.together else 1, self.blocks.largest)
+        self.sums = Sums(fields, self.blocks.pieces, 4, runtime.device, dtype=self.sum_type)  # of momentum, and of mass
         self.count, self.norm = fields.integer(4), fields.real(2, dtype=self.sum_type)
         self.last, self.balanced = 0, balanced
         self.reference = 0.0  # residual norm that the last solve's tolerance was relative to
@@ -117,7 +121,7 @@ class PCG(Recurrences):
 
     def _apart(self, tolerance: float, reference: float, least: float, zero: int, most: int) -> tuple:
         """(state, iterations, norm of the residual computed afresh, norm that it is relative to, |dv|_P^2, |dv|^2)."""
-        norm = self._restart(zero)
+        norm, size, square = self._restart(zero, 1)
         first = reference if reference > 0 else norm
         first = max(first, least) if least > 0 else first  # indefinite ones are negative
         state, done = DONE, 0
@@ -126,34 +130,48 @@ class PCG(Recurrences):
                 break
             before, state = norm, GO_ON
             while state == GO_ON and done < most:
-                state = self._step((tolerance * first) ** 2, done)
-                done += 1
-            norm = self._restart(0)
+                for _ in range(min(LOOK, most - done)):
+                    self._step((tolerance * first) ** 2)
+                state, done = self._went()
+            norm, size, square = self._restart(0, 0)
             if state != DONE or norm > FUTILE * before:
                 break
-        return state, done, norm, first, self.scalar[3], self.scalar[4]
+        return state, done, norm, first, size, square
 
-    def _restart(self, zero: int) -> float:
-        """Residual norm of dv, computed afresh; negative where P is indefinite."""
-        self._residual(zero)
-        value = float(self.scalar[0])
-        return math.copysign(math.sqrt(abs(value)), value)
+    def _restart(self, zero: int, begins: int) -> tuple[float, float, float]:
+        """(residual norm of dv, computed afresh; negative where P is indefinite; |dv|_P^2, |dv|^2)"""
+        self._residual(zero, begins)
+        value, _, _, size, square = read(self.scalar).tolist()
+        return math.copysign(math.sqrt(abs(value)), value), size, square
 
     @ti.kernel
     def _translate(self):
         """dv = sum of b / sum of m"""
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            b, m = ti.Vector.zero(self.sum_type, 3), ti.cast(0, self.sum_type)
-            for i in range(self.operator.model.rows()):
-                b += self.operator.b[i]
-                m += self.operator.model.m[i]
-            for i in range(self.operator.model.rows()):
-                self.dv[i] = ti.cast(b / m, float)
+        self.momentum(self.operator.b)
+        ti.loop_config(serialize=self.blocks.serial)
+        for i in range(self.operator.model.rows()):
+            self.dv[i] = self.translation()
+
+    @ti.func
+    def momentum(self, q: ti.template()):
+        """Sums of q and of masses, at the top of a kernel."""
+        ti.loop_config(serialize=self.blocks.serial)
+        for piece in range(self.blocks.pieces):
+            total = ti.Vector.zero(self.sum_type, 4)
+            for i in range(self.blocks.first(piece), self.blocks.first(piece + 1)):
+                total += ti.Vector([q[i][0], q[i][1], q[i][2], self.operator.model.m[i]])
+            self.sums.of_piece[piece] = total
+        self.sums.finish(1)
+
+    @ti.func
+    def translation(self):
+        """Velocity that has this momentum."""
+        all_ = self.sums.all[0]
+        return ti.cast(ti.Vector([all_[0], all_[1], all_[2]]) / all_[3], float)
 
     @ti.kernel
-    def _residual(self, zero: int):
-        """r = b - A dv, s = P^-1 r, r.s; A dv is left in As."""
+    def _residual(self, zero: int, begins: int):
+        """r = b - A dv, s = P^-1 r, r.s; A dv is left in As. Iterations go on from here, or begin."""
         for i in range(self.operator.model.rows()):
             if zero == 1:
                 self.dv[i] = ti.Vector.zero(float, 3)
@@ -162,6 +180,7 @@ class PCG(Recurrences):
             for t in range(self.blocks.count * self.blocks.grain):
                 if t % self.blocks.grain == 0:
                     self.operator.sum_up(t // self.blocks.grain, self.s)
+            self.operator.gather()
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
                 self.multiply(t // self.blocks.grain)
@@ -169,41 +188,50 @@ class PCG(Recurrences):
             if t % self.blocks.grain == 0:
                 self.restart(t // self.blocks.grain)
         if ti.static(not self.preconditioner.pointwise):
-            self.precondition(1)
-        self.group()
+            self.precondition(1, 1)
+        self.group(1)
         self.begin()
+        self.count[STATE] = GO_ON
+        if begins == 1:
+            self.count[DID] = 0
 
     @ti.kernel
     def _balance(self):
         """Adds the translation whose momentum the answer lacks: free cloth falls exactly, however rough the solve."""
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            r, m = ti.Vector.zero(self.sum_type, 3), ti.cast(0, self.sum_type)
-            for i in range(self.operator.model.rows()):
-                r += self.r[i]
-                m += self.operator.model.m[i]
-            for i in range(self.operator.model.rows()):
-                self.dv[i] = self.dv[i] + ti.cast(r / m, float)
-                self.As[i] = self.As[i] + self.operator.model.m[i] * ti.cast(r / m, float)
+        self.momentum(self.r)
+        ti.loop_config(serialize=self.blocks.serial)
+        for i in range(self.operator.model.rows()):
+            self.dv[i] = self.dv[i] + self.translation()
+            self.As[i] = self.As[i] + self.operator.model.m[i] * self.translation()
 
     @ti.kernel
-    def _step(self, target: float, iteration: int) -> int:
-        """One iteration, on all threads; says how it went."""
+    def _step(self, target: float):
+        """One iteration, on all threads; nothing where iterations have ended."""
+        going = ti.cast(self.count[STATE] == GO_ON, ti.i32)
         if ti.static(self.operator.has_low_rank):
             for t in range(self.blocks.count * self.blocks.grain):
-                if t % self.blocks.grain == 0:
+                if t % self.blocks.grain == 0 and going == 1:
                     self.operator.sum_up(t // self.blocks.grain, self.s)
+            self.operator.gather()
         for t in range(self.blocks.count * self.blocks.grain):
-            if t % self.blocks.grain == 0:
+            if t % self.blocks.grain == 0 and going == 1:
                 self.multiply(t // self.blocks.grain)
-        self.group()
+        self.group(going)
         for t in range(self.blocks.count * self.blocks.grain):
-            if t % self.blocks.grain == 0:
+            if t % self.blocks.grain == 0 and going == 1:
                 self.update(t // self.blocks.grain)
         if ti.static(not self.preconditioner.pointwise):
-            self.precondition(1)
-        self.group()
-        return self.conclude(target, iteration)
+            self.precondition(1, going)
+        self.group(going)
+        for _ in range(1):
+            if going == 1:
+                self.count[STATE] = self.conclude(target, self.count[DID])
+                self.count[DID] += 1
+
+    @ti.kernel
+    def _went(self) -> ti.types.vector(2, ti.i32):
+        """(state, iterations): the host waits for these two alone."""
+        return ti.Vector([self.count[STATE], self.count[DID]])
 
     @ti.kernel
     def _together(self, tolerance: ti.f64, reference: ti.f64, least: ti.f64, zero: int,
@@ -318,10 +346,3 @@ class PCG(Recurrences):
                 following = END
             self.norm[FIRST], self.norm[LAST] = first, norm
         return following
-
-
-
-
-
-
-

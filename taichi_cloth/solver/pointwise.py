@@ -9,6 +9,8 @@ from ..system.checkpoint import Checkpointed
 from ..system.held import Held
 from ..system.operator import Operator
 
+FULLY = 2.5  # trace of I - S from which on a particle is held in all directions: 1, 2 or 3 but for rounding
+
 
 @ti.data_oriented
 class Pointwise(Checkpointed):
@@ -42,10 +44,11 @@ class Pointwise(Checkpointed):
         if held is None:
             self.build(np.zeros(0, dtype=np.int32))
             return
-        full = np.trace(held.projector, axis1=1, axis2=2) > 2.5
-        self.build(held.index[full])
-        if not full.all():  # compiled only for scenes with 1 or 2 held directions
-            self._hold_partly(held.index[~full], held.projector[~full])
+        full = np.trace(held.projector, axis1=1, axis2=2) > FULLY
+        if full.all():
+            self.build(held.index)
+        else:  # compiled only for scenes with 1 or 2 held directions
+            self.build_partly(held.index, held.projector)
 
     def forget(self) -> None:
         """Nothing here outlasts a solve."""
@@ -55,31 +58,51 @@ class Pointwise(Checkpointed):
         """Inverts every diagonal block as if its particle were free; particles `fully` (k,), held in all directions, get
         S = 0."""
         for i in range(self.operator.model.rows()):
-            self.is_held[i] = 0
-            self.inverse[i] = sym(sym_unpack(self.block(i)).inverse())
+            self.let_go(i)
         ti.loop_config(serialize=self.operator.blocks.serial)
         for k in range(fully.shape[0]):
-            self.is_held[fully[k]] = 1
-            self.S[fully[k]] = ti.Vector.zero(float, 6)
-            self.inverse[fully[k]] = ti.Vector.zero(float, 6)
+            self.hold_fully(fully[k])
 
     def count_iterations(self, iterations: int) -> None:
         """Iterations of the first solve after `make`."""
 
     @ti.kernel
-    def _hold_partly(self, index: ti.types.ndarray(), held: ti.types.ndarray()):
-        """(S P S + I - S)^-1 - (I - S), the two parts of the sum alike in size."""
+    def build_partly(self, index: ti.types.ndarray(), held: ti.types.ndarray()):
+        """The same for particles index (k,) that are held in the directions of projectors (k, 3, 3)."""
+        for i in range(self.operator.model.rows()):
+            self.let_go(i)
         ti.loop_config(serialize=self.operator.blocks.serial)
         for k in range(index.shape[0]):
             C = ti.Matrix.zero(float, 3, 3)
             for a, b in ti.static(ti.ndrange(3, 3)):
                 C[a, b] = held[k, a, b]
-            S = ti.Matrix.identity(float, 3) - C
-            P = sym_unpack(self.block(index[k]))
-            free = (S @ P @ S + P.trace() * C).inverse() - C / P.trace()
-            self.is_held[index[k]] = 1
-            self.S[index[k]] = sym(S)
-            self.inverse[index[k]] = sym(0.5 * (free + free.transpose()))
+            if C.trace() > FULLY:
+                self.hold_fully(index[k])
+            else:
+                self.hold_partly(index[k], C)
+
+    @ti.func
+    def let_go(self, i):
+        """Particle i is free."""
+        self.is_held[i] = 0
+        self.inverse[i] = sym(sym_unpack(self.block(i)).inverse())
+
+    @ti.func
+    def hold_fully(self, i):
+        """Particle i is held in all directions."""
+        self.is_held[i] = 1
+        self.S[i] = ti.Vector.zero(float, 6)
+        self.inverse[i] = ti.Vector.zero(float, 6)
+
+    @ti.func
+    def hold_partly(self, i, C):
+        """(S P S + I - S)^-1 - (I - S), the two parts of the sum alike in size; C is I - S."""
+        S = ti.Matrix.identity(float, 3) - C
+        P = sym_unpack(self.block(i))
+        free = (S @ P @ S + P.trace() * C).inverse() - C / P.trace()
+        self.is_held[i] = 1
+        self.S[i] = sym(S)
+        self.inverse[i] = sym(0.5 * (free + free.transpose()))
 
     @ti.func
     def average(self, i, q: ti.template()):

@@ -7,11 +7,11 @@ beta = r.s / (r.s before), c^T A c = s^T A s - beta r.s / (alpha before), alpha 
 from ..backend.fields import Fields
 from ..backend.language import ti
 from ..backend.runtime import Runtime
+from ..backend.sums import GROUPS
 from ..system.operator import Operator
 
 GO_ON, DONE, BROKEN, BAD = range(4)
 UNROLLED = 32
-GROUPS = 128  # of blocks on a GPU: each thread adds up so many sums, and not all of them
 
 
 @ti.data_oriented
@@ -105,11 +105,11 @@ class Recurrences:
         return state
 
     @ti.func
-    def precondition(self, column: ti.template()):
-        """Adds to s the part that needs all of r; r.s into a column of the partial sums."""
-        self.preconditioner.sweep(self.r)
+    def precondition(self, column: ti.template(), going):
+        """Adds to s the part that needs all of r; r.s into a column of the partial sums. Nothing if not `going`."""
+        self.preconditioner.sweep(self.r, going)
         for t in range(self.blocks.count * self.blocks.grain):
-            if t % self.blocks.grain == 0:
+            if t % self.blocks.grain == 0 and going == 1:
                 self.correct(t // self.blocks.grain, column)
 
     @ti.func
@@ -143,14 +143,15 @@ class Recurrences:
         return out
 
     @ti.func
-    def group(self):
+    def group(self, going):
         """Sums over groups of blocks, on a GPU, before anything asks for a total."""
         if ti.static(self.many):
             for group in range(GROUPS):
-                total = ti.Vector.zero(self.sum_type, 4)
-                for block in range(self.blocks.count * group // GROUPS, self.blocks.count * (group + 1) // GROUPS):
-                    total += self.partial[block]
-                self.grouped[group] = total
+                if going == 1:
+                    total = ti.Vector.zero(self.sum_type, 4)
+                    for block in range(self.blocks.count * group // GROUPS, self.blocks.count * (group + 1) // GROUPS):
+                        total += self.partial[block]
+                    self.grouped[group] = total
 
     @ti.func
     def coefficients(self):

@@ -10,6 +10,7 @@ from ..backend.language import ti
 from ..backend.runtime import Runtime
 from .checkpoint import numbered
 from .operator import Operator
+from .report import HostReport, Report
 from .state import ParticleState
 
 FUSED = True  # one launch for all forces; apart, a force is compiled once for all scenes, which pays where they are many
@@ -92,7 +93,7 @@ class Assembler:
             self.extremes += [column - force.extremes] if force.extremes else []
             self.used += [column - 1] if force.extremes > 2 else []
         self.column = column  # of kinetic energy; then change, a sum over x and v
-        self._report: np.ndarray = np.zeros((self.blocks.count, column + 3), dtype=runtime.exchange)
+        self._report = (Report if runtime.device else HostReport)(self.blocks.count, column + 3, runtime)
 
     def measure(self, over: float = 0.0) -> Measures:
         """The model's current state, against its saved one.
@@ -107,7 +108,7 @@ class Assembler:
         """Energies and powers of each force at the state, without contact, and kinetic energy, as text. Scenes of the same
         material give the same text for the same state."""
         self.measure()
-        sums = self._report.sum(axis=0, dtype=np.float64).tolist()
+        sums = self._report.columns()[0].tolist()
         bases = {id(force): base for force, base in zip(self.forces, self.base)}
         made = {name: sums[bases[id(force)]: bases[id(force)] + len(force.energies) + 2]
                 for name, force in numbered(force for force in self.forces if not force.of_contact).items()}
@@ -150,8 +151,8 @@ class Assembler:
                 force.damp_over(over)
         for force in self._prepared:
             force.prepare(self.operator.motion if moves else None)
-        self._evaluate(linearizes, moves, c, self._report)
-        sums, peaks = self._report.sum(axis=0, dtype=np.float64), self._report.max(axis=0)
+        self._evaluate(linearizes, moves, c, self._report.rows)
+        sums, peaks = self._report.columns()
         energies: dict[str, float] = {}
         dissipation = damped = rate = wind = 0.0
         for force, base in zip(self.forces, self.base):
@@ -171,7 +172,7 @@ class Assembler:
         used = max((float(peaks[k]) for k in self.used), default=0.0)
         return Measures(energies, dissipation, float(sums[n + 1]), stretch, stretch_change, finite, damped, rate, wind, used)
 
-    def _evaluate(self, linearizes: int, moves: int, c: float, report: np.ndarray) -> None:
+    def _evaluate(self, linearizes: int, moves: int, c: float, report) -> None:
         """The model's rows, then each force, into columns of the report."""
         if FUSED:
             self._evaluate_all(linearizes, moves, c, report)

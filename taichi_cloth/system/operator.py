@@ -27,6 +27,7 @@ class Operator:
         self.forces = [force for force in forces if not force.dead_load]
         self.low_rank = [force for force in forces if force.low_rank]
         self.has_low_rank = len(self.low_rank) > 0
+        self._gathered = [] if self.blocks.serial else [force for force in self.low_rank if force.does("gather")]
         for force in forces:
             force.build_stiffness()
         self.b, self.motion = fields.real(model.n, 3), fields.real(model.n, 3)
@@ -57,6 +58,12 @@ class Operator:
             self.forces[k].add_product(block, p, q)
         for k in ti.static(range(len(self.low_rank))):
             self.low_rank[k].add_low_rank(block, q)
+
+    @ti.func
+    def gather(self):
+        """These sums on a device, where they have thousands of parts; at the top of a kernel."""
+        for k in ti.static(range(len(self._gathered))):
+            self._gathered[k].gather()
 
     @ti.func
     def sum_up(self, block, p: ti.template()):
@@ -111,6 +118,7 @@ class Probe:
             for t in range(self.blocks.count * self.blocks.grain):
                 if t % self.blocks.grain == 0:
                     self.operator.sum_up(t // self.blocks.grain, self.p)
+            self.operator.gather()
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
                 for _ in range(times):

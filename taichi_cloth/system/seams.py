@@ -49,7 +49,6 @@ class Clusters:
         self.begins = fields.integer(most, data=_padded(self.first, most))
         self.size = fields.integer(1, data=np.array([self.count]))  # clusters, as kernels read them
         self.members = fields.integer(len(self.member), data=self.member)
-        self._apart: np.ndarray = np.zeros(2, dtype=model.exchange)
         self.led = self.pulled = False  # pulled: whether some stitches are drawn together by a force, and hold nothing yet
         self._cloths, self._told = scene.cloths, False
         self.notes: list[str] = []
@@ -87,14 +86,13 @@ class Clusters:
     @property
     def open(self) -> bool:
         """Whether anything that is sewn is apart, or moves apart, where the model is."""
-        self._measure(self._apart)
-        return bool(self._apart.any())
+        apart = self._measure()
+        return bool(apart[0] > 0 or apart[1] > 0)
 
     @property
     def gap(self) -> float:
         """Largest distance [m] of a particle from the mean of its cluster."""
-        self._measure(self._apart)
-        return float(self._apart[0])
+        return float(self._measure()[0])
 
     def _refuse_collapsed(self, scene: Scene) -> None:
         for cloth in scene.cloths:
@@ -165,14 +163,14 @@ class Clusters:
         return widest
 
     @ti.kernel
-    def _measure(self, out: ti.types.ndarray()):
+    def _measure(self) -> ti.types.vector(2, float):
         """Largest distances of positions [m] and velocities [m/s] from their means."""
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            x, v = 0.0, 0.0
-            for k in range(self.size[0]):
-                x, v = ti.max(x, self.spread_of(k, self.model.x)), ti.max(v, self.spread_of(k, self.model.v))
-            out[0], out[1] = x, v
+        x, v = 0.0, 0.0
+        ti.loop_config(serialize=self.model.blocks.serial)
+        for k in range(self.size[0]):
+            ti.atomic_max(x, self.spread_of(k, self.model.x))
+            ti.atomic_max(v, self.spread_of(k, self.model.v))
+        return ti.Vector([x, v])
 
     @ti.kernel
     def _settle(self, near: float, slow: float):

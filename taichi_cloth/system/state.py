@@ -7,7 +7,7 @@ import numpy as np
 from ..backend.fields import Fields
 from ..backend.language import ti
 from ..backend.ordering import Entries, block_bounds, by_slabs, cuthill_mckee, partition
-from ..backend.rows import read, write
+from ..backend.rows import by_kernels, read, write
 from ..backend.runtime import TASK, Runtime
 from ..errors import MeshError, SceneError
 from ..scene.scene import Scene
@@ -27,7 +27,7 @@ class Blocks:
     """
 
     def __init__(self, fields: Fields, n: int, runtime: Runtime) -> None:
-        cpu = runtime.arch == "cpu"
+        cpu = not runtime.device
         rows = ROWS if cpu else int(np.clip(n // GPU_BLOCKS, *GPU_BLOCK))
         count = max(1, n // rows)
         self.bounds = block_bounds(n, min(runtime.threads, count) if cpu else count)
@@ -35,7 +35,13 @@ class Blocks:
         self.largest = int(np.diff(self.bounds).max())  # rows of a block
         self.grain = TASK if cpu else 1
         self.serial = cpu  # loops of little work a row: to wake another thread would take longer
+        self.pieces = 1 if cpu else self.count  # of such a loop over the rows that adds something up
         self.row = fields.integer(self.count + 1, data=self.bounds)
+
+    @ti.func
+    def first(self, piece):
+        """The first row of a piece."""
+        return self.row[piece * ti.static(self.count // self.pieces)]
 
     @ti.func
     def add(self, q: ti.template(), i, value, lo, hi):
@@ -111,7 +117,7 @@ class ParticleState:
         order = cuthill_mckee(len(used), local[faces])
         if any(c.split is not None for c in scene.cloths):
             order = _corners_together(scene, used)
-        if runtime.arch == "cpu" and len(scene.cloths) > 1 and any(c.contact is not None for c in scene.cloths):
+        if not runtime.device and len(scene.cloths) > 1 and any(c.contact is not None for c in scene.cloths):
             order = by_slabs(order, np.concatenate([c.positions for c in scene.cloths])[used])
         self.user = used[order]
         self.n = len(order)
@@ -203,7 +209,18 @@ class ParticleState:
 
     def read_particles(self) -> tuple[np.ndarray, np.ndarray]:
         """(x [m] from the local origin, v [m/s]), each (n, 3) float64 in particle order."""
-        return _reals(self.x), _reals(self.v)
+        if not by_kernels():
+            return _reals(self.x), _reals(self.v)
+        both: np.ndarray = np.empty((2, self.n, 3), dtype=self.exchange)
+        self._hand_over(both)
+        return both[0].astype(np.float64), both[1].astype(np.float64)
+
+    @ti.kernel
+    def _hand_over(self, both: ti.types.ndarray()):
+        """x and v at once."""
+        for i in range(self.rows()):
+            for c in ti.static(range(3)):
+                both[0, i, c], both[1, i, c] = self.x[i][c], self.v[i][c]
 
     def read_saved(self) -> tuple[np.ndarray, np.ndarray]:
         """(x, v) of the saved state, as `read_particles` gives the current one."""

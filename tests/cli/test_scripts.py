@@ -1,6 +1,7 @@
 """The benchmarks in scripts/ run, on meshes far too small to say anything, and write tables that can be laid side by side."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ BENCHES = {
     "bench_product": ["--sizes", "9", "--precision", "f64", "--rounds", "1"],
     "bench_solver": ["--sizes", "9", "--meshes", "slit", "--rounds", "1", "--direct-rounds", "1"],
     "bench_scaling": ["--sizes", "9", "13", "--steps", "1", "--threads", "1", "2"],
+    "count_launches": ["--scenes", "hang cells=8", "--begin", "0", "--steps", "1", "--kernels", "3"],
     "bench_contact": ["--cells", "8", "--scenes", "sphere_drape", "--until", "0.05", "--rounds", "1"],
     "bench_layers": ["--scenes", "fold", "--until", "0.05", "--cells", "6", "--drape", "8", "--rounds", "1"],
     "study_cg_tol": ["--scenes", "swing", "--tolerances", "1e-1", "1e-3", "--until", "0.1"],
@@ -204,3 +206,20 @@ def rows_of_steps(text: str) -> dict[str, list[int]]:
     table = text[text.index("| one step |"):].split("\n\n")[0].splitlines()[2:]
     cells = [line.strip("| ").split(" | ") for line in table if line.startswith("|")]
     return {name: [int(number) for number in numbers] for name, *numbers in cells}
+
+
+def test_a_report_of_a_device_names_its_parts_and_keeps_to_its_budget(monkeypatch):
+    """Each is a function; what layers start from is made before; one that takes too long, or fails, is a row that says so."""
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    import device_report
+
+    args = SimpleNamespace(small=False, large=True, arch="cpu", precision="f64", folder="")
+    parts = device_report.parts(args)
+    assert parts[0][0] == "profile" and parts[-1] == ("free", 1001)
+    for k, (name, *values) in enumerate(parts):
+        assert callable(getattr(device_report, name))
+        if name == "layers" or (name, values[0]) == ("profile", "layers"):
+            assert ("make_state", values[-1]) in parts[:k]
+    late = device_report.run(("free", 301), args, 0.01)
+    assert late["failed"] == "not within 0 s" and late["took_s"] < 30
+    assert "KeyError" in device_report.run(("nothing",), args, 100.0)["failed"]

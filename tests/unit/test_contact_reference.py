@@ -38,7 +38,7 @@ def detector(scene: tc.Scene, precision: str = "f64") -> LayerDetector:
     run = runtime.start("cpu", precision)
     fields = Fields(run.exchange, pooled=True)
     model = ParticleState(fields, scene, run)
-    made = LayerDetector(fields, model, scene, True, 0.2)
+    made = LayerDetector(fields, model, scene, not run.device, 0.2)
     fields.allocate()
     made.model.save()
     return made
@@ -137,9 +137,10 @@ def test_repulsion_is_the_law(rng):
     assert np.abs(out / mine - 1)[deep & (d < 0.99 * r)].max() < 1e-9 and (out[~deep, 2] > 0).all() and (~deep).sum() > 100
 
 
-@pytest.mark.parametrize("precision", ["f64", "f32"])
-def test_all_pairs_in_reach_are_found_as_they_are(rng, precision):
+@pytest.mark.parametrize("precision, layout", [("f64", "cpu"), ("f64", "device"), ("f32", "cpu")])
+def test_all_pairs_in_reach_are_found_as_they_are(rng, monkeypatch, precision, layout):
     """Also after particles have strayed within the skin, each where that matters most; and what is limited by rest."""
+    monkeypatch.setenv(runtime.LAYOUT, layout)
     scene = soup(rng)
     d = detector(scene, precision)
     every = Truth(scene, d)

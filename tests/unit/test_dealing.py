@@ -6,13 +6,25 @@ import numpy as np
 import pytest
 
 from taichi_cloth.backend import runtime
-from taichi_cloth.backend.dealing import Dealer
+from taichi_cloth.backend.dealing import Dealer, Lists
 from taichi_cloth.backend.fields import Fields
 from taichi_cloth.backend.language import ti
 
 pytestmark = pytest.mark.restarts
 
 PIECES = 300_000  # most so short that threads ask at the same time
+
+
+@pytest.mark.parametrize("pieces, room", [(3, 7), (7, 3), (90, 4)])
+def test_lists_are_joined_piece_after_piece(rng, pieces, room):
+    """Few long ones, and many short ones."""
+    lists = Lists(pieces, room, [(2, np.int32), (1, np.float64)])
+    lists.count[:] = rng.integers(0, room + 1, size=pieces)
+    for array in lists.arrays:
+        array[:] = rng.integers(0, 99, size=array.shape)
+    for array, made in zip(lists.arrays, lists.joined()):
+        wanted = [row for piece, k in zip(array, lists.count) for row in piece[:k]]
+        assert made.dtype == array.dtype and made.shape == (lists.count.sum(), array.shape[2]) and (made == wanted).all()
 
 
 @ti.data_oriented

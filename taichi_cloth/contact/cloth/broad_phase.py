@@ -12,7 +12,8 @@ from ...backend.bvh import BVH, LEAF
 from ...backend.dealing import Dealer, Lists
 from ...backend.fields import Fields
 from ...backend.language import ti
-from ...backend.rows import read, write
+from ...backend.rows import write
+from ...backend.sums import Sums
 from ...scene.scene import Scene
 from ...system.checkpoint import Checkpointed
 from ...system.state import ParticleState
@@ -57,8 +58,12 @@ class Paths(Checkpointed):
         self.displaced_now, self.displaced, self.strayed = (fields.real(model.n) for _ in range(3))
         self.part, self.common = fields.real(1), fields.real(3, 3)
         self.moved = fields.integer(model.n)
-        self._count: np.ndarray = np.zeros(1, dtype=np.int32)
-        self._samples = np.unique(np.linspace(0, model.n - 1, SAMPLES).astype(np.int64))
+        self.sums = Sums(fields, model.blocks.pieces, 2, not model.blocks.serial)
+        self._far = fields.integer(1)
+        self.told: np.ndarray = np.zeros((3, 3))  # `common`, as it was written last
+        self._samples = np.unique(np.linspace(0, model.n - 1, SAMPLES).astype(np.int32))
+        self._taken: np.ndarray = np.zeros((4, len(self._samples), 3), dtype=model.exchange)
+        self._skin = float(model.exchange(skin))
 
     @ti.kernel
     def begin(self):
@@ -85,18 +90,29 @@ class Paths(Checkpointed):
 
     def _measured(self, common: np.ndarray) -> int:
         """Measures with the translation in common; how many have strayed."""
-        write(self.common, common.astype(self.model.exchange))
-        self._measure(self._count)
-        return int(self._count[0])
+        if not np.array_equal(common, self.told):
+            write(self.common, common.astype(self.model.exchange))
+            self.told = common
+        return self._measure()
 
     def _most_common(self) -> np.ndarray:
         """`common`, by medians of some particles; 0 where no fewer of these have strayed by that."""
-        x, start, left, walked = (read(field, self._samples).astype(np.float64)
-                                  for field in (self.model.x, self.start, self.left, self.walked))
-        ways = np.stack([start - left - float(self.part[0]) * (walked - left), x - walked, start - walked])
+        part = self._take(self._samples, self._taken)
+        x, start, left, walked = self._taken.astype(np.float64)
+        ways = np.stack([start - left - part * (walked - left), x - walked, start - walked])
         common = np.median(ways, axis=1)
-        strayed, still = (np.linalg.norm(w[:2], axis=2).max(axis=0) > self.skin[0] for w in (ways - common[:, None], ways))
+        strayed, still = (np.linalg.norm(w[:2], axis=2).max(axis=0) > self._skin for w in (ways - common[:, None], ways))
         return common if np.count_nonzero(strayed) < np.count_nonzero(still) else 0 * common
+
+    @ti.kernel
+    def _take(self, which: ti.types.ndarray(), out: ti.types.ndarray()) -> float:
+        """Where some particles are, start, and began and ended when walked for; returns `part`."""
+        for k in range(which.shape[0]):
+            i = which[k]
+            for c in ti.static(range(3)):
+                out[0, k, c], out[1, k, c] = self.model.x[i][c], self.start[i][c]
+                out[2, k, c], out[3, k, c] = self.left[i][c], self.walked[i][c]
+        return self.part[0]
 
     @ti.func
     def walk(self, i, everything):
@@ -113,26 +129,38 @@ class Paths(Checkpointed):
         return self.left[i] + self.part[0] * (self.walked[i] - self.left[i])
 
     @ti.kernel
-    def _measure(self, count: ti.types.ndarray()):
-        """How far particles are, and begin, from where they were walked for, and from the rest of that path."""
-        ti.loop_config(serialize=True)
-        for _ in range(1):
+    def _measure(self) -> int:
+        self.measure()
+        return self._far[0]
+
+    @ti.func
+    def measure(self):
+        """How far particles are, and begin, from where they were walked for, and from the rest of that path; how many have
+        strayed. At the top of a kernel."""
+        ti.loop_config(serialize=self.model.blocks.serial)
+        for piece in range(self.model.blocks.pieces):
             along, length = 0.0, 0.0
-            for i in range(self.model.rows()):
+            for i in range(self.model.blocks.first(piece), self.model.blocks.first(piece + 1)):
                 way = self.walked[i] - self.left[i]
                 along += way.dot(self.start[i] - self.left[i])
                 length += way.norm_sqr()
-            self.part[0] = 1.0
-            if along < length:
-                self.part[0] = ti.max(along / length, 0.0)
+            self.sums.of_piece[piece] = ti.Vector([along, length])
+        self.sums.finish(1)
+        along, length = self.sums.all[0][0], self.sums.all[0][1]
+        self.part[0] = 1.0
+        if along < length:
+            self.part[0] = ti.max(along / length, 0.0)
+        self._far[0] = 0
+        ti.loop_config(serialize=self.model.blocks.serial)
+        for piece in range(self.model.blocks.pieces):
             far = 0
-            for i in range(self.model.rows()):
+            for i in range(self.model.blocks.first(piece), self.model.blocks.first(piece + 1)):
                 here = (self.model.x[i] - self.walked[i] - self.common[1]).norm()
                 there = (self.start[i] - self.walked[i] - self.common[2]).norm()
                 self.displaced_now[i], self.displaced[i] = here, ti.max(here, there)
                 self.strayed[i] = ti.max(here, (self.start[i] - self.begins(i) - self.common[0]).norm())
                 far += ti.cast(self.strayed[i] > self.skin[0], ti.i32)
-            count[0] = far
+            ti.atomic_add(self._far[0], far)  # integers: in any order
 
 
 @ti.data_oriented
@@ -154,9 +182,8 @@ class Candidates(Checkpointed):
         self.model, self.exchange = model, fields.exchange
         self.mesh = CollisionMesh(fields, model, scene)
         m = len(self.mesh.faces)
-        self.boxes = BVH(fields, m)
+        self.boxes = BVH(fields, m, marked=True)  # a box is marked if it has faces with displaced particles
         self.face_hull, self.edge_hull = fields.real(m, 12), fields.real(len(self.mesh.edges), 12)
-        self.changed = fields.integer(2 * self.boxes.first_leaf)  # whether a box has faces with displaced particles
         self.face_low, self.face_high = fields.real(m, 3), fields.real(m, 3)  # swept box, by half thickness and skin wider
         half = self.mesh.half_thickness
         skin = SKIN * min(float(half[half > 0].min()), self.mesh.spacing / 2)
@@ -188,7 +215,6 @@ class Candidates(Checkpointed):
             self._stays(self.candidates, stays)
             self._replace(stays.view(bool), found, apart, radii)
         self.fresh = True
-        self.paths.strayed_count()
 
     def _replace(self, stays: np.ndarray, found: np.ndarray, apart: np.ndarray, radii: np.ndarray) -> None:
         """Rows that were found, with their distances and radii, take the place of candidates that do not stay (k,)."""
@@ -204,6 +230,7 @@ class Candidates(Checkpointed):
     def _look_for(self, everything: bool) -> np.ndarray:
         """(k, 3) pairs of displaced particles, or all, that may come within reach, and twice the skin, on their paths."""
         self._refit(int(everything))
+        self.paths.told = np.zeros((3, 3))  # it measures without a translation in common
         while True:
             self._walk(*self.found.arrays, self.found.count)
             if not self.found.grow():
@@ -255,6 +282,9 @@ class Candidates(Checkpointed):
     def _refit(self, everything: int):
         for i in range(self.model.rows()):
             self.paths.walk(i, everything)
+        for k in ti.static(range(3)):
+            self.paths.common[k] = ti.Vector.zero(float, 3)
+        self.paths.measure()
         for f in range(self.mesh.size[0]):
             v = self.mesh.face[f]
             self.face_hull[f] = self.hull(v[0], v[1], v[2])
@@ -270,15 +300,10 @@ class Candidates(Checkpointed):
                 low, high = ti.min(low, self.face_low[f]), ti.max(high, self.face_high[f])
                 v = self.mesh.face[f]
                 changed = ti.max(changed, self.paths.moved[v[0]], self.paths.moved[v[1]], self.paths.moved[v[2]])
-            self.changed[self.boxes.first_leaf + leaf] = changed
+            self.boxes.marks[self.boxes.first_leaf + leaf] = changed
             self.boxes.low[self.boxes.first_leaf + leaf] = low
             self.boxes.high[self.boxes.first_leaf + leaf] = high
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            self.boxes.merge()
-            for back in range(self.boxes.first_leaf - 1):
-                i = self.boxes.first_leaf - 1 - back
-                self.changed[i] = ti.max(self.changed[2 * i], self.changed[2 * i + 1])
+        self.boxes.merge()
 
     @ti.kernel
     def _walk(self, rows: ti.types.ndarray(), found: ti.types.ndarray()):
@@ -296,9 +321,9 @@ class Candidates(Checkpointed):
         count, leaves = 0, (self.mesh.size[0] + LEAF - 1) // LEAF
         for leaf in range(self.dealer.first(chunk, self.chunks, leaves), self.dealer.first(chunk + 1, self.chunks, leaves)):
             node = self.boxes.first_leaf + leaf  # leaves before it have met this one already
-            low, high, changed = self.boxes.low[node], self.boxes.high[node], self.changed[node]
+            low, high, changed = self.boxes.low[node], self.boxes.high[node], self.boxes.marks[node]
             while True:
-                if changed + self.changed[node] > 0 and self.boxes.meets(node, low, high):
+                if changed + self.boxes.marks[node] > 0 and self.boxes.meets(node, low, high):
                     if node < self.boxes.first_leaf:
                         node *= 2
                         continue

@@ -109,9 +109,7 @@ class TriangleTree:
                         low[c] = ti.min(low[c], both[c], both[c + 3])
                         high[c] = ti.max(high[c], both[c], both[c + 3])
             self.boxes.low[self.boxes.first_leaf + leaf], self.boxes.high[self.boxes.first_leaf + leaf] = low, high
-        ti.loop_config(serialize=True)
-        for _ in range(1):
-            self.boxes.merge()
+        self.boxes.merge()
 
     @ti.func
     def corner(self, triangle, k, s):

@@ -74,7 +74,7 @@ class Verlet(Checkpointed):
         self.every = int(min(SLOW, max(1, SLOW_SAFETY * bending / self.stable_step))) if self.slow else 1
         if self.every == 1:
             self.stable_step = min(asked, stable_step(sum(f.rates[0] for f in forces), sum(f.rates[1] for f in forces)))
-        self.together = runtime.arch == "cpu"  # a phase scheduler, or a launch for each substep
+        self.together = not runtime.device  # a phase scheduler, or a launch for each substep
         self.phases = PhaseScheduler(fields, self.blocks.count if self.together else 1, self.blocks.largest)
         self.damps = any(force.rates[1] > 0 for force in forces)
         self.subcycles = True

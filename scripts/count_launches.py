@@ -1,0 +1,76 @@
+"""How often a solve launches kernels and waits for numbers: what it would cost where each goes to a device and back.
+
+Runs scenes to where they are in contact and counts a few steps from there. Waits are as on a GPU: at a number that comes back,
+at an array that is handed over, at a field that is read or written.
+
+    python scripts/count_launches.py
+    python scripts/count_launches.py --scenes "layers cells=50" --kernels 30 --json launches.json
+"""
+
+import argparse
+from collections import Counter
+
+import numpy as np
+import results
+
+import taichi_cloth as tc
+from taichi_cloth.app import scenefile
+from taichi_cloth.backend.counting import Counts, counted
+
+CASES = {"hang cells=50": 0.25, "sphere_drape cells=50 itself=1": 0.5, "layers cells=24": 0.45,  # s to begin at
+         "dress_up spacing=0.03": 0.6}
+
+
+def simulation(text: str, **options: object) -> tc.Simulation:
+    """A scene by its name and settings, run as its file says but for some options."""
+    name, *settings = text.split()
+    module = scenefile.read(f"scenes/{name}.py")
+    plan = {key: value for key, value in module.run.items() if key not in ("duration", "fps")}
+    return tc.Simulation(module.make(dict(setting.split("=") for setting in settings)), **{**plan, **options})
+
+
+def measured(text: str, begin: float, steps: int) -> tuple[dict, Counter]:
+    """(a row, launches by kernel) over some steps from a time [s] on; the first of these is not counted."""
+    sim = simulation(text)
+    while sim.time < begin:
+        sim.step()
+    with counted() as counts:
+        log = [sim.step() for _ in range(steps)]
+    row = row_of(counts, log)
+    seconds = float(np.mean([r.seconds["total"] for r in log]))
+    row = {"scene": text, "vertices": sim.vertex_count, **row, "step_ms": 1e3 * seconds}
+    sim.close()
+    return row, counts.kernels
+
+
+def row_of(counts: Counts, log: list) -> dict:
+    """Counts for each solve of some steps."""
+    solves = max(sum(r.solves for r in log), 1)
+    return {"solves": solves / len(log), "iterations": sum(r.iterations for r in log) / solves,
+            "launches": counts.launches / solves, "with arrays": counts.with_arrays / solves, "arrays": counts.arrays / solves,
+            "numbers back": counts.returned / solves, "fields read": counts.reads / solves,
+            "fields written": counts.writes / solves, "single numbers": counts.singles / solves,
+            "waits": counts.waits / solves, "MB": counts.size / solves / 1e6}
+
+
+def main() -> None:
+    """Prints the tables, writes the file."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--scenes", nargs="*", default=list(CASES), help="each a name and settings in one text")
+    parser.add_argument("--begin", type=float, help="s to count from")
+    parser.add_argument("--steps", type=int, default=8, help="that are counted")
+    parser.add_argument("--kernels", type=int, default=0, help="print so many kernels by launches a solve")
+    parser.add_argument("--json", help="file to write")
+    args = parser.parse_args()
+    rows = []
+    for text in args.scenes:
+        row, kernels = measured(text, CASES.get(text, 0.4) if args.begin is None else args.begin, args.steps)
+        rows.append(row)
+        print(", ".join(f"{key} {value:.4g}" for key, value in row.items() if key != "scene"), text, sep=": ", flush=True)
+        for name, count in kernels.most_common(args.kernels):
+            print(f"    {count / args.steps / row['solves']:6.2f} {name}")
+    results.write(args.json, rows)
+
+
+if __name__ == "__main__":
+    main()

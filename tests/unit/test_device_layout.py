@@ -1,0 +1,127 @@
+"""Data and loops laid out for a device give the same steps, here on the CPU; no loop over a mesh is one thread's."""
+
+import ast
+import pathlib
+
+import numpy as np
+import pytest
+
+import taichi_cloth as tc
+from taichi_cloth.backend import runtime
+from taichi_cloth.errors import BackendError
+from taichi_cloth.system.report import HostReport, Report
+
+PACKAGE = pathlib.Path(__file__).parents[2] / "taichi_cloth"
+FABRIC = tc.Fabric(0.2, tc.Stretch(1000, 1.0), tc.Shear(100, 0.1), tc.Bend(5e-5))
+
+
+def thrown() -> tc.Scene:
+    """A sheet that nothing holds, at rest nowhere."""
+    mesh, scene = tc.grid(1.0, 9), tc.Scene()
+    scene.add_cloth(mesh, FABRIC, velocities=np.random.default_rng(3).normal(size=mesh.x.shape))
+    return scene
+
+
+def blown() -> tc.Scene:
+    """A pillow with air in it, sewn round its rim: sums over all of the cloth, and a level that is solved exactly."""
+    sheet, scene = tc.grid(0.3, 6), tc.Scene(gravity=None)
+    n, x = sheet.vertex_count, np.concatenate([sheet.x, sheet.x - [0, 0.02, 0]])
+    cloth = scene.add_cloth(tc.TriMesh(x, np.concatenate([sheet.faces, sheet.faces + n]), np.tile(sheet.uv, (2, 1))), FABRIC)
+    scene.sew(cloth, sheet.groups["border"], sheet.groups["border"] + n)
+    scene.inflate(cloth, 700.0, "isothermal", 0.001)
+    return scene
+
+
+def layered() -> tc.Scene:
+    """Two sheets that lie on a ball and on each other."""
+    mesh, scene = tc.grid(0.4, 8), tc.Scene()
+    for k in range(2):
+        scene.add_cloth(mesh, FABRIC, mesh.x + [-0.2, 0.2 + 0.006 + 0.008 * k, 0.2], contact=tc.ClothContact(0.01, 0.3))
+    scene.add_solid(tc.Sphere(0.2), friction=0.3, thickness=0.005)
+    return scene
+
+
+CASES = {"thrown": (thrown, 2), "blown": (blown, 1), "layered": (layered, 3)}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.slow
+def test_steps_are_the_same(monkeypatch, case):
+    """From the same state, to what sums in another order leave."""
+    make, steps = CASES[case]
+    out = {}
+    for layout in ("cpu", "device"):
+        monkeypatch.setenv(runtime.LAYOUT, layout)
+        sim = tc.Simulation(make(), h=1 / 100, cg_tol=1e-13, integrator="backward_euler", preconditioner="multilevel")
+        assert sim.model.blocks.serial == (layout == "cpu") and (sim.model.blocks.count > 8) == (layout == "device")
+        records = [sim.step() for _ in range(steps)]
+        out[layout] = sim.positions(), sim.velocities(), [(r.solves, r.contacts, r.layers, r.status) for r in records]
+        sim.close()
+    (x, v, told), (x_d, v_d, told_d) = out["cpu"], out["device"]
+    assert told == told_d
+    assert np.abs(x - x_d).max() < 1e-12 and np.abs(v - v_d).max() < 1e-10
+
+
+def test_a_report_of_many_blocks(rng):
+    """Sums and largest numbers, also of negative ones, by as many groups and by more than there are rows."""
+    run = runtime.start("cpu", "f64", 1)
+    for blocks in (1, 7, 700):
+        numbers = rng.normal(size=(blocks, 4)) - [0.0, 9.0, 0.0, 99.0]
+        host, device = HostReport(blocks, 4, run), Report(blocks, 4, run)
+        host.rows[:] = numbers
+        device.rows.from_numpy(numbers)
+        for one, other in zip(host.columns(), device.columns()):
+            assert np.abs(one - other).max() < 1e-10
+        assert (device.columns()[1] == numbers.max(axis=0)).all()
+
+
+def test_no_other_layout(monkeypatch):
+    monkeypatch.setenv(runtime.LAYOUT, "gpu")
+    with pytest.raises(BackendError, match=f"{runtime.LAYOUT} 'gpu'.*known: cpu, device"):
+        tc.Simulation(thrown())
+
+
+ONE_THREAD = {  # functions with a loop that one thread goes through, and over what
+    "backend/bvh.py: merge": "the nodes of a tree, on a CPU alone",
+    "backend/phases.py: start": "blocks, on a CPU alone",
+    "solver/pcg.py: _step": "nothing: a sum's groups within it",
+    "solver/recurrences.py: total": "groups of blocks on a device, blocks on a CPU",
+    "step/integrators/tr_bdf2.py: _lag": "all particles",
+    "step/integrators/tr_bdf2.py: _error_square": "all particles",
+    "step/integrators/verlet.py: _substep": "held particles"}
+
+
+def one_thread(function: ast.FunctionDef) -> bool:
+    """Whether a kernel or a function of kernels asks for a loop on one thread, by one of the ways to write that."""
+    for node in ast.walk(function):
+        if isinstance(node, ast.For) and ast.unparse(node.iter) == "range(1)":
+            return True
+        if isinstance(node, ast.keyword) and node.arg == "serialize" and not isinstance(node.value, ast.Attribute):
+            return True  # also a comparison: a compiler may take it for an expression, which is true
+    kernel = any(ast.unparse(d) == "ti.kernel" for d in function.decorator_list)
+    branches = [s for s in function.body if isinstance(s, (ast.If, ast.While)) and "ti.static" not in ast.unparse(s.test)]
+    return kernel and any(isinstance(inner, (ast.For, ast.While)) for s in branches for inner in ast.walk(s))
+
+
+def functions(text: str) -> list[ast.FunctionDef]:
+    """Those that are compiled."""
+    return [f for f in ast.walk(ast.parse(text)) if isinstance(f, ast.FunctionDef)
+            and {ast.unparse(d) for d in f.decorator_list} & {"ti.kernel", "ti.func"}]
+
+
+def test_no_loop_over_a_mesh_is_one_threads():
+    """On a GPU such a loop takes longer than all others together."""
+    texts = {path.relative_to(PACKAGE).as_posix(): path.read_text() for path in PACKAGE.rglob("*.py")}
+    found = {f"{name}: {f.name}" for name, text in texts.items() for f in functions(text) if one_thread(f)}
+    assert sum(len(functions(text)) for text in texts.values()) > 400
+    assert found == set(ONE_THREAD)
+
+
+@pytest.mark.parametrize("loop", ["ti.loop_config(serialize=n == 1)\n    for i in range(n):\n        x[i] = 0",
+                                  "ti.loop_config(serialize=True)\n    for i in range(n):\n        x[i] = 0",
+                                  "for _ in range(1):\n        for i in range(n):\n            x[i] = 0",
+                                  "if n > 3:\n        for i in range(n):\n            x[i] = 0"])
+def test_ways_to_write_one(loop):
+    [made] = functions(f"@ti.kernel\ndef f(n: int):\n    {loop}\n")
+    [free] = functions("@ti.kernel\ndef f(n: int):\n    ti.loop_config(serialize=a.s)\n    for i in range(n):\n        x()\n")
+    assert one_thread(made) and not one_thread(free)
