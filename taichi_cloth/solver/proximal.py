@@ -19,20 +19,25 @@ from ..backend.language import ti
 from ..backend.phases import END, TASK
 from ..backend.rows import read, write
 from ..system.cones import Cones
-from .pcg import DID, MULTIPLY, PCG, SUM_UP, UPDATE
+from .pcg import DID, MULTIPLY, PCG, UPDATE
 
-ITERATIONS = 20
-MOMENTUM = 0.85
-STEP = 0.7  # over the Frobenius norm of a particle's block: A has eigenvalues up to 1.6 by these norms on drapes
+ITERATIONS = 30  # with 15, this and 60 `sphere_drape` of 50 cells takes 410, 402, 385 solves for 1 s, and as long
+MOMENTUM = 0.9  # .8: 385 solves, and `table` 368 for 336
+STABLE = 2 * (1 + MOMENTUM) / (1 + 2 * MOMENTUM)  # eigenvalue, times the step, up to which iterations do not grow
+WIDTH = 4  # particles of an element of most forces
 HALVINGS = 12  # of the way of a linear solve
 FREE, TOUCHES, STAYS = range(3)  # kinds of particles
 
 
 @ti.data_oriented
 class ProximalGradient:
-    """Iterations from a solver's dv, with a system whose product is without the cones' friction.
+    """Iterations from a solver's dv, with a system whose product is without the cones' friction, and without forces of low
+    rank.
 
     Attributes:
+        step: over the Frobenius norms of particles' blocks. An element of k particles has eigenvalues of k at most by these
+            norms, so a product of such elements has no larger ones. Drapes have 1.6, on meshes 2.6: with twice the step
+            iterations on meshes grew.
         kind, normal, cone, rest: of each particle; rest is the dv with which its contact neither slips nor opens.
         press: impulse along the normal that keeps it closed [N s].
         ended: (n, 3) dv where the last iterations of this system ended, or None.
@@ -40,6 +45,7 @@ class ProximalGradient:
 
     def __init__(self, fields: Fields, solver: PCG) -> None:
         self.solver, self.operator, self.blocks = solver, solver.operator, solver.blocks
+        self.step = STABLE / max([WIDTH] + [force.width for force in self.operator.forces if hasattr(force, "width")])
         self.phases, self.count = solver.phases, solver.count
         more, n = fields.more(), solver.operator.model.n
         self.kind = more.integer(n)
@@ -114,10 +120,6 @@ class ProximalGradient:
     @ti.kernel
     def _multiply(self):
         """As = A s"""
-        if ti.static(self.operator.has_low_rank):
-            for t in range(self.blocks.count * self.blocks.grain):
-                if t % self.blocks.grain == 0:
-                    self.operator.sum_up(t // self.blocks.grain, self.solver.s)
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
                 self.operator.product(t // self.blocks.grain, self.solver.s, self.solver.As)
@@ -135,10 +137,6 @@ class ProximalGradient:
     @ti.kernel
     def _iterate(self):
         """One iteration, on all threads."""
-        if ti.static(self.operator.has_low_rank):
-            for t in range(self.blocks.count * self.blocks.grain):
-                if t % self.blocks.grain == 0:
-                    self.operator.sum_up(t // self.blocks.grain, self.solver.s)
         for t in range(self.blocks.count * self.blocks.grain):
             if t % self.blocks.grain == 0:
                 self.operator.product(t // self.blocks.grain, self.solver.s, self.solver.As)
@@ -149,7 +147,7 @@ class ProximalGradient:
     @ti.kernel
     def _together(self, most: int):
         """Iterations in one launch, by the solver's phase scheduler."""
-        self.phases.start(self.before_product())
+        self.phases.start(MULTIPLY)
         self.count[DID] = 0
         for t in range(self.phases.tasks):
             if t % TASK == 0:
@@ -170,9 +168,6 @@ class ProximalGradient:
             self.operator.product(block, self.solver.s, self.solver.As)
         elif kind == UPDATE:
             self.go_down(block)
-        if ti.static(self.operator.has_low_rank):
-            if kind == SUM_UP:
-                self.operator.sum_up(block, self.solver.s)
 
     @ti.func
     def after(self, kind, most):
@@ -181,19 +176,11 @@ class ProximalGradient:
         if kind == MULTIPLY:
             following = UPDATE
         elif kind == UPDATE:
-            following = self.before_product()
+            following = MULTIPLY
             self.count[DID] += 1
             if self.count[DID] >= most:
                 following = END
         return following
-
-    @ti.func
-    def before_product(self):
-        """The kind of the phase that an iteration begins with."""
-        kind = MULTIPLY
-        if ti.static(self.operator.has_low_rank):
-            kind = SUM_UP
-        return kind
 
     @ti.func
     def go_down(self, block):
@@ -201,7 +188,7 @@ class ProximalGradient:
         for i in range(self.blocks.row[block], self.blocks.row[block + 1]):
             if self.kind[i] != STAYS:
                 P, before = self.operator.P[i], self.solver.dv[i]
-                norm = ti.sqrt(P[0] ** 2 + P[3] ** 2 + P[5] ** 2 + 2 * (P[1] ** 2 + P[2] ** 2 + P[4] ** 2)) / STEP
+                norm = ti.sqrt(P[0] ** 2 + P[3] ** 2 + P[5] ** 2 + 2 * (P[1] ** 2 + P[2] ** 2 + P[4] ** 2)) / self.step
                 dv = self.solver.s[i] - (self.solver.As[i] - self.operator.b[i]) / norm
                 if self.kind[i] == TOUCHES:
                     n, slip = self.normal[i], dv - self.rest[i]

@@ -1,7 +1,6 @@
 """The proximal gradient method for contacts, against the conditions of the problem's minimum with a dense matrix."""
 
 import numpy as np
-import pytest
 
 import taichi_cloth as tc
 from taichi_cloth.backend.rows import read, write
@@ -119,20 +118,19 @@ def test_friction_that_the_system_has_is_taken_out_once(rng):
     assert np.allclose(read(p.system.operator.b), b - push) and np.allclose(read(p.system.operator.P), P - block)
 
 
-@pytest.mark.slow
-def test_a_drape_takes_fewer_solves_with_it(monkeypatch):
-    """A sheet falls on a ball: steps that touch it take a fifth less than by the law of contacts alone."""
-    from taichi_cloth.contact.contacts import Contacts
+def test_steps_use_it_where_they_are_far_from_the_law_and_only_there(monkeypatch):
+    """A sheet falls on a ball: iterations follow solves that are off by more than 3 %, and none that is better."""
+    from taichi_cloth.contact.contacts import NEAR, Contacts
 
-    def solves() -> int:
-        scene, mesh = tc.Scene(), tc.grid(0.6, 20)
-        fabric = tc.Fabric(0.15, tc.Stretch(1000, 1), tc.Shear(50, 0.1), tc.Bend(1e-5))
-        scene.add_cloth(mesh, fabric, mesh.x + [-0.3, 0.21, 0.3])
-        scene.add_solid(tc.Sphere(0.2), 0.4, 0.005)
-        with tc.Simulation(scene, h=H, threads=1) as sim:
-            sim.run(0.5, 10)
-            return sum(r.solves for r in sim.log)
-
-    with_it = solves()
-    monkeypatch.setattr(Contacts, "cones", lambda self: None)
-    assert with_it < 0.85 * solves(), (with_it, solves())
+    seen, runs, judge, run = [], [], Contacts.judge, ProximalGradient.run
+    monkeypatch.setattr(Contacts, "judge", lambda self, *given: (judge(self, *given), seen.append(self.found.residual.off))[0])
+    monkeypatch.setattr(ProximalGradient, "run", lambda self, cones: runs.append(seen[-1]) or run(self, cones))
+    scene, mesh = tc.Scene(), tc.grid(0.6, 12)
+    fabric = tc.Fabric(0.15, tc.Stretch(1000, 1), tc.Shear(50, 0.1), tc.Bend(1e-5))
+    scene.add_cloth(mesh, fabric, mesh.x + [-0.3, 0.21, 0.3])
+    scene.add_solid(tc.Sphere(0.2), 0.4, 0.005)
+    with tc.Simulation(scene, h=H, threads=1) as sim:
+        for _ in range(20):
+            sim.step()
+        assert max(r.contact_error for r in sim.log) < 0.05
+    assert len(runs) > 20 and min(runs) > NEAR and sum(off <= NEAR for off in seen) > 10

@@ -195,14 +195,13 @@ class Balance:
         return out if sewn is None else out & ~np.isin(f.index, sewn.member)
 
     def relaxed(self, found: Found, slip: np.ndarray, pressed: np.ndarray) -> Found:
-        """`found` with the states that follow from slips (k, 3) [m/s] of its `cones`, as parts of dv, and impulses (k,) [N s]
-        along their normals. Contacts go on by the impulses that they bore, new ones by these."""
+        """`found` with the states that follow from slips (k, 3) [m/s] of its `cones`, as parts of dv, and of those that
+        press, by their impulses (k,) [N s]. New ones are smooth in the next solve: only that tells how much they bear."""
         (f, rows, slips, goal), single = found.near, self._single(found.near[0])
         slip = slip * self.start.c / self.start.h
-        normal, bears = rows.normal.copy(), rows.normal > 0
+        bears = rows.normal > 0
         bears[single] |= pressed > 0
-        normal[single] = np.where(normal[single] > 0, normal[single], pressed)
-        speed, cone = length(slip), (f.friction * normal)[single]
+        speed, cone = length(slip), (f.friction * rows.normal)[single]
         slides = (speed > 0) & (cone > 0)
         stick, push, drag, slips = rows.stick.copy(), rows.push.copy(), rows.drag.copy(), slips.copy()
         stick[single] = ~slides & (cone > 0)
@@ -210,7 +209,7 @@ class Balance:
         most = self.inertia[f.index[single]] * MOST / (1 - MOST)
         drag[single] = np.where(slides, np.minimum(cone, most * speed) / np.maximum(speed, 1e-300), 0.0)
         slips[single] = slip
-        rows = Rows(rows.key, stick, normal, push, drag)
+        rows = Rows(rows.key, stick, rows.normal, push, drag)
         return replace(found, f=f.take(bears), rows=rows.take(bears), slip=slips[bears], goal=goal[bears])
 
     def reached(self, found: Found, short: np.ndarray) -> Found:

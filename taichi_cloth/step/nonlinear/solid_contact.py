@@ -133,7 +133,7 @@ class SolidStep(EulerStep):
         """States of contacts for the next solve, by the proximal gradient method."""
         contacts = self.system.contacts
         with self.clock.part("C-S"):
-            cones = contacts.cones()
+            cones = None if self.system.operator.has_low_rank else contacts.cones()
         if cones is None:
             return
         with self.clock.part("CG"):
