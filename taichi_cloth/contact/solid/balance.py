@@ -210,7 +210,8 @@ class Balance:
         drag[single] = np.where(slides, np.minimum(cone, most * speed) / np.maximum(speed, 1e-300), 0.0)
         slips[single] = slip
         rows = Rows(rows.key, stick, rows.normal, push, drag)
-        return replace(found, f=f.take(bears), rows=rows.take(bears), slip=slips[bears], goal=goal[bears])
+        on = _rows(found.f.key, found.on, f.key[bears])
+        return replace(found, f=f.take(bears), rows=rows.take(bears), slip=slips[bears], goal=goal[bears], on=on)
 
     def reached(self, found: Found, short: np.ndarray) -> Found:
         """`found` without new contacts that are not met where the cloth stopped, by (n, 3) [m] away from there."""

@@ -86,7 +86,7 @@ def borne(f: VertexContacts, was: Rows, slip: np.ndarray, held: np.ndarray) -> n
     cone = f.friction * was.normal
     along = np.einsum("ki,ki->k", slip, was.push)
     slid = cone[:, None] * was.push - was.drag[:, None] * (slip - along[:, None] * was.push)
-    slid *= np.minimum(1, cone / np.maximum(length(slid), 1e-300))[:, None]
+    slid *= (cone / np.maximum(np.maximum(length(slid), cone), 1e-300))[:, None]
     return np.where(was.stick[:, None], tangential(held, f.normal), slid)
 
 

@@ -64,10 +64,15 @@ def forces_at_end(system: System, c: float, held: Held | None, over: float) -> t
 
 
 class SolidStep(EulerStep):
-    """An `EulerStep` in which `held` are the pins at first, then the constraints of the last solve."""
+    """An `EulerStep` in which `held` are the pins at first, then the constraints of the last solve.
+
+    Attributes:
+        relaxed: whether states of contacts came from the proximal gradient method in this step.
+    """
 
     touches = True
     least_gravity = EARTH
+    relaxed = False
 
     def first(self) -> Outcome | None:
         """(18) with the contacts that agree with it, by solves of which each is twice as exact as the one before."""
@@ -122,11 +127,16 @@ class SolidStep(EulerStep):
             return False
         keep = solids.linearized, solids.pressing, contacts.base
         _, lacks, needed = forces_at_end(system, self.c, self.held, self.c if system.base is None else 0.0)
-        solids.linearized, solids.pressing, contacts.base = keep
+        contacts.base = keep[2]
         with self.clock.part("C-S"):
             agrees = contacts.accept(lacks, needed)
         if agrees:
             system.hold(self.held, -lacks)
+        else:  # back to the system of the solve
+            system.start_over()
+            contacts.set_points()
+            system.linearize_first(self.c, self.held)
+        solids.linearized, solids.pressing = keep[:2]
         return agrees
 
     def relax(self) -> None:
@@ -137,7 +147,8 @@ class SolidStep(EulerStep):
         if cones is None:
             return
         with self.clock.part("CG"):
-            slips, pressed = self.system.relax(cones, contacts.rounds > 1)
+            slips, pressed = self.system.relax(cones, self.relaxed)
+        self.relaxed = True
         with self.clock.part("C-S"):
             contacts.found = contacts.balance.relaxed(contacts.found, slips, pressed)
 
