@@ -199,7 +199,7 @@ RUNNING: list[tuple[str, str, dict[str, str]]] = [
                                        "contact": "None", "longest": "0.1", "h": "1/60", "tell": "None", "pull": "5.0",
                                        "meets": "True", "over": "()", "name": '"b"', "panels": "None"}),
     ("body = tc.Scene()", "tc.fitted", {"garment": f"tc.Garment({MESH}, ())", "body": "body", "thickness": "0.01",
-                                        "turn": "10.0"}),
+                                        "turn": "10.0", "parts": '("a", "b")'}),
     ("", "tc.sweep", {"build": "lambda k, seed: None", "grid": '{"k": [1.0]}', "metrics": "lambda sim: 1.0", "seeds": "2",
                       "duration": "0.1", "fps": "10.0", "out": "None", "workers": "0", "scheduler": "None", "slurm": "None",
                       "tls": "None", "dashboard": "None", "say": "print"}),

@@ -338,7 +338,7 @@ MUTATIONS = (
     (FACADE, "AGREED = 0.001", "AGREED = 0.3", "contacts may be far off their law", COULOMBS),
     (SOLVES, "tolerance /= 2", "tolerance /= 1", "no solve is more exact than the first", HALVED),
     (SOLVES, "if not self.solutions[-1].preliminary:", "if True:", "a step ends with a preliminary solve", HALVED),
-    (FACADE, "if self.found is None or self.found.residual.off <= NEAR:", "if True:",
+    (FACADE, "if self.found is None or self.found.residual.off <= NEAR or self.rounds > MET:", "if True:",
      "states of contacts follow from the law alone",
      f"{PROXIMAL}::test_steps_use_it_where_they_are_far_from_the_law_and_only_there"),
     (BALANCED, "bears[single] |= pressed > 0", "pass", "contacts are met one linear solve after the other",

@@ -16,7 +16,7 @@ from .contact_force import ContactForce
 from .foresight import Foresight
 from .points import Points
 from .settle import Moved, move_apart
-from .solid.balance import Balance, Found
+from .solid.balance import MET, Balance, Found
 from .solid.solid_contacts import SolidContacts
 from .step_start import StepStart
 
@@ -149,9 +149,9 @@ class Contacts(Checkpointed):
         return agrees
 
     def cones(self) -> Cones | None:
-        """The cones of friction of the contacts found, where these are far from the law; else None: then their states follow
-        from the law alone. The system's product is without the last solve's friction on solids after it."""
-        if self.found is None or self.found.residual.off <= NEAR:
+        """The cones of friction of the contacts found, where these are far from the law and still turn; else None: then their
+        states follow from the law alone. The system's product is without the last solve's friction on solids after it."""
+        if self.found is None or self.found.residual.off <= NEAR or self.rounds > MET:
             return None
         cones = self.balance.cones(self.found)
         if cones is not None:
